@@ -1,0 +1,21 @@
+"""The two ways in which a user's run can end badly; the command line turns each into one line and an exit status."""
+
+from __future__ import annotations
+
+
+class KickdriftError(Exception):
+    """Base of every error that kickdrift raises on purpose."""
+
+    exit_status = 1
+
+
+class InputError(KickdriftError, ValueError):
+    """What the user gave cannot be run; the message names the key, particle or pair and what was expected (exit 2)."""
+
+    exit_status = 2
+
+
+class RunError(KickdriftError, RuntimeError):
+    """A run failed on the way; the message names the step and the cause (exit 1)."""
+
+    exit_status = 1

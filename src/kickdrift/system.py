@@ -1,0 +1,143 @@
+"""A System: what is simulated. How it is simulated is a Simulation's business."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from kickdrift.box import Box
+from kickdrift.errors import InputError
+from kickdrift.state import Floats, State
+from kickdrift.units import UnitSystem, unit_system
+
+
+@dataclass(frozen=True)
+class RunDefaults:
+    """What a system file's ``[run]`` says; flags and ``Simulation(…)`` override it."""
+
+    integrator: str = "velocity-verlet"
+    dt: float | None = None
+    steps: int | None = None
+    time: float | None = None
+    every: int | None = None
+
+
+@dataclass(frozen=True)
+class Equilibration:
+    """What a system file's ``[equilibrate]`` says: run to ``temperature`` for ``time`` before conservation is measured."""
+
+    temperature: float
+    time: float
+    interval: int = 10
+
+
+@dataclass(frozen=True, eq=False)
+class System:
+    """State + box + forces + units; never changed by a Simulation, which copies it.
+
+    Parameters
+    ----------
+    positions, velocities : (n, 3)
+        Velocities default to zero.
+    masses : (n,) or one number, default 1
+    box : None (open), three edge lengths (periodic, corner at the origin), or a Box
+    forces : iterable of forces, e.g. ``[kd.LennardJones(cutoff=2.5)]``
+    units : name of a unit system: lj, metal, si, astro, nbody
+    species : (n,) names, default all "A"
+    """
+
+    state: State
+    forces: tuple[Any, ...]
+    units: UnitSystem
+    species: tuple[str, ...]  # the names, in order of first appearance
+    species_index: np.ndarray  # (n,) int32 into `species`
+    name: str = "system"
+    run: RunDefaults = field(default_factory=RunDefaults)
+    equilibration: Equilibration | None = None
+    invariants: Mapping[str, Any] = field(default_factory=dict)
+    source: str = ""  # the text of the system file, where there was one
+    seed: int | None = None  # of the drawn velocities, where they were drawn
+
+    def __init__(
+        self,
+        positions: ArrayLike,
+        velocities: ArrayLike | None = None,
+        masses: ArrayLike = 1.0,
+        box: Box | Sequence[float] | None = None,
+        forces: Iterable[Any] = (),
+        units: str | UnitSystem = "lj",
+        species: Sequence[str] | None = None,
+        name: str = "system",
+        run: RunDefaults | None = None,
+        equilibration: Equilibration | None = None,
+        invariants: Mapping[str, Any] | None = None,
+        source: str = "",
+        seed: int | None = None,
+    ) -> None:
+        x = _vectors("positions", positions)
+        n = len(x)
+        v = np.zeros((n, 3)) if velocities is None else _vectors("velocities", velocities)
+        if v.shape != x.shape:
+            raise InputError(f"velocities: expected shape {x.shape} like the positions, got {v.shape}")
+        m = np.asarray(masses, dtype=float)
+        if m.ndim > 1 or (m.ndim == 1 and len(m) != n):
+            raise InputError(f"masses: expected one number or {n}, got shape {m.shape}")
+        m = np.broadcast_to(m, (n,)).copy()
+        bad = np.flatnonzero(~(np.isfinite(m) & (m >= 0)))
+        if bad.size:
+            raise InputError(f"masses: particle {bad[0]} has mass {m[bad[0]]}; expected a finite number, zero or more")
+        names = ["A"] * n if species is None else [str(s) for s in species]
+        if len(names) != n:
+            raise InputError(f"species: expected {n} names, got {len(names)}")
+        kinds = tuple(dict.fromkeys(names))
+        number = {kind: k for k, kind in enumerate(kinds)}
+        put = object.__setattr__
+        put(self, "state", State(np.array([x.T, v.T]), m, np.arange(n, dtype=np.int64), Box.of(box)))
+        put(self, "forces", tuple(forces))
+        put(self, "units", unit_system(units) if isinstance(units, str) else units)
+        put(self, "species", kinds)
+        put(self, "species_index", np.array([number[s] for s in names], dtype=np.int32))
+        put(self, "name", name)
+        put(self, "run", run or RunDefaults())
+        put(self, "equilibration", equilibration)
+        put(self, "invariants", dict(invariants or {}))
+        put(self, "source", source)
+        put(self, "seed", seed)
+        for force in self.forces:
+            force.check(self)
+
+    def __len__(self) -> int:
+        return len(self.state)
+
+    @property
+    def box(self) -> Box:
+        return self.state.box
+
+    @property
+    def coherent_masses(self) -> Floats:
+        """(n,) masses in the unit that makes force = mass x acceleration hold in this system's other units."""
+        return self.state.masses * self.units.coherent_mass
+
+    @property
+    def degrees_of_freedom(self) -> int:
+        """3 N, less the three of the conserved total momentum; massless particles do not count."""
+        moving = int(np.count_nonzero(self.state.masses))
+        return max(3 * moving - 3, 0)
+
+
+def _vectors(key: str, values: ArrayLike) -> Floats:
+    try:
+        array = np.array(values, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{key}: expected numbers of shape (n, 3): {error}") from None
+    if array.ndim != 2 or array.shape[1] != 3 or len(array) == 0:
+        raise InputError(f"{key}: expected shape (n, 3) with n >= 1, got {array.shape}")
+    bad = np.argwhere(~np.isfinite(array))
+    if bad.size:
+        particle, axis = bad[0]
+        raise InputError(f"{key}: particle {particle} has {array[particle, axis]} in {'xyz'[axis]}; expected finite numbers")
+    return array
