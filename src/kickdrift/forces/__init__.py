@@ -1,0 +1,10 @@
+"""The registry of forces, by the name that system files use. Reading it compiles nothing."""
+
+from __future__ import annotations
+
+from kickdrift.forces.gravity import Gravity
+from kickdrift.forces.lennard_jones import LennardJones
+
+FORCES = {force.name: force for force in (LennardJones, Gravity)}
+
+__all__ = ["FORCES", "Gravity", "LennardJones"]

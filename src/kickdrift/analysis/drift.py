@@ -1,0 +1,291 @@
+"""Does an invariant drift?  Size of the energy error, and the slope of a correlated series with an honest interval."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import stats
+
+from kickdrift.errors import InputError
+
+Array = NDArray[np.float64]
+Verdict = Literal["bounded", "secular drift", "random walk", "not resolvable"]
+
+MIN_SAMPLES = 24  # fewer cannot tell noise from a random walk: the unit-root test then finds white noise < 95 % of times
+MAX_SAMPLES = 2000  # longer series are averaged in bins: only the slow end of the spectrum bears on the slope
+SIGNIFICANCE = 0.01  # of a verdict "secular drift"; the interval is the 95 % one
+CONFIDENCE = 0.95
+MAX_LINES = 40
+MIN_CYCLES = 3.0  # a slower wave cannot be told from a trend
+LINE_SIGNIFICANCE = 1e-4
+# 1 % points of the Dickey-Fuller t as a + b / n, with constant and trend and with a constant only; MacKinnon (2010),
+# Queen's Economics Department Working Paper 1227, table 2.
+UNIT_ROOT_TREND = (-3.95877, -9.0531)
+UNIT_ROOT_CONSTANT = (-3.43035, -6.5393)
+
+
+@dataclass(frozen=True)
+class EnergyError:
+    """How far the total energy left its first value; energies in the units given, errors dimensionless.
+
+    ``initial`` and ``final`` are the first and last total energy.  ``rms_relative_error`` and ``max_relative_error``
+    are the root mean square and the largest modulus, over all samples, of (E(t) - E(0)) / D.  ``relative_to`` names D:
+    "initial energy", |E(0)|; "initial kinetic energy" K(0) is called "kinetic energy" and taken where |E(0)| < K(0)/10,
+    because a total that cancels makes a ratio of no meaning; "absolute", D = 1, where both are zero (the errors then
+    have the units of energy).
+    """
+
+    initial: float
+    final: float
+    rms_relative_error: float
+    max_relative_error: float
+    relative_to: Literal["initial energy", "kinetic energy", "absolute"]
+
+
+@dataclass(frozen=True)
+class Drift:
+    """Linear trend of a series, its 95 % interval and what kind of motion the series shows.
+
+    ``slope`` (value per unit time) lies within ``slope`` ± ``error``; ``error`` is infinite where the series is too
+    short for any statement.  ``p_value`` is the two-sided probability of a slope this large when there is none.
+    ``correlation_time`` (unit of time) is the integrated autocorrelation time, 1/2 + the sum of the autocorrelations,
+    of what is left after trend and spectral lines; ``effective_samples`` is the length divided by twice that.  They are
+    infinite and 1 for a random walk, nan where they could not be estimated.  ``lines`` counts the sine waves removed.
+    """
+
+    slope: float
+    error: float
+    verdict: Verdict
+    p_value: float
+    correlation_time: float
+    effective_samples: float
+    lines: int
+
+
+def energy_error(total: ArrayLike, kinetic: ArrayLike) -> EnergyError:
+    """Errors of the energies ``total`` (n,) relative to the first; ``kinetic`` (n,) or a number gives K(0).
+
+    Raises InputError for an empty series, a wrong shape or a value that is not finite.
+    """
+    energy = _finite("total", total)
+    initial, initial_kinetic = float(energy[0]), float(_finite("kinetic", np.atleast_1d(kinetic))[0])
+    scale, relative_to = abs(initial), "initial energy"
+    if scale < 0.1 * abs(initial_kinetic):
+        scale, relative_to = abs(initial_kinetic), "kinetic energy"
+    elif scale == 0.0:
+        scale, relative_to = 1.0, "absolute"
+    error = np.abs(energy - initial) / scale
+    largest = float(error.max())
+    # Squares of errors near 1e-170 would underflow; the ratio to the largest does not.
+    rms = largest * float(np.sqrt(np.mean((error / largest) ** 2))) if largest > 0.0 else 0.0
+    return EnergyError(initial, float(energy[-1]), rms, largest, relative_to)  # type: ignore[arg-type]
+
+
+def drift(times: ArrayLike, values: ArrayLike) -> Drift:
+    """Slope of ``values`` (n,) over the evenly spaced ``times`` (n,), with an interval that knows about correlation.
+
+    1. Spectral lines, found one at a time by Fisher's test on the prewhitened periodogram, join the regression: a
+       periodic error is a wave of its own, not noise that averages out.
+    2. An autoregression with constant and trend, its order by BIC, gives the Dickey-Fuller t of a unit root.
+    3. Unit root rejected: generalised least squares, the noise whitened by the autoregression, its sum of coefficients
+       corrected for the O(1/n) bias.  The interval is Student's with the degrees of freedom that the uncertain noise
+       level at zero frequency leaves (Satterthwaite).  "secular drift" if p < 0.01, else "bounded": stationary or
+       periodic, no slope that can be seen.
+    4. Not rejected: the same for the mean of the increments.  "secular drift" if p < 0.01, else "random walk": over
+       this length the series cannot be told from one whose spread grows as sqrt(t).  A stationary series
+       whose length is under some 25 correlation lengths (effective_samples) also ends here.
+    5. "not resolvable": under 24 samples, under 10 effective ones, or increments that wander themselves.
+
+    Raises InputError for unequal lengths, values that are not finite and times that are not evenly spaced.
+
+    Sources: Fisher 1929 (10.1098/rspa.1929.0151); Said & Dickey 1984 (10.1093/biomet/71.3.599); critical values
+    Fuller 1976, Introduction to Statistical Time Series, table 8.5.2; bias of the autoregression Kendall 1954, eq. 20
+    (10.1093/biomet/41.3-4.403) and, with a trend, Tjostheim & Paulsen 1983 (10.1093/biomet/70.2.389); two regimes of
+    trend inference Perron & Yabu 2009 (10.1016/j.jeconom.2009.03.011).
+    """
+    series, clock = _finite("values", values), _finite("times", times)
+    n = len(series)
+    if len(clock) != n:
+        raise InputError(f"drift: {len(clock)} times but {n} values")
+    step = (clock[-1] - clock[0]) / max(n - 1, 1)
+    if n > 1 and (step == 0.0 or np.abs(clock - clock[0] - step * np.arange(n)).max() > 0.05 * abs(step)):
+        raise InputError("drift: times must be evenly spaced; resample the series first")
+    mean = series.mean()
+    scale = float(np.abs(series - mean).max())
+    rounding = 4.0 * np.finfo(float).eps * float(np.abs(series).max())
+    if n < MIN_SAMPLES:
+        slope = float((series[-1] - series[0]) / (n - 1) / step) if n > 1 else 0.0
+        if n > 1 and np.ptp(series) == 0.0:
+            return Drift(0.0, 0.0, "bounded", 1.0, float("nan"), float("nan"), 0)
+        return Drift(slope, float("inf"), "not resolvable", 1.0, float("nan"), float("nan"), 0)
+    if np.ptp(series) == 0.0:
+        return Drift(0.0, 0.0, "bounded", 1.0, 0.5 * abs(step), float(n), 0)
+    width = -(-n // MAX_SAMPLES)
+    count = n // width
+    y = ((series - mean) / scale)[n - width * count :].reshape(count, width).mean(axis=1)
+    step *= width
+    trend = np.column_stack((np.ones(count), np.arange(count) - 0.5 * (count - 1)))
+    # A wave is only as exact as its phase, some n units in the last place.
+    waves, slow = _lines(y, trend, max(rounding / scale, 2.0 * np.finfo(float).eps * count))
+    design = np.column_stack((trend, waves))
+    coefficients, rest, _ = _least_squares(design, y)
+    lines = waves.shape[1] // 2
+    floor = max(rounding / scale, 2.0 * np.finfo(float).eps * count if lines else 0.0)
+    if np.abs(rest).max() <= floor:  # nothing but lines and the rounding of the input
+        slope, error = coefficients[1] * scale / step, 2.0 * floor * scale / abs(step * (count - 1))
+        seen = abs(slope) > error
+        return Drift(
+            slope, error, "secular drift" if seen else "bounded", 0.0 if seen else 1.0, 0.5 * abs(step), count, lines
+        )
+    if slow:
+        slope = coefficients[1] * scale / step
+        return Drift(slope, float("inf"), "not resolvable", 1.0, float("nan"), float("nan"), lines)
+    level = _regression(y, design, 2)
+    verdict: Verdict
+    if level.unit_root_t < UNIT_ROOT_TREND[0] + UNIT_ROOT_TREND[1] / count:
+        fit, effective, time = level, count / level.inefficiency, 0.5 * abs(step) * level.inefficiency
+        verdict = "bounded"
+    else:
+        increments = np.diff(y - waves @ coefficients[2:])
+        fit, effective, time = _regression(increments, np.ones((count - 1, 1)), 1), 1.0, float("inf")
+        settled = fit.unit_root_t < UNIT_ROOT_CONSTANT[0] + UNIT_ROOT_CONSTANT[1] / count
+        verdict = "random walk" if settled else "not resolvable"
+    p_value = float(2.0 * stats.t.sf(abs(fit.value) / fit.deviation, fit.freedom))
+    if p_value < SIGNIFICANCE and verdict != "not resolvable":
+        verdict = "secular drift"
+    half_width = fit.deviation * float(stats.t.ppf(0.5 + 0.5 * CONFIDENCE, fit.freedom))
+    unit = scale / step
+    return Drift(fit.value * unit, half_width * abs(unit), verdict, p_value, time, effective, lines)
+
+
+@dataclass(frozen=True)
+class _Fit:
+    """One coefficient of a regression with autoregressive noise."""
+
+    value: float
+    deviation: float
+    freedom: float
+    unit_root_t: float
+    inefficiency: float  # spectral density at zero frequency over variance: samples per independent sample
+
+
+def _regression(y: Array, design: Array, deterministic: int) -> _Fit:
+    """Generalised least squares of ``y`` on ``design`` with autoregressive noise, about column ``deterministic`` - 1.
+
+    ``deterministic`` is how many leading columns the autoregression keeps (1: constant, 2: and trend).  It is
+    du(i) = those + g u(i-1) + sum d(j) du(i-j) for the least-squares residuals u; g = 0 is a unit root.
+    """
+    n, target = len(y), deterministic - 1
+    rest = _least_squares(design, y)[1]
+    # Schwert 1989 (10.1080/07350015.1989.10509723), fewer in a short series.
+    longest = min(int(12.0 * (n / 100.0) ** 0.25), n // 12)
+    steps = np.diff(rest)
+
+    def regressors(lags: int) -> tuple[Array, Array]:
+        lagged = [steps[lags - j : len(steps) - j] for j in range(1, lags + 1)]
+        return np.column_stack((design[lags + 1 :, :deterministic], rest[lags:-1], *lagged)), steps[lags:]
+
+    # Columns are nested, so that one QR gives the residual of every order.
+    matrix, right = regressors(longest)
+    projections = (np.linalg.qr(matrix)[0].T @ right) ** 2
+    squares = (right @ right - np.cumsum(projections)[deterministic:]) / (right @ right)
+    criterion = len(right) * np.log(np.maximum(squares, 1e-30)) + np.log(len(right)) * np.arange(longest + 1)
+    lags = int(np.argmin(criterion))
+    solution, _, deviations = _least_squares(*regressors(lags))
+    root, differences = solution[deterministic], solution[deterministic + 1 :]
+    unit_root_t = float(root / deviations[deterministic])
+
+    # The estimate of g is too negative by (2k + 2) / n near g = 0, k deterministic columns; with var g = -2 g / n there,
+    # that is a fraction (k + 1) / t^2 of g.  Written so, it vanishes where the root is well known, at any order.
+    root *= max(1.0 - (deterministic + 1.0) / unit_root_t**2, 0.1)
+    whitener = np.convolve([1.0, -1.0], np.concatenate(([1.0], -differences)))
+    whitener[1] -= root
+
+    def whiten(column: Array) -> Array:
+        return np.convolve(column, whitener)[len(whitener) - 1 : len(column)]
+
+    white = np.column_stack([whiten(column) for column in design.T])
+    solution, noise, deviations = _least_squares(white, whiten(y), lags + 1)
+    left = len(white) - white.shape[1] - lags - 1
+    # log S(0) = log variance - 2 log |A(1)|: relative variances 2 / left and 4 / t^2, matched to chi^2's 2 / freedom.
+    freedom = 1.0 / (1.0 / left + 2.0 / unit_root_t**2)
+    inefficiency = float(noise @ noise / left / root**2 / np.var(y - design @ solution))
+    return _Fit(float(solution[target]), float(deviations[target]), freedom, unit_root_t, inefficiency)
+
+
+def _least_squares(matrix: Array, right: Array, used: int = 0) -> tuple[Array, Array, Array]:
+    """Coefficients, residuals and standard errors; ``used`` degrees of freedom are gone besides the columns."""
+    norms = np.linalg.norm(matrix, axis=0)
+    norms[norms == 0.0] = 1.0
+    unit = matrix / norms
+    values, vectors = np.linalg.eigh(unit.T @ unit)
+    inverse = (vectors / np.where(values > 1e-12 * values[-1], values, np.inf)) @ vectors.T
+    solution = inverse @ (unit.T @ right)
+    solution += inverse @ (unit.T @ (right - unit @ solution))  # one refinement makes up for the squared condition
+    rest = right - unit @ solution
+    variance = rest @ rest / max(len(right) - len(norms) - used, 1)
+    return solution / norms, rest, np.sqrt(variance * np.diag(inverse)) / norms
+
+
+def _lines(y: Array, trend: Array, floor: float) -> tuple[Array, bool]:
+    """Cosine and sine columns (n, 2 L) of the significant spectral lines of ``y``, and whether a slow wave is left.
+
+    Each pass whitens the residual to first order, so that red noise is no line, and tapers it, so that a slow wave does
+    not leak into one; then all frequencies move together by Gauss-Newton.  Waves of under ``MIN_CYCLES`` cycles stay
+    in, because trend and wave would share the blame arbitrarily.  ``floor`` is where rounding begins.
+    """
+    n, index = len(y), trend[:, 1]
+    waves = np.empty((n, 0))
+    frequencies = np.empty(0)
+    for _ in range(MAX_LINES):
+        rest = _least_squares(np.column_stack((trend, waves)), y)[1]
+        if np.abs(rest).max() <= floor:
+            break
+        white = rest[1:] - (rest[1:] @ rest[:-1]) / (rest @ rest) * rest[:-1]
+        power = np.abs(np.fft.rfft(white * np.hanning(n - 1))) ** 2
+        power[[0, -1]] = 0.0
+        bins = (n - 1) / (2.0 * np.pi)
+        for known in frequencies * bins:  # what is left within a resolution element of a line is no other line
+            power[max(int(known), 0) : int(known) + 2] = 0.0
+        slow, found, first = False, [], power.max()
+        while len(frequencies) + len(found) < min(MAX_LINES, n // 20):
+            peak, m = int(np.argmax(power)), int(np.count_nonzero(power))
+            # Beside a line not yet refined, what the taper's side lobes (-31 dB) leave is no line of its own.
+            if power[peak] <= 1e-3 * first or m * (1.0 - power[peak] / power.sum()) ** (m - 1) > LINE_SIGNIFICANCE:
+                break
+            slow = slow or peak < MIN_CYCLES
+            if peak >= MIN_CYCLES:
+                found.append(peak / bins)
+            power[max(peak - 2, 0) : peak + 3] = 0.0
+        if not found:
+            return waves, slow
+        frequencies = np.append(frequencies, found)
+        for _ in range(4):
+            waves = _waves(index, frequencies)
+            amplitudes = _least_squares(np.column_stack((trend, waves)), y)[0][2:]
+            a, b = amplitudes[0::2], amplitudes[1::2]
+            slopes = index[:, None] * (b * waves[:, 0::2] - a * waves[:, 1::2])
+            change = _least_squares(np.column_stack((trend, waves, slopes)), y)[0][-len(frequencies) :]
+            frequencies = frequencies + np.clip(change, -1.0 / n, 1.0 / n)
+        waves = _waves(index, frequencies)
+    return waves, False
+
+
+def _waves(index: Array, frequencies: Array) -> Array:
+    """Columns cos(w i), sin(w i), pair by pair."""
+    phases = index[:, None] * frequencies
+    return np.stack((np.cos(phases), np.sin(phases)), axis=2).reshape(len(index), -1)
+
+
+def _finite(name: str, values: ArrayLike) -> Array:
+    """``values`` as a one-dimensional array of finite numbers, or an InputError."""
+    array = np.asarray(values, dtype=np.float64)
+    if array.ndim != 1 or len(array) == 0:
+        raise InputError(f"{name}: expected a non-empty one-dimensional series, got shape {array.shape}")
+    bad = np.flatnonzero(~np.isfinite(array))
+    if len(bad):
+        raise InputError(f"{name}: sample {bad[0]} is not finite")
+    return array

@@ -1,0 +1,190 @@
+"""Positions and velocities to start from, and the check that no two particles of a start overlap."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from kickdrift.errors import InputError
+from kickdrift.state import Floats
+from kickdrift.units import UnitSystem, shown, suggestion
+
+if TYPE_CHECKING:
+    from kickdrift.system import System
+
+# Sites of one cubic cell in units of its edge, moved off the cell's faces so that rounding cannot wrap a particle.
+LATTICES: dict[str, tuple[tuple[float, float, float], ...]] = {
+    "sc": ((0.5, 0.5, 0.5),),
+    "bcc": ((0.25, 0.25, 0.25), (0.75, 0.75, 0.75)),
+    "fcc": ((0.25, 0.25, 0.25), (0.25, 0.75, 0.75), (0.75, 0.25, 0.75), (0.75, 0.75, 0.25)),
+}
+
+MOST = 10**8  # particles on a lattice: more is a slip of the keyboard, and gigabytes
+OVERLAP = 0.3  # of a force's shortest length; at 0.3 sigma Lennard-Jones is 7 million epsilon
+
+
+def lattice(kind: str, count: int, density: float) -> tuple[Floats, tuple[float, float, float]]:
+    """Positions (count, 3) on a cubic lattice that fills a cube, and the cube's three equal edges.
+
+    Parameters
+    ----------
+    kind : "sc", "bcc" or "fcc"
+    count : particles; k^3, 2 k^3 or 4 k^3, so that the lattice goes on across the periodic faces without a gap
+    density : particles per volume
+
+    Raises
+    ------
+    InputError
+        For another kind, for a density that is not positive and finite, and for a count that leaves the last cells
+        part empty; the message names the nearest counts that do not.
+    """
+    if kind not in LATTICES:
+        raise InputError(f"lattice: expected one of {', '.join(LATTICES)}, got {kind!r}{suggestion(kind, LATTICES)}")
+    sites = np.array(LATTICES[kind])
+    if isinstance(count, bool) or not isinstance(count, int | np.integer) or not 1 <= count <= MOST:
+        raise InputError(f"count: expected a whole number of particles from 1 to {MOST}, got {shown(count)}")
+    if not (math.isfinite(density) and density > 0):
+        raise InputError(f"density: expected a positive finite number, got {density}")
+    cells = max(round((count / len(sites)) ** (1 / 3)), 1)
+    if len(sites) * cells**3 != count:
+        near = sorted({len(sites) * k**3 for k in (cells - 1, cells, cells + 1) if k > 0}, key=lambda n: abs(n - count))
+        low, high = sorted(near[:2])
+        raise InputError(
+            f"count: {count} does not fill a {kind} lattice in a cube; the nearest counts are {low} and {high}"
+        )
+    edge = (count / density) ** (1 / 3)
+    corners = np.stack(np.meshgrid(*[np.arange(cells)] * 3, indexing="ij"), axis=-1).reshape(-1, 1, 3)
+    positions = ((corners + sites) * (edge / cells)).reshape(-1, 3)
+    return positions, (edge, edge, edge)
+
+
+def maxwell_boltzmann(masses: ArrayLike, temperature: float, boltzmann: float, seed: int) -> Floats:
+    """Velocities (n, 3) drawn from the Maxwell-Boltzmann distribution, then made exact.
+
+    The total momentum is taken out and the velocities are scaled so that 2 K = (3 N - 3) k_B T holds to rounding, N
+    being the number of particles that have a mass. Massless ones stand still. The draws are NumPy's PCG64 with
+    ``seed``; they are the same on every machine, but NumPy does not promise normal deviates across its versions.
+
+    Parameters
+    ----------
+    masses : (n,) in units that make m v^2 an energy (``System.coherent_masses``)
+    temperature : zero or more
+    boltzmann : ``UnitSystem.boltzmann``
+    seed : a whole number, zero or more
+    """
+    m = np.asarray(masses, dtype=float)
+    if m.ndim != 1 or not np.all(np.isfinite(m) & (m >= 0)):
+        raise InputError("masses: expected a list of finite numbers, zero or more")
+    if not (math.isfinite(temperature) and temperature >= 0):
+        raise InputError(f"temperature: expected a finite number, zero or more, got {temperature}")
+    if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
+        raise InputError(f"seed: expected a whole number, zero or more, got {seed!r}")
+    moving = m > 0
+    velocities = np.zeros((len(m), 3))
+    if temperature == 0:
+        return velocities
+    if np.count_nonzero(moving) < 2:
+        raise InputError("temperature: needs two particles with mass or more, once the total momentum is taken out")
+    draws = np.random.Generator(np.random.PCG64(int(seed))).standard_normal((len(m), 3))[moving]
+    weight = m[moving, None] / m.max()  # relative masses keep kilograms of single atoms clear of underflow
+    drawn = draws / np.sqrt(weight)
+    drawn -= (weight * drawn).sum(axis=0) / weight.sum()
+    wanted = 3 * (len(drawn) - 1) * (boltzmann * temperature / m.max())
+    velocities[moving] = drawn * np.sqrt(wanted / (weight * drawn**2).sum())
+    return velocities
+
+
+class Structure(NamedTuple):
+    """Particles to start from: masses are one number or each their own; edges and velocities where they are known."""
+
+    positions: Floats
+    masses: Any
+    species: Sequence[str]
+    edges: Sequence[float] | None
+    periodic: bool
+    velocities: Floats | None = None
+
+
+def read_structure(path: Path, units: UnitSystem) -> Structure:
+    """The last structure in any file that ASE reads: positions, cell, masses, symbols as species, momenta if any.
+
+    ASE's units are angstrom, u and eV, so ``units`` must be metal. The cell must be orthorhombic, along x, y, z.
+    """
+    if units.name != "metal":
+        raise InputError(f'structure files are in angstrom and u; expected units = "metal", got "{units.name}"')
+    if not path.is_file():
+        raise InputError(f"no such file: {path}")
+    try:
+        from ase.io import read
+    except ImportError:
+        raise InputError("reading structure files needs ASE: pip install kickdrift[ase]") from None
+    try:
+        atoms = read(path)
+    except Exception as error:  # each of ASE's readers raises its own
+        raise InputError(f"ASE cannot read {path}: {shown(str(error) or type(error).__name__)}") from None
+    if len(atoms) == 0:
+        raise InputError(f"{path} holds no atoms")
+    cell = np.asarray(atoms.cell.array)
+    edges = None
+    if np.any(cell):
+        edges = [float(edge) for edge in np.diag(cell)]
+        if np.any(np.abs(cell - np.diag(edges)) > 1e-9 * np.abs(cell).max()) or min(edges) <= 0:
+            raise InputError(f"the cell of {path} is not orthorhombic along x, y, z: {shown(cell.tolist())}")
+    if atoms.pbc.any() and not (atoms.pbc.all() and edges is not None):
+        raise InputError(f"{path} is periodic in some directions only; expected all three or none")
+    masses = atoms.get_masses()
+    velocities = None
+    if atoms.has("momenta"):  # u angstrom per ASE's own time unit, in which a mass of 1 u is coherent
+        velocities = atoms.get_momenta() / masses[:, None] / math.sqrt(units.coherent_mass)
+    return Structure(atoms.positions, masses, atoms.get_chemical_symbols(), edges, bool(atoms.pbc.all()), velocities)
+
+
+def mixture(fractions: Mapping[str, float], count: int, seed: int) -> list[str]:
+    """``count`` names in the given fractions, as near as whole particles allow, in an order drawn with the seed."""
+    share = {name: part * count for name, part in fractions.items()}
+    whole = {name: int(part + 1e-9) for name, part in share.items()}
+    most_cut = sorted(share, key=lambda name: whole[name] - share[name])
+    for name in most_cut[: count - sum(whole.values())]:
+        whole[name] += 1
+    names = [name for name, number in whole.items() for _ in range(number)]
+    order = np.random.Generator(np.random.PCG64(seed)).permutation(count) if len(fractions) > 1 else range(count)
+    return [names[k] for k in order]
+
+
+def check_overlaps(system: System) -> None:
+    """Raise an InputError that names the closest pair and its distance, where two particles overlap.
+
+    Overlapping means: nearer than ``OVERLAP`` times the smallest length that any force names in its ``shortest()``;
+    where none does, at the very same place. Distances are between nearest images. Without forces nothing overlaps.
+    """
+    if not system.forces or len(system) < 2:
+        return
+    lengths = [length for force in system.forces if (length := getattr(force, "shortest", lambda: None)())]
+    wrapped = np.asarray(system.state.wrapped())
+    order = np.lexsort(wrapped.T)
+    same = np.flatnonzero(np.all(wrapped[order[1:]] == wrapped[order[:-1]], axis=1))
+    if same.size:
+        first, second = sorted((int(order[same[0]]), int(order[same[0] + 1])))
+        raise InputError(f"positions: particles {first} and {second} are at the same place, distance 0")
+    if not lengths:
+        return
+    from scipy.spatial import cKDTree
+
+    limit = OVERLAP * min(lengths)
+    tree = cKDTree(wrapped, boxsize=system.box.lengths)
+    distances, neighbours = tree.query(wrapped, k=2, distance_upper_bound=limit)
+    closest = int(np.argmin(distances[:, 1]))
+    if not distances[closest, 1] < limit:
+        return
+    other = neighbours[closest][neighbours[closest] != closest][0]
+    first, second = sorted((closest, int(other)))
+    unit = "" if system.units.reduced else f" {system.units.length}"
+    raise InputError(
+        f"positions: particles {first} and {second} overlap: distance {distances[closest, 1]:.6g}{unit}, "
+        f"less than {OVERLAP} of the shortest sigma, {min(lengths):.6g}{unit}"
+    )

@@ -1,0 +1,151 @@
+"""How kickdrift compiles: numba's flags in one place, and a cache on disk that sees every edit.
+
+Only drivers (the functions that Python calls) are cached; what they call is compiled into them. numba's own index notices
+changes in the driver's file alone, so ours is a folder named by a hash of all the sources that it is compiled from. A driver that was
+compiled around a class from outside the package (a user's force) gets a folder of its own, named by that class's source
+too: it never shares an index with the package.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import inspect
+from collections.abc import Callable, Iterator
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from numba import njit, types
+from numba.core.caching import CompileResultCacheImpl, FunctionCache, _CacheLocator
+from numba.core.typing.templates import signature
+from numba.extending import intrinsic
+
+from kickdrift.cache import folder
+
+FAST_MATH = {"reassoc", "nsz", "arcp", "contract"}  # never nnan or ninf: blow-ups are found by their NaN
+
+jit = njit(error_model="numpy", fastmath=FAST_MATH, nogil=True)
+
+
+@intrinsic
+def never_inline(typingctx):  # type: ignore[no-untyped-def]
+    """Called in a function's body: keep it one piece of machine code wherever it is called from, so that it rounds alike."""
+
+    def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+        builder.function.attributes.add("noinline")
+        return context.get_dummy_value()
+
+    return types.void(), codegen
+
+
+@cache
+def sources_hash() -> str:
+    """A short hash of every source file that compiled code comes from."""
+    digest = hashlib.sha256()
+    package = Path(__file__).parents[1]
+    for path in sorted([*package.glob("forces/*.py"), *package.glob("integrators/*.py")]):
+        digest.update(path.name.encode() + b"\0" + path.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+def foreign_classes(kind: Any) -> Iterator[type]:
+    """The NamedTuple classes from outside the package that stand in a numba type."""
+    if isinstance(kind, types.NamedTuple) and not kind.instance_class.__module__.startswith("kickdrift."):
+        yield kind.instance_class
+    if isinstance(kind, types.BaseTuple):
+        for part in kind:
+            yield from foreign_classes(part)
+
+
+def _closed_over(function: Callable[..., Any]) -> str:
+    names = inspect.getclosurevars(function)
+    return repr(sorted((k, repr(v)) for group in (names.nonlocals, names.globals) for k, v in group.items()))
+
+
+def fingerprint(cls: type) -> str:
+    """A user's class as text: its own source, and its methods' bytecode and what they close over."""
+    try:
+        text = inspect.getsource(cls)
+    except (OSError, TypeError):
+        text = cls.__qualname__
+    bodies = [value for value in vars(cls).values() if inspect.isfunction(value) and value.__module__ == cls.__module__]
+    bodies += list(getattr(cls, "kernel_sources", ()))
+    return text + "".join(body.__code__.co_code.hex() + repr(body.__code__.co_consts) + _closed_over(body) for body in bodies)
+
+
+class _Locator(_CacheLocator):
+    """Where one driver's machine code lies."""
+
+    def __init__(self, py_func: Callable[..., Any], name: str) -> None:
+        self._path = folder() / "jit" / name
+        self._disambiguator = str(py_func.__code__.co_firstlineno)
+
+    def get_cache_path(self) -> str:
+        return str(self._path)
+
+    def get_source_stamp(self) -> str:
+        return self._path.name
+
+    def get_disambiguator(self) -> str:
+        return self._disambiguator
+
+
+class _CacheImpl(CompileResultCacheImpl):
+    def __init__(self, py_func: Callable[..., Any], name: str) -> None:
+        self._lineno = py_func.__code__.co_firstlineno
+        self._locator = _Locator(py_func, name)
+        self._filename_base = self.get_filename_base(f"{py_func.__module__}.{py_func.__qualname__}", "")
+
+
+class _FolderCache(FunctionCache):
+    """numba's cache of one function, in a folder of our choosing."""
+
+    def __init__(self, py_func: Callable[..., Any], name: str) -> None:
+        self._impl_class = lambda function: _CacheImpl(function, name)  # type: ignore[assignment]
+        super().__init__(py_func)
+
+    def _index_key(self, sig: Any, codegen: Any) -> Any:
+        return str(sig), codegen.magic_tuple()  # by name: a class of the user's script is a new object in each process
+
+
+class _DriverCache:
+    """The cache of one driver: a folder for the package, and one more for each user's class."""
+
+    def __init__(self, py_func: Callable[..., Any]) -> None:
+        self._py_func = py_func
+        self._folders: dict[str, _FolderCache] = {}
+
+    @property
+    def cache_path(self) -> str:
+        return str(folder() / "jit")
+
+    def _folder(self, sig: Any) -> _FolderCache:
+        args = sig if isinstance(sig, tuple) else sig.args
+        foreign = sorted({fingerprint(cls) for kind in args for cls in foreign_classes(kind)})
+        name = hashlib.sha256("".join([sources_hash(), *foreign]).encode()).hexdigest()[:16]
+        if name not in self._folders:
+            self._folders[name] = _FolderCache(self._py_func, name)
+        return self._folders[name]
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        found = self._folder(sig).load_overload(sig, target_context)
+        if found is None:
+            return None
+        args = sig if isinstance(sig, tuple) else sig.args
+        return found._replace(signature=signature(found.signature.return_type, *args))
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        self._folder(sig).save_overload(sig, data)
+
+    def enable(self) -> None: ...
+
+    def disable(self) -> None: ...
+
+    def flush(self) -> None: ...
+
+
+def driver(function: Callable[..., Any]) -> Any:
+    """Compile a function that Python calls, with its machine code kept on disk."""
+    dispatcher = jit(function)
+    dispatcher._cache = _DriverCache(function)
+    return dispatcher

@@ -1,0 +1,117 @@
+"""Bound forces by reference: compiled functions pass one pointer instead of the hundreds of numbers that a NamedTuple of
+arrays unpacks into (which made compiling ten times slower), and threads can share it.
+
+``handle(value)`` puts a NamedTuple, or a tuple of them, on the caller's stack and returns a ``Handle``; attributes read
+through it. A handle lives as long as the call of the function that made it, and keeps nothing alive.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+from llvmlite import ir
+from numba import types
+from numba.core import cgutils
+from numba.core.imputils import impl_ret_borrowed
+from numba.core.typing.templates import AttributeTemplate, infer_getattr
+from numba.extending import intrinsic, lower_getattr_generic, models, register_model
+
+
+class Handle(types.Type):
+    """A pointer to a value of the numba type ``kind``."""
+
+    def __init__(self, kind: types.BaseTuple) -> None:
+        self.kind = kind
+        super().__init__(name=f"Handle({kind.name})")
+
+    def field(self, name: str) -> tuple[int, types.Type]:
+        """Position and type of an attribute of a NamedTuple."""
+        index = self.kind.fields.index(name)
+        return index, self.kind.types[index]
+
+
+@register_model(Handle)
+class _HandleModel(models.PrimitiveModel):
+    def __init__(self, dmm: Any, fe_type: Handle) -> None:
+        super().__init__(dmm, fe_type, dmm.lookup(fe_type.kind).get_value_type().as_pointer())
+
+
+def _leaves(kind: types.Type) -> Iterator[types.Type]:
+    if isinstance(kind, types.BaseTuple):
+        for part in kind:
+            yield from _leaves(part)
+    else:
+        yield kind
+
+
+def _read(kind: types.Type) -> types.Type:
+    """What reading a part of that type gives: tuples that hold arrays by reference, anything else by value."""
+    by_reference = isinstance(kind, types.BaseTuple) and any(isinstance(leaf, types.Array) for leaf in _leaves(kind))
+    return Handle(kind) if by_reference else kind
+
+
+@infer_getattr
+class _HandleAttributes(AttributeTemplate):
+    key = Handle
+
+    def generic_resolve(self, handle: Handle, name: str) -> Any:
+        if isinstance(handle.kind, types.NamedTuple) and name in handle.kind.fields:
+            return _read(handle.field(name)[1])
+        return None
+
+
+def _part(context: Any, builder: ir.IRBuilder, pointer: ir.Value, index: int, kind: types.Type) -> ir.Value:
+    inside = cgutils.gep_inbounds(builder, pointer, 0, index)
+    if isinstance(_read(kind), Handle):
+        return inside
+    return impl_ret_borrowed(context, builder, kind, builder.load(inside))
+
+
+@lower_getattr_generic(Handle)
+def _attribute(context, builder, handle, pointer, name):  # type: ignore[no-untyped-def]
+    return _part(context, builder, pointer, *handle.field(name))
+
+
+@intrinsic
+def handle(typingctx, value):  # type: ignore[no-untyped-def]
+    """A Handle of the value, on the caller's stack."""
+
+    def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+        return cgutils.alloca_once_value(builder, args[0])
+
+    return Handle(value)(value), codegen
+
+
+@intrinsic(prefer_literal=True)
+def part(typingctx, of, index):  # type: ignore[no-untyped-def]
+    """The part with that written-out number of the tuple behind a handle."""
+    kind, number = of.kind.types[index.literal_value], index.literal_value
+
+    def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+        return _part(context, builder, args[0], number, kind)
+
+    return _read(kind)(of, index), codegen
+
+
+@intrinsic
+def address(typingctx, of):  # type: ignore[no-untyped-def]
+    """A handle as a whole number, for numba's parallel loops, which take nothing else."""
+
+    def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+        return builder.ptrtoint(args[0], context.get_value_type(types.intp))
+
+    return types.intp(of), codegen
+
+
+def handle_at(kind: Handle) -> Any:
+    """The compiled inverse of ``address`` for that type of handle."""
+
+    @intrinsic
+    def restore(typingctx, number):  # type: ignore[no-untyped-def]
+        def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+            return builder.inttoptr(args[0], context.get_value_type(kind))
+
+        return kind(types.intp), codegen
+
+    return restore

@@ -1,0 +1,24 @@
+"""The Lennard-Jones force, written as any user would write a pair law."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from kickdrift.forces.pair_law import pair_law
+
+
+@pair_law
+class LennardJones(NamedTuple):
+    """U(r) = 4 epsilon ((sigma/r)^12 - (sigma/r)^6); Jones, Proc. R. Soc. Lond. A 106, 463 (1924), doi:10.1098/rspa.1924.0082."""
+
+    epsilon: float = 1.0
+    sigma: float = 1.0
+
+    dimensions = {"epsilon": "energy", "sigma": "length"}  # noqa: RUF012
+
+    def law(p, r2):  # noqa: N805
+        inverse = 1.0 / r2
+        s2 = p.sigma * p.sigma * inverse
+        s6 = s2 * s2 * s2
+        four = 4.0 * p.epsilon * s6
+        return four * (s6 - 1.0), 6.0 * four * (2.0 * s6 - 1.0) * inverse

@@ -1,0 +1,293 @@
+"""The compiled sum over the cluster pair list: any pair law, any truncation, one species or many."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numba import types
+from numba.extending import overload
+from numpy.typing import NDArray
+
+from kickdrift.forces.chunks import Parallel, Serial, chunk_task, each_chunk
+from kickdrift.forces.compiling import jit, never_inline
+from kickdrift.forces.kernel import OK, kernel
+from kickdrift.forces.pairlist import (
+    N_CLUSTERS,
+    OUTER_BUILDS,
+    ROOM_NEEDED,
+    SHIFT_BITS,
+    ClusterList,
+    chunk_clusters,
+    cluster_list,
+    refresh,
+)
+from kickdrift.forces.simd import WIDTH, aligned, lane_numbers, lane_sum, load, named_lanes, select, splat, store
+from kickdrift.forces.truncation import AtCutoff, Cut, ForceShift, Shift, Switch, truncated
+
+if TYPE_CHECKING:
+    from kickdrift.forces.pair_law import PairForce
+    from kickdrift.system import System
+
+
+class Tables(NamedTuple):
+    """Numbers per pair of species, spread over the slots: ``law[k, species of i, slot of j]`` for the k-th parameter."""
+
+    law: NDArray[np.float64]  # (parameters, species, slots)
+    at_cutoff: NDArray[np.float64]  # (2, species, slots)
+    law_pairs: NDArray[np.float64]  # (parameters, species, species)
+    at_cutoff_pairs: NDArray[np.float64]  # (2, species, species)
+    species: NDArray[np.int64]  # (n,)
+    row: NDArray[np.int64]  # (slots,) the species in a slot
+
+
+class PairKernel(NamedTuple):
+    """A pair law bound to a System."""
+
+    law: Any  # the law's NamedTuple of parameters (of the first pair of species, where there are several)
+    at_cutoff: AtCutoff  # likewise
+    tables: Any  # Tables, or None for one species
+    truncation: Any
+    cutoff: float
+    tail: tuple[float, float]  # energy and virial from beyond the cutoff
+    inverse_masses: NDArray[np.float64]  # (n,)
+    sums: NDArray[np.float64]  # (chunks, 3) energy, virial, pairs
+    pairs: ClusterList
+    threads: Serial | Parallel
+
+
+@kernel(PairKernel)
+def pair_forces(force, t, x, v, a, sums):
+    pairs, threads = force.pairs, force.threads
+    builds = pairs.counts[OUTER_BUILDS]
+    status = refresh(pairs, x, threads)
+    if status != OK:
+        return status
+    if pairs.counts[OUTER_BUILDS] != builds:
+        spread(force.tables, pairs)
+    if sums is None:
+        each_chunk(force, threads, "chunk_forces")
+    else:
+        each_chunk(force, threads, "chunk_forces_and_sums")
+        for c in range(threads.chunks):
+            sums[0] += force.sums[c, 0]
+            sums[1] += force.sums[c, 1]
+            sums[2] += force.sums[c, 2]
+        sums[0] += force.tail[0]
+        sums[1] += force.tail[1]
+    collect(pairs)
+    slot, total, inverse_masses = pairs.slot, pairs.force[0], force.inverse_masses
+    for i in range(slot.size):
+        s, w = slot[i], inverse_masses[i]
+        a[0, i] += total[0, s] * w
+        a[1, i] += total[1, s] * w
+        a[2, i] += total[2, s] * w
+    return OK
+
+
+def spread(tables: Any, pairs: ClusterList) -> None:
+    """After a sort: put each pair of species' numbers where their slots now are."""
+
+
+@overload(spread)
+def _spread(tables, pairs):  # type: ignore[no-untyped-def]
+    if isinstance(tables, types.NoneType):
+        return lambda tables, pairs: None
+
+    def spread_tables(tables, pairs):  # type: ignore[no-untyped-def]
+        for i in range(pairs.slot.size):
+            s = pairs.slot[i]
+            of_i = tables.species[i]
+            tables.row[s] = of_i
+            for row in range(tables.law.shape[1]):
+                for k in range(tables.law.shape[0]):
+                    tables.law[k, row, s] = tables.law_pairs[k, row, of_i]
+                for k in range(2):
+                    tables.at_cutoff[k, row, s] = tables.at_cutoff_pairs[k, row, of_i]
+
+    return spread_tables
+
+
+@jit
+def collect(pairs):
+    """Add the chunks' forces up in chunk 0's, in one order."""
+    force, touched = pairs.force, pairs.touched
+    total_x, total_y, total_z = force[0]
+    for cluster in range(pairs.counts[N_CLUSTERS]):
+        s = WIDTH * cluster
+        fx, fy, fz = splat(0.0), splat(0.0), splat(0.0)
+        for c in range(force.shape[0]):
+            if touched[c, cluster]:
+                fx = fx + load(force[c, 0], s)
+                fy = fy + load(force[c, 1], s)
+                fz = fz + load(force[c, 2], s)
+        store(total_x, s, fx)
+        store(total_y, s, fy)
+        store(total_z, s, fz)
+
+
+@chunk_task
+def chunk_forces(force, c):
+    """Forces on the particles of chunk c and their reactions, into the chunk's own array."""
+    never_inline()
+    sum_pairs(force, None, c)
+
+
+@chunk_task
+def chunk_forces_and_sums(force, c):
+    """The same, and the chunk's energy and virial."""
+    never_inline()
+    sum_pairs(force, force.sums, c)
+
+
+@jit
+def sum_pairs(force, sums, c):
+    pairs = force.pairs
+    entries, shifts, span, filled, touched = pairs.inner[c], pairs.shifts, pairs.inner_span, pairs.filled, pairs.touched[c]
+    x, y, z = pairs.x
+    force_x, force_y, force_z = pairs.force[c]
+    zero = splat(0.0)
+    for cluster in range(pairs.counts[N_CLUSTERS]):
+        if touched[cluster]:
+            store(force_x, WIDTH * cluster, zero)
+            store(force_y, WIDTH * cluster, zero)
+            store(force_z, WIDTH * cluster, zero)
+    cutoff2 = force.cutoff**2
+    laws = force.law, force.at_cutoff, force.truncation, force.tables
+    energy_sum, virial_sum, pair_count = zero, zero, zero
+    begin, end = chunk_clusters(pairs, c)
+    for cluster in range(begin, end):
+        own = WIDTH * cluster
+        x_own, y_own, z_own = load(x, own), load(y, own), load(z, own)
+        # forces on the cluster's own eight stay in registers: a store of one and a load of eight would wait for each other
+        own_x, own_y, own_z = zero, zero, zero
+        for lane in range(filled[cluster]):
+            i = own + lane
+            xi, yi, zi = splat(x[i]), splat(y[i]), splat(z[i])
+            # the pairs inside the cluster: the lanes after this one
+            dx, dy, dz = xi - x_own, yi - y_own, zi - z_own
+            r2 = dx * dx + dy * dy + dz * dz
+            inside = (r2 < cutoff2) & (lane_numbers() > float(lane))
+            energy, force_over_r = pair_terms(laws, i, own, r2)
+            force_over_r = select(inside, force_over_r, zero)
+            fx, fy, fz = force_over_r * dx, force_over_r * dy, force_over_r * dz
+            own_x, own_y, own_z = own_x - fx, own_y - fy, own_z - fz
+            if sums is not None:
+                energy_sum = energy_sum + select(inside, energy, zero)
+                virial_sum = virial_sum + force_over_r * select(inside, r2, zero)
+                pair_count = pair_count + select(inside, splat(1.0), zero)
+            for k in range(span[i, 0], span[i, 1]):
+                entry = entries[k]
+                j, s = WIDTH * (entry >> SHIFT_BITS), entry & 31
+                dx = splat(x[i] - shifts[s, 0]) - load(x, j)
+                dy = splat(y[i] - shifts[s, 1]) - load(y, j)
+                dz = splat(z[i] - shifts[s, 2]) - load(z, j)
+                r2 = dx * dx + dy * dy + dz * dz
+                inside = r2 < cutoff2
+                energy, force_over_r = pair_terms(laws, i, j, r2)
+                force_over_r = select(inside, force_over_r, zero)
+                gx, gy, gz = force_over_r * dx, force_over_r * dy, force_over_r * dz
+                fx, fy, fz = fx + gx, fy + gy, fz + gz
+                store(force_x, j, load(force_x, j) - gx)
+                store(force_y, j, load(force_y, j) - gy)
+                store(force_z, j, load(force_z, j) - gz)
+                if sums is not None:
+                    energy_sum = energy_sum + select(inside, energy, zero)
+                    virial_sum = virial_sum + force_over_r * select(inside, r2, zero)
+                    pair_count = pair_count + select(inside, splat(1.0), zero)
+            me = lane_numbers() == float(lane)
+            own_x = own_x + select(me, splat(lane_sum(fx)), zero)
+            own_y = own_y + select(me, splat(lane_sum(fy)), zero)
+            own_z = own_z + select(me, splat(lane_sum(fz)), zero)
+        store(force_x, own, load(force_x, own) + own_x)
+        store(force_y, own, load(force_y, own) + own_y)
+        store(force_z, own, load(force_z, own) + own_z)
+    if sums is not None:
+        sums[c, 0] = lane_sum(energy_sum)
+        sums[c, 1] = lane_sum(virial_sum)
+        sums[c, 2] = lane_sum(pair_count)
+
+
+def pair_terms(laws: tuple[Any, ...], i: int, j: int, r2: Any) -> Any:
+    """Energy and force over r of particle i with the eight in slots j to j + 7, truncated; the cutoff is not yet applied."""
+
+
+@overload(pair_terms)
+def _pair_terms(laws, i, j, r2):  # type: ignore[no-untyped-def]
+    law = laws[0].instance_class.compiled_law
+    if isinstance(laws[3], types.NoneType):
+
+        def one_species(laws, i, j, r2):  # type: ignore[no-untyped-def]
+            parameters, at_cutoff, truncation, _ = laws
+            energy, force_over_r = law(parameters, r2)
+            return truncated(truncation, at_cutoff, r2, energy, force_over_r)
+
+        return one_species
+
+    def many_species(laws, i, j, r2):  # type: ignore[no-untyped-def]
+        like, like_at_cutoff, truncation, tables = laws
+        row = tables.row[i]
+        energy, force_over_r = law(named_lanes(like, tables.law, row, j), r2)
+        at_cutoff = named_lanes(like_at_cutoff, tables.at_cutoff, row, j)
+        return truncated(truncation, at_cutoff, r2, energy, force_over_r)
+
+    return many_species
+
+
+def bind(force: PairForce, system: System, threads: int) -> PairKernel:
+    """A pair force for this System, on this many threads."""
+    cls = force.Parameters
+    if "compiled_law" not in vars(cls):
+        cls.compiled_law = jit(cls.law)
+    n, names = len(system), system.species
+    laws = [[force.pair_law(a, b) for b in names] for a in names]
+    cutoff = float(force.cutoff or 0.0)
+    at_cutoff = [[AtCutoff(*(float(u) for u in p.law(cutoff**2))) for p in row] for row in laws]
+    pairs = cluster_list(n, system.box, cutoff)
+    tables = None
+    if len(names) > 1:
+        law_pairs = np.array(laws, dtype=float).transpose(2, 0, 1).copy()
+        at_cutoff_pairs = np.array(at_cutoff).transpose(2, 0, 1).copy()
+        slots = pairs.x.shape[1]
+        tables = Tables(
+            law=aligned((len(law_pairs), len(names), slots), 1.0),
+            at_cutoff=aligned((2, len(names), slots)),
+            law_pairs=law_pairs,
+            at_cutoff_pairs=at_cutoff_pairs,
+            species=system.species_index.astype(np.int64),
+            row=np.zeros(slots, np.int64),
+        )
+    chunks = pairs.force.shape[0]
+    return PairKernel(
+        law=cls(*(float(value) for value in laws[0][0])),
+        at_cutoff=at_cutoff[0][0],
+        tables=tables,
+        truncation=truncation_of(force),
+        cutoff=cutoff,
+        tail=force.tail_corrections(system),
+        inverse_masses=1.0 / system.coherent_masses,
+        sums=np.zeros((chunks, 3)),
+        pairs=pairs,
+        threads=Parallel(chunks) if threads > 1 else Serial(chunks),
+    )
+
+
+def truncation_of(force: PairForce) -> Any:
+    """The compiled truncation that a pair force names."""
+    cutoff, start = float(force.cutoff or 0.0), float(force.switch_start or 0.0)
+    return {
+        "cut": Cut(),
+        "shift": Shift(),
+        "force-shift": ForceShift(cutoff),
+        "switch": Switch(start**2, 1.0 / (cutoff**2 - start**2)),
+    }[force.truncation]
+
+
+def grown(bound: Any) -> Any:
+    """The bound force with room in its list for what the last search found, where it had run out; else as it is."""
+    if not isinstance(bound, PairKernel) or bound.pairs.counts[ROOM_NEEDED] <= bound.pairs.outer.shape[1]:
+        return bound
+    room = int(1.3 * bound.pairs.counts[ROOM_NEEDED])
+    chunks = bound.pairs.outer.shape[0]
+    bigger = {key: np.empty((chunks, room), np.int32) for key in ("outer", "inner")}
+    return bound._replace(pairs=bound.pairs._replace(**bigger))

@@ -1,0 +1,204 @@
+"""Pair forces from one formula: ``@pair_law`` turns a law U(r) into a force on the cluster list.
+
+This module knows no numba, so that a system file can be read and checked without paying for it; ``bind`` compiles.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import re
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+from kickdrift.errors import InputError
+
+if TYPE_CHECKING:
+    from kickdrift.system import System
+
+TRUNCATIONS = ("cut", "shift", "force-shift", "switch")
+SWITCH_START = 0.8  # of the cutoff, where the switch begins unless told
+DEFAULT_CUTOFF = 2.5  # sigma
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class PairForce:
+    """What every pair force has beside the parameters of its law.
+
+    Attributes
+    ----------
+    cutoff : float
+        Pairs further apart do not interact; default 2.5 times the largest ``sigma``.
+    truncation : "cut", "shift" (of the energy), "force-shift" or "switch" (four times continuously differentiable)
+    switch_start : float, optional
+        Where the switch begins; default 0.8 cutoff.
+    tail : bool
+        Add the energy and pressure of a uniform fluid beyond the cutoff (Allen & Tildesley 2017, eqs. 2.144-2.146); only
+        with truncation "cut", whose energies it completes.
+    species : {name: {parameter: value}}, optional
+        The law's parameters for each species; other pairs follow from ``mixing`` ("lorentz-berthelot": sigma is the
+        arithmetic, epsilon the geometric mean).
+    pairs : {(name, name): {parameter: value}}, optional
+        Parameters of named pairs; they go before mixing.
+    """
+
+    cutoff: float | None = None
+    truncation: str = "shift"
+    switch_start: float | None = None
+    tail: bool = False
+    species: Mapping[str, Mapping[str, float]] | None = None
+    pairs: Mapping[tuple[str, str], Mapping[str, float]] | None = None
+    mixing: str = "lorentz-berthelot"
+
+    Parameters: ClassVar[Any]  # the law's NamedTuple class
+    name: ClassVar[str]
+    dimensions: ClassVar[dict[str, str]]
+
+    def __post_init__(self) -> None:
+        if self.truncation not in TRUNCATIONS:
+            raise InputError(f"{self.name}: truncation {self.truncation!r} is not one of {', '.join(TRUNCATIONS)}")
+        if self.mixing != "lorentz-berthelot":
+            raise InputError(f"{self.name}: mixing {self.mixing!r} is not one of lorentz-berthelot")
+        if self.tail and self.truncation != "cut":
+            raise InputError(f'{self.name}: tail = true completes truncation "cut", not "{self.truncation}"')
+        for where, law in self._laws_given():
+            for key, value in law._asdict().items():
+                if not math.isfinite(value) or (self.dimensions.get(key) == "length" and value <= 0):
+                    kind = "positive" if self.dimensions.get(key) == "length" else "finite"
+                    raise InputError(f"{self.name}: {key}{where} must be a {kind} number, got {value}")
+        if self.cutoff is None:
+            sigmas = [getattr(law, "sigma", None) for _, law in self._laws_given()]
+            if not all(sigmas):
+                raise InputError(f"{self.name}: cutoff is needed")
+            object.__setattr__(self, "cutoff", DEFAULT_CUTOFF * max(s for s in sigmas if s))
+        assert self.cutoff is not None
+        if not (math.isfinite(self.cutoff) and self.cutoff > 0):
+            raise InputError(f"{self.name}: cutoff must be a positive length, got {self.cutoff}")
+        if self.truncation == "switch":
+            start = SWITCH_START * self.cutoff if self.switch_start is None else self.switch_start
+            if not 0 < start < self.cutoff:
+                raise InputError(f"{self.name}: switch_start must lie between 0 and the cutoff {self.cutoff:g}, got {start:g}")
+            object.__setattr__(self, "switch_start", start)
+        elif self.switch_start is not None:
+            raise InputError(f'{self.name}: switch_start goes with truncation "switch", not "{self.truncation}"')
+
+    @property
+    def law(self) -> Any:
+        """The law's parameters where there is one species."""
+        return self.Parameters(*(getattr(self, key) for key in self.Parameters._fields))
+
+    def _laws_given(self) -> list[tuple[str, Any]]:
+        given = [("", self.law)] if not self.species else []
+        given += [(f" of species {s}", self._filled(s, values)) for s, values in (self.species or {}).items()]
+        given += [(f" of pair {a}-{b}", self._filled(f"{a}-{b}", p)) for (a, b), p in (self.pairs or {}).items()]
+        return given
+
+    def _filled(self, where: str, values: Mapping[str, float]) -> Any:
+        unknown = set(values) - set(self.Parameters._fields)
+        if unknown:
+            known = ", ".join(self.Parameters._fields)
+            raise InputError(f"{self.name}: {where}: unknown parameter {min(unknown)!r}; expected {known}")
+        return self.law._replace(**values)
+
+    def pair_law(self, a: str, b: str) -> Any:
+        """The law's parameters between species a and b."""
+        for pair in ((a, b), (b, a)):
+            if self.pairs and pair in self.pairs:
+                return self._filled(f"{a}-{b}", self.pairs[pair])
+        if not self.species:
+            return self.law
+        for name in (a, b):
+            if name not in self.species:
+                raise InputError(f"{self.name}: species {name!r} has no parameters (and no pair {a}-{b} is given)")
+        first, second = (self._filled(name, self.species[name])._asdict() for name in (a, b))
+        if a != b and not set(first) <= {"epsilon", "sigma"}:
+            raise InputError(f"{self.name}: pair {a}-{b} is needed: only epsilon and sigma can be mixed")
+        means = {"sigma": lambda p, q: 0.5 * (p + q), "epsilon": lambda p, q: math.sqrt(p * q)}
+        return self.Parameters(**{k: first[k] if a == b else means[k](first[k], second[k]) for k in first})
+
+    def shortest(self) -> float:
+        """The smallest length among the law's parameters (sigma); particles much closer than it overlap."""
+        lengths = [
+            getattr(law, key) for _, law in self._laws_given() for key in law._fields if self.dimensions.get(key) == "length"
+        ]
+        return min(lengths, default=0.0)
+
+    def check(self, system: System) -> None:
+        """Refuse a system that this force cannot run on."""
+        assert self.cutoff is not None
+        if system.box.lengths is not None:
+            for axis, length in zip("xyz", system.box.lengths, strict=True):
+                if length < 2 * self.cutoff:
+                    raise InputError(
+                        f"{self.name}: box edge {axis} is {length:.6g}, shorter than twice the cutoff, "
+                        f"2 x {self.cutoff:.6g} = {2 * self.cutoff:.6g}"
+                    )
+        elif self.tail:
+            raise InputError(f"{self.name}: tail corrections need a periodic box")
+        massless = np.flatnonzero(system.state.masses == 0)
+        if massless.size:
+            raise InputError(f"{self.name}: particle {massless[0]} has no mass, and a pair force would move it infinitely fast")
+        for a in system.species:
+            for b in system.species:
+                self.pair_law(a, b)
+
+    def tail_corrections(self, system: System) -> tuple[float, float]:
+        """Energy and virial from beyond the cutoff for a fluid that is uniform there, by quadrature of the law."""
+        if not self.tail:
+            return 0.0, 0.0
+        import warnings
+
+        from scipy.integrate import IntegrationWarning, quad
+
+        assert self.cutoff is not None
+        counts = np.bincount(system.species_index, minlength=len(system.species))
+        energy = virial = 0.0
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", IntegrationWarning)
+            for a, n_a in zip(system.species, counts, strict=True):
+                for b, n_b in zip(system.species, counts, strict=True):
+                    p = self.pair_law(a, b)
+                    density = 2 * math.pi * n_a * n_b / system.box.volume
+                    try:  # over u = 1 / r, from 0 to 1 / r_c
+                        u_part = quad(lambda u, p=p: p.law(u**-2)[0] / u**4, 0, 1 / self.cutoff, epsabs=0, epsrel=1e-12)[0]
+                        w_part = quad(lambda u, p=p: p.law(u**-2)[1] / u**6, 0, 1 / self.cutoff, epsabs=0, epsrel=1e-12)[0]
+                    except (IntegrationWarning, ZeroDivisionError, OverflowError):
+                        raise InputError(f"{self.name}: the tail beyond the cutoff does not converge for {a}-{b}") from None
+                    energy += density * u_part
+                    virial += density * w_part
+        return energy, virial
+
+    def bind(self, system: System, threads: int = 1) -> Any:
+        """The compiled form of this force for a System: a NamedTuple that ``accelerate`` knows."""
+        from kickdrift.forces.pair_kernel import bind
+
+        return bind(self, system, threads)
+
+
+def pair_law(cls: type) -> Any:
+    """Make a force of a NamedTuple class whose ``law(p, r2)`` returns energy and force over r, -U'(r) / r.
+
+    The class's fields are the law's parameters, the force has them and those of ``PairForce``. ``law`` is compiled for SIMD
+    lanes: ``+ - * / **`` with a whole power, comparisons, ``math.sqrt``, ``math.exp`` and ``math.log`` work. An optional
+    ``dimensions`` names the kind of each parameter ("length", "energy", …) for system files with units.
+    """
+    fields: Any = cls._fields  # type: ignore[attr-defined]
+    defaults: dict[str, float] = cls._field_defaults  # type: ignore[attr-defined]
+    force = dataclasses.make_dataclass(
+        cls.__name__,
+        [(key, float, dataclasses.field(default=defaults[key])) if key in defaults else (key, float) for key in fields],
+        bases=(PairForce,),
+        frozen=True,
+        namespace={
+            "__doc__": cls.__doc__,
+            "name": re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "-", cls.__name__).lower(),
+            "dimensions": {"cutoff": "length", "switch_start": "length", **getattr(cls, "dimensions", {})},
+        },
+    )
+    force.__module__ = cls.__module__
+    force.__qualname__ = cls.__qualname__
+    cls.__qualname__ = f"{cls.__qualname__}.Parameters"  # so that pickle finds it where it now stands
+    force.Parameters = cls  # type: ignore[attr-defined]
+    return force

@@ -1,0 +1,93 @@
+"""What becomes of a pair law at the cutoff: cut, shift, force-shift or switch. Each works on numbers and on SIMD lanes."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+from numba.extending import overload
+
+from kickdrift.forces.compiling import jit
+from kickdrift.forces.simd import Lanes, select, splat
+
+
+class AtCutoff(NamedTuple):
+    """A pair's energy, and its force over r, at the cutoff."""
+
+    energy: float
+    force_over_r: float
+
+
+class Cut(NamedTuple):
+    """U(r) as it is: the energy jumps at the cutoff, so no method conserves it."""
+
+    def apply(self, at_cutoff, r2, energy, force_over_r):
+        return energy, force_over_r
+
+
+class Shift(NamedTuple):
+    """U(r) - U(r_c): the energy is continuous, the force jumps at the cutoff."""
+
+    def apply(self, at_cutoff, r2, energy, force_over_r):
+        return energy - at_cutoff.energy, force_over_r
+
+
+class ForceShift(NamedTuple):
+    """U(r) - U(r_c) + (r - r_c) F(r_c): energy and force are continuous (Toxvaerd & Dyre 2011, doi:10.1063/1.3558787)."""
+
+    cutoff: float
+
+    def apply(self, at_cutoff, r2, energy, force_over_r):
+        force_at_cutoff = at_cutoff.force_over_r * self.cutoff
+        r = math.sqrt(r2)
+        shifted = energy - at_cutoff.energy + (r - self.cutoff) * force_at_cutoff
+        return shifted, force_over_r - force_at_cutoff / r
+
+
+class Switch(NamedTuple):
+    """U(r) S(r), with S from 1 at ``start`` to 0 at the cutoff, four times continuously differentiable.
+
+    S = 1 - u^5 (126 - 420 u + 540 u^2 - 315 u^3 + 70 u^4) is the smooth step of degree nine (Ebert et al., Texturing and
+    Modeling, 2003, ch. 2, generalised) in u = (r^2 - start^2) / (r_c^2 - start^2), which needs no square root. A potential
+    with k continuous derivatives holds a method to order k; hence the high degree.
+    """
+
+    start2: float
+    inverse_width: float  # 1 / (r_c^2 - start^2)
+
+    def apply(self, at_cutoff, r2, energy, force_over_r):
+        u = clipped((r2 - self.start2) * self.inverse_width)
+        u2 = u * u
+        u4 = u2 * u2
+        s = 1.0 - u4 * u * (126.0 - 420.0 * u + 540.0 * u2 - 315.0 * u2 * u + 70.0 * u4)
+        w = 1.0 - u
+        w2 = w * w
+        # F / r = -(1/r) d(U S)/dr = F_U S / r - U dS/du du/dr / r, with du/dr / r = 2 / (r_c^2 - start^2)
+        slope = 1260.0 * self.inverse_width * u4 * (w2 * w2)
+        return energy * s, force_over_r * s + energy * slope
+
+
+def clipped(u: Any) -> Any:
+    """u, held between 0 and 1."""
+
+
+@overload(clipped)
+def _clipped(u):  # type: ignore[no-untyped-def]
+    if isinstance(u, Lanes):
+
+        def clip_lanes(u):  # type: ignore[no-untyped-def]
+            low = select(u > 0.0, u, splat(0.0))
+            return select(low < 1.0, low, splat(1.0))
+
+        return clip_lanes
+    return lambda u: min(max(u, 0.0), 1.0)
+
+
+def truncated(truncation: Any, at_cutoff: Any, r2: Any, energy: Any, force_over_r: Any) -> Any:
+    """Energy and force over r of a truncation, below its cutoff."""
+
+
+@overload(truncated)
+def _truncated(truncation, at_cutoff, r2, energy, force_over_r):  # type: ignore[no-untyped-def]
+    apply = jit(truncation.instance_class.apply)
+    return lambda truncation, at_cutoff, r2, energy, force_over_r: apply(truncation, at_cutoff, r2, energy, force_over_r)

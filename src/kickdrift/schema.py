@@ -1,0 +1,257 @@
+"""What a system file may say: one pydantic model per table. Every error is one line: key path and what was expected."""
+
+from __future__ import annotations
+
+import inspect
+from dataclasses import is_dataclass
+from functools import cache
+from typing import Annotated, Any, Literal, get_type_hints
+
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Discriminator,
+    Field,
+    NonNegativeInt,
+    PositiveInt,
+    Tag,
+    ValidationError,
+    ValidationInfo,
+    create_model,
+    model_validator,
+)
+from pydantic_core import ErrorDetails, PydanticCustomError
+
+from kickdrift.errors import InputError
+from kickdrift.units import UnitSystem, quantity, shown, suggestion
+
+
+class In:
+    """Validator of a number, or of text with a unit, that becomes a number in the file's units."""
+
+    def __init__(self, dimension: str, sign: Literal["any", "positive", "non-negative"] = "any") -> None:
+        self.dimension, self.sign = dimension, sign
+
+    def __call__(self, value: Any, info: ValidationInfo) -> float:
+        number = quantity(value, self.dimension, info.context["units"])  # type: ignore[index]
+        if (self.sign == "positive" and number <= 0) or (self.sign == "non-negative" and number < 0):
+            raise InputError(f"expected a {self.sign} {self.dimension}, got {shown(value)}")
+        return number
+
+
+def _mass(value: Any, info: ValidationInfo) -> float | dict[str, float]:
+    convert = In("mass", "non-negative")
+    return {k: convert(v, info) for k, v in value.items()} if isinstance(value, dict) else convert(value, info)
+
+
+def _species(value: Any) -> dict[str, float] | list[str]:
+    """One name, a list of names, or fractions that add up to one."""
+    if isinstance(value, str):
+        return {value: 1.0}
+    if isinstance(value, list) and value and all(isinstance(name, str) for name in value):
+        return value
+    if isinstance(value, dict) and value:
+        plain = all(
+            isinstance(part, int | float) and not isinstance(part, bool) and part > 0 for part in value.values()
+        )
+        if plain and abs(sum(value.values()) - 1) < 1e-9:
+            return value
+        raise InputError(f"expected positive fractions that add up to 1, got {shown(value)}")
+    raise InputError(f"expected a name, a list of names, or fractions such as {{A = 0.8, B = 0.2}}, got {shown(value)}")
+
+
+def _density(value: Any) -> Any:
+    if isinstance(value, str) or (isinstance(value, int | float) and not isinstance(value, bool)):
+        return value  # converted where the mass is known
+    raise InputError(f"expected a number density or a mass density, got {shown(value)}")
+
+
+Length = Annotated[float, BeforeValidator(In("length"))]
+Edge = Annotated[float, BeforeValidator(In("length", "positive"))]
+Time = Annotated[float, BeforeValidator(In("time", "positive"))]
+Mass = Annotated[float, BeforeValidator(In("mass", "non-negative"))]
+Masses = Annotated[Any, BeforeValidator(_mass)]
+Temperature = Annotated[float, BeforeValidator(In("temperature", "non-negative"))]
+Velocity = Annotated[float, BeforeValidator(In("velocity"))]
+Species = Annotated[Any, BeforeValidator(_species)]
+Density = Annotated[Any, BeforeValidator(_density)]
+Vector = Annotated[list[Length], Field(min_length=3, max_length=3)]
+
+
+class Table(BaseModel):
+    model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _known_keys(cls, data: Any) -> Any:
+        if not isinstance(data, dict):
+            raise PydanticCustomError("table", "{text}", {"text": f"expected a table, got {shown(data)}"})
+        for key in data:
+            if key not in cls.model_fields:
+                text = f"unknown key{suggestion(key, cls.model_fields)} (known: {', '.join(cls.model_fields)})"
+                raise PydanticCustomError("unknown_key", "{text}", {"text": text, "key": key})
+        return data
+
+    def one_of(self, *keys: str) -> None:
+        given = [key for key in keys if getattr(self, key) is not None]
+        if len(given) != 1:
+            raise InputError(f"expected exactly one of {', '.join(keys)}, got {' and '.join(given) or 'none'}")
+
+
+class LatticeTable(Table):
+    lattice: Literal["sc", "bcc", "fcc"]
+    count: PositiveInt
+    density: Density = None
+    mass: Masses = None
+    species: Species = {"A": 1.0}
+    seed: NonNegativeInt | None = None
+
+
+class PositionsTable(Table):
+    positions: Annotated[list[Vector], Field(min_length=1)]
+    mass: Masses = None
+    masses: list[Mass] | None = None
+    species: Species = {"A": 1.0}
+
+
+class FileTable(Table):
+    file: str
+
+
+def _kind(data: Any) -> str | None:
+    kinds = [key for key in ("lattice", "positions", "file") if isinstance(data, dict) and key in data]
+    return f"<{kinds[0]}>" if len(kinds) == 1 else None
+
+
+ParticlesTable = Annotated[
+    Annotated[LatticeTable, Tag("<lattice>")]
+    | Annotated[PositionsTable, Tag("<positions>")]
+    | Annotated[FileTable, Tag("<file>")],
+    Discriminator(_kind, "particles", "expected a table with exactly one of lattice, positions, file"),
+]
+
+
+class VelocitiesTable(Table):
+    temperature: Temperature | None = None
+    seed: NonNegativeInt | None = None
+    values: list[Annotated[list[Velocity], Field(min_length=3, max_length=3)]] | None = None
+
+    @model_validator(mode="after")
+    def _drawn_or_given(self) -> VelocitiesTable:
+        self.one_of("temperature", "values")
+        if (self.seed is None) != (self.temperature is None):
+            raise InputError("seed goes with temperature: velocities are drawn with a named seed, such as seed = 1")
+        return self
+
+
+class BoxTable(Table):
+    periodic: bool | None = None
+    lengths: Annotated[list[Edge], Field(min_length=3, max_length=3)] | None = None
+
+    @model_validator(mode="after")
+    def _agree(self) -> BoxTable:
+        if self.lengths is not None and self.periodic is False:
+            raise InputError("lengths make a box periodic, and periodic = false says that it is not")
+        return self
+
+
+class RunTable(Table):
+    integrator: str = "velocity-verlet"
+    dt: Time | None = None
+    steps: PositiveInt | None = None
+    time: Time | None = None
+    every: PositiveInt | None = None
+
+    @model_validator(mode="after")
+    def _steps_or_time(self) -> RunTable:
+        if self.steps is not None and self.time is not None:
+            raise InputError("expected steps or time, got both")
+        return self
+
+
+class EquilibrateTable(Table):
+    temperature: Temperature
+    time: Time
+    interval: PositiveInt = 10
+
+
+class SystemTable(Table):
+    units: str
+    title: str = ""
+    particles: ParticlesTable
+    velocities: VelocitiesTable | None = None
+    box: BoxTable = BoxTable()
+    force: list[dict[str, Any]]  # each checked against its class's constructor
+    run: RunTable = RunTable()
+    equilibrate: EquilibrateTable | None = None
+    invariants: dict[str, Any] = {}
+
+
+@cache
+def force_table(cls: type) -> type[Table]:
+    """The table of a force: the parameters of its constructor, converted as its ``dimensions`` say."""
+    dimensions: dict[str, str] = getattr(cls, "dimensions", {})
+    made_of_fields = is_dataclass(cls) or issubclass(cls, tuple)
+    hints = get_type_hints(cls if made_of_fields else vars(cls)["__init__"])
+    law = getattr(getattr(cls, "Parameters", None), "_fields", tuple(dimensions))
+    plain = Annotated[float, BeforeValidator(In("dimensionless"))]
+    number: dict[str, Any] = dict.fromkeys(law, plain)
+    number |= {key: Annotated[float, BeforeValidator(In(kind))] for key, kind in dimensions.items()}
+    one: Any = create_model("one", __base__=Table, **{key: (number[key], None) for key in law})  # type: ignore[call-overload]
+    names: Any = (Annotated[list[str], Field(min_length=2, max_length=2)], ...)
+    fields: dict[str, Any] = {"type": (str, ...)}
+    for key, parameter in inspect.signature(cls).parameters.items():
+        if key == "species":
+            kind: Any = dict[str, one]
+        elif key == "pairs":
+            pair: Any = create_model("pair", __base__=one, species=names)
+            kind = list[pair]
+        elif key in number:
+            kind = number[key]
+        else:
+            kind = plain if hints.get(key) in (float, float | None) else hints.get(key, Any)
+        fields[key] = (kind, ... if parameter.default is inspect.Parameter.empty else parameter.default)
+    return create_model(cls.__name__, __base__=Table, **fields)
+
+
+def checked(model: type[Table], data: Any, units: UnitSystem, path: str = "") -> Any:
+    """The table that ``data`` fills, in ``units``; else an InputError of one line that starts with the key path."""
+    try:
+        return model.model_validate(data, context={"units": units})
+    except ValidationError as error:
+        raise InputError(_line(error.errors(include_url=False)[0], path)) from None
+
+
+_WORDS = {
+    "a valid integer": "a whole number",
+    "a valid string": "text in quotes",
+    "a valid boolean": "true or false",
+    "a valid list": "a list",
+    "a valid dictionary": "a table",
+    "expected greater": "expected a number greater",
+}
+
+
+def _line(error: ErrorDetails, path: str) -> str:
+    kind, context = error["type"], error.get("ctx", {})
+    for part in (*error["loc"], *([context["key"]] if kind == "unknown_key" else [])):
+        if isinstance(part, int):
+            path += f"[{part}]"
+        elif not part.startswith("<"):  # the tag of a union is no key of the file
+            path += f".{part}" if path else part
+    if kind == "value_error":
+        text = str(context["error"])
+    elif kind == "missing":
+        text = "required key is missing"
+    elif kind in ("too_short", "too_long"):
+        wanted = context.get("min_length", context.get("max_length"))
+        text = f"expected {wanted}{' or more' if wanted == 1 else ''} items, got {context['actual_length']}"
+    elif kind in ("unknown_key", "table", "particles"):
+        text = error["msg"]
+    else:
+        words = error["msg"].replace("Input should be", "expected")
+        for pydantics, ours in _WORDS.items():
+            words = words.replace(pydantics, ours)
+        text = f"{words}{' of tables [[force]]' if path == 'force' else ''}, got {shown(error['input'])}"
+    return " ".join(f"{path}: {text}".split())

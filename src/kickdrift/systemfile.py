@@ -1,0 +1,268 @@
+"""System files: TOML to System. Every error is an InputError of one line: the file, the key path, what was expected."""
+
+from __future__ import annotations
+
+import os
+import tomllib
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from kickdrift.builders import Structure, check_overlaps, lattice, maxwell_boltzmann, mixture, read_structure
+from kickdrift.errors import InputError
+from kickdrift.forces import FORCES
+from kickdrift.schema import (
+    LatticeTable,
+    PositionsTable,
+    SystemTable,
+    checked,
+    force_table,
+)
+from kickdrift.state import Floats
+from kickdrift.system import Equilibration, RunDefaults, System
+from kickdrift.units import UNIT_SYSTEMS, UnitSystem, number_density, shown, suggestion, unit_system
+
+
+class Description(NamedTuple):
+    """What a list of systems shows of one."""
+
+    name: str
+    path: Path
+    title: str  # its ``title``, else the comment on its first line
+    units: str
+
+
+def load(name_or_path: str | os.PathLike[str], seed: int | None = None) -> System:
+    """The System of a TOML file, or of the bare name of one that ships (``lj-1000``).
+
+    Parameters
+    ----------
+    name_or_path : a path, or one of ``shipped()``
+    seed : replaces the file's ``velocities.seed``
+
+    Raises
+    ------
+    InputError
+        In one line: the file, the key and what was expected, or the particles that overlap.
+    """
+    path = find(name_or_path)
+    with _named(f"{path}: "):
+        text = _text(path)
+        return _system(_parsed(text), path, text, seed)
+
+
+def loads(text: str, name: str = "system", seed: int | None = None, folder: str | os.PathLike[str] = ".") -> System:
+    """The System of a system file's text; structure files in it are looked for in ``folder``."""
+    with _named(f"{name}: "):
+        return _system(_parsed(text), Path(folder) / f"{name}.toml", text, seed)
+
+
+def shipped() -> dict[str, Path]:
+    """The system files that come with kickdrift, by name."""
+    inside = Path(__file__).parent / "systems"  # in a wheel
+    folder = inside if inside.is_dir() else Path(__file__).parents[2] / "systems"  # in a checkout
+    return {path.stem: path for path in sorted(folder.glob("*.toml"))}
+
+
+def describe(path: str | os.PathLike[str]) -> Description:
+    """A system file's name, title and units, without checking or building it."""
+    path = Path(path)
+    with _named(f"{path}: "):
+        text = _text(path)
+        data = _parsed(text)
+    first = text.split("\n", 1)[0]
+    comment = first.lstrip("# ").strip() if first.startswith("#") else ""
+    return Description(path.stem, path, str(data.get("title", comment)), str(data.get("units", "")))
+
+
+def find(name_or_path: str | os.PathLike[str]) -> Path:
+    """The file that a name or path means; an InputError suggests the nearest name where there is none."""
+    given = os.fspath(name_or_path)
+    bare = isinstance(name_or_path, str) and Path(given).name == given and not given.endswith(".toml")
+    known = shipped()
+    if bare and given in known:
+        return known[given]
+    path = Path(given)
+    try:
+        if path.is_file():
+            return path
+        what = "is a folder, not a system file" if path.is_dir() else "no such file"
+    except (OSError, ValueError) as error:
+        what = str(error)
+    if bare:
+        raise InputError(f"{shown(given)} is no shipped system{suggestion(given, known)} (shipped: {', '.join(known)})")
+    raise InputError(f"{' '.join(given.split())}: {what}{suggestion(path.stem, known)}")
+
+
+@contextmanager
+def _named(prefix: str) -> Iterator[None]:
+    """Put the file or key that an InputError is about before its message."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError(prefix + str(error)) from None
+
+
+def _text(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError:
+        raise InputError("not a text file in UTF-8") from None
+    except OSError as error:
+        raise InputError(f"cannot be read: {error.strerror}") from None
+
+
+def _parsed(text: str) -> dict[str, Any]:
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"not valid TOML: {' '.join(str(error).split())}") from None
+    except RecursionError:
+        raise InputError("not valid TOML: nested too deeply") from None
+
+
+def _system(data: dict[str, Any], path: Path, text: str, seed: int | None) -> System:
+    if "units" not in data:
+        raise InputError(f"units: required key is missing; expected one of {', '.join(UNIT_SYSTEMS)}")
+    units = unit_system(data["units"])
+    table: SystemTable = checked(SystemTable, data, units)
+    start = _start(table, units, path.parent)
+    forces = [_force(force, units, f"force[{k}]") for k, force in enumerate(table.force)]
+    velocities = start.velocities
+    drawn = table.velocities is not None and table.velocities.temperature is not None
+    if seed is not None and not drawn:
+        raise InputError("seed: this system draws no velocities; expected velocities.temperature")
+    if table.velocities is not None:
+        velocities = None if drawn else np.array(table.velocities.values, dtype=float)
+        seed = table.velocities.seed if seed is None else seed
+    equilibration = Equilibration(**table.equilibrate.model_dump()) if table.equilibrate else None
+
+    def system(velocities: Floats | None) -> System:
+        return System(
+            start.positions,
+            velocities,
+            start.masses,
+            _box(table, start),
+            forces,
+            units,
+            start.species,
+            path.stem,
+            RunDefaults(**table.run.model_dump()),
+            equilibration,
+            table.invariants,
+            text,
+            seed,
+        )
+
+    made = system(velocities)
+    if table.velocities is not None and table.velocities.temperature is not None and seed is not None:
+        with _named("velocities."):
+            made = system(maxwell_boltzmann(made.coherent_masses, table.velocities.temperature, units.boltzmann, seed))
+    check_overlaps(made)
+    return made
+
+
+def _force(given: dict[str, Any], units: UnitSystem, path: str) -> Any:
+    if "type" not in given:
+        raise InputError(f"{path}.type: required key is missing; expected one of {', '.join(FORCES)}")
+    name = given["type"]
+    if not isinstance(name, str) or name not in FORCES:
+        hint = suggestion(name, FORCES)
+        raise InputError(f"{path}.type: expected one of {', '.join(FORCES)}, got {shown(name)}{hint}")
+    cls: Any = FORCES[name]
+    parameters = checked(force_table(cls), given, units, path).model_dump(exclude_unset=True)
+    del parameters["type"]
+    if "pairs" in parameters:
+        pairs: dict[tuple[str, ...], Any] = {}
+        for k, pair in enumerate(parameters["pairs"]):
+            names = tuple(pair.pop("species"))
+            if names in pairs or names[::-1] in pairs:
+                raise InputError(f"{path}.pairs[{k}].species: the pair {'-'.join(names)} is given twice")
+            pairs[names] = pair
+        parameters["pairs"] = pairs
+    with _named(f"{path}: "):
+        return cls(**parameters)
+
+
+def _box(table: SystemTable, start: Structure) -> Sequence[float] | None:
+    lengths, edges = table.box.lengths, start.edges
+    if lengths is not None:
+        for axis, (length, edge) in enumerate(zip(lengths, edges or (0.0,) * 3, strict=True)):
+            if length < edge * (1 - 1e-9):
+                raise InputError(
+                    f"box.lengths[{axis}]: expected {edge:.9g} or more, which the particles fill, got {length:g}"
+                )
+        return lengths
+    if not (start.periodic if table.box.periodic is None else table.box.periodic):
+        return None
+    if edges is None:
+        raise InputError("box.lengths: required key is missing: nothing else sets the edges of this periodic box")
+    return edges
+
+
+def _start(table: SystemTable, units: UnitSystem, folder: Path) -> Structure:
+    particles = table.particles
+    with _named("particles."):
+        if isinstance(particles, LatticeTable):
+            return _on_lattice(particles, table.box.lengths, units)
+        if isinstance(particles, PositionsTable):
+            return _given(particles, units)
+        with _named("file: "):
+            return read_structure(folder / particles.file, units)
+
+
+def _on_lattice(particles: LatticeTable, lengths: list[float] | None, units: UnitSystem) -> Structure:
+    count = particles.count
+    if isinstance(particles.species, dict):
+        names = list(particles.species)
+        if len(names) > 1 and particles.seed is None:
+            raise InputError("seed: required key is missing: a mixture is placed with a named seed, such as seed = 1")
+        species = mixture(particles.species, count, particles.seed or 0)
+    else:
+        species = particles.species
+    masses = _masses(particles.mass, species, count, units)
+    if particles.density is not None:
+        density = number_density(particles.density, units, float(np.mean(masses)))
+    elif lengths is not None and len(set(lengths)) == 1:
+        density = count / lengths[0] ** 3
+    else:
+        raise InputError(
+            "density: required key is missing (or box.lengths with three equal edges, which the lattice fills)"
+        )
+    positions, edges = lattice(particles.lattice, count, density)
+    return Structure(positions, masses, species, edges, periodic=True)
+
+
+def _given(particles: PositionsTable, units: UnitSystem) -> Structure:
+    n = len(particles.positions)
+    species = list(particles.species) * n if isinstance(particles.species, dict) else particles.species
+    if len(species) != n:
+        raise InputError(f"species: expected one name or {n}, got {len(particles.species)}")
+    if particles.masses is None:
+        masses = _masses(particles.mass, species, n, units)
+    elif particles.mass is not None:
+        raise InputError("masses: expected mass or masses, got both")
+    elif len(particles.masses) != n:
+        raise InputError(f"masses: expected {n}, one for each position, got {len(particles.masses)}")
+    else:
+        masses = particles.masses
+    return Structure(np.array(particles.positions, dtype=float), masses, species, None, periodic=False)
+
+
+def _masses(mass: Any, species: Sequence[str], n: int, units: UnitSystem) -> Any:
+    if len(species) != n:
+        raise InputError(f"species: expected {n} names, got {len(species)}")
+    if mass is None:
+        if not units.reduced:
+            raise InputError(f"mass: required key is missing: units {units.name!r} have no mass of their own")
+        return 1.0
+    if not isinstance(mass, dict):
+        return mass
+    missing, unused = sorted(set(species) - set(mass)), sorted(set(mass) - set(species))
+    if missing or unused:
+        what = f"species {missing[0]!r} has no mass" if missing else f"no particle is of species {unused[0]!r}"
+        raise InputError(f"mass: {what}")
+    return [mass[name] for name in species]

@@ -1,0 +1,108 @@
+"""What a run's file holds, as a dictionary and as text; it says what it finds and repairs nothing."""
+
+from __future__ import annotations
+
+import os
+from typing import Any
+
+from kickdrift.trajectory.reader import Run, open
+
+_METHOD_FIRST = ("engine", "integrator", "dt", "threads", "seed")
+
+
+def info(path: str | os.PathLike[str]) -> dict[str, Any]:
+    """The content of a run's file in numbers; an InputError where it is not a run's file."""
+    with open(path) as run:
+        return _summary(run)
+
+
+def _summary(run: Run) -> dict[str, Any]:
+    counts = {name: int((run.species_index == index).sum()) for index, name in enumerate(run.species)}
+    observables = {
+        name: {"first": values[0].tolist(), "last": values[-1].tolist()} for name, values in run.observables.items()
+    }
+    return {
+        "file": str(run.path),
+        "bytes": run.path.stat().st_size,
+        "kickdrift": run.versions.get("kickdrift"),
+        "system": run.system_record.get("name"),
+        "particles": len(run.ids),
+        "species": counts,
+        "box": None if run.box.lengths is None else list(run.box.lengths),
+        "units": {
+            "name": run.units.name,
+            "length": run.units.length,
+            "time": run.units.time,
+            "energy": run.units.energy,
+            "nominal": run.nominal_units,
+        },
+        "method": run.method,
+        "every": run.every,
+        "frames": len(run),
+        "samples": len(run.sample_steps),
+        "steps": [int(run.sample_steps[0]), int(run.sample_steps[-1])] if len(run.sample_steps) else None,
+        "time": [float(run.sample_times[0]), float(run.sample_times[-1])] if len(run.sample_times) else None,
+        "observables": observables,
+        "closed": run.closed,
+        "half_written_frames": run.half_written,
+        "report": run.report,
+    }
+
+
+def describe(found: dict[str, Any]) -> str:
+    """What `info` found, for a reader."""
+    units = found["units"]
+    species = ", ".join(f"{count:,} {name}" for name, count in found["species"].items())
+    rows = [
+        ("system", found["system"]),
+        ("particles", f"{found['particles']:,} ({species})"),
+        ("box", _box(found["box"], units["length"])),
+        ("units", f"{units['name']}: length {units['length']}, time {units['time']}, energy {units['energy']}"),
+    ]
+    if units["nominal"]:
+        rows.append(("", f"other programs see 1 {units['length']} as 1 angstrom and 1 {units['time']} as 1 ps"))
+    method = found["method"]
+    rows += [(key, _short(method[key])) for key in _METHOD_FIRST if method.get(key) is not None]
+    rows += [(key, _short(value)) for key, value in method.items() if key not in _METHOD_FIRST and value is not None]
+    rows.append(("frames", f"{found['frames']:,}, and {found['samples']:,} samples of the observables"))
+    if found["time"]:
+        first, last = found["time"]
+        rows.append(
+            ("time", f"{first:g} to {last:g} {units['time']}, steps {found['steps'][0]} to {found['steps'][1]}")
+        )
+    for name, ends in found["observables"].items():
+        rows.append((name.replace("_", " "), f"{_short(ends['first'])} → {_short(ends['last'])}"))
+    rows.append(("written by", f"kickdrift {found['kickdrift']}, {found['bytes']:,} bytes"))
+    rows.append(("closed", _ending(found)))
+    report = found["report"] or {}
+    rows += [(f"report: {key.replace('_', ' ')}", _short(value)) for key, value in _flat(report)]
+    width = max(len(key) for key, _ in rows)
+    return "\n".join([found["file"], *(f"  {key:<{width}}  {value}".rstrip() for key, value in rows)])
+
+
+def _box(lengths: list[float] | None, unit: str) -> str:
+    return "open" if lengths is None else " × ".join(f"{length:.6g}" for length in lengths) + f" {unit}, periodic"
+
+
+def _ending(found: dict[str, Any]) -> str:
+    if found["closed"]:
+        return "properly, with a report"
+    text = "not properly: the run did not finish, and there is no report"
+    if found["half_written_frames"]:
+        text += f"; {found['half_written_frames']} frames behind the last whole one were left half written"
+    return text
+
+
+def _flat(report: dict[str, Any], prefix: str = "") -> list[tuple[str, Any]]:
+    rows: list[tuple[str, Any]] = []
+    for key, value in report.items():
+        rows += _flat(value, f"{prefix}{key} ") if isinstance(value, dict) else [(prefix + key, value)]
+    return rows
+
+
+def _short(value: Any) -> str:
+    if isinstance(value, float):
+        return f"{value:.8g}"
+    if isinstance(value, list):
+        return "(" + ", ".join(_short(item) for item in value) + ")"
+    return str(value)

@@ -1,0 +1,262 @@
+"""Reading a run's file: `open` gives a Run, a sequence of frames that are read when they are asked for."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Sequence
+from dataclasses import fields
+from pathlib import Path
+from types import TracebackType
+from typing import Any, NamedTuple, Self, overload
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from kickdrift.box import Box
+from kickdrift.errors import InputError
+from kickdrift.state import Floats
+from kickdrift.trajectory.layout import SAMPLES, SCHEMA, TRAJECTORY, FileUnits, box_of
+from kickdrift.units import UnitSystem
+
+
+class EnergySeries(NamedTuple):
+    """Energies at the times of the samples, each (s,), in the system's units."""
+
+    time: Floats
+    kinetic: Floats
+    potential: Floats
+    total: Floats
+
+
+class Frame:
+    """One frame of a Run, read when asked; in the system's units."""
+
+    def __init__(self, run: Run, index: int) -> None:
+        self._run, self.index = run, index
+
+    def __repr__(self) -> str:
+        return f"<Frame {self.index}: step {self.step}, time {self.time:g}>"
+
+    @property
+    def step(self) -> int:
+        return int(self._run.steps[self.index])
+
+    @property
+    def time(self) -> float:
+        return float(self._run.times[self.index])
+
+    @property
+    def positions(self) -> Floats:
+        """(n, 3), unwrapped."""
+        return self._run._vectors("position", self.index, self._run._factors.length)
+
+    @property
+    def velocities(self) -> Floats:
+        """(n, 3)."""
+        return self._run._vectors("velocity", self.index, self._run._factors.velocity)
+
+    @property
+    def box(self) -> Box:
+        return self._run.box
+
+    def wrapped(self) -> Floats:
+        """(n, 3) positions inside the box."""
+        return self.box.wrap(self.positions)
+
+
+class Run(Sequence[Frame]):
+    """A run's file, open for reading: a context manager, and a sequence of frames.
+
+    Everything is in the system's own units, whatever unit the file names for the sake of other programs.
+
+    Attributes
+    ----------
+    path : Path
+    run_id : str
+    every : int
+        Steps between samples.
+    units : UnitSystem
+    nominal_units : bool
+        Whether the file's angstrom and ps stand for a length and time unit that other programs do not know.
+    box : Box
+    species : tuple of str
+    species_index : (n,) int32 into `species`
+    masses : (n,) float64
+    ids : (n,) int64
+    system_source : str
+        The text of the system file, empty where there was none.
+    system_record, method, versions : dict
+    report : dict or None
+        What the run reported at its end; None if it did not reach it.
+    """
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        self.path = Path(path)
+        self._file = _open_file(self.path)
+        try:
+            self._read_header()
+        except (KeyError, OSError, RuntimeError, ValueError) as error:
+            self._file.close()
+            if isinstance(error, InputError):
+                raise
+            raise InputError(f"{self.path}: damaged: {error}") from None
+
+    def _read_header(self) -> None:
+        file = self._file
+        _check_kind(self.path, file)
+        own, particles = file["kickdrift"], file[TRAJECTORY]
+        self.run_id = str(own.attrs["run_id"])
+        self.every = int(own.attrs["every"])
+        self.units = unit_system_of(own)
+        self._factors = FileUnits.of(self.units)
+        self.nominal_units = self._factors.nominal
+        self.box = box_of(own)
+        species = particles["species"]
+        names = h5py.check_enum_dtype(species.dtype) or {}
+        self.species = tuple(sorted(names, key=names.__getitem__))
+        self.species_index: NDArray[np.int32] = species[()].astype(np.int32)
+        self.masses: Floats = particles["mass"][()]
+        self.ids: NDArray[np.int64] = particles["id"][()]
+        self.system_source = str(own["system/source"].asstr()[()])
+        self.system_record: dict[str, Any] = json.loads(own["system/record"].asstr()[()])
+        self.method: dict[str, Any] = json.loads(own["method"].asstr()[()])
+        self.versions: dict[str, str] = json.loads(own["versions"].asstr()[()])
+        self.closed = bool(own["closed"][0])
+        self.report: dict[str, Any] | None = json.loads(own["report"].asstr()[()]) if self.closed else None
+        # What a kill left behind the last commit may be part of a row; it does not count.
+        frames, samples = (int(rows) for rows in own["committed"][()])
+        self._frames, self._samples = frames, samples
+        self.half_written = max(0, particles["position/value"].shape[0] - frames)
+        self.steps: NDArray[np.int64] = particles["position/step"][:frames]
+        self.times: Floats = particles["position/time"][:frames] / self._factors.time
+
+    def __repr__(self) -> str:
+        return f"<Run {self.path}: {len(self)} frames of {len(self.ids)} particles>"
+
+    def __len__(self) -> int:
+        return self._frames
+
+    @overload
+    def __getitem__(self, index: int) -> Frame: ...
+    @overload
+    def __getitem__(self, index: slice) -> list[Frame]: ...
+    def __getitem__(self, index: int | slice) -> Frame | list[Frame]:
+        if isinstance(index, slice):
+            return [Frame(self, k) for k in range(*index.indices(len(self)))]
+        if not -len(self) <= index < len(self):
+            raise IndexError(f"frame {index} of {len(self)}")
+        return Frame(self, index % len(self))
+
+    def _vectors(self, name: str, index: int, factor: float) -> Floats:
+        values: Floats = self._file[TRAJECTORY][name]["value"][index]
+        return values if factor == 1.0 else values / factor
+
+    def path_of(self, particle: int) -> Floats:
+        """(frames, 3) unwrapped positions of the particle in that row."""
+        values: Floats = self._file[TRAJECTORY]["position/value"][: len(self), particle]
+        return values / self._factors.length
+
+    @property
+    def observables(self) -> dict[str, Floats]:
+        """Every observable as an array (s,) or (s, …), at `sample_steps` and `sample_times`."""
+        names = [name for name in self._file[SAMPLES] if name not in ("step", "time")]
+        return {name: self._sampled(name) for name in names if self._samples}
+
+    @property
+    def sample_steps(self) -> NDArray[np.int64]:
+        return self._sampled("step")
+
+    @property
+    def sample_times(self) -> Floats:
+        return self._sampled("time")
+
+    @property
+    def energies(self) -> EnergySeries:
+        """Kinetic, potential and total energy at `sample_times`; an InputError if they were not written."""
+        found = self.observables
+        names = ("kinetic_energy", "potential_energy", "total_energy")
+        if missing := [name for name in names if name not in found]:
+            raise InputError(f"{self.path}: holds no {missing[0]}")
+        return EnergySeries(self.sample_times, *(found[name] for name in names))
+
+    def _sampled(self, name: str) -> NDArray:
+        return self._file[SAMPLES][name][: self._samples]
+
+    @property
+    def initial_phase(self) -> Floats:
+        """(2, 3, n) positions and velocities of the System that the run was given."""
+        return self._file["kickdrift/system/phase"][()]
+
+    def universe(self) -> Any:
+        """An MDAnalysis Universe of this file, with names, types and masses; nominal units where the file's are."""
+        try:
+            import MDAnalysis
+        except ImportError:
+            raise InputError("universe() needs MDAnalysis: pip install kickdrift[mdanalysis]") from None
+        spacing = {"dt": float(self.times[1] - self.times[0]) * self._factors.time} if len(self) > 1 else {}
+        universe = MDAnalysis.Universe(str(self.path), to_guess=(), n_atoms=len(self.ids), **spacing)
+        names = [self.species[index] for index in self.species_index]
+        for attribute, values in (("names", names), ("types", names), ("masses", self.masses)):
+            universe.add_TopologyAttr(attribute, values)
+        return universe
+
+    def close(self) -> None:
+        self._file.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+
+def unit_system_of(own: h5py.Group) -> UnitSystem:
+    """The unit system that a file states, which need not be one that this version knows by name."""
+    stored = own["units"].attrs
+    values: dict[str, Any] = {}
+    for key in (field.name for field in fields(UnitSystem) if field.name in stored):
+        values[key] = stored[key] if isinstance(stored[key], str) else float(stored[key])
+    return UnitSystem(**values)
+
+
+def _open_file(path: Path) -> h5py.File:
+    if not path.exists():
+        raise InputError(f"{path}: no such file")
+    if path.is_dir():
+        raise InputError(f"{path}: is a folder, not a file")
+    try:
+        return h5py.File(path, "r", locking="best-effort")
+    except BlockingIOError:
+        raise InputError(f"{path}: a run is writing to it at this moment; it can be read when that is over") from None
+    except PermissionError:
+        raise InputError(f"{path}: no permission to read it") from None
+    except OSError as error:
+        if "truncated file" in str(error):
+            raise InputError(f"{path}: is truncated: its end is missing (copied in part?)") from None
+        if not h5py.is_hdf5(path):
+            raise InputError(f"{path}: is not an HDF5 file") from None
+        raise InputError(f"{path}: cannot be read: {error}") from None
+
+
+def _check_kind(path: Path, file: h5py.File) -> None:
+    if "h5md" not in file:
+        raise InputError(f"{path}: is an HDF5 file but not H5MD: it has no group 'h5md'")
+    if "kickdrift" not in file:
+        creator = file.get("h5md/creator")
+        name = creator.attrs.get("name", "another program") if creator is not None else "another program"
+        name = name.decode() if isinstance(name, bytes) else name
+        raise InputError(
+            f"{path}: is an H5MD file written by {name}; it has no group 'kickdrift' to tell forces, units and method"
+        )
+    schema = int(file["kickdrift"].attrs["schema"])
+    if schema > SCHEMA:
+        raise InputError(f"{path}: was written by a newer kickdrift (schema {schema}; this one reads up to {SCHEMA})")
+
+
+def open(path: str | os.PathLike[str]) -> Run:
+    """A run's file as a Run; the InputError of a file that is none says what it is instead."""
+    return Run(path)

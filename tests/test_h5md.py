@@ -1,0 +1,627 @@
+"""The native file: what MDAnalysis and plain h5py read in it, and what kills, full disks and rivals leave of it."""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import shutil
+import subprocess
+import sys
+import textwrap
+import time
+from collections import namedtuple
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from kickdrift.errors import InputError, RunError
+from kickdrift.state import State
+from kickdrift.system import System
+from kickdrift.trajectory import diskspace, reader
+from kickdrift.trajectory.h5md import Writer
+from kickdrift.trajectory.info import describe, info
+from kickdrift.units import UnitSystem
+
+METHOD = {"integrator": "velocity-verlet", "dt": 0.005, "threads": 1, "seed": 7}
+SI = UnitSystem("si", "m", "s", "kg", "J", "K", 1.380649e-23)
+
+
+def make_system(n=30, box=(5.0, 6.0, 7.0), units="lj", scale=1.0) -> System:
+    rng = np.random.default_rng(1)
+    x, v = rng.uniform(-20, 20, (n, 3)) * scale, rng.normal(size=(n, 3))
+    return System(
+        x, v, masses=np.arange(1.0, n + 1), box=box, units=units, species=["A", "Bb", "A"] * (n // 3), source="# lj\n"
+    )
+
+
+def make_state(system: System, step: int, dt=0.005) -> State:
+    s = system.state
+    phase = s.phase.copy()
+    phase[0] += phase[1] * step * dt
+    return State(phase, s.masses, s.ids, s.box, step * dt, step)
+
+
+def sample(step: int) -> dict:
+    return {
+        "kinetic_energy": 1.0 + step,
+        "potential_energy": -3.0 - step / 3,
+        "total_energy": -2.0 + step * 2 / 3,
+        "temperature": 1.5,
+        "momentum": np.array([step, 0.0, 1.0]),
+    }
+
+
+def write(path, system=None, steps=40, every=10, frame_every=20, report=None, **options) -> System:
+    system = system or make_system()
+    with Writer(path, system, method=METHOD, every=every, **options) as writer:
+        for step in range(0, steps + 1, every):
+            writer.append(make_state(system, step), sample(step), frame=step % frame_every == 0)
+        writer.report = report
+    return system
+
+
+@pytest.fixture
+def path(tmp_path) -> Path:
+    return tmp_path / "run.h5md"
+
+
+# -- other programs
+
+
+@pytest.mark.filterwarnings("ignore:there is no reference attributes:UserWarning")
+@pytest.mark.parametrize("box", [(5.0, 6.0, 7.0), None])
+def test_mdanalysis_opens_with_no_keyword(path, box):
+    MDAnalysis = pytest.importorskip("MDAnalysis")
+    system = write(path, make_system(box=box))
+    universe = MDAnalysis.Universe(str(path))
+    assert len(universe.atoms) == 30
+    assert len(universe.trajectory) == 3
+    for index, frame in enumerate(universe.trajectory):
+        state = make_state(system, 20 * index)
+        np.testing.assert_array_equal(frame.positions, state.positions.astype("f4"))
+        np.testing.assert_array_equal(frame.velocities, state.velocities.astype("f4"))
+        assert frame.time == state.time
+        assert frame.data["step"] == 20 * index
+        # The samples between frames do not shift the observables that MDAnalysis gives a frame.
+        assert frame.data["total_energy"] == sample(20 * index)["total_energy"]
+        np.testing.assert_array_equal(frame.data["momentum"], sample(20 * index)["momentum"])
+        assert frame.dimensions is None if box is None else list(frame.dimensions) == [*box, 90, 90, 90]
+    universe.trajectory.close()
+
+
+def test_universe_has_names_masses_and_time_step(path):
+    pytest.importorskip("MDAnalysis")
+    system = write(path)
+    with reader.open(path) as run:
+        universe = run.universe()
+        assert list(universe.atoms.names[:3]) == ["A", "Bb", "A"]
+        np.testing.assert_array_equal(universe.atoms.masses, system.state.masses)
+        assert universe.trajectory.dt == pytest.approx(0.1, rel=1e-15)
+        universe.trajectory.close()
+
+
+def test_universe_without_mdanalysis_says_how_to_get_it(path, monkeypatch):
+    write(path)
+    monkeypatch.setitem(sys.modules, "MDAnalysis", None)
+    with reader.open(path) as run, pytest.raises(InputError, match=r"pip install kickdrift\[mdanalysis\]"):
+        run.universe()
+
+
+@pytest.mark.filterwarnings("ignore:there is no reference attributes:UserWarning")
+def test_si_is_stored_in_angstrom_and_ps(path):
+    MDAnalysis = pytest.importorskip("MDAnalysis")
+    system = write(path, make_system(units=SI, box=(5e-9,) * 3, scale=1e-10))
+    with h5py.File(path) as file:
+        np.testing.assert_allclose(
+            file["particles/trajectory/velocity/value"][0], system.state.velocities * 0.01, rtol=1e-15
+        )
+    universe = MDAnalysis.Universe(str(path))
+    np.testing.assert_allclose(universe.trajectory[1].positions, make_state(system, 20).positions * 1e10, rtol=1e-6)
+    assert universe.trajectory[1].time == pytest.approx(0.1e12)
+    assert universe.dimensions[0] == pytest.approx(50)
+    universe.trajectory.close()
+    with reader.open(path) as run:
+        assert not run.nominal_units
+        assert run[1].time == pytest.approx(0.1, rel=1e-15)
+        np.testing.assert_allclose(run[1].positions, make_state(system, 20).positions, rtol=4e-16, atol=0)
+        assert run.box.lengths == system.box.lengths
+
+
+def test_plain_h5py_finds_h5md_1_1(path):
+    """From the H5MD 1.1 specification (de Buyl, Colberg & Höfling 2014) and the layout that `h5md.py` writes down."""
+    system = write(path, report={"verdict": "bounded"})
+    with open(path, "rb") as raw:
+        assert raw.read(9)[8] == 0, "superblock version 0: HDF5's earliest format"
+    with h5py.File(path) as file:
+        assert list(file["h5md"].attrs["version"]) == [1, 1]
+        assert "name" in file["h5md/author"].attrs
+        assert file["h5md/creator"].attrs["name"] == "kickdrift"
+        assert file["h5md/creator"].attrs["version"]
+        assert list(file["particles"]) == ["trajectory"]
+        group = file["particles/trajectory"]
+        assert group["box"].attrs["dimension"] == 3
+        assert list(group["box"].attrs["boundary"]) == [b"periodic"] * 3
+        assert group["position/value"].dtype == group["velocity/value"].dtype == np.float64
+        for key in ("step", "time"):
+            for element in (group["velocity"], group["box/edges"], file["observables/momentum"]):
+                assert element[key] == group["position"][key], "a hard link to the same dataset"
+        for index, step in enumerate((0, 20, 40)):
+            state = make_state(system, step)
+            assert group["position/step"][index] == step
+            assert group["position/time"][index] == state.time
+            np.testing.assert_array_equal(group["position/value"][index], state.positions)
+            np.testing.assert_array_equal(group["velocity/value"][index], state.velocities)
+            np.testing.assert_array_equal(group["box/edges/value"][index], system.box.lengths)
+        assert group["position/value"].attrs["unit"] == "Angstrom"
+        assert group["position/time"].attrs["unit"] == "ps"
+        assert group["velocity/value"].attrs["unit"] == "Angstrom ps-1"
+        assert h5py.check_enum_dtype(group["species"].dtype) == {"A": 0, "Bb": 1}
+        np.testing.assert_array_equal(group["species"], system.species_index)
+        np.testing.assert_array_equal(group["mass"], system.state.masses)
+        np.testing.assert_array_equal(group["id"], np.arange(30))
+        for name, element in file["observables"].items():
+            assert isinstance(element, h5py.Group), name
+            assert len(element["value"]) == 3
+        own = file["kickdrift"]
+        assert own.attrs["every"] == 10
+        assert own["units"].attrs["name"] == "lj"
+        assert own["units"].attrs["length"] == "sigma"
+        assert own["units"].attrs["nominal"]
+        assert own["system/source"].asstr()[()] == "# lj\n"
+        np.testing.assert_array_equal(own["system/phase"], system.state.phase)
+        assert json.loads(own["method"].asstr()[()]) == METHOD
+        assert {"kickdrift", "numpy", "numba", "h5py"} <= json.loads(own["versions"].asstr()[()]).keys()
+        assert json.loads(own["report"].asstr()[()]) == {"verdict": "bounded"}
+        np.testing.assert_array_equal(own["samples/step"], [0, 10, 20, 30, 40])
+        np.testing.assert_array_equal(own["samples/momentum"][3], [30, 0, 1])
+        assert own["samples/total_energy"].attrs["unit"] == "epsilon"
+
+
+# -- our reader
+
+
+def test_run_is_a_sequence_of_exact_frames(path):
+    system = write(path, report={"steps": 40})
+    with reader.open(path) as run:
+        assert len(run) == 3
+        for index, step in enumerate((0, 20, 40)):
+            state = make_state(system, step)
+            np.testing.assert_array_equal(run[index].positions, state.positions)
+            np.testing.assert_array_equal(run[index].velocities, state.velocities)
+            np.testing.assert_array_equal(run[index].wrapped(), state.wrapped())
+            assert (run[index].step, run[index].time) == (step, state.time)
+        assert run[-1].step == 40
+        assert [frame.step for frame in run[1:]] == [20, 40]
+        assert [frame.step for frame in run[::-2]] == [40, 0]
+        assert [frame.step for frame in run] == [0, 20, 40]
+        with pytest.raises(IndexError):
+            run[3]
+        np.testing.assert_array_equal(run.steps, [0, 20, 40])
+        np.testing.assert_array_equal(run.times, np.array([0, 20, 40]) * 0.005)
+        np.testing.assert_array_equal(run.sample_times, np.arange(0, 50, 10) * 0.005)
+        np.testing.assert_array_equal(run.energies.total, [sample(k)["total_energy"] for k in range(0, 50, 10)])
+        assert run.observables["momentum"].shape == (5, 3)
+        np.testing.assert_array_equal(run.path_of(3), [make_state(system, k).positions[3] for k in (0, 20, 40)])
+        assert run.units == system.units
+        assert run.nominal_units
+        assert run.system_source == "# lj\n"
+        assert run.method == METHOD
+        assert run.report == {"steps": 40}
+        assert run.box == system.box
+        assert run.species == ("A", "Bb")
+        np.testing.assert_array_equal(run.initial_phase, system.state.phase)
+
+
+def test_frames_keep_the_order_of_the_ids(path):
+    system = make_system()
+    order = np.random.default_rng(2).permutation(30)
+    s = system.state
+    with Writer(path, system, method=METHOD, every=1) as writer:
+        writer.append(State(s.phase[:, :, order], s.masses[order], s.ids[order], s.box), {})
+    with reader.open(path) as run:
+        np.testing.assert_array_equal(run[0].positions, s.positions)
+        np.testing.assert_array_equal(run[0].velocities, s.velocities)
+
+
+def test_forces_and_array_parameters_are_recorded(path):
+    class Spring(namedtuple("Spring", "k anchors")):
+        def check(self, system):
+            pass
+
+    system = System(np.zeros((2, 3)), forces=[Spring(2.0, np.eye(2))])
+    Writer(path, system, method=METHOD, every=1).close()
+    with reader.open(path) as run:
+        force = run.system_record["forces"][0]
+        assert force["type"] == "Spring"
+        assert force["parameters"] == {"k": 2.0, "anchors": [[1.0, 0.0], [0.0, 1.0]]}
+
+
+@pytest.mark.parametrize("n", [1, 9, 1000, 20_000])
+def test_chunks_are_whole_and_small(path, n):
+    system = System(np.zeros((n, 3)))
+    with Writer(path, system, method=METHOD, every=1) as writer:
+        for step in range(3):
+            writer.append(make_state(system, step), {})
+    with h5py.File(path) as file:
+        frames, particles, _ = file["particles/trajectory/position/value"].chunks
+        assert frames * particles * 24 <= 128 * 1024
+        assert frames >= min(32, 8 * 2**20 // (48 * n)), "one particle's path must not read a chunk for each frame"
+    assert path.stat().st_size < 3 * 48 * n * 20 + 2**20
+
+
+def test_info_tells_what_is_there(path):
+    write(path, report={"energy": {"verdict": "bounded"}})
+    found = info(path)
+    assert found["particles"] == 30
+    assert found["species"] == {"A": 20, "Bb": 10}
+    assert found["frames"] == 3
+    assert found["samples"] == 5
+    assert found["observables"]["total_energy"] == {"first": -2.0, "last": sample(40)["total_energy"]}
+    assert found["closed"]
+    text = describe(found)
+    for part in ("1 sigma as 1 angstrom", "velocity-verlet", "0 to 0.2 tau", "bounded", "5 × 6 × 7", "20 A, 10 Bb"):
+        assert part in text
+    json.dumps(found)
+
+
+def test_info_of_an_unfinished_run(path):
+    write(path)
+    assert "not properly" in describe(info(path))
+
+
+def test_info_and_writing_do_not_load_numba(path):
+    code = "import kickdrift.trajectory.info, kickdrift.trajectory.h5md, sys; sys.exit('numba' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+# -- continuing
+
+
+def test_append_to_continues_the_same_run(path):
+    system = write(path, report={"part": 1})
+    with reader.open(path) as run:
+        run_id = run.run_id
+    with Writer.append_to(path, run_id) as writer:
+        assert (writer.last_step, writer.last_frame_step) == (40, 40)
+        for step in (40, 50, 60):  # 40 is there already and stays as it is
+            writer.append(make_state(system, step), sample(step), frame=step != 50)
+        with pytest.raises(InputError, match="ends at step 60"):
+            writer.append(make_state(system, 50), sample(50))
+        writer.report = {"part": 2}
+    with reader.open(path) as run:
+        np.testing.assert_array_equal(run.steps, [0, 20, 40, 60])
+        np.testing.assert_array_equal(run.sample_steps, np.arange(0, 70, 10))
+        np.testing.assert_array_equal(run[-1].positions, make_state(system, 60).positions)
+        assert run.report == {"part": 2}
+
+
+def test_a_continuation_that_does_not_finish_leaves_no_report(path):
+    write(path, report={"part": 1})
+    with reader.open(path) as run:
+        run_id = run.run_id
+    Writer.append_to(path, run_id).close()
+    with reader.open(path) as run:
+        assert run.report is None
+
+
+def test_append_to_refuses_another_run(path):
+    write(path)
+    with pytest.raises(InputError, match="another run"):
+        Writer.append_to(path, "0" * 32)
+
+
+def test_append_to_cuts_what_a_kill_left(path):
+    system = write(path)
+    with h5py.File(path, "r+") as file:  # two frames more, as if killed before the commit
+        run_id = file["kickdrift"].attrs["run_id"]
+        for name in ("position/value", "velocity/value", "position/step"):
+            file["particles/trajectory"][name].resize(5, axis=0)
+        file["kickdrift/samples/time"].resize(9, axis=0)
+    with reader.open(path) as run:
+        assert len(run) == 3
+        assert run.half_written == 2
+        assert len(run.sample_times) == 5
+    assert "2 frames behind the last whole one" in describe(info(path))
+    with Writer.append_to(path, run_id) as writer:
+        writer.append(make_state(system, 60), sample(60))
+    with h5py.File(path) as file:
+        assert all(len(file["particles/trajectory"][name]) == 4 for name in ("position/value", "velocity/value"))
+        np.testing.assert_array_equal(file["kickdrift/samples/step"], [0, 10, 20, 30, 40, 60])
+
+
+# -- bad days
+
+CHILD = """
+import sys, numpy as np
+from kickdrift.state import State
+from kickdrift.system import System
+from kickdrift.trajectory.h5md import Writer
+
+system = System(np.zeros((40, 3)), box=(10, 10, 10))
+s = system.state
+with Writer(sys.argv[1], system, method={}, every=1, flush_bytes=1) as writer:
+    for step in range(10**9):
+        state = State(np.full((2, 3, 40), float(step)), s.masses, s.ids, s.box, step / 2, step)
+        writer.append(state, {"total_energy": step}, frame=step % 2 == 0)
+        if step == 4:
+            print("running", flush=True)
+"""
+
+
+def start_child(path) -> subprocess.Popen:
+    child = subprocess.Popen([sys.executable, "-c", CHILD, path], stdout=subprocess.PIPE)
+    assert child.stdout is not None
+    assert child.stdout.readline() == b"running\n"
+    return child
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="needs kill -9")
+@pytest.mark.parametrize("delay", [0.0, 0.03, 0.11, 0.23])
+def test_a_killed_run_leaves_whole_frames(path, delay):
+    """The child flushes every sample, so that nearly every moment is inside a flush."""
+    child = start_child(path)
+    time.sleep(delay)
+    child.kill()
+    child.wait()
+    child.stdout.close()
+    with reader.open(path) as run:
+        assert len(run) >= 3
+        np.testing.assert_array_equal(run.steps, 2 * np.arange(len(run)))
+        for frame in run:
+            assert np.all(frame.positions == frame.step)
+            assert np.all(frame.velocities == frame.step)
+        np.testing.assert_array_equal(run.observables["total_energy"], run.sample_steps)
+        assert run.report is None
+    with h5py.File(path) as file:  # and whoever counts frames by the positions finds the rest of them
+        n = len(file["particles/trajectory/position/value"])
+        assert len(file["particles/trajectory/velocity/value"]) >= n
+        assert len(file["observables/total_energy/value"]) >= n
+
+
+def test_a_second_writer_in_another_process_is_refused(path):
+    child = start_child(path)
+    try:
+        with pytest.raises(InputError, match="is open in another program"):
+            Writer(path, make_system(), method=METHOD, every=1, overwrite=True)
+        with pytest.raises(InputError, match="writing to it at this moment"):
+            reader.open(path)
+    finally:
+        child.kill()
+        child.wait()
+        child.stdout.close()
+    with reader.open(path) as run:
+        assert len(run) >= 3
+
+
+def test_a_second_writer_in_this_process_is_refused(path):
+    system = make_system()
+    with Writer(path, system, method=METHOD, every=1) as writer:
+        with pytest.raises(InputError, match="is open in another"):
+            Writer.append_to(path, writer.run_id)
+        writer.append(make_state(system, 0), sample(0))
+    with reader.open(path) as run:
+        assert len(run) == 1
+
+
+def test_a_full_disk_keeps_what_was_flushed(path, monkeypatch):
+    system = make_system()
+    writer = Writer(path, system, method=METHOD, every=10)
+    writer.append(make_state(system, 0), sample(0))
+    writer.flush()
+    Usage = namedtuple("Usage", "total used free")
+    monkeypatch.setattr(diskspace.shutil, "disk_usage", lambda folder: Usage(10**9, 10**9, 5000))
+    writer.append(make_state(system, 10), sample(10))
+    with pytest.raises(RunError, match=r"run\.h5md: disk full: .* 5,000 free; .* holds 1 frames, up to step 0"):
+        writer.flush()
+    with pytest.raises(RunError, match="earlier write failed"):
+        writer.flush()
+    writer.close()
+    with reader.open(path) as run:
+        assert len(run) == 1
+        assert run.report is None
+
+
+@pytest.mark.skipif(not hasattr(os, "posix_fallocate"), reason="nothing to reserve with")
+def test_a_reservation_that_fails_is_a_full_disk(path, monkeypatch):
+    def no_room(descriptor, start, size):
+        os.ftruncate(descriptor, start + size // 2)  # as a file system that gave half before it ran out
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    system = make_system()
+    writer = Writer(path, system, method=METHOD, every=10)
+    size = path.stat().st_size
+    monkeypatch.setattr(diskspace.os, "posix_fallocate", no_room)
+    writer.append(make_state(system, 0), sample(0))
+    with pytest.raises(RunError, match=r"disk full.*holds no frame yet"):
+        writer.close()
+    assert path.stat().st_size == size
+    with reader.open(path) as run:
+        assert len(run) == 0
+
+
+def test_a_real_full_disk(tmp_path):
+    """A tmpfs of 4 MB in a mount namespace of the child's own; HDF5 alone dies of it at close."""
+    if shutil.which("unshare") is None:
+        pytest.skip("needs unshare")
+    code = """
+        import sys, numpy as np
+        from kickdrift.errors import InputError, RunError
+        from kickdrift.state import State
+        from kickdrift.system import System
+        from kickdrift.trajectory import reader
+        from kickdrift.trajectory.h5md import Writer
+        system = System(np.zeros((500, 3)), box=(9, 9, 9))
+        s = system.state
+        path = sys.argv[1] + "/run.h5md"
+        try:
+            with Writer(path, system, method={}, every=1, flush_bytes=100_000) as writer:
+                for step in range(1000):
+                    state = State(np.full((2, 3, 500), float(step)), s.masses, s.ids, s.box, step, step)
+                    writer.append(state, {"total_energy": step})
+        except RunError as error:
+            print(error)
+        with reader.open(path) as run:
+            assert len(run) > 30, len(run)
+            assert all((frame.positions == frame.step).all() for frame in run)
+            print("frames", len(run))
+        open(sys.argv[1] + "/rest", "wb").write(b"")
+        with open(sys.argv[1] + "/rest", "ab", buffering=0) as rest:
+            try:
+                while rest.write(bytes(4096)):
+                    pass
+            except OSError:
+                pass
+        try:
+            Writer(sys.argv[1] + "/two.h5md", system, method={}, every=1)
+        except InputError as error:
+            print(error)
+    """
+    mount = 'mount -t tmpfs -o size=4m tmpfs "$1" || exit 77; exec "$2" -c "$3" "$1"'
+    command = ["unshare", "-m", "sh", "-c", mount, "sh", str(tmp_path), sys.executable, textwrap.dedent(code)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode == 77 or "unshare" in done.stderr:
+        pytest.skip("may not mount here")
+    assert done.returncode == 0, done.stderr
+    assert "disk full" in done.stdout
+    assert "no space left" in done.stdout
+
+
+def test_a_removed_file_is_noticed(path):
+    system = make_system()
+    writer = Writer(path, system, method=METHOD, every=1)
+    path.unlink()
+    writer.append(make_state(system, 0), sample(0))
+    with pytest.raises(RunError, match="was removed or replaced"):
+        writer.close()
+    assert not path.exists()
+
+
+def test_a_run_that_fails_keeps_its_frames(path):
+    system = make_system()
+    with pytest.raises(ZeroDivisionError), Writer(path, system, method=METHOD, every=1) as writer:  # noqa: PT012
+        writer.append(make_state(system, 0), sample(0))
+        1 / 0
+    with reader.open(path) as run:
+        assert len(run) == 1
+
+
+def test_an_interrupt_inside_a_flush_loses_nothing(path, monkeypatch):
+    system = make_system()
+    with pytest.raises(KeyboardInterrupt), Writer(path, system, method=METHOD, every=1) as writer:  # noqa: PT012
+        writer.append(make_state(system, 0), sample(0))
+        put = writer._rows._put
+
+        def interrupted(name, start, rows):
+            put(name, start, rows)
+            if name.endswith("velocity/value"):
+                monkeypatch.setattr(writer._rows, "_put", put)
+                raise KeyboardInterrupt
+
+        monkeypatch.setattr(writer._rows, "_put", interrupted)
+        writer.flush()
+    with reader.open(path) as run:
+        assert len(run) == 1
+        np.testing.assert_array_equal(run[0].velocities, system.state.velocities)
+
+
+# -- what a user can get wrong
+
+
+def test_an_existing_file_stays(path):
+    path.write_text("precious")
+    with pytest.raises(InputError, match="exists already"):
+        write(path)
+    assert path.read_text() == "precious"
+    write(path, overwrite=True)
+    with reader.open(path) as run:
+        assert len(run) == 3
+    assert [p.name for p in path.parent.iterdir()] == ["run.h5md"]
+
+
+def test_an_aborted_start_leaves_the_old_file(path, monkeypatch):
+    path.write_text("precious")
+
+    def fail(self, data):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(Path, "write_bytes", fail)
+    with pytest.raises(InputError, match="cannot be written: no space left on device"):
+        write(path, overwrite=True)
+    assert path.read_text() == "precious"
+    assert [p.name for p in path.parent.iterdir()] == ["run.h5md"]
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("run.h5", "must end in .h5md, not '.h5'"),
+        ("run", "must end in .h5md"),
+        ("nowhere/run.h5md", "there is no folder"),
+    ],
+)
+def test_bad_names(tmp_path, name, message):
+    with pytest.raises(InputError, match=message):
+        write(tmp_path / name)
+    assert not list(tmp_path.iterdir())
+
+
+def test_an_unwritable_folder(path, monkeypatch):
+    if hasattr(os, "geteuid") and os.geteuid() == 0:  # root may write anywhere
+
+        def denied(self, data):
+            raise PermissionError(errno.EACCES, "Permission denied")
+
+        monkeypatch.setattr(Path, "write_bytes", denied)
+    else:
+        path.parent.chmod(0o500)
+    with pytest.raises(InputError, match="cannot be written: permission denied"):
+        write(path)
+    path.parent.chmod(0o700)
+    assert not list(path.parent.iterdir())
+
+
+def test_changed_observables_are_refused(path):
+    system = make_system()
+    with Writer(path, system, method=METHOD, every=1) as writer:
+        writer.append(make_state(system, 0), {"total_energy": 1.0})
+        with pytest.raises(InputError, match=r"expected .*total_energy"):
+            writer.append(make_state(system, 1), {"energy": 1.0})
+        with pytest.raises(InputError, match="reserved"):
+            writer.append(make_state(system, 1), {"time": 1.0})
+        with pytest.raises(InputError, match="holds 30 particles; this state has 2"):
+            writer.append(make_state(System(np.zeros((2, 3))), 1), {"total_energy": 1.0})
+
+
+def test_files_that_are_no_runs(tmp_path, path):
+    def message(file) -> str:
+        with pytest.raises(InputError) as caught:
+            reader.open(file)
+        return str(caught.value)
+
+    assert "no such file" in message(tmp_path / "none.h5md")
+    assert "is a folder" in message(tmp_path)
+    plain = tmp_path / "plain.h5md"
+    plain.write_text("hello")
+    assert "is not an HDF5 file" in message(plain)
+    plain.write_bytes(b"")
+    assert "is not an HDF5 file" in message(plain)
+    with h5py.File(plain, "w") as file:
+        file["x"] = 1
+    assert "not H5MD: it has no group 'h5md'" in message(plain)
+    with h5py.File(plain, "w") as file:
+        file.create_group("h5md/creator").attrs["name"] = "h5xx"
+    assert "an H5MD file written by h5xx" in message(plain)
+    write(path)
+    plain.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    assert "is truncated" in message(plain)
+    shutil.copy(path, plain)
+    with h5py.File(plain, "r+") as file:
+        file["kickdrift"].attrs["schema"] = 99
+    assert "newer kickdrift (schema 99" in message(plain)
+    shutil.copy(path, plain)
+    with h5py.File(plain, "r+") as file:
+        del file["particles/trajectory/mass"]
+    assert "damaged" in message(plain)
