@@ -14,10 +14,10 @@ from kickdrift.errors import InputError
 Array = NDArray[np.float64]
 Verdict = Literal["bounded", "secular drift", "random walk", "not resolvable"]
 
-MIN_SAMPLES = 24  # fewer cannot tell noise from a random walk: the unit-root test then finds white noise < 95 % of times
+MIN_SAMPLES = 40  # with 36, one white-noise series in twenty already passes for a random walk
 MAX_SAMPLES = 2000  # longer series are averaged in bins: only the slow end of the spectrum bears on the slope
-SIGNIFICANCE = 0.01  # of a verdict "secular drift"; the interval is the 95 % one
-CONFIDENCE = 0.95
+CONFIDENCE = 0.95  # of the interval
+SIGNIFICANCE = 0.01  # of the verdict "secular drift", stricter so that one verdict in a hundred is wrong, not in twenty
 MAX_LINES = 40
 MIN_CYCLES = 3.0  # a slower wave cannot be told from a trend
 LINE_SIGNIFICANCE = 1e-4
@@ -49,11 +49,12 @@ class EnergyError:
 class Drift:
     """Linear trend of a series, its 95 % interval and what kind of motion the series shows.
 
-    ``slope`` (value per unit time) lies within ``slope`` ± ``error``; ``error`` is infinite where the series is too
-    short for any statement.  ``p_value`` is the two-sided probability of a slope this large when there is none.
+    ``slope`` (value per unit time) lies within ``slope`` ± ``error``; ``error`` is infinite where nothing can be said.
+    ``p_value`` is the two-sided probability of a slope this large when there is none.
     ``correlation_time`` (unit of time) is the integrated autocorrelation time, 1/2 + the sum of the autocorrelations,
-    of what is left after trend and spectral lines; ``effective_samples`` is the length divided by twice that.  They are
-    infinite and 1 for a random walk, nan where they could not be estimated.  ``lines`` counts the sine waves removed.
+    of what trend and spectral lines leave; ``effective_samples`` is the length over twice that (more than the samples
+    for noise that undoes itself).  They are infinite and 1 where a unit root is not rejected, nan where the series is
+    too short.  ``lines`` counts the sine waves found.
     """
 
     slope: float
@@ -87,77 +88,78 @@ def energy_error(total: ArrayLike, kinetic: ArrayLike) -> EnergyError:
 def drift(times: ArrayLike, values: ArrayLike) -> Drift:
     """Slope of ``values`` (n,) over the evenly spaced ``times`` (n,), with an interval that knows about correlation.
 
-    1. Spectral lines, found one at a time by Fisher's test on the prewhitened periodogram, join the regression: a
-       periodic error is a wave of its own, not noise that averages out.
+    1. Spectral lines, found by Fisher's test on the prewhitened periodogram, join the regression: a periodic error is
+       a wave of its own, not noise that averages out.
     2. An autoregression with constant and trend, its order by BIC, gives the Dickey-Fuller t of a unit root.
-    3. Unit root rejected: generalised least squares, the noise whitened by the autoregression, its sum of coefficients
-       corrected for the O(1/n) bias.  The interval is Student's with the degrees of freedom that the uncertain noise
-       level at zero frequency leaves (Satterthwaite).  "secular drift" if p < 0.01, else "bounded": stationary or
-       periodic, no slope that can be seen.
+    3. Unit root rejected at 1 %: generalised least squares, whitened by the autoregression, whose O(1/n) bias is taken
+       out.  The interval is Student's, with the degrees of freedom that the uncertain noise level at zero frequency
+       leaves (Satterthwaite).  "secular drift" if p < 0.01, else "bounded": stationary or periodic, no slope seen.
     4. Not rejected: the same for the mean of the increments.  "secular drift" if p < 0.01, else "random walk": over
-       this length the series cannot be told from one whose spread grows as sqrt(t).  A stationary series
-       whose length is under some 25 correlation lengths (effective_samples) also ends here.
-    5. "not resolvable": under 24 samples, under 10 effective ones, or increments that wander themselves.
+       this length the series cannot be told from one whose spread grows as sqrt(t).  A stationary series shorter than
+       some 25 times twice its correlation time also ends here: no test tells the two apart.
+    5. "not resolvable": under 40 samples, a wave or a bend slower than 3 cycles in the whole series (``error`` infinite
+       in both), or increments that wander themselves (``error`` as in 4).
+
+    A series that is trend and lines to within rounding gets the rounding as its ``error``.  Over 2000 samples are
+    averaged in equal bins; the first few that fill none are dropped.
 
     Raises InputError for unequal lengths, values that are not finite and times that are not evenly spaced.
 
-    Sources: Fisher 1929 (10.1098/rspa.1929.0151); Said & Dickey 1984 (10.1093/biomet/71.3.599); critical values
-    Fuller 1976, Introduction to Statistical Time Series, table 8.5.2; bias of the autoregression Kendall 1954, eq. 20
-    (10.1093/biomet/41.3-4.403) and, with a trend, Tjostheim & Paulsen 1983 (10.1093/biomet/70.2.389); two regimes of
-    trend inference Perron & Yabu 2009 (10.1016/j.jeconom.2009.03.011).
+    Sources: Fisher 1929 (10.1098/rspa.1929.0151); Said & Dickey 1984 (10.1093/biomet/71.3.599); bias of the
+    autoregression Kendall 1954, eq. 20 (10.1093/biomet/41.3-4.403) and, with a trend, Tjostheim & Paulsen 1983
+    (10.1093/biomet/70.2.389); one trend inference for both kinds of noise Perron & Yabu 2009
+    (10.1016/j.jeconom.2009.03.011).
     """
     series, clock = _finite("values", values), _finite("times", times)
     n = len(series)
     if len(clock) != n:
         raise InputError(f"drift: {len(clock)} times but {n} values")
-    step = (clock[-1] - clock[0]) / max(n - 1, 1)
+    step = float(clock[-1] - clock[0]) / max(n - 1, 1)
     if n > 1 and (step == 0.0 or np.abs(clock - clock[0] - step * np.arange(n)).max() > 0.05 * abs(step)):
-        raise InputError("drift: times must be evenly spaced; resample the series first")
+        raise InputError("drift: times must be evenly spaced and not all equal; resample the series first")
+    unknown = float("nan")
+    if n > 1 and np.ptp(series) == 0.0:
+        return Drift(0.0, 0.0, "bounded", 1.0, unknown, unknown, 0)
+    if n < MIN_SAMPLES:
+        slope = float(series[-1] - series[0]) / (n - 1) / step if n > 1 else 0.0
+        return Drift(slope, float("inf"), "not resolvable", 1.0, unknown, unknown, 0)
+
     mean = series.mean()
     scale = float(np.abs(series - mean).max())
-    rounding = 4.0 * np.finfo(float).eps * float(np.abs(series).max())
-    if n < MIN_SAMPLES:
-        slope = float((series[-1] - series[0]) / (n - 1) / step) if n > 1 else 0.0
-        if n > 1 and np.ptp(series) == 0.0:
-            return Drift(0.0, 0.0, "bounded", 1.0, float("nan"), float("nan"), 0)
-        return Drift(slope, float("inf"), "not resolvable", 1.0, float("nan"), float("nan"), 0)
-    if np.ptp(series) == 0.0:
-        return Drift(0.0, 0.0, "bounded", 1.0, 0.5 * abs(step), float(n), 0)
     width = -(-n // MAX_SAMPLES)
     count = n // width
     y = ((series - mean) / scale)[n - width * count :].reshape(count, width).mean(axis=1)
     step *= width
+    unit = scale / step
     trend = np.column_stack((np.ones(count), np.arange(count) - 0.5 * (count - 1)))
-    # A wave is only as exact as its phase, some n units in the last place.
-    waves, slow = _lines(y, trend, max(rounding / scale, 2.0 * np.finfo(float).eps * count))
+    epsilon = float(np.finfo(np.float64).eps)
+    rounding = 4.0 * epsilon * float(np.abs(series).max()) / scale
+    blurred = max(rounding, 2.0 * epsilon * count)  # a wave is only as exact as its phase
+    waves, slow = _lines(y, trend, blurred)
+    lines = waves.shape[1] // 2
+    floor = blurred if lines else rounding
     design = np.column_stack((trend, waves))
     coefficients, rest, _ = _least_squares(design, y)
-    lines = waves.shape[1] // 2
-    floor = max(rounding / scale, 2.0 * np.finfo(float).eps * count if lines else 0.0)
-    if np.abs(rest).max() <= floor:  # nothing but lines and the rounding of the input
-        slope, error = coefficients[1] * scale / step, 2.0 * floor * scale / abs(step * (count - 1))
-        seen = abs(slope) > error
-        return Drift(
-            slope, error, "secular drift" if seen else "bounded", 0.0 if seen else 1.0, 0.5 * abs(step), count, lines
-        )
+    slope = float(coefficients[1]) * unit
+    if np.abs(rest).max() <= floor:
+        error = 2.0 * floor / count * abs(unit)
+        exact: Verdict = "secular drift" if abs(slope) > error else "bounded"
+        return Drift(slope, error, exact, 0.0 if abs(slope) > error else 1.0, unknown, unknown, lines)
     if slow:
-        slope = coefficients[1] * scale / step
-        return Drift(slope, float("inf"), "not resolvable", 1.0, float("nan"), float("nan"), lines)
-    level = _regression(y, design, 2)
-    verdict: Verdict
-    if level.unit_root_t < UNIT_ROOT_TREND[0] + UNIT_ROOT_TREND[1] / count:
-        fit, effective, time = level, count / level.inefficiency, 0.5 * abs(step) * level.inefficiency
-        verdict = "bounded"
-    else:
-        increments = np.diff(y - waves @ coefficients[2:])
-        fit, effective, time = _regression(increments, np.ones((count - 1, 1)), 1), 1.0, float("inf")
+        return Drift(slope, float("inf"), "not resolvable", 1.0, unknown, unknown, lines)
+
+    fit = _regression(y, design, 2)
+    verdict: Verdict = "bounded"
+    time, effective = 0.5 * abs(step) * fit.inefficiency, count / fit.inefficiency
+    if fit.unit_root_t > UNIT_ROOT_TREND[0] + UNIT_ROOT_TREND[1] / count:
+        time, effective = float("inf"), 1.0
+        fit = _regression(np.diff(y - waves @ coefficients[2:]), np.ones((count - 1, 1)), 1)
         settled = fit.unit_root_t < UNIT_ROOT_CONSTANT[0] + UNIT_ROOT_CONSTANT[1] / count
         verdict = "random walk" if settled else "not resolvable"
     p_value = float(2.0 * stats.t.sf(abs(fit.value) / fit.deviation, fit.freedom))
     if p_value < SIGNIFICANCE and verdict != "not resolvable":
         verdict = "secular drift"
     half_width = fit.deviation * float(stats.t.ppf(0.5 + 0.5 * CONFIDENCE, fit.freedom))
-    unit = scale / step
     return Drift(fit.value * unit, half_width * abs(unit), verdict, p_value, time, effective, lines)
 
 
@@ -198,7 +200,7 @@ def _regression(y: Array, design: Array, deterministic: int) -> _Fit:
     root, differences = solution[deterministic], solution[deterministic + 1 :]
     unit_root_t = float(root / deviations[deterministic])
 
-    # The estimate of g is too negative by (2k + 2) / n near g = 0, k deterministic columns; with var g = -2 g / n there,
+    # Near g = 0 the estimate of g is too negative by (2k + 2) / n, k deterministic columns; with var g = -2 g / n there
     # that is a fraction (k + 1) / t^2 of g.  Written so, it vanishes where the root is well known, at any order.
     root *= max(1.0 - (deterministic + 1.0) / unit_root_t**2, 0.1)
     whitener = np.convolve([1.0, -1.0], np.concatenate(([1.0], -differences)))
@@ -246,11 +248,12 @@ def _lines(y: Array, trend: Array, floor: float) -> tuple[Array, bool]:
             break
         white = rest[1:] - (rest[1:] @ rest[:-1]) / (rest @ rest) * rest[:-1]
         power = np.abs(np.fft.rfft(white * np.hanning(n - 1))) ** 2
-        power[[0, -1]] = 0.0
+        power[0] = 0.0
         bins = (n - 1) / (2.0 * np.pi)
         for known in frequencies * bins:  # what is left within a resolution element of a line is no other line
             power[max(int(known), 0) : int(known) + 2] = 0.0
-        slow, found, first = False, [], power.max()
+        slow, first = False, power.max()
+        found: list[float] = []
         while len(frequencies) + len(found) < min(MAX_LINES, n // 20):
             peak, m = int(np.argmax(power)), int(np.count_nonzero(power))
             # Beside a line not yet refined, what the taper's side lobes (-31 dB) leave is no line of its own.

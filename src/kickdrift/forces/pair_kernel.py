@@ -17,12 +17,15 @@ from kickdrift.forces.pairlist import (
     OUTER_BUILDS,
     ROOM_NEEDED,
     SHIFT_BITS,
+    STRIDE,
     ClusterList,
     chunk_clusters,
     cluster_list,
+    load_vector,
     refresh,
+    shift_particle,
 )
-from kickdrift.forces.simd import WIDTH, aligned, lane_numbers, lane_sum, load, named_lanes, select, splat, store
+from kickdrift.forces.simd import WIDTH, aligned, lane_numbers, lane_sum, multiply_add, named_lanes, select, splat, store
 from kickdrift.forces.truncation import AtCutoff, Cut, ForceShift, Shift, Switch, truncated
 
 if TYPE_CHECKING:
@@ -76,12 +79,12 @@ def pair_forces(force, t, x, v, a, sums):
         sums[0] += force.tail[0]
         sums[1] += force.tail[1]
     collect(pairs)
-    slot, total, inverse_masses = pairs.slot, pairs.force[0], force.inverse_masses
-    for i in range(slot.size):
-        s, w = slot[i], inverse_masses[i]
-        a[0, i] += total[0, s] * w
-        a[1, i] += total[1, s] * w
-        a[2, i] += total[2, s] * w
+    place, total, inverse_masses = pairs.place, pairs.force[0], force.inverse_masses
+    for i in range(place.size):
+        p, w = place[i], inverse_masses[i]
+        a[0, i] += total[p] * w
+        a[1, i] += total[p + WIDTH] * w
+        a[2, i] += total[p + 2 * WIDTH] * w
     return OK
 
 
@@ -95,8 +98,9 @@ def _spread(tables, pairs):  # type: ignore[no-untyped-def]
         return lambda tables, pairs: None
 
     def spread_tables(tables, pairs):  # type: ignore[no-untyped-def]
-        for i in range(pairs.slot.size):
-            s = pairs.slot[i]
+        for i in range(pairs.place.size):
+            p = pairs.place[i]
+            s = p // STRIDE * WIDTH + p % STRIDE
             of_i = tables.species[i]
             tables.row[s] = of_i
             for row in range(tables.law.shape[1]):
@@ -112,18 +116,23 @@ def _spread(tables, pairs):  # type: ignore[no-untyped-def]
 def collect(pairs):
     """Add the chunks' forces up in chunk 0's, in one order."""
     force, touched = pairs.force, pairs.touched
-    total_x, total_y, total_z = force[0]
+    total = force[0]
     for cluster in range(pairs.counts[N_CLUSTERS]):
-        s = WIDTH * cluster
         fx, fy, fz = splat(0.0), splat(0.0), splat(0.0)
         for c in range(force.shape[0]):
             if touched[c, cluster]:
-                fx = fx + load(force[c, 0], s)
-                fy = fy + load(force[c, 1], s)
-                fz = fz + load(force[c, 2], s)
-        store(total_x, s, fx)
-        store(total_y, s, fy)
-        store(total_z, s, fz)
+                gx, gy, gz = load_vector(force[c], cluster)
+                fx, fy, fz = fx + gx, fy + gy, fz + gz
+        store_vector(total, cluster, fx, fy, fz)
+
+
+@jit
+def store_vector(x, cluster, a, b, c):
+    """Write a cluster's eight x, y and z."""
+    p = STRIDE * cluster
+    store(x, p, a)
+    store(x, p + WIDTH, b)
+    store(x, p + 2 * WIDTH, c)
 
 
 @chunk_task
@@ -144,31 +153,28 @@ def chunk_forces_and_sums(force, c):
 def sum_pairs(force, sums, c):
     pairs = force.pairs
     entries, shifts, span, filled, touched = pairs.inner[c], pairs.shifts, pairs.inner_span, pairs.filled, pairs.touched[c]
-    x, y, z = pairs.x
-    force_x, force_y, force_z = pairs.force[c]
+    x, forces, shifted = pairs.x, pairs.force[c], np.empty(3 * 4 * WIDTH)
     zero = splat(0.0)
     for cluster in range(pairs.counts[N_CLUSTERS]):
         if touched[cluster]:
-            store(force_x, WIDTH * cluster, zero)
-            store(force_y, WIDTH * cluster, zero)
-            store(force_z, WIDTH * cluster, zero)
+            store_vector(forces, cluster, zero, zero, zero)
     cutoff2 = force.cutoff**2
     laws = force.law, force.at_cutoff, force.truncation, force.tables
     energy_sum, virial_sum, pair_count = zero, zero, zero
     begin, end = chunk_clusters(pairs, c)
     for cluster in range(begin, end):
-        own = WIDTH * cluster
-        x_own, y_own, z_own = load(x, own), load(y, own), load(z, own)
+        x_own, y_own, z_own = load_vector(x, cluster)
         # forces on the cluster's own eight stay in registers: a store of one and a load of eight would wait for each other
         own_x, own_y, own_z = zero, zero, zero
         for lane in range(filled[cluster]):
-            i = own + lane
-            xi, yi, zi = splat(x[i]), splat(y[i]), splat(z[i])
+            i, p = WIDTH * cluster + lane, STRIDE * cluster + lane
+            shift_particle(x, p, shifts, shifted)
+            xi, yi, zi = splat(x[p]), splat(x[p + WIDTH]), splat(x[p + 2 * WIDTH])
             # the pairs inside the cluster: the lanes after this one
             dx, dy, dz = xi - x_own, yi - y_own, zi - z_own
             r2 = dx * dx + dy * dy + dz * dz
             inside = (r2 < cutoff2) & (lane_numbers() > float(lane))
-            energy, force_over_r = pair_terms(laws, i, own, r2)
+            energy, force_over_r = pair_terms(laws, i, WIDTH * cluster, r2)
             force_over_r = select(inside, force_over_r, zero)
             fx, fy, fz = force_over_r * dx, force_over_r * dy, force_over_r * dz
             own_x, own_y, own_z = own_x - fx, own_y - fy, own_z - fz
@@ -178,19 +184,23 @@ def sum_pairs(force, sums, c):
                 pair_count = pair_count + select(inside, splat(1.0), zero)
             for k in range(span[i, 0], span[i, 1]):
                 entry = entries[k]
-                j, s = WIDTH * (entry >> SHIFT_BITS), entry & 31
-                dx = splat(x[i] - shifts[s, 0]) - load(x, j)
-                dy = splat(y[i] - shifts[s, 1]) - load(y, j)
-                dz = splat(z[i] - shifts[s, 2]) - load(z, j)
+                other, s = entry >> SHIFT_BITS, entry & 31
+                xj, yj, zj = load_vector(x, other)
+                xi, yi, zi = splat(shifted[s]), splat(shifted[s + 32]), splat(shifted[s + 64])
+                dx, dy, dz = xi - xj, yi - yj, zi - zj
                 r2 = dx * dx + dy * dy + dz * dz
                 inside = r2 < cutoff2
-                energy, force_over_r = pair_terms(laws, i, j, r2)
+                energy, force_over_r = pair_terms(laws, i, WIDTH * other, r2)
                 force_over_r = select(inside, force_over_r, zero)
-                gx, gy, gz = force_over_r * dx, force_over_r * dy, force_over_r * dz
-                fx, fy, fz = fx + gx, fy + gy, fz + gz
-                store(force_x, j, load(force_x, j) - gx)
-                store(force_y, j, load(force_y, j) - gy)
-                store(force_z, j, load(force_z, j) - gz)
+                fx = multiply_add(force_over_r, dx, fx)
+                fy = multiply_add(force_over_r, dy, fy)
+                fz = multiply_add(force_over_r, dz, fz)
+                hx, hy, hz = load_vector(forces, other)
+                reaction = -force_over_r
+                hx = multiply_add(reaction, dx, hx)
+                hy = multiply_add(reaction, dy, hy)
+                hz = multiply_add(reaction, dz, hz)
+                store_vector(forces, other, hx, hy, hz)
                 if sums is not None:
                     energy_sum = energy_sum + select(inside, energy, zero)
                     virial_sum = virial_sum + force_over_r * select(inside, r2, zero)
@@ -199,9 +209,8 @@ def sum_pairs(force, sums, c):
             own_x = own_x + select(me, splat(lane_sum(fx)), zero)
             own_y = own_y + select(me, splat(lane_sum(fy)), zero)
             own_z = own_z + select(me, splat(lane_sum(fz)), zero)
-        store(force_x, own, load(force_x, own) + own_x)
-        store(force_y, own, load(force_y, own) + own_y)
-        store(force_z, own, load(force_z, own) + own_z)
+        hx, hy, hz = load_vector(forces, cluster)
+        store_vector(forces, cluster, hx + own_x, hy + own_y, hz + own_z)
     if sums is not None:
         sums[c, 0] = lane_sum(energy_sum)
         sums[c, 1] = lane_sum(virial_sum)
@@ -248,7 +257,7 @@ def bind(force: PairForce, system: System, threads: int) -> PairKernel:
     if len(names) > 1:
         law_pairs = np.array(laws, dtype=float).transpose(2, 0, 1).copy()
         at_cutoff_pairs = np.array(at_cutoff).transpose(2, 0, 1).copy()
-        slots = pairs.x.shape[1]
+        slots = pairs.x.size // 3
         tables = Tables(
             law=aligned((len(law_pairs), len(names), slots), 1.0),
             at_cutoff=aligned((2, len(names), slots)),

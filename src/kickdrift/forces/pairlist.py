@@ -21,41 +21,47 @@ from kickdrift.box import Box
 from kickdrift.forces.chunks import chunk_task, each_chunk
 from kickdrift.forces.compiling import jit, never_inline
 from kickdrift.forces.kernel import BLOWN_UP, GROW, OK
-from kickdrift.forces.simd import WIDTH, aligned, any_lane, lane_max, lane_sum, load, mask_bits, select, splat
+from kickdrift.forces.simd import WIDTH, aligned, any_lane, lane_max, lane_sum, load, mask_bits, select, splat, store
 
 # slots of `ClusterList.counts`
 N_CLUSTERS, NX, NY, BUILT, OUTER_BUILDS, PRUNES, ROOM_NEEDED = range(7)
 
+STRIDE = 3 * WIDTH  # from a cluster to the next in `x` and `force`
 FAR = 1e30  # where the padding lanes sit: outside of every cutoff, with a finite square
-OUTER_SKIN, INNER_SKIN = 0.24, 0.08  # of the cutoff
+OUTER_SKIN, INNER_SKIN = 0.32, 0.08  # of the cutoff
 SHIFT_BITS, NO_SHIFT = 5, 13  # 27 shifts, in base 3
 
 
 class ClusterList(NamedTuple):
-    """The list's arrays, all allocated once; n particles, `slots` places in clusters, `chunks` shares of the work."""
+    """The list's arrays, all allocated once; n particles, `slots` places in clusters, `chunks` shares of the work.
+
+    Vectors are stored cluster by cluster, eight x, eight y, eight z: a cluster is then three neighbouring cache lines. The
+    *place* of a particle is where its x stands; its y and z are WIDTH and 2 WIDTH further on.
+    """
 
     cutoff: float
     inner_skin: float
     outer_skin: float
     edges: NDArray[np.float64]  # (3,), zero where the box is open
-    shifts: NDArray[np.float64]  # (27, 3)
+    shifts: NDArray[np.float64]  # (3, 32), of which 27 are used
     counts: NDArray[np.int64]
     order: NDArray[np.int64]  # (n,) particles in slot order, padding left out
     column: NDArray[np.int64]  # (n,)
     column_clusters: NDArray[np.int64]  # (columns + 1,) the first cluster of each column
-    slot: NDArray[np.int64]  # (n,) where a particle stands
+    place: NDArray[np.int64]  # (n,) where a particle stands in `x` and `force`
     offset: NDArray[np.float64]  # (3, n) whole edges taken off its position
     filled: NDArray[np.int64]  # (clusters,) particles in a cluster
     home: NDArray[np.int64]  # (clusters,) its column
     bounds: NDArray[np.float64]  # (6, clusters) lowest x y z, highest x y z
-    x: NDArray[np.float64]  # (3, slots)
-    outer_reference: NDArray[np.float64]  # (3, slots) positions when the list was made
+    grid: NDArray[np.float64]  # (4,) width of the columns along x and y, lowest corner
+    x: NDArray[np.float64]  # (3 slots,)
+    outer_reference: NDArray[np.float64]  # (3 slots,) positions when the list was made
     inner_reference: NDArray[np.float64]
     outer_span: NDArray[np.int64]  # (slots, 2) first and last entry + 1 of particle i
     inner_span: NDArray[np.int64]
     outer: NDArray[np.int32]  # (chunks, room) entries: cluster << 5 | shift
     inner: NDArray[np.int32]
-    force: NDArray[np.float64]  # (chunks, 3, slots)
+    force: NDArray[np.float64]  # (chunks, 3 slots)
     touched: NDArray[np.bool_]  # (chunks, clusters): where a chunk's forces may not be zero
     made: NDArray[np.int64]  # (chunks,) entries that the last search found
 
@@ -72,7 +78,8 @@ def cluster_list(n: int, box: Box, cutoff: float, room: int | None = None) -> Cl
     chunks = chunk_count(n)
     slots = WIDTH * (n // WIDTH + n // WIDTH + 3)  # every column's last cluster may be padded
     clusters = slots // WIDTH
-    shifts = np.array([(a - 1, b - 1, c - 1) for a in range(3) for b in range(3) for c in range(3)]) * edges
+    shifts = aligned((3, 4 * WIDTH))
+    shifts[:, :27] = edges[:, None] * (np.indices((3, 3, 3)).reshape(3, 27) - 1)
     room = room or 16 * n // chunks + 64
     return ClusterList(
         cutoff=cutoff,
@@ -84,19 +91,20 @@ def cluster_list(n: int, box: Box, cutoff: float, room: int | None = None) -> Cl
         order=np.arange(n, dtype=np.int64),
         column=np.zeros(n, np.int64),
         column_clusters=np.zeros(clusters + 2, np.int64),
-        slot=np.zeros(n, np.int64),
+        place=np.zeros(n, np.int64),
         offset=np.zeros((3, n)),
         filled=np.zeros(clusters, np.int64),
         home=np.zeros(clusters, np.int64),
         bounds=np.zeros((6, clusters)),
-        x=aligned((3, slots), FAR),
-        outer_reference=aligned((3, slots)),
-        inner_reference=aligned((3, slots)),
+        grid=np.zeros(4),
+        x=aligned((3 * slots,), FAR),
+        outer_reference=aligned((3 * slots,)),
+        inner_reference=aligned((3 * slots,)),
         outer_span=np.zeros((slots, 2), np.int64),
         inner_span=np.zeros((slots, 2), np.int64),
         outer=np.empty((chunks, room), np.int32),
         inner=np.empty((chunks, room), np.int32),
-        force=aligned((chunks, 3, slots)),
+        force=aligned((chunks, 3 * slots)),
         touched=np.zeros((chunks, clusters), np.bool_),
         made=np.zeros(chunks, np.int64),
     )
@@ -107,7 +115,7 @@ def refresh(pairs, x, threads):
     """Bring the list up to date with positions x (3, n): OK, GROW (room for ``counts[ROOM_NEEDED]``) or BLOWN_UP."""
     counts = pairs.counts
     if counts[BUILT]:
-        place(pairs, x)
+        copy_positions(pairs, x)
         inner, total = largest_move(pairs, pairs.inner_reference)
         if not np.isfinite(total) or inner > (pairs.cutoff + 0.5 * pairs.inner_skin) ** 2:
             return BLOWN_UP  # not a number, or past the whole range of the force since the last look
@@ -123,7 +131,7 @@ def refresh(pairs, x, threads):
                 return BLOWN_UP
     counts[BUILT] = 0
     sort(pairs, x)
-    place(pairs, x)
+    copy_positions(pairs, x)
     search(pairs, threads)
     if counts[ROOM_NEEDED] > pairs.outer.shape[1]:
         return GROW
@@ -133,26 +141,32 @@ def refresh(pairs, x, threads):
 
 
 @jit
-def place(pairs, x):
-    """Copy positions to their slots."""
-    slot, offset, sorted_x = pairs.slot, pairs.offset, pairs.x
-    for i in range(slot.size):
-        s = slot[i]
-        sorted_x[0, s] = x[0, i] - offset[0, i]
-        sorted_x[1, s] = x[1, i] - offset[1, i]
-        sorted_x[2, s] = x[2, i] - offset[2, i]
+def copy_positions(pairs, x):
+    """Copy positions to their places."""
+    place, offset, sorted_x = pairs.place, pairs.offset, pairs.x
+    for i in range(place.size):
+        p = place[i]
+        sorted_x[p] = x[0, i] - offset[0, i]
+        sorted_x[p + WIDTH] = x[1, i] - offset[1, i]
+        sorted_x[p + 2 * WIDTH] = x[2, i] - offset[2, i]
+
+
+@jit
+def load_vector(x, cluster):
+    """A cluster's eight x, y and z."""
+    p = STRIDE * cluster
+    return load(x, p), load(x, p + WIDTH), load(x, p + 2 * WIDTH)
 
 
 @jit
 def largest_move(pairs, reference):
     """The largest squared displacement from the reference, and a sum that is not finite where one of them is not."""
-    x, y, z = pairs.x
-    x0, y0, z0 = reference
     largest = splat(0.0)
     total = splat(0.0)
     for cluster in range(pairs.counts[N_CLUSTERS]):
-        s = WIDTH * cluster
-        dx, dy, dz = load(x, s) - load(x0, s), load(y, s) - load(y0, s), load(z, s) - load(z0, s)
+        x, y, z = load_vector(pairs.x, cluster)
+        x0, y0, z0 = load_vector(reference, cluster)
+        dx, dy, dz = x - x0, y - y0, z - z0
         d2 = dx * dx + dy * dy + dz * dz
         largest = select(d2 > largest, d2, largest)
         total = total + d2
@@ -167,6 +181,7 @@ def sort(pairs, x):
     low, extent = wrap(pairs, x)
     nx, ny = columns(n, extent)
     pairs.counts[NX], pairs.counts[NY] = nx, ny
+    pairs.grid[0], pairs.grid[1], pairs.grid[2], pairs.grid[3] = extent[0] / nx, extent[1] / ny, low[0], low[1]
     fill = np.zeros(nx * ny + 1, np.int64)
     for i in range(n):
         a = int((x[0, i] - offset[0, i] - low[0]) / extent[0] * nx)
@@ -229,16 +244,17 @@ def fill_cluster(pairs, x, cluster, column, particles):
     """Give up to eight particles their slots, and pad."""
     bounds, sorted_x, offset = pairs.bounds, pairs.x, pairs.offset
     pairs.filled[cluster], pairs.home[cluster] = particles.size, column
+    for lane in range(particles.size):
+        pairs.place[particles[lane]] = STRIDE * cluster + lane
     for k in range(3):
         bounds[k, cluster], bounds[k + 3, cluster] = inf, -inf
         for lane in range(WIDTH):
-            s = cluster * WIDTH + lane
-            sorted_x[k, s] = FAR
+            p = STRIDE * cluster + k * WIDTH + lane
+            sorted_x[p] = FAR
             if lane < particles.size:
                 i = particles[lane]
-                pairs.slot[i] = s
                 here = x[k, i] - offset[k, i]
-                sorted_x[k, s] = here
+                sorted_x[p] = here
                 bounds[k, cluster] = min(bounds[k, cluster], here)
                 bounds[k + 3, cluster] = max(bounds[k + 3, cluster], here)
 
@@ -281,9 +297,8 @@ def prune(pairs, threads):
 
 @jit
 def copy(source, target):
-    for k in range(3):
-        for s in range(source.shape[1]):
-            target[k, s] = source[k, s]
+    for p in range(source.size):
+        target[p] = source[p]
 
 
 @jit
@@ -306,21 +321,20 @@ def search_chunk(pairs, c):
     touched = pairs.touched[c]
     for cluster in range(touched.size):
         touched[cluster] = False
-    x, y, z = pairs.x
     most = min(27 * pairs.counts[N_CLUSTERS], 1 << 20)
     near, particles_near = np.empty(most, np.int32), np.empty(most, np.int64)
     begin, end = chunk_clusters(pairs, c)
     made = 0
     for cluster in range(begin, end):
         touched[cluster] = True
-        xi, yi, zi = load(x, WIDTH * cluster), load(y, WIDTH * cluster), load(z, WIDTH * cluster)
+        xi, yi, zi = load_vector(pairs.x, cluster)
         candidates = clusters_near(pairs, cluster, reach2, near)
         kept = 0
         for k in range(candidates):
             other, s = near[k] >> SHIFT_BITS, near[k] & 31
-            dx = gap(xi - shifts[s, 0], bounds[0, other], bounds[3, other])
-            dy = gap(yi - shifts[s, 1], bounds[1, other], bounds[4, other])
-            dz = gap(zi - shifts[s, 2], bounds[2, other], bounds[5, other])
+            dx = gap(xi - shifts[0, s], bounds[0, other], bounds[3, other])
+            dy = gap(yi - shifts[1, s], bounds[1, other], bounds[4, other])
+            dz = gap(zi - shifts[2, s], bounds[2, other], bounds[5, other])
             near[kept] = near[k]
             particles_near[kept] = mask_bits(dx * dx + dy * dy + dz * dz < reach2)
             kept += particles_near[kept] != 0
@@ -348,42 +362,51 @@ def gap(x, low, high):
 
 @jit
 def clusters_near(pairs, cluster, reach2, near):
-    """Fill ``near`` with the entries of the clusters after this one whose bounding boxes are within sqrt(reach2) of its own."""
+    """Fill ``near`` with the entries of the clusters after this one that may be within reach, by column and height."""
     nx, ny = pairs.counts[NX], pairs.counts[NY]
     home, bounds, shifts, column_clusters = pairs.home[cluster], pairs.bounds, pairs.shifts, pairs.column_clusters
     cx, cy = home // ny, home % ny
     periodic = pairs.edges[0] > 0.0
-    x_from, x_to = cx, (nx - 1 if not periodic else 2 * nx - 1)
-    y_from, y_to = (0, ny - 1) if not periodic else (-ny, 2 * ny - 1)
-    if periodic:  # columns are Lx / nx wide: those out of reach need no look
-        reach = reach2**0.5
-        span_x, span_y = int(reach * nx / pairs.edges[0]) + 1, int(reach * ny / pairs.edges[1]) + 1
-        x_to = min(x_to, cx + span_x)
-        y_from, y_to = max(y_from, cy - span_y), min(y_to, cy + span_y)
+    width_x, width_y, low_x, low_y = pairs.grid
+    reach = reach2**0.5
+    span_x, span_y = int(reach / width_x) + 1, int(reach / width_y) + 1
+    x_to = min(cx + span_x, 2 * nx - 1 if periodic else nx - 1)
+    y_from, y_to = max(cy - span_y, -ny if periodic else 0), min(cy + span_y, 2 * ny - 1 if periodic else ny - 1)
     found = 0
-    for ux in range(x_from, x_to + 1):
+    for ux in range(cx, x_to + 1):
         shift_x = ux // nx
+        gap_x = max(0.0, low_x + ux * width_x - bounds[3, cluster])
         for uy in range(y_from, y_to + 1):
             if ux == cx and uy < cy:
                 continue
+            below, above = low_y + uy * width_y - bounds[4, cluster], bounds[1, cluster] - low_y - (uy + 1) * width_y
+            gap_y = max(0.0, below, above)
+            height2 = 1.000001 * reach2 - gap_x * gap_x - gap_y * gap_y  # a margin for the rounding of column edges
+            if height2 < 0.0:
+                continue
+            lowest, highest = bounds[2, cluster] - height2**0.5, bounds[5, cluster] + height2**0.5
             shift_y = (uy + ny) // ny - 1
             other_home = (ux - shift_x * nx) * ny + uy - shift_y * ny
             same_column = ux == cx and uy == cy
-            first, last = column_clusters[other_home], column_clusters[other_home + 1]
             for shift_z in range(-1 if periodic and not same_column else 0, 2 if periodic else 1):
                 s = 9 * (shift_x + 1) + 3 * (shift_y + 1) + shift_z + 1
-                begin = cluster + 1 if same_column and shift_z == 0 else first
-                for other in range(begin, last):
-                    gap2 = 0.0
-                    for k in range(3):
-                        low = bounds[k, other] + shifts[s, k] - bounds[k + 3, cluster]
-                        high = bounds[k, cluster] - bounds[k + 3, other] - shifts[s, k]
-                        between = max(0.0, low, high)
-                        gap2 += between * between
-                    if gap2 < reach2 and found < near.size:
+                here = same_column and shift_z == 0
+                for other in range(cluster + 1 if here else column_clusters[other_home], column_clusters[other_home + 1]):
+                    if bounds[2, other] + shifts[2, s] > highest:
+                        break
+                    if bounds[5, other] + shifts[2, s] >= lowest and found < near.size:
                         near[found] = (other << SHIFT_BITS) | s
                         found += 1
     return found
+
+
+@jit
+def shift_particle(x, p, shifts, shifted):
+    """The position at place p less each of the shifts: (3, 32), flat. Looking them up costs less than subtracting."""
+    for k in range(3):
+        here = splat(x[p + k * WIDTH])
+        for s in range(0, 4 * WIDTH, WIDTH):
+            store(shifted, 4 * WIDTH * k + s, here - load(shifts[k], s))
 
 
 @chunk_task
@@ -393,18 +416,20 @@ def prune_chunk(pairs, c):
     shifts, filled, outer_span, inner_span = pairs.shifts, pairs.filled, pairs.outer_span, pairs.inner_span
     reach = pairs.cutoff + pairs.inner_skin
     outer, inner = pairs.outer[c], pairs.inner[c]
-    x, y, z = pairs.x
+    x, shifted = pairs.x, np.empty(3 * 4 * WIDTH)
     begin, end = chunk_clusters(pairs, c)
     made = 0
     for cluster in range(begin, end):
-        for i in range(WIDTH * cluster, WIDTH * cluster + filled[cluster]):
+        for lane in range(filled[cluster]):
+            i = WIDTH * cluster + lane
+            shift_particle(x, STRIDE * cluster + lane, shifts, shifted)
             inner_span[i, 0] = made
             for k in range(outer_span[i, 0], outer_span[i, 1]):
                 entry = outer[k]
-                j, s = WIDTH * (entry >> SHIFT_BITS), entry & 31
-                dx = splat(x[i] - shifts[s, 0]) - load(x, j)
-                dy = splat(y[i] - shifts[s, 1]) - load(y, j)
-                dz = splat(z[i] - shifts[s, 2]) - load(z, j)
+                s = entry & 31
+                xj, yj, zj = load_vector(x, entry >> SHIFT_BITS)
+                xi, yi, zi = splat(shifted[s]), splat(shifted[s + 32]), splat(shifted[s + 64])
+                dx, dy, dz = xi - xj, yi - yj, zi - zj
                 inner[made] = entry  # overwritten unless kept
                 made += any_lane(dx * dx + dy * dy + dz * dz < reach * reach)
             inner_span[i, 1] = made

@@ -220,6 +220,17 @@ def splat(typingctx, scalar):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
+def multiply_add(typingctx, a, b, c):  # type: ignore[no-untyped-def]
+    """a b + c, fused where the machine can; for where a product is used twice and LLVM would not fuse by itself."""
+
+    def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+        kind = ir.FunctionType(F64X8, [F64X8] * 3)
+        return builder.call(cgutils.get_or_insert_function(builder.module, kind, "llvm.fmuladd.v8f64"), args)
+
+    return lanes_type(lanes_type, lanes_type, lanes_type), codegen
+
+
+@intrinsic
 def lane_numbers(typingctx):  # type: ignore[no-untyped-def]
     """0.0, 1.0, … 7.0."""
 
