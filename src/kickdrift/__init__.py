@@ -1,0 +1,74 @@
+"""kickdrift: molecular dynamics and N-body simulation in which the integrator is a swappable, measured choice.
+
+The names below are all that is public; each is imported when it is first used, so that ``import kickdrift`` is quick.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from importlib.metadata import version
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from kickdrift.box import Box
+    from kickdrift.errors import InputError, KickdriftError, RunError
+    from kickdrift.forces import Gravity, LennardJones
+    from kickdrift.forces.pair_law import pair_law
+    from kickdrift.integrators import integrators
+    from kickdrift.observers import Energies
+    from kickdrift.report import Report
+    from kickdrift.simulation import Simulation
+    from kickdrift.state import State
+    from kickdrift.system import System
+    from kickdrift.systemfile import load
+    from kickdrift.trajectory.reader import open
+
+__version__ = version("kickdrift")
+
+_HOMES = {
+    "Box": "box",
+    "Energies": "observers",
+    "Gravity": "forces",
+    "InputError": "errors",
+    "KickdriftError": "errors",
+    "LennardJones": "forces",
+    "Report": "report",
+    "RunError": "errors",
+    "Simulation": "simulation",
+    "State": "state",
+    "System": "system",
+    "integrators": "integrators",
+    "load": "systemfile",
+    "open": "trajectory.reader",
+    "pair_law": "forces.pair_law",
+}
+
+__all__ = [
+    "Box",
+    "Energies",
+    "Gravity",
+    "InputError",
+    "KickdriftError",
+    "LennardJones",
+    "Report",
+    "RunError",
+    "Simulation",
+    "State",
+    "System",
+    "integrators",
+    "load",
+    "open",
+    "pair_law",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOMES:
+        raise AttributeError(f"module 'kickdrift' has no attribute {name!r}")
+    value = getattr(import_module(f"kickdrift.{_HOMES[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return [*globals(), *_HOMES]

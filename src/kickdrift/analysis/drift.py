@@ -106,8 +106,8 @@ def drift(times: ArrayLike, values: ArrayLike) -> Drift:
     Raises InputError for unequal lengths, values that are not finite and times that are not evenly spaced.
 
     Sources: Fisher 1929 (10.1098/rspa.1929.0151); Said & Dickey 1984 (10.1093/biomet/71.3.599); bias of the
-    autoregression Kendall 1954, eq. 20 (10.1093/biomet/41.3-4.403) and, with a trend, Tjostheim & Paulsen 1983
-    (10.1093/biomet/70.2.389); one trend inference for both kinds of noise Perron & Yabu 2009
+    autoregression, -(1 + 3r)/n with a constant, Kendall 1954 (10.1093/biomet/41.3-4.403), -(2 + 4r)/n with a trend, van
+    Giersbergen 2005 (Economics Letters 89, 75); one trend inference for both kinds of noise, Perron & Yabu 2009
     (10.1016/j.jeconom.2009.03.011).
     """
     series, clock = _finite("values", values), _finite("times", times)
@@ -235,9 +235,9 @@ def _least_squares(matrix: Array, right: Array, used: int = 0) -> tuple[Array, A
 def _lines(y: Array, trend: Array, floor: float) -> tuple[Array, bool]:
     """Cosine and sine columns (n, 2 L) of the significant spectral lines of ``y``, and whether a slow wave is left.
 
-    Each pass whitens the residual to first order, so that red noise is no line, and tapers it, so that a slow wave does
-    not leak into one; then all frequencies move together by Gauss-Newton.  Waves of under ``MIN_CYCLES`` cycles stay
-    in, because trend and wave would share the blame arbitrarily.  ``floor`` is where rounding begins.
+    Each pass whitens a red residual to first order, so that its slow end is no line, and tapers it, so that a slow wave
+    does not leak into one; then all frequencies move together by Gauss-Newton.  Waves of under ``MIN_CYCLES`` cycles
+    stay in, because trend and wave would share the blame arbitrarily.  ``floor`` is where rounding begins.
     """
     n, index = len(y), trend[:, 1]
     waves = np.empty((n, 0))
@@ -246,7 +246,8 @@ def _lines(y: Array, trend: Array, floor: float) -> tuple[Array, bool]:
         rest = _least_squares(np.column_stack((trend, waves)), y)[1]
         if np.abs(rest).max() <= floor:
             break
-        white = rest[1:] - (rest[1:] @ rest[:-1]) / (rest @ rest) * rest[:-1]
+        redness = max(float(rest[1:] @ rest[:-1]) / float(rest @ rest), 0.0)
+        white = rest[1:] - redness * rest[:-1]
         power = np.abs(np.fft.rfft(white * np.hanning(n - 1))) ** 2
         power[0] = 0.0
         bins = (n - 1) / (2.0 * np.pi)

@@ -21,3 +21,8 @@ def integrator(name: str) -> Method:
         return INTEGRATORS[name]
     near = get_close_matches(name, INTEGRATORS, 3, 0.4) or list(INTEGRATORS)
     raise InputError(f"integrator {name!r} is unknown; did you mean {', '.join(near)}?")
+
+
+def integrators() -> list[str]:
+    """The names of all integrators, aliases included."""
+    return list(INTEGRATORS)

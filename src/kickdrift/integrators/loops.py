@@ -19,17 +19,17 @@ STEP, STAGE, FRESH, EVALUATIONS = range(4)  # of the cursor: steps done in this 
 @jit
 def fill_accelerations(bound, t, x, v, a, sums, cursor):
     """a <- the accelerations at x; a status."""
-    for k in range(3):
-        for i in range(a.shape[1]):
-            a[k, i] = 0.0
+    for row in a:
+        for i in range(row.size):
+            row[i] = 0.0
     status = accelerate(bound, t, x, v, a, sums)
     cursor[EVALUATIONS] += 1
     if status != OK:
         return status
     total = 0.0
-    for k in range(3):
-        for i in range(a.shape[1]):
-            total += a[k, i]
+    for row in a:
+        for i in range(row.size):
+            total += row[i]
     return OK if np.isfinite(total) else BLOWN_UP
 
 
@@ -37,8 +37,9 @@ def fill_accelerations(bound, t, x, v, a, sums, cursor):
 def add_scaled(y, factor, dy):
     """y <- y + factor dy, for (3, n) arrays."""
     for k in range(3):
-        for i in range(y.shape[1]):
-            y[k, i] += factor * dy[k, i]
+        row, change = y[k], dy[k]
+        for i in range(row.size):
+            row[i] += factor * change[i]
 
 
 @driver

@@ -61,11 +61,11 @@ class Tableau:
         """What the loop keeps: the state at a stage, then each stage's derivative; (stages + 1, 2, 3, n)."""
         return np.zeros((len(self.b) + 1, 2, 3, n))
 
-    def advance(self, forces: Any, phase: Floats, work: Floats, dt: float, start: float, steps: int, cursor: Any) -> int:
-        """Run whole steps in compiled code; see ``loops``."""
+    def loop(self) -> Any:
+        """The compiled step loop of this family; see ``loops``."""
         from kickdrift.integrators.loops import runge_kutta_loop
 
-        return runge_kutta_loop(forces, phase, work, self.stages, dt, start, steps, cursor)
+        return runge_kutta_loop
 
 
 ROWS = (

@@ -71,11 +71,11 @@ class Splitting:
         """What the loop keeps from step to step: the accelerations (3, n)."""
         return np.zeros((3, n))
 
-    def advance(self, forces: Any, phase: Floats, work: Floats, dt: float, start: float, steps: int, cursor: Any) -> int:
-        """Run whole steps in compiled code; see ``loops``."""
+    def loop(self) -> Any:
+        """The compiled step loop of this family; see ``loops``."""
         from kickdrift.integrators.loops import splitting_loop
 
-        return splitting_loop(forces, phase, work, self.stages, dt, start, steps, cursor)
+        return splitting_loop
 
 
 def composed(weights: tuple[float, ...]) -> tuple[tuple[float, ...], tuple[float, ...]]:

@@ -1,0 +1,77 @@
+"""A System's forces, compiled and bound, as Python sees them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from kickdrift.errors import InputError
+from kickdrift.forces.kernel import GROW, OK
+from kickdrift.forces.pair_kernel import PairKernel, grown
+from kickdrift.forces.pairlist import BUILT, OUTER_BUILDS, PRUNES
+from kickdrift.integrators.loops import measure
+from kickdrift.state import Floats
+
+if TYPE_CHECKING:
+    from kickdrift.system import System
+
+
+class Measured(NamedTuple):
+    """What one evaluation gives."""
+
+    accelerations: Floats  # (3, n)
+    potential: float
+    virial: float  # sum over pairs of r . F
+    pairs: int  # that interact
+
+
+def check_threads(threads: int) -> None:
+    """Refuse more threads than numba has."""
+    from numba import config
+
+    if not 1 <= threads <= config.NUMBA_NUM_THREADS:
+        raise InputError(f"threads must be 1 to {config.NUMBA_NUM_THREADS} here, got {threads}")
+
+
+class BoundForces:
+    """The forces of a System with their pair lists, which live as long as this object.
+
+    The lists make the sums of one instance depend on what it was asked before (to round-off), so the run loop has one that
+    nobody else touches, and observers another.
+    """
+
+    def __init__(self, system: System, threads: int = 1) -> None:
+        check_threads(threads)
+        self.threads = threads
+        self.forces: tuple[Any, ...] = tuple(force.bind(system, threads) for force in system.forces)
+
+    def call(self, compiled: Callable[..., int], *args: Any) -> int:
+        """``compiled(forces, *args)``, again whenever a list had to grow; its status, OK or BLOWN_UP."""
+        if self.threads > 1:
+            from numba import set_num_threads
+
+            set_num_threads(self.threads)
+        while (status := compiled(self.forces, *args)) == GROW:
+            self.forces = tuple(grown(force) for force in self.forces)
+        return status
+
+    def measure(self, time: float, phase: Floats) -> Measured | None:
+        """Accelerations and energies at positions and velocities ``phase`` (2, 3, n); None where they make no sense."""
+        a, sums = np.zeros(phase.shape[1:]), np.zeros(3)
+        if self.call(measure, time, phase, a, sums, np.zeros(4, np.int64)) != OK:
+            return None
+        return Measured(a, float(sums[0]), float(sums[1]), int(sums[2]))
+
+    def forget(self) -> None:
+        """Make every pair list anew at the next evaluation."""
+        for force in self.forces:
+            if isinstance(force, PairKernel):
+                force.pairs.counts[BUILT] = 0
+
+    @property
+    def list_builds(self) -> tuple[int, int]:
+        """How often the pair lists were searched for and pruned."""
+        lists = [force.pairs.counts for force in self.forces if isinstance(force, PairKernel)]
+        return int(sum(c[OUTER_BUILDS] for c in lists)), int(sum(c[PRUNES] for c in lists))

@@ -1,0 +1,127 @@
+"""What is looked at while a run goes on: energies, momenta, temperature, pressure. Looking changes nothing."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from kickdrift.errors import RunError
+from kickdrift.forces.pair_law import PairForce
+from kickdrift.state import Floats
+
+if TYPE_CHECKING:
+    from kickdrift.forces.bound import BoundForces
+    from kickdrift.system import System
+
+
+class Energies(NamedTuple):
+    """Totals over all particles, in the system's energy unit."""
+
+    kinetic: float
+    potential: float
+    total: float
+
+
+@dataclass(frozen=True)
+class Sample:
+    """One look at a run.
+
+    Attributes
+    ----------
+    step, time : of the look
+    energies : Energies
+    momentum : (3,) sum of m v
+    angular_momentum : (3,) sum of m x × v, about the origin; it is conserved in open space alone
+    temperature : 2 K / (g k_B), g = 3 N - 3; nan without particles that collide (no pair force) or degrees of freedom
+    pressure : (2 K + W) / (3 V), W the virial, sum of r . F over pairs (Allen & Tildesley 2017, eq. 2.60); nan in open space
+    pairs : pairs of particles within the forces' range
+    """
+
+    step: int
+    time: float
+    energies: Energies
+    momentum: Floats
+    angular_momentum: Floats
+    temperature: float
+    pressure: float
+    pairs: int
+
+    def observables(self) -> dict[str, float | Floats]:
+        """By the names that a run's file uses."""
+        kinetic, potential, total = self.energies
+        values: dict[str, float | Floats] = {
+            "kinetic_energy": kinetic,
+            "potential_energy": potential,
+            "total_energy": total,
+            "momentum": self.momentum,
+            "angular_momentum": self.angular_momentum,
+        }
+        if not np.isnan(self.temperature):
+            values["temperature"] = self.temperature
+        if not np.isnan(self.pressure):
+            values["pressure"] = self.pressure
+        return values
+
+
+def kinetic_energy(masses: Floats, velocities: Floats) -> float:
+    """Sum of m v^2 / 2; velocities (3, n)."""
+    return 0.5 * float(np.einsum("i,ki,ki->", masses, velocities, velocities))
+
+
+def take_sample(system: System, forces: BoundForces, step: int, time: float, phase: Floats) -> Sample:
+    """Look at positions and velocities ``phase`` (2, 3, n); a RunError where the forces there are not numbers."""
+    measured = forces.measure(time, phase)
+    if measured is None:
+        raise RunError(f"step {step} (t = {time:g}): the forces at these positions are not finite")
+    x, v = phase
+    m = system.coherent_masses
+    kinetic = kinetic_energy(m, v)
+    collides = any(isinstance(force, PairForce) for force in system.forces)
+    degrees = system.degrees_of_freedom
+    temperature = 2 * kinetic / (degrees * system.units.boltzmann) if collides and degrees else float("nan")
+    pressure = (2 * kinetic + measured.virial) / (3 * system.box.volume) if system.box.periodic else float("nan")
+    return Sample(
+        step=step,
+        time=time,
+        energies=Energies(kinetic, measured.potential, kinetic + measured.potential),
+        momentum=v @ m,
+        angular_momentum=np.cross(x.T, v.T).T @ m,
+        temperature=temperature,
+        pressure=pressure,
+        pairs=measured.pairs,
+    )
+
+
+@dataclass
+class Record:
+    """The samples of a run since conservation is counted from, and what it cost."""
+
+    samples: list[Sample] = field(default_factory=list)
+    momentum_scale: float = 0.0  # sum of m |v| at the first sample
+    angular_momentum_scale: float = 0.0  # sum of m |x × v| there
+    steps: int = 0
+    force_evaluations: int = 0
+    wall_seconds: float = 0.0
+    compile_seconds: float = 0.0
+
+    def add(self, sample: Sample, masses: Floats, phase: Floats) -> None:
+        """Keep a sample; one of the same step takes the last one's place."""
+        if not self.samples:
+            x, v = phase
+            self.momentum_scale = float(masses @ np.linalg.norm(v, axis=0))
+            self.angular_momentum_scale = float(masses @ np.linalg.norm(np.cross(x.T, v.T), axis=1))
+        if self.samples and self.samples[-1].step == sample.step:
+            self.samples.pop()
+        self.samples.append(sample)
+
+    def even(self) -> list[Sample]:
+        """The longest stretch of samples an equal number of steps apart."""
+        gaps = np.diff([sample.step for sample in self.samples])
+        if not len(gaps):
+            return self.samples
+        edges = np.flatnonzero(np.diff(gaps)) + 1
+        starts, ends = np.concatenate([[0], edges]), np.concatenate([edges, [len(gaps)]])
+        longest = int(np.argmax(ends - starts))
+        return self.samples[starts[longest] : ends[longest] + 1]
