@@ -53,8 +53,8 @@ class Drift:
     ``p_value`` is the two-sided probability of a slope this large when there is none.
     ``correlation_time`` (unit of time) is the integrated autocorrelation time, 1/2 + the sum of the autocorrelations,
     of what trend and spectral lines leave; ``effective_samples`` is the length over twice that (more than the samples
-    for noise that undoes itself).  They are infinite and 1 where a unit root is not rejected, nan where the series is
-    too short.  ``lines`` counts the sine waves found.
+    for noise that undoes itself).  They are infinite and 1 where a unit root is not rejected, nan where nothing
+    is left to estimate them from.  ``lines`` counts the sine waves found.
     """
 
     slope: float
