@@ -1,7 +1,7 @@
 """The oracle: forces, energies and virials in plain NumPy, slow and obvious, written from the definitions alone.
 
-Every pair of particles is looked at, at its minimum image. Nothing here comes from the compiled kernels: parameters are read
-from the force as the user gave them, mixing and truncation are written out again.
+Every pair of particles is looked at, at its minimum image. Nothing here comes from the compiled kernels: parameters are
+read from the force as the user gave them, mixing and truncation are written out again.
 """
 
 from __future__ import annotations
@@ -106,7 +106,7 @@ def mixed_parameters(force, system: System) -> tuple[np.ndarray, np.ndarray]:
 
 
 def tail(force, system: System) -> tuple[float, float]:
-    """Energy and virial of a uniform fluid beyond the cutoff: 2 pi N_a N_b / V times the integrals of U r^2 and -U' r^3."""
+    """Energy and virial of a uniform fluid beyond the cutoff: 2 pi N_a N_b / V times the integrals of U r^2, -U' r^3."""
     if not getattr(force, "tail", False):
         return 0.0, 0.0
     epsilon, sigma = mixed_parameters(force, system)

@@ -61,7 +61,7 @@ class Simulation:
         self.dt = float(step)
         self.system = system
         self.threads = threads
-        self._forces = BoundForces(system, threads)
+        self._forces = BoundForces(system, threads, jumps=False)
         self._looks = BoundForces(system, threads)  # with lists of its own: looking must not change the run's
         self._work = self._method.workspace(len(system))
         self._cursor = np.zeros(4, np.int64)

@@ -10,7 +10,7 @@ import numpy as np
 from kickdrift.errors import InputError
 from kickdrift.forces.kernel import GROW, OK
 from kickdrift.forces.pair_kernel import PairKernel, grown
-from kickdrift.forces.pairlist import BUILT, OUTER_BUILDS, PRUNES
+from kickdrift.forces.pairlist import BUILT, JUMPS_ALLOWED, OUTER_BUILDS, PRUNES
 from kickdrift.integrators.loops import measure
 from kickdrift.state import Floats
 
@@ -39,13 +39,17 @@ class BoundForces:
     """The forces of a System with their pair lists, which live as long as this object.
 
     The lists make the sums of one instance depend on what it was asked before (to round-off), so the run loop has one that
-    nobody else touches, and observers another.
+    nobody else touches, and observers another. Between two calls in a run no particle may move further than a pair force
+    reaches (the run has blown up then); with ``jumps`` it may.
     """
 
-    def __init__(self, system: System, threads: int = 1) -> None:
+    def __init__(self, system: System, threads: int = 1, jumps: bool = True) -> None:
         check_threads(threads)
         self.threads = threads
         self.forces: tuple[Any, ...] = tuple(force.bind(system, threads) for force in system.forces)
+        for force in self.forces:
+            if isinstance(force, PairKernel):
+                force.pairs.counts[JUMPS_ALLOWED] = jumps
 
     def call(self, compiled: Callable[..., int], *args: Any) -> int:
         """``compiled(forces, *args)``, again whenever a list had to grow; its status, OK or BLOWN_UP."""

@@ -24,7 +24,7 @@ from kickdrift.forces.kernel import BLOWN_UP, GROW, OK
 from kickdrift.forces.simd import WIDTH, aligned, any_lane, lane_max, lane_sum, load, mask_bits, select, splat, store
 
 # slots of `ClusterList.counts`
-N_CLUSTERS, NX, NY, BUILT, OUTER_BUILDS, PRUNES, ROOM_NEEDED = range(7)
+N_CLUSTERS, NX, NY, BUILT, OUTER_BUILDS, PRUNES, ROOM_NEEDED, JUMPS_ALLOWED = range(8)
 
 STRIDE = 3 * WIDTH  # from a cluster to the next in `x` and `force`
 FAR = 1e30  # where the padding lanes sit: outside of every cutoff, with a finite square
@@ -87,7 +87,7 @@ def cluster_list(n: int, box: Box, cutoff: float, room: int | None = None) -> Cl
         outer_skin=min(OUTER_SKIN * cutoff, slack),
         edges=edges,
         shifts=shifts,
-        counts=np.zeros(7, np.int64),
+        counts=np.zeros(8, np.int64),
         order=np.arange(n, dtype=np.int64),
         column=np.zeros(n, np.int64),
         column_clusters=np.zeros(clusters + 2, np.int64),
@@ -117,8 +117,9 @@ def refresh(pairs, x, threads):
     if counts[BUILT]:
         copy_positions(pairs, x)
         inner, total = largest_move(pairs, pairs.inner_reference)
-        if not np.isfinite(total) or inner > (pairs.cutoff + 0.5 * pairs.inner_skin) ** 2:
-            return BLOWN_UP  # not a number, or past the whole range of the force since the last look
+        jumped = inner > (pairs.cutoff + 0.5 * pairs.inner_skin) ** 2  # past the whole range of the force since the last call
+        if not np.isfinite(total) or (jumped and not counts[JUMPS_ALLOWED]):
+            return BLOWN_UP
         if 4.0 * inner <= pairs.inner_skin**2:
             return OK
         outer, total = largest_move(pairs, pairs.outer_reference)

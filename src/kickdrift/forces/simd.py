@@ -297,7 +297,10 @@ def lane_max(typingctx, value):  # type: ignore[no-untyped-def]
     """The largest lane; lanes that are not numbers do not count."""
 
     def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
-        return _fold(builder, args[0], lambda a, b: builder.select(builder.fcmp_ordered(">", a, b), a, b))
+        def larger(a, b):  # type: ignore[no-untyped-def]
+            return builder.select(builder.or_(builder.fcmp_ordered(">", a, b), builder.fcmp_unordered("uno", b, b)), a, b)
+
+        return _fold(builder, args[0], larger)
 
     return types.float64(lanes_type), codegen
 
