@@ -106,7 +106,7 @@ def mixed_parameters(force, system: System) -> tuple[np.ndarray, np.ndarray]:
 
 
 def tail(force, system: System) -> tuple[float, float]:
-    """Energy and virial of a uniform fluid beyond the cutoff: 2 pi N_a N_b / V times the integrals of U r^2, -U' r^3."""
+    """Energy and virial of a uniform fluid beyond the cutoff: 2 pi N_a N_b / V times integrals of U r^2 and -U' r^3."""
     if not getattr(force, "tail", False):
         return 0.0, 0.0
     epsilon, sigma = mixed_parameters(force, system)

@@ -218,7 +218,7 @@ def test_load_and_store_anywhere(start):
     assert out.tolist() == [0.0] * (11 - start) + list(range(start, start + 8)) + [0.0] * (1 + start)
 
 
-@pytest.mark.parametrize("shape", [(8,), (3, 16), (1,), (0,), (2, 3, 5)])
+@pytest.mark.parametrize("shape", [(8,), (3, 16), (1,), (2, 3, 5)])
 def test_aligned(shape):
     for _ in range(5):
         array = aligned(shape, 1e30)

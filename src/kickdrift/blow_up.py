@@ -17,7 +17,8 @@ def explain(system: System, phase: Floats, good: Floats, step: int, time: float,
     finite = np.isfinite(phase).all(axis=(0, 1))
     if finite.all():
         particle = int(np.argmax((phase[1] ** 2).sum(axis=0)))
-        what = f"particle {particle} moves {np.linalg.norm(phase[1][:, particle]):.3g} {system.units.unit('length')} per unit of time"
+        speed = float(np.linalg.norm(phase[1][:, particle]))
+        what = f"particle {particle} moves at {speed:.3g} {system.units.unit('velocity')}"
         here = phase[0]
     else:
         particle = int(np.flatnonzero(~finite)[0])

@@ -30,7 +30,7 @@ class Box:
         for axis, length in zip("xyz", values, strict=True):
             if not (np.isfinite(length) and length > 0):
                 raise InputError(f"box: edge {axis} must be a positive finite length, got {length}")
-        return cls(values)  # type: ignore[arg-type]
+        return cls(values)
 
     @property
     def periodic(self) -> bool:

@@ -1,4 +1,5 @@
-"""The command line: parse, call one function, print. Results go to standard output, everything else to standard error."""
+"""The command line: parse, call one function, print. Results go to standard output, everything else to standard
+error."""
 
 from __future__ import annotations
 
@@ -31,8 +32,12 @@ app = typer.Typer(
 bench_app = typer.Typer(help="Benchmarks.", no_args_is_help=True)
 app.add_typer(bench_app, name="bench")
 
-SystemArgument = Annotated[str, typer.Argument(metavar="SYSTEM.toml", help="A system file, or the name of one that ships.")]
-JsonOption = Annotated[Path | None, typer.Option("--json", metavar="FILE", help="Write the results as one JSON object.")]
+SystemArgument = Annotated[
+    str, typer.Argument(metavar="SYSTEM.toml", help="A system file, or the name of one that ships.")
+]
+JsonOption = Annotated[
+    Path | None, typer.Option("--json", metavar="FILE", help="Write the results as one JSON object.")
+]
 OverwriteOption = Annotated[bool, typer.Option("--overwrite", help="Replace files that exist.")]
 ThreadsOption = Annotated[int, typer.Option(metavar="K", help="Threads; the results do not depend on it.")]
 QuietOption = Annotated[bool, typer.Option("--quiet", help="Nothing on standard error but errors.")]
@@ -92,7 +97,9 @@ def run(
 @bench_app.command("lj-energy")
 def bench_lj_energy(
     particles: Annotated[int, typer.Option(metavar="N", help="Particles; a cube of a whole number.")] = 1000,
-    steps: Annotated[int | None, typer.Option(metavar="N", help="Steps of 0.005 (default 2500; in full 1000000).")] = None,
+    steps: Annotated[
+        int | None, typer.Option(metavar="N", help="Steps of 0.005 (default 2000; in full 1000000).")
+    ] = None,
     integrator: Annotated[list[str] | None, typer.Option(metavar="NAME", help="Repeat for several.")] = None,
     threads: ThreadsOption = 1,
     json_file: JsonOption = None,
@@ -115,7 +122,9 @@ def bench_lj_energy(
         bars: dict[str, Any] = {}
 
         def progress(label: str, done: int, of: int) -> None:
-            bars.setdefault(label, bar(label))(done, of)
+            if label not in bars:
+                bars[label] = bar(label)
+            bars[label](done, of)
 
         rows, seconds = bench.timed(lambda: bench.lj_energy(system, plan, threads, progress))
     write_json(json_file, bench.as_json(system, rows, seconds, threads))
@@ -236,7 +245,10 @@ def print_report(report: Report, sim: Simulation, output: Path | None) -> None:
             "energy error",
             f"{energy.rms_relative_error:.2e} RMS, {energy.max_relative_error:.2e} largest, relative to the {energy.relative_to}",
         ),
-        ("energy drift", f"{energy.drift_per_unit_time:.1e} ± {energy.drift_error:.1e} per {units.time}: {energy.verdict}"),
+        (
+            "energy drift",
+            f"{energy.drift_per_unit_time:.1e} ± {energy.drift_error:.1e} per {units.time}: {energy.verdict}",
+        ),
         ("momentum error", f"{report.momentum_error:.1e} of the sum of m |v|"),
     ]
     if report.angular_momentum_error is not None:
@@ -288,17 +300,25 @@ def print_benchmark(rows: list[Any], particles: int, seconds: float) -> None:
 def print_system(system: System) -> None:
     """What a system file says, checked."""
     units = system.units
-    box = "open" if system.box.lengths is None else " x ".join(f"{edge:.6g}" for edge in system.box.lengths) + f" {units.length}"
+    box = (
+        "open"
+        if system.box.lengths is None
+        else " x ".join(f"{edge:.6g}" for edge in system.box.lengths) + f" {units.length}"
+    )
     print(f"{'system':17} {system.name}: valid")
     print(f"{'particles':17} {len(system):,} ({', '.join(system.species)})")
     print(f"{'box':17} {box}")
-    print(f"{'units':17} {units.name}: length {units.length}, time {units.time}, mass {units.mass}, energy {units.energy}")
+    print(
+        f"{'units':17} {units.name}: length {units.length}, time {units.time}, mass {units.mass}, energy {units.energy}"
+    )
     for force in system.forces:
         print(f"{'force':17} {force}")
     given = {key: value for key, value in vars(system.run).items() if value is not None}
     print(f"{'run':17} {', '.join(f'{key} = {value}' for key, value in given.items())}")
     if system.equilibration:
-        print(f"{'equilibrate':17} {', '.join(f'{key} = {value}' for key, value in vars(system.equilibration).items())}")
+        print(
+            f"{'equilibrate':17} {', '.join(f'{key} = {value}' for key, value in vars(system.equilibration).items())}"
+        )
 
 
 def print_table(title: str | None, columns: list[str], rows: list[list[str]]) -> None:
@@ -315,15 +335,20 @@ def print_table(title: str | None, columns: list[str], rows: list[list[str]]) ->
 
 
 @contextmanager
-def progress_bar(quiet: bool) -> Iterator[Callable[[str], Callable[[int, int], None] | None]]:
-    """Inside, ``bar(label)`` gives a function (done, of) that moves a bar on standard error, or None off a terminal."""
+def progress_bar(quiet: bool) -> Iterator[Callable[[str], Callable[[int, int], None]]]:
+    """Inside, ``bar(label)`` gives a function (done, of) that moves a bar on standard error, if that is a terminal."""
     if quiet or not sys.stderr.isatty():
-        yield lambda label: None if quiet else _nothing
+        yield lambda label: _nothing
         return
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-    layout = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:3.0f} %"), TimeRemainingColumn())
+    layout = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.percentage:3.0f} %"),
+        TimeRemainingColumn(),
+    )
     with Progress(*layout, console=Console(stderr=True), transient=True) as progress:
 
         def bar(label: str) -> Callable[[int, int], None]:
@@ -362,7 +387,7 @@ def say(text: str, quiet: bool = False) -> None:
 
 
 def counted(number: int, noun: str) -> str:
-    """"1 thread", "2 threads"."""
+    """ "1 thread", "2 threads"."""
     return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
 
 

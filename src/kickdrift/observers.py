@@ -35,7 +35,8 @@ class Sample:
     momentum : (3,) sum of m v
     angular_momentum : (3,) sum of m x × v, about the origin; it is conserved in open space alone
     temperature : 2 K / (g k_B), g = 3 N - 3; nan without particles that collide (no pair force) or degrees of freedom
-    pressure : (2 K + W) / (3 V), W the virial, sum of r . F over pairs (Allen & Tildesley 2017, eq. 2.60); nan in open space
+    pressure : (2 K + W) / (3 V), W the virial, sum of r . F over pairs (Allen & Tildesley 2017, eq. 2.60); nan in open
+    space
     pairs : pairs of particles within the forces' range
     """
 

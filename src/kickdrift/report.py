@@ -42,9 +42,9 @@ class Report:
     """A run's summary; ``as_json()`` is what ``--json`` writes.
 
     ``momentum_error`` is the largest |P(t) - P(0)| over the samples divided by the sum of m |v| at the start;
-    ``angular_momentum_error`` likewise with m |x × v|, None in a periodic box, where it is not conserved. ``temperature``
-    and ``pressure`` are means over the samples, in the system's units, None where they mean nothing. ``ns_per_pair`` is the
-    wall time per force evaluation and pair within range.
+    ``angular_momentum_error`` likewise with m |x × v|, None in a periodic box, where it is not conserved.
+    ``temperature`` and ``pressure`` are means over the samples, in the system's units, None where they mean nothing.
+    ``ns_per_pair`` is the wall time per force evaluation and pair within range.
     """
 
     system: str
@@ -88,7 +88,9 @@ def report(sim: Simulation) -> Report:
     samples = record.samples
     total = np.array([sample.energies.total for sample in samples])
     error = energy_error(total, samples[0].energies.kinetic)
-    scale = {"initial energy": abs(error.initial), "kinetic energy": samples[0].energies.kinetic}.get(error.relative_to, 1.0)
+    scale = {"initial energy": abs(error.initial), "kinetic energy": samples[0].energies.kinetic}.get(
+        error.relative_to, 1.0
+    )
     even = record.even()
     trend = drift([s.time for s in even], [(s.energies.total - error.initial) / scale for s in even])
     momentum = max(float(np.linalg.norm(s.momentum - samples[0].momentum)) for s in samples)

@@ -135,10 +135,10 @@ class Simulation:
     ) -> Report:
         """Take ``steps`` steps, or go on ``until`` a time on the grid of whole steps.
 
-        Every ``every`` steps (counted from step 0), at the start and at the end the energies are sampled, a frame goes to
-        ``output`` (a new .h5md file, or one that this Simulation began) and ``observe(sim)`` is called. ``progress(done,
-        of)`` is called now and then. Ctrl-C ends the run cleanly with a KeyboardInterrupt: what was done stays done, and
-        the file is whole.
+        Every ``every`` steps (counted from step 0), at the start and at the end the energies are sampled, a frame goes
+        to ``output`` (a new .h5md file, or one that this Simulation began) and ``observe(sim)`` is called.
+        ``progress(done, of)`` is called now and then. Ctrl-C ends the run cleanly with a KeyboardInterrupt: what was
+        done stays done, and the file is whole.
 
         Returns the Report. Raises InputError for arguments that make no sense, and RunError where the run blows up; the
         state is then that of the last sample.
@@ -176,9 +176,10 @@ class Simulation:
     ) -> None:
         """Bring the system to ``temperature`` in ``time``, and start counting steps, time and conservation anew.
 
-        Velocities are rescaled to the temperature every ``interval`` steps (Woodcock 1971, doi:10.1016/0009-2614(71)80281-6).
-        At the end they are rescaled once more, so that the total energy is the mean over the second half, K(T) + <U>: the
-        run that follows, at constant energy, then has the temperature as its mean and not just as its start.
+        Velocities are rescaled to the temperature every ``interval`` steps (Woodcock 1971,
+        doi:10.1016/0009-2614(71)80281-6). At the end they are rescaled once more, so that the total energy is the mean
+        over the second half, K(T) + <U>: the run that follows, at constant energy, then has the temperature as its mean
+        and not just as its start.
         """
         if not (np.isfinite(temperature) and temperature > 0):
             raise InputError(f"equilibrate: temperature must be positive, got {temperature}")
@@ -210,7 +211,9 @@ class Simulation:
     def _rescale(self, kinetic: float) -> None:
         now = kinetic_energy(self.system.coherent_masses, self._phase[1])
         if now == 0:
-            raise InputError("equilibrate: all velocities are zero, so none can be rescaled; give [velocities] a temperature")
+            raise InputError(
+                "equilibrate: all velocities are zero, so none can be rescaled; give [velocities] a temperature"
+            )
         self._phase[1] *= np.sqrt(kinetic / now)
 
     def _count(self, steps: int | None, until: float | None) -> int:
@@ -271,7 +274,9 @@ class Simulation:
     def _fail(self) -> None:
         """Say what blew up, and go back to the last sample."""
         last = self._last_good
-        message = explain(self.system, self._phase, last.phase, self.steps_done + 1, self.time + self.dt, last.steps_done)
+        message = explain(
+            self.system, self._phase, last.phase, self.steps_done + 1, self.time + self.dt, last.steps_done
+        )
         self._phase[...], self.steps_done = last.phase, last.steps_done
         self._cursor[:] = 0
         self._forces.forget()

@@ -28,7 +28,8 @@ class RunDefaults:
 
 @dataclass(frozen=True)
 class Equilibration:
-    """What a system file's ``[equilibrate]`` says: run to ``temperature`` for ``time`` before conservation is measured."""
+    """What a system file's ``[equilibrate]`` says: run to ``temperature`` for ``time`` before conservation is
+    measured."""
 
     temperature: float
     time: float
@@ -139,5 +140,7 @@ def _vectors(key: str, values: ArrayLike) -> Floats:
     bad = np.argwhere(~np.isfinite(array))
     if bad.size:
         particle, axis = bad[0]
-        raise InputError(f"{key}: particle {particle} has {array[particle, axis]} in {'xyz'[axis]}; expected finite numbers")
+        raise InputError(
+            f"{key}: particle {particle} has {array[particle, axis]} in {'xyz'[axis]}; expected finite numbers"
+        )
     return array

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from kickdrift.forces.gravity import Gravity
 from kickdrift.forces.lennard_jones import LennardJones
 
-FORCES = {force.name: force for force in (LennardJones, Gravity)}
+FORCES: dict[str, Any] = {force.name: force for force in (LennardJones, Gravity)}
 
 __all__ = ["FORCES", "Gravity", "LennardJones"]

@@ -38,9 +38,9 @@ def check_threads(threads: int) -> None:
 class BoundForces:
     """The forces of a System with their pair lists, which live as long as this object.
 
-    The lists make the sums of one instance depend on what it was asked before (to round-off), so the run loop has one that
-    nobody else touches, and observers another. Between two calls in a run no particle may move further than a pair force
-    reaches (the run has blown up then); with ``jumps`` it may.
+    The lists make the sums of one instance depend on what it was asked before (to round-off), so the run loop has one
+    that nobody else touches, and observers another. Between two calls in a run no particle may move further than a pair
+    force reaches (the run has blown up then); with ``jumps`` it may.
     """
 
     def __init__(self, system: System, threads: int = 1, jumps: bool = True) -> None:

@@ -1,7 +1,7 @@
 """Work in chunks: one after the other or on threads, with the same machine code and so the same bits.
 
-A *task* is a jitted function ``task(bound, c)`` of a handle and a chunk's number; ``each_chunk(bound, task name)`` runs it
-for every chunk. Tasks are named, not passed, since a function that takes functions could not be cached.
+A *task* is a jitted function ``task(bound, c)`` of a handle and a chunk's number; ``each_chunk(bound, task name)`` runs
+it for every chunk. Tasks are named, not passed, since a function that takes functions could not be cached.
 """
 
 from __future__ import annotations
@@ -41,13 +41,13 @@ def each_chunk(bound: Any, threads: Serial | Parallel, name: str) -> None:
 
 
 @overload(each_chunk, prefer_literal=True)
-def _each_chunk(bound, threads, name):  # type: ignore[no-untyped-def]
+def _each_chunk(bound, threads, name):
     if not isinstance(name, types.StringLiteral) or not isinstance(bound, Handle):
         return None
     task = TASKS[name.literal_value]
     if threads.instance_class is Serial:
 
-        def serial(bound, threads, name):  # type: ignore[no-untyped-def]
+        def serial(bound, threads, name):
             for c in range(threads.chunks):
                 task(bound, c)
 
@@ -55,7 +55,7 @@ def _each_chunk(bound, threads, name):  # type: ignore[no-untyped-def]
     restore = handle_at(bound)
 
     @njit(error_model="numpy", fastmath=FAST_MATH, parallel=True)
-    def on_threads(number, chunks):  # type: ignore[no-untyped-def]
+    def on_threads(number, chunks):
         for c in prange(chunks):
             task(restore(number), c)
 

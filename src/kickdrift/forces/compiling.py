@@ -1,9 +1,9 @@
 """How kickdrift compiles: numba's flags in one place, and a cache on disk that sees every edit.
 
-Only drivers (the functions that Python calls) are cached; what they call is compiled into them. numba's own index notices
-changes in the driver's file alone, so ours is a folder named by a hash of all the sources that it is compiled from. A driver that was
-compiled around a class from outside the package (a user's force) gets a folder of its own, named by that class's source
-too: it never shares an index with the package.
+Only drivers (the functions that Python calls) are cached; what they call is compiled into them. numba's own index
+notices changes in the driver's file alone, so ours is a folder named by a hash of all the sources that it is compiled
+from. A driver that was compiled around a class from outside the package (a user's force) gets a folder of its own,
+named by that class's source too: it never shares an index with the package.
 """
 
 from __future__ import annotations
@@ -28,10 +28,11 @@ jit = njit(error_model="numpy", fastmath=FAST_MATH, nogil=True)
 
 
 @intrinsic
-def never_inline(typingctx):  # type: ignore[no-untyped-def]
-    """Called in a function's body: keep it one piece of machine code wherever it is called from, so that it rounds alike."""
+def never_inline(typingctx):
+    """Called in a function's body: keep it one piece of machine code wherever it is called from, so that it rounds
+    alike."""
 
-    def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+    def codegen(context, builder, sig, args):
         builder.function.attributes.add("noinline")
         return context.get_dummy_value()
 
@@ -70,7 +71,9 @@ def fingerprint(cls: type) -> str:
         text = cls.__qualname__
     bodies = [value for value in vars(cls).values() if inspect.isfunction(value) and value.__module__ == cls.__module__]
     bodies += list(getattr(cls, "kernel_sources", ()))
-    return text + "".join(body.__code__.co_code.hex() + repr(body.__code__.co_consts) + _closed_over(body) for body in bodies)
+    return text + "".join(
+        body.__code__.co_code.hex() + repr(body.__code__.co_consts) + _closed_over(body) for body in bodies
+    )
 
 
 class _Locator(_CacheLocator):

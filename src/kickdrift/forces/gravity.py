@@ -14,7 +14,8 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Gravity:
-    """U = -G sum m_i m_j / sqrt(r^2 + softening^2) over pairs (Plummer 1911, doi:10.1093/mnras/71.5.460, for the softening).
+    """U = -G sum m_i m_j / sqrt(r^2 + softening^2) over pairs (Plummer 1911, doi:10.1093/mnras/71.5.460, for the
+    softening).
 
     Attributes
     ----------

@@ -1,5 +1,5 @@
-"""Bound forces by reference: compiled functions pass one pointer instead of the hundreds of numbers that a NamedTuple of
-arrays unpacks into (which made compiling ten times slower), and threads can share it.
+"""Bound forces by reference: compiled functions pass one pointer instead of the hundreds of numbers that a NamedTuple
+of arrays unpacks into (which made compiling ten times slower), and threads can share it.
 
 ``handle(value)`` puts a NamedTuple, or a tuple of them, on the caller's stack and returns a ``Handle``; attributes read
 through it. A handle lives as long as the call of the function that made it, and keeps nothing alive.
@@ -69,36 +69,36 @@ def _part(context: Any, builder: ir.IRBuilder, pointer: ir.Value, index: int, ki
 
 
 @lower_getattr_generic(Handle)
-def _attribute(context, builder, handle, pointer, name):  # type: ignore[no-untyped-def]
+def _attribute(context, builder, handle, pointer, name):
     return _part(context, builder, pointer, *handle.field(name))
 
 
 @intrinsic
-def handle(typingctx, value):  # type: ignore[no-untyped-def]
+def handle(typingctx, value):
     """A Handle of the value, on the caller's stack."""
 
-    def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+    def codegen(context, builder, sig, args):
         return cgutils.alloca_once_value(builder, args[0])
 
     return Handle(value)(value), codegen
 
 
 @intrinsic(prefer_literal=True)
-def part(typingctx, of, index):  # type: ignore[no-untyped-def]
+def part(typingctx, of, index):
     """The part with that written-out number of the tuple behind a handle."""
     kind, number = of.kind.types[index.literal_value], index.literal_value
 
-    def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+    def codegen(context, builder, sig, args):
         return _part(context, builder, args[0], number, kind)
 
     return _read(kind)(of, index), codegen
 
 
 @intrinsic
-def address(typingctx, of):  # type: ignore[no-untyped-def]
+def address(typingctx, of):
     """A handle as a whole number, for numba's parallel loops, which take nothing else."""
 
-    def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+    def codegen(context, builder, sig, args):
         return builder.ptrtoint(args[0], context.get_value_type(types.intp))
 
     return types.intp(of), codegen
@@ -108,8 +108,8 @@ def handle_at(kind: Handle) -> Any:
     """The compiled inverse of ``address`` for that type of handle."""
 
     @intrinsic
-    def restore(typingctx, number):  # type: ignore[no-untyped-def]
-        def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+    def restore(typingctx, number):
+        def codegen(context, builder, sig, args):
             return builder.inttoptr(args[0], context.get_value_type(kind))
 
         return kind(types.intp), codegen

@@ -1,7 +1,7 @@
 """Forces dispatch on type inside compiled code: one generic ``accelerate``, one compiled body per NamedTuple class.
 
-A force that a user hands over is *bound* to a System first: ``force.bind(system, threads)`` returns a NamedTuple of numbers
-and arrays, and the body registered for its class is what the step loop is compiled around.
+A force that a user hands over is *bound* to a System first: ``force.bind(system, threads)`` returns a NamedTuple of
+numbers and arrays, and the body registered for its class is what the step loop is compiled around.
 """
 
 from __future__ import annotations
@@ -23,9 +23,10 @@ KERNELS: dict[type, Any] = {}
 def kernel(cls: type) -> Callable[[Callable[..., Any]], Any]:
     """Register the compiled body of a force whose bound form is the NamedTuple class ``cls``.
 
-    The body is ``body(force, t, x, v, a, sums) -> status``: it adds the accelerations (3, n) of positions x and velocities
-    v, both (3, n), to ``a``; where ``sums`` is not None it adds the potential energy to ``sums[0]``, the virial (the sum
-    of r . F over pairs) to ``sums[1]`` and the number of interacting pairs to ``sums[2]``; it returns 0, or what went wrong (GROW, BLOWN_UP).
+    The body is ``body(force, t, x, v, a, sums) -> status``: it adds the accelerations (3, n) of positions x and
+    velocities v, both (3, n), to ``a``; where ``sums`` is not None it adds the potential energy to ``sums[0]``, the
+    virial (the sum of r . F over pairs) to ``sums[1]`` and the number of interacting pairs to ``sums[2]``; it returns
+    0, or what went wrong (GROW, BLOWN_UP).
     """
 
     def register(body: Callable[..., Any]) -> Any:
@@ -41,7 +42,7 @@ def accelerate(force: Any, t: float, x: Any, v: Any, a: Any, sums: Any) -> int:
 
 
 @overload(accelerate)
-def _accelerate(force, t, x, v, a, sums):  # type: ignore[no-untyped-def]
+def _accelerate(force, t, x, v, a, sums):
     if isinstance(force.kind, types.NamedTuple):
         return KERNELS[force.kind.instance_class].py_func
     return sum_of_forces(len(force.kind))
@@ -49,7 +50,10 @@ def _accelerate(force, t, x, v, a, sums):  # type: ignore[no-untyped-def]
 
 def sum_of_forces(count: int) -> Callable[..., Any]:
     """The body for a tuple of ``count`` forces."""
-    lines = [f"    status = accelerate(part(force, {k}), t, x, v, a, sums)\n    if status: return status" for k in range(count)]
+    lines = [
+        f"    status = accelerate(part(force, {k}), t, x, v, a, sums)\n    if status: return status"
+        for k in range(count)
+    ]
     scope = {"accelerate": accelerate, "part": part}
     exec("\n".join(["def each(force, t, x, v, a, sums):", *lines, "    return 0"]), scope)
     return scope["each"]

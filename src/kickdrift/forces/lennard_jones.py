@@ -9,14 +9,15 @@ from kickdrift.forces.pair_law import pair_law
 
 @pair_law
 class LennardJones(NamedTuple):
-    """U(r) = 4 epsilon ((sigma/r)^12 - (sigma/r)^6); Jones, Proc. R. Soc. Lond. A 106, 463 (1924), doi:10.1098/rspa.1924.0082."""
+    """U(r) = 4 epsilon ((sigma/r)^12 - (sigma/r)^6); Jones, Proc. R. Soc. Lond. A 106, 463 (1924),
+    doi:10.1098/rspa.1924.0082."""
 
     epsilon: float = 1.0
     sigma: float = 1.0
 
-    dimensions = {"epsilon": "energy", "sigma": "length"}  # noqa: RUF012
+    dimensions = {"epsilon": "energy", "sigma": "length"}  # type: ignore[misc]  # noqa: RUF012
 
-    def law(p, r2):  # noqa: N805
+    def law(p, r2):
         inverse = 1.0 / r2
         s2 = p.sigma * p.sigma * inverse
         s6 = s2 * s2 * s2

@@ -25,7 +25,17 @@ from kickdrift.forces.pairlist import (
     refresh,
     shift_particle,
 )
-from kickdrift.forces.simd import WIDTH, aligned, lane_numbers, lane_sum, multiply_add, named_lanes, select, splat, store
+from kickdrift.forces.simd import (
+    WIDTH,
+    aligned,
+    lane_numbers,
+    lane_sum,
+    multiply_add,
+    named_lanes,
+    select,
+    splat,
+    store,
+)
 from kickdrift.forces.truncation import AtCutoff, Cut, ForceShift, Shift, Switch, truncated
 
 if TYPE_CHECKING:
@@ -34,7 +44,8 @@ if TYPE_CHECKING:
 
 
 class Tables(NamedTuple):
-    """Numbers per pair of species, spread over the slots: ``law[k, species of i, slot of j]`` for the k-th parameter."""
+    """Numbers per pair of species, spread over the slots: ``law[k, species of i, slot of j]`` for the k-th
+    parameter."""
 
     law: NDArray[np.float64]  # (parameters, species, slots)
     at_cutoff: NDArray[np.float64]  # (2, species, slots)
@@ -93,11 +104,11 @@ def spread(tables: Any, pairs: ClusterList) -> None:
 
 
 @overload(spread)
-def _spread(tables, pairs):  # type: ignore[no-untyped-def]
+def _spread(tables, pairs):
     if isinstance(tables, types.NoneType):
         return lambda tables, pairs: None
 
-    def spread_tables(tables, pairs):  # type: ignore[no-untyped-def]
+    def spread_tables(tables, pairs):
         for i in range(pairs.place.size):
             p = pairs.place[i]
             s = p // STRIDE * WIDTH + p % STRIDE
@@ -152,7 +163,13 @@ def chunk_forces_and_sums(force, c):
 @jit
 def sum_pairs(force, sums, c):
     pairs = force.pairs
-    entries, shifts, span, filled, touched = pairs.inner[c], pairs.shifts, pairs.inner_span, pairs.filled, pairs.touched[c]
+    entries, shifts, span, filled, touched = (
+        pairs.inner[c],
+        pairs.shifts,
+        pairs.inner_span,
+        pairs.filled,
+        pairs.touched[c],
+    )
     x, forces, shifted = pairs.x, pairs.force[c], np.empty(3 * 4 * WIDTH)
     zero = splat(0.0)
     for cluster in range(pairs.counts[N_CLUSTERS]):
@@ -164,7 +181,8 @@ def sum_pairs(force, sums, c):
     begin, end = chunk_clusters(pairs, c)
     for cluster in range(begin, end):
         x_own, y_own, z_own = load_vector(x, cluster)
-        # forces on the cluster's own eight stay in registers: a store of one and a load of eight would wait for each other
+        # forces on the cluster's own eight stay in registers: a store of one and a load of eight would wait for each
+        # other
         own_x, own_y, own_z = zero, zero, zero
         for lane in range(filled[cluster]):
             i, p = WIDTH * cluster + lane, STRIDE * cluster + lane
@@ -218,22 +236,23 @@ def sum_pairs(force, sums, c):
 
 
 def pair_terms(laws: tuple[Any, ...], i: int, j: int, r2: Any) -> Any:
-    """Energy and force over r of particle i with the eight in slots j to j + 7, truncated; the cutoff is not yet applied."""
+    """Energy and force over r of particle i with the eight in slots j to j + 7, truncated; the cutoff is not yet
+    applied."""
 
 
 @overload(pair_terms)
-def _pair_terms(laws, i, j, r2):  # type: ignore[no-untyped-def]
+def _pair_terms(laws, i, j, r2):
     law = laws[0].instance_class.compiled_law
     if isinstance(laws[3], types.NoneType):
 
-        def one_species(laws, i, j, r2):  # type: ignore[no-untyped-def]
+        def one_species(laws, i, j, r2):
             parameters, at_cutoff, truncation, _ = laws
             energy, force_over_r = law(parameters, r2)
             return truncated(truncation, at_cutoff, r2, energy, force_over_r)
 
         return one_species
 
-    def many_species(laws, i, j, r2):  # type: ignore[no-untyped-def]
+    def many_species(laws, i, j, r2):
         like, like_at_cutoff, truncation, tables = laws
         row = tables.row[i]
         energy, force_over_r = law(named_lanes(like, tables.law, row, j), r2)
@@ -298,5 +317,5 @@ def grown(bound: Any) -> Any:
         return bound
     room = int(1.3 * bound.pairs.counts[ROOM_NEEDED])
     chunks = bound.pairs.outer.shape[0]
-    bigger = {key: np.empty((chunks, room), np.int32) for key in ("outer", "inner")}
-    return bound._replace(pairs=bound.pairs._replace(**bigger))
+    outer, inner = (np.empty((chunks, room), np.int32) for _ in range(2))
+    return bound._replace(pairs=bound.pairs._replace(outer=outer, inner=inner))

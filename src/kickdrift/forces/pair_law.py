@@ -35,8 +35,8 @@ class PairForce:
     switch_start : float, optional
         Where the switch begins; default 0.8 cutoff.
     tail : bool
-        Add the energy and pressure of a uniform fluid beyond the cutoff (Allen & Tildesley 2017, eqs. 2.144-2.146); only
-        with truncation "cut", whose energies it completes.
+        Add the energy and pressure of a uniform fluid beyond the cutoff (Allen & Tildesley 2017, eqs. 2.144-2.146);
+        only with truncation "cut", whose energies it completes.
     species : {name: {parameter: value}}, optional
         The law's parameters for each species; other pairs follow from ``mixing`` ("lorentz-berthelot": sigma is the
         arithmetic, epsilon the geometric mean).
@@ -79,7 +79,9 @@ class PairForce:
         if self.truncation == "switch":
             start = SWITCH_START * self.cutoff if self.switch_start is None else self.switch_start
             if not 0 < start < self.cutoff:
-                raise InputError(f"{self.name}: switch_start must lie between 0 and the cutoff {self.cutoff:g}, got {start:g}")
+                raise InputError(
+                    f"{self.name}: switch_start must lie between 0 and the cutoff {self.cutoff:g}, got {start:g}"
+                )
             object.__setattr__(self, "switch_start", start)
         elif self.switch_start is not None:
             raise InputError(f'{self.name}: switch_start goes with truncation "switch", not "{self.truncation}"')
@@ -121,7 +123,10 @@ class PairForce:
     def shortest(self) -> float:
         """The smallest length among the law's parameters (sigma); particles much closer than it overlap."""
         lengths = [
-            getattr(law, key) for _, law in self._laws_given() for key in law._fields if self.dimensions.get(key) == "length"
+            getattr(law, key)
+            for _, law in self._laws_given()
+            for key in law._fields
+            if self.dimensions.get(key) == "length"
         ]
         return min(lengths, default=0.0)
 
@@ -139,7 +144,9 @@ class PairForce:
             raise InputError(f"{self.name}: tail corrections need a periodic box")
         massless = np.flatnonzero(system.state.masses == 0)
         if massless.size:
-            raise InputError(f"{self.name}: particle {massless[0]} has no mass, and a pair force would move it infinitely fast")
+            raise InputError(
+                f"{self.name}: particle {massless[0]} has no mass, and a pair force would move it infinitely fast"
+            )
         for a in system.species:
             for b in system.species:
                 self.pair_law(a, b)
@@ -162,10 +169,16 @@ class PairForce:
                     p = self.pair_law(a, b)
                     density = 2 * math.pi * n_a * n_b / system.box.volume
                     try:  # over u = 1 / r, from 0 to 1 / r_c
-                        u_part = quad(lambda u, p=p: p.law(u**-2)[0] / u**4, 0, 1 / self.cutoff, epsabs=0, epsrel=1e-12)[0]
-                        w_part = quad(lambda u, p=p: p.law(u**-2)[1] / u**6, 0, 1 / self.cutoff, epsabs=0, epsrel=1e-12)[0]
+                        u_part = quad(
+                            lambda u, p=p: p.law(u**-2)[0] / u**4, 0, 1 / self.cutoff, epsabs=0, epsrel=1e-12
+                        )[0]
+                        w_part = quad(
+                            lambda u, p=p: p.law(u**-2)[1] / u**6, 0, 1 / self.cutoff, epsabs=0, epsrel=1e-12
+                        )[0]
                     except (IntegrationWarning, ZeroDivisionError, OverflowError):
-                        raise InputError(f"{self.name}: the tail beyond the cutoff does not converge for {a}-{b}") from None
+                        raise InputError(
+                            f"{self.name}: the tail beyond the cutoff does not converge for {a}-{b}"
+                        ) from None
                     energy += density * u_part
                     virial += density * w_part
         return energy, virial
@@ -180,9 +193,9 @@ class PairForce:
 def pair_law(cls: type) -> Any:
     """Make a force of a NamedTuple class whose ``law(p, r2)`` returns energy and force over r, -U'(r) / r.
 
-    The class's fields are the law's parameters, the force has them and those of ``PairForce``. ``law`` is compiled for SIMD
-    lanes: ``+ - * / **`` with a whole power, comparisons, ``math.sqrt``, ``math.exp`` and ``math.log`` work. An optional
-    ``dimensions`` names the kind of each parameter ("length", "energy", …) for system files with units.
+    The class's fields are the law's parameters, the force has them and those of ``PairForce``. ``law`` is compiled for
+    SIMD lanes: ``+ - * / **`` with a whole power, comparisons, ``math.sqrt``, ``math.exp`` and ``math.log`` work. An
+    optional ``dimensions`` names the kind of each parameter ("length", "energy", …) for system files with units.
     """
     fields: Any = cls._fields  # type: ignore[attr-defined]
     defaults: dict[str, float] = cls._field_defaults  # type: ignore[attr-defined]

@@ -1,12 +1,12 @@
 """The cluster pair list: which particles may be within the cutoff of each other, laid out for SIMD.
 
 Particles are sorted into columns over the x-y plane and by z in each, and padded to clusters of eight. The list holds,
-for every particle i, the clusters J (with the periodic shift to apply) that hold a particle within the cutoff plus a skin:
-an *outer* list with a wide skin, made from the sorted columns, and an *inner* one pruned from it, which the forces run
-over (the scheme of Páll & Hess, Comput. Phys. Commun. 184, 2641, 2013, doi:10.1016/j.cpc.2013.06.003). Every pair of images
-stands once: J's image follows i's cluster in the order (column x, column y, cluster), unwrapped across the periodic
-edges; the pairs inside a cluster are implied. A list is refreshed when a particle has moved by half its skin, which is
-looked at on every force evaluation, and is a function of the positions alone.
+for every particle i, the clusters J (with the periodic shift to apply) that hold a particle within the cutoff plus a
+skin: an *outer* list with a wide skin, made from the sorted columns, and an *inner* one pruned from it, which the
+forces run over (the scheme of Páll & Hess, Comput. Phys. Commun. 184, 2641, 2013, doi:10.1016/j.cpc.2013.06.003). Every
+pair of images stands once: J's image follows i's cluster in the order (column x, column y, cluster), unwrapped across
+the periodic edges; the pairs inside a cluster are implied. A list is refreshed when a particle has moved by half its
+skin, which is looked at on every force evaluation, and is a function of the positions alone.
 """
 
 from __future__ import annotations
@@ -35,8 +35,8 @@ SHIFT_BITS, NO_SHIFT = 5, 13  # 27 shifts, in base 3
 class ClusterList(NamedTuple):
     """The list's arrays, all allocated once; n particles, `slots` places in clusters, `chunks` shares of the work.
 
-    Vectors are stored cluster by cluster, eight x, eight y, eight z: a cluster is then three neighbouring cache lines. The
-    *place* of a particle is where its x stands; its y and z are WIDTH and 2 WIDTH further on.
+    Vectors are stored cluster by cluster, eight x, eight y, eight z: a cluster is then three neighbouring cache lines.
+    The *place* of a particle is where its x stands; its y and z are WIDTH and 2 WIDTH further on.
     """
 
     cutoff: float
@@ -117,7 +117,9 @@ def refresh(pairs, x, threads):
     if counts[BUILT]:
         copy_positions(pairs, x)
         inner, total = largest_move(pairs, pairs.inner_reference)
-        jumped = inner > (pairs.cutoff + 0.5 * pairs.inner_skin) ** 2  # past the whole range of the force since the last call
+        jumped = (
+            inner > (pairs.cutoff + 0.5 * pairs.inner_skin) ** 2
+        )  # past the whole range of the force since the last call
         if not np.isfinite(total) or (jumped and not counts[JUMPS_ALLOWED]):
             return BLOWN_UP
         if 4.0 * inner <= pairs.inner_skin**2:
@@ -392,7 +394,9 @@ def clusters_near(pairs, cluster, reach2, near):
             for shift_z in range(-1 if periodic and not same_column else 0, 2 if periodic else 1):
                 s = 9 * (shift_x + 1) + 3 * (shift_y + 1) + shift_z + 1
                 here = same_column and shift_z == 0
-                for other in range(cluster + 1 if here else column_clusters[other_home], column_clusters[other_home + 1]):
+                for other in range(
+                    cluster + 1 if here else column_clusters[other_home], column_clusters[other_home + 1]
+                ):
                     if bounds[2, other] + shifts[2, s] > highest:
                         break
                     if bounds[5, other] + shifts[2, s] >= lowest and found < near.size:

@@ -1,10 +1,11 @@
 """SIMD as a type: an 8-lane float64 vector that compiled kernels use like a number.
 
-numba learns two types, ``Lanes`` (LLVM's ``<8 x double>``) and ``Mask`` (``<8 x i1>``), with the arithmetic operators, the
-comparisons and a few functions lowered on them; LLVM then emits AVX-512, AVX2, SSE2 or NEON as the machine has it. Lanes
-mix with scalars, which are copied to all lanes. The fast-math flags leave NaN and infinity alone: blow-up detection needs
-them. Division is a 14-bit estimate refined by two Newton steps where the machine has AVX-512 (its divide would take over
-half of a pair kernel's time), within 2 ulp; r = 0, infinity and NaN give a result that is not finite, and so stay visible.
+numba learns two types, ``Lanes`` (LLVM's ``<8 x double>``) and ``Mask`` (``<8 x i1>``), with the arithmetic operators,
+the comparisons and a few functions lowered on them; LLVM then emits AVX-512, AVX2, SSE2 or NEON as the machine has it.
+Lanes mix with scalars, which are copied to all lanes. The fast-math flags leave NaN and infinity alone: blow-up
+detection needs them. Division is a 14-bit estimate refined by two Newton steps where the machine has AVX-512 (its
+divide would take over half of a pair kernel's time), within 2 ulp; r = 0, infinity and NaN give a result that is not
+finite, and so stay visible.
 """
 
 from __future__ import annotations
@@ -118,7 +119,7 @@ def _lower_binary(function: Callable[..., Any], emit: Callable[..., ir.Value], r
     _register(function, [signature(result, *pair) for pair in _PAIRS])
     for pair in _PAIRS:
 
-        def lowered(context, builder, sig, args):  # type: ignore[no-untyped-def]
+        def lowered(context, builder, sig, args):
             a, b = (
                 value if kind == lanes_type else _splat(builder, value)
                 for kind, value in zip(sig.args, args, strict=True)
@@ -132,7 +133,7 @@ def _lower_function(function: Callable[..., Any], name: str) -> None:
     _register(function, [signature(lanes_type, lanes_type)])
 
     @lower_builtin(function, lanes_type)
-    def lowered(context, builder, sig, args):  # type: ignore[no-untyped-def]
+    def lowered(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         kind = ir.FunctionType(F64X8, [F64X8])
         return builder.call(cgutils.get_or_insert_function(builder.module, kind, f"llvm.{name}.v8f64"), args)
 
@@ -149,12 +150,12 @@ _register(operator.neg, [signature(lanes_type, lanes_type)])
 
 
 @lower_builtin(operator.and_, mask_type, mask_type)
-def _and(context, builder, sig, args):  # type: ignore[no-untyped-def]
+def _and(context, builder, sig, args):
     return builder.and_(*args)
 
 
 @lower_builtin(operator.neg, lanes_type)
-def _negative(context, builder, sig, args):  # type: ignore[no-untyped-def]
+def _negative(context, builder, sig, args):
     return builder.fneg(args[0], flags=FLAGS)
 
 
@@ -163,14 +164,12 @@ class _WholePower(AbstractTemplate):
     """``x**k`` for a written-out whole k from 1 to 32; other exponents are not for SIMD lanes."""
 
     def generic(self, args: Any, kws: Any) -> Any:
-        if len(args) == 2 and args[0] == lanes_type and isinstance(args[1], types.IntegerLiteral):
-            if 1 <= args[1].literal_value <= 32:
-                return signature(lanes_type, *args)
-        return None
+        whole = len(args) == 2 and args[0] == lanes_type and isinstance(args[1], types.IntegerLiteral)
+        return signature(lanes_type, *args) if whole and 1 <= args[1].literal_value <= 32 else None
 
 
 @lower_builtin(operator.pow, lanes_type, types.IntegerLiteral)
-def _whole_power(context, builder, sig, args):  # type: ignore[no-untyped-def]
+def _whole_power(context, builder, sig, args):
     exponent, square, result = sig.args[1].literal_value, args[0], None
     while exponent:
         if exponent & 1:
@@ -180,17 +179,20 @@ def _whole_power(context, builder, sig, args):  # type: ignore[no-untyped-def]
     return result
 
 
-def _pointer(context: Any, builder: ir.IRBuilder, array_type: Any, array: Any, index: Any, pointee: ir.Type) -> ir.Value:
-    data = context.make_array(array_type)(context, builder, array).data
-    return builder.bitcast(builder.gep(data, [index]), pointee.as_pointer())
+def _pointer(
+    context: Any, builder: ir.IRBuilder, array_type: Any, array: Any, index: Any, pointee: ir.Type
+) -> ir.Value:
+    array, index = args[:2]
+    data = context.make_array(sig.args[0])(context, builder, array).data
+    return builder.bitcast(builder.gep(data, [index]), F64X8.as_pointer())
 
 
 @intrinsic
-def load(typingctx, array, index):  # type: ignore[no-untyped-def]
+def load(typingctx, array, index):
     """Eight neighbours of a contiguous float64 array, from ``index`` on."""
 
-    def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
-        value = builder.load(_pointer(context, builder, sig.args[0], *args, F64X8))
+    def codegen(context, builder, sig, args):
+        value = builder.load(_pointer(context, builder, sig, args))
         value.align = 8
         return value
 
@@ -198,11 +200,11 @@ def load(typingctx, array, index):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
-def store(typingctx, array, index, value):  # type: ignore[no-untyped-def]
+def store(typingctx, array, index, value):
     """Write eight neighbours."""
 
-    def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
-        written = builder.store(args[2], _pointer(context, builder, sig.args[0], *args[:2], F64X8))
+    def codegen(context, builder, sig, args):
+        written = builder.store(args[2], _pointer(context, builder, sig, args))
         written.align = 8
         return context.get_dummy_value()
 
@@ -210,20 +212,20 @@ def store(typingctx, array, index, value):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
-def splat(typingctx, scalar):  # type: ignore[no-untyped-def]
+def splat(typingctx, scalar):
     """The same number in all lanes."""
 
-    def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+    def codegen(context, builder, sig, args):
         return _splat(builder, args[0])
 
     return lanes_type(types.float64), codegen
 
 
 @intrinsic
-def multiply_add(typingctx, a, b, c):  # type: ignore[no-untyped-def]
+def multiply_add(typingctx, a, b, c):
     """a b + c, fused where the machine can; for where a product is used twice and LLVM would not fuse by itself."""
 
-    def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+    def codegen(context, builder, sig, args):
         kind = ir.FunctionType(F64X8, [F64X8] * 3)
         return builder.call(cgutils.get_or_insert_function(builder.module, kind, "llvm.fmuladd.v8f64"), args)
 
@@ -231,40 +233,40 @@ def multiply_add(typingctx, a, b, c):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
-def lane_numbers(typingctx):  # type: ignore[no-untyped-def]
+def lane_numbers(typingctx):
     """0.0, 1.0, … 7.0."""
 
-    def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+    def codegen(context, builder, sig, args):
         return ir.Constant(F64X8, [float(k) for k in range(WIDTH)])
 
     return lanes_type(), codegen
 
 
 @intrinsic
-def select(typingctx, mask, yes, no):  # type: ignore[no-untyped-def]
+def select(typingctx, mask, yes, no):
     """``yes`` where the mask is set, else ``no``; what is not chosen has no influence, NaN or not."""
 
-    def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+    def codegen(context, builder, sig, args):
         return builder.select(*args)
 
     return lanes_type(mask_type, lanes_type, lanes_type), codegen
 
 
 @intrinsic
-def mask_bits(typingctx, mask):  # type: ignore[no-untyped-def]
+def mask_bits(typingctx, mask):
     """The mask as a whole number, lane k in bit k."""
 
-    def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+    def codegen(context, builder, sig, args):
         return builder.zext(builder.bitcast(args[0], ir.IntType(8)), ir.IntType(64))
 
     return types.int64(mask_type), codegen
 
 
 @intrinsic
-def any_lane(typingctx, mask):  # type: ignore[no-untyped-def]
+def any_lane(typingctx, mask):
     """Whether one lane of the mask is set."""
 
-    def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+    def codegen(context, builder, sig, args):
         return builder.icmp_unsigned("!=", builder.bitcast(args[0], ir.IntType(8)), ir.IntType(8)(0))
 
     return types.boolean(mask_type), codegen
@@ -283,22 +285,24 @@ def _fold(builder: ir.IRBuilder, vector: ir.Value, combine: Callable[[ir.Value, 
 
 
 @intrinsic
-def lane_sum(typingctx, value):  # type: ignore[no-untyped-def]
+def lane_sum(typingctx, value):
     """The sum of the lanes."""
 
-    def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+    def codegen(context, builder, sig, args):
         return _fold(builder, args[0], builder.fadd)
 
     return types.float64(lanes_type), codegen
 
 
 @intrinsic
-def lane_max(typingctx, value):  # type: ignore[no-untyped-def]
+def lane_max(typingctx, value):
     """The largest lane; lanes that are not numbers do not count."""
 
-    def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
-        def larger(a, b):  # type: ignore[no-untyped-def]
-            return builder.select(builder.or_(builder.fcmp_ordered(">", a, b), builder.fcmp_unordered("uno", b, b)), a, b)
+    def codegen(context, builder, sig, args):
+        def larger(a, b):
+            return builder.select(
+                builder.or_(builder.fcmp_ordered(">", a, b), builder.fcmp_unordered("uno", b, b)), a, b
+            )
 
         return _fold(builder, args[0], larger)
 
@@ -306,11 +310,12 @@ def lane_max(typingctx, value):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
-def named_lanes(typingctx, like, table, row, index):  # type: ignore[no-untyped-def]
-    """A NamedTuple of the class of ``like`` whose k-th field is the eight numbers ``table[k, row, index:index + 8]``."""
+def named_lanes(typingctx, like, table, row, index):
+    """A NamedTuple of the class of ``like`` whose k-th field is the eight numbers ``table[k, row, index:index +
+    8]``."""
     result = types.NamedTuple([lanes_type] * len(like), like.instance_class)
 
-    def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+    def codegen(context, builder, sig, args):
         array = context.make_array(sig.args[1])(context, builder, args[1])
         shape = cgutils.unpack_tuple(builder, array.shape)
         fields = []

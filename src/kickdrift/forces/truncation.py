@@ -1,4 +1,5 @@
-"""What becomes of a pair law at the cutoff: cut, shift, force-shift or switch. Each works on numbers and on SIMD lanes."""
+"""What becomes of a pair law at the cutoff: cut, shift, force-shift or switch. Each works on numbers and on SIMD
+lanes."""
 
 from __future__ import annotations
 
@@ -33,7 +34,8 @@ class Shift(NamedTuple):
 
 
 class ForceShift(NamedTuple):
-    """U(r) - U(r_c) + (r - r_c) F(r_c): energy and force are continuous (Toxvaerd & Dyre 2011, doi:10.1063/1.3558787)."""
+    """U(r) - U(r_c) + (r - r_c) F(r_c): energy and force are continuous (Toxvaerd & Dyre 2011,
+    doi:10.1063/1.3558787)."""
 
     cutoff: float
 
@@ -47,9 +49,9 @@ class ForceShift(NamedTuple):
 class Switch(NamedTuple):
     """U(r) S(r), with S from 1 at ``start`` to 0 at the cutoff, four times continuously differentiable.
 
-    S = 1 - u^5 (126 - 420 u + 540 u^2 - 315 u^3 + 70 u^4) is the smooth step of degree nine (Ebert et al., Texturing and
-    Modeling, 2003, ch. 2, generalised) in u = (r^2 - start^2) / (r_c^2 - start^2), which needs no square root. A potential
-    with k continuous derivatives holds a method to order k; hence the high degree.
+    S = 1 - u^5 (126 - 420 u + 540 u^2 - 315 u^3 + 70 u^4) is the smooth step of degree nine (Ebert et al., Texturing
+    and Modeling, 2003, ch. 2, generalised) in u = (r^2 - start^2) / (r_c^2 - start^2), which needs no square root. A
+    potential with k continuous derivatives holds a method to order k; hence the high degree.
     """
 
     start2: float
@@ -72,10 +74,10 @@ def clipped(u: Any) -> Any:
 
 
 @overload(clipped)
-def _clipped(u):  # type: ignore[no-untyped-def]
+def _clipped(u):
     if isinstance(u, Lanes):
 
-        def clip_lanes(u):  # type: ignore[no-untyped-def]
+        def clip_lanes(u):
             low = select(u > 0.0, u, splat(0.0))
             return select(low < 1.0, low, splat(1.0))
 
@@ -88,6 +90,8 @@ def truncated(truncation: Any, at_cutoff: Any, r2: Any, energy: Any, force_over_
 
 
 @overload(truncated)
-def _truncated(truncation, at_cutoff, r2, energy, force_over_r):  # type: ignore[no-untyped-def]
+def _truncated(truncation, at_cutoff, r2, energy, force_over_r):
     apply = jit(truncation.instance_class.apply)
-    return lambda truncation, at_cutoff, r2, energy, force_over_r: apply(truncation, at_cutoff, r2, energy, force_over_r)
+    return lambda truncation, at_cutoff, r2, energy, force_over_r: apply(
+        truncation, at_cutoff, r2, energy, force_over_r
+    )

@@ -1,8 +1,8 @@
 """The compiled step loops, one a family. Each is compiled once per combination of forces, and cached on disk.
 
-All take (forces, phase, work, stages, dt, start, steps, cursor): ``forces`` a tuple of bound forces, ``phase`` (2, 3, n)
-positions and velocities, ``work`` the method's workspace, ``start`` the time before the first of ``steps`` steps. ``cursor``
-(int64) says where the loop is, so that it can stop inside a step (a pair list without room) and go on there.
+All take (forces, phase, work, stages, dt, start, steps, cursor): ``forces`` a tuple of bound forces, ``phase`` (2, 3,
+n) positions and velocities, ``work`` the method's workspace, ``start`` the time before the first of ``steps`` steps.
+``cursor`` (int64) says where the loop is, so that it can stop inside a step (a pair list without room) and go on there.
 """
 
 from __future__ import annotations
@@ -13,7 +13,9 @@ from kickdrift.forces.compiling import driver, jit
 from kickdrift.forces.handle import handle
 from kickdrift.forces.kernel import BLOWN_UP, OK, accelerate
 
-STEP, STAGE, FRESH, EVALUATIONS = range(4)  # of the cursor: steps done in this call, stage to do, `work` holds a(x), calls
+STEP, STAGE, FRESH, EVALUATIONS = range(
+    4
+)  # of the cursor: steps done in this call, stage to do, `work` holds a(x), calls
 
 
 @jit

@@ -15,7 +15,8 @@ from kickdrift.state import Floats
 
 @dataclass(frozen=True)
 class Tableau:
-    """y' = f(t, y): k_i = f(t + c_i dt, y + dt sum_j a_ij k_j), y <- y + dt sum b_i k_i, with y the positions and velocities.
+    """y' = f(t, y): k_i = f(t + c_i dt, y + dt sum_j a_ij k_j), y <- y + dt sum b_i k_i, with y the positions and
+    velocities.
 
     Attributes
     ----------

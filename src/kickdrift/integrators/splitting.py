@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from math import fsum
 from typing import Any
 
@@ -84,7 +85,7 @@ def composed(weights: tuple[float, ...]) -> tuple[tuple[float, ...], tuple[float
     ``weights`` leaves the middle step out: it is what the others leave of one.
     """
     row = [*reversed(weights), 1.0 - 2.0 * fsum(weights), *weights]
-    return (row[0] / 2, *((p + q) / 2 for p, q in zip(row, row[1:], strict=False)), row[-1] / 2), tuple(row)
+    return (row[0] / 2, *((p + q) / 2 for p, q in pairwise(row)), row[-1] / 2), tuple(row)
 
 
 _YOSHIDA = "Yoshida 1990, Phys. Lett. A 150, 262, doi:10.1016/0375-9601(90)90092-3"
@@ -118,7 +119,7 @@ ROWS = (
         "Forest & Ruth 1990, Physica D 43, 105, doi:10.1016/0167-2789(90)90019-L", "smooth forces, long runs",
     ),
     Splitting("yoshida4", *_TRIPLE_JUMP, "kick", 4, _YOSHIDA, "smooth forces, long runs"),
-    Splitting("yoshida6", *_YOSHIDA6_A, "kick", 6, f"{_YOSHIDA}, table 1, solution A", "smooth forces at high accuracy"),
-    Splitting("yoshida8", *_YOSHIDA8_D, "kick", 8, f"{_YOSHIDA}, table 2, solution D", "smooth forces at highest accuracy"),
+    Splitting("yoshida6", *_YOSHIDA6_A, "kick", 6, f"{_YOSHIDA}, table 1, solution A", "smooth forces, high accuracy"),
+    Splitting("yoshida8", *_YOSHIDA8_D, "kick", 8, f"{_YOSHIDA}, table 2, solution D", "smooth forces, round-off"),
 )  # fmt: skip
 ALIASES = {"leapfrog": "velocity-verlet"}
