@@ -243,7 +243,7 @@ def print_report(report: Report, sim: Simulation, output: Path | None) -> None:
         ("energy", f"{energy.initial:.8g} at the start, {energy.final:.8g} {units.energy} at the end"),
         (
             "energy error",
-            f"{energy.rms_relative_error:.2e} RMS, {energy.max_relative_error:.2e} largest, relative to the {energy.relative_to}",
+            f"{energy.rms_relative_error:.2e} RMS, {energy.max_relative_error:.2e} largest, of the {energy.relative_to}",
         ),
         (
             "energy drift",

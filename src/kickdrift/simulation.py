@@ -230,9 +230,8 @@ class Simulation:
             raise InputError(f"run: until = {until} lies before the present, {self.time}")
         if abs(exact - count) > 1e-6:
             low = self.time + int(np.floor(exact)) * self.dt
-            raise InputError(
-                f"run: until = {until} is not a whole number of steps away; nearest are {low:.12g} and {low + self.dt:.12g}"
-            )
+            nearest = f"{low:.12g} and {low + self.dt:.12g}"
+            raise InputError(f"run: until = {until} is not a whole number of steps away; nearest are {nearest}")
         return count
 
     def _cadence(self, every: int | None, output: Any, count: int) -> int:

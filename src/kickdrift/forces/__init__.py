@@ -7,6 +7,7 @@ from typing import Any
 from kickdrift.forces.gravity import Gravity
 from kickdrift.forces.lennard_jones import LennardJones
 
-FORCES: dict[str, Any] = {force.name: force for force in (LennardJones, Gravity)}
+_ALL: tuple[Any, ...] = (LennardJones, Gravity)
+FORCES: dict[str, Any] = {force.name: force for force in _ALL}
 
 __all__ = ["FORCES", "Gravity", "LennardJones"]

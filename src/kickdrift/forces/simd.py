@@ -179,9 +179,7 @@ def _whole_power(context, builder, sig, args):
     return result
 
 
-def _pointer(
-    context: Any, builder: ir.IRBuilder, array_type: Any, array: Any, index: Any, pointee: ir.Type
-) -> ir.Value:
+def _pointer(context: Any, builder: Any, sig: Any, args: Any) -> ir.Value:
     array, index = args[:2]
     data = context.make_array(sig.args[0])(context, builder, array).data
     return builder.bitcast(builder.gep(data, [index]), F64X8.as_pointer())
