@@ -243,7 +243,7 @@ def print_report(report: Report, sim: Simulation, output: Path | None) -> None:
         ("energy", f"{energy.initial:.8g} at the start, {energy.final:.8g} {units.energy} at the end"),
         (
             "energy error",
-            f"{energy.rms_relative_error:.2e} RMS, {energy.max_relative_error:.2e} largest, of the {energy.relative_to}",
+            f"{energy.rms_relative_error:.2e} RMS, {energy.max_relative_error:.2e} largest, of {energy.relative_to}",
         ),
         (
             "energy drift",
@@ -410,4 +410,7 @@ def main() -> None:
         sys.exit(130)
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(1)
+    except OSError as error:
+        say(f"kickdrift: {error}")
         sys.exit(1)

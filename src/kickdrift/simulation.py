@@ -93,6 +93,7 @@ class Simulation:
         self._cursor[:] = 0
         self._forces.forget()
         self.record = Record()
+        self._last_good = self.state
 
     @property
     def time(self) -> float:
@@ -267,8 +268,10 @@ class Simulation:
         self._chunk = max(1, min(int(self._chunk * min(CHUNK_SECONDS / max(elapsed, 1e-9), 8.0)), 10**6))
 
     def _step(self, steps: int) -> int:
-        stages, step = self._method.stages, self._method.loop()
-        return self._forces.call(step, self._phase, self._work, stages, self.dt, self.time, steps, self._cursor)
+        stages, step, first = self._method.stages, self._method.loop(), self.steps_done
+        return self._forces.call(
+            step, self._phase, self._work, stages, self.dt, self._start, first, steps, self._cursor
+        )
 
     def _fail(self) -> None:
         """Say what blew up, and go back to the last sample."""

@@ -104,7 +104,7 @@ class _FolderCache(FunctionCache):
     """numba's cache of one function, in a folder of our choosing."""
 
     def __init__(self, py_func: Callable[..., Any], name: str) -> None:
-        self._impl_class = lambda function: _CacheImpl(function, name)  # type: ignore[assignment]
+        self._impl_class = lambda function: _CacheImpl(function, name)
         super().__init__(py_func)
 
     def _index_key(self, sig: Any, codegen: Any) -> Any:

@@ -18,8 +18,9 @@ class LennardJones(NamedTuple):
     dimensions = {"epsilon": "energy", "sigma": "length"}  # type: ignore[misc]  # noqa: RUF012
 
     def law(p, r2):
+        attraction = 4.0 * p.epsilon * p.sigma**6
+        repulsion = attraction * p.sigma**6
         inverse = 1.0 / r2
-        s2 = p.sigma * p.sigma * inverse
-        s6 = s2 * s2 * s2
-        four = 4.0 * p.epsilon * s6
-        return four * (s6 - 1.0), 6.0 * four * (2.0 * s6 - 1.0) * inverse
+        inverse6 = inverse**3
+        energy = (repulsion * inverse6 - attraction) * inverse6
+        return energy, (12.0 * repulsion * inverse6 - 6.0 * attraction) * inverse6 * inverse

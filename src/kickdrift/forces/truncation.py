@@ -49,9 +49,10 @@ class ForceShift(NamedTuple):
 class Switch(NamedTuple):
     """U(r) S(r), with S from 1 at ``start`` to 0 at the cutoff, four times continuously differentiable.
 
-    S = 1 - u^5 (126 - 420 u + 540 u^2 - 315 u^3 + 70 u^4) is the smooth step of degree nine (Ebert et al., Texturing
-    and Modeling, 2003, ch. 2, generalised) in u = (r^2 - start^2) / (r_c^2 - start^2), which needs no square root. A
-    potential with k continuous derivatives holds a method to order k; hence the high degree.
+    S = (1 - u)^5 (1 + 5 u + 15 u^2 + 35 u^3 + 70 u^4) is the smooth step of degree nine (Ebert et al., Texturing and
+    Modeling, 2003, ch. 2, generalised) in u = (r^2 - start^2) / (r_c^2 - start^2), which needs no square root; this
+    form has no cancellation at the cutoff. A potential with k continuous derivatives holds a method to order k; hence
+    the high degree.
     """
 
     start2: float
@@ -61,9 +62,9 @@ class Switch(NamedTuple):
         u = clipped((r2 - self.start2) * self.inverse_width)
         u2 = u * u
         u4 = u2 * u2
-        s = 1.0 - u4 * u * (126.0 - 420.0 * u + 540.0 * u2 - 315.0 * u2 * u + 70.0 * u4)
         w = 1.0 - u
         w2 = w * w
+        s = w2 * w2 * w * (1.0 + 5.0 * u + 15.0 * u2 + 35.0 * u2 * u + 70.0 * u4)
         # F / r = -(1/r) d(U S)/dr = F_U S / r - U dS/du du/dr / r, with du/dr / r = 2 / (r_c^2 - start^2)
         slope = 1260.0 * self.inverse_width * u4 * (w2 * w2)
         return energy * s, force_over_r * s + energy * slope
