@@ -107,7 +107,13 @@ _ARITHMETIC: dict[Callable[..., Any], Callable[[ir.IRBuilder, ir.Value, ir.Value
     operator.truediv: _divide,
 }
 _COMPARISONS = {operator.lt: "<", operator.le: "<=", operator.gt: ">", operator.ge: ">=", operator.eq: "=="}
-_FUNCTIONS = {math.sqrt: "sqrt", math.exp: "exp", math.log: "log", abs: "fabs", math.fabs: "fabs"}
+_FUNCTIONS: dict[Callable[..., Any], str] = {
+    math.sqrt: "sqrt",
+    math.exp: "exp",
+    math.log: "log",
+    abs: "fabs",
+    math.fabs: "fabs",
+}
 _PAIRS = ((lanes_type, lanes_type), (lanes_type, types.float64), (types.float64, lanes_type))
 
 

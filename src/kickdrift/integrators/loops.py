@@ -1,8 +1,8 @@
 """The compiled step loops, one a family. Each is compiled once per combination of forces, and cached on disk.
 
 All take (forces, phase, work, stages, dt, start, first, steps, cursor): ``forces`` a tuple of bound forces, ``phase``
-(2, 3, n) positions and velocities, ``work`` the method's workspace, ``start`` the time of step 0, ``first`` the steps done
-before this call (the clock must not depend on how a run is cut into calls), ``steps`` the number of steps to take.
+(2, 3, n) positions and velocities, ``work`` the method's workspace, ``start`` the time of step 0, ``first`` the steps
+done before this call (the clock must not depend on how a run is cut into calls), ``steps`` the number of steps to take.
 ``cursor`` (int64) says where the loop is, so that it can stop inside a step (a pair list without room) and go on there.
 """
 
