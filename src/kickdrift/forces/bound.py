@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from kickdrift.errors import InputError
+from kickdrift.forces.clusters import BUILT, JUMPS_ALLOWED, OUTER_BUILDS, PRUNES
 from kickdrift.forces.kernel import GROW, OK
 from kickdrift.forces.pair_kernel import PairKernel, grown
-from kickdrift.forces.pairlist import BUILT, JUMPS_ALLOWED, OUTER_BUILDS, PRUNES
 from kickdrift.integrators.loops import measure
 from kickdrift.state import Floats
 

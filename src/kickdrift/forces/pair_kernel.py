@@ -10,9 +10,7 @@ from numba.extending import overload
 from numpy.typing import NDArray
 
 from kickdrift.forces.chunks import Parallel, Serial, chunk_task, each_chunk
-from kickdrift.forces.compiling import jit, never_inline
-from kickdrift.forces.kernel import OK, kernel
-from kickdrift.forces.pairlist import (
+from kickdrift.forces.clusters import (
     N_CLUSTERS,
     OUTER_BUILDS,
     ROOM_NEEDED,
@@ -22,9 +20,10 @@ from kickdrift.forces.pairlist import (
     chunk_clusters,
     cluster_list,
     load_vector,
-    refresh,
-    shift_particle,
 )
+from kickdrift.forces.compiling import jit, never_inline
+from kickdrift.forces.kernel import OK, kernel
+from kickdrift.forces.pairlist import refresh, shift_particle
 from kickdrift.forces.simd import (
     WIDTH,
     aligned,

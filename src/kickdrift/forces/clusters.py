@@ -1,0 +1,248 @@
+"""Particles in clusters of eight: sorted into columns over the x-y plane and by z in each, and padded."""
+
+from __future__ import annotations
+
+from math import floor, inf
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kickdrift.box import Box
+from kickdrift.forces.compiling import jit
+from kickdrift.forces.simd import WIDTH, aligned, lane_max, lane_sum, load, select, splat
+
+# slots of `ClusterList.counts`
+N_CLUSTERS, NX, NY, BUILT, OUTER_BUILDS, PRUNES, ROOM_NEEDED, JUMPS_ALLOWED = range(8)
+
+STRIDE = 3 * WIDTH  # from a cluster to the next in `x` and `force`
+FAR = 1e4  # cutoffs beyond all particles: where the padding lanes sit. Much further and r^-12 would underflow, slowly
+OUTER_SKIN, INNER_SKIN = 0.32, 0.08  # of the cutoff
+SHIFT_BITS = 5  # of an entry, for 27 shifts
+
+
+class ClusterList(NamedTuple):
+    """The list's arrays, all allocated once; n particles, `slots` places in clusters, `chunks` shares of the work.
+
+    Vectors are stored cluster by cluster, eight x, eight y, eight z: a cluster is then three neighbouring cache lines.
+    The *place* of a particle is where its x stands; its y and z are WIDTH and 2 WIDTH further on.
+    """
+
+    cutoff: float
+    inner_skin: float
+    outer_skin: float
+    edges: NDArray[np.float64]  # (3,), zero where the box is open
+    shifts: NDArray[np.float64]  # (3, 32), of which 27 are used
+    counts: NDArray[np.int64]
+    order: NDArray[np.int64]  # (n,) particles in slot order, padding left out
+    column: NDArray[np.int64]  # (n,)
+    column_clusters: NDArray[np.int64]  # (columns + 1,) the first cluster of each column
+    place: NDArray[np.int64]  # (n,) where a particle stands in `x` and `force`
+    offset: NDArray[np.float64]  # (3, n) whole edges taken off its position
+    filled: NDArray[np.int64]  # (clusters,) particles in a cluster
+    home: NDArray[np.int64]  # (clusters,) its column
+    bounds: NDArray[np.float64]  # (6, clusters) lowest x y z, highest x y z
+    grid: NDArray[np.float64]  # (4,) width of the columns along x and y, lowest corner
+    x: NDArray[np.float64]  # (3 slots,)
+    outer_reference: NDArray[np.float64]  # (3 slots,) positions when the list was made
+    inner_reference: NDArray[np.float64]
+    outer_span: NDArray[np.int64]  # (slots, 2) first and last entry + 1 of particle i
+    inner_span: NDArray[np.int64]
+    outer: NDArray[np.int32]  # (chunks, room) entries: cluster << 5 | shift
+    inner: NDArray[np.int32]
+    force: NDArray[np.float64]  # (chunks, 3 slots)
+    touched: NDArray[np.bool_]  # (chunks, clusters): where a chunk's forces may not be zero
+    made: NDArray[np.int64]  # (chunks,) entries that the last search found
+
+
+def chunk_count(n: int) -> int:
+    """Shares of the work, by the number of particles alone, so that sums have one order whatever the threads."""
+    return 1 if n < 256 else 2 if n < 4000 else 4 if n < 20_000 else 8
+
+
+def cluster_list(n: int, box: Box, cutoff: float, room: int | None = None) -> ClusterList:
+    """Empty lists for n particles; ``room`` is the number of entries a chunk can hold."""
+    edges = np.array(box.lengths) if box.lengths is not None else np.zeros(3)
+    slack = float(edges.min()) - cutoff if box.periodic else inf  # shifts reach one box over, not further
+    chunks = chunk_count(n)
+    slots = WIDTH * (n // WIDTH + n // WIDTH + 3)  # every column's last cluster may be padded
+    clusters = slots // WIDTH
+    shifts = aligned((3, 4 * WIDTH))
+    shifts[:, :27] = edges[:, None] * (np.indices((3, 3, 3)).reshape(3, 27) - 1)
+    room = room or 16 * n // chunks + 64
+    return ClusterList(
+        cutoff=cutoff,
+        inner_skin=min(INNER_SKIN * cutoff, slack / 2),
+        outer_skin=min(OUTER_SKIN * cutoff, slack),
+        edges=edges,
+        shifts=shifts,
+        counts=np.zeros(8, np.int64),
+        order=np.arange(n, dtype=np.int64),
+        column=np.zeros(n, np.int64),
+        column_clusters=np.zeros(clusters + 2, np.int64),
+        place=np.zeros(n, np.int64),
+        offset=np.zeros((3, n)),
+        filled=np.zeros(clusters, np.int64),
+        home=np.zeros(clusters, np.int64),
+        bounds=np.zeros((6, clusters)),
+        grid=np.zeros(4),
+        x=aligned((3 * slots,)),
+        outer_reference=aligned((3 * slots,)),
+        inner_reference=aligned((3 * slots,)),
+        outer_span=np.zeros((slots, 2), np.int64),
+        inner_span=np.zeros((slots, 2), np.int64),
+        outer=np.empty((chunks, room), np.int32),
+        inner=np.empty((chunks, room), np.int32),
+        force=aligned((chunks, 3 * slots)),
+        touched=np.zeros((chunks, clusters), np.bool_),
+        made=np.zeros(chunks, np.int64),
+    )
+
+
+@jit
+def sort(pairs, x):
+    """Columns, order in z (ids break ties), clusters, padding, and each cluster's bounding box."""
+    n = pairs.order.size
+    order, column, first, offset = pairs.order, pairs.column, pairs.column_clusters, pairs.offset
+    low, extent = wrap(pairs, x)
+    far = low + extent + FAR * pairs.cutoff
+    nx, ny = columns(n, extent)
+    pairs.counts[NX], pairs.counts[NY] = nx, ny
+    pairs.grid[0], pairs.grid[1], pairs.grid[2], pairs.grid[3] = extent[0] / nx, extent[1] / ny, low[0], low[1]
+    fill = np.zeros(nx * ny + 1, np.int64)
+    for i in range(n):
+        a = int((x[0, i] - offset[0, i] - low[0]) / extent[0] * nx)
+        b = int((x[1, i] - offset[1, i] - low[1]) / extent[1] * ny)
+        column[i] = min(max(a, 0), nx - 1) * ny + min(max(b, 0), ny - 1)
+        fill[column[i] + 1] += 1
+    for c in range(nx * ny):
+        fill[c + 1] += fill[c]
+    before, z = np.empty(n, np.int64), np.empty(n)
+    for i in range(n):
+        before[i] = order[i]  # nearly sorted already
+        z[i] = x[2, i] - offset[2, i]
+    for i in before:
+        order[fill[column[i]]] = i
+        fill[column[i]] += 1
+    cluster = start = 0
+    for c in range(nx * ny):
+        end = fill[c]
+        shell_sort(order[start:end], z)
+        first[c] = cluster
+        for begin in range(start, end, WIDTH):
+            fill_cluster(pairs, x, cluster, c, order[begin : min(begin + WIDTH, end)], far)
+            cluster += 1
+        start = end
+    first[nx * ny] = cluster
+    pairs.counts[N_CLUSTERS] = cluster
+
+
+@jit
+def wrap(pairs, x):
+    """The whole edges to take off each position; the lowest corner and the extent of what is left."""
+    n, offset = x.shape[1], pairs.offset
+    low, extent = np.zeros(3), np.zeros(3)
+    for k in range(3):
+        edge = pairs.edges[k]
+        if edge > 0.0:
+            extent[k] = edge
+            for i in range(n):
+                offset[k, i] = floor(x[k, i] / edge) * edge
+        else:
+            low[k] = high = x[k, 0]
+            for i in range(n):
+                low[k], high = min(low[k], x[k, i]), max(high, x[k, i])
+            extent[k] = max(high - low[k], 1e-3 * pairs.cutoff)
+    return low, extent
+
+
+@jit
+def columns(n, extent):
+    """Numbers of columns along x and y: about as wide as a cluster of eight is high, and no more than clusters."""
+    width = (extent[0] * extent[1] * extent[2] * WIDTH / n) ** (1.0 / 3.0)
+    nx, ny = max(1, int(extent[0] / width)), max(1, int(extent[1] / width))
+    while nx * ny > n // WIDTH + 1:  # a thin sheet
+        nx, ny = (nx + 1) // 2, (ny + 1) // 2
+    return nx, ny
+
+
+@jit
+def fill_cluster(pairs, x, cluster, column, particles, far):
+    """Give up to eight particles their slots, and pad."""
+    bounds, sorted_x, offset = pairs.bounds, pairs.x, pairs.offset
+    pairs.filled[cluster], pairs.home[cluster] = particles.size, column
+    for lane in range(particles.size):
+        pairs.place[particles[lane]] = STRIDE * cluster + lane
+    for k in range(3):
+        bounds[k, cluster], bounds[k + 3, cluster] = inf, -inf
+        for lane in range(WIDTH):
+            p = STRIDE * cluster + k * WIDTH + lane
+            sorted_x[p] = far[k]
+            if lane < particles.size:
+                i = particles[lane]
+                here = x[k, i] - offset[k, i]
+                sorted_x[p] = here
+                bounds[k, cluster] = min(bounds[k, cluster], here)
+                bounds[k + 3, cluster] = max(bounds[k + 3, cluster], here)
+
+
+@jit
+def shell_sort(order, z):
+    """Sort particle numbers by z, then by number (Shell 1959, the gaps of Ciura 2001); quick when nearly sorted."""
+    for gap in (1750, 701, 301, 132, 57, 23, 10, 4, 1):
+        for k in range(gap, order.size):
+            i = order[k]
+            at = k
+            while at >= gap:
+                j = order[at - gap]
+                if z[j] < z[i] or (z[j] == z[i] and j < i):
+                    break
+                order[at] = j
+                at -= gap
+            order[at] = i
+
+
+@jit
+def copy_positions(pairs, x):
+    """Copy positions to their places."""
+    place, offset, sorted_x = pairs.place, pairs.offset, pairs.x
+    for i in range(place.size):
+        p = place[i]
+        sorted_x[p] = x[0, i] - offset[0, i]
+        sorted_x[p + WIDTH] = x[1, i] - offset[1, i]
+        sorted_x[p + 2 * WIDTH] = x[2, i] - offset[2, i]
+
+
+@jit
+def load_vector(x, cluster):
+    """A cluster's eight x, y and z."""
+    p = STRIDE * cluster
+    return load(x, p), load(x, p + WIDTH), load(x, p + 2 * WIDTH)
+
+
+@jit
+def largest_move(pairs, reference):
+    """The largest squared displacement from the reference, and a sum that is not finite where one of them is not."""
+    largest = splat(0.0)
+    total = splat(0.0)
+    for cluster in range(pairs.counts[N_CLUSTERS]):
+        x, y, z = load_vector(pairs.x, cluster)
+        x0, y0, z0 = load_vector(reference, cluster)
+        dx, dy, dz = x - x0, y - y0, z - z0
+        d2 = dx * dx + dy * dy + dz * dz
+        largest = select(d2 > largest, d2, largest)
+        total = total + d2
+    return lane_max(largest), lane_sum(total)
+
+
+@jit
+def copy(source, target):
+    for p in range(source.size):
+        target[p] = source[p]
+
+
+@jit
+def chunk_clusters(pairs, c):
+    """The clusters whose particles are chunk c's to work on: first, last + 1."""
+    chunks, clusters = pairs.force.shape[0], pairs.counts[N_CLUSTERS]
+    return c * clusters // chunks, (c + 1) * clusters // chunks
