@@ -31,7 +31,7 @@ def pair_oracle(system: System) -> tuple[np.ndarray, float, float, int]:
     forces, energy, virial, count = np.zeros((len(system), 3)), 0.0, 0.0, 0
     for force in system.forces:
         p = interacting_pairs(force, system)
-        on_i = (p.force / p.r)[:, None] * p.separation
+        on_i = np.divide(p.force, p.r, out=np.zeros_like(p.r), where=p.r > 0)[:, None] * p.separation
         np.add.at(forces, p.i, on_i)
         np.add.at(forces, p.j, -on_i)
         tail_energy, tail_virial = tail(force, system)

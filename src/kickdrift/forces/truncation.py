@@ -59,31 +59,25 @@ class Switch(NamedTuple):
     inverse_width: float  # 1 / (r_c^2 - start^2)
 
     def apply(self, at_cutoff, r2, energy, force_over_r):
-        u = clipped((r2 - self.start2) * self.inverse_width)
-        u2 = u * u
-        u4 = u2 * u2
+        u = positive((r2 - self.start2) * self.inverse_width)  # over 1 only beyond the cutoff, where all is masked
         w = 1.0 - u
-        w2 = w * w
-        s = w2 * w2 * w * (1.0 + 5.0 * u + 15.0 * u2 + 35.0 * u2 * u + 70.0 * u4)
+        w2, uw = w * w, u * w
+        s = w2 * w2 * w * (1.0 + u * (5.0 + u * (15.0 + u * (35.0 + u * 70.0))))
         # F / r = -(1/r) d(U S)/dr = F_U S / r - U dS/du du/dr / r, with du/dr / r = 2 / (r_c^2 - start^2)
-        slope = 1260.0 * self.inverse_width * u4 * (w2 * w2)
+        uw2 = uw * uw
+        slope = 1260.0 * self.inverse_width * (uw2 * uw2)
         return energy * s, force_over_r * s + energy * slope
 
 
-def clipped(u: Any) -> Any:
-    """u, held between 0 and 1."""
+def positive(u: Any) -> Any:
+    """u, or zero where it is negative."""
 
 
-@overload(clipped)
-def _clipped(u):
+@overload(positive)
+def _positive(u):
     if isinstance(u, Lanes):
-
-        def clip_lanes(u):
-            low = select(u > 0.0, u, splat(0.0))
-            return select(low < 1.0, low, splat(1.0))
-
-        return clip_lanes
-    return lambda u: min(max(u, 0.0), 1.0)
+        return lambda u: select(u > 0.0, u, splat(0.0))
+    return lambda u: max(u, 0.0)
 
 
 def truncated(truncation: Any, at_cutoff: Any, r2: Any, energy: Any, force_over_r: Any) -> Any:

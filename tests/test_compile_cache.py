@@ -1,0 +1,198 @@
+"""The cache of compiled code: an edited force is seen, an unchanged one compiles once, a deleted one harms nobody."""
+
+from __future__ import annotations
+
+import importlib.util
+import subprocess
+import sys
+import textwrap
+
+import numpy as np
+import pytest
+from numba import typeof, types
+
+from kickdrift.forces.bound import BoundForces
+from kickdrift.forces.compiling import fingerprint, foreign_classes
+from kickdrift.system import System
+
+MEASURE = """
+import sys
+from pathlib import Path
+import kickdrift.forces.compiling as compiling
+compiling.folder = lambda: Path(sys.argv[1])
+from kickdrift.forces.bound import BoundForces
+from kickdrift.system import System
+
+def measure(force):
+    system = System([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]], forces=[force])
+    measured = BoundForces(system).measure(0.0, system.state.phase)
+    print(measured.potential, measured.accelerations[2, 1])
+"""
+LAW = """
+from typing import NamedTuple
+from kickdrift.forces.pair_law import pair_law
+
+@pair_law
+class Quartic(NamedTuple):
+    k: float
+    def law(p, r2):
+        return 0.5 * p.k * r2 * r2, -2.0 * p.k * r2
+"""
+KERNEL = """
+from typing import NamedTuple
+import numpy as np
+from kickdrift.forces.kernel import kernel
+
+class Trap(NamedTuple):
+    stiffness: float
+    centre: np.ndarray
+    def check(self, system): ...
+    def bind(self, system, threads=1): return self
+
+@kernel(Trap)
+def trap(force, t, x, v, a, sums):
+    for k in range(3):
+        for i in range(x.shape[1]):
+            a[k, i] -= force.stiffness * (x[k, i] - force.centre[k])
+    return 0
+"""
+
+
+class Workshop:
+    """A folder of a user's files, with a cache of its own."""
+
+    def __init__(self, path):
+        self.path, self.cache = path, path / "cache"
+
+    def write(self, name, *parts):
+        (self.path / name).write_text("\n".join(parts))
+
+    def run(self, script="script.py"):
+        """What the script printed, and how many compiled functions it left."""
+        before = set(self.cache.rglob("*.nbc"))
+        command = [sys.executable, "-B", script, str(self.cache)]
+        done = subprocess.run(command, cwd=self.path, capture_output=True, text=True, timeout=300)
+        assert done.returncode == 0, done.stderr[-3000:]
+        return [float(word) for word in done.stdout.split()], len(set(self.cache.rglob("*.nbc")) - before)
+
+
+@pytest.fixture
+def workshop(tmp_path):
+    return Workshop(tmp_path)
+
+
+def test_a_law_in_a_script(workshop):
+    call = "measure(Quartic(k=3.0, cutoff=2.0, truncation='cut'))"
+    workshop.write("script.py", MEASURE, LAW, call)
+    assert workshop.run() == ([1.5, -6.0], 1)
+    assert workshop.run() == ([1.5, -6.0], 0)
+    workshop.write("script.py", MEASURE, LAW, call.replace("3.0", "5.0"))  # a number is no edit of the law
+    assert workshop.run() == ([2.5, -10.0], 0)
+    workshop.write("script.py", MEASURE, LAW.replace("0.5 *", "4.5 *"), call)
+    assert workshop.run() == ([13.5, -6.0], 1)
+    workshop.write("script.py", MEASURE, LAW, call)
+    assert workshop.run() == ([1.5, -6.0], 0)
+
+
+def test_a_kernel_in_a_module(workshop):
+    call = "import numpy as np\nfrom {0} import Trap\nmeasure(Trap(2.0, np.zeros(3)))"
+    workshop.write("mine.py", KERNEL)
+    workshop.write("script.py", MEASURE, call.format("mine"))
+    assert workshop.run() == ([0.0, -2.0], 1)
+    assert workshop.run() == ([0.0, -2.0], 0)
+    workshop.write("mine.py", KERNEL.replace("force.stiffness *", "3.0 * force.stiffness *"))
+    assert workshop.run() == ([0.0, -6.0], 1)
+    # the same kernel under another name outlives the module that it was compiled for
+    workshop.write("copy_of_mine.py", KERNEL)
+    (workshop.path / "mine.py").unlink()
+    workshop.write("script.py", MEASURE, call.format("copy_of_mine"))
+    assert workshop.run()[0] == [0.0, -2.0]
+
+
+def test_a_kernel_of_numbers_alone(workshop):
+    kernel = KERNEL.replace("    centre: np.ndarray\n", "").replace(" - force.centre[k]", "")
+    workshop.write("script.py", MEASURE, kernel, "measure(Trap(2.0))")
+    assert workshop.run() == ([0.0, -2.0], 1)
+
+
+# --- what tells one force from another, without compiling ---
+
+IMPORTS = "import math\nfrom typing import NamedTuple\nimport numpy as np\nfrom numba import njit\n"
+VERSIONS = {
+    "first": """
+        @pair_law
+        class Law(NamedTuple):
+            a: float
+            b: float
+            def law(p, r2):
+                return p.a * math.sqrt(r2), -0.5 * p.a / math.sqrt(r2)
+        """,
+    "another function": ("math.sqrt", "math.log"),
+    "another parameter": ("p.a", "p.b"),
+    "another number": ("-0.5", "-0.25"),
+    "another operator": ("return p.a *", "return p.a +"),
+}
+HELPED = """
+    SCALE = 2.0
+    WEIGHTS = np.arange(3000.0)
+
+    @njit
+    def inner(r):
+        return SCALE * r
+
+    @njit
+    def helper(r):
+        return inner(r) + WEIGHTS[1500]
+
+    @pair_law
+    class Law(NamedTuple):
+        a: float
+        b: float
+        def law(p, r2):
+            return p.a * helper(r2), -p.a * inner(r2)
+    """
+HELPED_EDITS = {
+    "a constant": ("SCALE = 2.0", "SCALE = 3.0"),
+    "an array": ("np.arange(3000.0)", "np.arange(3000.0) + (np.arange(3000) == 1500)"),
+    "a helper": ("inner(r) +", "inner(r) -"),
+    "a helper's helper": ("SCALE * r", "SCALE + r"),
+}
+
+
+def law_of(tmp_path, text, name="users_law"):
+    """The NamedTuple class that a user's module makes."""
+    path = tmp_path / f"{name}.py"
+    path.write_text(IMPORTS + "from kickdrift.forces.pair_law import pair_law\n" + textwrap.dedent(text))
+    spec = importlib.util.spec_from_file_location(name, path)
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module
+    spec.loader.exec_module(module)
+    return module.Law
+
+
+@pytest.mark.parametrize("edit", [name for name in VERSIONS if name != "first"])
+def test_every_edit_of_a_law_is_seen(tmp_path, edit):
+    first = law_of(tmp_path, VERSIONS["first"]).Parameters
+    old, new = VERSIONS[edit]
+    assert old in VERSIONS["first"]
+    assert fingerprint(first) == fingerprint(law_of(tmp_path, VERSIONS["first"]).Parameters)
+    assert fingerprint(first) != fingerprint(law_of(tmp_path, VERSIONS["first"].replace(old, new)).Parameters)
+
+
+@pytest.mark.parametrize("edit", HELPED_EDITS)
+def test_what_a_law_calls_belongs_to_it(tmp_path, edit):
+    old, new = HELPED_EDITS[edit]
+    assert old in HELPED
+    first, again = (fingerprint(law_of(tmp_path, HELPED).Parameters) for _ in range(2))
+    assert first == again  # else nothing would ever be found again
+    assert first != fingerprint(law_of(tmp_path, HELPED.replace(old, new, 1)).Parameters)
+
+
+def test_users_laws_are_foreign(tmp_path):
+    force = law_of(tmp_path, VERSIONS["first"])(a=1.0, b=1.0, cutoff=2.0)
+    for species in (["A", "A"], ["A", "B"]):
+        pairs = {("A", "B"): {"a": 2.0}}
+        force = type(force)(a=1.0, b=1.0, cutoff=2.0, species={"A": {}, "B": {}}, pairs=pairs)
+        system = System(np.eye(3)[:2], forces=[force], species=species)
+        kind = types.Tuple([typeof(bound) for bound in BoundForces(system).forces])
+        assert list(foreign_classes(kind)) == [type(force).Parameters]

@@ -1,0 +1,160 @@
+"""Direct gravity against the plain oracle."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from oracle import interacting_pairs, pair_oracle
+
+from kickdrift.errors import InputError
+from kickdrift.forces import Gravity, LennardJones
+from kickdrift.forces.bound import BoundForces
+from kickdrift.system import System
+from kickdrift.units import UNIT_SYSTEMS
+
+
+def cloud(n, seed=0, massless=0, G=1.0, softening=0.0, **options):
+    rng = np.random.default_rng(seed)
+    masses = rng.uniform(0.1, 3.0, n)
+    masses[rng.permutation(n)[:massless]] = 0.0
+    x = rng.normal(size=(n, 3)) * rng.choice([0.1, 1.0, 10.0], size=(n, 1))
+    return System(x, rng.normal(size=(n, 3)), masses, forces=[Gravity(G, softening)], **options)
+
+
+def oracle_accelerations(system):
+    """(n, 3), of massless particles too."""
+    force, x, m = system.forces[0], system.state.positions, system.coherent_masses
+    constant = force.G if force.G is not None else system.units.gravity
+    a = np.zeros_like(x)
+    for i in range(len(x)):
+        d = np.delete(x, i, axis=0) - x[i]
+        r2 = (d**2).sum(axis=1) + force.softening**2
+        a[i] = (constant * np.delete(m, i)[:, None] * d / r2[:, None] ** 1.5).sum(axis=0)
+    return a
+
+
+def assert_right(system):
+    measured = BoundForces(system).measure(0.0, system.state.phase)
+    expected = oracle_accelerations(system)
+    np.testing.assert_allclose(
+        measured.accelerations.T, expected, rtol=0, atol=1e-12 * np.abs(expected).max(initial=0.0)
+    )
+    forces, energy, virial, count = pair_oracle(system)
+    assert measured.pairs == count
+    assert measured.potential == pytest.approx(energy, rel=1e-12, abs=0)
+    assert measured.virial == pytest.approx(virial, rel=1e-12, abs=0)
+    on_masses = measured.accelerations.T * system.coherent_masses[:, None]
+    np.testing.assert_allclose(on_masses, forces, rtol=0, atol=1e-12 * np.abs(forces).max(initial=0.0))
+    return measured
+
+
+@pytest.mark.parametrize("softening", [0.0, 0.05, 3.0])
+@pytest.mark.parametrize("n", [1, 2, 3, 7, 8, 9, 16, 31, 100, 257])
+def test_sizes(n, softening):
+    assert_right(cloud(n, seed=n, softening=softening))
+    assert_right(cloud(n, seed=n, softening=softening, massless=n // 3))
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(1, 60), st.floats(1e-3, 1e3), st.sampled_from([0.0, 0.1]))
+@settings(max_examples=100, deadline=None)
+def test_any_cloud(seed, n, G, softening):
+    assert_right(cloud(n, seed, n // 5, G, softening))
+
+
+@pytest.mark.parametrize("units", UNIT_SYSTEMS)
+def test_the_units_own_constant(units):
+    system = cloud(20, units=units, G=None if UNIT_SYSTEMS[units].gravity else 2.0)
+    assert_right(system)
+
+
+def test_momentum_and_virial():
+    system = cloud(300)
+    measured = assert_right(system)
+    forces = measured.accelerations * system.coherent_masses
+    assert np.abs(forces.sum(axis=1)).max() <= 1e-12 * np.abs(forces).sum()
+    assert measured.virial == pytest.approx(measured.potential, rel=1e-12)  # U ~ 1/r
+
+
+def test_force_is_the_slope_of_the_energy():
+    system, h = cloud(40, softening=0.5), 1e-6
+    bound, phase, rng = BoundForces(system), system.state.phase, np.random.default_rng(1)
+    forces = bound.measure(0.0, phase).accelerations * system.coherent_masses
+    for _ in range(5):
+        direction = np.zeros_like(phase)
+        direction[0] = rng.normal(size=(3, 40))
+        above, below = (bound.measure(0.0, phase + s * direction).potential for s in (h, -h))
+        assert (below - above) / (2 * h) == pytest.approx((forces * direction[0]).sum(), rel=1e-6)
+
+
+def test_massless_particles_feel_and_do_not_pull():
+    x = np.array([[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [0.0, 2.0, 0.0]])
+    system = System(x, masses=[4.0, 0.0, 0.0], forces=[Gravity(1.0)])
+    measured = assert_right(system)
+    assert measured.accelerations[:, 0].tolist() == [0.0, 0.0, 0.0]
+    np.testing.assert_allclose(measured.accelerations[:, 1:], [[-1.0, 0.0], [0.0, -1.0], [0.0, 0.0]], rtol=1e-14)
+    assert measured.potential == 0.0
+
+
+def test_bodies_in_one_place():
+    x = np.array([[1.0, 2.0, 3.0], [1.0, 2.0, 3.0], [0.0, 0.0, 0.0]])
+    softened = System(x, forces=[Gravity(1.0, softening=0.5)])
+    assert_right(softened)  # no force between them, but an energy
+    system = System(x, forces=[Gravity(1.0)])
+    assert BoundForces(system).measure(0.0, system.state.phase) is None
+    test_particles = System(x, masses=[0.0, 0.0, 1.0], forces=[Gravity(1.0)])
+    assert BoundForces(test_particles).measure(0.0, test_particles.state.phase) is not None
+
+
+@pytest.mark.parametrize("culprit", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("massless", [False, True])
+def test_positions_that_are_no_numbers(culprit, massless):
+    system = System(np.eye(9, 3), masses=[1.0] * 8 + [0.0 if massless else 1.0], forces=[Gravity(1.0, 0.1)])
+    for axis in range(3):
+        phase = system.state.phase.copy()
+        phase[0, axis, 8] = culprit
+        assert BoundForces(system).measure(0.0, phase) is None
+
+
+def test_refusals():
+    with pytest.raises(InputError, match="needs open space, and the box is periodic"):
+        System(np.eye(3), box=(1, 1, 1), forces=[Gravity(1.0)])
+    with pytest.raises(InputError, match="units 'lj' have no G of their own; give G"):
+        System(np.eye(3), forces=[Gravity()])
+    for options in ({"G": 0.0}, {"G": np.nan}, {"G": -1.0}, {"softening": -1.0}, {"softening": np.inf}):
+        with pytest.raises(InputError, match="gravity: "):
+            Gravity(**{"G": 1.0, **options})
+
+
+def test_two_forces_add_up():
+    rng = np.random.default_rng(2)
+    x = np.indices((4, 4, 4)).reshape(3, -1).T * 1.1 + rng.uniform(-0.1, 0.1, (64, 3))
+    forces = [LennardJones(cutoff=2.5), Gravity(3.0, softening=0.1)]
+    system = System(x, masses=rng.uniform(1, 5, 64), forces=forces)
+    measured = BoundForces(system).measure(0.0, system.state.phase)
+    expected, energy, virial, count = pair_oracle(system)
+    got = (measured.accelerations * system.coherent_masses).T
+    np.testing.assert_allclose(got, expected, rtol=0, atol=1e-12 * np.abs(expected).max())
+    assert measured.potential == pytest.approx(energy, rel=1e-12)
+    scale = sum(np.abs(p.force * p.r).sum() for p in (interacting_pairs(force, system) for force in forces))
+    assert measured.virial == pytest.approx(virial, abs=1e-12 * scale)
+    assert measured.pairs == count
+
+
+def fingerprint(n, threads):
+    system = cloud(n, massless=3)
+    measured = BoundForces(system, threads).measure(0.0, system.state.phase)
+    return hashlib.sha256(measured.accelerations.tobytes() + np.array(measured[1:]).tobytes()).hexdigest()
+
+
+def test_threads_do_not_change_the_bits():
+    code = "from test_gravity import fingerprint as f; print(*(f(n, k) for n in (9, 500) for k in (1, 2, 3, 4)))"
+    env = {**os.environ, "NUMBA_NUM_THREADS": "4", "PYTHONPATH": os.pathsep.join(sys.path)}
+    run = subprocess.run([sys.executable, "-c", code], env=env, capture_output=True, text=True, timeout=300)
+    assert run.stdout.split() == [fingerprint(9, 1)] * 4 + [fingerprint(500, 1)] * 4, run.stderr
