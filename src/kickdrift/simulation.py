@@ -15,9 +15,10 @@ import numpy as np
 from kickdrift.blow_up import explain
 from kickdrift.errors import InputError, RunError
 from kickdrift.forces.bound import BoundForces
+from kickdrift.forces.evaluate import EVALUATIONS
 from kickdrift.forces.kernel import OK
 from kickdrift.integrators import integrator as method_named
-from kickdrift.integrators.loops import EVALUATIONS, STEP
+from kickdrift.integrators.loops import STEP
 from kickdrift.observers import Energies, Record, Sample, kinetic_energy, take_sample
 from kickdrift.report import Report, report
 from kickdrift.state import Floats, State, read_only

@@ -9,9 +9,9 @@ import numpy as np
 
 from kickdrift.errors import InputError
 from kickdrift.forces.clusters import BUILT, JUMPS_ALLOWED, OUTER_BUILDS, PRUNES
+from kickdrift.forces.evaluate import measure
 from kickdrift.forces.kernel import GROW, OK
 from kickdrift.forces.pair_kernel import PairKernel, grown
-from kickdrift.integrators.loops import measure
 from kickdrift.state import Floats
 
 if TYPE_CHECKING:

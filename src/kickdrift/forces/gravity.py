@@ -29,7 +29,7 @@ class Gravity:
     softening: float = 0.0
 
     name: ClassVar[str] = "gravity"
-    dimensions: ClassVar[dict[str, str]] = {"softening": "length"}
+    dimensions: ClassVar[dict[str, str]] = {"G": "gravitational constant", "softening": "length"}
 
     def __post_init__(self) -> None:
         if self.G is not None and not (math.isfinite(self.G) and self.G > 0):

@@ -36,7 +36,7 @@ def bind(force: Gravity, system: System, threads: int) -> GravityKernel:
     slots = WIDTH * -(-n // WIDTH)
     gravity = force.G if force.G is not None else system.units.gravity
     gm = np.zeros(slots)
-    gm[:n] = float(gravity or 0.0) * system.coherent_masses
+    gm[:n] = float(gravity or 0.0) * system.state.masses
     share = Parallel(n) if threads > 1 else Serial(n)
     x = np.zeros((3, slots))
     return GravityKernel(force.softening**2, gm, system.coherent_masses, x, np.zeros((3, n)), np.zeros((n, 2)), share)

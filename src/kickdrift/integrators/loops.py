@@ -8,44 +8,16 @@ done before this call (the clock must not depend on how a run is cut into calls)
 
 from __future__ import annotations
 
-import numpy as np
-
 from kickdrift.forces.compiling import driver, jit
+from kickdrift.forces.evaluate import fill_accelerations
 from kickdrift.forces.handle import handle
-from kickdrift.forces.kernel import BLOWN_UP, OK, accelerate
-from kickdrift.forces.simd import WIDTH, lane_sum, load, splat
+from kickdrift.forces.kernel import OK
 
-STEP, STAGE, FRESH, EVALUATIONS = range(
-    4
-)  # of the cursor: steps done in this call, stage to do, `work` holds a(x), calls
-
-
-@jit
-def fill_accelerations(bound, t, x, v, a, sums, cursor):
-    """a <- the accelerations at x; a status."""
-    for row in a:
-        for i in range(row.size):
-            row[i] = 0.0
-    status = accelerate(bound, t, x, v, a, sums)
-    cursor[EVALUATIONS] += 1
-    if status != OK:
-        return status
-    total = 0.0
-    for row in a:
-        total += row_sum(row)
-    return OK if np.isfinite(total) else BLOWN_UP
-
-
-@jit
-def row_sum(row):
-    """The sum of a contiguous row, eight at a time."""
-    lanes, whole = splat(0.0), row.size - row.size % WIDTH
-    for i in range(0, whole, WIDTH):
-        lanes = lanes + load(row, i)
-    total = lane_sum(lanes)
-    for i in range(whole, row.size):
-        total += row[i]
-    return total
+STEP, STAGE, FRESH = (
+    1,
+    2,
+    3,
+)  # of the cursor, after EVALUATIONS: steps done in this call, stage to do, `work` holds a(x)
 
 
 @jit
@@ -112,11 +84,3 @@ def runge_kutta_loop(forces, phase, work, stages, dt, start, first, steps, curso
         cursor[STAGE] = 0
         cursor[STEP] += 1
     return OK
-
-
-@driver
-def measure(forces, t, phase, a, sums, cursor):
-    """a <- accelerations (3, n); sums <- potential energy, virial, interacting pairs; a status."""
-    for k in range(sums.size):
-        sums[k] = 0.0
-    return fill_accelerations(handle(forces), t, phase[0], phase[1], a, sums, cursor)

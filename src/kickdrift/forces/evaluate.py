@@ -1,0 +1,48 @@
+"""One evaluation of all forces, as the step loops and the observers call it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from kickdrift.forces.compiling import driver, jit
+from kickdrift.forces.handle import handle
+from kickdrift.forces.kernel import BLOWN_UP, OK, accelerate
+from kickdrift.forces.simd import WIDTH, lane_sum, load, splat
+
+EVALUATIONS = 0  # slot of a loop's cursor: how often the forces were evaluated
+
+
+@jit
+def fill_accelerations(bound, t, x, v, a, sums, cursor):
+    """a <- the accelerations at x; a status."""
+    for row in a:
+        for i in range(row.size):
+            row[i] = 0.0
+    status = accelerate(bound, t, x, v, a, sums)
+    cursor[EVALUATIONS] += 1
+    if status != OK:
+        return status
+    total = 0.0
+    for row in a:
+        total += row_sum(row)
+    return OK if np.isfinite(total) else BLOWN_UP
+
+
+@jit
+def row_sum(row):
+    """The sum of a contiguous row, eight at a time."""
+    lanes, whole = splat(0.0), row.size - row.size % WIDTH
+    for i in range(0, whole, WIDTH):
+        lanes = lanes + load(row, i)
+    total = lane_sum(lanes)
+    for i in range(whole, row.size):
+        total += row[i]
+    return total
+
+
+@driver
+def measure(forces, t, phase, a, sums, cursor):
+    """a <- accelerations (3, n); sums <- potential energy, virial, interacting pairs; a status."""
+    for k in range(sums.size):
+        sums[k] = 0.0
+    return fill_accelerations(handle(forces), t, phase[0], phase[1], a, sums, cursor)
