@@ -122,7 +122,6 @@ def tail(force, system: System) -> tuple[float, float]:
 def gravity(force: Gravity, system: System, i, j, r):
     """U = -G m m' / sqrt(r^2 + softening^2) and -dU/dr."""
     constant = force.G if force.G is not None else system.units.gravity
-    masses = system.coherent_masses
-    gmm = constant * masses[i] * masses[j]
+    gmm = constant * system.state.masses[i] * system.coherent_masses[j]  # G goes with the users' mass unit
     softened = np.sqrt(r * r + force.softening**2)
     return -gmm / softened, -gmm * r / softened**3

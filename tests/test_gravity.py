@@ -30,7 +30,7 @@ def cloud(n, seed=0, massless=0, G=1.0, softening=0.0, **options):
 
 def oracle_accelerations(system):
     """(n, 3), of massless particles too."""
-    force, x, m = system.forces[0], system.state.positions, system.coherent_masses
+    force, x, m = system.forces[0], system.state.positions, system.state.masses
     constant = force.G if force.G is not None else system.units.gravity
     a = np.zeros_like(x)
     for i in range(len(x)):

@@ -11,26 +11,30 @@ from kickdrift.state import Floats
 if TYPE_CHECKING:
     from kickdrift.system import System
 
+FAR = 1e9  # times the system's size: from so far away, rounding hides where a particle came from
 
-def explain(system: System, phase: Floats, good: Floats, step: int, time: float, good_step: int) -> str:
-    """One line: the step, the particle, its nearest neighbour and the last good frame. Phases are (2, 3, n)."""
+
+def explain(system: System, phase: Floats, before: Floats, good: Floats, step: int, time: float, good_step: int) -> str:
+    """One line: the step, the particle, its nearest neighbour and the last good frame.
+
+    ``phase`` (2, 3, n) is what the particles had reached, ``good`` that of the last good frame. ``before`` (3, n) is
+    where they stood a step before ``phase``: what is to blame has flown away since.
+    """
     finite = np.isfinite(phase).all(axis=(0, 1))
     if finite.all():
-        particle = int(np.argmax((phase[1] ** 2).sum(axis=0)))
-        speed = float(np.linalg.norm(phase[1][:, particle]))
-        what = f"particle {particle} moves at {speed:.3g} {system.units.unit('velocity')}"
-        here = phase[0]
+        speeds = np.linalg.norm(phase[1], axis=0)
+        particle = int(np.argmax(speeds))
+        what = f"particle {particle} moves at {speeds[particle]:.3g} {system.units.unit('velocity')}"
     else:
         particle = int(np.flatnonzero(~finite)[0])
         what = f"particle {particle} has no finite position or velocity"
-        here = good[0]
-    separations = system.box.minimum_image((here - here[:, [particle]]).T)
-    distances = np.linalg.norm(separations, axis=1)
+    known = finite.all() and np.abs(phase).max() < FAR * np.abs(good[0]).max()
+    here, when = (before, "the step before") if known else (good[0], f"at step {good_step}")
+    distances = np.linalg.norm(system.box.minimum_image((here - here[:, [particle]]).T), axis=1)
     distances[particle] = np.inf
-    distances[~np.isfinite(distances)] = np.inf
     neighbour = ""
-    if len(distances) > 1 and np.isfinite(distances.min()):
+    if len(distances) > 1:
         other = int(np.argmin(distances))
-        when = "" if finite.all() else f" at step {good_step}"
-        neighbour = f", its nearest neighbour is {other} at {distances[other]:.4g} {system.units.unit('length')}{when}"
+        length = system.units.unit("length")
+        neighbour = f", its nearest neighbour was {other} at {distances[other]:.4g} {length} {when}"
     return f"blew up at step {step} (t = {time:.6g}): {what}{neighbour}; the last good frame is step {good_step}"

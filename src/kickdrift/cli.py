@@ -4,8 +4,10 @@ error."""
 from __future__ import annotations
 
 import json
+import math
 import os
 import sys
+import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from enum import StrEnum
@@ -14,10 +16,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from kickdrift.errors import InputError, KickdriftError
+from kickdrift.errors import InputError, KickdriftError, RunError
 
 if TYPE_CHECKING:
-    from kickdrift.report import Report
+    from kickdrift.report import EnergyReport, Report
     from kickdrift.simulation import Simulation
     from kickdrift.system import System
 
@@ -39,8 +41,10 @@ JsonOption = Annotated[
     Path | None, typer.Option("--json", metavar="FILE", help="Write the results as one JSON object.")
 ]
 OverwriteOption = Annotated[bool, typer.Option("--overwrite", help="Replace files that exist.")]
-ThreadsOption = Annotated[int, typer.Option(metavar="K", help="Threads; the results do not depend on it.")]
+ThreadsOption = Annotated[int, typer.Option(metavar="K", min=1, help="Threads; the results do not depend on it.")]
 QuietOption = Annotated[bool, typer.Option("--quiet", help="Nothing on standard error but errors.")]
+SUFFIXES = {"output": (".h5md",), "plot": (".png", ".pdf", ".svg")}  # as the writers of these files have them
+INTERRUPTED = 130
 
 
 class Lists(StrEnum):
@@ -57,12 +61,12 @@ def run(
     system: SystemArgument,
     integrator: Annotated[str | None, typer.Option(metavar="NAME", help="See: kickdrift list integrators.")] = None,
     dt: Annotated[float | None, typer.Option(metavar="X", help="Step, in the system's unit of time.")] = None,
-    steps: Annotated[int | None, typer.Option(metavar="N", help="Steps to take.")] = None,
+    steps: Annotated[int | None, typer.Option(metavar="N", min=0, help="Steps to take.")] = None,
     time: Annotated[float | None, typer.Option(metavar="T", help="Time to reach, instead of --steps.")] = None,
-    every: Annotated[int | None, typer.Option(metavar="K", help="Steps between samples and frames.")] = None,
+    every: Annotated[int | None, typer.Option(metavar="K", min=1, help="Steps between samples and frames.")] = None,
     output: Annotated[Path | None, typer.Option(metavar="FILE.h5md", help="Write the trajectory.")] = None,
     overwrite: OverwriteOption = False,
-    seed: Annotated[int | None, typer.Option(metavar="S", help="Replaces the seed of the drawn velocities.")] = None,
+    seed: Annotated[int | None, typer.Option(metavar="S", min=0, help="Seed of the drawn velocities.")] = None,
     threads: ThreadsOption = 1,
     engine: Annotated[str, typer.Option(metavar="NAME", help="See: kickdrift list engines.")] = "native",
     json_file: JsonOption = None,
@@ -75,7 +79,7 @@ def run(
         raise InputError(f"--engine {engine!r} is not one of {', '.join(ENGINES)}")
     if steps is not None and time is not None:
         raise InputError("give --steps or --time, not both")
-    refuse_existing(json_file, overwrite)
+    refuse_outputs({"output": output, "json": json_file}, overwrite)
     chosen = load(system, seed)
     if steps is None and time is None:
         steps, time = chosen.run.steps, chosen.run.time
@@ -85,20 +89,23 @@ def run(
     from kickdrift.simulation import Simulation
 
     sim = Simulation(chosen, integrator, dt, threads)
+    steps = sim.steps_to(steps, time)
     with progress_bar(quiet) as bar:
         if chosen.equilibration:
             wanted = chosen.equilibration
             sim.equilibrate(wanted.temperature, wanted.time, wanted.interval, bar("equilibrating"))
-        report = sim.run(steps, until=time, every=every, output=output, overwrite=overwrite, progress=bar("running"))
-    write_json(json_file, report.as_json())
-    print_report(report, sim, output)
+        report = sim.run(steps, every=every, output=output, overwrite=overwrite, progress=bar("running"))
+    try:
+        write_json(json_file, report.as_json())
+    finally:  # what was computed is not lost to a full disk
+        print_report(report, sim, output)
 
 
 @bench_app.command("lj-energy")
 def bench_lj_energy(
-    particles: Annotated[int, typer.Option(metavar="N", help="Particles; a cube of a whole number.")] = 1000,
+    particles: Annotated[int, typer.Option(metavar="N", min=1, help="Particles; a cube of a whole number.")] = 1000,
     steps: Annotated[
-        int | None, typer.Option(metavar="N", help="Steps of 0.005 (default 2000; in full 1000000).")
+        int | None, typer.Option(metavar="N", min=1, help="Steps of 0.005 (default 2000; in full 1000000).")
     ] = None,
     integrator: Annotated[list[str] | None, typer.Option(metavar="NAME", help="Repeat for several.")] = None,
     threads: ThreadsOption = 1,
@@ -108,12 +115,13 @@ def bench_lj_energy(
     quiet: QuietOption = False,
 ) -> None:
     """The Lennard-Jones energy benchmark: energy error and drift of the integrators, at one step and at one cost."""
-    refuse_existing(json_file, overwrite)
-    refuse_existing(plot, overwrite)
+    refuse_outputs({"json": json_file, "plot": plot}, overwrite)
     from kickdrift import bench
+    from kickdrift.forces.bound import check_threads
     from kickdrift.integrators import integrator as method_named
 
     methods = list(dict.fromkeys(method_named(name).name for name in integrator or bench.METHODS))
+    check_threads(threads)
     system = bench.benchmark_system(particles)
     say("compiling (the first time on a machine takes longest) and timing a short pilot run …", quiet)
     plan = bench.plan(system, methods, steps if steps is not None else bench.DEFAULT_STEPS, threads)
@@ -127,6 +135,9 @@ def bench_lj_energy(
             bars[label](done, of)
 
         rows, seconds = bench.timed(lambda: bench.lj_energy(system, plan, threads, progress))
+    print_benchmark(rows, len(system), seconds)
+    if plan.runs[0][3] >= bench.FULL_STEPS:
+        print_claims(rows, bench.CLAIMED)
     write_json(json_file, bench.as_json(system, rows, seconds, threads))
     if plot:
         from kickdrift.plots import plot_benchmark
@@ -143,9 +154,6 @@ def bench_lj_energy(
             for row in rows
         ]
         plot_benchmark(drawn, plot, overwrite=overwrite)
-    print_benchmark(rows, len(system), seconds)
-    if plan.runs[0][3] >= bench.FULL_STEPS:
-        print_claims(rows, bench.CLAIMED)
 
 
 @app.command()
@@ -245,10 +253,7 @@ def print_report(report: Report, sim: Simulation, output: Path | None) -> None:
             "energy error",
             f"{energy.rms_relative_error:.2e} RMS, {energy.max_relative_error:.2e} largest, of {energy.relative_to}",
         ),
-        (
-            "energy drift",
-            f"{energy.drift_per_unit_time:.1e} ± {energy.drift_error:.1e} per {units.time}: {energy.verdict}",
-        ),
+        ("energy drift", f"{drift_text(energy)} per {units.time}: {energy.verdict}"),
         ("momentum error", f"{report.momentum_error:.1e} of the sum of m |v|"),
     ]
     if report.angular_momentum_error is not None:
@@ -263,6 +268,12 @@ def print_report(report: Report, sim: Simulation, output: Path | None) -> None:
         lines.append(("written", str(output)))
     for key, text in lines:
         print(f"{key:17} {text}")
+
+
+def drift_text(energy: EnergyReport) -> str:
+    """The slope and its interval; a run too short for an interval has no slope to speak of."""
+    known = math.isfinite(energy.drift_error)
+    return f"{energy.drift_per_unit_time:+.1e} ± {energy.drift_error:.1e}" if known else "unknown"
 
 
 def print_benchmark(rows: list[Any], particles: int, seconds: float) -> None:
@@ -283,7 +294,7 @@ def print_benchmark(rows: list[Any], particles: int, seconds: float) -> None:
                         f"{row.dt:g}",
                         f"{100 * e.rms_relative_error:.2g} %",
                         f"{100 * e.max_relative_error:.2g} %",
-                        f"{e.drift_per_unit_time:+.1e} ± {e.drift_error:.1e}",
+                        drift_text(e),
                         e.verdict,
                         f"{row.report.steps_per_second:,.0f}",
                     ]
@@ -373,22 +384,48 @@ def _nothing(done: int, of: int) -> None:
     """A bar that is not shown."""
 
 
-def refuse_existing(path: Path | None, overwrite: bool) -> None:
-    """An InputError where a file to be written exists, or cannot be written."""
-    if path is None:
-        return
-    if path.exists() and not overwrite:
-        raise InputError(f"{path} exists; give --overwrite to replace it")
-    if not path.absolute().parent.is_dir():
-        raise InputError(f"{path}: there is no folder {path.absolute().parent}")
-    if path.is_dir() or not os.access(path if path.exists() else path.absolute().parent, os.W_OK):
-        raise InputError(f"{path} cannot be written")
+def refuse_outputs(paths: dict[str, Path | None], overwrite: bool) -> None:
+    """An InputError where a file that an option asks for exists, or cannot be written, before any work is done."""
+    taken: dict[Path, str] = {}
+    for option, path in paths.items():
+        if path is None:
+            continue
+        folder = path.absolute().parent
+        if path.suffix not in SUFFIXES.get(option, (path.suffix,)):
+            raise InputError(f"--{option} {path}: the name must end in {' or '.join(SUFFIXES[option])}")
+        if path.is_dir():
+            raise InputError(f"--{option} {path}: is a folder")
+        if path.exists() and not overwrite:
+            raise InputError(f"--{option} {path}: exists already; give --overwrite to replace it")
+        if not folder.is_dir():
+            raise InputError(f"--{option} {path}: there is no folder {folder}")
+        if other := taken.get(path.resolve()):
+            raise InputError(f"--{option} {path}: is the file of --{other} too")
+        taken[path.resolve()] = option
+        try:
+            with tempfile.TemporaryFile(dir=folder):
+                pass
+        except OSError as error:
+            raise InputError(f"--{option} {path}: cannot be written: {reason(error)}") from None
+
+
+def reason(error: OSError) -> str:
+    """Why the system refused."""
+    return (error.strerror or str(error)).lower()
 
 
 def write_json(path: Path | None, content: dict[str, Any]) -> None:
-    """One JSON object, where it was asked for."""
-    if path is not None:
-        path.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
+    """One JSON object, where it was asked for; the file is whole or not there."""
+    if path is None:
+        return
+    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        part.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
+        os.replace(part, path)
+    except OSError as error:
+        raise RunError(f"{path}: cannot be written: {reason(error)}") from None
+    finally:
+        part.unlink(missing_ok=True)
 
 
 def say(text: str, quiet: bool = False) -> None:
@@ -411,17 +448,25 @@ def duration(seconds: float) -> str:
 
 def main() -> None:
     """The program: exit status 0 done, 1 the run failed, 2 bad input, 130 Ctrl-C."""
+    usage_error: Any = typer.BadParameter.__base__  # click's, or that of typer's own copy of click
     try:
-        app()
+        status = app(standalone_mode=False)
     except KickdriftError as error:
         say(f"kickdrift: {error}")
-        sys.exit(error.exit_status)
-    except KeyboardInterrupt:
-        say("kickdrift: interrupted; what was written is whole")
-        sys.exit(130)
+        status = error.exit_status
+    except usage_error as error:
+        if text := " ".join(error.format_message().split()):  # without any arguments it is empty, and help was shown
+            command = error.ctx.command_path if error.ctx else "kickdrift"
+            say(f"kickdrift: {text.rstrip('.')} (see {command} --help)")
+        status = 2
+    except (KeyboardInterrupt, typer.Abort):
+        status = INTERRUPTED
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        sys.exit(1)
+        status = 1
     except OSError as error:
         say(f"kickdrift: {error}")
-        sys.exit(1)
+        status = 1
+    if status == INTERRUPTED:  # typer makes an exit of a KeyboardInterrupt
+        say("kickdrift: interrupted; what was written is whole")
+    sys.exit(status or 0)

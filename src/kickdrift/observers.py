@@ -72,13 +72,15 @@ def kinetic_energy(masses: Floats, velocities: Floats) -> float:
 
 
 def take_sample(system: System, forces: BoundForces, step: int, time: float, phase: Floats) -> Sample:
-    """Look at positions and velocities ``phase`` (2, 3, n); a RunError where the forces there are not numbers."""
+    """Look at positions and velocities ``phase`` (2, 3, n); a RunError where forces or energy there are no numbers."""
     measured = forces.measure(time, phase)
     if measured is None:
         raise RunError(f"step {step} (t = {time:g}): the forces at these positions are not finite")
     x, v = phase
     m = system.coherent_masses
     kinetic = kinetic_energy(m, v)
+    if not np.isfinite(kinetic + measured.potential):
+        raise RunError(f"step {step} (t = {time:g}): the energy is not finite")
     collides = any(isinstance(force, PairForce) for force in system.forces)
     degrees = system.degrees_of_freedom
     temperature = 2 * kinetic / (degrees * system.units.boltzmann) if collides and degrees else float("nan")

@@ -7,18 +7,21 @@ import signal
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
+from numbers import Real
 from time import perf_counter
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
 
 from kickdrift.blow_up import explain
+from kickdrift.builders import check_overlaps
 from kickdrift.errors import InputError, RunError
 from kickdrift.forces.bound import BoundForces
 from kickdrift.forces.evaluate import EVALUATIONS
 from kickdrift.forces.kernel import OK
 from kickdrift.integrators import integrator as method_named
 from kickdrift.integrators.loops import STEP
+from kickdrift.integrators.runge_kutta import Tableau
 from kickdrift.observers import Energies, Record, Sample, kinetic_energy, take_sample
 from kickdrift.report import Report, report
 from kickdrift.state import Floats, State, read_only
@@ -56,10 +59,11 @@ class Simulation:
         self._method = method_named(self.integrator)
         step = dt if dt is not None else system.run.dt
         if step is None:
-            raise InputError(f"dt is needed: system {system.name!r} names none")
-        if not (np.isfinite(step) and step > 0):
-            raise InputError(f"dt must be a positive finite time, got {step}")
-        self.dt = float(step)
+            raise InputError(f"dt is needed: system {system.name!r} names none in [run]")
+        self.dt = _number(step)
+        if not (np.isfinite(self.dt) and self.dt > 0):
+            raise InputError(f"dt must be a positive finite time, got {step!r}")
+        check_overlaps(system)
         self.system = system
         self.threads = threads
         self._forces = BoundForces(system, threads, jumps=False)
@@ -68,6 +72,7 @@ class Simulation:
         self._cursor = np.zeros(4, np.int64)
         self._chunk = 1
         self._compiled = False
+        self._running = False
         self._files: dict[str, tuple[str, int]] = {}  # files that this Simulation began: path -> run id, cadence
         self._every: int | None = None
         self.state = system.state
@@ -76,7 +81,8 @@ class Simulation:
 
     @property
     def state(self) -> State:
-        """Positions, velocities, time; a copy. Setting it starts a new record of what is conserved."""
+        """Positions, velocities, time; a copy. Setting it starts a new record of what is conserved; a run in progress
+        refuses that, and so does a state of other particles or another box than the system's."""
         return State(
             self._phase.copy(), self._masses.copy(), self._ids.copy(), self.system.box, self.time, self.steps_done
         )
@@ -85,6 +91,13 @@ class Simulation:
     def state(self, state: State) -> None:
         if len(state) != len(self.system):
             raise InputError(f"state: expected {len(self.system)} particles, got {len(state)}")
+        if self._running:
+            raise InputError("state: is read-only while the Simulation runs")
+        own = self.system.state
+        if not (np.array_equal(state.ids, own.ids) and np.array_equal(state.masses, own.masses)):
+            raise InputError("state: ids and masses must be those of the system's particles, in the same order")
+        if state.box != self.system.box:
+            raise InputError(f"state: its box is {state.box.lengths}, and the system's {self.system.box.lengths}")
         if not np.all(np.isfinite(state.phase)):
             raise InputError("state: positions and velocities must be finite")
         self._phase = np.array(state.phase, dtype=float, order="C")
@@ -145,11 +158,11 @@ class Simulation:
         Returns the Report. Raises InputError for arguments that make no sense, and RunError where the run blows up; the
         state is then that of the last sample.
         """
-        count = self._count(steps, until)
+        count = self.steps_to(steps, until)
         cadence = self._cadence(every, output, count)
         self._prepare()
         end = self.steps_done + count
-        with self._writer(output, cadence, overwrite) as writer, _interruptible() as interrupted:
+        with self._busy() as interrupted, self._writer(output, cadence, overwrite) as writer:
             self._look(writer, observe, again=False)
             began = perf_counter()
             spent_before = self.record.wall_seconds
@@ -191,12 +204,15 @@ class Simulation:
             raise InputError(f"equilibrate: interval must be a whole number of steps, one or more, got {interval}")
         if self.system.degrees_of_freedom == 0:
             raise InputError("equilibrate: a system of one particle has no temperature")
+        if self._running:
+            raise InputError("equilibrate: the Simulation runs already")
         wanted = 0.5 * self.system.degrees_of_freedom * self.system.units.boltzmann * temperature
         count = max(1, round(time / self.dt))
         self._prepare()
-        self._start, self.steps_done = 0.0, 0
+        compile_seconds = self.record.compile_seconds
+        self._restart()
         potentials: list[float] = []
-        with _interruptible() as interrupted:
+        with self._busy() as interrupted:
             while self.steps_done < count and not interrupted():
                 self._rescale(wanted)
                 self._advance(min(interval, count - self.steps_done))
@@ -207,8 +223,23 @@ class Simulation:
         if interrupted():
             raise KeyboardInterrupt
         self._rescale(max(wanted + float(np.mean(potentials)) - potentials[-1], 0.5 * wanted))
-        start = self.state
-        self.state = State(start.phase, start.masses, start.ids, start.box)
+        self._restart()
+        self.record.compile_seconds = compile_seconds
+
+    def _restart(self) -> None:
+        """Call the present step 0."""
+        now = self.state
+        self.state = State(now.phase, now.masses, now.ids, now.box)
+
+    @contextmanager
+    def _busy(self) -> Iterator[Callable[[], bool]]:
+        """Inside, the state cannot be replaced, and Ctrl-C only sets what the function yielded returns."""
+        self._running = True
+        try:
+            with _interruptible() as interrupted:
+                yield interrupted
+        finally:
+            self._running = False
 
     def _rescale(self, kinetic: float) -> None:
         now = kinetic_energy(self.system.coherent_masses, self._phase[1])
@@ -218,27 +249,31 @@ class Simulation:
             )
         self._phase[1] *= np.sqrt(kinetic / now)
 
-    def _count(self, steps: int | None, until: float | None) -> int:
+    def steps_to(self, steps: int | None = None, until: float | None = None) -> int:
+        """How many steps ``run(steps)`` or ``run(until=…)`` would take now; an InputError where that makes no sense."""
+        if self._running:
+            raise InputError("run: the Simulation runs already")
         if (steps is None) == (until is None):
             raise InputError("run: give either steps or until")
-        if steps is not None:
-            if steps != int(steps) or steps < 0:
-                raise InputError(f"run: steps must be a whole number, zero or more, got {steps}")
-            return int(steps)
-        assert until is not None
+        if until is None:
+            return _whole_number("steps", steps, 0)
+        if not np.isfinite(_number(until)):
+            raise InputError(f"run: the time to reach must be a finite number, got {until!r}")
         exact = (until - self.time) / self.dt
-        count = round(exact) if np.isfinite(exact) else -1
-        if count < 0:
-            raise InputError(f"run: until = {until} lies before the present, {self.time}")
+        count = round(exact)
+        if exact < -1e-6:
+            raise InputError(f"run: time {until:.12g} lies before the present, {self.time:.12g}")
         if abs(exact - count) > 1e-6:
             low = self.time + int(np.floor(exact)) * self.dt
             nearest = f"{low:.12g} and {low + self.dt:.12g}"
-            raise InputError(f"run: until = {until} is not a whole number of steps away; nearest are {nearest}")
+            raise InputError(
+                f"run: time {until:.12g} is not on the grid of steps of {self.dt:g}; nearest are {nearest}"
+            )
         return count
 
     def _cadence(self, every: int | None, output: Any, count: int) -> int:
-        if every is not None and (every != int(every) or every < 1):
-            raise InputError(f"run: every must be a whole number of steps, one or more, got {every}")
+        if every is not None:
+            every = _whole_number("every", every, 1)
         began = self._files.get(os.path.abspath(output)) if output is not None else None
         known = every or (began[1] if began else None) or self._every or self.system.run.every
         self._every = every or self._every
@@ -263,8 +298,8 @@ class Simulation:
         self.steps_done += done
         self.record.steps += done
         self.record.force_evaluations += int(self._cursor[EVALUATIONS] - before)
-        if status != OK or not np.isfinite(self._phase.sum()):
-            self._fail()
+        if status != OK or not np.isfinite(self._phase).all():
+            self._fail(inside_step=status != OK)
         elapsed = perf_counter() - began
         self._chunk = max(1, min(int(self._chunk * min(CHUNK_SECONDS / max(elapsed, 1e-9), 8.0)), 10**6))
 
@@ -274,12 +309,15 @@ class Simulation:
             step, self._phase, self._work, stages, self.dt, self._start, first, steps, self._cursor
         )
 
-    def _fail(self) -> None:
-        """Say what blew up, and go back to the last sample."""
-        last = self._last_good
-        message = explain(
-            self.system, self._phase, last.phase, self.steps_done + 1, self.time + self.dt, last.steps_done
-        )
+    @np.errstate(over="ignore", invalid="ignore")
+    def _fail(self, inside_step: bool) -> NoReturn:
+        """Say what blew up, in the step going on or in the last one, and go back to the last sample."""
+        last, step = self._last_good, self.steps_done + inside_step
+        reached, before = self._phase, self._phase[0] - self.dt * self._phase[1]
+        if inside_step and isinstance(self._method, Tableau):  # the phase waits for the last stage
+            reached, before = self._work[0], self._phase[0]
+        message = explain(self.system, reached, before, last.phase, step, self._start + step * self.dt, last.steps_done)
+        self.record.steps -= self.steps_done - last.steps_done
         self._phase[...], self.steps_done = last.phase, last.steps_done
         self._cursor[:] = 0
         self._forces.forget()
@@ -288,7 +326,10 @@ class Simulation:
     def _look(self, writer: Writer | None = None, observe: Observer | None = None, again: bool = True) -> None:
         """Sample, write and show the present state."""
         known = not again and self.record.samples and self.record.samples[-1].step == self.steps_done
-        sample = self.record.samples[-1] if known else self.sample()
+        try:
+            sample = self.record.samples[-1] if known else self.sample()
+        except RunError:
+            self._fail(inside_step=False)
         self.record.add(sample, self.system.coherent_masses, self._phase)
         self._last_good = self.state
         if writer:
@@ -315,6 +356,19 @@ class Simulation:
         writer = Writer(path, self.system, method=method, every=cadence, overwrite=overwrite)
         self._files[path] = (writer.run_id, cadence)
         return writer
+
+
+def _whole_number(key: str, value: Any, least: int) -> int:
+    number = _number(value)
+    if not (number.is_integer() and number >= least):
+        words = {0: "zero or more", 1: "one or more"}[least]
+        raise InputError(f"run: {key} must be a whole number, {words}, got {value!r}")
+    return int(number)
+
+
+def _number(value: Any) -> float:
+    """A number as a float, anything else as nan."""
+    return float(value) if isinstance(value, Real) else np.nan
 
 
 @contextmanager

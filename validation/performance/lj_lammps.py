@@ -112,7 +112,8 @@ def compare(particles: int = 1000, threads: int = 1, count: int = 9, seconds: fl
         raise RuntimeError(f"the same state has energy {start} here and {shared} in LAMMPS")
     speeds = turns([ours, theirs], seconds, count)
     ratios = speeds[:, 0] / speeds[:, 1]
-    print(f"{particles} particles, {threads} thread(s), {count} turns of {seconds:g} s each; {where('lammps', 'mpich')}")
+    print(where("lammps", "mpich"))
+    print(f"{particles} particles, {threads} thread(s), {count} turns of {seconds:g} s each")
     ends = (
         ("kickdrift", ours.energy().total / particles, ours.steps_done - MELT),
         (theirs.name, theirs.energy_per_particle(), theirs.steps()),
@@ -120,8 +121,8 @@ def compare(particles: int = 1000, threads: int = 1, count: int = 9, seconds: fl
     for k, (name, energy, steps) in enumerate(ends):
         low, median, high = np.quantile(speeds[:, k], [0, 0.5, 1])
         print(
-            f"  {name:26} {median:8.1f} steps/s ({low:.1f} to {high:.1f}), {1e9 / median / particles:6.1f} ns per particle "
-            f"and step; relative change of energy {(energy - start) / abs(start):+.1e} in {steps} steps"
+            f"  {name:26} {median:8.1f} steps/s ({low:.1f} to {high:.1f}), {1e9 / median / particles:6.1f} ns per "
+            f"particle and step; relative change of energy {(energy - start) / abs(start):+.1e} in {steps} steps"
         )
     median = float(np.median(ratios))
     print(f"  ratio {median:.2f} (single turns {ratios.min():.2f} to {ratios.max():.2f})")

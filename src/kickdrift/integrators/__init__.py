@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import sys
 from difflib import get_close_matches
+from types import ModuleType
 
 from kickdrift.errors import InputError
 from kickdrift.integrators import runge_kutta, splitting
@@ -26,3 +28,13 @@ def integrator(name: str) -> Method:
 def integrators() -> list[str]:
     """The names of all integrators, aliases included."""
     return list(INTEGRATORS)
+
+
+class _Callable(ModuleType):
+    """``kickdrift.integrators()`` names them all, although importing this module makes that attribute the module."""
+
+    def __call__(self) -> list[str]:
+        return integrators()
+
+
+sys.modules[__name__].__class__ = _Callable

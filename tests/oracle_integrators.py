@@ -1,0 +1,65 @@
+"""The oracle of the integrators: splitting and Runge-Kutta steps from their definitions, in plain NumPy.
+
+Slow and obvious. ``acceleration`` is a function of time and positions (n, 3); a method is read as its rows of numbers
+stand in the registry.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from kickdrift.integrators import Method
+from kickdrift.integrators.splitting import Splitting
+
+Acceleration = Callable[[float, np.ndarray], np.ndarray]
+
+
+def run(method: Method, acceleration: Acceleration, x: np.ndarray, v: np.ndarray, dt: float, steps: int):
+    """Positions and velocities (n, 3) after so many steps from time 0."""
+    step = splitting_step if isinstance(method, Splitting) else runge_kutta_step
+    for number in range(steps):
+        x, v = step(method, acceleration, number * dt, x, v, dt)
+    return x, v
+
+
+def splitting_step(method: Splitting, acceleration: Acceleration, t: float, x, v, dt: float):
+    """Kicks v += b dt a(t, x) and drifts x += c dt v in turn; the clock moves with the drift."""
+    kicks, drifts = list(method.kick), list(method.drift)
+    kicking = method.first == "kick"
+    while kicks or drifts:
+        if kicking:
+            v = v + kicks.pop(0) * dt * acceleration(t, x)
+        else:
+            weight = drifts.pop(0)
+            x, t = x + weight * dt * v, t + weight * dt
+        kicking = not kicking
+    return x, v
+
+
+def runge_kutta_step(method, acceleration: Acceleration, t: float, x, v, dt: float):
+    """k_i = f(t + c_i dt, y + dt sum_j a_ij k_j), y <- y + dt sum_i b_i k_i, with f(t, (x, v)) = (v, a(t, x))."""
+    k: list[tuple[np.ndarray, np.ndarray]] = []
+    for row in ((), *method.a):
+        stage_x = x + dt * sum((a * dx for a, (dx, _) in zip(row, k, strict=True)), np.zeros_like(x))
+        stage_v = v + dt * sum((a * dv for a, (_, dv) in zip(row, k, strict=True)), np.zeros_like(v))
+        k.append((stage_v, acceleration(t + sum(row) * dt, stage_x)))
+    x = x + dt * sum(b * dx for b, (dx, _) in zip(method.b, k, strict=True))
+    v = v + dt * sum(b * dv for b, (_, dv) in zip(method.b, k, strict=True))
+    return x, v
+
+
+# --- Kepler's problem in closed form ---
+
+
+def kepler(t: float, e: float) -> tuple[np.ndarray, np.ndarray]:
+    """Separation and relative velocity (3,) at time t after pericentre: G (m1 + m2) = 1, semi-major axis 1."""
+    eccentric = t
+    for _ in range(100):  # Newton's method on E - e sin E = t
+        change = (eccentric - e * np.sin(eccentric) - t) / (1.0 - e * np.cos(eccentric))
+        eccentric -= change
+        if abs(change) < 1e-16 * max(1.0, abs(t)):
+            break
+    c, s, b = np.cos(eccentric), np.sin(eccentric), np.sqrt(1.0 - e * e)
+    return np.array([c - e, b * s, 0.0]), np.array([-s, b * c, 0.0]) / (1.0 - e * c)

@@ -1,0 +1,112 @@
+"""What the validation scripts rest on: the equations of state, and the scripts that take no time."""
+
+import importlib.util
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+VALIDATION = Path(__file__).parents[1] / "validation"
+STATE_POINTS = json.loads((VALIDATION / "data" / "lj-eos" / "state_points.json").read_text())
+POINTS = [
+    pytest.param(equation, point, id=f"{equation}-{point['T']}-{point['rho']}")
+    for equation, key in (("thol2016_full_LJ", "thol2016_full"), ("thol2015_cutshift_2.5", "thol2015_cutshift2.5"))
+    for point in STATE_POINTS[key]
+]
+
+
+@pytest.fixture
+def script(monkeypatch):
+    """Loads a validation script by its name, as running it would."""
+    monkeypatch.syspath_prepend(VALIDATION)
+    monkeypatch.syspath_prepend(VALIDATION / "performance")
+
+    def load(name):
+        spec = importlib.util.spec_from_file_location(f"validation_{Path(name).stem}", VALIDATION / name)
+        module = importlib.util.module_from_spec(spec)
+        monkeypatch.setitem(sys.modules, spec.name, module)
+        spec.loader.exec_module(module)
+        return module
+
+    before = set(sys.modules)
+    yield load
+    for name in ("claims", "melt"):
+        if name not in before:
+            sys.modules.pop(name, None)
+
+
+@pytest.mark.parametrize(("equation", "point"), POINTS)
+def test_equations_of_state_give_the_tabulated_points(script, equation, point):
+    fluid = script("equation_of_state.py").equation(equation, point["T"], point["rho"])
+    assert fluid.pressure == pytest.approx(point["P"], rel=1e-11)
+    assert fluid.energy == pytest.approx(point["U_res"], rel=1e-12)
+    assert fluid.energy_slope == pytest.approx(point["cv_res"], rel=1e-11)
+
+
+@pytest.mark.parametrize("equation", ["thol2016_full_LJ", "thol2015_cutshift_2.5"])
+def test_slopes_are_those_of_the_values(script, equation):
+    of = script("equation_of_state.py").equation
+    step = 1e-5
+    low, high, fluid = (of(equation, t, 0.75) for t in (1.0 - step, 1.0 + step, 1.0))
+    assert fluid.pressure_slope == pytest.approx((high.pressure - low.pressure) / (2 * step), rel=1e-8)
+    assert fluid.energy_slope == pytest.approx((high.energy - low.energy) / (2 * step), rel=1e-8)
+
+
+def test_equation_of_state_agrees_with_monte_carlo_within_its_errors(script):
+    module = script("equation_of_state.py")
+    for density in (0.78, 0.82, 0.86):
+        fluid, published = module.equation("thol2016_full_LJ", 0.85, density), module.nist(0.85, density)
+        for quantity in ("pressure", "energy"):
+            assert abs(getattr(fluid, quantity) - published[quantity]) < 2 * module.NIST_ERROR[quantity]
+    assert module.nist(1.0, 0.75) is None
+
+
+def test_error_of_a_correlated_mean(script):
+    mean_and_error = script("equation_of_state.py").mean_and_error
+    rng = np.random.default_rng(1)
+    means, errors = [], []
+    for _ in range(200):
+        noise = np.convolve(rng.normal(size=4096 + 19), np.ones(20) / 20, "valid")  # correlated over 20 samples
+        mean, error = mean_and_error(noise)
+        means.append(mean)
+        errors.append(error)
+    assert np.mean(errors) == pytest.approx(np.std(means), rel=0.25)
+
+
+def test_nist_claims_hold(script):
+    rows = script("nist_lj.py").claims()
+    assert len(rows) == 17
+    assert {row["verdict"] for row in rows} == {"pass"}
+    assert set(rows[0]) == {"claim", "value", "bound", "reference", "verdict"}
+
+
+def test_a_failed_claim_is_exit_status_one(script, capsys):
+    claims = script("claims.py")
+    good, bad = (claims.claim("x", 1.0, "at most 1", holds, "y") for holds in (True, False))
+    skipped = claims.not_run("z", "at least 3", "peer", "pip install peer")
+    assert claims.show([good, skipped]) == 0
+    assert claims.show([good, bad]) == 1
+    printed = capsys.readouterr().out
+    assert "pip install peer" in printed
+    assert "fail" in printed
+
+
+@pytest.mark.parametrize(
+    "name", ["nve_drift.py", "equation_of_state.py", "performance/lj_lammps.py", "performance/lj_scaling.py"]
+)
+def test_scripts_import_and_have_claims(script, name):
+    assert callable(script(name).claims)
+
+
+def test_lammps_missing_is_not_a_failure(script, monkeypatch, capsys):
+    module = script("performance/lj_lammps.py")
+
+    def missing():
+        raise ImportError
+
+    monkeypatch.setattr(module, "lammps_class", missing)
+    (row,) = module.claims()
+    assert row["verdict"] == "not run"
+    assert "pip install" in row["value"]
