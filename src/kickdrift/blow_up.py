@@ -11,7 +11,7 @@ from kickdrift.state import Floats
 if TYPE_CHECKING:
     from kickdrift.system import System
 
-FAR = 1e9  # times the system's size: from so far away, rounding hides where a particle came from
+FAR = 1e11  # times the size of the system: from beyond, rounding (2e-16 of it) hides where a particle came from
 
 
 def explain(system: System, phase: Floats, before: Floats, good: Floats, step: int, time: float, good_step: int) -> str:
@@ -28,7 +28,7 @@ def explain(system: System, phase: Floats, before: Floats, good: Floats, step: i
     else:
         particle = int(np.flatnonzero(~finite)[0])
         what = f"particle {particle} has no finite position or velocity"
-    known = finite.all() and np.abs(phase).max() < FAR * np.abs(good[0]).max()
+    known = finite.all() and np.abs(phase[0]).max() < FAR * np.abs(good[0]).max()
     here, when = (before, "the step before") if known else (good[0], f"at step {good_step}")
     distances = np.linalg.norm(system.box.minimum_image((here - here[:, [particle]]).T), axis=1)
     distances[particle] = np.inf

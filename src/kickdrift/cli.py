@@ -450,7 +450,7 @@ def main() -> None:
     """The program: exit status 0 done, 1 the run failed, 2 bad input, 130 Ctrl-C."""
     usage_error: Any = typer.BadParameter.__base__  # click's, or that of typer's own copy of click
     try:
-        status = app(standalone_mode=False)
+        status = app(prog_name="kickdrift", standalone_mode=False)
     except KickdriftError as error:
         say(f"kickdrift: {error}")
         status = error.exit_status

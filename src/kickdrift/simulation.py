@@ -55,7 +55,7 @@ class Simulation:
     def __init__(
         self, system: System, integrator: str | None = None, dt: float | None = None, threads: int = 1
     ) -> None:
-        self.integrator = integrator or system.run.integrator
+        self.integrator = integrator if integrator is not None else system.run.integrator
         self._method = method_named(self.integrator)
         step = dt if dt is not None else system.run.dt
         if step is None:

@@ -15,6 +15,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from numba import njit, types
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, _CacheLocator
 from numba.core.typing.templates import signature
@@ -51,29 +52,42 @@ def sources_hash() -> str:
 
 def foreign_classes(kind: Any) -> Iterator[type]:
     """The NamedTuple classes from outside the package that stand in a numba type."""
-    if isinstance(kind, types.NamedTuple) and not kind.instance_class.__module__.startswith("kickdrift."):
+    if isinstance(kind, types.BaseNamedTuple) and not kind.instance_class.__module__.startswith("kickdrift."):
         yield kind.instance_class
     if isinstance(kind, types.BaseTuple):
         for part in kind:
             yield from foreign_classes(part)
 
 
-def _closed_over(function: Callable[..., Any]) -> str:
-    names = inspect.getclosurevars(function)
-    return repr(sorted((k, repr(v)) for group in (names.nonlocals, names.globals) for k, v in group.items()))
+def _described(value: Any, seen: set[int]) -> str:
+    """A value that compiled code uses, as text that is the same in every process and changes with every edit."""
+    function = getattr(value, "py_func", value)
+    if inspect.isfunction(function):
+        if id(function) in seen:
+            return function.__qualname__
+        seen.add(id(function))
+        names = inspect.getclosurevars(function)
+        used = sorted({**names.globals, **names.nonlocals}.items())
+        return _code(function.__code__) + "".join(f"{key}={_described(what, seen)};" for key, what in used)
+    if isinstance(value, np.ndarray):
+        return f"{value.dtype}{value.shape}{hashlib.sha256(value.tobytes()).hexdigest()}"
+    if inspect.ismodule(value):
+        return value.__name__
+    return repr(value)
+
+
+def _code(code: Any) -> str:
+    constants = [_code(c) if inspect.iscode(c) else repr(c) for c in code.co_consts]
+    return f"{code.co_code.hex()}{code.co_names}{code.co_varnames}{code.co_freevars}{constants}"
 
 
 def fingerprint(cls: type) -> str:
-    """A user's class as text: its own source, and its methods' bytecode and what they close over."""
-    try:
-        text = inspect.getsource(cls)
-    except (OSError, TypeError):
-        text = cls.__qualname__
+    """A user's class as text: its name and module, its methods and its kernel, and all that they call and close
+    over."""
     bodies = [value for value in vars(cls).values() if inspect.isfunction(value) and value.__module__ == cls.__module__]
     bodies += list(getattr(cls, "kernel_sources", ()))
-    return text + "".join(
-        body.__code__.co_code.hex() + repr(body.__code__.co_consts) + _closed_over(body) for body in bodies
-    )
+    seen: set[int] = set()
+    return f"{cls.__module__}.{cls.__qualname__}" + "".join(_described(body, seen) for body in bodies)
 
 
 class _Locator(_CacheLocator):
@@ -82,6 +96,7 @@ class _Locator(_CacheLocator):
     def __init__(self, py_func: Callable[..., Any], name: str) -> None:
         self._path = folder() / "jit" / name
         self._disambiguator = str(py_func.__code__.co_firstlineno)
+        self._py_file = py_func.__code__.co_filename  # for numba's warnings
 
     def get_cache_path(self) -> str:
         return str(self._path)

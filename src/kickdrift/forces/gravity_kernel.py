@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from kickdrift.forces.chunks import Parallel, Serial, chunk_task, each_chunk
 from kickdrift.forces.compiling import jit, never_inline
 from kickdrift.forces.kernel import OK, kernel
-from kickdrift.forces.simd import WIDTH, lane_sum, load, select, splat
+from kickdrift.forces.simd import WIDTH, lane_numbers, lane_sum, load, select, splat
 
 if TYPE_CHECKING:
     from kickdrift.forces.gravity import Gravity
@@ -87,10 +87,11 @@ def sum_sources(force, sums, i):
     for j in range(0, gm.size, WIDTH):
         dx, dy, dz = load(x, j) - xi, load(y, j) - yi, load(z, j) - zi
         separation2 = dx * dx + dy * dy + dz * dz
-        apart = separation2 > 0.0
+        source = select(lane_numbers() == float(i - j), zero, load(gm, j))  # all but the particle itself
+        pulling = source > 0.0
         inverse = 1.0 / math.sqrt(separation2 + softening2)
-        gm_over_r = select(apart, load(gm, j) * inverse, zero)
-        w = select(apart, gm_over_r * inverse * inverse, zero)
+        gm_over_r = select(pulling, source * inverse, zero)
+        w = select(pulling, gm_over_r * inverse * inverse, zero)
         ax, ay, az = ax + w * dx, ay + w * dy, az + w * dz
         if sums is not None:
             energy = energy - gm_over_r

@@ -56,7 +56,7 @@ class _HandleAttributes(AttributeTemplate):
     key = Handle
 
     def generic_resolve(self, handle: Handle, name: str) -> Any:
-        if isinstance(handle.kind, types.NamedTuple) and name in handle.kind.fields:
+        if isinstance(handle.kind, types.BaseNamedTuple) and name in handle.kind.fields:
             return _read(handle.field(name)[1])
         return None
 

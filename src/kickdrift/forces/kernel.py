@@ -13,7 +13,7 @@ from numba import types
 from numba.extending import overload
 
 from kickdrift.forces.compiling import jit
-from kickdrift.forces.handle import part
+from kickdrift.forces.handle import Handle, part
 
 OK, GROW, BLOWN_UP = 0, 1, 2  # what a force evaluation can end in: done, a list has no room, positions make no sense
 
@@ -31,6 +31,7 @@ def kernel(cls: type) -> Callable[[Callable[..., Any]], Any]:
 
     def register(body: Callable[..., Any]) -> Any:
         KERNELS[cls] = jit(body)
+        cls.kernel_sources = (body,)  # type: ignore[attr-defined]
         return KERNELS[cls]
 
     return register
@@ -43,9 +44,10 @@ def accelerate(force: Any, t: float, x: Any, v: Any, a: Any, sums: Any) -> int:
 
 @overload(accelerate)
 def _accelerate(force, t, x, v, a, sums):
-    if isinstance(force.kind, types.NamedTuple):
-        return KERNELS[force.kind.instance_class].py_func
-    return sum_of_forces(len(force.kind))
+    kind = force.kind if isinstance(force, Handle) else force  # a force of numbers alone comes by value
+    if isinstance(kind, types.BaseNamedTuple):
+        return KERNELS[kind.instance_class].py_func
+    return sum_of_forces(len(kind))
 
 
 def sum_of_forces(count: int) -> Callable[..., Any]:

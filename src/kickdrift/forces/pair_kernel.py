@@ -27,6 +27,7 @@ from kickdrift.forces.pairlist import refresh, shift_particle
 from kickdrift.forces.simd import (
     WIDTH,
     aligned,
+    as_lanes,
     lane_numbers,
     lane_sum,
     multiply_add,
@@ -247,7 +248,7 @@ def _pair_terms(laws, i, j, r2):
         def one_species(laws, i, j, r2):
             parameters, at_cutoff, truncation, _ = laws
             energy, force_over_r = law(parameters, r2)
-            return truncated(truncation, at_cutoff, r2, energy, force_over_r)
+            return truncated(truncation, at_cutoff, r2, as_lanes(energy), as_lanes(force_over_r))
 
         return one_species
 
@@ -256,7 +257,7 @@ def _pair_terms(laws, i, j, r2):
         row = tables.row[i]
         energy, force_over_r = law(named_lanes(like, tables.law, row, j), r2)
         at_cutoff = named_lanes(like_at_cutoff, tables.at_cutoff, row, j)
-        return truncated(truncation, at_cutoff, r2, energy, force_over_r)
+        return truncated(truncation, at_cutoff, r2, as_lanes(energy), as_lanes(force_over_r))
 
     return many_species
 

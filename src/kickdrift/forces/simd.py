@@ -226,6 +226,16 @@ def splat(typingctx, scalar):
 
 
 @intrinsic
+def as_lanes(typingctx, value):
+    """Lanes as they are, a number in all lanes; for formulas that happen not to depend on the lanes."""
+
+    def codegen(context, builder, sig, args):
+        return args[0] if sig.args[0] == lanes_type else _splat(builder, args[0])
+
+    return lanes_type(lanes_type if value == lanes_type else types.float64), codegen
+
+
+@intrinsic
 def multiply_add(typingctx, a, b, c):
     """a b + c, fused where the machine can; for where a product is used twice and LLVM would not fuse by itself."""
 
