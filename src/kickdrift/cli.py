@@ -253,7 +253,7 @@ def print_report(report: Report, sim: Simulation, output: Path | None) -> None:
             "energy error",
             f"{energy.rms_relative_error:.2e} RMS, {energy.max_relative_error:.2e} largest, of {energy.relative_to}",
         ),
-        ("energy drift", f"{drift_text(energy)} per {units.time}: {energy.verdict}"),
+        ("energy drift", drift_text(energy, f" per {units.time}: {energy.verdict}") or energy.verdict),
         ("momentum error", f"{report.momentum_error:.1e} of the sum of m |v|"),
     ]
     if report.angular_momentum_error is not None:
@@ -270,10 +270,11 @@ def print_report(report: Report, sim: Simulation, output: Path | None) -> None:
         print(f"{key:17} {text}")
 
 
-def drift_text(energy: EnergyReport) -> str:
-    """The slope and its interval; a run too short for an interval has no slope to speak of."""
-    known = math.isfinite(energy.drift_error)
-    return f"{energy.drift_per_unit_time:+.1e} ± {energy.drift_error:.1e}" if known else "unknown"
+def drift_text(energy: EnergyReport, ending: str = "") -> str:
+    """The slope, its interval and the ending; nothing where no interval can be told."""
+    if not math.isfinite(energy.drift_error):
+        return ""
+    return f"{energy.drift_per_unit_time:+.1e} ± {energy.drift_error:.1e}{ending}"
 
 
 def print_benchmark(rows: list[Any], particles: int, seconds: float) -> None:
@@ -294,7 +295,7 @@ def print_benchmark(rows: list[Any], particles: int, seconds: float) -> None:
                         f"{row.dt:g}",
                         f"{100 * e.rms_relative_error:.2g} %",
                         f"{100 * e.max_relative_error:.2g} %",
-                        drift_text(e),
+                        drift_text(e) or "–",
                         e.verdict,
                         f"{row.report.steps_per_second:,.0f}",
                     ]
