@@ -383,7 +383,9 @@ def test_overlapping_particles(kickdrift, folder):
 
 
 def test_systems_that_are_not_there(kickdrift):
-    assert_refused(kickdrift("run", "lj-100"), "'lj-100' is no shipped system; did you mean 'lj-1000'?")
+    assert_refused(
+        kickdrift("run", "lj-100"), "'lj-100' is neither a file nor a shipped system; did you mean 'lj-1000'?"
+    )
     assert_refused(kickdrift("run", "."), "is a folder, not a system file")
     assert_refused(kickdrift("run", "a/b.toml"), "a/b.toml: no such file")
     assert_refused(kickdrift("run"), "Missing argument", "see kickdrift run --help")

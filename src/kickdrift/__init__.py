@@ -9,12 +9,14 @@ from importlib import import_module
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
+# Not lazy: loading the room of that name later would put the module in the function's place.
+from kickdrift.integrators import integrators
+
 if TYPE_CHECKING:
     from kickdrift.box import Box
     from kickdrift.errors import InputError, KickdriftError, RunError
     from kickdrift.forces import Gravity, LennardJones
     from kickdrift.forces.pair_law import pair_law
-    from kickdrift.integrators import integrators
     from kickdrift.observers import Energies
     from kickdrift.report import Report
     from kickdrift.simulation import Simulation
@@ -37,7 +39,6 @@ _HOMES = {
     "Simulation": "simulation",
     "State": "state",
     "System": "system",
-    "integrators": "integrators",
     "load": "systemfile",
     "open": "trajectory.reader",
     "pair_law": "forces.pair_law",

@@ -93,7 +93,8 @@ def find(name_or_path: str | os.PathLike[str]) -> Path:
     except (OSError, ValueError) as error:
         what = str(error)
     if bare:
-        raise InputError(f"{shown(given)} is no shipped system{suggestion(given, known)} (shipped: {', '.join(known)})")
+        listed = f"{suggestion(given, known)} (shipped: {', '.join(known)})"
+        raise InputError(f"{shown(given)} is neither a file nor a shipped system{listed}")
     raise InputError(f"{' '.join(given.split())}: {what}{suggestion(path.stem, known)}")
 
 
