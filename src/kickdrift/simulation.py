@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import os
-import signal
-import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
 from numbers import Real
@@ -22,6 +20,7 @@ from kickdrift.forces.kernel import OK
 from kickdrift.integrators import integrator as method_named
 from kickdrift.integrators.loops import STEP
 from kickdrift.integrators.runge_kutta import Tableau
+from kickdrift.interrupt import interruptible
 from kickdrift.observers import Energies, Record, Sample, kinetic_energy, take_sample
 from kickdrift.report import Report, report
 from kickdrift.state import Floats, State, read_only
@@ -236,7 +235,7 @@ class Simulation:
         """Inside, the state cannot be replaced, and Ctrl-C only sets what the function yielded returns."""
         self._running = True
         try:
-            with _interruptible() as interrupted:
+            with interruptible() as interrupted:
                 yield interrupted
         finally:
             self._running = False
@@ -369,23 +368,3 @@ def _whole_number(key: str, value: Any, least: int) -> int:
 def _number(value: Any) -> float:
     """A number as a float, anything else as nan."""
     return float(value) if isinstance(value, Real) else np.nan
-
-
-@contextmanager
-def _interruptible() -> Iterator[Callable[[], bool]]:
-    """Inside, Ctrl-C only sets a flag, which the function yielded reads; a second one interrupts at once."""
-    pressed = threading.Event()
-    if threading.current_thread() is not threading.main_thread():
-        yield pressed.is_set
-        return
-
-    def note(signum: int, frame: Any) -> None:
-        if pressed.is_set():
-            raise KeyboardInterrupt
-        pressed.set()
-
-    before = signal.signal(signal.SIGINT, note)
-    try:
-        yield pressed.is_set
-    finally:
-        signal.signal(signal.SIGINT, before)

@@ -1,0 +1,229 @@
+"""What the command line shows: results on standard output, progress and messages on standard error."""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from kickdrift.report import EnergyReport, Report
+    from kickdrift.simulation import Simulation
+    from kickdrift.system import System
+
+
+def list_integrators() -> tuple[list[str], list[list[str]]]:
+    """Every integrator and what is known of it."""
+    from kickdrift.integrators import INTEGRATORS
+
+    yes = {True: "yes", False: "no"}
+    columns = ["name", "family", "order", "evaluations", "symplectic", "reversible", "adaptive", "use"]
+    rows = [
+        [
+            name,
+            method.family,
+            str(method.order),
+            str(method.evaluations),
+            yes[method.symplectic],
+            yes[method.reversible],
+            yes[method.adaptive],
+            method.use if name == method.name else f"the same as {method.name}",
+        ]
+        for name, method in INTEGRATORS.items()
+    ]
+    return columns, rows
+
+
+def list_forces() -> tuple[list[str], list[list[str]]]:
+    """Every force and its parameters."""
+    import inspect
+
+    from kickdrift.forces import FORCES
+
+    rows = [
+        [name, ", ".join(inspect.signature(force).parameters), (force.__doc__ or "").split("\n")[0]]
+        for name, force in FORCES.items()
+    ]
+    return ["name", "parameters", "what"], rows
+
+
+def list_systems() -> tuple[list[str], list[list[str]]]:
+    """Every system file that ships."""
+    from kickdrift.systemfile import describe, shipped
+
+    found = [describe(path) for path in shipped().values()]
+    return ["name", "units", "title"], [[each.name, each.units, each.title] for each in found]
+
+
+ENGINES = {"native": "kickdrift's own compiled kernels"}
+LISTINGS: dict[str, Callable[[], tuple[list[str], list[list[str]]]]] = {
+    "integrators": list_integrators,
+    "forces": list_forces,
+    "systems": list_systems,
+    "engines": lambda: (["name", "what"], [[name, what] for name, what in ENGINES.items()]),
+}
+
+
+def print_report(report: Report, sim: Simulation, output: Path | None) -> None:
+    """A run's summary on standard output."""
+    units, energy = sim.system.units, report.energy
+    lines = [
+        ("system", f"{report.system}: {report.particles:,} particles, units {report.units}"),
+        ("integrator", f"{report.integrator}, dt = {report.dt:g} {units.time}"),
+        ("length", f"{report.steps:,} steps, {report.time:g} {units.time}"),
+        ("energy", f"{energy.initial:.8g} at the start, {energy.final:.8g} {units.energy} at the end"),
+        (
+            "energy error",
+            f"{energy.rms_relative_error:.2e} RMS, {energy.max_relative_error:.2e} largest, of {energy.relative_to}",
+        ),
+        ("energy drift", drift_text(energy, f" per {units.time}: {energy.verdict}") or energy.verdict),
+        ("momentum error", f"{report.momentum_error:.1e} of the sum of m |v|"),
+    ]
+    if report.angular_momentum_error is not None:
+        lines.append(("angular momentum", f"error {report.angular_momentum_error:.1e} of the sum of m |x × v|"))
+    if report.temperature is not None:
+        lines.append(("temperature", f"{report.temperature:.5g} {units.temperature} (mean)"))
+    if report.pressure is not None:
+        lines.append(("pressure", f"{report.pressure:.5g} {units.energy}/{units.length}^3 (mean)"))
+    per_pair = f", {report.ns_per_pair:.1f} ns per pair" if report.ns_per_pair else ""
+    lines.append(("speed", f"{report.steps_per_second:,.0f} steps/s on {counted(report.threads, 'thread')}{per_pair}"))
+    if output:
+        lines.append(("written", str(output)))
+    for key, text in lines:
+        print(f"{key:17} {text}")
+
+
+def drift_text(energy: EnergyReport, ending: str = "") -> str:
+    """The slope, its interval and the ending; nothing where no interval can be told."""
+    if not math.isfinite(energy.drift_error):
+        return ""
+    return f"{energy.drift_per_unit_time:+.1e} ± {energy.drift_error:.1e}{ending}"
+
+
+def print_benchmark(rows: list[Any], particles: int, seconds: float) -> None:
+    """The benchmark's two tables on standard output."""
+    titles = {
+        "same step": "The same step",
+        "same cost": "The same cost: 1000 force evaluations per unit of time",
+    }
+    columns = ["method", "dt", "RMS error", "largest", "drift per unit time", "verdict", "steps/s"]
+    for table, title in titles.items():
+        body = []
+        for row in rows:
+            if row.table == table and row.report:
+                e = row.report.energy
+                body.append(
+                    [
+                        row.method,
+                        f"{row.dt:g}",
+                        f"{100 * e.rms_relative_error:.2g} %",
+                        f"{100 * e.max_relative_error:.2g} %",
+                        drift_text(e) or "–",
+                        e.verdict,
+                        f"{row.report.steps_per_second:,.0f}",
+                    ]
+                )
+            elif row.table == table:
+                body.append([row.method, f"{row.dt:g}", "–", "–", "–", row.failure, "–"])
+        print_table(title, columns, body)
+    print(
+        f"{particles:,} particles, errors relative to |E(0)|; leapfrog in its kick-drift-kick form is velocity-verlet. "
+        f"Took {duration(seconds)}."
+    )
+
+
+def print_claims(rows: list[Any], claimed: dict[str, str]) -> None:
+    """What is claimed of the full benchmark beside what was measured, on standard output."""
+    body = []
+    for row in rows:
+        if row.method in claimed:
+            e = row.report.energy if row.report else None
+            measured = f"{100 * e.rms_relative_error:.2g} %, {e.verdict}" if e else str(row.failure)
+            body.append([row.method, f"{row.dt:g}", claimed[row.method], measured])
+    print_table("RMS energy error over 10^6 steps", ["method", "dt", "claimed in the literature", "measured"], body)
+
+
+def print_system(system: System) -> None:
+    """What a system file says, checked."""
+    units = system.units
+    box = (
+        "open"
+        if system.box.lengths is None
+        else " x ".join(f"{edge:.6g}" for edge in system.box.lengths) + f" {units.length}"
+    )
+    print(f"{'system':17} {system.name}: valid")
+    print(f"{'particles':17} {len(system):,} ({', '.join(system.species)})")
+    print(f"{'box':17} {box}")
+    print(
+        f"{'units':17} {units.name}: length {units.length}, time {units.time}, mass {units.mass}, energy {units.energy}"
+    )
+    for force in system.forces:
+        print(f"{'force':17} {force}")
+    given = {key: value for key, value in vars(system.run).items() if value is not None}
+    print(f"{'run':17} {', '.join(f'{key} = {value}' for key, value in given.items())}")
+    if system.equilibration:
+        print(
+            f"{'equilibrate':17} {', '.join(f'{key} = {value}' for key, value in vars(system.equilibration).items())}"
+        )
+
+
+def print_table(title: str | None, columns: list[str], rows: list[list[str]]) -> None:
+    """A table on standard output, as wide as it needs to be where that is no terminal."""
+    from rich import box
+    from rich.console import Console
+    from rich.table import Table
+
+    console = Console(width=None if sys.stdout.isatty() else 200)
+    table = Table(*columns, title=title, title_justify="left", box=box.SIMPLE_HEAD)
+    for row in rows:
+        table.add_row(*row)
+    console.print(table)
+
+
+@contextmanager
+def progress_bar(quiet: bool) -> Iterator[Callable[[str], Callable[[int, int], None]]]:
+    """Inside, ``bar(label)`` gives a function (done, of) that moves a bar on standard error, if that is a terminal."""
+    if quiet or not sys.stderr.isatty():
+        yield lambda label: _nothing
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+    layout = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.percentage:3.0f} %"),
+        TimeRemainingColumn(),
+    )
+    with Progress(*layout, console=Console(stderr=True), transient=True) as progress:
+
+        def bar(label: str) -> Callable[[int, int], None]:
+            task = progress.add_task(label, total=None)
+            return lambda done, of: progress.update(task, completed=done, total=of)
+
+        yield bar
+
+
+def _nothing(done: int, of: int) -> None:
+    """A bar that is not shown."""
+
+
+def say(text: str, quiet: bool = False) -> None:
+    """A message on standard error."""
+    if not quiet:
+        print(text, file=sys.stderr)
+
+
+def counted(number: int, noun: str) -> str:
+    """ "1 thread", "2 threads"."""
+    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
+
+
+def duration(seconds: float) -> str:
+    """Seconds as a person says them."""
+    if seconds < 90:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
