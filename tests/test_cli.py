@@ -184,8 +184,8 @@ def test_what_needs_no_numba_does_not_load_it(arguments, kickdrift):
     assert done.stderr.splitlines()[-1] == "[]"
 
 
-def test_import_kickdrift_loads_next_to_nothing():
-    code = "import sys, kickdrift; print(sorted({'numba', 'numpy', 'scipy', 'h5py', 'typer'} & set(sys.modules)))"
+def test_import_kickdrift_loads_nothing_slow():
+    code = "import sys, kickdrift; print(sorted({'numba', 'scipy', 'h5py', 'typer'} & set(sys.modules)))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout == "[]\n"
 
