@@ -93,7 +93,7 @@ def cluster_list(n: int, box: Box, cutoff: float, room: int | None = None) -> Cl
         inner_span=np.zeros((slots, 2), np.int64),
         outer=np.empty((chunks, room), np.int32),
         inner=np.empty((chunks, room), np.int32),
-        force=aligned((chunks, 3 * slots)),
+        force=aligned((chunks, 3 * slots), fill=None),
         touched=np.zeros((chunks, clusters), np.bool_),
         made=np.zeros(chunks, np.int64),
     )

@@ -62,13 +62,17 @@ class _MaskModel(models.PrimitiveModel):
         super().__init__(dmm, fe_type, I1X8)
 
 
-def aligned(shape: tuple[int, ...], fill: float = 0.0) -> np.ndarray:
-    """A float64 array that begins on a 64-byte boundary, so that eight lanes never straddle two cache lines."""
+def aligned(shape: tuple[int, ...], fill: float | None = 0.0) -> np.ndarray:
+    """A float64 array that begins on a 64-byte boundary, so that eight lanes never straddle two cache lines.
+
+    Without ``fill`` its memory is not touched, and so not taken from the system before it is used.
+    """
     count = int(np.prod(shape))
     raw = np.empty(count + WIDTH)
     skip = (-raw.ctypes.data % (8 * WIDTH)) // 8
     array = raw[skip : skip + count].reshape(shape)
-    array[...] = fill
+    if fill is not None:
+        array[...] = fill
     return array
 
 
