@@ -25,7 +25,7 @@ from kickdrift.forces.bound import BoundForces
 from kickdrift.forces.pair_law import TRUNCATIONS, pair_law
 from kickdrift.system import System
 
-NIST = Path(__file__).parent / "data" / "nist-lj"
+NIST = Path(__file__).parents[1] / "validation" / "data" / "nist-lj"
 CUTOFF = 2.5
 GRID = 2.0**-24  # positions and edges on a grid: differences and whole edges taken off are then exact in both codes
 SIZES = (1, 2, 7, 8, 9, 33, 200, 500)
