@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from kickdrift.forces import Gravity, LennardJones
     from kickdrift.forces.pair_law import pair_law
     from kickdrift.observers import Energies
+    from kickdrift.problem import Problem
     from kickdrift.report import Report
     from kickdrift.simulation import Simulation
     from kickdrift.state import State
@@ -34,6 +35,7 @@ _HOMES = {
     "InputError": "errors",
     "KickdriftError": "errors",
     "LennardJones": "forces",
+    "Problem": "problem",
     "Report": "report",
     "RunError": "errors",
     "Simulation": "simulation",
@@ -51,6 +53,7 @@ __all__ = [
     "InputError",
     "KickdriftError",
     "LennardJones",
+    "Problem",
     "Report",
     "RunError",
     "Simulation",

@@ -32,8 +32,8 @@ class Sample:
     ----------
     step, time : of the look
     energies : Energies
-    momentum : (3,) sum of m v
-    angular_momentum : (3,) sum of m x × v, about the origin; it is conserved in open space alone
+    momentum : (3,) sum of m v; None for a Problem
+    angular_momentum : (3,) sum of m x × v, about the origin; it is conserved in open space alone; None for a Problem
     temperature : 2 K / (g k_B), g = 3 N - 3; nan without particles that collide (no pair force) or degrees of freedom
     pressure : (2 K + W) / (3 V), W the virial, sum of r . F over pairs (Allen & Tildesley 2017, eq. 2.60); nan in open
     space
@@ -43,11 +43,11 @@ class Sample:
     step: int
     time: float
     energies: Energies
-    momentum: Floats
-    angular_momentum: Floats
-    temperature: float
-    pressure: float
-    pairs: int
+    momentum: Floats | None = None
+    angular_momentum: Floats | None = None
+    temperature: float = float("nan")
+    pressure: float = float("nan")
+    pairs: int = 0
 
     def observables(self) -> dict[str, float | Floats]:
         """By the names that a run's file uses."""
@@ -56,9 +56,9 @@ class Sample:
             "kinetic_energy": kinetic,
             "potential_energy": potential,
             "total_energy": total,
-            "momentum": self.momentum,
-            "angular_momentum": self.angular_momentum,
         }
+        if self.momentum is not None and self.angular_momentum is not None:
+            values |= {"momentum": self.momentum, "angular_momentum": self.angular_momentum}
         if not np.isnan(self.temperature):
             values["temperature"] = self.temperature
         if not np.isnan(self.pressure):
@@ -105,17 +105,21 @@ class Record:
     momentum_scale: float = 0.0  # sum of m |v| at the first sample
     angular_momentum_scale: float = 0.0  # sum of m |x × v| there
     steps: int = 0
+    rejected_steps: int = 0
     force_evaluations: int = 0
     wall_seconds: float = 0.0
     compile_seconds: float = 0.0
+    warnings: list[str] = field(default_factory=list)
 
-    def add(self, sample: Sample, masses: Floats, phase: Floats) -> None:
-        """Keep a sample; one of the same step takes the last one's place."""
-        if not self.samples:
-            x, v = phase
-            self.momentum_scale = float(masses @ np.linalg.norm(v, axis=0))
-            self.angular_momentum_scale = float(masses @ np.linalg.norm(np.cross(x.T, v.T), axis=1))
-        if self.samples and self.samples[-1].step == sample.step:
+    def begin(self, masses: Floats, phase: Floats) -> None:
+        """What momenta are compared with."""
+        x, v = phase
+        self.momentum_scale = float(masses @ np.linalg.norm(v, axis=0))
+        self.angular_momentum_scale = float(masses @ np.linalg.norm(np.cross(x.T, v.T), axis=1))
+
+    def add(self, sample: Sample) -> None:
+        """Keep a sample; one of the same step and time takes the last one's place."""
+        if self.samples and (self.samples[-1].step, self.samples[-1].time) == (sample.step, sample.time):
             self.samples.pop()
         self.samples.append(sample)
 

@@ -8,6 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from kickdrift.analysis.drift import drift, energy_error
+from kickdrift.observers import Record
+from kickdrift.state import Floats
+from kickdrift.system import System
 
 if TYPE_CHECKING:
     from kickdrift.simulation import Simulation
@@ -39,7 +42,7 @@ class EnergyReport:
 
 @dataclass(frozen=True)
 class Report:
-    """A run's summary; ``as_json()`` is what ``--json`` writes.
+    """A run's summary; ``as_json()`` is what ``--json`` writes. What a Problem has not is None.
 
     ``momentum_error`` is the largest |P(t) - P(0)| over the samples divided by the sum of m |v| at the start;
     ``angular_momentum_error`` likewise with m |x × v|, None in a periodic box, where it is not conserved.
@@ -50,10 +53,13 @@ class Report:
     system: str
     engine: str
     integrator: str
-    particles: int
-    units: str
-    dt: float
+    particles: int | None
+    units: str | None
+    dt: float | None
+    rtol: float | None
+    atol: float | None
     steps: int
+    rejected_steps: int
     time: float
     seed: int | None
     threads: int
@@ -63,11 +69,13 @@ class Report:
     compile_seconds: float
     steps_per_second: float
     ns_per_pair: float | None
-    energy: EnergyReport
-    momentum_error: float
+    energy: EnergyReport | None
+    momentum_error: float | None
     angular_momentum_error: float | None
     temperature: float | None
     pressure: float | None
+    y: list[float] | None
+    warnings: list[str]
 
     def as_json(self) -> dict[str, Any]:
         """Plain numbers, texts and Nones; what is infinite or not a number is None."""
@@ -77,6 +85,8 @@ class Report:
 def _plain(value: Any) -> Any:
     if isinstance(value, dict):
         return {key: _plain(inner) for key, inner in value.items()}
+    if isinstance(value, list):
+        return [_plain(inner) for inner in value]
     if isinstance(value, float) and not np.isfinite(value):
         return None
     return value
@@ -86,27 +96,23 @@ def report(sim: Simulation) -> Report:
     """The summary of a Simulation's run so far."""
     record, system = sim.record, sim.system
     samples = record.samples
-    total = np.array([sample.energies.total for sample in samples])
-    error = energy_error(total, samples[0].energies.kinetic)
-    scale = {"initial energy": abs(error.initial), "kinetic energy": samples[0].energies.kinetic}.get(
-        error.relative_to, 1.0
-    )
-    even = record.even()
-    trend = drift([s.time for s in even], [(s.energies.total - error.initial) / scale for s in even])
-    momentum = max(float(np.linalg.norm(s.momentum - samples[0].momentum)) for s in samples)
-    angular = max(float(np.linalg.norm(s.angular_momentum - samples[0].angular_momentum)) for s in samples)
+    of_particles = isinstance(system, System)
     pairs = float(np.mean([s.pairs for s in samples]))
     work = record.force_evaluations * pairs
+    rtol, atol = sim.options.tolerances if sim.method.adaptive else (None, None)
     return Report(
         system=system.name,
         engine="native",
         integrator=sim.integrator,
-        particles=len(system),
-        units=system.units.name,
-        dt=sim.dt,
+        particles=len(system) if of_particles else None,
+        units=system.units.name if isinstance(system, System) else None,
+        dt=None if sim.method.adaptive else sim.dt,
+        rtol=rtol,
+        atol=atol,
         steps=record.steps,
-        time=record.steps * sim.dt,
-        seed=system.seed,
+        rejected_steps=record.rejected_steps,
+        time=samples[-1].time - samples[0].time if sim.method.adaptive else record.steps * (sim.dt or 0.0),
+        seed=system.seed if isinstance(system, System) else None,
         threads=sim.threads,
         samples=len(samples),
         force_evaluations=record.force_evaluations,
@@ -114,18 +120,40 @@ def report(sim: Simulation) -> Report:
         compile_seconds=record.compile_seconds,
         steps_per_second=record.steps / record.wall_seconds if record.wall_seconds else 0.0,
         ns_per_pair=1e9 * record.wall_seconds / work if work else None,
-        energy=EnergyReport(
-            **asdict(error), drift_per_unit_time=trend.slope, drift_error=trend.error, verdict=trend.verdict
-        ),
-        momentum_error=momentum / record.momentum_scale if record.momentum_scale else momentum,
+        energy=_energy(record, even=not sim.method.adaptive),
+        momentum_error=_largest_change([s.momentum for s in samples], record.momentum_scale),
         angular_momentum_error=None
-        if system.box.periodic
-        else angular / record.angular_momentum_scale
-        if record.angular_momentum_scale
-        else angular,
+        if isinstance(system, System) and system.box.periodic
+        else _largest_change([s.angular_momentum for s in samples], record.angular_momentum_scale),
         temperature=_mean([s.temperature for s in samples]),
         pressure=_mean([s.pressure for s in samples]),
+        y=None if of_particles else sim.state.y.tolist(),
+        warnings=list(record.warnings),
     )
+
+
+def _energy(record: Record, even: bool) -> EnergyReport | None:
+    samples = record.samples
+    total = np.array([sample.energies.total for sample in samples])
+    if np.isnan(total[0]):
+        return None  # a Problem that names no energy
+    kinetic = samples[0].energies.kinetic
+    error = energy_error(total, 0.0 if np.isnan(kinetic) else kinetic)
+    scale = {"initial energy": abs(error.initial), "kinetic energy": kinetic}.get(error.relative_to, 1.0)
+    chosen = record.even() if even else samples  # an adaptive run's samples are as even as its steps allow
+    trend = drift([s.time for s in chosen], [(s.energies.total - error.initial) / scale for s in chosen])
+    return EnergyReport(
+        **asdict(error), drift_per_unit_time=trend.slope, drift_error=trend.error, verdict=trend.verdict
+    )
+
+
+def _largest_change(values: list[Floats | None], scale: float) -> float | None:
+    """The largest change of a vector since the first one, over the scale, where there is one."""
+    known = [value for value in values if value is not None]
+    if not known:
+        return None
+    largest = max(float(np.linalg.norm(value - known[0])) for value in known)
+    return largest / scale if scale else largest
 
 
 def _mean(values: list[float]) -> float | None:

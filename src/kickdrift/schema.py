@@ -14,6 +14,7 @@ from pydantic import (
     Discriminator,
     Field,
     NonNegativeInt,
+    PositiveFloat,
     PositiveInt,
     Tag,
     ValidationError,
@@ -157,11 +158,13 @@ class BoxTable(Table):
 
 
 class RunTable(Table):
-    integrator: str = "velocity-verlet"
+    integrator: str | None = None
     dt: Time | None = None
     steps: PositiveInt | None = None
     time: Time | None = None
     every: PositiveInt | None = None
+    rtol: PositiveFloat | None = None
+    atol: PositiveFloat | None = None
 
     @model_validator(mode="after")
     def _steps_or_time(self) -> RunTable:

@@ -1,4 +1,4 @@
-"""A Simulation: how a System is run."""
+"""A Simulation: how a System or a Problem is run."""
 
 from __future__ import annotations
 
@@ -11,22 +11,20 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
 
-from kickdrift.blow_up import explain
-from kickdrift.builders import check_overlaps
 from kickdrift.errors import InputError, RunError
-from kickdrift.forces.bound import BoundForces
-from kickdrift.forces.evaluate import EVALUATIONS
+from kickdrift.flow import ParticleFlow, flow_of
 from kickdrift.forces.kernel import OK
 from kickdrift.integrators import integrator as method_named
-from kickdrift.integrators.loops import STEP
-from kickdrift.integrators.runge_kutta import Tableau
+from kickdrift.integrators.stepping import STOPPED, Options
 from kickdrift.interrupt import interruptible
-from kickdrift.observers import Energies, Record, Sample, kinetic_energy, take_sample
+from kickdrift.observers import Energies, Record, Sample
 from kickdrift.report import Report, report
-from kickdrift.state import Floats, State, read_only
+from kickdrift.run_plan import Plan
+from kickdrift.state import Floats, read_only
 from kickdrift.system import System
 
 if TYPE_CHECKING:
+    from kickdrift.problem import Problem
     from kickdrift.trajectory.h5md import Writer
 
 CHUNK_SECONDS = 0.1  # how long compiled code runs before Python looks for Ctrl-C
@@ -36,14 +34,20 @@ Observer = Callable[["Simulation"], Any]
 
 
 class Simulation:
-    """Runs a copy of a System with an integrator.
+    """Runs a copy of a System, or a Problem, with an integrator.
 
     Parameters
     ----------
-    system : System
-    integrator : name, see ``kickdrift.integrators()``; default the system file's, else "velocity-verlet"
-    dt : step in the system's unit of time; default the system file's
+    system : System or Problem
+    integrator : name, see ``kickdrift.integrators()``; default the system file's, else "velocity-verlet" for particles
+        and "dormand-prince45" for a Problem
+    dt : step in the system's unit of time; default the system file's. For an adaptive method the first step, optional
     threads : of the forces; the results do not depend on it, bit by bit
+    rtol, atol : relative and absolute error allowed per step by an adaptive method; default the system file's, else
+        1e-8 and 1e-10
+    controller : how an adaptive method sets its step: "i", "pi" (default) or "pid"
+    compensated : carry on what rounding loses of positions and velocities; for methods of fixed steps
+    iteration : how an implicit method solves for its stages: "newton" or "fixed-point"
 
     Raises
     ------
@@ -52,23 +56,40 @@ class Simulation:
     """
 
     def __init__(
-        self, system: System, integrator: str | None = None, dt: float | None = None, threads: int = 1
+        self,
+        system: System | Problem,
+        integrator: str | None = None,
+        dt: float | None = None,
+        threads: int = 1,
+        *,
+        rtol: float | None = None,
+        atol: float | None = None,
+        controller: str | None = None,
+        compensated: bool = False,
+        iteration: str | None = None,
     ) -> None:
-        self.integrator = integrator if integrator is not None else system.run.integrator
-        self._method = method_named(self.integrator)
-        step = dt if dt is not None else system.run.dt
-        if step is None:
-            raise InputError(f"dt is needed: system {system.name!r} names none in [run]")
-        self.dt = _number(step)
-        if not (np.isfinite(self.dt) and self.dt > 0):
-            raise InputError(f"dt must be a positive finite time, got {step!r}")
-        check_overlaps(system)
+        default = "velocity-verlet" if isinstance(system, System) else "dormand-prince45"
+        self.integrator = integrator or system.run.integrator or default
+        self.method = method_named(self.integrator)
+        given = Options(
+            dt if dt is not None else system.run.dt,
+            rtol if rtol is not None else system.run.rtol,
+            atol if atol is not None else system.run.atol,
+            controller,
+            compensated,
+            iteration,
+        )
+        self.options = self.method.checked(given, asked=Options(dt, rtol, atol, controller, compensated, iteration))
+        self.dt = self._step_asked(system)
         self.system = system
         self.threads = threads
-        self._forces = BoundForces(system, threads, jumps=False)
-        self._looks = BoundForces(system, threads)  # with lists of its own: looking must not change the run's
-        self._work = self._method.workspace(len(system))
-        self._cursor = np.zeros(4, np.int64)
+        self._flow = flow_of(system, threads, jumps=self.method.trial_steps)
+        if self.method.separable and self._flow.not_separable:
+            raise InputError(
+                f"{self.integrator}: needs accelerations that depend on positions and time alone, and "
+                f"{self._flow.not_separable}; rk4, dormand-prince45 and dop853 do not"
+            )
+        self._stepper = self.method.stepper(self._flow, self.options)
         self._chunk = 1
         self._compiled = False
         self._running = False
@@ -76,42 +97,49 @@ class Simulation:
         self._every: int | None = None
         self.state = system.state
 
+    def _step_asked(self, system: System | Problem) -> float | None:
+        given = self.options.dt
+        if given is None and self.method.adaptive:
+            return None
+        if given is None:
+            raise InputError(f"dt is needed: system {system.name!r} names none in [run]")
+        dt = _number(given)
+        if not (np.isfinite(dt) and dt > 0):
+            raise InputError(f"dt must be a positive finite time, got {given!r}")
+        return dt
+
     # --- state ---
 
     @property
-    def state(self) -> State:
-        """Positions, velocities, time; a copy. Setting it starts a new record of what is conserved; a run in progress
-        refuses that, and so does a state of other particles or another box than the system's."""
-        return State(
-            self._phase.copy(), self._masses.copy(), self._ids.copy(), self.system.box, self.time, self.steps_done
-        )
+    def state(self) -> Any:
+        """The State (positions, velocities, time) or ProblemState (y, time); a copy. Setting it starts a new record of
+        what is conserved; a run in progress refuses that, and so does a state of other particles than the system's.
+
+        An adaptive run's own step point may lie past ``time``; it goes on from there, whatever was looked at."""
+        return self._flow.state(self._now(), self.time, self.steps_done)
 
     @state.setter
-    def state(self, state: State) -> None:
-        if len(state) != len(self.system):
-            raise InputError(f"state: expected {len(self.system)} particles, got {len(state)}")
+    def state(self, state: Any) -> None:
         if self._running:
             raise InputError("state: is read-only while the Simulation runs")
-        own = self.system.state
-        if not (np.array_equal(state.ids, own.ids) and np.array_equal(state.masses, own.masses)):
-            raise InputError("state: ids and masses must be those of the system's particles, in the same order")
-        if state.box != self.system.box:
-            raise InputError(f"state: its box is {state.box.lengths}, and the system's {self.system.box.lengths}")
-        if not np.all(np.isfinite(state.phase)):
-            raise InputError("state: positions and velocities must be finite")
-        self._phase = np.array(state.phase, dtype=float, order="C")
-        self._masses, self._ids = state.masses.copy(), state.ids.copy()
-        self.steps_done = state.steps_done
-        self._start = state.time - state.steps_done * self.dt
-        self._cursor[:] = 0
-        self._forces.forget()
+        y = self._flow.array(state)
+        self._stepper.reset(y, state.time, state.steps_done)
+        self._at: float | None = None  # the present, where it lies before the stepper's last step point
         self.record = Record()
         self._last_good = self.state
 
     @property
     def time(self) -> float:
         """In the system's unit."""
-        return self._start + self.steps_done * self.dt
+        return self._stepper.time if self._at is None else self._at
+
+    @property
+    def steps_done(self) -> int:
+        """Whole steps since the start."""
+        return self._stepper.steps_done
+
+    def _now(self) -> Floats:
+        return self._stepper.y if self._at is None else self._stepper.at(self._at)
 
     def energy(self) -> Energies:
         """Kinetic, potential and total energy now, in the system's units."""
@@ -119,14 +147,16 @@ class Simulation:
 
     def forces(self) -> Floats:
         """(n, 3) forces on the particles now, in the system's energy unit per length; a read-only copy."""
-        measured = self._looks.measure(self.time, self._phase)
-        if measured is None:
+        if not isinstance(self._flow, ParticleFlow):
+            raise InputError("forces: a Problem has none")
+        accelerations = self._flow.accelerations(self._now(), self.time)
+        if accelerations is None:
             raise RunError(f"step {self.steps_done}: the forces at these positions are not finite")
-        return read_only((measured.accelerations * self.system.coherent_masses).T.copy())
+        return read_only((accelerations * self._flow.subject.coherent_masses).T.copy())
 
     def sample(self) -> Sample:
         """All that is watched, now."""
-        return take_sample(self.system, self._looks, self.steps_done, self.time, self._phase)
+        return self._flow.sample(self._now(), self.time, self.steps_done)
 
     def report(self) -> Report:
         """How well the run conserved energy and momentum so far, and what it cost."""
@@ -142,38 +172,42 @@ class Simulation:
         *,
         until: float | None = None,
         every: int | None = None,
+        interval: float | None = None,
         output: str | os.PathLike[str] | None = None,
         overwrite: bool = False,
         observe: Observer | None = None,
         progress: Callable[[int, int], Any] | None = None,
     ) -> Report:
-        """Take ``steps`` steps, or go on ``until`` a time on the grid of whole steps.
+        """Take ``steps`` steps, or go on ``until`` a time: on the grid of whole steps, or any for an adaptive method.
 
         Every ``every`` steps (counted from step 0), at the start and at the end the energies are sampled, a frame goes
-        to ``output`` (a new .h5md file, or one that this Simulation began) and ``observe(sim)`` is called.
+        to ``output`` (a new .h5md file, or one that this Simulation began) and ``observe(sim)`` is called. An adaptive
+        run may ask for that at every ``interval`` of time instead; the steps do not change by it.
         ``progress(done, of)`` is called now and then. Ctrl-C ends the run cleanly with a KeyboardInterrupt: what was
         done stays done, and the file is whole.
 
         Returns the Report. Raises InputError for arguments that make no sense, and RunError where the run blows up; the
         state is then that of the last sample.
         """
-        count = self.steps_to(steps, until)
-        cadence = self._cadence(every, output, count)
+        plan = self._plan(steps, until, every, interval, output)
         self._prepare()
-        end = self.steps_done + count
-        with self._busy() as interrupted, self._writer(output, cadence, overwrite) as writer:
+        with self._busy() as interrupted, self._writer(output, plan.every, overwrite) as writer:
             self._look(writer, observe, again=False)
             began = perf_counter()
             spent_before = self.record.wall_seconds
-            while self.steps_done < end and not interrupted():
-                stop = min(end, (self.steps_done // cadence + 1) * cadence)
-                self._advance(min(self._chunk, stop - self.steps_done))
+            looked = True
+            while not plan.over(self) and not interrupted():
+                stop, stop_time = plan.next_stop(self)
+                self._advance(min(self._chunk, stop - self.steps_done), stop_time)
+                if self._stepper.time > stop_time and plan.is_look_at(stop_time):
+                    self._at = stop_time
                 self.record.wall_seconds = spent_before + perf_counter() - began
-                if self.steps_done == stop:
+                looked = self.steps_done == stop or self._stepper.time >= stop_time
+                if looked:
                     self._look(writer, observe)
                 if progress:
-                    progress(count - (end - self.steps_done), count)
-            if self.steps_done < end:
+                    progress(*plan.progress(self))
+            if not looked:
                 self._look(writer, observe)
             if writer:
                 writer.report = self.report().as_json()
@@ -193,42 +227,11 @@ class Simulation:
         Velocities are rescaled to the temperature every ``interval`` steps (Woodcock 1971,
         doi:10.1016/0009-2614(71)80281-6). At the end they are rescaled once more, so that the total energy is the mean
         over the second half, K(T) + <U>: the run that follows, at constant energy, then has the temperature as its mean
-        and not just as its start.
+        and not just as its start. An adaptive method leaves this to velocity Verlet with the system file's dt.
         """
-        if not (np.isfinite(temperature) and temperature > 0):
-            raise InputError(f"equilibrate: temperature must be positive, got {temperature}")
-        if not (np.isfinite(time) and time > 0):
-            raise InputError(f"equilibrate: time must be positive, got {time}")
-        if interval < 1:
-            raise InputError(f"equilibrate: interval must be a whole number of steps, one or more, got {interval}")
-        if self.system.degrees_of_freedom == 0:
-            raise InputError("equilibrate: a system of one particle has no temperature")
-        if self._running:
-            raise InputError("equilibrate: the Simulation runs already")
-        wanted = 0.5 * self.system.degrees_of_freedom * self.system.units.boltzmann * temperature
-        count = max(1, round(time / self.dt))
-        self._prepare()
-        compile_seconds = self.record.compile_seconds
-        self._restart()
-        potentials: list[float] = []
-        with self._busy() as interrupted:
-            while self.steps_done < count and not interrupted():
-                self._rescale(wanted)
-                self._advance(min(interval, count - self.steps_done))
-                if 2 * self.steps_done >= count:
-                    potentials.append(self.energy().potential)
-                if progress:
-                    progress(self.steps_done, count)
-        if interrupted():
-            raise KeyboardInterrupt
-        self._rescale(max(wanted + float(np.mean(potentials)) - potentials[-1], 0.5 * wanted))
-        self._restart()
-        self.record.compile_seconds = compile_seconds
+        from kickdrift.equilibration import equilibrate
 
-    def _restart(self) -> None:
-        """Call the present step 0."""
-        now = self.state
-        self.state = State(now.phase, now.masses, now.ids, now.box)
+        equilibrate(self, temperature, time, interval, progress)
 
     @contextmanager
     def _busy(self) -> Iterator[Callable[[], bool]]:
@@ -240,16 +243,9 @@ class Simulation:
         finally:
             self._running = False
 
-    def _rescale(self, kinetic: float) -> None:
-        now = kinetic_energy(self.system.coherent_masses, self._phase[1])
-        if now == 0:
-            raise InputError(
-                "equilibrate: all velocities are zero, so none can be rescaled; give [velocities] a temperature"
-            )
-        self._phase[1] *= np.sqrt(kinetic / now)
-
     def steps_to(self, steps: int | None = None, until: float | None = None) -> int:
-        """How many steps ``run(steps)`` or ``run(until=…)`` would take now; an InputError where that makes no sense."""
+        """How many steps ``run(steps)`` or ``run(until=…)`` would take now; an InputError where that makes no sense, or
+        where only the run can tell (an adaptive one until a time)."""
         if self._running:
             raise InputError("run: the Simulation runs already")
         if (steps is None) == (until is None):
@@ -258,6 +254,8 @@ class Simulation:
             return _whole_number("steps", steps, 0)
         if not np.isfinite(_number(until)):
             raise InputError(f"run: the time to reach must be a finite number, got {until!r}")
+        if self.dt is None or self.method.adaptive:
+            raise InputError(f"run: {self.integrator} chooses its steps; how many it takes is known afterwards")
         exact = (until - self.time) / self.dt
         count = round(exact)
         if exact < -1e-6:
@@ -269,6 +267,29 @@ class Simulation:
                 f"run: time {until:.12g} is not on the grid of steps of {self.dt:g}; nearest are {nearest}"
             )
         return count
+
+    def _plan(
+        self, steps: int | None, until: float | None, every: int | None, interval: float | None, output: Any
+    ) -> Plan:
+        begin = self.steps_done, self.time
+        if interval is not None and not (self.method.adaptive and np.isfinite(_number(interval)) and interval > 0):
+            fixed = "" if self.method.adaptive else f" for an adaptive method; {self.integrator} has every"
+            raise InputError(f"run: interval must be a positive time{fixed}, got {interval!r}")
+        if interval is not None and every is not None:
+            raise InputError("run: give every or interval, not both")
+        if not self.method.adaptive or until is None:
+            count = self.steps_to(steps, until)
+            cadence = 0 if interval else self._cadence(every, output, count)
+            return Plan(*begin, begin[0] + count, every=cadence, interval=interval or 0.0, exact=True)
+        if steps is not None or self._running:
+            self.steps_to(steps, until)
+        end = _number(until)
+        if not (np.isfinite(end) and end >= self.time):
+            raise InputError(f"run: time {until!r} is not a finite time from the present, {self.time:.12g}, on")
+        if every is not None or (interval is None and self.system.run.every):
+            return Plan(*begin, end_time=end, every=self._cadence(every, output, 0))
+        length = interval or (end - self.time) / SAMPLES
+        return Plan(*begin, end_time=end, interval=length, exact=interval is not None)
 
     def _cadence(self, every: int | None, output: Any, count: int) -> int:
         if every is not None:
@@ -283,53 +304,55 @@ class Simulation:
         if self._compiled:
             return
         began = perf_counter()
-        self._step(0)
-        self._looks.measure(self.time, self._phase)
+        self._stepper.advance(0, self.time)
+        self._flow.prepare(self._stepper.y, self.time)
         self._compiled = True
         self.record.compile_seconds += perf_counter() - began
 
-    def _advance(self, steps: int) -> None:
+    def _advance(self, steps: int, until: float = np.inf) -> None:
         began = perf_counter()
-        before = self._cursor[EVALUATIONS]
-        self._cursor[STEP] = 0
-        status = self._step(steps)
-        done = int(self._cursor[STEP])
-        self.steps_done += done
-        self.record.steps += done
-        self.record.force_evaluations += int(self._cursor[EVALUATIONS] - before)
-        if status != OK or not np.isfinite(self._phase).all():
-            self._fail(inside_step=status != OK)
+        stepper = self._stepper
+        before, counts = stepper.steps_done, stepper.counts
+        status = stepper.advance(steps, until)
+        self._at = None
+        after = stepper.counts
+        self.record.steps += stepper.steps_done - before
+        self.record.force_evaluations += after.evaluations - counts.evaluations
+        self.record.rejected_steps += after.rejected - counts.rejected
+        if status != OK or not np.isfinite(stepper.y).all():
+            self._fail(inside_step=status != OK, stopped=status == STOPPED)
         elapsed = perf_counter() - began
         self._chunk = max(1, min(int(self._chunk * min(CHUNK_SECONDS / max(elapsed, 1e-9), 8.0)), 10**6))
 
-    def _step(self, steps: int) -> int:
-        stages, step, first = self._method.stages, self._method.loop(), self.steps_done
-        return self._forces.call(
-            step, self._phase, self._work, stages, self.dt, self._start, first, steps, self._cursor
-        )
-
     @np.errstate(over="ignore", invalid="ignore")
-    def _fail(self, inside_step: bool) -> NoReturn:
+    def _fail(self, inside_step: bool, stopped: bool = False) -> NoReturn:
         """Say what blew up, in the step going on or in the last one, and go back to the last sample."""
-        last, step = self._last_good, self.steps_done + inside_step
-        reached, before = self._phase, self._phase[0] - self.dt * self._phase[1]
-        if inside_step and isinstance(self._method, Tableau):  # the phase waits for the last stage
-            reached, before = self._work[0], self._phase[0]
-        message = explain(self.system, reached, before, last.phase, step, self._start + step * self.dt, last.steps_done)
-        self.record.steps -= self.steps_done - last.steps_done
-        self._phase[...], self.steps_done = last.phase, last.steps_done
-        self._cursor[:] = 0
-        self._forces.forget()
-        raise RunError(f"{self.integrator}, dt = {self.dt:g}: {message}")
+        last, stepper = self._last_good, self._stepper
+        step = stepper.steps_done + inside_step
+        time = stepper.time + (self.dt or 0.0) * inside_step
+        with_step = "" if self.method.adaptive else f", dt = {self.dt:g}"
+        good = self._flow.array(last)
+        if stopped:
+            message = f"stopped at step {step} (t = {stepper.time:.6g}): {stepper.trouble}"
+        else:
+            reached, before = stepper.reached(inside_step)
+            message = self._flow.explain(reached, before, good, step, time, last.steps_done)
+        self.record.steps -= stepper.steps_done - last.steps_done
+        stepper.reset(good, last.time, last.steps_done)
+        self._at = None
+        raise RunError(f"{self.integrator}{with_step}: {message}")
 
     def _look(self, writer: Writer | None = None, observe: Observer | None = None, again: bool = True) -> None:
         """Sample, write and show the present state."""
-        known = not again and self.record.samples and self.record.samples[-1].step == self.steps_done
+        samples = self.record.samples
+        known = not again and samples and (samples[-1].step, samples[-1].time) == (self.steps_done, self.time)
         try:
-            sample = self.record.samples[-1] if known else self.sample()
+            sample = samples[-1] if known else self.sample()
         except RunError:
             self._fail(inside_step=False)
-        self.record.add(sample, self.system.coherent_masses, self._phase)
+        if not samples:
+            self._flow.begin(self.record, self._now())
+        self.record.add(sample)
         self._last_good = self.state
         if writer:
             writer.append(self._last_good, sample.observables())
@@ -339,6 +362,8 @@ class Simulation:
     def _writer(self, output: Any, cadence: int, overwrite: bool) -> Any:
         if output is None:
             return nullcontext()
+        if not isinstance(self.system, System):
+            raise InputError("output: a run's file holds particles, and a Problem has none; use observe")
         from kickdrift.trajectory.h5md import Writer
 
         path = os.path.abspath(output)
@@ -346,11 +371,12 @@ class Simulation:
             return Writer.append_to(path, self._files[path][0])
         method = {
             "integrator": self.integrator,
-            "order": self._method.order,
+            "order": self.method.order,
             "dt": self.dt,
             "threads": self.threads,
             "seed": self.system.seed,
             "engine": "native",
+            **self.options.extras(),
         }
         writer = Writer(path, self.system, method=method, every=cadence, overwrite=overwrite)
         self._files[path] = (writer.run_id, cadence)

@@ -19,11 +19,13 @@ from kickdrift.units import UnitSystem, unit_system
 class RunDefaults:
     """What a system file's ``[run]`` says; flags and ``Simulation(…)`` override it."""
 
-    integrator: str = "velocity-verlet"
+    integrator: str | None = None
     dt: float | None = None
     steps: int | None = None
     time: float | None = None
     every: int | None = None
+    rtol: float | None = None
+    atol: float | None = None
 
 
 @dataclass(frozen=True)

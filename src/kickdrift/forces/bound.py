@@ -9,12 +9,13 @@ import numpy as np
 
 from kickdrift.errors import InputError
 from kickdrift.forces.clusters import BUILT, JUMPS_ALLOWED, OUTER_BUILDS, PRUNES
-from kickdrift.forces.evaluate import measure
+from kickdrift.forces.evaluate import SLOTS, derivative, measure
 from kickdrift.forces.kernel import GROW, OK
 from kickdrift.forces.pair_kernel import PairKernel, grown
 from kickdrift.state import Floats
 
 if TYPE_CHECKING:
+    from kickdrift.problem import Problem
     from kickdrift.system import System
 
 
@@ -43,7 +44,7 @@ class BoundForces:
     force reaches (the run has blown up then); with ``jumps`` it may.
     """
 
-    def __init__(self, system: System, threads: int = 1, jumps: bool = True) -> None:
+    def __init__(self, system: System | Problem, threads: int = 1, jumps: bool = True) -> None:
         check_threads(threads)
         self.threads = threads
         self.forces: tuple[Any, ...] = tuple(force.bind(system, threads) for force in system.forces)
@@ -64,9 +65,16 @@ class BoundForces:
     def measure(self, time: float, phase: Floats) -> Measured | None:
         """Accelerations and energies at positions and velocities ``phase`` (2, 3, n); None where they make no sense."""
         a, sums = np.zeros(phase.shape[1:]), np.zeros(3)
-        if self.call(measure, time, phase, a, sums, np.zeros(4, np.int64)) != OK:
+        if self.call(measure, time, phase, a, sums, np.zeros(SLOTS, np.int64)) != OK:
             return None
         return Measured(a, float(sums[0]), float(sums[1]), int(sums[2]))
+
+    def derivative(self, time: float, y: Floats) -> Floats:
+        """f(t, y) for y of shape (2, rows, n) or (1, 1, n); all nan where it makes no sense."""
+        dy = np.empty_like(y)
+        if self.call(derivative, time, y, dy, np.zeros(SLOTS, np.int64)) != OK:
+            dy[...] = np.nan
+        return dy
 
     def forget(self) -> None:
         """Make every pair list anew at the next evaluation."""

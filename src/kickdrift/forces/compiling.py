@@ -26,6 +26,7 @@ from kickdrift.cache import folder
 FAST_MATH = {"reassoc", "nsz", "arcp", "contract"}  # never nnan or ninf: blow-ups are found by their NaN
 
 jit = njit(error_model="numpy", fastmath=FAST_MATH, nogil=True)
+strict = njit(error_model="numpy", nogil=True)  # operation by operation as written, for what reassociation would undo
 
 
 @intrinsic

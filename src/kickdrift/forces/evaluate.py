@@ -10,6 +10,7 @@ from kickdrift.forces.kernel import BLOWN_UP, OK, accelerate
 from kickdrift.forces.simd import WIDTH, lane_sum, load, splat
 
 EVALUATIONS = 0  # slot of a loop's cursor: how often the forces were evaluated
+SLOTS = 5  # of a cursor; the others are the loops' own
 
 
 @jit
@@ -26,6 +27,18 @@ def fill_accelerations(bound, t, x, v, a, sums, cursor):
     for row in a:
         total += row_sum(row)
     return OK if np.isfinite(total) else BLOWN_UP
+
+
+@jit
+def fill_derivative(bound, t, y, dy, cursor):
+    """dy <- f(t, y); a status. y and dy are (2, rows, n), positions and velocities, or (1, 1, n), a first-order ODE."""
+    last = y.shape[0] - 1  # one call for both shapes: the forces are compiled into it
+    status = fill_accelerations(bound, t, y[0], y[last], dy[last], None, cursor)
+    if last:
+        for k in range(y.shape[1]):
+            for i in range(y.shape[2]):
+                dy[0, k, i] = y[1, k, i]
+    return status
 
 
 @jit
@@ -46,3 +59,9 @@ def measure(forces, t, phase, a, sums, cursor):
     for k in range(sums.size):
         sums[k] = 0.0
     return fill_accelerations(handle(forces), t, phase[0], phase[1], a, sums, cursor)
+
+
+@driver
+def derivative(forces, t, y, dy, cursor):
+    """dy <- f(t, y), as Python calls it; a status."""
+    return fill_derivative(handle(forces), t, y, dy, cursor)

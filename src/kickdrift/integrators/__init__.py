@@ -5,13 +5,10 @@ from __future__ import annotations
 from difflib import get_close_matches
 
 from kickdrift.errors import InputError
-from kickdrift.integrators import runge_kutta, splitting
-from kickdrift.integrators.runge_kutta import Tableau
-from kickdrift.integrators.splitting import Splitting
+from kickdrift.integrators import runge_kutta, splitting, stormer
+from kickdrift.integrators.method import Method
 
-Method = Splitting | Tableau
-
-INTEGRATORS: dict[str, Method] = {row.name: row for row in (*splitting.ROWS, *runge_kutta.ROWS)}
+INTEGRATORS: dict[str, Method] = {row.name: row for row in (*splitting.ROWS, *stormer.ROWS, *runge_kutta.ROWS)}
 INTEGRATORS |= {alias: INTEGRATORS[name] for alias, name in splitting.ALIASES.items()}
 
 

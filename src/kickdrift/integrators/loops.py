@@ -1,86 +1,160 @@
-"""The compiled step loops, one a family. Each is compiled once per combination of forces, and cached on disk.
+"""The compiled loops of fixed steps, one a family. Each is compiled once per combination of forces, and cached on disk.
 
-All take (forces, phase, work, stages, dt, start, first, steps, cursor): ``forces`` a tuple of bound forces, ``phase``
-(2, 3, n) positions and velocities, ``work`` the method's workspace, ``start`` the time of step 0, ``first`` the steps
-done before this call (the clock must not depend on how a run is cut into calls), ``steps`` the number of steps to take.
-``cursor`` (int64) says where the loop is, so that it can stop inside a step (a pair list without room) and go on there.
+All take (forces, y, carry, work, stages, dt, start, first, steps, cursor): ``forces`` a tuple of bound forces, ``y``
+(2, rows, n) positions and velocities, or (1, 1, n) the unknowns of a first-order ODE, ``carry`` what compensated
+summation carries on (of y's shape, or empty for plain sums), ``work`` the method's workspace, ``start`` the time of
+step 0, ``first`` the steps done before this call (the clock must not depend on how a run is cut into calls), ``steps``
+the number of steps to take. ``cursor`` (int64) says where the loop is, so that it can stop inside a step (a pair list
+without room) and go on there.
 """
 
 from __future__ import annotations
 
-from kickdrift.forces.compiling import driver, jit
-from kickdrift.forces.evaluate import fill_accelerations
+from kickdrift.forces.compiling import driver, jit, strict
+from kickdrift.forces.evaluate import fill_accelerations, fill_derivative
 from kickdrift.forces.handle import handle
 from kickdrift.forces.kernel import OK
 
-STEP, STAGE, FRESH = (
-    1,
-    2,
-    3,
-)  # of the cursor, after EVALUATIONS: steps done in this call, stage to do, `work` holds a(x)
+# Slots of the cursor, after EVALUATIONS: steps done in this call, stage to do, whether `work` holds the derivative at
+# y, steps rejected.
+STEP, STAGE, FRESH, REJECTED = 1, 2, 3, 4
 
 
 @jit
 def add_scaled(y, factor, dy):
-    """y <- y + factor dy, for (3, n) arrays."""
-    for k in range(3):
+    """y <- y + factor dy, for (rows, n) arrays."""
+    for k in range(y.shape[0]):
         row, change = y[k], dy[k]
         for i in range(row.size):
             row[i] += factor * change[i]
 
 
+@strict
+def add_compensated(y, carry, factor, dy):
+    """The same, with what rounding loses kept in ``carry`` (Kahan 1965, doi:10.1145/363707.363723; Hairer, Lubich &
+    Wanner 2006, VIII.5)."""
+    for k in range(y.shape[0]):
+        row, lost, change = y[k], carry[k], dy[k]
+        for i in range(row.size):
+            before = row[i]
+            increment = lost[i] + factor * change[i]
+            row[i] = before + increment
+            lost[i] = increment + (before - row[i])
+
+
+@jit
+def advance(y, carry, half, factor, dy):
+    """y[half] <- y[half] + factor dy."""
+    if carry.size:
+        add_compensated(y[half], carry[half], factor, dy)
+    else:
+        add_scaled(y[half], factor, dy)
+
+
 @driver
-def splitting_loop(forces, phase, work, stages, dt, start, first, steps, cursor):
+def splitting_loop(forces, y, carry, work, stages, dt, start, first, steps, cursor):
     bound = handle(forces)
-    x, v = phase[0], phase[1]
     kick, drift, passed = stages[0], stages[1], stages[2]
     while cursor[STEP] < steps:
         for stage in range(cursor[STAGE], kick.size):
             if kick[stage] != 0.0:
                 if not cursor[FRESH]:
                     t = start + (first + cursor[STEP] + passed[stage]) * dt
-                    status = fill_accelerations(bound, t, x, v, work, None, cursor)
+                    status = fill_accelerations(bound, t, y[0], y[1], work, None, cursor)
                     if status != OK:
                         cursor[STAGE] = stage
                         return status
                     cursor[FRESH] = 1
-                add_scaled(v, kick[stage] * dt, work)
+                advance(y, carry, 1, kick[stage] * dt, work)
             if drift[stage] != 0.0:
-                add_scaled(x, drift[stage] * dt, v)
+                advance(y, carry, 0, drift[stage] * dt, y[1])
                 cursor[FRESH] = 0
         cursor[STAGE] = 0
         cursor[STEP] += 1
     return OK
 
 
+@jit
+def stage_state(target, y, weights, count, dt, k):
+    """target <- y + dt * sum of the first ``count`` weights times k; whole rows at a time, which is quick."""
+    for half in range(y.shape[0]):
+        for axis in range(y.shape[1]):
+            row, begin = target[half, axis], y[half, axis]
+            for i in range(row.size):
+                row[i] = begin[i]
+        for j in range(count):
+            if weights[j] != 0.0:
+                add_scaled(target[half], weights[j] * dt, k[j, half])
+
+
 @driver
-def runge_kutta_loop(forces, phase, work, stages, dt, start, first, steps, cursor):
+def runge_kutta_loop(forces, y, carry, work, stages, dt, start, first, steps, cursor):
     bound = handle(forces)
     count = stages.shape[1]
-    y, k = work[0], work[1:]
+    trial, k = work[0], work[1:]
     while cursor[STEP] < steps:
-        for stage in range(cursor[STAGE], count + 1):
+        for stage in range(cursor[STAGE], count):
+            stage_state(trial, y, stages[stage], stage, dt, k)
             c = 0.0
-            for half in range(2):
-                target = y[half] if stage < count else phase[half]  # the last row is the step itself
-                for axis in range(3):
-                    for i in range(target.shape[1]):
-                        target[axis, i] = phase[half, axis, i]
-                for j in range(count):
-                    if stages[stage, j] != 0.0:
-                        add_scaled(target, stages[stage, j] * dt, k[j, half])
-            if stage == count:
-                break
-            for j in range(count):
+            for j in range(stage):
                 c += stages[stage, j]
             t = start + (first + cursor[STEP] + c) * dt
-            status = fill_accelerations(bound, t, y[0], y[1], k[stage, 1], None, cursor)
+            status = fill_derivative(bound, t, trial, k[stage], cursor)
             if status != OK:
                 cursor[STAGE] = stage
                 return status
-            for axis in range(3):
-                for i in range(y.shape[2]):
-                    k[stage, 0, axis, i] = y[1, axis, i]
+        for j in range(count):
+            if stages[count, j] != 0.0:
+                for half in range(y.shape[0]):
+                    advance(y, carry, half, stages[count, j] * dt, k[j, half])
+        cursor[STAGE] = 0
+        cursor[STEP] += 1
+    return OK
+
+
+@strict
+def two_positions(x, last, carry, dt2, a):
+    """x, last <- 2 x - last + dt^2 a, x; compensated, both positions carry on what their rounding lost."""
+    for k in range(x.shape[0]):
+        for i in range(x.shape[1]):
+            before = x[k, i]
+            if carry.size:
+                lost = carry[0, k, i]
+                increment = lost + ((before - last[k, i]) + ((lost - carry[1, k, i]) + dt2 * a[k, i]))
+                x[k, i] = before + increment
+                carry[0, k, i] = increment + (before - x[k, i])
+                carry[1, k, i] = lost
+            else:
+                x[k, i] = (2.0 * before - last[k, i]) + dt2 * a[k, i]
+            last[k, i] = before
+
+
+@driver
+def stormer_loop(forces, y, carry, work, stages, dt, start, first, steps, cursor):
+    """x(t + dt) = 2 x(t) - x(t - dt) + dt^2 a(t), the two positions in ``y[0]`` and ``work[1]``. The first step starts
+    from the velocity, x(dt) = x + dt v + dt^2 a / 2; and v(t) = (x(t + dt) - x(t - dt)) / (2 dt), which is
+    (x(t) - x(t - dt)) / dt + dt a(t) / 2, stands in ``y[1]`` after each step (Verlet 1967, eqs. 4 and 5)."""
+    bound = handle(forces)
+    a, last = work[0], work[1]
+    rows, n = y.shape[1], y.shape[2]
+    while cursor[STEP] < steps:
+        if not cursor[FRESH]:  # the start: there is no last position yet
+            status = fill_accelerations(bound, start + (first + cursor[STEP]) * dt, y[0], y[1], a, None, cursor)
+            if status != OK:
+                return status
+            for k in range(rows):
+                for i in range(n):
+                    last[k, i] = y[0, k, i] - dt * y[1, k, i] + 0.5 * dt * dt * a[k, i]
+            cursor[FRESH] = 1
+        if cursor[STAGE] == 0:
+            two_positions(y[0], last, carry, dt * dt, a)
+            cursor[STAGE] = 1
+        status = fill_accelerations(bound, start + (first + cursor[STEP] + 1) * dt, y[0], y[1], a, None, cursor)
+        if status != OK:
+            return status
+        for k in range(rows):
+            for i in range(n):
+                y[1, k, i] = (y[0, k, i] - last[k, i]) / dt + 0.5 * dt * a[k, i]
         cursor[STAGE] = 0
         cursor[STEP] += 1
     return OK

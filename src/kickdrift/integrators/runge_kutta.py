@@ -5,16 +5,21 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from math import fsum
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from kickdrift.errors import InputError
+from kickdrift.integrators.method import Method
 from kickdrift.state import Floats
+
+if TYPE_CHECKING:
+    from kickdrift.flow import Flow
+    from kickdrift.integrators.stepping import Options, Stepper
 
 
 @dataclass(frozen=True)
-class Tableau:
+class Tableau(Method):
     """y' = f(t, y): k_i = f(t + c_i dt, y + dt sum_j a_ij k_j), y <- y + dt sum b_i k_i, with y the positions and
     velocities.
 
@@ -34,9 +39,7 @@ class Tableau:
     use: str = ""
 
     family = "Runge-Kutta"
-    symplectic = False
-    reversible = False
-    adaptive = False
+    rescalable = True
 
     def __post_init__(self) -> None:
         if [len(row) for row in self.a] != list(range(1, len(self.b))):
@@ -58,15 +61,13 @@ class Tableau:
         table[-1] = self.b
         return table
 
-    def workspace(self, n: int) -> Floats:
-        """What the loop keeps: the state at a stage, then each stage's derivative; (stages + 1, 2, 3, n)."""
-        return np.zeros((len(self.b) + 1, 2, 3, n))
-
-    def loop(self) -> Any:
-        """The compiled step loop of this family; see ``loops``."""
+    def stepper(self, flow: Flow, options: Options) -> Stepper:
         from kickdrift.integrators.loops import runge_kutta_loop
+        from kickdrift.integrators.stepping import FixedStepper
 
-        return runge_kutta_loop
+        return FixedStepper(
+            flow, runge_kutta_loop, self.stages, lambda shape: np.zeros((len(self.b) + 1, *shape)), options
+        )
 
 
 ROWS = (

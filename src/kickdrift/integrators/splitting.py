@@ -6,16 +6,21 @@ from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 from math import fsum
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from kickdrift.errors import InputError
+from kickdrift.integrators.method import Method
 from kickdrift.state import Floats
+
+if TYPE_CHECKING:
+    from kickdrift.flow import Flow
+    from kickdrift.integrators.stepping import Options, Stepper
 
 
 @dataclass(frozen=True)
-class Splitting:
+class Splitting(Method):
     """Kicks (v += b dt a) and drifts (x += a dt v) in turn.
 
     Attributes
@@ -36,7 +41,8 @@ class Splitting:
 
     family = "splitting"
     symplectic = True
-    adaptive = False
+    separable = True
+    rescalable = True
 
     def __post_init__(self) -> None:
         if self.first not in ("kick", "drift"):
@@ -68,15 +74,11 @@ class Splitting:
         kick += [0.0] * (len(drift) - len(kick))
         return np.array([kick, drift, np.concatenate([[0.0], np.cumsum(drift)[:-1]])])
 
-    def workspace(self, n: int) -> Floats:
-        """What the loop keeps from step to step: the accelerations (3, n)."""
-        return np.zeros((3, n))
-
-    def loop(self) -> Any:
-        """The compiled step loop of this family; see ``loops``."""
+    def stepper(self, flow: Flow, options: Options) -> Stepper:
         from kickdrift.integrators.loops import splitting_loop
+        from kickdrift.integrators.stepping import FixedStepper
 
-        return splitting_loop
+        return FixedStepper(flow, splitting_loop, self.stages, lambda shape: np.zeros(shape[1:]), options)
 
 
 def composed(weights: tuple[float, ...]) -> tuple[tuple[float, ...], tuple[float, ...]]:

@@ -1,0 +1,78 @@
+"""Bringing a system of particles to a temperature before what it conserves is measured."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from kickdrift.errors import InputError
+from kickdrift.observers import kinetic_energy
+from kickdrift.state import State
+from kickdrift.system import System
+
+if TYPE_CHECKING:
+    from kickdrift.simulation import Simulation
+
+
+def equilibrate(
+    sim: Simulation, temperature: float, time: float, interval: int, progress: Callable[[int, int], Any] | None
+) -> None:
+    """See ``Simulation.equilibrate``."""
+    if not isinstance(sim.system, System):
+        raise InputError("equilibrate: a Problem has no temperature")
+    if not (np.isfinite(temperature) and temperature > 0):
+        raise InputError(f"equilibrate: temperature must be positive, got {temperature}")
+    if not (np.isfinite(time) and time > 0):
+        raise InputError(f"equilibrate: time must be positive, got {time}")
+    if interval < 1:
+        raise InputError(f"equilibrate: interval must be a whole number of steps, one or more, got {interval}")
+    if sim.system.degrees_of_freedom == 0:
+        raise InputError("equilibrate: a system of one particle has no temperature")
+    if sim._running:
+        raise InputError("equilibrate: the Simulation runs already")
+    if not sim.method.rescalable:
+        from kickdrift.simulation import Simulation
+
+        other = Simulation(sim.system, "velocity-verlet", sim.system.run.dt, sim.threads)
+        other.equilibrate(temperature, time, interval, progress)
+        sim.state = other.state
+        return
+    assert sim.dt is not None
+    masses = sim.system.coherent_masses
+    wanted = 0.5 * sim.system.degrees_of_freedom * sim.system.units.boltzmann * temperature
+    count = max(1, round(time / sim.dt))
+    sim._prepare()
+    compile_seconds = sim.record.compile_seconds
+    _restart(sim)
+    potentials: list[float] = []
+    with sim._busy() as interrupted:
+        while sim.steps_done < count and not interrupted():
+            _rescale(sim, masses, wanted)
+            sim._advance(min(interval, count - sim.steps_done))
+            if 2 * sim.steps_done >= count:
+                potentials.append(sim.energy().potential)
+            if progress:
+                progress(sim.steps_done, count)
+    if interrupted():
+        raise KeyboardInterrupt
+    _rescale(sim, masses, max(wanted + float(np.mean(potentials)) - potentials[-1], 0.5 * wanted))
+    _restart(sim)
+    sim.record.compile_seconds = compile_seconds
+
+
+def _restart(sim: Simulation) -> None:
+    """Call the present step 0."""
+    now = sim.state
+    sim.state = State(now.phase, now.masses, now.ids, now.box)
+
+
+def _rescale(sim: Simulation, masses: Any, kinetic: float) -> None:
+    velocities = sim._stepper.y[1]
+    now = kinetic_energy(masses, velocities)
+    if now == 0:
+        raise InputError(
+            "equilibrate: all velocities are zero, so none can be rescaled; give [velocities] a temperature"
+        )
+    velocities *= np.sqrt(kinetic / now)

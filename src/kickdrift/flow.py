@@ -1,0 +1,191 @@
+"""What a Simulation integrates, as the integrators see it: y' = f(t, y), with y one array.
+
+y is (2, 3, n) for particles, positions and velocities; (2, 1, n / 2) for a separable Problem; (1, 1, n) for any other.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from kickdrift.blow_up import explain
+from kickdrift.builders import check_overlaps
+from kickdrift.errors import InputError, RunError
+from kickdrift.forces.bound import BoundForces
+from kickdrift.forces.equation import RightHandSide
+from kickdrift.observers import Energies, Record, Sample, take_sample
+from kickdrift.problem import Problem, ProblemState
+from kickdrift.state import Floats, State
+from kickdrift.system import System
+
+NEWTON_UNKNOWNS = 3000  # at most, for a dense Jacobian
+
+
+class ParticleFlow:
+    """A System's particles under its forces."""
+
+    time_unit: str
+    y0: Floats
+
+    def __init__(self, system: System, threads: int, jumps: bool) -> None:
+        check_overlaps(system)
+        self.subject = system
+        self.name = system.name
+        self.time_unit = system.units.time
+        self.forces = BoundForces(system, threads, jumps=jumps)
+        self._looks = BoundForces(system, threads)  # with lists of its own: looking must not change the run's
+        culprits = [force.name for force in system.forces if getattr(force, "velocity_dependent", False)]
+        self.not_separable = f"force {culprits[0]!r} depends on velocity" if culprits else None
+
+    def state(self, y: Floats, time: float, steps: int) -> State:
+        """The State that y stands for; a copy."""
+        own = self.subject.state
+        return State(y.copy(), own.masses.copy(), own.ids.copy(), own.box, time, steps)
+
+    def array(self, state: State) -> Floats:
+        """The y of a State, checked; a copy."""
+        own = self.subject.state
+        if len(state) != len(own):
+            raise InputError(f"state: expected {len(own)} particles, got {len(state)}")
+        if not (np.array_equal(state.ids, own.ids) and np.array_equal(state.masses, own.masses)):
+            raise InputError("state: ids and masses must be those of the system's particles, in the same order")
+        if state.box != own.box:
+            raise InputError(f"state: its box is {state.box.lengths}, and the system's {own.box.lengths}")
+        if not np.all(np.isfinite(state.phase)):
+            raise InputError("state: positions and velocities must be finite")
+        return np.array(state.phase, dtype=float, order="C")
+
+    def begin(self, record: Record, y: Floats) -> None:
+        """A record of conservation begins here."""
+        record.begin(self.subject.coherent_masses, y)
+
+    def sample(self, y: Floats, time: float, steps: int) -> Sample:
+        """All that is watched, at y."""
+        return take_sample(self.subject, self._looks, steps, time, y)
+
+    def accelerations(self, y: Floats, time: float) -> Floats | None:
+        """(3, n) at y, None where they are not finite."""
+        measured = self._looks.measure(time, y)
+        return None if measured is None else measured.accelerations
+
+    def prepare(self, y: Floats, time: float) -> None:
+        """Compile what looking needs."""
+        self._looks.measure(time, y)
+
+    def derivative(self, time: float, y: Floats) -> Floats:
+        """f(t, y), without touching the run's own pair lists."""
+        return self._looks.derivative(time, y)
+
+    def jacobian(self, time: float, y: Floats) -> Floats:
+        """df_i / dy_j of the flattened y by central differences; (N, N)."""
+        return difference_jacobian(self, time, y)
+
+    def explain(self, y: Floats, before: Floats, good: Floats, step: int, time: float, good_step: int) -> str:
+        """One line on what blew up; ``before`` (3, n) is where the particles stood a step before y."""
+        return explain(self.subject, y, before, good, step, time, good_step)
+
+
+class ProblemFlow:
+    """A Problem's solution."""
+
+    time_unit = ""
+
+    def __init__(self, problem: Problem, threads: int, jumps: bool) -> None:
+        self.subject = problem
+        self.name = problem.name
+        self._right_hand_side = RightHandSide(problem)
+        self.forces = BoundForces(_Bindable(problem, self._right_hand_side), threads)  # type: ignore[arg-type]
+        self.not_separable = None if problem.separable else "the problem is not declared separable=True"
+
+    def state(self, y: Floats, time: float, steps: int) -> ProblemState:
+        """The ProblemState that y stands for; a copy."""
+        return ProblemState(y.reshape(-1).copy(), time, steps)
+
+    def array(self, state: ProblemState) -> Floats:
+        """The y of a ProblemState, checked; a copy."""
+        y = np.array(state.y, dtype=float)
+        if y.shape != self.subject.y0.shape:
+            raise InputError(f"state: expected y of shape {self.subject.y0.shape}, got {y.shape}")
+        if not np.isfinite(y).all():
+            raise InputError("state: y must be finite")
+        return y.reshape((2, 1, -1) if self.subject.separable else (1, 1, -1))
+
+    def begin(self, record: Record, y: Floats) -> None:
+        """Nothing but the samples is compared."""
+
+    def sample(self, y: Floats, time: float, steps: int) -> Sample:
+        """The quantity that the problem says is conserved, at y."""
+        energy = self.subject.energy
+        value = float(energy(time, y.reshape(-1))) if energy else float("nan")
+        return Sample(steps, time, Energies(float("nan"), float("nan"), value))
+
+    def prepare(self, y: Floats, time: float) -> None:
+        """The right-hand side is compiled already."""
+
+    def derivative(self, time: float, y: Floats) -> Floats:
+        """f(t, y)."""
+        return self.forces.derivative(time, y)
+
+    def jacobian(self, time: float, y: Floats) -> Floats:
+        """df_i / dy_j, analytic where the problem gives it; (n, n)."""
+        if self.subject.jacobian is None:
+            return difference_jacobian(self, time, y)
+        value = np.asarray(self.subject.jacobian(time, y.reshape(-1).copy()), dtype=float)
+        return value.reshape(len(self.subject), -1)
+
+    def explain(self, y: Floats, before: Floats, good: Floats, step: int, time: float, good_step: int) -> str:
+        """One line on what blew up; the error that f raised, where it did."""
+        if self._right_hand_side.callback.error is not None:
+            error = self._right_hand_side.callback.error
+            raise RunError(f"step {step} (t = {time:.6g}): f raised {type(error).__name__}: {error}") from error
+        flat = y.reshape(-1)
+        bad = np.flatnonzero(~np.isfinite(flat))
+        worst = int(bad[0]) if bad.size else int(np.argmax(np.abs(flat)))
+        what = f"y[{worst}] is {flat[worst]:.3g}"
+        return f"blew up at step {step} (t = {time:.6g}): {what}; the last good point is step {good_step}"
+
+
+Flow = ParticleFlow | ProblemFlow
+
+
+def flow_of(subject: System | Problem, threads: int, jumps: bool) -> Flow:
+    """The flow of a System or a Problem; with ``jumps``, trial steps may go far astray."""
+    if isinstance(subject, System):
+        return ParticleFlow(subject, threads, jumps)
+    if isinstance(subject, Problem):
+        return ProblemFlow(subject, threads, jumps)
+    raise InputError(f"a Simulation takes a System or a Problem, got {type(subject).__name__}")
+
+
+class _Bindable:
+    """A Problem with its right-hand side in a System's place."""
+
+    def __init__(self, problem: Problem, right_hand_side: RightHandSide) -> None:
+        self.forces = (right_hand_side,)
+        self._problem = problem
+
+    def __len__(self) -> int:
+        return len(self._problem)
+
+    @property
+    def separable(self) -> bool:
+        return self._problem.separable
+
+
+def difference_jacobian(flow: Flow, time: float, y: Floats) -> Any:
+    """(N, N) central differences of f with respect to the flattened y, error about 1e-10 relative (steps of the cube
+    root of the rounding unit; Press et al. 2007, Numerical Recipes, 5.7)."""
+    flat = y.reshape(-1)
+    if flat.size > NEWTON_UNKNOWNS:
+        raise InputError(f"the Jacobian of {flat.size} unknowns is too large to hold; {NEWTON_UNKNOWNS} is the most")
+    scale = np.maximum(np.abs(flat), 1e-3 * max(float(np.abs(flat).max()), 1e-3))
+    steps = np.cbrt(np.finfo(float).eps) * scale
+    columns = []
+    for k, h in enumerate(steps):
+        ahead, behind = flat.copy(), flat.copy()
+        ahead[k] += h
+        behind[k] -= h
+        difference = flow.derivative(time, ahead.reshape(y.shape)) - flow.derivative(time, behind.reshape(y.shape))
+        columns.append(difference.reshape(-1) / (ahead[k] - behind[k]))
+    return np.array(columns).T

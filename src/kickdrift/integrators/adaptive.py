@@ -1,0 +1,207 @@
+"""Embedded Runge-Kutta methods: the step follows the error. The last step is kept, so that y can be had inside it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from kickdrift.forces.compiling import driver, jit
+from kickdrift.forces.evaluate import EVALUATIONS, SLOTS, fill_derivative
+from kickdrift.forces.handle import handle
+from kickdrift.forces.kernel import GROW, OK
+from kickdrift.integrators.loops import FRESH, REJECTED, STAGE, STEP, stage_state
+from kickdrift.integrators.step_control import (
+    FLOOR,
+    check_tolerances,
+    controller,
+    first_step,
+    rejected_factor,
+    step_factor,
+)
+from kickdrift.integrators.stepping import STOPPED, Counts, Options
+from kickdrift.state import Floats
+
+if TYPE_CHECKING:
+    from kickdrift.flow import Flow
+    from kickdrift.integrators.runge_kutta import Tableau
+
+# Slots of the clock: the last step point, the step to try, the step that led there, the time it began at, the errors of
+# the last two steps, whether the last try failed.
+TIME, NEXT, LAST, BEFORE, ERROR, ERROR_BEFORE, REJECTED_LAST = range(7)
+
+
+@jit
+def scaled_error(y, trial, errors, h, k, rtol, atol):
+    """The root mean square of the error estimate over its tolerance, atol + rtol |y|, |y| the larger of both ends
+    (Hairer, Norsett & Wanner 1993, eq. II.4.11); with two rows of ``errors`` E5 and E3, E5^2 / sqrt(E5^2 + 0.01 E3^2)
+    (II.10)."""
+    first, second, stages = 0.0, 0.0, errors.shape[1]
+    two = errors.shape[0] == 2
+    for half in range(y.shape[0]):
+        for axis in range(y.shape[1]):
+            for i in range(y.shape[2]):
+                e, e3 = 0.0, 0.0
+                for j in range(stages):
+                    e += errors[0, j] * k[j, half, axis, i]
+                if two:
+                    for j in range(stages):
+                        e3 += errors[1, j] * k[j, half, axis, i]
+                scale = atol + rtol * max(abs(y[half, axis, i]), abs(trial[half, axis, i]))
+                first += (e / scale) ** 2
+                second += (e3 / scale) ** 2
+    if two:
+        if first == 0.0 and second == 0.0:
+            return 0.0
+        return abs(h) * first / np.sqrt((first + 0.01 * second) * y.size)
+    return abs(h) * np.sqrt(first / y.size)
+
+
+@driver
+def adaptive_loop(forces, y, before, work, stages, errors, settings, numbers, clock, until, steps, cursor):
+    """Steps until the clock has reached ``until``, or ``steps`` of them; a status, STOPPED where the step came to
+    nothing.
+
+    ``before`` is y at the last step's start, ``work`` the trial state and the stages of the last step, the derivative
+    at its end last; ``settings`` rtol, atol and the exponent -1 / (q + 1) with its sign turned."""
+    bound = handle(forces)
+    count = stages.shape[1]
+    trial, k = work[0], work[1:]
+    rtol, atol, exponent = settings[0], settings[1], settings[2]
+    while cursor[STEP] < steps and clock[TIME] < until:
+        t = clock[TIME]
+        if cursor[STAGE] == 0:
+            if cursor[FRESH]:
+                copy(k[0], k[count])
+            else:
+                status = fill_derivative(bound, t, y, k[0], cursor)
+                if status != OK:
+                    return status
+            cursor[FRESH] = 0
+            cursor[STAGE] = 1
+        h = clock[NEXT]
+        if not h > 10.0 * (np.nextafter(abs(t), np.inf) - abs(t)):
+            return STOPPED
+        status = OK
+        for stage in range(cursor[STAGE], count + 1):
+            c = 0.0
+            for j in range(count):
+                c += stages[stage, j]
+            stage_state(trial, y, stages[stage], min(stage, count), h, k)
+            status = fill_derivative(bound, t + c * h, trial, k[stage], cursor)
+            if status != OK:
+                cursor[STAGE] = stage
+                break
+        if status == GROW:
+            return status
+        error = np.inf
+        if status == OK:
+            error = scaled_error(y, trial, errors, h, k, rtol, atol)
+        if error <= 1.0:
+            factor = step_factor(numbers, exponent, error, clock[ERROR], clock[ERROR_BEFORE])
+            if clock[REJECTED_LAST] != 0.0:
+                factor = min(1.0, factor)
+            copy(before, y)
+            copy(y, trial)
+            clock[BEFORE], clock[TIME], clock[LAST], clock[NEXT] = t, t + h, h, h * factor
+            clock[ERROR_BEFORE], clock[ERROR], clock[REJECTED_LAST] = clock[ERROR], error, 0.0
+            cursor[STAGE] = 0
+            cursor[FRESH] = 1
+            cursor[STEP] += 1
+        else:
+            clock[NEXT] = h * rejected_factor(numbers, exponent, error)
+            clock[REJECTED_LAST] = 1.0
+            cursor[STAGE] = 1
+            cursor[REJECTED] += 1
+    return OK
+
+
+@jit
+def copy(target, source):
+    """target <- source, (halves, rows, n)."""
+    for half in range(source.shape[0]):
+        for axis in range(source.shape[1]):
+            row, origin = target[half, axis], source[half, axis]
+            for i in range(row.size):
+                row[i] = origin[i]
+
+
+class AdaptiveStepper:
+    """An embedded pair under way."""
+
+    def __init__(self, flow: Flow, tableau: Tableau, options: Options) -> None:
+        self.rtol, self.atol = options.tolerances
+        check_tolerances(self.rtol, self.atol)
+        self._flow, self._tableau, self._first = flow, tableau, options.dt
+        self._controller = controller(options.controller)
+        self._cursor = np.zeros(SLOTS, np.int64)
+        self._extra_evaluations = 0
+        self.trouble = ""
+
+    def reset(self, y: Floats, time: float, steps: int) -> None:
+        self.y, self.steps_done = y, steps
+        self._before = y.copy()
+        self._k_done: list[Floats] = []
+        self._work = np.zeros((len(self._tableau.b) + 2, *y.shape))
+        self._clock = np.zeros(7)
+        self._clock[[TIME, BEFORE, ERROR, ERROR_BEFORE]] = time, time, FLOOR, FLOOR
+        self._cursor[STEP:REJECTED] = 0
+        self._flow.forces.forget()
+
+    @property
+    def time(self) -> float:
+        return float(self._clock[TIME])
+
+    @property
+    def counts(self) -> Counts:
+        return Counts(int(self._cursor[EVALUATIONS]) + self._extra_evaluations, int(self._cursor[REJECTED]))
+
+    def advance(self, steps: int, until: float = np.inf) -> int:
+        if self._clock[NEXT] == 0.0 and steps:
+            self._clock[NEXT] = self._first or self._first_step()
+        self._cursor[STEP] = 0
+        settings = np.array([self.rtol, self.atol, 1.0 / (self._tableau.error_order + 1)])
+        status = self._flow.forces.call(
+            adaptive_loop, self.y, self._before, self._work, self._tableau.stages, self._tableau.error_rows, settings,
+            self._controller.numbers, self._clock, until, steps, self._cursor,
+        )  # fmt: skip
+        if self._cursor[STEP]:
+            self._k_done = []
+        self.steps_done += int(self._cursor[STEP])
+        if status == STOPPED:
+            self.trouble = (
+                f"the step fell to {self._clock[NEXT]:.3g}, which t = {self.time:.9g} can no longer tell from 0"
+            )
+        return status
+
+    def _first_step(self) -> float:
+        f = self._flow.derivative(self.time, self.y)
+        self._extra_evaluations += 2
+        order = self._tableau.error_order
+        return first_step(self._flow.derivative, self.time, self.y, f, order, self.rtol, self.atol)
+
+    def at(self, time: float) -> Floats:
+        begin, h = self._clock[BEFORE], self._clock[LAST]
+        if time == self.time or h == 0.0:
+            return self.y.copy()
+        if not self._tableau.dense:
+            return self._tableau.step(self._flow.derivative, begin, self._before, time - begin)
+        theta = (time - begin) / h
+        powers = theta ** np.arange(1, len(self._tableau.dense[0]) + 1)
+        weights = np.array(self._tableau.dense) @ powers
+        return self._before + h * np.tensordot(weights, self._dense_stages(), 1)
+
+    def _dense_stages(self) -> Floats:
+        """The derivatives of the last step's stages, those that only its interpolant needs included."""
+        if self._tableau.extra and not self._k_done:
+            k = list(self._work[1:])
+            begin, h = self._clock[BEFORE], self._clock[LAST]
+            for row in self._tableau.extra:
+                y = self._before + h * np.tensordot(row, np.array(k), 1)
+                k.append(self._flow.derivative(begin + sum(row) * h, y))
+            self._k_done = k
+            self._extra_evaluations += len(self._tableau.extra)
+        return np.array(self._k_done or self._work[1:])
+
+    def reached(self, inside_step: bool) -> tuple[Floats, Floats]:
+        return (self._work[0], self.y[0]) if inside_step else (self.y, self._before[0])

@@ -1,0 +1,77 @@
+"""What all integrators have in common: what is known of them, and how an integration with one begins."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+from kickdrift.errors import InputError
+
+if TYPE_CHECKING:
+    from kickdrift.flow import Flow
+    from kickdrift.integrators.stepping import Options, Stepper
+
+
+class Method:
+    """A row of the registry.
+
+    Attributes
+    ----------
+    name, family, order, source, use : what ``kickdrift list integrators`` shows, and where it was published
+    evaluations : of the force per step; 0 where it depends on the run
+    symplectic, reversible : whether the step keeps the symplectic form; whether a step with -dt undoes one with dt
+    adaptive : whether it chooses its steps from the error
+    separable : whether it needs accelerations that depend on positions and time alone
+    trial_steps : whether it may evaluate the force far from the solution
+    rescalable : whether velocities may be changed between two steps without telling it
+    tunable : the options of a Simulation, beside dt, that it takes
+    """
+
+    name: str
+    order: int
+    source: str
+    use: str
+    family: ClassVar[str]
+    symplectic: Any = False
+    reversible: Any = False
+    adaptive: Any = False
+    separable: ClassVar[bool] = False
+    trial_steps: Any = False
+    rescalable: ClassVar[bool] = False
+
+    @property
+    def evaluations(self) -> int:
+        return 0
+
+    @property
+    def tunable(self) -> tuple[str, ...]:
+        return ("rtol", "atol", "controller") if self.adaptive else ("compensated",)
+
+    def stepper(self, flow: Flow, options: Options) -> Stepper:
+        """An integration of the flow with this method."""
+        raise NotImplementedError
+
+    def checked(self, given: Options, asked: Options) -> Options:
+        """The options that this method takes of those given in arguments and file; those ``asked`` for in arguments
+        that it does not take are an InputError, and so are steps and tolerances that make no sense."""
+        for key in ("rtol", "atol", "controller", "compensated", "iteration"):
+            if key not in self.tunable and getattr(asked, key):
+                takes = ", ".join(("dt", *self.tunable))
+                raise InputError(f"{key}: {self.name} does not take it; it takes {takes}")
+        kept = {key: getattr(given, key) for key in self.tunable}
+        dt = asked.dt if self.adaptive else given.dt  # a file's dt is no first step for a method that chooses its own
+        if dt is not None and not (_is_number(dt) and np.isfinite(dt) and dt > 0):
+            raise InputError(f"dt must be a positive finite time, got {dt!r}")
+        options = replace(type(given)(), dt=None if dt is None else float(dt), **kept)
+        if self.adaptive:
+            from kickdrift.integrators.step_control import check_tolerances, controller
+
+            check_tolerances(*options.tolerances)
+            controller(options.controller)
+        return options
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, (int, float, np.number)) and not isinstance(value, bool)

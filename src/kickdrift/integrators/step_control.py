@@ -1,0 +1,122 @@
+"""Step control, apart from stepping: how large the error of a step is, and how long the next one may be.
+
+A controller is a row of numbers. With err_n the error of step n over its tolerance, and q the order of the solution
+that it is measured by, the next step is the last times
+
+    safety * err_n^(-kI/(q+1)) * (err_{n-1} / err_n)^(kP/(q+1)) * (err_{n-1}^2 / (err_n err_{n-2}))^(kD/(q+1)),
+
+which is the elementary (integral) controller for kP = kD = 0 (Hairer, Norsett & Wanner 1993, II.4, eq. 4.13,
+doi:10.1007/978-3-540-78862-1), Gustafsson's PI controller (1991, doi:10.1145/210232.210242), and Soderlind's PID
+controllers (2003, doi:10.1145/641876.641877).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from kickdrift.errors import InputError
+from kickdrift.forces.compiling import jit
+from kickdrift.state import Floats
+
+EPSILON = float(np.finfo(float).eps)
+FLOOR = 1e-4
+LEAST_RTOL = 100 * EPSILON  # below, rounding alone fails the test
+
+
+@dataclass(frozen=True)
+class Controller:
+    """How the error of the last steps sets the next one; see the module's text."""
+
+    name: str
+    integral: float
+    proportional: float
+    derivative: float
+    source: str
+    safety: float = 0.9
+    least: float = 0.2  # of the last step
+    most: float = 10.0
+
+    @property
+    def numbers(self) -> Floats:
+        """As the compiled loop takes them."""
+        return np.array([self.integral, self.proportional, self.derivative, self.safety, self.least, self.most])
+
+
+CONTROLLERS = {
+    row.name: row
+    for row in (
+        Controller("i", 1.0, 0.0, 0.0, "Hairer, Norsett & Wanner 1993, eq. II.4.13, doi:10.1007/978-3-540-78862-1"),
+        Controller("pi", 0.65, 0.2, 0.0, "Gustafsson 1991, doi:10.1145/210232.210242; dopri5's beta = 0.04"),
+        Controller("pid", 2 / 9, -2 / 9, 1 / 18, "Soderlind 2003, H312, doi:10.1145/641876.641877"),
+    )
+}
+DEFAULT_CONTROLLER = "pi"
+
+
+def controller(name: str | None) -> Controller:
+    """The controller of that name; an InputError names those there are."""
+    chosen = DEFAULT_CONTROLLER if name is None else name
+    if chosen not in CONTROLLERS:
+        raise InputError(f"controller {chosen!r} is unknown; known are {', '.join(CONTROLLERS)}")
+    return CONTROLLERS[chosen]
+
+
+def check_tolerances(rtol: float, atol: float) -> None:
+    """Refuse tolerances that no step can meet."""
+    for key, value in (("rtol", rtol), ("atol", atol)):
+        if not (np.isfinite(value) and value > 0):
+            raise InputError(f"{key} must be a positive number, got {value!r}")
+    if rtol < LEAST_RTOL:
+        raise InputError(f"rtol must be {LEAST_RTOL:.2g} or more, got {rtol:g}: below, rounding decides")
+
+
+@jit
+def step_factor(numbers, exponent, error, before, before2):
+    """What to multiply the step by after an accepted one; the errors of the last three steps over their tolerances.
+
+    A step much better than asked for is no guide for later ones: past errors count as 1e-4 at least, as in dopri5."""
+    e0, e1, e2 = max(error, 1e-10), max(before, FLOOR), max(before2, FLOOR)
+    factor = e0 ** -(numbers[0] * exponent)
+    if numbers[1] != 0.0:
+        factor *= (e1 / e0) ** (numbers[1] * exponent)
+    if numbers[2] != 0.0:
+        factor *= (e1 * e1 / (e0 * e2)) ** (numbers[2] * exponent)
+    return min(numbers[5], max(numbers[4], numbers[3] * factor))
+
+
+@jit
+def rejected_factor(numbers, exponent, error):
+    """The same after a rejected one, by that step's error alone; one that is no number cuts the step most."""
+    if not np.isfinite(error):
+        return numbers[4]
+    return max(numbers[4], numbers[3] * error ** -((numbers[0] + numbers[1] + numbers[2]) * exponent))
+
+
+def first_step(
+    derivative: Callable[[float, Floats], Floats],
+    time: float,
+    y: Floats,
+    f: Floats,
+    order: int,
+    rtol: float,
+    atol: float,
+) -> float:
+    """A first step that is neither far too long nor far too short (Hairer, Norsett & Wanner 1993, II.4, p. 169); one
+    evaluation of f. ``order`` is that of the solution by which the error is measured."""
+
+    def norm(values: Any) -> float:
+        return float(np.sqrt(np.mean(np.square(values))))
+
+    scale = atol + np.abs(y) * rtol
+    d0, d1 = norm(y / scale), norm(f / scale)
+    h0 = 1e-6 if d0 < 1e-5 or d1 < 1e-5 else 0.01 * d0 / d1
+    d2 = norm((derivative(time + h0, y + h0 * f) - f) / scale) / h0
+    if not np.isfinite(d2):
+        return h0
+    largest = max(d1, d2)
+    h1 = max(1e-6, h0 * 1e-3) if largest <= 1e-15 else (0.01 / largest) ** (1.0 / (order + 1))
+    return min(100.0 * h0, h1)

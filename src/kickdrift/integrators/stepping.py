@@ -1,0 +1,120 @@
+"""Integrations under way: what a Simulation asks to go on, whatever the method.
+
+A stepper has ``y`` and ``time``, its last step point, ``steps_done`` step points passed since the start, and
+``counts``; ``advance`` takes steps, ``at`` gives y between the last two step points without changing anything.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+
+from kickdrift.forces.evaluate import EVALUATIONS, SLOTS
+from kickdrift.integrators.loops import STEP
+from kickdrift.state import Floats
+
+if TYPE_CHECKING:
+    from kickdrift.flow import Flow
+
+STOPPED = 3  # besides the forces' OK, GROW and BLOWN_UP: the method itself cannot go on, and ``trouble`` says why
+
+
+@dataclass
+class Counts:
+    """What an integration cost so far."""
+
+    evaluations: int = 0
+    rejected: int = 0
+    jacobians: int = 0
+
+
+@dataclass(frozen=True)
+class Options:
+    """How a Simulation was asked to integrate; None where it was not said."""
+
+    dt: float | None = None
+    rtol: float | None = None
+    atol: float | None = None
+    controller: str | None = None
+    compensated: bool = False
+    iteration: str | None = None
+
+    def extras(self) -> dict[str, Any]:
+        """What was said besides dt, for a run's file."""
+        return {key: value for key, value in asdict(self).items() if key != "dt" and value}
+
+    @property
+    def tolerances(self) -> tuple[float, float]:
+        """rtol and atol, with what stands in where they were not said."""
+        return (1e-8 if self.rtol is None else self.rtol), (1e-10 if self.atol is None else self.atol)
+
+
+class Stepper(Protocol):
+    """An integration under way."""
+
+    y: Floats
+    time: float
+    steps_done: int
+    counts: Counts
+    trouble: str
+
+    def reset(self, y: Floats, time: float, steps: int) -> None:
+        """Begin anew at y."""
+
+    def advance(self, steps: int, until: float) -> int:
+        """Take so many steps, fewer where a step point reaches ``until``; a status."""
+
+    def at(self, time: float) -> Floats:
+        """y at a time between the last two step points; a copy."""
+
+    def reached(self, inside_step: bool) -> tuple[Floats, Floats]:
+        """After a blow-up, inside a step or in the last one: the y that it reached, and the positions before."""
+
+
+class FixedStepper:
+    """Steps of one length, by a compiled loop (see ``loops``) with a workspace of ``room`` arrays of y's ``shape``."""
+
+    trouble = ""
+
+    def __init__(self, flow: Flow, loop: Any, stages: Floats, room: Callable[..., Floats], options: Options) -> None:
+        assert options.dt is not None
+        self._flow, self._loop, self._stages, self.dt = flow, loop, stages, options.dt
+        self._room, self._compensated = room, options.compensated
+        self._cursor = np.zeros(SLOTS, np.int64)
+
+    def reset(self, y: Floats, time: float, steps: int) -> None:
+        self.y = y
+        self.steps_done = steps
+        self._start = time - steps * self.dt
+        self._work = self._room(y.shape)
+        self._carry = np.zeros(y.shape if self._compensated else (0, *y.shape[1:]))
+        self._cursor[STEP:] = 0
+        self._flow.forces.forget()
+
+    @property
+    def time(self) -> float:
+        return self._start + self.steps_done * self.dt
+
+    @property
+    def counts(self) -> Counts:
+        return Counts(int(self._cursor[EVALUATIONS]))
+
+    def advance(self, steps: int, until: float = np.inf) -> int:
+        self._cursor[STEP] = 0
+        status = self._flow.forces.call(
+            self._loop, self.y, self._carry, self._work, self._stages, self.dt, self._start, self.steps_done, steps,
+            self._cursor,
+        )  # fmt: skip
+        self.steps_done += int(self._cursor[STEP])
+        return status
+
+    def at(self, time: float) -> Floats:
+        return self.y.copy()
+
+    def reached(self, inside_step: bool) -> tuple[Floats, Floats]:
+        if inside_step and self._work.ndim > self.y.ndim:
+            return self._work[0], self.y[0]  # y waits for the last stage
+        return self.y, self.y[0] - self.dt * self.y[-1]

@@ -1,0 +1,52 @@
+"""Verlet's method in its original form: two positions, and no velocity in the recursion."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from kickdrift.integrators.method import Method
+
+if TYPE_CHECKING:
+    from kickdrift.flow import Flow
+    from kickdrift.integrators.stepping import Options, Stepper
+
+
+@dataclass(frozen=True)
+class Stormer(Method):
+    """x(t + dt) = 2 x(t) - x(t - dt) + dt^2 a(t), started from the velocity, with v(t) = (x(t + dt) - x(t - dt)) / 2
+    dt.
+
+    In exact arithmetic its positions are those of velocity-verlet, and of leapfrog with velocities at half steps; it
+    loses digits to the difference of two positions, the more the smaller dt.
+    """
+
+    name: str
+    order: int
+    source: str
+    use: str = ""
+
+    family = "two positions"
+    symplectic = True
+    reversible = True
+    separable = True
+
+    @property
+    def evaluations(self) -> int:
+        return 1
+
+    def stepper(self, flow: Flow, options: Options) -> Stepper:
+        from kickdrift.integrators.loops import stormer_loop
+        from kickdrift.integrators.stepping import FixedStepper
+
+        return FixedStepper(flow, stormer_loop, np.zeros((0, 0)), lambda shape: np.zeros((2, *shape[1:])), options)
+
+
+ROWS = (
+    Stormer(
+        "stormer-verlet", 2, "Stormer 1907, Arch. Sci. phys. nat. 24, 5; Verlet 1967, eq. 4, doi:10.1103/PhysRev.159.98",
+        "history; velocity-verlet keeps more digits",
+    ),
+)  # fmt: skip

@@ -1,0 +1,129 @@
+"""A Problem: a first-order system of ordinary differential equations, for a Simulation without particles."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from kickdrift.errors import InputError
+from kickdrift.state import Floats, read_only
+from kickdrift.system import RunDefaults
+
+Function = Callable[[float, Floats], Any]
+
+
+@dataclass(frozen=True)
+class ProblemState:
+    """A solution at one time: ``y`` (n,), ``time`` and the steps taken since the start."""
+
+    y: Floats
+    time: float = 0.0
+    steps_done: int = 0
+
+    def __len__(self) -> int:
+        return len(self.y)
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """y' = f(t, y), y(t0) = y0.
+
+    Parameters
+    ----------
+    f : f(t, y) -> n numbers (array, list or tuple), as SciPy takes it; a plain Python function, which is compiled
+    y0 : (n,)
+    jacobian : jacobian(t, y) -> (n, n), df_i / dy_j; finite differences stand in where it is not given
+    t0 : time at the start
+    separable : y is n/2 positions followed by their n/2 velocities, and the accelerations depend on positions and time
+        alone; needed by the splitting methods
+    energy : energy(t, y), a quantity that the exact solution conserves, to be watched
+    exact : exact(t) -> (n,), the solution in closed form
+    compiled : False runs f as plain Python, slowly
+    name, run, invariants, source : as a System has them
+
+    Raises
+    ------
+    InputError
+        Where y0 or what f returns is not n finite numbers.
+    """
+
+    f: Function
+    y0: Floats
+    jacobian: Function | None = None
+    t0: float = 0.0
+    separable: bool = False
+    energy: Function | None = None
+    exact: Callable[[float], Any] | None = None
+    compiled: bool = True
+    name: str = "problem"
+    run: RunDefaults = field(default_factory=RunDefaults)
+    invariants: Mapping[str, Any] = field(default_factory=dict)
+    source: str = ""
+
+    def __init__(
+        self,
+        f: Function,
+        y0: ArrayLike,
+        jacobian: Function | None = None,
+        *,
+        t0: float = 0.0,
+        separable: bool = False,
+        energy: Function | None = None,
+        exact: Callable[[float], Any] | None = None,
+        compiled: bool = True,
+        name: str = "problem",
+        run: RunDefaults | None = None,
+        invariants: Mapping[str, Any] | None = None,
+        source: str = "",
+    ) -> None:
+        put = object.__setattr__
+        start = _numbers(f"{name}: y0", y0)
+        if start.ndim != 1 or not start.size:
+            raise InputError(f"{name}: y0 must be one row of numbers, got shape {start.shape}")
+        if separable and start.size % 2:
+            raise InputError(f"{name}: separable means positions, then as many velocities, and y0 has {start.size}")
+        for key, function in (("f", f), ("jacobian", jacobian), ("energy", energy), ("exact", exact)):
+            if not (callable(function) or (function is None and key != "f")):
+                raise InputError(f"{name}: {key} must be a function, got {function!r}")
+        if not np.isfinite(t0):
+            raise InputError(f"{name}: t0 must be a finite number, got {t0!r}")
+        for key, value in (
+            ("f", f), ("y0", read_only(start)), ("jacobian", jacobian), ("t0", float(t0)), ("separable", separable),
+            ("energy", energy), ("exact", exact), ("compiled", compiled), ("name", name),
+            ("run", run or RunDefaults()), ("invariants", dict(invariants or {})), ("source", source),
+        ):  # fmt: skip
+            put(self, key, value)
+        n = len(start)
+        self._check("f", f(self.t0, start.copy()), (n,))
+        if jacobian is not None:
+            self._check("jacobian", jacobian(self.t0, start.copy()), (n, n))
+        if separable and not np.array_equal(np.asarray(f(self.t0, start.copy()))[: n // 2], start[n // 2 :]):
+            raise InputError(f"{name}: separable means that the first half of f is the second half of y")
+
+    def __len__(self) -> int:
+        return len(self.y0)
+
+    @property
+    def state(self) -> ProblemState:
+        """Where it starts."""
+        return ProblemState(self.y0, self.t0)
+
+    def _check(self, key: str, value: Any, shape: tuple[int, ...]) -> None:
+        found = _numbers(f"{self.name}: {key}(t0, y0)", value)
+        if found.shape != shape:
+            raise InputError(f"{self.name}: {key} must return shape {shape}, as y0 has it, got {found.shape}")
+
+
+def _numbers(key: str, values: ArrayLike) -> Floats:
+    try:
+        array = np.array(values, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{key}: expected numbers: {' '.join(str(error).split())}") from None
+    if not np.isfinite(array).all():
+        bad = np.argwhere(~np.isfinite(array))[0]
+        raise InputError(f"{key}[{', '.join(map(str, bad))}] is {array[tuple(bad)]}; expected finite numbers")
+    return array
