@@ -48,9 +48,10 @@ class Plan:
                 time = ahead
         return step, time
 
-    def is_look_at(self, time: float) -> bool:
-        """Whether a stop at that time is a look at that very time, not at the step point behind it."""
-        return time == self.end_time or self.exact
+    def present(self, step_point: float, stop_time: float) -> float | None:
+        """The time to look at, where that lies before the step point reached; None for the step point itself."""
+        present = stop_time if self.exact else self.end_time
+        return present if step_point > present else None
 
     def progress(self, sim: Simulation) -> tuple[int, int]:
         """Done, and of how much."""

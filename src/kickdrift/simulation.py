@@ -199,8 +199,7 @@ class Simulation:
             while not plan.over(self) and not interrupted():
                 stop, stop_time = plan.next_stop(self)
                 self._advance(min(self._chunk, stop - self.steps_done), stop_time)
-                if self._stepper.time > stop_time and plan.is_look_at(stop_time):
-                    self._at = stop_time
+                self._at = plan.present(self._stepper.time, stop_time)
                 self.record.wall_seconds = spent_before + perf_counter() - began
                 looked = self.steps_done == stop or self._stepper.time >= stop_time
                 if looked:

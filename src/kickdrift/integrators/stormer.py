@@ -46,7 +46,8 @@ class Stormer(Method):
 
 ROWS = (
     Stormer(
-        "stormer-verlet", 2, "Stormer 1907, Arch. Sci. phys. nat. 24, 5; Verlet 1967, eq. 4, doi:10.1103/PhysRev.159.98",
+        "stormer-verlet", 2,
+        "Stormer 1907, Arch. Sci. phys. nat. 24, 5; Verlet 1967, eq. 4, doi:10.1103/PhysRev.159.98",
         "history; velocity-verlet keeps more digits",
     ),
 )  # fmt: skip
