@@ -101,17 +101,17 @@ _EULER = "de Vogelaere 1956; Hairer, Lubich & Wanner 2006, I.1.2, doi:10.1007/3-
 _VERLET = "Verlet 1967, Phys. Rev. 159, 98, doi:10.1103/PhysRev.159.98; Swope et al. 1982, doi:10.1063/1.442716"
 _YOSHIDA = "Yoshida 1990, Phys. Lett. A 150, 262, doi:10.1016/0375-9601(90)90092-3"
 _BLANES_MOAN = "Blanes & Moan 2002, J. Comput. Appl. Math. 142, 313, doi:10.1016/S0377-0427(01)00492-7"
-_TRIPLE_JUMP = composed((1.3512071919596576,))  # 1 / (2 - 2^(1/3))
-_YOSHIDA6_A = composed((-1.1776799841788710, 0.23557321335935813, 0.78451361047755726))
+_TRIPLE_JUMP = composed((1.3512071919596575,))  # 1 / (2 - 2^(1/3))
+_YOSHIDA6_A = composed((-1.177679984178871, 0.23557321335935813, 0.7845136104775573))
 _YOSHIDA8_D = composed(
     (
         0.10279984939179644,
         -1.9606102329753108,
-        1.9381391376225260,
-        -0.15824063536805018,
+        1.9381391376225259,
+        -0.15824063536805016,
         -1.4448522368606052,
         0.25369333656621135,
-        0.91484424622979157,
+        0.91484424622979155,
     )
 )
 
@@ -133,29 +133,29 @@ ROWS = (
     ),
     Splitting("yoshida4", *_TRIPLE_JUMP, "kick", 4, _YOSHIDA, "smooth forces, long runs"),
     Splitting(  # lambda = -0.2123418310626054 gives the outer kick, (1 - 2 lambda) / 2
-        "pefrl", palindrome((0.71234183106260540,), 2), palindrome((0.17861789584480907, -0.066264582669818496)),
+        "pefrl", palindrome((0.7123418310626054,), 2), palindrome((0.17861789584480905, -0.066264582669818495)),
         "drift", 4, "Omelyan, Mryglod & Folk 2002, Comput. Phys. Commun. 146, 188, doi:10.1016/S0010-4655(02)00451-4",
         "smooth forces, long runs",
     ),
     Splitting(  # the kicks are (14 - sqrt(19)) / 108 and (20 - 7 sqrt(19)) / 108
-        "mclachlan4", palindrome((0.089269454226475245, -0.097336042636895508), 2), palindrome((0.4, -0.1)), "kick", 4,
+        "mclachlan4", palindrome((0.089269454226475239, -0.097336042636895506), 2), palindrome((0.4, -0.1)), "kick", 4,
         "McLachlan 1995, SIAM J. Sci. Comput. 16, 151, doi:10.1137/0916010, method S of order 4 with 5 stages",
         "smooth forces, long runs",
     ),
     Splitting(
-        "blanes-moan4", palindrome((0.082984406417405019, 0.39630980149836808, -0.039056304922348435)),
-        palindrome((0.24529895718427116, 0.60487266571107997), 2), "kick", 4, f"{_BLANES_MOAN}, table 3, SRKN_6^b",
+        "blanes-moan4", palindrome((0.082984406417405024, 0.39630980149836809, -0.039056304922348434)),
+        palindrome((0.24529895718427117, 0.60487266571108), 2), "kick", 4, f"{_BLANES_MOAN}, table 3, SRKN_6^b",
         "smooth forces, small errors",
     ),
     Splitting("yoshida6", *_YOSHIDA6_A, "kick", 6, f"{_YOSHIDA}, table 1, solution A", "smooth forces, high accuracy"),
     Splitting(
         "blanes-moan6",
         palindrome(
-            (0.041464998518262843, 0.19812867191806654, -0.040006192104152687, 0.075253984301580341,
-             -0.011511387420687770), 2,
+            (0.041464998518262845, 0.19812867191806655, -0.040006192104152689, 0.07525398430158034,
+             -0.011511387420687771), 2,
         ),
         palindrome(
-            (0.12322977594627115, 0.29055379779955827, -0.12704921262541692, -0.24633176106207540, 0.35720887279592775)
+            (0.12322977594627116, 0.29055379779955826, -0.12704921262541691, -0.24633176106207541, 0.35720887279592778)
         ),
         "kick", 6, f"{_BLANES_MOAN}, table 3, SRKN_11^b", "smooth forces, high accuracy",
     ),
