@@ -9,7 +9,7 @@ import pytest
 from order_conditions import Tree, conditions, gamma, rho, trees
 
 from kickdrift.integrators import integrator, splitting
-from kickdrift.integrators.splitting import Splitting, composed
+from kickdrift.integrators.splitting import Splitting, composed, palindrome
 
 NAMES = [row.name for row in splitting.ROWS]
 EPS = Fraction(1, 2**52)
@@ -99,3 +99,10 @@ def test_a_weight_that_is_off_is_noticed(name, place):
     kick[place] += 1e-13
     kick[place + 1] -= 1e-13
     assert excess(kick, row.drift, row.first, row.order) > 16
+
+
+def test_palindromes_add_up_to_one():
+    assert palindrome(()) == (1.0,)
+    assert palindrome((), 2) == (0.5, 0.5)
+    assert palindrome((0.25,), 2) == (0.25, 0.25, 0.25, 0.25)
+    assert palindrome((0.5, -0.25)) == (0.5, -0.25, 0.5, -0.25, 0.5)

@@ -28,8 +28,8 @@ from kickdrift.integrators.splitting import ROWS
 
 DIGITS = 50
 DIFFERENCE = mp.mpf(10) ** (-DIGITS // 2)  # step of the forward differences that make the Jacobian
-RANK = 1e-12  # a singular value below this share of the largest is a free direction
-CLOSED = 1e-45  # what may be left of an order condition
+RANK = 1e-12  # a singular value below this share of the largest, a free direction: they are above 8e-5 or below 1e-25
+CLOSED = 1e-45  # what may be left of an order condition, and of a correction
 
 Weights = list[mp.mpf]
 Rows = tuple[Weights, Weights]  # kicks, drifts
@@ -135,7 +135,7 @@ METHODS = {
     "symplectic-euler-dk": Method(list, lambda _: ([mp.mpf(1)], [mp.mpf(1)])),
     "velocity-verlet": Method(list, composed),
     "leapfrog-dkd": Method(list, lambda w: composed(w)[::-1]),
-    # Ruth 1983, eq. (15)
+    # Ruth 1983: c = 7/24, 3/4, -1/24 (kicks), d = 2/3, -2/3, 1 (drifts)
     "ruth3": Method(
         lambda: [mp.mpf(p) / q for p, q in ((7, 24), (3, 4), (-1, 24), (2, 3), (-2, 3), (1, 1))],
         lambda w: (w[:3], w[3:]),
