@@ -135,7 +135,7 @@ METHODS = {
     "symplectic-euler-dk": Method(list, lambda _: ([mp.mpf(1)], [mp.mpf(1)])),
     "velocity-verlet": Method(list, composed),
     "leapfrog-dkd": Method(list, lambda w: composed(w)[::-1]),
-    # Ruth 1983: c = 7/24, 3/4, -1/24 (kicks), d = 2/3, -2/3, 1 (drifts)
+    # Ruth 1983: three kicks, then three drifts
     "ruth3": Method(
         lambda: [mp.mpf(p) / q for p, q in ((7, 24), (3, 4), (-1, 24), (2, 3), (-2, 3), (1, 1))],
         lambda w: (w[:3], w[3:]),
