@@ -42,9 +42,10 @@ class Options:
     compensated: bool = False
     iteration: str | None = None
 
-    def extras(self) -> dict[str, Any]:
-        """What was said besides dt, for a run's file."""
-        return {key: value for key, value in asdict(self).items() if key != "dt" and value}
+    def extras(self, adaptive: bool) -> dict[str, Any]:
+        """What a run's file should say besides dt."""
+        said = {key: value for key, value in asdict(self).items() if key != "dt" and value}
+        return said | dict(zip(("rtol", "atol"), self.tolerances, strict=True)) if adaptive else said
 
     @property
     def tolerances(self) -> tuple[float, float]:
