@@ -13,7 +13,6 @@ from kickdrift.blow_up import explain
 from kickdrift.builders import check_overlaps
 from kickdrift.errors import InputError, RunError
 from kickdrift.forces.bound import BoundForces
-from kickdrift.forces.equation import RightHandSide
 from kickdrift.observers import Energies, Record, Sample, take_sample
 from kickdrift.problem import Problem, ProblemState
 from kickdrift.state import Floats, State
@@ -90,8 +89,8 @@ class ProblemFlow:
         self.subject = problem
         self.name = problem.name
         self.halves = 2 if problem.separable else 1
-        self._right_hand_side = RightHandSide(problem)
-        self.forces = BoundForces(_Bindable(problem, self._right_hand_side), threads)
+        self._callback = problem.right_hand_side.callback
+        self.forces = BoundForces(_Bindable(problem), threads)
         self.not_separable = None if problem.separable else "the problem is not declared separable=True"
 
     def state(self, y: Floats, time: float, steps: int) -> ProblemState:
@@ -132,8 +131,8 @@ class ProblemFlow:
 
     def explain(self, y: Floats, before: Floats, good: Floats, step: int, time: float, good_step: int) -> str:
         """One line on what blew up; the error that f raised, where it did."""
-        if self._right_hand_side.callback.error is not None:
-            error = self._right_hand_side.callback.error
+        if (error := self._callback.error) is not None:
+            self._callback.error = None
             raise RunError(f"step {step} (t = {time:.6g}): f raised {type(error).__name__}: {error}") from error
         flat = y.reshape(-1)
         bad = np.flatnonzero(~np.isfinite(flat))
@@ -157,8 +156,8 @@ def flow_of(subject: System | Problem, threads: int, jumps: bool) -> Flow:
 class _Bindable:
     """A Problem with its right-hand side in a System's place."""
 
-    def __init__(self, problem: Problem, right_hand_side: RightHandSide) -> None:
-        self.forces = (right_hand_side,)
+    def __init__(self, problem: Problem) -> None:
+        self.forces = (problem.right_hand_side,)
         self._problem = problem
 
     def __len__(self) -> int:
