@@ -285,7 +285,7 @@ def test_append_to_continues_the_same_run(path):
     with reader.open(path) as run:
         run_id = run.run_id
     with Writer.append_to(path, run_id) as writer:
-        assert (writer.last_step, writer.last_frame_step) == (40, 40)
+        assert writer.last_sample[0] == writer.last_frame[0] == 40
         for step in (40, 50, 60):  # 40 is there already and stays as it is
             writer.append(make_state(system, step), sample(step), frame=step != 50)
         with pytest.raises(InputError, match="ends at step 60"):

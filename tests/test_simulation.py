@@ -239,7 +239,7 @@ def test_dt_integrator_and_cadence_come_from_the_file_unless_given():
 
 
 def test_unknown_integrator_and_threads():
-    with pytest.raises(InputError, match="'verlet' is unknown; did you mean .*velocity-verlet"):
+    with pytest.raises(InputError, match=r"'verlet' is unknown; did you mean .*velocity-verlet"):
         kd.Simulation(two_bodies(), "verlet", 0.1)
     for threads in (0, -1, 10**6):
         with pytest.raises(InputError, match=f"threads must be 1 to .*, got {threads}"):

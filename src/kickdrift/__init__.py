@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from kickdrift.errors import InputError, KickdriftError, RunError
     from kickdrift.forces import Gravity, LennardJones
     from kickdrift.forces.pair_law import pair_law
+    from kickdrift.integrators.custom import accelerations
+    from kickdrift.integrators.registration import register_splitting, register_step, register_tableau
     from kickdrift.observers import Energies
     from kickdrift.problem import Problem
     from kickdrift.report import Report
@@ -29,6 +31,7 @@ if TYPE_CHECKING:
 __version__ = version("kickdrift")
 
 _HOMES = {
+    "accelerations": "integrators.custom",
     "Box": "box",
     "Energies": "observers",
     "Gravity": "forces",
@@ -44,6 +47,9 @@ _HOMES = {
     "load": "systemfile",
     "open": "trajectory.reader",
     "pair_law": "forces.pair_law",
+    "register_splitting": "integrators.registration",
+    "register_step": "integrators.registration",
+    "register_tableau": "integrators.registration",
 }
 
 __all__ = [
@@ -59,10 +65,14 @@ __all__ = [
     "Simulation",
     "State",
     "System",
+    "accelerations",
     "integrators",
     "load",
     "open",
     "pair_law",
+    "register_splitting",
+    "register_step",
+    "register_tableau",
 ]
 
 

@@ -8,7 +8,7 @@ import sys
 import tempfile
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -25,6 +25,9 @@ from kickdrift.printing import (
     progress_bar,
     say,
 )
+
+if TYPE_CHECKING:
+    from kickdrift.simulation import Simulation
 
 app = typer.Typer(
     name="kickdrift",
@@ -59,14 +62,39 @@ class Lists(StrEnum):
     engines = "engines"
 
 
+@app.callback()
+def options(
+    load: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--load", metavar="FILE.py", envvar="KICKDRIFT_LOAD", help="First run a file that registers methods."
+        ),
+    ] = None,
+) -> None:
+    """What goes before the command."""
+    from kickdrift.integrators.registration import load_file
+
+    for path in load or []:
+        load_file(path)
+
+
 @app.command()
 def run(
     system: SystemArgument,
     integrator: Annotated[str | None, typer.Option(metavar="NAME", help="See: kickdrift list integrators.")] = None,
-    dt: Annotated[float | None, typer.Option(metavar="X", help="Step, in the system's unit of time.")] = None,
+    dt: Annotated[
+        float | None,
+        typer.Option(metavar="X", help="Step, in the system's unit of time; an adaptive method's first."),
+    ] = None,
+    rtol: Annotated[float | None, typer.Option(metavar="X", help="Relative tolerance of adaptive methods.")] = None,
+    atol: Annotated[float | None, typer.Option(metavar="X", help="Absolute tolerance of adaptive methods.")] = None,
     steps: Annotated[int | None, typer.Option(metavar="N", min=0, help="Steps to take.")] = None,
     time: Annotated[float | None, typer.Option(metavar="T", help="Time to reach, instead of --steps.")] = None,
     every: Annotated[int | None, typer.Option(metavar="K", min=1, help="Steps between samples and frames.")] = None,
+    interval: Annotated[
+        float | None,
+        typer.Option(metavar="T", help="Time between them instead, for adaptive methods."),
+    ] = None,
     output: Annotated[Path | None, typer.Option(metavar="FILE.h5md", help="Write the trajectory.")] = None,
     overwrite: OverwriteOption = False,
     seed: Annotated[int | None, typer.Option(metavar="S", min=0, help="Seed of the drawn velocities.")] = None,
@@ -76,6 +104,7 @@ def run(
     quiet: QuietOption = False,
 ) -> None:
     """Run a system and say how well it conserved energy and momentum."""
+    from kickdrift.system import System
     from kickdrift.systemfile import load
 
     if engine not in ENGINES:
@@ -84,24 +113,38 @@ def run(
         raise InputError("give --steps or --time, not both")
     refuse_outputs({"output": output, "json": json_file}, overwrite)
     chosen = load(system, seed)
-    if steps is None and time is None:
-        steps, time = chosen.run.steps, chosen.run.time
-    if steps is None and time is None:
-        raise InputError(f"{system}: [run] names neither steps nor time; give --steps or --time")
 
     from kickdrift.simulation import Simulation
 
-    sim = Simulation(chosen, integrator, dt, threads)
-    steps = sim.steps_to(steps, time)
+    sim = Simulation(chosen, integrator, dt, threads, rtol=rtol, atol=atol)
+    length = run_length(sim, system, steps, time)
     with progress_bar(quiet) as bar:
-        if chosen.equilibration:
+        if isinstance(chosen, System) and chosen.equilibration:
             wanted = chosen.equilibration
             sim.equilibrate(wanted.temperature, wanted.time, wanted.interval, bar("equilibrating"))
-        report = sim.run(steps, every=every, output=output, overwrite=overwrite, progress=bar("running"))
+        report = sim.run(
+            **length, every=every, interval=interval, output=output, overwrite=overwrite, progress=bar("running")
+        )
+    for warning in report.warnings:
+        say(f"warning: {warning}", quiet)
     try:
         write_json(json_file, report.as_json())
     finally:  # what was computed is not lost to a full disk
         print_report(report, sim, output)
+
+
+def run_length(sim: Simulation, system: str, steps: int | None, time: float | None) -> dict[str, Any]:
+    """What ``Simulation.run`` is asked for: steps, or the time until; the file's where no flag says so."""
+    given = sim.system.run
+    if steps is None and time is None:
+        steps, time = given.steps, given.time
+        if sim.method.adaptive and given.steps is not None and given.dt is not None:
+            steps, time = None, given.steps * given.dt  # the same length as the file's fixed steps have
+    if steps is None and time is None:
+        raise InputError(f"{system}: [run] names neither steps nor time; give --steps or --time")
+    if sim.method.adaptive and time is not None:
+        return {"until": sim.time + time}
+    return {"steps": sim.steps_to(steps, time)}
 
 
 @bench_app.command("lj-energy")

@@ -25,14 +25,11 @@ NEWTON_UNKNOWNS = 3000  # at most, for a dense Jacobian
 class ParticleFlow:
     """A System's particles under its forces."""
 
-    time_unit: str
-    y0: Floats
-
     def __init__(self, system: System, threads: int, jumps: bool) -> None:
         check_overlaps(system)
         self.subject = system
         self.name = system.name
-        self.time_unit = system.units.time
+        self.halves = 2
         self.forces = BoundForces(system, threads, jumps=jumps)
         self._looks = BoundForces(system, threads)  # with lists of its own: looking must not change the run's
         culprits = [force.name for force in system.forces if getattr(force, "velocity_dependent", False)]
@@ -89,13 +86,12 @@ class ParticleFlow:
 class ProblemFlow:
     """A Problem's solution."""
 
-    time_unit = ""
-
     def __init__(self, problem: Problem, threads: int, jumps: bool) -> None:
         self.subject = problem
         self.name = problem.name
+        self.halves = 2 if problem.separable else 1
         self._right_hand_side = RightHandSide(problem)
-        self.forces = BoundForces(_Bindable(problem, self._right_hand_side), threads)  # type: ignore[arg-type]
+        self.forces = BoundForces(_Bindable(problem, self._right_hand_side), threads)
         self.not_separable = None if problem.separable else "the problem is not declared separable=True"
 
     def state(self, y: Floats, time: float, steps: int) -> ProblemState:
@@ -109,7 +105,7 @@ class ProblemFlow:
             raise InputError(f"state: expected y of shape {self.subject.y0.shape}, got {y.shape}")
         if not np.isfinite(y).all():
             raise InputError("state: y must be finite")
-        return y.reshape((2, 1, -1) if self.subject.separable else (1, 1, -1))
+        return y.reshape((self.halves, 1, -1))
 
     def begin(self, record: Record, y: Floats) -> None:
         """Nothing but the samples is compared."""

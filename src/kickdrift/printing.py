@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from kickdrift.problem import Problem
     from kickdrift.report import EnergyReport, Report
     from kickdrift.simulation import Simulation
     from kickdrift.system import System
@@ -69,27 +70,44 @@ LISTINGS: dict[str, Callable[[], tuple[list[str], list[list[str]]]]] = {
 
 def print_report(report: Report, sim: Simulation, output: Path | None) -> None:
     """A run's summary on standard output."""
-    units, energy = sim.system.units, report.energy
-    lines = [
-        ("system", f"{report.system}: {report.particles:,} particles, units {report.units}"),
-        ("integrator", f"{report.integrator}, dt = {report.dt:g} {units.time}"),
-        ("length", f"{report.steps:,} steps, {report.time:g} {units.time}"),
-        ("energy", f"{energy.initial:.8g} at the start, {energy.final:.8g} {units.energy} at the end"),
-        (
-            "energy error",
-            f"{energy.rms_relative_error:.2e} RMS, {energy.max_relative_error:.2e} largest, of {energy.relative_to}",
-        ),
-        ("energy drift", drift_text(energy, f" per {units.time}: {energy.verdict}") or energy.verdict),
-        ("momentum error", f"{report.momentum_error:.1e} of the sum of m |v|"),
-    ]
+    from kickdrift.system import System
+
+    system = sim.system
+    units = system.units if isinstance(system, System) else None
+    time_unit = f" {units.time}" if units else ""
+    if units:
+        lines = [("system", f"{report.system}: {report.particles:,} particles, units {report.units}")]
+    else:
+        lines = [("problem", f"{report.system}: {counted(len(system), 'unknown')}")]
+    if report.dt is not None:
+        lines.append(("integrator", f"{report.integrator}, dt = {report.dt:g}{time_unit}"))
+    elif report.rtol is not None:
+        lines.append(("integrator", f"{report.integrator}, rtol = {report.rtol:g}, atol = {report.atol:g}"))
+    rejected = f" ({report.rejected_steps:,} rejected)" if report.rejected_steps else ""
+    lines.append(("length", f"{report.steps:,} steps{rejected}, {report.time:g}{time_unit}"))
+    if report.y is not None:
+        lines.append(("y at the end", ", ".join(f"{value:.10g}" for value in report.y)))
+    energy, unit = report.energy, f" {units.energy}" if units else ""
+    if energy is not None:
+        errors = f"{energy.rms_relative_error:.2e} RMS, {energy.max_relative_error:.2e} largest"
+        drift = drift_text(energy, f" per {units.time if units else 'unit of time'}: {energy.verdict}")
+        lines += [
+            ("energy", f"{energy.initial:.8g} at the start, {energy.final:.8g}{unit} at the end"),
+            ("energy error", f"{errors}, of {energy.relative_to}"),
+            ("energy drift", drift or energy.verdict),
+        ]
+    if report.momentum_error is not None:
+        lines.append(("momentum error", f"{report.momentum_error:.1e} of the sum of m |v|"))
     if report.angular_momentum_error is not None:
         lines.append(("angular momentum", f"error {report.angular_momentum_error:.1e} of the sum of m |x × v|"))
-    if report.temperature is not None:
+    if units and report.temperature is not None:
         lines.append(("temperature", f"{report.temperature:.5g} {units.temperature} (mean)"))
-    if report.pressure is not None:
+    if units and report.pressure is not None:
         lines.append(("pressure", f"{report.pressure:.5g} {units.energy}/{units.length}^3 (mean)"))
+    evaluations = f"{report.force_evaluations:,} evaluations, " if not units or report.dt is None else ""
     per_pair = f", {report.ns_per_pair:.1f} ns per pair" if report.ns_per_pair else ""
-    lines.append(("speed", f"{report.steps_per_second:,.0f} steps/s on {counted(report.threads, 'thread')}{per_pair}"))
+    threads = counted(report.threads, "thread")
+    lines.append(("speed", f"{evaluations}{report.steps_per_second:,.0f} steps/s on {threads}{per_pair}"))
     if output:
         lines.append(("written", str(output)))
     for key, text in lines:
@@ -146,28 +164,37 @@ def print_claims(rows: list[Any], claimed: dict[str, str]) -> None:
     print_table("RMS energy error over 10^6 steps", ["method", "dt", "claimed in the literature", "measured"], body)
 
 
-def print_system(system: System) -> None:
+def print_system(system: System | Problem) -> None:
     """What a system file says, checked."""
-    units = system.units
-    box = (
-        "open"
-        if system.box.lengths is None
-        else " x ".join(f"{edge:.6g}" for edge in system.box.lengths) + f" {units.length}"
-    )
-    print(f"{'system':17} {system.name}: valid")
-    print(f"{'particles':17} {len(system):,} ({', '.join(system.species)})")
-    print(f"{'box':17} {box}")
-    print(
-        f"{'units':17} {units.name}: length {units.length}, time {units.time}, mass {units.mass}, energy {units.energy}"
-    )
-    for force in system.forces:
-        print(f"{'force':17} {force}")
+    from kickdrift.system import System
+
+    lines = [("system", f"{system.name}: valid")]
+    if isinstance(system, System):
+        units, edges = system.units, system.box.lengths
+        box = "open" if edges is None else " x ".join(f"{edge:.6g}" for edge in edges) + f" {units.length}"
+        lines += [
+            ("particles", f"{len(system):,} ({', '.join(system.species)})"),
+            ("box", box),
+            (
+                "units",
+                f"{units.name}: length {units.length}, time {units.time}, mass {units.mass}, energy {units.energy}",
+            ),
+            *(("force", str(force)) for force in system.forces),
+        ]
+    else:
+        about = [key for key in ("jacobian", "energy", "exact") if getattr(system, key)]
+        lines += [
+            ("problem", f"{counted(len(system), 'unknown')}, separable: {'yes' if system.separable else 'no'}"),
+            ("y0", f"{', '.join(f'{value:.10g}' for value in system.y0)} at t = {system.t0:g}"),
+            ("known", ", ".join(about) or "nothing besides f"),
+        ]
     given = {key: value for key, value in vars(system.run).items() if value is not None}
-    print(f"{'run':17} {', '.join(f'{key} = {value}' for key, value in given.items())}")
-    if system.equilibration:
-        print(
-            f"{'equilibrate':17} {', '.join(f'{key} = {value}' for key, value in vars(system.equilibration).items())}"
-        )
+    lines.append(("run", ", ".join(f"{key} = {value}" for key, value in given.items())))
+    if isinstance(system, System) and system.equilibration:
+        wanted = vars(system.equilibration).items()
+        lines.append(("equilibrate", ", ".join(f"{key} = {value}" for key, value in wanted)))
+    for key, text in lines:
+        print(f"{key:17} {text}")
 
 
 def print_table(title: str | None, columns: list[str], rows: list[list[str]]) -> None:

@@ -140,8 +140,13 @@ def _energy(record: Record, even: bool) -> EnergyReport | None:
     kinetic = samples[0].energies.kinetic
     error = energy_error(total, 0.0 if np.isnan(kinetic) else kinetic)
     scale = {"initial energy": abs(error.initial), "kinetic energy": kinetic}.get(error.relative_to, 1.0)
-    chosen = record.even() if even else samples  # an adaptive run's samples are as even as its steps allow
-    trend = drift([s.time for s in chosen], [(s.energies.total - error.initial) / scale for s in chosen])
+    chosen = record.even() if even else samples
+    times = np.array([s.time for s in chosen])
+    errors = np.array([(s.energies.total - error.initial) / scale for s in chosen])
+    if not even and len(times) > 2:  # an adaptive run's samples stand at its step points, about evenly
+        grid = np.linspace(times[0], times[-1], len(times))
+        times, errors = grid, np.interp(grid, times, errors)
+    trend = drift(times, errors)
     return EnergyReport(
         **asdict(error), drift_per_unit_time=trend.slope, drift_error=trend.error, verdict=trend.verdict
     )

@@ -375,7 +375,7 @@ class Simulation:
             "threads": self.threads,
             "seed": self.system.seed,
             "engine": "native",
-            **self.options.extras(),
+            **self.options.extras(self.method.adaptive),
         }
         writer = Writer(path, self.system, method=method, every=cadence, overwrite=overwrite)
         self._files[path] = (writer.run_id, cadence)

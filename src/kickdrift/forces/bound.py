@@ -15,8 +15,7 @@ from kickdrift.forces.pair_kernel import PairKernel, grown
 from kickdrift.state import Floats
 
 if TYPE_CHECKING:
-    from kickdrift.problem import Problem
-    from kickdrift.system import System
+    pass
 
 
 class Measured(NamedTuple):
@@ -37,14 +36,14 @@ def check_threads(threads: int) -> None:
 
 
 class BoundForces:
-    """The forces of a System with their pair lists, which live as long as this object.
+    """The forces of a System, or of what stands for one, with their pair lists, which live as long as this object.
 
     The lists make the sums of one instance depend on what it was asked before (to round-off), so the run loop has one
     that nobody else touches, and observers another. Between two calls in a run no particle may move further than a pair
     force reaches (the run has blown up then); with ``jumps`` it may.
     """
 
-    def __init__(self, system: System | Problem, threads: int = 1, jumps: bool = True) -> None:
+    def __init__(self, system: Any, threads: int = 1, jumps: bool = True) -> None:
         check_threads(threads)
         self.threads = threads
         self.forces: tuple[Any, ...] = tuple(force.bind(system, threads) for force in system.forces)

@@ -34,16 +34,34 @@ class Method:
     source: str
     use: str
     family: ClassVar[str]
-    symplectic: Any = False
-    reversible: Any = False
-    adaptive: Any = False
-    separable: ClassVar[bool] = False
-    trial_steps: Any = False
-    rescalable: ClassVar[bool] = False
 
     @property
     def evaluations(self) -> int:
         return 0
+
+    @property
+    def symplectic(self) -> bool:
+        return False
+
+    @property
+    def reversible(self) -> bool:
+        return False
+
+    @property
+    def adaptive(self) -> bool:
+        return False
+
+    @property
+    def separable(self) -> bool:
+        return False
+
+    @property
+    def trial_steps(self) -> bool:
+        return self.adaptive
+
+    @property
+    def rescalable(self) -> bool:
+        return False
 
     @property
     def tunable(self) -> tuple[str, ...]:

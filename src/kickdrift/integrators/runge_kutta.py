@@ -96,11 +96,6 @@ class Tableau(Method):
         return bool(self.errors)
 
     @property
-    def trial_steps(self) -> bool:
-        """A step that fails may have gone far astray."""
-        return self.adaptive
-
-    @property
     def rescalable(self) -> bool:
         """Nothing is kept from step to step, but by a step control."""
         return not self.adaptive

@@ -42,9 +42,10 @@ class Options:
     compensated: bool = False
     iteration: str | None = None
 
-    def extras(self) -> dict[str, Any]:
-        """What was said besides dt, for a run's file."""
-        return {key: value for key, value in asdict(self).items() if key != "dt" and value}
+    def extras(self, adaptive: bool) -> dict[str, Any]:
+        """What a run's file should say besides dt."""
+        said = {key: value for key, value in asdict(self).items() if key != "dt" and value}
+        return said | dict(zip(("rtol", "atol"), self.tolerances, strict=True)) if adaptive else said
 
     @property
     def tolerances(self) -> tuple[float, float]:
@@ -56,10 +57,16 @@ class Stepper(Protocol):
     """An integration under way."""
 
     y: Floats
-    time: float
     steps_done: int
-    counts: Counts
     trouble: str
+
+    @property
+    def time(self) -> float:
+        """Of the last step point."""
+
+    @property
+    def counts(self) -> Counts:
+        """What it cost since it was made."""
 
     def reset(self, y: Floats, time: float, steps: int) -> None:
         """Begin anew at y."""

@@ -24,6 +24,7 @@ Positions and times are those of the run times the factors in ``kickdrift/units`
 
 from __future__ import annotations
 
+import math
 import os
 import time
 import uuid
@@ -68,7 +69,7 @@ class Writer:
         Names this run; whoever knows it may continue the file (`append_to`).
     report : dict or None
         Set it before the file is closed, and it is stored as JSON; a file without one is that of an unfinished run.
-    last_step, last_frame_step : int or None
+    last_sample, last_frame : (step, time) or None
         Steps of the last sample and of the last frame appended.
     """
 
@@ -131,31 +132,32 @@ class Writer:
         self._rows = Rows(self._file)
         own["closed"][0] = 0
         self._file.flush()
-        self.last_step, self.last_frame_step = self._rows.last_step, self._rows.last_frame_step
+        self.last_sample, self.last_frame = self._rows.last_sample, self._rows.last_frame
         self._clear()
 
     def append(self, state: State, observables: Mapping[str, ArrayLike] | None = None, *, frame: bool = True) -> None:
         """Add a sample of the observables at the state's time and, if ``frame``, positions and velocities.
 
-        Observables are numbers or arrays in the system's units, the same names each time. A step that the file
-        already ends with is not written twice; one before it is an InputError.
+        Observables are numbers or arrays in the system's units, the same names each time. A step and time
+        that the file already ends with are not written twice; what lies before is an InputError.
         """
         if self._file is None:
             raise RunError(f"{self.path}: the file is closed")
         step, values = state.steps_done, {name: np.array(v, "f8") for name, v in (observables or {}).items()}
-        if self.last_step is not None and step < self.last_step:
-            raise InputError(f"{self.path}: ends at step {self.last_step}; step {step} cannot follow it")
+        last = self.last_sample
+        if last is not None and (step < last[0] or (step == last[0] and before(state.time, last[1]))):
+            raise InputError(f"{self.path}: ends at step {last[0]}; step {step} cannot follow it")
         if wrong := self._rows.check(values):
             raise InputError(wrong)
-        if frame and step != self.last_frame_step:
+        if frame and not same(self.last_frame, step, state.time):
             x, v = self._in_order(state)
             self._frames.append(FrameRow(step, state.time, x, v, state.box.lengths, values))
             self._buffered += x.nbytes + v.nbytes
-            self.last_frame_step = step
-        if step != self.last_step:
+            self.last_frame = step, state.time
+        if not same(last, step, state.time):
             self._samples.append(SampleRow(step, state.time, values))
             self._buffered += 16 + sum(value.nbytes for value in values.values())
-            self.last_step = step
+            self.last_sample = step, state.time
         if self._buffered >= self.flush_bytes or time.monotonic() - self._flushed_at >= self.flush_seconds:
             self.flush()
 
@@ -203,8 +205,8 @@ class Writer:
             raise RunError(f"{self.path}: was removed or replaced while the run was writing to it") from None
         except RunError as error:
             self._failed = True
-            frames, step = self._rows.frames, self._rows.last_frame_step
-            kept = "holds no frame yet" if step is None else f"holds {frames} frames, up to step {step}"
+            frames, last = self._rows.frames, self._rows.last_frame
+            kept = "holds no frame yet" if last is None else f"holds {frames} frames, up to step {last[0]}"
             raise RunError(f"{error}; the file is whole and {kept}") from None
 
     def close(self) -> None:
@@ -242,3 +244,16 @@ class Writer:
         except RunError:
             if error is None:  # else the first error is the one to tell
                 raise
+
+
+ROUNDING = 1e-12  # relative, of times that went through the file's units
+
+
+def same(point: tuple[int, float] | None, step: int, time: float) -> bool:
+    """Whether a (step, time) is the one given; an adaptive run may look at several times inside one step."""
+    return point is not None and point[0] == step and math.isclose(point[1], time, rel_tol=ROUNDING)
+
+
+def before(time: float, other: float) -> bool:
+    """Whether a time lies before another by more than rounding."""
+    return time < other and not math.isclose(time, other, rel_tol=ROUNDING)

@@ -73,12 +73,18 @@ class Rows:
                     data.resize(rows, axis=0)
 
     @property
-    def last_frame_step(self) -> int | None:
-        return int(self._file[TRAJECTORY]["position/step"][self.frames - 1]) if self.frames else None
+    def last_frame(self) -> tuple[int, float] | None:
+        """Step and time."""
+        place = self._file[TRAJECTORY]["position"]
+        return self._last(place, self.frames, self._factors.time)
 
     @property
-    def last_step(self) -> int | None:
-        return int(self._file[SAMPLES]["step"][self.samples - 1]) if self.samples else None
+    def last_sample(self) -> tuple[int, float] | None:
+        """Step and time."""
+        return self._last(self._file[SAMPLES], self.samples, 1.0)
+
+    def _last(self, group: h5py.Group, rows: int, factor: float) -> tuple[int, float] | None:
+        return (int(group["step"][rows - 1]), float(group["time"][rows - 1]) / factor) if rows else None
 
     def room(self, size: int, samples: int) -> int:
         """The most bytes that ``size`` bytes of rows can take: rounded up to whole chunks, and HDF5's tables."""

@@ -1,0 +1,190 @@
+"""Integrators of the user's own: rows of numbers, or a step in Python that is compiled into the loop."""
+
+from __future__ import annotations
+
+import sys
+from collections import namedtuple
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from importlib.util import module_from_spec, spec_from_file_location
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from kickdrift.errors import InputError
+from kickdrift.integrators import INTEGRATORS
+from kickdrift.integrators.method import Method
+from kickdrift.integrators.runge_kutta import Tableau
+from kickdrift.integrators.splitting import Splitting
+
+if TYPE_CHECKING:
+    from kickdrift.flow import Flow
+    from kickdrift.integrators.stepping import Options, Stepper
+
+REGISTERED: set[str] = set()  # the names that did not come with kickdrift
+
+
+@dataclass(frozen=True)
+class CompiledStep(Method):
+    """A user's step function, compiled into a loop of its own; see ``register_step``."""
+
+    name: str
+    function: Callable[..., None]
+    order: int
+    source: str
+    use: str = ""
+    evaluations: int = 1
+    symplectic: bool = False
+    reversible: bool = False
+    separable: bool = True
+    kind: Any = field(default=None, repr=False)
+
+    family = "compiled step"
+
+    @property
+    def tunable(self) -> tuple[str, ...]:
+        return ()
+
+    def stepper(self, flow: Flow, options: Options) -> Stepper:
+        from kickdrift.integrators.custom import custom_loop
+        from kickdrift.integrators.stepping import FixedStepper
+
+        if flow.halves != 2:
+            raise InputError(f"{self.name}: a compiled step needs positions and velocities; {flow.not_separable}")
+        return FixedStepper(flow, custom_loop, self.kind(0.0), lambda shape: np.zeros((3, *shape[1:])), options)
+
+
+def register_splitting(
+    name: str,
+    kick: Sequence[float],
+    drift: Sequence[float],
+    *,
+    first: str = "kick",
+    order: int,
+    source: str,
+    use: str = "",
+    overwrite: bool = False,
+) -> None:
+    """Add a splitting method: velocities are kicked by ``kick`` and positions drift by ``drift``, in turn.
+
+    Parameters
+    ----------
+    name : a new one; with ``overwrite``, one that was registered before
+    kick, drift : weights of dt, each adding up to one
+    first : "kick" or "drift"
+    order : the power of dt in the global error
+    source : author, year, DOI
+    use : what it is good for, for ``kickdrift list integrators``
+
+    Raises
+    ------
+    InputError
+        Where the weights make no method, or the name is taken.
+    """
+    _register(
+        Splitting(name, _row(name, "kick", kick), _row(name, "drift", drift), first, order, source, use), overwrite
+    )
+
+
+def register_tableau(
+    name: str,
+    a: Sequence[Sequence[float]],
+    b: Sequence[float],
+    *,
+    order: int,
+    source: str,
+    use: str = "",
+    errors: Sequence[Sequence[float]] = (),
+    error_order: int = 0,
+    overwrite: bool = False,
+) -> None:
+    """Add an explicit Runge-Kutta method: ``a`` the rows below the diagonal from the second stage on, ``b`` the
+    weights.
+
+    ``errors`` and ``error_order`` make it adaptive: one row of weights of the error estimate, for the stages and for
+    f(t + dt, y_new), and the order of the solution that the estimate compares with. The others are as in
+    ``register_splitting``.
+    """
+    rows = tuple(_row(name, "a", row) for row in a)
+    estimates = tuple(_row(name, "errors", row) for row in errors)
+    _register(Tableau(name, rows, _row(name, "b", b), order, source, use, estimates, error_order), overwrite)
+
+
+def register_step(
+    name: str,
+    *,
+    order: int,
+    source: str,
+    evaluations: int = 1,
+    symplectic: bool = False,
+    reversible: bool = False,
+    separable: bool = True,
+    use: str = "",
+    overwrite: bool = False,
+) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Decorator that adds a method whose step is a Python function, compiled with the forces at native speed.
+
+    The function is ``step(forces, t, x, v, a, dt)``: it changes positions ``x`` and velocities ``v``, arrays of shape
+    (rows, n), in place, from t to t + dt. ``kd.accelerations(forces, t, x, v, a)`` fills ``a``; what is in ``a`` from
+    the last step is not to be relied on. ``separable=False`` says that it copes with forces that depend on velocity.
+    """
+
+    def register(function: Callable[..., None]) -> Callable[..., None]:
+        kind = namedtuple("Step_" + "".join(c if c.isalnum() else "_" for c in name), ["unused"])  # type: ignore[misc]
+        kind.__module__ = function.__module__  # what is compiled around it is kept apart by its source
+        kind.kernel_sources = (function,)  # type: ignore[attr-defined]
+        _register(
+            CompiledStep(name, function, order, source, use, evaluations, symplectic, reversible, separable, kind),
+            overwrite,
+        )
+        return function
+
+    return register
+
+
+def unregister(name: str) -> None:
+    """Take a registered method away again."""
+    if name not in REGISTERED:
+        raise InputError(f"integrator {name!r} was not registered")
+    REGISTERED.discard(name)
+    del INTEGRATORS[name]
+
+
+def load_file(path: Path) -> None:
+    """Run a Python file that registers methods; an InputError of one line where it fails."""
+    if not path.is_file():
+        raise InputError(f"{path}: no such file")
+    spec = spec_from_file_location(path.stem, path)
+    if spec is None or spec.loader is None:
+        raise InputError(f"{path}: is not a Python file")
+    module = module_from_spec(spec)
+    sys.modules.setdefault(path.stem, module)
+    try:
+        spec.loader.exec_module(module)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+    except Exception as error:
+        raise InputError(f"{path}: {type(error).__name__}: {' '.join(str(error).split())}") from error
+
+
+def _row(name: str, key: str, weights: Sequence[float]) -> tuple[float, ...]:
+    try:
+        return tuple(float(weight) for weight in weights)
+    except (TypeError, ValueError):
+        raise InputError(f"{name}: {key} must be a row of numbers, got {weights!r}") from None
+
+
+def _register(method: Method, overwrite: bool) -> None:
+    name = method.name
+    if not (isinstance(name, str) and name and name == name.strip()):
+        raise InputError(f"an integrator's name must be a word, got {name!r}")
+    if name in INTEGRATORS and not (overwrite and name in REGISTERED):
+        hint = "; overwrite=True replaces it" if name in REGISTERED else ""
+        raise InputError(f"integrator {name!r} exists already{hint}")
+    if not (isinstance(method.order, int) and method.order >= 1):
+        raise InputError(f"{name}: order must be a whole number, one or more, got {method.order!r}")
+    if not method.source:
+        raise InputError(f"{name}: source must say where the method was published")
+    INTEGRATORS[name] = method
+    REGISTERED.add(name)
