@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -66,8 +66,6 @@ class Problem:
     source: str = ""
     equation: str = ""
     parameters: Mapping[str, Any] = field(default_factory=dict)
-
-    equilibration: ClassVar[None] = None  # that is for particles
 
     def __init__(
         self,

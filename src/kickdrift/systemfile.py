@@ -1,4 +1,4 @@
-"""System files: TOML to System or Problem. Every error is an InputError of one line: file, key path, what was expected."""
+"""System files: TOML to System or Problem. Every error is an InputError of one line: file, key, what was expected."""
 
 from __future__ import annotations
 
