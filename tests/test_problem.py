@@ -1,6 +1,7 @@
 """Problems: what f may be and return, what is refused, and how adaptive methods go along their steps."""
 
 import math
+import re
 
 import numba
 import numpy as np
@@ -115,41 +116,37 @@ def test_time_reaches_f():
 
 
 def test_a_function_that_does_not_compile_is_told_with_numbas_line():
-    def dictionary(t, y):
-        return {"y": y}["z" if t > 1e9 else "y"] @ object()
-
-    def attribute(t, y):
+    def f(t, y):
         return y.nothing if t > 0 else -y
 
-    for f, telling in ((attribute, "nothing"),):
-        problem = kd.Problem(f, [1.0], name="mine")
-        with pytest.raises(kd.InputError) as error:
-            kd.Simulation(problem)
-        message = str(error.value)
-        assert "\n" not in message
-        assert message.startswith("mine: f does not compile: ")
-        assert telling in message
-        assert "compiled=False runs it as plain Python" in message
-    with pytest.raises(kd.InputError, match=r"f\(t0, y0\) raised TypeError: "):
-        kd.Problem(dictionary, [1.0])
+    with pytest.raises(kd.InputError) as error:
+        kd.Simulation(kd.Problem(f, [1.0], name="mine"))
+    message = str(error.value)
+    assert "\n" not in message
+    assert message.startswith("mine: f does not compile: ")
+    assert "Unknown attribute 'nothing'" in message
+    assert "test_problem.py" in message
+    assert "compiled=False runs it as plain Python" in message
 
 
 def test_what_python_raises_inside_f_is_one_line():
     def fails(t, y):
         if t > 0.5:
-            raise KeyError("no such\nspecies")
+            raise ArithmeticError("no such\nspecies")
         return -y
 
-    sim = kd.Simulation(kd.Problem(fails, [1.0], compiled=False), "rk4", dt=0.1)
-    with pytest.raises(kd.RunError, match=r"^rk4, dt = 0.1: step \d+ \(t = 0\.\d+\): f raised KeyError: ") as error:
-        sim.run(until=1.0)
-    assert "\n" not in str(error.value)
-    assert isinstance(error.value.__cause__, KeyError)
-    assert sim.time == 0.0
-    sim = kd.Simulation(kd.Problem(fails, [1.0], compiled=False))
-    with pytest.raises(kd.RunError, match="f raised KeyError: ") as error:
-        sim.run(until=1.0)
-    assert "\n" not in str(error.value)
+    problem = kd.Problem(fails, [1.0], compiled=False)
+    for integrator, step in (("rk4", {"dt": 0.1}), ("dormand-prince45", {}), ("dop853", {})):
+        sim = kd.Simulation(problem, integrator, **step)
+        sim.run(until=0.3)
+        state = sim.state
+        with pytest.raises(kd.RunError) as error:
+            sim.run(until=1.0, every=100)
+        how = ", dt = 0.1" if step else ""
+        line = rf"{integrator}{how}: step \d+ \(t = 0\.\d+\): f raised ArithmeticError: no such species"
+        assert re.fullmatch(line, str(error.value))
+        assert isinstance(error.value.__cause__, ArithmeticError)
+        assert (sim.time, sim.state.y.tolist()) == (state.time, state.y.tolist())
 
 
 def test_ctrl_c_inside_python_code_is_not_swallowed():
@@ -162,7 +159,7 @@ def test_ctrl_c_inside_python_code_is_not_swallowed():
         return -y
 
     sim = kd.Simulation(kd.Problem(interrupted, [1.0], compiled=False))
-    with pytest.raises((kd.RunError, KeyboardInterrupt)):
+    with pytest.raises(KeyboardInterrupt):
         sim.run(until=50.0)
 
 
