@@ -73,7 +73,9 @@ def benchmark_system(particles: int) -> System:
     text = Path(find("lj-1000-switch")).read_text(encoding="utf-8")
     if particles != 1000:
         text = text.replace("count = 1000", f"count = {particles}")
-    return loads(text, f"lj-{particles}-switch")
+    system = loads(text, f"lj-{particles}-switch")
+    assert isinstance(system, System)
+    return system
 
 
 def plan(system: System, methods: Sequence[str], steps: int, threads: int = 1) -> Plan:

@@ -11,7 +11,7 @@ import numpy as np
 
 from kickdrift.blow_up import explain
 from kickdrift.builders import check_overlaps
-from kickdrift.errors import InputError, RunError
+from kickdrift.errors import InputError
 from kickdrift.forces.bound import BoundForces
 from kickdrift.observers import Energies, Record, Sample, take_sample
 from kickdrift.problem import Problem, ProblemState
@@ -23,6 +23,8 @@ NEWTON_UNKNOWNS = 3000  # at most, for a dense Jacobian
 
 class ParticleFlow:
     """A System's particles under its forces."""
+
+    raised: BaseException | None = None
 
     def __init__(self, system: System, threads: int, jumps: bool) -> None:
         check_overlaps(system)
@@ -106,6 +108,11 @@ class ProblemFlow:
             raise InputError("state: y must be finite")
         return y.reshape((self.halves, 1, -1))
 
+    @property
+    def raised(self) -> BaseException | None:
+        """What Python code in f raised."""
+        return self._callback.error
+
     def begin(self, record: Record, y: Floats) -> None:
         """Nothing but the samples is compared."""
 
@@ -130,10 +137,9 @@ class ProblemFlow:
         return value.reshape(len(self.subject), -1)
 
     def explain(self, y: Floats, before: Floats, good: Floats, step: int, time: float, good_step: int) -> str:
-        """One line on what blew up; the error that f raised, where it did."""
-        if (error := self._callback.error) is not None:
-            self._callback.error = None
-            raise RunError(f"step {step} (t = {time:.6g}): f raised {type(error).__name__}: {error}") from error
+        """One line on what blew up, or on what f raised."""
+        if (error := self.raised) is not None:
+            return " ".join(f"step {step} (t = {time:.6g}): f raised {type(error).__name__}: {error}".split())
         flat = y.reshape(-1)
         bad = np.flatnonzero(~np.isfinite(flat))
         worst = int(bad[0]) if bad.size else int(np.argmax(np.abs(flat)))

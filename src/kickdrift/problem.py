@@ -48,6 +48,7 @@ class Problem:
     exact : exact(t) -> (n,), the solution in closed form
     compiled : False runs f as plain Python, slowly
     name, run, invariants, source : as a System has them
+    equation, parameters : the name in ``kickdrift.odes.ODES`` that a system file gave, and what its factory took
 
     Raises
     ------
@@ -67,6 +68,8 @@ class Problem:
     run: RunDefaults = field(default_factory=RunDefaults)
     invariants: Mapping[str, Any] = field(default_factory=dict)
     source: str = ""
+    equation: str = ""
+    parameters: Mapping[str, Any] = field(default_factory=dict)
 
     def __init__(
         self,
@@ -83,9 +86,11 @@ class Problem:
         run: RunDefaults | None = None,
         invariants: Mapping[str, Any] | None = None,
         source: str = "",
+        equation: str = "",
+        parameters: Mapping[str, Any] | None = None,
     ) -> None:
         put = object.__setattr__
-        start = _numbers(f"{name}: y0", y0)
+        start = finite_numbers(f"{name}: y0", y0)
         if start.ndim != 1 or not start.size:
             raise InputError(f"{name}: y0 must be one row of numbers, got shape {start.shape}")
         if separable and start.size % 2:
@@ -99,13 +104,14 @@ class Problem:
             ("f", f), ("y0", read_only(start)), ("jacobian", jacobian), ("t0", float(t0)), ("separable", separable),
             ("energy", energy), ("exact", exact), ("compiled", compiled), ("name", name),
             ("run", run or RunDefaults()), ("invariants", dict(invariants or {})), ("source", source),
+            ("equation", equation), ("parameters", dict(parameters or {})),
         ):  # fmt: skip
             put(self, key, value)
         n = len(start)
-        self._check("f", f(self.t0, start.copy()), (n,))
+        slope = self._checked("f", f, (n,))
         if jacobian is not None:
-            self._check("jacobian", jacobian(self.t0, start.copy()), (n, n))
-        if separable and not np.array_equal(np.asarray(f(self.t0, start.copy()))[: n // 2], start[n // 2 :]):
+            self._checked("jacobian", jacobian, (n, n))
+        if separable and not np.array_equal(slope[: n // 2], start[n // 2 :]):
             raise InputError(f"{name}: separable means that the first half of f is the second half of y")
 
     def __len__(self) -> int:
@@ -123,13 +129,21 @@ class Problem:
         """Where it starts."""
         return ProblemState(self.y0, self.t0)
 
-    def _check(self, key: str, value: Any, shape: tuple[int, ...]) -> None:
-        found = _numbers(f"{self.name}: {key}(t0, y0)", value)
+    def _checked(self, key: str, function: Function, shape: tuple[int, ...]) -> Floats:
+        """What the function gives at the start."""
+        try:
+            value = function(self.t0, self.y0.copy())
+        except Exception as error:  # whatever a user's function raises
+            line = " ".join(f"{type(error).__name__}: {error}".split())
+            raise InputError(f"{self.name}: {key}(t0, y0) raised {line}") from error
+        found = finite_numbers(f"{self.name}: {key}(t0, y0)", value)
         if found.shape != shape:
             raise InputError(f"{self.name}: {key} must return shape {shape}, as y0 has it, got {found.shape}")
+        return found
 
 
-def _numbers(key: str, values: ArrayLike) -> Floats:
+def finite_numbers(key: str, values: ArrayLike) -> Floats:
+    """The values as an array; an InputError that begins with ``key`` where they are not finite numbers."""
     try:
         array = np.array(values, dtype=float)
     except (TypeError, ValueError) as error:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+from collections.abc import Callable
 from dataclasses import is_dataclass
 from functools import cache
 from typing import Annotated, Any, Literal, get_type_hints
@@ -191,6 +192,30 @@ class SystemTable(Table):
     invariants: dict[str, Any] = {}
 
 
+class OdeRunTable(RunTable):
+    """Times without a unit."""
+
+    dt: PositiveFloat | None = None
+    time: PositiveFloat | None = None
+
+
+class OdeFileTable(Table):
+    title: str = ""
+    ode: dict[str, Any]  # checked against the factory that its ``problem`` names
+    run: OdeRunTable = OdeRunTable()
+    invariants: dict[str, Any] = {}
+
+
+@cache
+def ode_table(factory: Callable[..., Any]) -> type[Table]:
+    """The table [ode] of a factory of Problems: its parameters."""
+    hints = get_type_hints(factory)
+    fields: dict[str, Any] = {"problem": (str, ...)}
+    for key, parameter in inspect.signature(factory).parameters.items():
+        fields[key] = (list[float] if key == "y0" else hints[key], parameter.default)
+    return create_model(factory.__name__, __base__=Table, **fields)
+
+
 @cache
 def force_table(cls: type) -> type[Table]:
     """The table of a force: the parameters of its constructor, converted as its ``dimensions`` say."""
@@ -218,7 +243,7 @@ def force_table(cls: type) -> type[Table]:
     return create_model(cls.__name__, __base__=Table, **fields)
 
 
-def checked(model: type[Table], data: Any, units: UnitSystem, path: str = "") -> Any:
+def checked(model: type[Table], data: Any, units: UnitSystem | None, path: str = "") -> Any:
     """The table that ``data`` fills, in ``units``; else an InputError of one line that starts with the key path."""
     try:
         return model.model_validate(data, context={"units": units})

@@ -68,6 +68,8 @@ class Simulation:
         compensated: bool = False,
         iteration: str | None = None,
     ) -> None:
+        if not hasattr(system, "run"):
+            raise InputError(f"a Simulation takes a System or a Problem, got {type(system).__name__}")
         default = "velocity-verlet" if isinstance(system, System) else "dormand-prince45"
         self.integrator = integrator or system.run.integrator or default
         self.method = method_named(self.integrator)
@@ -339,7 +341,10 @@ class Simulation:
         self.record.steps -= stepper.steps_done - last.steps_done
         stepper.reset(good, last.time, last.steps_done)
         self._at = None
-        raise RunError(f"{self.integrator}{with_step}: {message}")
+        raised = self._flow.raised
+        if raised is not None and not isinstance(raised, Exception):
+            raise raised  # KeyboardInterrupt, SystemExit
+        raise RunError(f"{self.integrator}{with_step}: {message}") from raised
 
     def _look(self, writer: Writer | None = None, observe: Observer | None = None, again: bool = True) -> None:
         """Sample, write and show the present state."""

@@ -1,4 +1,4 @@
-"""System files: TOML to System. Every error is an InputError of one line: the file, the key path, what was expected."""
+"""System files: TOML to System or Problem. Every error is an InputError of one line: file, key, what was expected."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import os
 import tomllib
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -14,16 +15,21 @@ import numpy as np
 from kickdrift.builders import Structure, check_overlaps, lattice, maxwell_boltzmann, mixture, read_structure
 from kickdrift.errors import InputError
 from kickdrift.forces import FORCES
+from kickdrift.problem import Problem
 from kickdrift.schema import (
     LatticeTable,
+    OdeFileTable,
     PositionsTable,
     SystemTable,
     checked,
     force_table,
+    ode_table,
 )
 from kickdrift.state import Floats
 from kickdrift.system import Equilibration, RunDefaults, System
 from kickdrift.units import UNIT_SYSTEMS, UnitSystem, number_density, shown, suggestion, unit_system
+
+_BESIDE_ODE = tuple(key for key in OdeFileTable.model_fields if key != "ode")
 
 
 class Description(NamedTuple):
@@ -35,8 +41,8 @@ class Description(NamedTuple):
     units: str
 
 
-def load(name_or_path: str | os.PathLike[str], seed: int | None = None) -> System:
-    """The System of a TOML file, or of the bare name of one that ships (``lj-1000``).
+def load(name_or_path: str | os.PathLike[str], seed: int | None = None) -> System | Problem:
+    """The System of a TOML file, or of the bare name of one that ships (``lj-1000``); a Problem where it has [ode].
 
     Parameters
     ----------
@@ -51,13 +57,15 @@ def load(name_or_path: str | os.PathLike[str], seed: int | None = None) -> Syste
     path = find(name_or_path)
     with _named(f"{path}: "):
         text = _text(path)
-        return _system(_parsed(text), path, text, seed)
+        return _subject(_parsed(text), path, text, seed)
 
 
-def loads(text: str, name: str = "system", seed: int | None = None, folder: str | os.PathLike[str] = ".") -> System:
-    """The System of a system file's text; structure files in it are looked for in ``folder``."""
+def loads(
+    text: str, name: str = "system", seed: int | None = None, folder: str | os.PathLike[str] = "."
+) -> System | Problem:
+    """The System or Problem of a system file's text; structure files in it are looked for in ``folder``."""
     with _named(f"{name}: "):
-        return _system(_parsed(text), Path(folder) / f"{name}.toml", text, seed)
+        return _subject(_parsed(text), Path(folder) / f"{name}.toml", text, seed)
 
 
 def shipped() -> dict[str, Path]:
@@ -123,6 +131,39 @@ def _parsed(text: str) -> dict[str, Any]:
         raise InputError(f"not valid TOML: {' '.join(str(error).split())}") from None
     except RecursionError:
         raise InputError("not valid TOML: nested too deeply") from None
+
+
+def _subject(data: dict[str, Any], path: Path, text: str, seed: int | None) -> System | Problem:
+    return _problem(data, path, text, seed) if "ode" in data else _system(data, path, text, seed)
+
+
+def _problem(data: dict[str, Any], path: Path, text: str, seed: int | None) -> Problem:
+    for key in data:
+        if key in SystemTable.model_fields and key not in OdeFileTable.model_fields:
+            raise InputError(f"{key}: does not go with ode; beside it stand {', '.join(_BESIDE_ODE)}")
+    table: OdeFileTable = checked(OdeFileTable, data, None)
+    if seed is not None:
+        raise InputError("seed: an ode draws no velocities; expected a system with velocities.temperature")
+    from kickdrift.odes import ODES
+
+    if "problem" not in table.ode:
+        raise InputError(f"ode.problem: required key is missing; expected one of {', '.join(ODES)}")
+    name = table.ode["problem"]
+    if not isinstance(name, str) or name not in ODES:
+        raise InputError(f"ode.problem: expected one of {', '.join(ODES)}, got {shown(name)}{suggestion(name, ODES)}")
+    given = checked(ode_table(ODES[name]), table.ode, None, "ode")
+    parameters = {key: value for key, value in given if key != "problem"}
+    with _named("ode."):
+        made = ODES[name](**parameters)
+    return replace(
+        made,
+        name=path.stem,
+        run=RunDefaults(**table.run.model_dump()),
+        invariants=table.invariants,
+        source=text,
+        equation=name,
+        parameters={key: value for key, value in parameters.items() if key not in ("y0", "t0")},
+    )
 
 
 def _system(data: dict[str, Any], path: Path, text: str, seed: int | None) -> System:

@@ -15,7 +15,7 @@ from numba.extending import intrinsic, overload
 from numpy.typing import NDArray
 
 from kickdrift.errors import InputError
-from kickdrift.forces.kernel import BLOWN_UP, OK, kernel
+from kickdrift.forces.kernel import OK, RAISED, kernel
 
 if TYPE_CHECKING:
     from kickdrift.problem import Function, Problem
@@ -56,7 +56,7 @@ def right_hand_side(force, t, x, v, a, sums):
         for i in range(m):
             y[m + i] = v[0, i]
     if call_at(force.address, t, y, dy) != 0:
-        return BLOWN_UP
+        return RAISED
     first = m if force.separable else 0
     for i in range(m):
         a[0, i] += dy[first + i]
@@ -80,6 +80,7 @@ class Callback:
             except BaseException as error:  # it must not pass through compiled code
                 self.error = error
                 return 1
+            self.error = None
             return 0
 
         callback = _CALLBACK(call)

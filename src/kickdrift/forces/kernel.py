@@ -16,6 +16,7 @@ from kickdrift.forces.compiling import jit
 from kickdrift.forces.handle import Handle, part
 
 OK, GROW, BLOWN_UP = 0, 1, 2  # what a force evaluation can end in: done, a list has no room, positions make no sense
+RAISED = 4  # Python code inside raised, and no other step is to be tried; 3 is a stepper's STOPPED
 
 KERNELS: dict[type, Any] = {}
 

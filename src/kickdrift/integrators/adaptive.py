@@ -9,7 +9,7 @@ import numpy as np
 from kickdrift.forces.compiling import driver, jit
 from kickdrift.forces.evaluate import EVALUATIONS, SLOTS, fill_derivative
 from kickdrift.forces.handle import handle
-from kickdrift.forces.kernel import GROW, OK
+from kickdrift.forces.kernel import GROW, OK, RAISED
 from kickdrift.integrators.loops import FRESH, REJECTED, STAGE, STEP, stage_state
 from kickdrift.integrators.step_control import (
     FLOOR,
@@ -92,7 +92,7 @@ def adaptive_loop(forces, y, before, work, stages, errors, settings, numbers, cl
             if status != OK:
                 cursor[STAGE] = stage
                 break
-        if status == GROW:
+        if status in (GROW, RAISED):
             return status
         error = np.inf
         if status == OK:

@@ -1,0 +1,397 @@
+"""The differential equations that the literature measures methods by: factories of Problems, by name.
+
+Each takes its starting values ``y0``, its parameters and the time ``t0`` at the start, all with defaults.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from kickdrift.errors import InputError
+from kickdrift.problem import Problem, finite_numbers
+from kickdrift.state import Floats
+
+Numbers = Sequence[float]
+
+
+def harmonic_oscillator(y0: Numbers = (1.0, 0.0), omega: float = 1.0, t0: float = 0.0) -> Problem:
+    """x'' = -omega^2 x; y is (x, x'). Closed form.
+
+    Source: e.g. Hairer, Lubich & Wanner 2006, I.1.1, doi:10.1007/3-540-30666-8."""
+    start = _start(y0, 2)
+    square = float(_positive("omega", omega)) ** 2
+
+    def f(t, y):
+        return y[1], -square * y[0]
+
+    def jacobian(t, y):
+        return [[0.0, 1.0], [-square, 0.0]]
+
+    def energy(t, y):
+        return 0.5 * (y[1] * y[1] + square * y[0] * y[0])
+
+    def exact(t):
+        c, s = math.cos(omega * (t - t0)), math.sin(omega * (t - t0))
+        return [start[0] * c + start[1] / omega * s, start[1] * c - start[0] * omega * s]
+
+    return Problem(f, start, jacobian, t0=t0, separable=True, energy=energy, exact=exact, name="harmonic-oscillator")
+
+
+def pendulum(y0: Numbers = (2.0, 0.0), omega: float = 1.0, t0: float = 0.0) -> Problem:
+    """theta'' = -omega^2 sin(theta), omega^2 = g / l; y is (theta, theta').
+
+    Source: Hairer, Lubich & Wanner 2006, eq. I.1.12, doi:10.1007/3-540-30666-8."""
+    start = _start(y0, 2)
+    square = float(_positive("omega", omega)) ** 2
+
+    def f(t, y):
+        return y[1], -square * math.sin(y[0])
+
+    def jacobian(t, y):
+        return [[0.0, 1.0], [-square * math.cos(y[0]), 0.0]]
+
+    def energy(t, y):
+        return 0.5 * y[1] * y[1] - square * math.cos(y[0])
+
+    return Problem(f, start, jacobian, t0=t0, separable=True, energy=energy, name="pendulum")
+
+
+def kepler(eccentricity: float = 0.5, y0: Numbers | None = None, t0: float = 0.0) -> Problem:
+    """x'' = -x / |x|^3 in the plane; y is (x, y, x', y'). Closed form where the orbit is an ellipse.
+
+    Starts at the pericentre of an ellipse of semi-major axis 1 and period 2 pi, or at ``y0``.
+
+    Source: Hull, Enright, Fellen & Sedgwick 1972, problems D, doi:10.1137/0709052."""
+    if not 0 <= eccentricity < 1:
+        raise InputError(f"eccentricity: expected a number from 0 to below 1, got {eccentricity!r}")
+    e = float(eccentricity)
+    start = _start((1 - e, 0.0, 0.0, math.sqrt((1 + e) / (1 - e))) if y0 is None else y0, 4)
+    if not start[:2].any():
+        raise InputError("y0: the body stands on the centre of attraction")
+
+    def f(t, y):
+        r2 = y[0] * y[0] + y[1] * y[1]
+        pull = -1.0 / (r2 * math.sqrt(r2))
+        return y[2], y[3], pull * y[0], pull * y[1]
+
+    def energy(t, y):
+        return 0.5 * (y[2] * y[2] + y[3] * y[3]) - 1.0 / math.hypot(y[0], y[1])
+
+    bound = energy(t0, start) < 0
+    return Problem(
+        f, start, t0=t0, separable=True, energy=energy, exact=_ellipse(start, t0) if bound else None, name="kepler"
+    )
+
+
+def _ellipse(start: Floats, t0: float) -> Callable[[float], Floats]:
+    """The bound orbit of the Kepler problem through ``start``: Kepler's equation in the difference of eccentric
+    anomaly, and Lagrange's f and g (Danby 1988, Fundamentals of Celestial Mechanics, 6.3)."""
+    x, v = start[:2], start[2:]
+    r0 = float(np.hypot(*x))
+    a = 1.0 / (2.0 / r0 - float(v @ v))
+    n = a**-1.5
+    e_cos, e_sin = 1.0 - r0 / a, float(x @ v) / math.sqrt(a)
+
+    def exact(t: float) -> Floats:
+        mean = math.remainder(n * (t - t0), 2 * math.pi)
+
+        def excess(u: float) -> float:
+            return u - e_cos * math.sin(u) + e_sin * (1.0 - math.cos(u)) - mean
+
+        low, high = mean - 2.0, mean + 2.0  # the difference is below 1 + e
+        while high - low > 1e-3:  # Newton is safe from here on
+            middle = 0.5 * (low + high)
+            low, high = (low, middle) if excess(middle) > 0 else (middle, high)
+        u = 0.5 * (low + high)
+        for _ in range(8):
+            u -= excess(u) / (1.0 - e_cos * math.cos(u) + e_sin * math.sin(u))
+        r = a * (1.0 - e_cos * math.cos(u) + e_sin * math.sin(u))
+        f, g = 1.0 - a / r0 * (1.0 - math.cos(u)), (mean - u + math.sin(u)) / n
+        df, dg = -n * a * a * math.sin(u) / (r * r0), 1.0 - a / r * (1.0 - math.cos(u))
+        return np.concatenate([f * x + g * v, df * x + dg * v])
+
+    return exact
+
+
+def logistic(y0: Numbers = (1.0,), rate: float = 0.25, capacity: float = 20.0, t0: float = 0.0) -> Problem:
+    """y' = rate y (1 - y / capacity). Closed form.
+
+    Source: Verhulst 1838; Hull, Enright, Fellen & Sedgwick 1972, problem A4, doi:10.1137/0709052."""
+    start = _start(y0, 1)
+    _positive("capacity", capacity)
+
+    def f(t, y):
+        return (rate * y[0] * (1.0 - y[0] / capacity),)
+
+    def jacobian(t, y):
+        return [[rate * (1.0 - 2.0 * y[0] / capacity)]]
+
+    def exact(t):
+        return [start[0] * capacity / (start[0] + (capacity - start[0]) * math.exp(-rate * (t - t0)))]
+
+    return Problem(f, start, jacobian, t0=t0, exact=exact, name="logistic")
+
+
+def lotka_volterra(
+    y0: Numbers = (10.0, 5.0),
+    alpha: float = 1.5,
+    beta: float = 1.0,
+    gamma: float = 3.0,
+    delta: float = 1.0,
+    t0: float = 0.0,
+) -> Problem:
+    """x' = alpha x - beta x y, y' = delta x y - gamma y: prey and predators.
+
+    ``energy`` is delta x - gamma ln x + beta y - alpha ln y.
+
+    Source: Lotka 1925; Volterra 1926, doi:10.1038/118558a0; Hairer, Lubich & Wanner 2006, I.1.1,
+    doi:10.1007/3-540-30666-8."""
+    start = _start(y0, 2)
+    if not (start > 0).all():
+        raise InputError(f"y0: expected populations above 0, got {start.tolist()}")
+
+    def f(t, y):
+        return alpha * y[0] - beta * y[0] * y[1], delta * y[0] * y[1] - gamma * y[1]
+
+    def jacobian(t, y):
+        return [[alpha - beta * y[1], -beta * y[0]], [delta * y[1], delta * y[0] - gamma]]
+
+    def energy(t, y):
+        if not (y[0] > 0 and y[1] > 0):
+            return math.nan
+        return delta * y[0] - gamma * math.log(y[0]) + beta * y[1] - alpha * math.log(y[1])
+
+    return Problem(f, start, jacobian, t0=t0, energy=energy, name="lotka-volterra")
+
+
+def van_der_pol(mu: float = 5.0, y0: Numbers = (2.0, 0.0), t0: float = 0.0) -> Problem:
+    """x'' = mu (1 - x^2) x' - x; y is (x, x'). Stiff for large ``mu``, where the period is about 1.614 mu.
+
+    Source: van der Pol 1926, doi:10.1080/14786442608564127; Hairer & Wanner 1996, IV.1, doi:10.1007/978-3-642-05221-7.
+    """
+    start = _start(y0, 2)
+
+    def f(t, y):
+        return y[1], mu * (1.0 - y[0] * y[0]) * y[1] - y[0]
+
+    def jacobian(t, y):
+        return [[0.0, 1.0], [-2.0 * mu * y[0] * y[1] - 1.0, mu * (1.0 - y[0] * y[0])]]
+
+    return Problem(f, start, jacobian, t0=t0, name="van-der-pol")
+
+
+def robertson(
+    y0: Numbers = (1.0, 0.0, 0.0), k1: float = 0.04, k2: float = 3e7, k3: float = 1e4, t0: float = 0.0
+) -> Problem:
+    """A -> B (k1), B + B -> B + C (k2), B + C -> A + C (k3); y is the amounts of A, B, C. Stiff.
+
+    ``energy`` is the sum of the amounts.
+
+    Source: Robertson 1966; Hairer & Wanner 1996, eq. IV.1.4, doi:10.1007/978-3-642-05221-7."""
+    start = _start(y0, 3)
+
+    def f(t, y):
+        first, second, third = k1 * y[0], k2 * y[1] * y[1], k3 * y[1] * y[2]
+        return third - first, first - third - second, second
+
+    def jacobian(t, y):
+        return [
+            [-k1, k3 * y[2], k3 * y[1]],
+            [k1, -k3 * y[2] - 2.0 * k2 * y[1], -k3 * y[1]],
+            [0.0, 2.0 * k2 * y[1], 0.0],
+        ]
+
+    def energy(t, y):
+        return y[0] + y[1] + y[2]
+
+    return Problem(f, start, jacobian, t0=t0, energy=energy, name="robertson")
+
+
+def hires(y0: Numbers = (1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0057), t0: float = 0.0) -> Problem:
+    """How light makes a plant grow: eight reactants of phytochrome ("high irradiance responses"). Stiff.
+
+    ``energy`` is y7 + y8, the amount of an enzyme, free and bound.
+
+    Source: Schäfer 1975, doi:10.1007/BF00278230; Hairer & Wanner 1996, eq. IV.10.2, doi:10.1007/978-3-642-05221-7."""
+    start = _start(y0, 8)
+
+    def f(t, y):
+        bind = 280.0 * y[5] * y[7]
+        return (
+            -1.71 * y[0] + 0.43 * y[1] + 8.32 * y[2] + 0.0007,
+            1.71 * y[0] - 8.75 * y[1],
+            -10.03 * y[2] + 0.43 * y[3] + 0.035 * y[4],
+            8.32 * y[1] + 1.71 * y[2] - 1.12 * y[3],
+            -1.745 * y[4] + 0.43 * y[5] + 0.43 * y[6],
+            -bind + 0.69 * y[3] + 1.71 * y[4] - 0.43 * y[5] + 0.69 * y[6],
+            bind - 1.81 * y[6],
+            -bind + 1.81 * y[6],
+        )
+
+    def jacobian(t, y):
+        six, eight = 280.0 * y[5], 280.0 * y[7]
+        return [
+            [-1.71, 0.43, 8.32, 0.0, 0.0, 0.0, 0.0, 0.0],
+            [1.71, -8.75, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+            [0.0, 0.0, -10.03, 0.43, 0.035, 0.0, 0.0, 0.0],
+            [0.0, 8.32, 1.71, -1.12, 0.0, 0.0, 0.0, 0.0],
+            [0.0, 0.0, 0.0, 0.0, -1.745, 0.43, 0.43, 0.0],
+            [0.0, 0.0, 0.0, 0.69, 1.71, -eight - 0.43, 0.69, -six],
+            [0.0, 0.0, 0.0, 0.0, 0.0, eight, -1.81, six],
+            [0.0, 0.0, 0.0, 0.0, 0.0, -eight, 1.81, -six],
+        ]
+
+    def energy(t, y):
+        return y[6] + y[7]
+
+    return Problem(f, start, jacobian, t0=t0, energy=energy, name="hires")
+
+
+def orego(
+    y0: Numbers = (1.0, 2.0, 3.0), s: float = 77.27, q: float = 8.375e-6, w: float = 0.161, t0: float = 0.0
+) -> Problem:
+    """The Oregonator: the oscillations of the Belousov-Zhabotinskii reaction. Stiff.
+
+    Source: Field & Noyes 1974, doi:10.1063/1.1681288; Hairer & Wanner 1996, eq. IV.10.1, doi:10.1007/978-3-642-05221-7.
+    """
+    start = _start(y0, 3)
+    _positive("s", s)
+
+    def f(t, y):
+        return (
+            s * (y[1] + y[0] * (1.0 - q * y[0] - y[1])),
+            (y[2] - (1.0 + y[0]) * y[1]) / s,
+            w * (y[0] - y[2]),
+        )
+
+    def jacobian(t, y):
+        return [
+            [s * (1.0 - 2.0 * q * y[0] - y[1]), s * (1.0 - y[0]), 0.0],
+            [-y[1] / s, -(1.0 + y[0]) / s, 1.0 / s],
+            [w, 0.0, -w],
+        ]
+
+    return Problem(f, start, jacobian, t0=t0, name="orego")
+
+
+def arenstorf(
+    y0: Numbers = (0.994, 0.0, 0.0, -2.00158510637908252240537862224), mu: float = 0.012277471, t0: float = 0.0
+) -> Problem:
+    """A satellite between Earth and Moon, which turn with the axes: the plane restricted three-body problem; y is
+    (x, y, x', y'). The default is a closed orbit of four loops and period 17.0652165601579625588917206249.
+
+    ``energy`` is half of Jacobi's integral with its sign turned.
+
+    Source: Arenstorf 1963, Am. J. Math. 85, 27; Hairer, Nørsett & Wanner 1993, eq. II.0.1,
+    doi:10.1007/978-3-540-78862-1."""
+    start = _start(y0, 4)
+    if not 0 <= mu <= 1:
+        raise InputError(f"mu: expected the Moon's part of the mass, from 0 to 1, got {mu!r}")
+    rest = 1.0 - mu
+
+    def f(t, y):
+        ahead, behind = y[0] + mu, y[0] - rest
+        earth, moon = ahead * ahead + y[1] * y[1], behind * behind + y[1] * y[1]
+        earth, moon = rest / (earth * math.sqrt(earth)), mu / (moon * math.sqrt(moon))
+        return (
+            y[2],
+            y[3],
+            y[0] + 2.0 * y[3] - earth * ahead - moon * behind,
+            y[1] - 2.0 * y[2] - earth * y[1] - moon * y[1],
+        )
+
+    def energy(t, y):
+        attraction = rest / math.hypot(y[0] + mu, y[1]) + mu / math.hypot(y[0] - rest, y[1])
+        return 0.5 * (y[2] * y[2] + y[3] * y[3] - y[0] * y[0] - y[1] * y[1]) - attraction
+
+    return Problem(f, start, t0=t0, energy=energy, name="arenstorf")
+
+
+_PLEIADES = (
+    *(3.0, 3.0, -1.0, -3.0, 2.0, -2.0, 2.0),  # x
+    *(3.0, -3.0, 2.0, 0.0, 0.0, -4.0, 4.0),  # y
+    *(0.0, 0.0, 0.0, 0.0, 0.0, 1.75, -1.5),  # x'
+    *(0.0, 0.0, 0.0, -1.25, 1.0, 0.0, 0.0),  # y'
+)
+
+
+def pleiades(y0: Numbers = _PLEIADES, t0: float = 0.0) -> Problem:
+    """Seven stars in the plane, of masses 1 to 7, with close encounters; y is seven x, seven y, and their velocities.
+
+    Source: Hairer, Nørsett & Wanner 1993, eq. II.10.3, doi:10.1007/978-3-540-78862-1."""
+    start = _start(y0, 28)
+
+    def f(t, y):
+        dy = np.zeros(28)
+        for i in range(14):
+            dy[i] = y[14 + i]
+        for i in range(7):
+            for j in range(i):
+                dx, dz = y[j] - y[i], y[7 + j] - y[7 + i]
+                r2 = dx * dx + dz * dz
+                r3 = r2 * math.sqrt(r2)
+                dy[14 + i] += (j + 1) * dx / r3
+                dy[21 + i] += (j + 1) * dz / r3
+                dy[14 + j] -= (i + 1) * dx / r3
+                dy[21 + j] -= (i + 1) * dz / r3
+        return dy
+
+    def energy(t, y):
+        total = 0.0
+        for i in range(7):
+            total += 0.5 * (i + 1) * (y[14 + i] ** 2 + y[21 + i] ** 2)
+            for j in range(i):
+                total -= (i + 1) * (j + 1) / math.hypot(y[j] - y[i], y[7 + j] - y[7 + i])
+        return total
+
+    return Problem(f, start, t0=t0, separable=True, energy=energy, name="pleiades")
+
+
+def lorenz(
+    y0: Numbers = (0.0, 1.0, 0.0), sigma: float = 10.0, rho: float = 28.0, beta: float = 8.0 / 3.0, t0: float = 0.0
+) -> Problem:
+    """x' = sigma (y - x), y' = x (rho - z) - y, z' = x y - beta z. Chaotic: neighbouring solutions part as exp(0.9 t).
+
+    Source: Lorenz 1963, eqs. 25 to 27, doi:10.1175/1520-0469(1963)020<0130:DNF>2.0.CO;2."""
+    start = _start(y0, 3)
+
+    def f(t, y):
+        return sigma * (y[1] - y[0]), y[0] * (rho - y[2]) - y[1], y[0] * y[1] - beta * y[2]
+
+    def jacobian(t, y):
+        return [[-sigma, sigma, 0.0], [rho - y[2], -1.0, -y[0]], [y[1], y[0], -beta]]
+
+    return Problem(f, start, jacobian, t0=t0, name="lorenz")
+
+
+ODES: dict[str, Callable[..., Problem]] = {
+    "harmonic-oscillator": harmonic_oscillator,
+    "pendulum": pendulum,
+    "kepler": kepler,
+    "logistic": logistic,
+    "lotka-volterra": lotka_volterra,
+    "van-der-pol": van_der_pol,
+    "robertson": robertson,
+    "hires": hires,
+    "orego": orego,
+    "arenstorf": arenstorf,
+    "pleiades": pleiades,
+    "lorenz": lorenz,
+}
+
+
+def _start(y0: Numbers, count: int) -> Floats:
+    start = finite_numbers("y0", y0)
+    if start.shape != (count,):
+        got = len(start) if start.ndim == 1 else f"shape {start.shape}"
+        raise InputError(f"y0: expected {count} number{'s' if count > 1 else ''}, got {got}")
+    return start
+
+
+def _positive(key: str, value: float) -> float:
+    if not value > 0:
+        raise InputError(f"{key}: expected a positive number, got {value!r}")
+    return value
