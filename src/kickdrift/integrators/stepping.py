@@ -1,7 +1,8 @@
 """Integrations under way: what a Simulation asks to go on, whatever the method.
 
-A stepper has ``y`` and ``time``, its last step point, ``steps_done`` step points passed since the start, and
-``counts``; ``advance`` takes steps, ``at`` gives y between the last two step points without changing anything.
+A stepper has ``y`` and ``time``, its last step point, ``last_step``, the length of the step that led there (0 before
+an adaptive method's first), ``steps_done`` step points passed since the start, and ``counts``; ``advance`` takes steps,
+``at`` gives y between the last two step points without changing anything.
 """
 
 from __future__ import annotations
@@ -57,6 +58,7 @@ class Stepper(Protocol):
 
     y: Floats
     time: float
+    last_step: float
     steps_done: int
     counts: Counts
     trouble: str
@@ -97,6 +99,10 @@ class FixedStepper:
     @property
     def time(self) -> float:
         return self._start + self.steps_done * self.dt
+
+    @property
+    def last_step(self) -> float:
+        return self.dt
 
     @property
     def counts(self) -> Counts:
