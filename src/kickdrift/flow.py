@@ -5,6 +5,7 @@ y is (2, 3, n) for particles, positions and velocities; (2, 1, n / 2) for a sepa
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,7 @@ from kickdrift.problem import Problem, ProblemState
 from kickdrift.state import Floats, State
 from kickdrift.system import System
 
+Derivative = Callable[[float, Floats], Floats]
 NEWTON_UNKNOWNS = 3000  # at most, for a dense Jacobian
 
 
@@ -75,9 +77,9 @@ class ParticleFlow:
         """f(t, y), without touching the run's own pair lists."""
         return self._looks.derivative(time, y)
 
-    def jacobian(self, time: float, y: Floats) -> Floats:
-        """df_i / dy_j of the flattened y by central differences; (N, N)."""
-        return difference_jacobian(self, time, y)
+    def jacobian(self, time: float, y: Floats, f: Derivative | None = None) -> Floats:
+        """df_i / dy_j of the flattened y by central differences (of ``f``, where a run has its own); (N, N)."""
+        return difference_jacobian(f or self.derivative, time, y)
 
     def explain(self, y: Floats, before: Floats, good: Floats, step: int, time: float, good_step: int) -> str:
         """One line on what blew up; ``before`` (3, n) is where the particles stood a step before y."""
@@ -129,10 +131,10 @@ class ProblemFlow:
         """f(t, y)."""
         return self.forces.derivative(time, y)
 
-    def jacobian(self, time: float, y: Floats) -> Floats:
+    def jacobian(self, time: float, y: Floats, f: Derivative | None = None) -> Floats:
         """df_i / dy_j, analytic where the problem gives it; (n, n)."""
         if self.subject.jacobian is None:
-            return difference_jacobian(self, time, y)
+            return difference_jacobian(f or self.derivative, time, y)
         value = np.asarray(self.subject.jacobian(time, y.reshape(-1).copy()), dtype=float)
         return value.reshape(len(self.subject), -1)
 
@@ -174,7 +176,7 @@ class _Bindable:
         return self._problem.separable
 
 
-def difference_jacobian(flow: Flow, time: float, y: Floats) -> Any:
+def difference_jacobian(derivative: Derivative, time: float, y: Floats) -> Any:
     """(N, N) central differences of f with respect to the flattened y, error about 1e-10 relative (steps of the cube
     root of the rounding unit; Press et al. 2007, Numerical Recipes, 5.7)."""
     flat = y.reshape(-1)
@@ -187,6 +189,6 @@ def difference_jacobian(flow: Flow, time: float, y: Floats) -> Any:
         ahead, behind = flat.copy(), flat.copy()
         ahead[k] += h
         behind[k] -= h
-        difference = flow.derivative(time, ahead.reshape(y.shape)) - flow.derivative(time, behind.reshape(y.shape))
+        difference = derivative(time, ahead.reshape(y.shape)) - derivative(time, behind.reshape(y.shape))
         columns.append(difference.reshape(-1) / (ahead[k] - behind[k]))
     return np.array(columns).T
