@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import re
+import sys
 from pathlib import Path
+from types import ModuleType
 
 PAGE = Path(__file__).parents[1] / "docs" / "your-own-integrator.md"
 
@@ -18,4 +20,6 @@ def registrations() -> str:
     return page_code().split("\nsim = ")[0]
 
 
-exec(compile(registrations(), str(PAGE), "exec"), {"__name__": "page"})
+page = ModuleType("page")  # a module that numba can name in its cache
+sys.modules["page"] = page
+exec(compile(registrations(), str(PAGE), "exec"), vars(page))

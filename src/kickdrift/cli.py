@@ -20,6 +20,7 @@ from kickdrift.printing import (
     print_benchmark,
     print_claims,
     print_report,
+    print_stability,
     print_system,
     print_table,
     progress_bar,
@@ -204,14 +205,30 @@ def bench_lj_energy(
 
 @app.command()
 def plot(
-    file: Annotated[Path, typer.Argument(metavar="FILE.h5md", help="A run's file.")],
-    output: Annotated[Path | None, typer.Option(metavar="FILE.png", help="Default: FILE.png beside the file.")] = None,
+    file: Annotated[Path | None, typer.Argument(metavar="[FILE.h5md]", help="A run's file.")] = None,
+    output: Annotated[
+        Path | None, typer.Option(metavar="FILE.png", help="Default: FILE.png beside the file, or stability.png.")
+    ] = None,
+    stability: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME", help="Draw where an integrator is stable, no run; repeat for several."),
+    ] = None,
     overwrite: OverwriteOption = False,
 ) -> None:
-    """Draw a run: energies, energy error, temperature, radial distribution function."""
-    from kickdrift.plots import plot_run
+    """Draw a run (energies, error, temperature, radial distribution function) or where integrators are stable."""
+    if stability and file:
+        raise InputError("give FILE.h5md or --stability, not both")
+    if stability:
+        from kickdrift.plots_stability import plot_stability
 
-    print(plot_run(file, output or file.with_suffix(".png"), overwrite=overwrite))
+        print(plot_stability(stability, output or Path("stability.png"), overwrite=overwrite))
+        print_stability(stability)
+    elif file:
+        from kickdrift.plots import plot_run
+
+        print(plot_run(file, output or file.with_suffix(".png"), overwrite=overwrite))
+    else:
+        raise InputError("give FILE.h5md, or --stability NAME for a figure of an integrator")
 
 
 @app.command()
