@@ -193,21 +193,24 @@ def test_a_wrong_start_or_a_pole_ends_it():
     assert imaginary_interval(pole) == 0.0
 
 
-def first_blow_up(method, dt: np.ndarray, steps: int, factor: float) -> float:
-    """The smallest of the steps ``dt`` (n,) at which an oscillator with omega = 1 grows by a factor."""
+def first_blow_up(method, dt: np.ndarray, steps: int, factor: float) -> float | None:
+    """The smallest of the steps ``dt`` (n,) at which an oscillator with omega = 1 grows by a factor, if any."""
     with np.errstate(over="ignore", invalid="ignore"):
         x, v = oracle_integrators.run(
             method, lambda t, x: -x, np.ones((len(dt), 1)), np.zeros((len(dt), 1)), dt[:, None], steps
         )
     grown = ~(np.hypot(x, v)[:, 0] < factor)
-    assert grown.any()
-    return float(dt[grown][0])
+    return float(dt[grown][0]) if grown.any() else None
 
 
 @pytest.mark.parametrize("name", SPLITTINGS)
 def test_splittings_blow_up_where_they_should(name):
     reach = stability_interval(integrator(name))
-    measured = first_blow_up(integrator(name), np.linspace(0.02, 1.3, 641) * reach, 2000, factor=1e4)
+    steps, grid = 2000, np.linspace(0.02, 1.3, 641)
+    if name.startswith("blanes-moan"):  # a resonance at pi: the gap is narrow, and the growth in it slow
+        assert first_blow_up(integrator(name), np.linspace(0.02, 0.99, 641) * reach, steps, factor=1e4) is None
+        steps, grid = 60_000, np.linspace(0.99, 1.01, 401)
+    measured = first_blow_up(integrator(name), grid * reach, steps, factor=1e4)
     assert measured == pytest.approx(reach, rel=0.01)
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from kickdrift.analysis import stability
 from kickdrift.errors import InputError
 from kickdrift.integrators import integrator
-from kickdrift.integrators.runge_kutta import Tableau
+from kickdrift.integrators.method import Method
 from kickdrift.integrators.splitting import Splitting
 from kickdrift.plots import COLOURS, GRID, INK, checked_target, new_axes, new_figure, save_figure
 
@@ -29,19 +29,20 @@ TRACE = 1.8  # how far to draw half a trace
 def plot_stability(names: Sequence[str], output: str | os.PathLike[str], *, overwrite: bool = False) -> Path:
     """Draw where the methods of those names are stable; returns the figure's path.
 
-    Of Runge-Kutta methods the regions |R(z)| <= 1, z = lambda dt, of y' = lambda y; of splittings half the trace of the
+    Of one-step methods the regions |R(z)| <= 1, z = lambda dt, of y' = lambda y; of splittings half the trace of the
     propagation matrix of an oscillator against omega dt. Computed from the coefficients: see ``analysis.stability``.
     """
     target = checked_target(output, overwrite)
     methods = list(dict.fromkeys(integrator(name) for name in names))
     if not methods:
         raise InputError("plot_stability: there is nothing to draw")
-    regions = [method for method in methods if isinstance(method, Tableau)]
     curves = [method for method in methods if isinstance(method, Splitting)]
+    regions = [method for method in methods if not isinstance(method, Splitting)]
+    functions = [stability.stability_function(method) for method in regions]
     panels = bool(regions) + bool(curves)
     figure = new_figure(6.2 * panels, 5.4 + 0.2 * max(len(regions), len(curves)))
     if regions:
-        _draw_regions(new_axes(figure, (1, panels, 1)), regions)
+        _draw_regions(new_axes(figure, (1, panels, 1)), regions, functions)
     if curves:
         _draw_half_traces(new_axes(figure, (1, panels, panels)), curves)
     for axes in figure.axes:
@@ -58,8 +59,7 @@ def _style(index: int) -> tuple[str, str]:
     return COLOURS[index % len(COLOURS)], STYLES[index // len(COLOURS) % len(STYLES)]
 
 
-def _draw_regions(axes: Axes, regions: Sequence[Tableau]) -> None:
-    functions = [stability.stability_function(method) for method in regions]
+def _draw_regions(axes: Axes, regions: Sequence[Method], functions: Sequence[stability.StabilityFunction]) -> None:
     left, right, top = _extent(functions)
     real, imaginary = np.linspace(left, right, POINTS), np.linspace(-top, top, POINTS)
     z = real + 1j * imaginary[:, None]

@@ -20,7 +20,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.polynomial import Polynomial
 
-from kickdrift.integrators.runge_kutta import Tableau
+from kickdrift.errors import InputError
+from kickdrift.integrators.method import Method
 from kickdrift.integrators.splitting import Splitting
 from kickdrift.state import Floats
 
@@ -41,10 +42,11 @@ class StabilityFunction(NamedTuple):
         return self.numerator(z) / self.denominator(z)
 
 
-def stability_function(method: Tableau) -> StabilityFunction:
-    """R(z) of an explicit Runge-Kutta method, a polynomial."""
-    full = method.stages
-    return stability_function_of(full[:-1], full[-1])
+def stability_function(method: Method) -> StabilityFunction:
+    """R(z) of a one-step method; an InputError for one that is none, or not known by its numbers."""
+    if method.butcher is None:
+        raise InputError(f"{method.name}: its stability is not that of a tableau or of kicks and drifts")
+    return stability_function_of(*method.butcher)
 
 
 def stability_function_of(a: Matrix, b: Sequence[float] | Floats) -> StabilityFunction:
@@ -58,13 +60,13 @@ def stability_function_of(a: Matrix, b: Sequence[float] | Floats) -> StabilityFu
     return StabilityFunction(_determinant(less), _determinant(exact))
 
 
-def real_interval(method: Tableau | StabilityFunction) -> float:
+def real_interval(method: Method | StabilityFunction) -> float:
     """The largest x such that |R| <= 1 from -x to 0; infinite where there is no bound."""
     numerator, denominator = (p(Polynomial([0.0, -1.0])) for p in _stability_function(method))
     return _reach(numerator, denominator, _sizes(numerator) + _sizes(denominator))
 
 
-def imaginary_interval(method: Tableau | StabilityFunction) -> float:
+def imaginary_interval(method: Method | StabilityFunction) -> float:
     """The largest y such that |R| <= 1 from -i y to i y; infinite where there is no bound."""
     (numerator, sizes), (denominator, others) = map(_squared_on_imaginary_axis, _stability_function(method))
     return math.sqrt(_reach(numerator, denominator, sizes + others))
@@ -105,8 +107,8 @@ def spectral_radius(half: Any) -> Any:
     return np.where(size > 1.0, size + np.sqrt(np.maximum(size**2 - 1.0, 0.0)), 1.0)
 
 
-def _stability_function(method: Tableau | StabilityFunction) -> StabilityFunction:
-    return stability_function(method) if isinstance(method, Tableau) else method
+def _stability_function(method: Method | StabilityFunction) -> StabilityFunction:
+    return stability_function(method) if isinstance(method, Method) else method
 
 
 def _add(p: list[Fraction], factor: Fraction, q: list[Fraction]) -> list[Fraction]:

@@ -12,6 +12,7 @@ from kickdrift.errors import InputError
 if TYPE_CHECKING:
     from kickdrift.flow import Flow
     from kickdrift.integrators.stepping import Options, Stepper
+    from kickdrift.state import Floats
 
 
 class Method:
@@ -62,6 +63,12 @@ class Method:
     @property
     def rescalable(self) -> bool:
         return False
+
+    @property
+    def butcher(self) -> tuple[Floats, Floats] | None:
+        """The full tableau (s, s) and weights (s,) that give a one-step method's R(z) on y' = lambda y, where it has
+        one."""
+        return None
 
     @property
     def tunable(self) -> tuple[str, ...]:

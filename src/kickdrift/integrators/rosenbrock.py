@@ -72,6 +72,12 @@ class Rosenbrock(Method):
         unit = np.linalg.solve(inverse, np.ones(len(self.m)))
         return lower(self.a) @ unit, unit
 
+    @property
+    def butcher(self) -> tuple[Floats, Floats]:
+        """What the stages are on y' = lambda y, where the Jacobian is exact: of A + Gamma and b (p. 104)."""
+        g = np.linalg.inv(np.eye(len(self.m)) / self.gamma - lower(self.c))
+        return (lower(self.a) + np.eye(len(self.m))) @ g, np.array(self.m) @ g
+
     def stepper(self, flow: Flow, options: Options) -> Stepper:
         from kickdrift.integrators.rosenbrock_stepper import RosenbrockStepper
 
