@@ -15,7 +15,15 @@ from kickdrift.integrators import integrators
 if TYPE_CHECKING:
     from kickdrift.box import Box
     from kickdrift.errors import InputError, KickdriftError, RunError
-    from kickdrift.forces import Gravity, LennardJones
+    from kickdrift.forces import (
+        DrivenField,
+        Gravity,
+        HarmonicTrap,
+        LennardJones,
+        LinearDrag,
+        Springs,
+        UniformField,
+    )
     from kickdrift.forces.pair_law import pair_law
     from kickdrift.observers import Energies
     from kickdrift.report import Report
@@ -29,16 +37,21 @@ __version__ = version("kickdrift")
 
 _HOMES = {
     "Box": "box",
+    "DrivenField": "forces",
     "Energies": "observers",
     "Gravity": "forces",
+    "HarmonicTrap": "forces",
     "InputError": "errors",
     "KickdriftError": "errors",
     "LennardJones": "forces",
+    "LinearDrag": "forces",
     "Report": "report",
     "RunError": "errors",
     "Simulation": "simulation",
+    "Springs": "forces",
     "State": "state",
     "System": "system",
+    "UniformField": "forces",
     "load": "systemfile",
     "open": "trajectory.reader",
     "pair_law": "forces.pair_law",
@@ -46,16 +59,21 @@ _HOMES = {
 
 __all__ = [
     "Box",
+    "DrivenField",
     "Energies",
     "Gravity",
+    "HarmonicTrap",
     "InputError",
     "KickdriftError",
     "LennardJones",
+    "LinearDrag",
     "Report",
     "RunError",
     "Simulation",
+    "Springs",
     "State",
     "System",
+    "UniformField",
     "integrators",
     "load",
     "open",
