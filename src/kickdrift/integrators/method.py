@@ -39,7 +39,7 @@ class Method:
     adaptive: Any = False
     separable: ClassVar[bool] = False
     trial_steps: Any = False
-    rescalable: ClassVar[bool] = False
+    rescalable: Any = False
 
     @property
     def evaluations(self) -> int:

@@ -57,11 +57,17 @@ class Stepper(Protocol):
     """An integration under way."""
 
     y: Floats
-    time: float
-    last_step: float
     steps_done: int
-    counts: Counts
     trouble: str
+
+    @property
+    def time(self) -> float: ...
+
+    @property
+    def last_step(self) -> float: ...
+
+    @property
+    def counts(self) -> Counts: ...
 
     def reset(self, y: Floats, time: float, steps: int) -> None:
         """Begin anew at y."""
