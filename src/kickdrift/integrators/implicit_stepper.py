@@ -147,6 +147,6 @@ class ImplicitStepper(PythonStepper):
         return self._simplified(z, residual)
 
     def _newton_matrix(self, time: float, y: Floats) -> Callable[[Floats], Floats]:
-        matrix = -np.kron(self.dt * self._tableau.matrix, self._jacobian(time, y))
+        matrix = np.asarray(-np.kron(self.dt * self._tableau.matrix, self._jacobian(time, y)), dtype=float)
         np.einsum("ii->i", matrix)[...] += 1.0
         return factored(matrix)

@@ -69,7 +69,7 @@ class Rosenbrock(Method):
     def sums(self) -> tuple[Floats, Floats]:
         """alpha and gamma_i, of the same method before u took the place of k = Gamma^-1 u (p. 111)."""
         inverse = np.eye(len(self.m)) / self.gamma - lower(self.c)
-        unit = np.linalg.solve(inverse, np.ones(len(self.m)))
+        unit = np.asarray(np.linalg.solve(inverse, np.ones(len(self.m))), dtype=float)
         return lower(self.a) @ unit, unit
 
     @property
