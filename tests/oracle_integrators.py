@@ -12,16 +12,27 @@ import numpy as np
 
 from kickdrift.integrators import Method
 from kickdrift.integrators.splitting import Splitting
+from kickdrift.integrators.stormer import Stormer
 
 Acceleration = Callable[[float, np.ndarray], np.ndarray]
 
 
 def run(method: Method, acceleration: Acceleration, x: np.ndarray, v: np.ndarray, dt: float, steps: int):
     """Positions and velocities (n, 3) after so many steps from time 0."""
+    if isinstance(method, Stormer):
+        return two_positions(acceleration, x, v, dt, steps)
     step = splitting_step if isinstance(method, Splitting) else runge_kutta_step
     for number in range(steps):
         x, v = step(method, acceleration, number * dt, x, v, dt)
     return x, v
+
+
+def two_positions(acceleration: Acceleration, x, v, dt: float, steps: int):
+    """x(t + dt) = 2 x(t) - x(t - dt) + dt^2 a(t), with v(t) from the positions on both sides."""
+    positions = [x, x + dt * v + 0.5 * dt * dt * acceleration(0.0, x)]
+    for number in range(1, steps + 1):
+        positions.append(2 * positions[-1] - positions[-2] + dt * dt * acceleration(number * dt, positions[-1]))
+    return positions[steps], (positions[steps + 1] - positions[steps - 1]) / (2 * dt)
 
 
 def splitting_step(method: Splitting, acceleration: Acceleration, t: float, x, v, dt: float):

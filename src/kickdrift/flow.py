@@ -5,6 +5,7 @@ y is (2, 3, n) for particles, positions and velocities; (2, 1, n / 2) for a sepa
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -13,12 +14,12 @@ from kickdrift.blow_up import explain
 from kickdrift.builders import check_overlaps
 from kickdrift.errors import InputError
 from kickdrift.forces.bound import BoundForces
-from kickdrift.forces.equation import RightHandSide
 from kickdrift.observers import Energies, Record, Sample, take_sample
 from kickdrift.problem import Problem, ProblemState
 from kickdrift.state import Floats, State
 from kickdrift.system import System
 
+Derivative = Callable[[float, Floats], Floats]
 NEWTON_UNKNOWNS = 3000  # at most, for a dense Jacobian
 
 
@@ -76,9 +77,9 @@ class ParticleFlow:
         """f(t, y), without touching the run's own pair lists."""
         return self._looks.derivative(time, y)
 
-    def jacobian(self, time: float, y: Floats) -> Floats:
-        """df_i / dy_j of the flattened y by central differences; (N, N)."""
-        return difference_jacobian(self, time, y)
+    def jacobian(self, time: float, y: Floats, f: Derivative | None = None) -> Floats:
+        """df_i / dy_j of the flattened y by central differences (of ``f``, where a run has its own); (N, N)."""
+        return difference_jacobian(f or self.derivative, time, y)
 
     def explain(self, y: Floats, before: Floats, good: Floats, step: int, time: float, good_step: int) -> str:
         """One line on what blew up; ``before`` (3, n) is where the particles stood a step before y."""
@@ -92,8 +93,8 @@ class ProblemFlow:
         self.subject = problem
         self.name = problem.name
         self.halves = 2 if problem.separable else 1
-        self._right_hand_side = RightHandSide(problem)
-        self.forces = BoundForces(_Bindable(problem, self._right_hand_side), threads)
+        self._callback = problem.right_hand_side.callback
+        self.forces = BoundForces(_Bindable(problem), threads)
         self.not_separable = None if problem.separable else "the problem is not declared separable=True"
 
     def state(self, y: Floats, time: float, steps: int) -> ProblemState:
@@ -112,7 +113,7 @@ class ProblemFlow:
     @property
     def raised(self) -> BaseException | None:
         """What Python code in f raised."""
-        return self._right_hand_side.callback.error
+        return self._callback.error
 
     def begin(self, record: Record, y: Floats) -> None:
         """Nothing but the samples is compared."""
@@ -130,10 +131,10 @@ class ProblemFlow:
         """f(t, y)."""
         return self.forces.derivative(time, y)
 
-    def jacobian(self, time: float, y: Floats) -> Floats:
+    def jacobian(self, time: float, y: Floats, f: Derivative | None = None) -> Floats:
         """df_i / dy_j, analytic where the problem gives it; (n, n)."""
         if self.subject.jacobian is None:
-            return difference_jacobian(self, time, y)
+            return difference_jacobian(f or self.derivative, time, y)
         value = np.asarray(self.subject.jacobian(time, y.reshape(-1).copy()), dtype=float)
         return value.reshape(len(self.subject), -1)
 
@@ -163,8 +164,8 @@ def flow_of(subject: System | Problem, threads: int, jumps: bool) -> Flow:
 class _Bindable:
     """A Problem with its right-hand side in a System's place."""
 
-    def __init__(self, problem: Problem, right_hand_side: RightHandSide) -> None:
-        self.forces = (right_hand_side,)
+    def __init__(self, problem: Problem) -> None:
+        self.forces = (problem.right_hand_side,)
         self._problem = problem
 
     def __len__(self) -> int:
@@ -175,7 +176,7 @@ class _Bindable:
         return self._problem.separable
 
 
-def difference_jacobian(flow: Flow, time: float, y: Floats) -> Any:
+def difference_jacobian(derivative: Derivative, time: float, y: Floats) -> Any:
     """(N, N) central differences of f with respect to the flattened y, error about 1e-10 relative (steps of the cube
     root of the rounding unit; Press et al. 2007, Numerical Recipes, 5.7)."""
     flat = y.reshape(-1)
@@ -188,6 +189,6 @@ def difference_jacobian(flow: Flow, time: float, y: Floats) -> Any:
         ahead, behind = flat.copy(), flat.copy()
         ahead[k] += h
         behind[k] -= h
-        difference = flow.derivative(time, ahead.reshape(y.shape)) - flow.derivative(time, behind.reshape(y.shape))
+        difference = derivative(time, ahead.reshape(y.shape)) - derivative(time, behind.reshape(y.shape))
         columns.append(difference.reshape(-1) / (ahead[k] - behind[k]))
     return np.array(columns).T

@@ -27,7 +27,7 @@ def list_integrators() -> tuple[list[str], list[list[str]]]:
             name,
             method.family,
             str(method.order),
-            str(method.evaluations),
+            str(method.evaluations or "varies"),
             yes[method.symplectic],
             yes[method.reversible],
             yes[method.adaptive],

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,6 +13,9 @@ from numpy.typing import ArrayLike
 from kickdrift.errors import InputError
 from kickdrift.state import Floats, read_only
 from kickdrift.system import RunDefaults
+
+if TYPE_CHECKING:
+    from kickdrift.forces.equation import RightHandSide
 
 Function = Callable[[float, Floats], Any]
 
@@ -112,6 +116,13 @@ class Problem:
 
     def __len__(self) -> int:
         return len(self.y0)
+
+    @cached_property
+    def right_hand_side(self) -> RightHandSide:
+        """f as the compiled loops call it, compiled once."""
+        from kickdrift.forces.equation import RightHandSide
+
+        return RightHandSide(self)
 
     @property
     def state(self) -> ProblemState:

@@ -26,7 +26,9 @@ from kickdrift.cache import folder
 FAST_MATH = {"reassoc", "nsz", "arcp", "contract"}  # never nnan or ninf: blow-ups are found by their NaN
 
 jit = njit(error_model="numpy", fastmath=FAST_MATH, nogil=True)
-strict = njit(error_model="numpy", nogil=True)  # operation by operation as written, for what reassociation would undo
+# Operation by operation as written, for what reassociation would undo. The False is not the default: without it numba
+# lets a function inherit its caller's flags.
+strict = njit(error_model="numpy", fastmath=False, nogil=True)
 
 
 @intrinsic

@@ -5,10 +5,20 @@ from __future__ import annotations
 from difflib import get_close_matches
 
 from kickdrift.errors import InputError
-from kickdrift.integrators import runge_kutta, splitting, stormer
+from kickdrift.integrators import implicit, rosenbrock, runge_kutta, scipy_methods, splitting, stormer
 from kickdrift.integrators.method import Method
 
-INTEGRATORS: dict[str, Method] = {row.name: row for row in (*splitting.ROWS, *stormer.ROWS, *runge_kutta.ROWS)}
+INTEGRATORS: dict[str, Method] = {
+    row.name: row
+    for row in (
+        *splitting.ROWS,
+        *stormer.ROWS,
+        *runge_kutta.ROWS,
+        *implicit.ROWS,
+        *rosenbrock.ROWS,
+        *scipy_methods.ROWS,
+    )
+}
 INTEGRATORS |= {alias: INTEGRATORS[name] for alias, name in splitting.ALIASES.items()}
 
 

@@ -153,6 +153,11 @@ class AdaptiveStepper:
         return float(self._clock[TIME])
 
     @property
+    def last_step(self) -> float:
+        """How long the step that led here was; 0 before the first."""
+        return float(self._clock[LAST])
+
+    @property
     def counts(self) -> Counts:
         return Counts(int(self._cursor[EVALUATIONS]) + self._extra_evaluations, int(self._cursor[REJECTED]))
 

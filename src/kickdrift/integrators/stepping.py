@@ -1,7 +1,8 @@
 """Integrations under way: what a Simulation asks to go on, whatever the method.
 
-A stepper has ``y`` and ``time``, its last step point, ``steps_done`` step points passed since the start, and
-``counts``; ``advance`` takes steps, ``at`` gives y between the last two step points without changing anything.
+A stepper has ``y`` and ``time``, its last step point, ``last_step``, the length of the step that led there (0 before
+an adaptive method's first), ``steps_done`` step points passed since the start, and ``counts``; ``advance`` takes steps,
+``at`` gives y between the last two step points without changing anything.
 """
 
 from __future__ import annotations
@@ -65,6 +66,10 @@ class Stepper(Protocol):
         """Of the last step point."""
 
     @property
+    def last_step(self) -> float:
+        """The length of the step that led there; 0 where there was none."""
+
+    @property
     def counts(self) -> Counts:
         """What it cost since it was made."""
 
@@ -104,6 +109,10 @@ class FixedStepper:
     @property
     def time(self) -> float:
         return self._start + self.steps_done * self.dt
+
+    @property
+    def last_step(self) -> float:
+        return self.dt
 
     @property
     def counts(self) -> Counts:

@@ -1,0 +1,152 @@
+"""An implicit Runge-Kutta method under way: the iteration for the stages, and the step that follows from them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from kickdrift.flow import ParticleFlow
+from kickdrift.forces.kernel import OK
+from kickdrift.integrators.stepping import STOPPED, Options
+from kickdrift.integrators.stepwise import PythonStepper, check_unknowns, factored
+from kickdrift.state import Floats
+
+if TYPE_CHECKING:
+    from kickdrift.flow import Flow
+    from kickdrift.integrators.implicit import ImplicitTableau
+
+EPSILON = float(np.finfo(float).eps)
+ROUNDED = 1e-10  # an increment that stops shrinking below this, of y, is rounding; above, the iteration diverges
+MOST = {"newton": 50, "fixed-point": 100}  # iterations
+SLOW = 10  # iterations, after which a new Jacobian pays
+
+Correction = Callable[[Floats, Floats], Floats]  # of the stages, given them and their residual
+
+
+class ImplicitStepper(PythonStepper):
+    """Steps of one length. With Z_i = Y_i - y the stages solve Z = dt (a x I) F(Z).
+
+    Newton's matrix I - dt a x J is kept from step to step as long as it converges quickly, as are the stages, for the
+    next guess: a run cut in pieces gives the same bits, and one that begins anew at a step point the same but for
+    rounding.
+    """
+
+    def __init__(self, flow: Flow, tableau: ImplicitTableau, options: Options) -> None:
+        super().__init__(flow)
+        assert options.dt is not None
+        self._tableau, self.dt, self._compensated = tableau, options.dt, options.compensated
+        self.iteration = options.iteration or ("fixed-point" if isinstance(flow, ParticleFlow) else "newton")
+        if self.iteration == "newton":
+            check_unknowns(tableau.name, flow, '; iteration="fixed-point" needs none')
+
+    def _forget(self) -> None:
+        self._start = self.time - self.steps_done * self.dt
+        self._carry = np.zeros_like(self.y)
+        self._stages: Floats | None = None
+        self._solve: Callable[[Floats], Floats] | None = None
+
+    def _step(self) -> int:
+        z = self._find_stages()
+        if z is None:
+            return self._give_up()
+        self._before[...] = self.y
+        increment = np.tensordot(self._tableau.increment, z, 1)
+        if self._compensated:  # as loops.add_compensated
+            increment += self._carry
+            self.y += increment
+            self._carry = increment + (self._before - self.y)
+        else:
+            self.y += increment
+        self._stages, self.last_step = z, self.dt
+        self.time = self._start + (self.steps_done + 1) * self.dt
+        return OK
+
+    def _give_up(self) -> int:
+        for c in self._tableau.c:
+            f = self._f(self.time + c * self.dt, self.y)
+            if not np.isfinite(f).all():  # no fault of the iteration
+                return self._blow_up(f)
+        other = ', or iteration="newton"' if self.iteration == "fixed-point" else ""
+        self.trouble = (
+            f"the {self.iteration} iteration for the stages does not converge with dt = {self.dt:g}; take a smaller "
+            f"dt{other}"
+        )
+        return STOPPED
+
+    # --- the stages ---
+
+    def _find_stages(self) -> Floats | None:
+        """(s, *y.shape) Z; None where no iteration converges."""
+        nothing = np.zeros((len(self._tableau.b), *self.y.shape))
+        guess = nothing if self._stages is None else np.tensordot(self._tableau.extrapolation, self._stages, 1)
+        if self.iteration == "fixed-point":
+            return self._iterate(guess, lambda z, residual: residual, memory=2)[0]
+        if self._solve is not None:
+            z, count = self._iterate(guess, self._simplified)
+            if z is not None:
+                if count > SLOW:
+                    self._solve = None
+                return z
+        self._solve = self._newton_matrix(self.time, self.y)
+        z, count = self._iterate(guess, self._simplified)
+        if z is None:
+            z, count = self._iterate(nothing, self._newton, patient=True)
+        if count > SLOW:
+            self._solve = None
+        return z
+
+    def _iterate(
+        self, z: Floats, correct: Correction, memory: int = 1, patient: bool = False
+    ) -> tuple[Floats | None, int]:
+        """Correct z until what is left is rounding; None where that fails. Also how often.
+
+        The sizes of increments shrink by a rate; once what that leaves to come is beneath rounding, or they stop
+        shrinking while tiny, z is as good as it gets (Hairer & Wanner 1996, IV.8; Hairer, Lubich & Wanner 2006,
+        VIII.6). ``memory`` is over how many iterations the rate is taken: 2 where positions hear of a force one
+        iteration after the velocities. ``patient``: it may grow on the way.
+        """
+        h, c = self.dt, self._tableau.c
+        sizes: list[float] = []
+        for count in range(1, MOST[self.iteration] + 1):
+            f = np.array([self._f(self.time + ci * h, self.y + zi) for ci, zi in zip(c, z, strict=True)])
+            change = correct(z, h * np.tensordot(self._tableau.matrix, f, 1) - z)
+            z = z + change
+            size = self._relative(change, z)
+            if size == 0.0:
+                return z, count
+            if not np.isfinite(size):
+                return None, count
+            if count > memory:
+                rate = (size / sizes[-memory]) ** (1.0 / memory)
+                if rate >= 1.0 and size <= ROUNDED:
+                    return z, count
+                if rate >= 1.0 and not patient:
+                    return None, count
+                if rate < 1.0 and size * rate <= 0.1 * EPSILON * (1.0 - rate):
+                    return z, count
+            sizes.append(size)
+        return None, MOST[self.iteration]
+
+    def _relative(self, change: Floats, z: Floats) -> float:
+        """The largest change, over the largest position or velocity, each in its own unit."""
+        axes = tuple(range(1, self.y.ndim))
+        scale = np.abs(self.y).max(axis=axes) + np.abs(z).max(axis=(0, *(k + 1 for k in axes)))
+        largest = np.abs(change).max(axis=(0, *(k + 1 for k in axes)))
+        return float(np.where(scale > 0.0, largest / np.where(scale > 0.0, scale, 1.0), largest).max())
+
+    def _simplified(self, z: Floats, residual: Floats) -> Floats:
+        assert self._solve is not None
+        return self._solve(residual.reshape(-1)).reshape(z.shape)
+
+    def _newton(self, z: Floats, residual: Floats) -> Floats:
+        """The matrix anew, from the mean of the stages."""
+        c = float(np.mean(self._tableau.c))
+        self._solve = self._newton_matrix(self.time + c * self.dt, self.y + z.mean(axis=0))
+        return self._simplified(z, residual)
+
+    def _newton_matrix(self, time: float, y: Floats) -> Callable[[Floats], Floats]:
+        matrix = -np.kron(self.dt * self._tableau.matrix, self._jacobian(time, y))
+        np.einsum("ii->i", matrix)[...] += 1.0
+        return factored(matrix)

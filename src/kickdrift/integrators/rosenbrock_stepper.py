@@ -1,0 +1,109 @@
+"""A Rosenbrock method under way: its step follows the error, as an embedded Runge-Kutta method's does."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from kickdrift.forces.kernel import OK
+from kickdrift.integrators.adaptive import scaled_error
+from kickdrift.integrators.rosenbrock import lower
+from kickdrift.integrators.step_control import (
+    EPSILON,
+    FLOOR,
+    check_tolerances,
+    controller,
+    first_step,
+    rejected_factor,
+    step_factor,
+)
+from kickdrift.integrators.stepping import STOPPED, Options
+from kickdrift.integrators.stepwise import PythonStepper, check_unknowns, factored
+from kickdrift.state import Floats
+
+if TYPE_CHECKING:
+    from kickdrift.flow import Flow
+    from kickdrift.integrators.rosenbrock import Rosenbrock
+
+
+class Tangent(NamedTuple):
+    """f at a step point and its derivatives there."""
+
+    f: Floats
+    by_y: Floats  # (N, N)
+    by_t: Floats
+
+
+class RosenbrockStepper(PythonStepper):
+    """An embedded Rosenbrock method. What it keeps from step to step: the next step, and the errors of the last two."""
+
+    def __init__(self, flow: Flow, tableau: Rosenbrock, options: Options) -> None:
+        super().__init__(flow)
+        self.rtol, self.atol = options.tolerances
+        check_tolerances(self.rtol, self.atol)
+        check_unknowns(tableau.name, flow)
+        self._tableau, self._first = tableau, options.dt
+        self._numbers = controller(options.controller).numbers
+        self._exponent = 1.0 / (tableau.error_order + 1)
+        self._a, self._c = lower(tableau.a), lower(tableau.c)
+
+    def _forget(self) -> None:
+        self._next = 0.0
+        self._errors = FLOOR, FLOOR  # of the last step and the one before
+        self._begun = self.time
+        self._tangent: Tangent | None = None  # where the last step began
+
+    def _step(self) -> int:
+        t, y, rejected = self.time, self.y, False
+        f = self._f(t, y)
+        if not np.isfinite(f).all():
+            return self._blow_up(f)
+        h = self._next or self._first or first_step(self._f, t, y, f, self._tableau.error_order, self.rtol, self.atol)
+        tangent = Tangent(f, self._jacobian(t, y), self._by_time(t, y, h))
+        while h > 10.0 * np.spacing(abs(t)):
+            trial, error = self._try(t, y, h, tangent)
+            if error <= 1.0:
+                factor = step_factor.py_func(self._numbers, self._exponent, error, *self._errors)
+                self._next = h * (min(1.0, factor) if rejected else factor)
+                self._errors = error, self._errors[0]
+                self._before, self.y, self._tangent = y, trial, tangent
+                self._begun, self.time, self.last_step = t, t + h, h
+                return OK
+            h *= rejected_factor.py_func(self._numbers, self._exponent, error)
+            rejected = True
+            self._counts.rejected += 1
+        self.trouble = f"the step fell to {h:.3g}, which t = {t:.9g} can no longer tell from 0"
+        return STOPPED
+
+    def _try(self, t: float, y: Floats, h: float, tangent: Tangent) -> tuple[Floats, float]:
+        """A step of h from (t, y): where it leads, and its error over the tolerance, infinite where it has none."""
+        method = self._tableau
+        matrix = -tangent.by_y
+        np.einsum("ii->i", matrix)[...] += 1.0 / (h * method.gamma)
+        solve = factored(matrix)
+        u = np.zeros((len(method.m), *y.shape))
+        for i, (alpha, gamma) in enumerate(zip(*method.sums, strict=True)):
+            stage = y + np.tensordot(self._a[i, :i], u[:i], 1)
+            f = self._f(t + alpha * h, stage) if i else tangent.f
+            right = f + np.tensordot(self._c[i, :i], u[:i], 1) / h + gamma * h * tangent.by_t
+            u[i] = solve(right.reshape(-1)).reshape(y.shape)
+            if not np.isfinite(u[i]).all():
+                return y, np.inf
+        trial = y + np.tensordot(method.m, u, 1)
+        estimate = np.tensordot(method.errors, u, 1)[np.newaxis]
+        error = scaled_error.py_func(y, trial, np.ones((1, 1)), 1.0, estimate, self.rtol, self.atol)
+        return trial, float(error) if np.isfinite(error) else np.inf
+
+    def _by_time(self, t: float, y: Floats, h: float) -> Floats:
+        """df/dt by central differences, over a short part of the step: f may change with t as fast as that."""
+        apart = max(EPSILON ** (1 / 3) * h, 1000.0 * float(np.spacing(abs(t))))
+        after, before = t + apart, t - apart
+        return (self._f(after, y) - self._f(before, y)) / (after - before)
+
+    def at(self, time: float) -> Floats:
+        """By a step from the last step point, thrown away."""
+        if time == self.time or self._tangent is None:
+            return self.y.copy()
+        with np.errstate(all="ignore"):
+            return self._try(self._begun, self._before, time - self._begun, self._tangent)[0].copy()

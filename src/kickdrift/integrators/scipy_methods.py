@@ -1,0 +1,58 @@
+"""Methods for stiff problems that SciPy brings, step by step. Their steps and errors are SciPy's business."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from kickdrift.integrators.method import Method
+
+if TYPE_CHECKING:
+    from kickdrift.flow import Flow
+    from kickdrift.integrators.stepping import Options, Stepper
+
+
+@dataclass(frozen=True)
+class SciPyMethod(Method):
+    """A solver class of ``scipy.integrate``. It takes the Jacobian that the problem gives, else its own differences.
+
+    Attributes
+    ----------
+    solver : the class's name
+    order : the highest, where it varies
+    """
+
+    name: str
+    solver: str
+    order: int
+    source: str
+    use: str = ""
+
+    family = "SciPy"
+    adaptive = True
+    trial_steps = True
+
+    @property
+    def tunable(self) -> tuple[str, ...]:
+        return ("rtol", "atol")
+
+    def stepper(self, flow: Flow, options: Options) -> Stepper:
+        from kickdrift.integrators.scipy_stepper import SciPyStepper
+
+        return SciPyStepper(flow, self, options)
+
+
+ROWS = (
+    SciPyMethod(
+        "bdf", "BDF", 5, "Shampine & Reichelt 1997, doi:10.1137/S1064827594276424; SciPy's BDF",
+        "stiff, low accuracy; orders 1 to 5",
+    ),
+    SciPyMethod(
+        "radau", "Radau", 5, "Hairer & Wanner 1996, IV.8, doi:10.1007/978-3-642-05221-7; SciPy's Radau",
+        "stiff, high accuracy",
+    ),
+    SciPyMethod(
+        "lsoda", "LSODA", 12, "Petzold 1983, doi:10.1137/0904010; Hindmarsh 1983; SciPy's LSODA",
+        "stiff or not, switches by itself; orders 1 to 12, stiff 1 to 5",
+    ),
+)  # fmt: skip

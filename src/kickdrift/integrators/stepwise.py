@@ -1,0 +1,108 @@
+"""What the implicit steppers share: steps taken one by one in Python, around the flow's compiled derivative.
+
+Their time goes into linear algebra, which LAPACK does, so that the loop around it may stay readable.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from scipy.linalg import LinAlgWarning, lu_factor, lu_solve
+
+from kickdrift.errors import InputError, RunError
+from kickdrift.flow import NEWTON_UNKNOWNS
+from kickdrift.forces.kernel import BLOWN_UP, OK
+from kickdrift.integrators.stepping import Counts
+from kickdrift.state import Floats
+
+if TYPE_CHECKING:
+    from kickdrift.flow import Flow
+
+
+class PythonStepper:
+    """Steps taken one by one; a method gives ``_step`` and what it forgets when it begins anew."""
+
+    def __init__(self, flow: Flow) -> None:
+        self._flow = flow
+        self._counts = Counts()
+        self.trouble = ""
+
+    def reset(self, y: Floats, time: float, steps: int) -> None:
+        self.y, self.time, self.steps_done = y, time, steps
+        self.last_step = 0.0
+        self._before, self._reached = y.copy(), y
+        self._flow.forces.forget()
+        self._forget()
+
+    def _forget(self) -> None:
+        """Drop what is kept from step to step."""
+        raise NotImplementedError
+
+    def _step(self) -> int:
+        """Take a step, ``y`` and ``time`` with it; a status."""
+        raise NotImplementedError
+
+    @property
+    def counts(self) -> Counts:
+        return replace(self._counts)
+
+    def advance(self, steps: int, until: float = np.inf) -> int:
+        if steps == 0:
+            self._flow.derivative(self.time, self.y)  # compiles what a step needs, and leaves the run's lists alone
+        with np.errstate(all="ignore"):  # a trial that overflows is one that failed
+            for _ in range(steps):
+                if self.time >= until:
+                    break
+                status = self._step()
+                if status != OK:
+                    return status
+                self.steps_done += 1
+        return OK
+
+    def at(self, time: float) -> Floats:
+        return self.y.copy()
+
+    def reached(self, inside_step: bool) -> tuple[Floats, Floats]:
+        return (self._reached, self.y[0]) if inside_step else (self.y, self._before[0])
+
+    def _f(self, time: float, y: Floats) -> Floats:
+        """f(t, y), through the run's own pair lists: what others look at must not change its bits."""
+        self._counts.evaluations += 1
+        return self._flow.forces.derivative(time, y)
+
+    def _jacobian(self, time: float, y: Floats) -> Floats:
+        """(N, N) of the flattened y: what the problem gives, else differences."""
+        self._counts.jacobians += 1
+        try:
+            return self._flow.jacobian(time, y, self._f)
+        except (ArithmeticError, LookupError, TypeError, ValueError) as error:
+            what = " ".join(str(error).split())
+            raise RunError(
+                f"step {self.steps_done + 1} (t = {time:.6g}): the Jacobian raised {type(error).__name__}: {what}"
+            ) from error
+
+    def _blow_up(self, f: Floats) -> int:
+        """f at the last step point is no number: y goes where it is not."""
+        self._reached = self.y + f
+        return BLOWN_UP
+
+
+def check_unknowns(name: str, flow: Flow, hint: str = "") -> None:
+    """Refuse a Jacobian that is too large to hold."""
+    unknowns = flow.array(flow.subject.state).size  # type: ignore[arg-type]
+    if unknowns > NEWTON_UNKNOWNS:
+        raise InputError(
+            f"{name}: needs the Jacobian of {unknowns} unknowns, and {NEWTON_UNKNOWNS} is the most that it holds{hint}"
+        )
+
+
+def factored(matrix: Floats) -> Callable[[Floats], Any]:
+    """What solves a linear system with this matrix; of a singular one the solution is infinite or no number."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", LinAlgWarning)
+        factors = lu_factor(matrix, overwrite_a=True, check_finite=False)
+    return lambda right: lu_solve(factors, right, check_finite=False)
