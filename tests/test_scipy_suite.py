@@ -13,6 +13,7 @@ import pytest
 import kickdrift
 
 SUITE = "scipy.integrate._ivp.tests.test_ivp"
+RUN = ("--junitxml", "results.xml", "--pyargs", SUITE)
 # The tests that do not pass, and why.
 EXCEPTIONS: dict[str, str] = {}
 
@@ -29,8 +30,7 @@ def test_scipys_own_tests_pass_on_our_methods(tmp_path):
     here = Path(__file__).parent
     paths = [str(here), str(Path(kickdrift.__file__).parents[1]), os.environ.get("PYTHONPATH", "")]
     done = subprocess.run(
-        [sys.executable, "-m", "pytest", "-p", "scipy_adapter", "-p", "no:cacheprovider", "-c", os.devnull]
-        + ["--junitxml", "results.xml", "--pyargs", SUITE],
+        [sys.executable, "-m", "pytest", "-c", os.devnull, "-p", "no:cacheprovider", "-p", "scipy_adapter", *RUN],
         cwd=tmp_path,
         env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, paths))},
         capture_output=True,
