@@ -89,6 +89,9 @@ def run(
     ] = None,
     rtol: Annotated[float | None, typer.Option(metavar="X", help="Relative tolerance of adaptive methods.")] = None,
     atol: Annotated[float | None, typer.Option(metavar="X", help="Absolute tolerance of adaptive methods.")] = None,
+    compensated: Annotated[
+        bool, typer.Option("--compensated", help="Carry on what rounding loses of positions and velocities.")
+    ] = False,
     steps: Annotated[int | None, typer.Option(metavar="N", min=0, help="Steps to take.")] = None,
     time: Annotated[float | None, typer.Option(metavar="T", help="Time to reach, instead of --steps.")] = None,
     every: Annotated[int | None, typer.Option(metavar="K", min=1, help="Steps between samples and frames.")] = None,
@@ -117,7 +120,7 @@ def run(
 
     from kickdrift.simulation import Simulation
 
-    sim = Simulation(chosen, integrator, dt, threads, rtol=rtol, atol=atol)
+    sim = Simulation(chosen, integrator, dt, threads, rtol=rtol, atol=atol, compensated=compensated)
     length = run_length(sim, system, steps, time)
     with progress_bar(quiet) as bar:
         if isinstance(chosen, System) and chosen.equilibration:

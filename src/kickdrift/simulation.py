@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
 
+from kickdrift.analysis.stiffness import WATCHED_POINTS, Point, can_be_limited, stability_warning
 from kickdrift.errors import InputError, RunError
 from kickdrift.flow import ParticleFlow, flow_of
 from kickdrift.forces.kernel import OK
@@ -92,6 +93,7 @@ class Simulation:
                 f"{self._flow.not_separable}; rk4, dormand-prince45 and dop853 do not"
             )
         self._stepper = self.method.stepper(self._flow, self.options)
+        self._watched = can_be_limited(self._flow, self.method)
         self._chunk = 1
         self._compiled = False
         self._running = False
@@ -128,6 +130,7 @@ class Simulation:
         self._stepper.reset(y, state.time, state.steps_done)
         self._at: float | None = None  # the present, where it lies before the stepper's last step point
         self.record = Record()
+        self._points: list[Point] = []
         self._last_good = self.state
 
     @property
@@ -210,6 +213,7 @@ class Simulation:
                     progress(*plan.progress(self))
             if not looked:
                 self._look(writer, observe)
+            self._warn()
             if writer:
                 writer.report = self.report().as_json()
         if interrupted():
@@ -358,10 +362,18 @@ class Simulation:
             self._flow.begin(self.record, self._now())
         self.record.add(sample)
         self._last_good = self.state
+        if self._watched:
+            self._points = [*self._points, (self.time, self._now().copy(), self._stepper.last_step)][-WATCHED_POINTS:]
         if writer:
             writer.append(self._last_good, sample.observables())
         if observe:
             observe(self)
+
+    def _warn(self) -> None:
+        """Say where stability and not accuracy sets the steps."""
+        warning = stability_warning(self._flow, self.method, self._points)
+        if warning and warning not in self.record.warnings:
+            self.record.warnings = [warning]
 
     def _writer(self, output: Any, cadence: int, overwrite: bool) -> Any:
         if output is None:
