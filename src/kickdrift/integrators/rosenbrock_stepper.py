@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from kickdrift.forces.kernel import OK
+from kickdrift.forces.kernel import BLOWN_UP, OK
 from kickdrift.integrators.adaptive import scaled_error
 from kickdrift.integrators.rosenbrock import lower
 from kickdrift.integrators.step_control import (
@@ -52,6 +52,7 @@ class RosenbrockStepper(PythonStepper):
         self._next = 0.0
         self._errors = FLOOR, FLOOR  # of the last step and the one before
         self._begun = self.time
+        self._bad: Floats | None = None  # where f was no number in the last try
         self._tangent: Tangent | None = None  # where the last step began
 
     def _step(self) -> int:
@@ -73,6 +74,9 @@ class RosenbrockStepper(PythonStepper):
             h *= rejected_factor.py_func(self._numbers, self._exponent, error)
             rejected = True
             self._counts.rejected += 1
+        if self._bad is not None:
+            self._reached = self._bad
+            return BLOWN_UP
         self.trouble = f"the step fell to {h:.3g}, which t = {t:.9g} can no longer tell from 0"
         return STOPPED
 
@@ -82,11 +86,14 @@ class RosenbrockStepper(PythonStepper):
         matrix = -tangent.by_y
         np.einsum("ii->i", matrix)[...] += 1.0 / (h * method.gamma)
         solve = factored(matrix)
+        self._bad = None
         u = np.zeros((len(method.m), *y.shape))
         for i, (alpha, gamma) in enumerate(zip(*method.sums, strict=True)):
             stage = y + np.tensordot(self._a[i, :i], u[:i], 1)
             f = self._f(t + alpha * h, stage) if i else tangent.f
             right = f + np.tensordot(self._c[i, :i], u[:i], 1) / h + gamma * h * tangent.by_t
+            if not np.isfinite(f).all():
+                self._bad = stage + f
             u[i] = solve(right.reshape(-1)).reshape(y.shape)
             if not np.isfinite(u[i]).all():
                 return y, np.inf
