@@ -16,9 +16,9 @@ SLOTS = 5  # of a cursor; the others are the loops' own
 @jit
 def fill_accelerations(bound, t, x, v, a, sums, cursor):
     """a <- the accelerations at x; a status."""
-    for row in a:
-        for i in range(row.size):
-            row[i] = 0.0
+    for axis in range(a.shape[0]):
+        for i in range(a.shape[1]):
+            a[axis, i] = 0.0
     status = accelerate(bound, t, x, v, a, sums)
     cursor[EVALUATIONS] += 1
     if status != OK:
