@@ -146,7 +146,11 @@ class LinearDrag(Field):
 
     name: ClassVar[str] = "linear-drag"
     dimensions: ClassVar[dict[str, str]] = {"rate": "rate"}
-    velocity_dependent: ClassVar[bool] = True
+
+    @property
+    def velocity_dependent(self) -> bool:
+        """Whether it is there at all: a splitting method refuses it then."""
+        return self.rate != 0.0
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "rate", _number(self.name, "rate", self.rate))
