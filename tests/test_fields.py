@@ -126,7 +126,8 @@ def test_in_a_periodic_box(seed):
 def test_forces_are_the_slope_of_the_energy():
     system, h = cloud(7), 1e-6
     rng = np.random.default_rng(1)
-    still = kd.Simulation(kd.System(system.state.positions, None, system.state.masses, forces=system.forces), dt=0.1)
+    at_rest = kd.System(system.state.positions, None, system.state.masses, forces=system.forces)
+    still = kd.Simulation(at_rest, "rk4", dt=0.1)
     forces, start = still.forces(), still.state  # without velocities: drag has no energy
     for _ in range(5):
         direction = rng.normal(size=(len(system), 3))
@@ -164,7 +165,7 @@ def test_threads_and_pieces_do_not_change_the_bits():
     from numba import config
 
     def bits(threads, *pieces):
-        sim = kd.Simulation(system, dt=0.01, threads=min(threads, config.NUMBA_NUM_THREADS))
+        sim = kd.Simulation(system, "rk4", dt=0.01, threads=min(threads, config.NUMBA_NUM_THREADS))
         for steps in pieces:
             sim.run(steps)
             sim.energy()
@@ -507,3 +508,11 @@ def test_several_forces_in_one_file():
     text = "\n".join(f"[[force]]\n{force}" for force in (TRAP + "stiffness = 1", DRIVEN + "frequency = 3"))
     assert [force.name for force in loads(FILE + text).forces] == ["harmonic-trap", "driven-field"]
     assert {"springs", "harmonic-trap", "uniform-field", "driven-field", "linear-drag"} <= set(kd.forces.FORCES)
+
+
+def test_drag_needs_a_method_for_forces_that_depend_on_velocity():
+    """What a splitting method would make of it is not of its order."""
+    system = particle(drag=LinearDrag(0.5))
+    for name in ("velocity-verlet", "stormer-verlet", "yoshida6"):
+        with pytest.raises(InputError, match=f"{name}: needs accelerations .* force 'linear-drag' depends on velocity"):
+            kd.Simulation(system, name, dt=0.1)
