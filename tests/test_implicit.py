@@ -1,9 +1,8 @@
-"""Implicit and stiff methods: order, structure, stiff decay, published end values, and what they say when they fail."""
+"""Implicit and stiff methods: order, structure, stiff decay, end values, and what errors say."""
 
 from __future__ import annotations
 
 import dataclasses
-import warnings
 
 import numpy as np
 import pytest
@@ -13,6 +12,7 @@ from kickdrift.errors import InputError, RunError
 from kickdrift.flow import difference_jacobian, flow_of
 from kickdrift.integrators import implicit, integrator, rosenbrock
 from kickdrift.integrators.implicit import ImplicitTableau
+from kickdrift.integrators.implicit_stepper import ImplicitStepper
 from kickdrift.integrators.rosenbrock import lower
 
 GAUSS = ("implicit-midpoint", "gauss-legendre4")
@@ -103,7 +103,7 @@ def solved(f, y0, name, steps, end, **options):
 @pytest.mark.parametrize("f", [pendulum, driven])
 @pytest.mark.parametrize("name", IMPLICIT)
 def test_order_is_the_slope_of_the_error(name, f):
-    steps = (320, 640, 1280) if name == "backward-euler" else (40, 80, 160)
+    steps = (160, 320, 640) if name == "backward-euler" else (40, 80, 160)
     exact = reference(f, [1.0, 0.3], 4.0)
     errors = [np.abs(solved(f, [1.0, 0.3], name, n, 4.0) - exact).max() for n in steps]
     assert -np.diff(np.log2(errors)) == pytest.approx(np.full(2, integrator(name).order), abs=0.15)
@@ -177,11 +177,13 @@ def test_reversible_rows_and_no_others_come_back(name):
 
 
 @pytest.mark.parametrize("iteration", implicit.ITERATIONS)
-def test_energy_stays_bounded(iteration):
+def test_energy_does_not_drift(iteration):
+    """Not even at rounding level, where stages that are solved for less well make it drift by 2e-16 per unit of time
+    (Hairer, McLachlan & Razakarivony 2008, doi:10.1007/s10543-008-0170-3)."""
     problem = kd.Problem(pendulum, [1.0, 0.3], energy=pendulum_energy)
     report = kd.Simulation(problem, "implicit-midpoint", dt=0.1, iteration=iteration).run(5000, every=5)
-    assert report.energy.verdict == "bounded"
-    assert report.energy.max_relative_error < 2e-3
+    assert abs(report.energy.drift_per_unit_time) < 1e-16
+    assert report.energy.max_relative_error < 1e-3
 
 
 @pytest.mark.parametrize("name", GAUSS)
@@ -194,10 +196,10 @@ def test_compensated_sums_lose_less(name):
     lost = []
     for compensated in (False, True):
         sim = kd.Simulation(kd.Problem(oscillator, [1.0, 0.5]), name, dt=0.02, compensated=compensated)
-        sim.run(5000, every=5000)
+        sim.run(2000, every=2000)
         lost.append(abs(sim.state.y @ sim.state.y - 1.25))
-    assert lost[1] < 2e-15 + lost[0]
-    assert lost[1] < 5e-15
+    assert lost[1] < 2e-15
+    assert lost[1] < lost[0]
 
 
 # --- the iteration ---
@@ -274,16 +276,23 @@ def test_newton_that_does_not_converge_says_what_to_do():
     assert np.isfinite(sim.state.y).all()
 
 
-def test_full_newton_helps_where_simplified_newton_fails():
-    """A step into the turn of stiff van der Pol, where the Jacobian at its start says little."""
+def test_full_newton_helps_where_simplified_newton_fails(monkeypatch):
+    """Robertson's reaction in steps a thousand times its fastest part, which Gauss methods leave ringing."""
 
-    def van_der_pol(t, y):
-        return (y[1], 1000.0 * (1.0 - y[0] ** 2) * y[1] - y[0])
+    def run():
+        return solved(robertson, [1.0, 0.0, 0.0], "gauss-legendre4", 20, 20.0)
 
-    sim = kd.Simulation(kd.Problem(van_der_pol, [2.0, 0.0]), "backward-euler", dt=0.5)
-    sim.run(until=2000.0)
-    assert abs(sim.state.y[0]) < 2.1
-    assert sim._stepper.counts.jacobians < 2000
+    assert run().sum() == pytest.approx(1.0, abs=1e-13)
+    monkeypatch.setattr(ImplicitStepper, "_newton", ImplicitStepper._simplified)
+    with pytest.raises(RunError, match="newton iteration"):
+        run()
+
+
+def test_a_right_hand_side_that_begins_at_the_start():
+    """sqrt(t) is no number before t = 0, where df/dt is asked for."""
+    sim = kd.Simulation(kd.Problem(lambda t, y: (np.sqrt(t),), [0.0]), "rosenbrock", rtol=1e-8, atol=1e-8)
+    sim.run(until=1.0)
+    assert sim.state.y[0] == pytest.approx(2 / 3, abs=1e-6)
 
 
 # --- published end values ---
@@ -332,9 +341,9 @@ def test_looking_does_not_change_a_particle_runs_bits(name):
     x = np.indices((2, 2, 2)).reshape(3, -1).T * 1.15
     system = kd.System(x, rng.normal(size=(8, 3)) * 0.3, forces=[kd.LennardJones(cutoff=4.0)])
     one, other = (kd.Simulation(system, name, **options) for _ in range(2))
-    one.run(12)
+    one._stepper.advance(12)
     for _ in range(4):
-        other.run(3, every=1)
+        other._stepper.advance(3)
         other.energy()
     np.testing.assert_array_equal(one.state.phase, other.state.phase)
 
@@ -351,11 +360,8 @@ def test_newton_on_particles_agrees_with_fixed_point():
 
 
 @pytest.mark.parametrize("name", [*IMPLICIT, *STIFF])
-@pytest.mark.parametrize("compensated", [False, True])
-def test_a_run_in_pieces_gives_the_same_bits(name, compensated):
-    if compensated and name in STIFF:
-        pytest.skip("takes no compensated")
-    options = {"compensated": True} if compensated else {}
+def test_a_run_in_pieces_gives_the_same_bits(name):
+    options = {"compensated": True} if name == "gauss-legendre4" else {}
     one, other = (kd.Simulation(kd.Problem(driven, [1.0, 0.3]), name, dt=0.03, **options) for _ in range(2))
     one.run(200)
     for _ in range(20):
@@ -431,10 +437,10 @@ def test_an_error_in_f_is_told(name):
 
 @pytest.mark.parametrize("name", [*IMPLICIT, *STIFF])
 def test_a_solution_that_leaves_for_infinity_is_one_line(name):
-    """y' = y^2, with y -> oo at t = 1. No warning of NumPy's or SciPy's leaks."""
+    """y' = y^2, with y -> oo at t = 1. No warning of NumPy's or SciPy's leaks, for the tests
+    make errors of them."""
     sim = kd.Simulation(kd.Problem(lambda t, y: (y[0] ** 2,), [1.0]), name, dt=0.01)
-    with warnings.catch_warnings(), pytest.raises(RunError) as error:
-        warnings.simplefilter("error")
+    with pytest.raises(RunError) as error:
         sim.run(until=2.0)
     assert "\n" not in str(error.value)
     assert str(error.value).startswith(name)
@@ -444,7 +450,7 @@ def test_an_error_in_the_jacobian_is_told():
     def jacobian(t, y):
         if t > 0.5:
             raise ZeroDivisionError("no further")
-        return [[-1.0]]
+        return [[-3.0 * y[0] ** 2]]
 
     for name in ("rosenbrock", "radau"):
         sim = kd.Simulation(kd.Problem(lambda t, y: (-(y[0] ** 3),), [1.0], jacobian), name, rtol=1e-10)

@@ -61,7 +61,9 @@ class RosenbrockStepper(PythonStepper):
         if not np.isfinite(f).all():
             return self._blow_up(f)
         h = self._next or self._first or first_step(self._f, t, y, f, self._tableau.error_order, self.rtol, self.atol)
-        tangent = Tangent(f, self._jacobian(t, y), self._by_time(t, y, h))
+        tangent = Tangent(f, self._jacobian(t, y), self._by_time(t, y, f, h))
+        if not np.isfinite(tangent.by_t).all():
+            return self._blow_up(tangent.by_t)
         while h > 10.0 * np.spacing(abs(t)):
             trial, error = self._try(t, y, h, tangent)
             if error <= 1.0:
@@ -102,11 +104,15 @@ class RosenbrockStepper(PythonStepper):
         error = scaled_error.py_func(y, trial, np.ones((1, 1)), 1.0, estimate, self.rtol, self.atol)
         return trial, float(error) if np.isfinite(error) else np.inf
 
-    def _by_time(self, t: float, y: Floats, h: float) -> Floats:
-        """df/dt by central differences, over a short part of the step: f may change with t as fast as that."""
+    def _by_time(self, t: float, y: Floats, f: Floats, h: float) -> Floats:
+        """df/dt by central differences, over a short part of the step, for f may change with t as fast as that; by
+        forward ones at a start before which f is no number."""
         apart = max(EPSILON ** (1 / 3) * h, 1000.0 * float(np.spacing(abs(t))))
         after, before = t + apart, t - apart
-        return (self._f(after, y) - self._f(before, y)) / (after - before)
+        ahead, behind = self._f(after, y), self._f(before, y)
+        if not np.isfinite(behind).all():
+            return (ahead - f) / (after - t)
+        return (ahead - behind) / (after - before)
 
     def at(self, time: float) -> Floats:
         """By a step from the last step point, thrown away."""
