@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
 NEVER = 2**62
 SAMPLES = 1000  # of the energy in a run that does not say how often
+GLIMPSES = 10  # of a run that has no energy to sample: for stiffness alone
 
 
 @dataclass(frozen=True)
@@ -72,8 +73,10 @@ def plan_of(
     every: int | None,
     interval: float | None,
     known: int | None,
+    samples: int = SAMPLES,
 ) -> Plan:
-    """What ``Simulation.run`` was asked for, checked; ``known`` is the cadence of looks from before, if any."""
+    """What ``Simulation.run`` was asked for, checked; ``known`` is the cadence of looks from before, if any, and
+    ``samples`` how many to take where nothing says how often."""
     begin = sim.steps_done, sim.time
     if interval is not None and not (sim.method.adaptive and np.isfinite(number(interval)) and interval > 0):
         fixed = "" if sim.method.adaptive else f" for an adaptive method; {sim.integrator} has every"
@@ -83,7 +86,7 @@ def plan_of(
     cadence = whole_number("every", every, 1) if every is not None else known or sim.system.run.every
     if not sim.method.adaptive or until is None:
         count = steps_to(sim, steps, until)
-        cadence = cadence or max(1, count // SAMPLES)
+        cadence = cadence or max(1, count // samples)
         every = 0 if interval else cadence
         return Plan(*begin, begin[0] + count, every=every, interval=interval or 0.0, exact=True)
     if steps is not None or sim.running:
@@ -93,7 +96,7 @@ def plan_of(
         raise InputError(f"run: time {until!r} is not a finite time from the present, {sim.time:.12g}, on")
     if cadence and interval is None:
         return Plan(*begin, end_time=end, every=cadence)
-    length = interval or (end - sim.time) / SAMPLES
+    length = interval or (end - sim.time) / samples
     return Plan(*begin, end_time=end, interval=length, exact=interval is not None)
 
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
 
-from kickdrift.analysis.stiffness import WATCHED_POINTS, Point, can_be_limited, stability_warning
+from kickdrift.analysis.stiffness import WATCHED_POINTS, WATCHED_STEPS, Point, can_be_limited, stability_warning
 from kickdrift.errors import InputError, RunError
 from kickdrift.flow import ParticleFlow, flow_of
 from kickdrift.forces.kernel import OK
@@ -19,7 +19,7 @@ from kickdrift.integrators.stepping import STOPPED, Options
 from kickdrift.interrupt import interruptible
 from kickdrift.observers import Energies, Record, Sample
 from kickdrift.report import Report, report
-from kickdrift.run_plan import plan_of, steps_to
+from kickdrift.run_plan import GLIMPSES, SAMPLES, plan_of, steps_to
 from kickdrift.state import Floats, read_only
 from kickdrift.system import System
 
@@ -118,6 +118,7 @@ class Simulation:
         y = self._flow.array(state)
         self._stepper.reset(y, state.time, state.steps_done)
         self._at: float | None = None  # the present, where it lies before the stepper's last step point
+        self._present: tuple[float, Floats] | None = None  # and y there, once it was looked at
         self.record = Record()
         self._points: list[Point] = []
         self._last_good = self.state
@@ -133,7 +134,11 @@ class Simulation:
         return self._stepper.steps_done
 
     def _now(self) -> Floats:
-        return self._stepper.y if self._at is None else self._stepper.at(self._at)
+        if self._at is None:
+            return self._stepper.y
+        if self._present is None or self._present[0] != self._at:
+            self._present = self._at, self._stepper.at(self._at)
+        return self._present[1]
 
     def energy(self) -> Energies:
         """Kinetic, potential and total energy now, in the system's units."""
@@ -184,7 +189,9 @@ class Simulation:
         state is then that of the last sample.
         """
         own = self._files.get(os.path.abspath(output)) if output is not None else None
-        plan = plan_of(self, steps, until, every, interval, (own[1] if own else None) or self._every)
+        seen = isinstance(self.system, System) or self.system.energy is not None or observe is not None
+        samples = SAMPLES if seen else GLIMPSES
+        plan = plan_of(self, steps, until, every, interval, (own[1] if own else None) or self._every, samples)
         self._every = every or self._every
         self._prepare()
         with self._busy() as interrupted, self._writer(output, plan.every, overwrite) as writer:
@@ -259,7 +266,7 @@ class Simulation:
         stepper = self._stepper
         before, counts = stepper.steps_done, stepper.counts
         status = stepper.advance(steps, until)
-        self._at = None
+        self._at = self._present = None
         after = stepper.counts
         self.record.steps += stepper.steps_done - before
         self.record.force_evaluations += after.evaluations - counts.evaluations
@@ -311,6 +318,8 @@ class Simulation:
 
     def _warn(self) -> None:
         """Say where stability and not accuracy sets the steps."""
+        if not self._watched or self.record.steps < WATCHED_STEPS:
+            return
         warning = stability_warning(self._flow, self.method, self._points)
         if warning and warning not in self.record.warnings:
             self.record.warnings = [warning]

@@ -102,8 +102,8 @@ def drift(times: ArrayLike, values: ArrayLike) -> Drift:
        in both), or increments that wander themselves (``error`` as in 4).
 
     A series that is trend and lines to within rounding gets the rounding as its ``error``. One whose trend and residue
-    over its whole length stay under 1e-9 of its lines is "bounded", with slope and error as found.  Over 2000 samples are
-    averaged in equal bins; the first few that fill none are dropped.
+    over its whole length stay under 1e-9 of its lines is "bounded", with slope and error as found.  Over 2000 samples
+    are averaged in equal bins; the first few that fill none are dropped.
 
     Raises InputError for unequal lengths, values that are not finite and times that are not evenly spaced.
 

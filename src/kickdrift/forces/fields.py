@@ -28,9 +28,12 @@ class Field:
     ----------
     may_overlap : bool
         Particles may begin at the same place as far as this force is concerned.
+    external : bool
+        It does not conserve momentum.
     """
 
     may_overlap: ClassVar[bool] = True
+    external: ClassVar[bool] = True
     name: ClassVar[str]
 
     def check(self, system: System) -> None:
@@ -119,6 +122,7 @@ class DrivenField(Field):
     phase: float = 0.0
 
     name: ClassVar[str] = "driven-field"
+    works: ClassVar[bool] = True  # energy is not conserved
     dimensions: ClassVar[dict[str, str]] = {"amplitude": "acceleration", "frequency": "frequency"}
 
     def __post_init__(self) -> None:
@@ -152,6 +156,11 @@ class LinearDrag(Field):
         """Whether it is there at all: a splitting method refuses it then."""
         return self.rate != 0.0
 
+    @property
+    def works(self) -> bool:
+        """Likewise: energy is not conserved then."""
+        return self.rate != 0.0
+
     def __post_init__(self) -> None:
         object.__setattr__(self, "rate", _number(self.name, "rate", self.rate))
         if self.rate < 0:
@@ -179,6 +188,7 @@ class Springs(Field):
     length: float | Sequence[float] = 0.0
 
     name: ClassVar[str] = "springs"
+    external: ClassVar[bool] = False
     dimensions: ClassVar[dict[str, str]] = {"stiffness": "stiffness", "length": "length"}
 
     def __post_init__(self) -> None:

@@ -100,8 +100,9 @@ class RosenbrockStepper(PythonStepper):
             if not np.isfinite(u[i]).all():
                 return y, np.inf
         trial = y + np.tensordot(method.m, u, 1)
-        estimate = np.tensordot(method.errors, u, 1)[np.newaxis]
-        error = scaled_error.py_func(y, trial, np.ones((1, 1)), 1.0, estimate, self.rtol, self.atol)
+        estimate = np.tensordot(method.errors, u, 1).reshape(1, -1)
+        ends = y.reshape(-1), trial.reshape(-1)
+        error = scaled_error.py_func(*ends, np.ones((1, 1)), 1.0, estimate, self.rtol, self.atol)
         return trial, float(error) if np.isfinite(error) else np.inf
 
     def _by_time(self, t: float, y: Floats, f: Floats, h: float) -> Floats:
