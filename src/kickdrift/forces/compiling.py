@@ -26,7 +26,9 @@ from kickdrift.cache import folder
 FAST_MATH = {"reassoc", "nsz", "arcp", "contract"}  # never nnan or ninf: blow-ups are found by their NaN
 
 jit = njit(error_model="numpy", fastmath=FAST_MATH, nogil=True)
-strict = njit(error_model="numpy", nogil=True)  # operation by operation as written, for what reassociation would undo
+# Operation by operation as written, for what reassociation would undo. False must be said: a function that leaves
+# ``fastmath`` open takes it over from the first caller that it is compiled for.
+strict = njit(error_model="numpy", fastmath=False, nogil=True)
 
 
 @intrinsic
