@@ -24,6 +24,7 @@ from kickdrift.state import Floats, read_only
 from kickdrift.system import System
 
 if TYPE_CHECKING:
+    from kickdrift.integrators.exact import Lattice
     from kickdrift.problem import Problem
     from kickdrift.trajectory.h5md import Writer
 
@@ -127,6 +128,25 @@ class Simulation:
         self._at: float | None = None  # the present, where it lies before the stepper's last step point
         self.record = Record()
         self._last_good = self.state
+
+    @property
+    def lattice(self) -> Lattice:
+        """The whole numbers that leapfrog-exact moves, a copy; ``state`` shows them rounded to floats. Setting it takes
+        a run up again to the last bit, and ``sim.lattice = sim.lattice.reversed()`` turns it around."""
+        return self._exact().lattice
+
+    @lattice.setter
+    def lattice(self, lattice: Lattice) -> None:
+        if self._running:
+            raise InputError("lattice: is read-only while the Simulation runs")
+        self._exact().lattice = lattice
+        self.record = Record()
+        self._last_good = self.state
+
+    def _exact(self) -> Any:
+        if not hasattr(self._stepper, "lattice"):
+            raise InputError(f"lattice: {self.integrator} has none; leapfrog-exact has")
+        return self._stepper
 
     @property
     def time(self) -> float:

@@ -5,10 +5,12 @@ from __future__ import annotations
 from difflib import get_close_matches
 
 from kickdrift.errors import InputError
-from kickdrift.integrators import runge_kutta, splitting, stormer
+from kickdrift.integrators import exact, runge_kutta, splitting, stormer
 from kickdrift.integrators.method import Method
 
-INTEGRATORS: dict[str, Method] = {row.name: row for row in (*splitting.ROWS, *stormer.ROWS, *runge_kutta.ROWS)}
+INTEGRATORS: dict[str, Method] = {
+    row.name: row for row in (*splitting.ROWS, *stormer.ROWS, *exact.ROWS, *runge_kutta.ROWS)
+}
 INTEGRATORS |= {alias: INTEGRATORS[name] for alias, name in splitting.ALIASES.items()}
 
 
