@@ -46,7 +46,7 @@ class Particles(NamedTuple):
     radius: float  # of the list; 0 without one
     skin: float
     reference: NDArray[np.int64]  # (3, n) positions when the list was made
-    first: NDArray[np.int64]  # (n + 1,)
+    span: NDArray[np.int64]  # (n, 2) first and last partner + 1 of a particle
     partners: NDArray[np.int32]  # (room,)
     counts: NDArray[np.int64]
 
@@ -101,27 +101,28 @@ def _add_kicks(force, particles):
 
 @strict
 def pair_kicks(force, particles):
-    x, kick, first, partners = particles.x, particles.kick, particles.first, particles.partners
+    x, kick, span, partners = particles.x, particles.kick, particles.span, particles.partners
     ux, uy, uz = particles.spacing
-    gain = force.gain
+    law, at_cutoff, truncation, tables = force.law, force.at_cutoff, force.truncation, force.tables
+    cutoff2, gain, alike, largest = force.cutoff2, force.gain, force.alike, force.largest
     for i in range(x.shape[1]):
         xi, yi, zi = x[0, i], x[1, i], x[2, i]
         gi = gain[i]
         kx, ky, kz = kick[0, i], kick[1, i], kick[2, i]
-        for k in range(first[i], first[i + 1]):
+        for k in range(span[i, 0], span[i, 1]):
             j = partners[k]
             dx = ux * np.float64(xi - x[0, j])
             dy = uy * np.float64(yi - x[1, j])
             dz = uz * np.float64(zi - x[2, j])
             r2 = dx * dx + dy * dy + dz * dz
-            if r2 < force.cutoff2:
-                force_over_r = pair_force(force.law, force.at_cutoff, force.truncation, force.tables, i, j, r2)
+            if r2 < cutoff2:
+                force_over_r = pair_force(law, at_cutoff, truncation, tables, i, j, r2)
                 fx, fy, fz = force_over_r * dx, force_over_r * dy, force_over_r * dz
-                if not (abs(fx) + abs(fy) + abs(fz)) * force.largest < LARGEST_KICK:
+                if not (abs(fx) + abs(fy) + abs(fz)) * largest < LARGEST_KICK:
                     return BLOWN_UP
                 px, py, pz = whole(gi * fx), whole(gi * fy), whole(gi * fz)
                 kx, ky, kz = kx + px, ky + py, kz + pz
-                if not force.alike:
+                if not alike:
                     gj = gain[j]
                     px, py, pz = whole(gj * fx), whole(gj * fy), whole(gj * fz)
                 kick[0, j] -= px
@@ -233,7 +234,7 @@ def moved(particles):
 
 @strict
 def sort_into_cells(particles, cells):
-    """cells <- how many along each axis; the cell of each particle, the first of each cell, particles by cell."""
+    """cells <- how many along each axis; where each cell's particles begin, and the particles by cell."""
     x, n = particles.x, particles.x.shape[1]
     low, width = np.zeros(3), np.zeros(3)
     most = int((8.0 * n) ** (1.0 / 3.0)) + 1
@@ -259,52 +260,72 @@ def sort_into_cells(particles, cells):
     for i in range(n):
         order[fill[cell[i]]] = i
         fill[cell[i]] += 1
-    return cell, begin, order
+    return begin, order
 
 
 @strict
 def search(particles):
     """Fill the list, as far as there is room; the number of pairs found. The positions become the reference."""
     x, n, reference = particles.x, particles.x.shape[1], particles.reference
-    first, partners = particles.first, particles.partners
     for k in range(3):
         for i in range(n):
             reference[k, i] = x[k, i]
     cells = np.zeros(3, np.int64)
-    cell, begin, order = sort_into_cells(particles, cells)
-    ux, uy, uz = particles.spacing
-    radius2, found = particles.radius**2, 0
+    begin, order = sort_into_cells(particles, cells)
+    near = np.empty(n, np.int64)  # the particles that those of one cell may pair with, its own first
+    found = 0
+    for cell in range(begin.size - 1):
+        own = begin[cell + 1] - begin[cell]
+        if own:
+            count = gather(particles, cells, cell, begin, order, near)
+            for q in range(own):
+                found = add_partners(particles, near, q, count, found)
+    return found
+
+
+@strict
+def gather(particles, cells, cell, begin, order, near):
+    """near <- the particles of a cell and of the cells after it within reach; their number."""
     low, high = np.zeros(3, np.int64), np.zeros(3, np.int64)
-    here = np.zeros(3, np.int64)
-    for i in range(n):
-        first[i] = found
-        here[0], here[1] = cell[i] // (cells[1] * cells[2]), cell[i] // cells[2] % cells[1]
-        here[2] = cell[i] % cells[2]
-        for k in range(3):
-            low[k], high[k] = here[k] - REACH, here[k] + REACH + 1
-            if particles.periodic and cells[k] <= 2 * REACH:
-                low[k], high[k] = 0, cells[k]
-            elif not particles.periodic:
-                low[k], high[k] = max(low[k], 0), min(high[k], cells[k])
-        for a in range(low[0], high[0]):
-            for b in range(low[1], high[1]):
-                column = (a % cells[0] * cells[1] + b % cells[1]) * cells[2]
-                for c in range(low[2], high[2]):
-                    other = column + c % cells[2]
-                    if other < cell[i]:
-                        continue
+    here = (cell // (cells[1] * cells[2]), cell // cells[2] % cells[1], cell % cells[2])
+    for k in range(3):
+        low[k], high[k] = here[k] - REACH, here[k] + REACH + 1
+        if not particles.periodic:
+            low[k], high[k] = max(low[k], 0), min(high[k], cells[k])
+        elif cells[k] <= 2 * REACH:
+            low[k], high[k] = 0, cells[k]
+    count = 0
+    for q in range(begin[cell], begin[cell + 1]):
+        near[count] = order[q]
+        count += 1
+    for a in range(low[0], high[0]):
+        for b in range(low[1], high[1]):
+            for c in range(low[2], high[2]):
+                other = (a % cells[0] * cells[1] + b % cells[1]) * cells[2] + c % cells[2]
+                if other > cell:
                     for q in range(begin[other], begin[other + 1]):
-                        j = order[q]
-                        if other == cell[i] and j <= i:
-                            continue
-                        dx = ux * np.float64(x[0, i] - x[0, j])
-                        dy = uy * np.float64(x[1, i] - x[1, j])
-                        dz = uz * np.float64(x[2, i] - x[2, j])
-                        if dx * dx + dy * dy + dz * dz < radius2:
-                            if found < partners.size:
-                                partners[found] = j
-                            found += 1
-    first[n] = found
+                        near[count] = order[q]
+                        count += 1
+    return count
+
+
+@strict
+def add_partners(particles, near, q, count, found):
+    """List particle near[q] with those after it that are within the radius; the number of pairs found so far."""
+    x, partners, i = particles.x, particles.partners, near[q]
+    ux, uy, uz = particles.spacing
+    radius2, room = particles.radius**2, partners.size
+    particles.span[i, 0] = found
+    for k in range(q + 1, count):
+        j = near[k]
+        dx = ux * np.float64(x[0, i] - x[0, j])
+        dy = uy * np.float64(x[1, i] - x[1, j])
+        dz = uz * np.float64(x[2, i] - x[2, j])
+        if dx * dx + dy * dy + dz * dz < radius2:
+            if found < room:
+                partners[found] = j
+            found += 1
+    particles.span[i, 1] = found
     return found
 
 

@@ -138,7 +138,7 @@ class ExactStepper:
             radius=self._cutoff + skin,
             skin=skin,
             reference=integers[4],
-            first=np.zeros(n + 1, np.int64),
+            span=np.zeros((n, 2), np.int64),
             partners=np.zeros(32 * n if self._cutoff else 0, np.int32),
             counts=np.zeros(6, np.int64),
         )
