@@ -106,12 +106,12 @@ def report(sim: Simulation) -> Report:
         integrator=sim.integrator,
         particles=len(system) if of_particles else None,
         units=system.units.name if isinstance(system, System) else None,
-        dt=None if sim.method.adaptive else sim.dt,
+        dt=None if sim.method.chooses_steps else sim.dt,
         rtol=rtol,
         atol=atol,
         steps=record.steps,
         rejected_steps=record.rejected_steps,
-        time=samples[-1].time - samples[0].time if sim.method.adaptive else record.steps * (sim.dt or 0.0),
+        time=samples[-1].time - samples[0].time if sim.method.chooses_steps else record.steps * (sim.dt or 0.0),
         seed=system.seed if isinstance(system, System) else None,
         threads=sim.threads,
         samples=len(samples),
@@ -120,7 +120,7 @@ def report(sim: Simulation) -> Report:
         compile_seconds=record.compile_seconds,
         steps_per_second=record.steps / record.wall_seconds if record.wall_seconds else 0.0,
         ns_per_pair=1e9 * record.wall_seconds / work if work else None,
-        energy=_energy(record, even=not sim.method.adaptive),
+        energy=_energy(record, even=not sim.method.chooses_steps),
         momentum_error=_largest_change([s.momentum for s in samples], record.momentum_scale),
         angular_momentum_error=None
         if isinstance(system, System) and system.box.periodic
@@ -140,8 +140,12 @@ def _energy(record: Record, even: bool) -> EnergyReport | None:
     kinetic = samples[0].energies.kinetic
     error = energy_error(total, 0.0 if np.isnan(kinetic) else kinetic)
     scale = {"initial energy": abs(error.initial), "kinetic energy": kinetic}.get(error.relative_to, 1.0)
-    chosen = record.even() if even else samples  # an adaptive run's samples are as even as its steps allow
-    trend = drift([s.time for s in chosen], [(s.energies.total - error.initial) / scale for s in chosen])
+    chosen = record.even() if even else samples
+    times, errors = [s.time for s in chosen], [(s.energies.total - error.initial) / scale for s in chosen]
+    if not even:  # samples at step points are as even as the steps allow
+        grid = np.linspace(times[0], times[-1], len(times))
+        times, errors = grid.tolist(), np.interp(grid, times, errors).tolist()
+    trend = drift(times, errors)
     return EnergyReport(
         **asdict(error), drift_per_unit_time=trend.slope, drift_error=trend.error, verdict=trend.verdict
     )
