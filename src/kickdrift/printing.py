@@ -29,7 +29,7 @@ def list_integrators() -> tuple[list[str], list[list[str]]]:
             str(method.evaluations),
             yes[method.symplectic],
             yes[method.reversible],
-            yes[method.adaptive],
+            yes[method.chooses_steps],
             method.use if name == method.name else f"the same as {method.name}",
         ]
         for name, method in INTEGRATORS.items()

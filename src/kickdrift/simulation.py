@@ -273,7 +273,7 @@ class Simulation:
             return _whole_number("steps", steps, 0)
         if not np.isfinite(_number(until)):
             raise InputError(f"run: the time to reach must be a finite number, got {until!r}")
-        if self.dt is None or self.method.adaptive:
+        if self.dt is None or self.method.chooses_steps:
             raise InputError(f"run: {self.integrator} chooses its steps; how many it takes is known afterwards")
         exact = (until - self.time) / self.dt
         count = round(exact)
@@ -291,12 +291,12 @@ class Simulation:
         self, steps: int | None, until: float | None, every: int | None, interval: float | None, output: Any
     ) -> Plan:
         begin = self.steps_done, self.time
-        if interval is not None and not (self.method.adaptive and np.isfinite(_number(interval)) and interval > 0):
-            fixed = "" if self.method.adaptive else f" for an adaptive method; {self.integrator} has every"
+        if interval is not None and not (self.method.chooses_steps and np.isfinite(_number(interval)) and interval > 0):
+            fixed = "" if self.method.chooses_steps else f" for an adaptive method; {self.integrator} has every"
             raise InputError(f"run: interval must be a positive time{fixed}, got {interval!r}")
         if interval is not None and every is not None:
             raise InputError("run: give every or interval, not both")
-        if not self.method.adaptive or until is None:
+        if not self.method.chooses_steps or until is None:
             count = self.steps_to(steps, until)
             cadence = 0 if interval else self._cadence(every, output, count)
             return Plan(*begin, begin[0] + count, every=cadence, interval=interval or 0.0, exact=True)
@@ -349,7 +349,7 @@ class Simulation:
         last, stepper = self._last_good, self._stepper
         step = stepper.steps_done + inside_step
         time = stepper.time + (self.dt or 0.0) * inside_step
-        with_step = "" if self.method.adaptive else f", dt = {self.dt:g}"
+        with_step = "" if self.method.chooses_steps else f", dt = {self.dt:g}"
         good = self._flow.array(last)
         if stopped:
             message = f"stopped at step {step} (t = {stepper.time:.6g}): {stepper.trouble}"

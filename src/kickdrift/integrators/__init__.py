@@ -5,11 +5,11 @@ from __future__ import annotations
 from difflib import get_close_matches
 
 from kickdrift.errors import InputError
-from kickdrift.integrators import exact, runge_kutta, splitting, stormer
+from kickdrift.integrators import exact, reversible, runge_kutta, splitting, stormer
 from kickdrift.integrators.method import Method
 
 INTEGRATORS: dict[str, Method] = {
-    row.name: row for row in (*splitting.ROWS, *stormer.ROWS, *exact.ROWS, *runge_kutta.ROWS)
+    row.name: row for row in (*splitting.ROWS, *stormer.ROWS, *exact.ROWS, *reversible.ROWS, *runge_kutta.ROWS)
 }
 INTEGRATORS |= {alias: INTEGRATORS[name] for alias, name in splitting.ALIASES.items()}
 
