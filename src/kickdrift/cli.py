@@ -142,11 +142,11 @@ def run_length(sim: Simulation, system: str, steps: int | None, time: float | No
     given = sim.system.run
     if steps is None and time is None:
         steps, time = given.steps, given.time
-        if sim.method.adaptive and given.steps is not None and given.dt is not None:
+        if sim.method.chooses_steps and given.steps is not None and given.dt is not None:
             steps, time = None, given.steps * given.dt  # the same length as the file's fixed steps have
     if steps is None and time is None:
         raise InputError(f"{system}: [run] names neither steps nor time; give --steps or --time")
-    if sim.method.adaptive and time is not None:
+    if sim.method.chooses_steps and time is not None:
         return {"until": sim.time + time}
     return {"steps": sim.steps_to(steps, time)}
 

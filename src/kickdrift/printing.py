@@ -30,7 +30,7 @@ def list_integrators() -> tuple[list[str], list[list[str]]]:
             str(method.evaluations or "varies"),
             yes[method.symplectic],
             yes[method.reversible],
-            yes[method.adaptive],
+            yes[method.chooses_steps],
             method.use if name == method.name else f"the same as {method.name}",
         ]
         for name, method in INTEGRATORS.items()

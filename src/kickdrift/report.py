@@ -112,7 +112,7 @@ def report(sim: Simulation) -> Report:
         atol=atol,
         steps=record.steps,
         rejected_steps=record.rejected_steps,
-        time=samples[-1].time - samples[0].time if sim.method.adaptive else record.steps * (sim.dt or 0.0),
+        time=samples[-1].time - samples[0].time if sim.method.chooses_steps else record.steps * (sim.dt or 0.0),
         seed=system.seed if isinstance(system, System) else None,
         threads=sim.threads,
         samples=len(samples),
@@ -121,7 +121,7 @@ def report(sim: Simulation) -> Report:
         compile_seconds=record.compile_seconds,
         steps_per_second=record.steps / record.wall_seconds if record.wall_seconds else 0.0,
         ns_per_pair=1e9 * record.wall_seconds / work if work else None,
-        energy=_energy(record, not sim.method.adaptive, system),
+        energy=_energy(record, not sim.method.chooses_steps, system),
         momentum_error=None
         if isinstance(system, System) and system.acting("external")
         else _largest_change([s.momentum for s in samples], record.momentum_scale),

@@ -78,13 +78,13 @@ def plan_of(
     """What ``Simulation.run`` was asked for, checked; ``known`` is the cadence of looks from before, if any, and
     ``samples`` how many to take where nothing says how often."""
     begin = sim.steps_done, sim.time
-    if interval is not None and not (sim.method.adaptive and np.isfinite(number(interval)) and interval > 0):
-        fixed = "" if sim.method.adaptive else f" for an adaptive method; {sim.integrator} has every"
+    if interval is not None and not (sim.method.chooses_steps and np.isfinite(number(interval)) and interval > 0):
+        fixed = "" if sim.method.chooses_steps else f" for an adaptive method; {sim.integrator} has every"
         raise InputError(f"run: interval must be a positive time{fixed}, got {interval!r}")
     if interval is not None and every is not None:
         raise InputError("run: give every or interval, not both")
     cadence = whole_number("every", every, 1) if every is not None else known or sim.system.run.every
-    if not sim.method.adaptive or until is None:
+    if not sim.method.chooses_steps or until is None:
         count = steps_to(sim, steps, until)
         cadence = cadence or max(1, count // samples)
         every = 0 if interval else cadence
@@ -110,7 +110,7 @@ def steps_to(sim: Simulation, steps: int | None, until: float | None) -> int:
         return whole_number("steps", steps, 0)
     if not np.isfinite(number(until)):
         raise InputError(f"run: the time to reach must be a finite number, got {until!r}")
-    if sim.dt is None or sim.method.adaptive:
+    if sim.dt is None or sim.method.chooses_steps:
         raise InputError(f"run: {sim.integrator} chooses its steps; how many it takes is known afterwards")
     exact = (until - sim.time) / sim.dt
     count = round(exact)

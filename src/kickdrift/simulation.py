@@ -24,6 +24,7 @@ from kickdrift.state import Floats, read_only
 from kickdrift.system import System
 
 if TYPE_CHECKING:
+    from kickdrift.integrators.exact import Lattice
     from kickdrift.problem import Problem
     from kickdrift.trajectory.h5md import Writer
 
@@ -122,6 +123,25 @@ class Simulation:
         self.record = Record()
         self._points: list[Point] = []
         self._last_good = self.state
+
+    @property
+    def lattice(self) -> Lattice:
+        """The whole numbers that leapfrog-exact moves, a copy; ``state`` shows them rounded to floats. Setting it takes
+        a run up again to the last bit, and ``sim.lattice = sim.lattice.reversed()`` turns it around."""
+        return self._exact().lattice
+
+    @lattice.setter
+    def lattice(self, lattice: Lattice) -> None:
+        if self.running:
+            raise InputError("lattice: is read-only while the Simulation runs")
+        self._exact().lattice = lattice
+        self.record = Record()
+        self._last_good = self.state
+
+    def _exact(self) -> Any:
+        if not hasattr(self._stepper, "lattice"):
+            raise InputError(f"lattice: {self.integrator} has none; leapfrog-exact has")
+        return self._stepper
 
     @property
     def time(self) -> float:
@@ -282,7 +302,7 @@ class Simulation:
         last, stepper = self._last_good, self._stepper
         step = stepper.steps_done + inside_step
         time = stepper.time + (self.dt or 0.0) * inside_step
-        with_step = "" if self.method.adaptive else f", dt = {self.dt:g}"
+        with_step = "" if self.method.chooses_steps else f", dt = {self.dt:g}"
         good = self._flow.array(last)
         if stopped:
             message = f"stopped at step {step} (t = {stepper.time:.6g}): {stepper.trouble}"
