@@ -59,18 +59,3 @@ def runge_kutta_step(method, acceleration: Acceleration, t: float, x, v, dt: flo
     x = x + dt * sum(b * dx for b, (dx, _) in zip(method.b, k, strict=True))
     v = v + dt * sum(b * dv for b, (_, dv) in zip(method.b, k, strict=True))
     return x, v
-
-
-# --- Kepler's problem in closed form ---
-
-
-def kepler(t: float, e: float) -> tuple[np.ndarray, np.ndarray]:
-    """Separation and relative velocity (3,) at time t after pericentre: G (m1 + m2) = 1, semi-major axis 1."""
-    eccentric = t
-    for _ in range(100):  # Newton's method on E - e sin E = t
-        change = (eccentric - e * np.sin(eccentric) - t) / (1.0 - e * np.cos(eccentric))
-        eccentric -= change
-        if abs(change) < 1e-16 * max(1.0, abs(t)):
-            break
-    c, s, b = np.cos(eccentric), np.sin(eccentric), np.sqrt(1.0 - e * e)
-    return np.array([c - e, b * s, 0.0]), np.array([-s, b * c, 0.0]) / (1.0 - e * c)
