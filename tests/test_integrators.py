@@ -163,6 +163,25 @@ def test_compiled_loops_agree_with_the_oracle(name):
     np.testing.assert_allclose(sim.state.velocities, v, atol=1e-10)
 
 
+@pytest.mark.parametrize(("name", "rounding"), [("velocity-verlet", 1e-13), ("stormer-verlet", 1e-11)])
+def test_leapfrog_with_velocities_at_half_steps_has_the_same_positions(name, rounding):
+    """At every one of 500 steps, a turn and a half of an ellipse; stormer-verlet's digits go in the difference of two
+    positions."""
+    system, dt, steps = two_bodies(), 0.02, 500
+
+    def acceleration(t, x):
+        r = x[0] - x[1]
+        return np.array([-0.4, 0.6])[:, None] * r / np.linalg.norm(r) ** 3
+
+    start = system.state
+    x, v = oracle_integrators.half_steps(acceleration, start.positions, start.velocities, dt, steps)
+    sim = kd.Simulation(system, name, dt=dt)
+    states = []
+    sim.run(steps, every=1, observe=lambda sim: states.append(sim.state))
+    np.testing.assert_allclose([state.positions for state in states], x, rtol=0.0, atol=rounding)
+    np.testing.assert_allclose([state.velocities for state in states], v, rtol=0.0, atol=10 * rounding)
+
+
 class Shaken(NamedTuple):
     """The bound form of a force per mass of amplitude x sin(7 t)."""
 
