@@ -92,7 +92,7 @@ class Exact(Method):
         for force in system.forces:
             if not isinstance(force, (PairForce, Gravity)):
                 raise InputError(
-                    f"{self.name}: adds up pair forces and gravity as whole numbers, and force {force.name!r} is neither"
+                    f"{self.name}: adds pair forces and gravity as whole numbers, and force {force.name!r} is neither"
                 )
         from kickdrift.integrators.exact_stepper import ExactStepper
 

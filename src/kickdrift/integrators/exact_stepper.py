@@ -162,7 +162,7 @@ class ExactStepper:
         if not particles.periodic:
             inside &= np.abs(x) < FAR
         if not inside.all():
-            axis, i = np.argwhere(~inside)[0]
+            i = np.argwhere(~inside)[0, 1]
             raise InputError(f"state: particle {i} is beyond what the lattice of {self._reach()} holds")
         self._place(x.astype(np.int64), images, p.astype(np.int64), time, steps)
 
