@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from kickdrift.errors import InputError
-from kickdrift.plots import COLOURS, _axes, _figure, _pretty, _save, _target
+from kickdrift.plots import _INK, COLOURS, _axes, _figure, _pretty, _save, _target
 
 if TYPE_CHECKING:
     from kickdrift.analysis.work_precision import Comparison
@@ -53,7 +53,9 @@ def plot_comparison(comparison: Comparison, output: str | os.PathLike[str], *, o
     left.set_ylabel(
         "relative energy error (RMS)" if comparison.measure == "energy" else "largest relative error of the positions"
     )
-    left.legend(loc="upper center", bbox_to_anchor=(1.0, -0.14), ncols=5, fontsize=8, frameon=False)
+    figure.legend(*left.get_legend_handles_labels(), loc="outside lower center", ncols=6, fontsize=8, frameon=False)
     unit = f" {_pretty(comparison.time_unit)}" if comparison.time_unit else ""
-    figure.suptitle(f"{comparison.system}  ·  {comparison.length:.4g}{unit}  ·  {comparison.reference}", fontsize=12)
+    figure.suptitle(
+        f"{comparison.system}  ·  {comparison.length:.4g}{unit}  ·  {comparison.reference}", fontsize=12, color=_INK
+    )
     return _save(figure, target)

@@ -16,7 +16,7 @@ from kickdrift.simulation import Simulation
 from kickdrift.state import Floats
 from kickdrift.system import System
 
-SHORT = 0.1  # seconds; a run below is timed three times
+SHORT = 0.1  # seconds; a run below is timed three times more, a longer one once
 LONG = 0.3  # seconds; in a run above, the looks at the solution weigh little
 NEVER = 2**40  # steps between two looks: none but at both ends
 

@@ -165,8 +165,9 @@ def reference(
     try:
         moderate = tolerances(subject, start, 1e-9)
         off = perturbed(start, vector(start), state_at)
-        pair = [follow(subject, state, name, length, samples, **moderate, **run) for state in (start, off)]
-        rate = lyapunov_rate(subject, *pair, length)
+        here = follow(subject, start, name, length, samples, **moderate, **run)
+        there = follow(subject, off, name, length, samples, **moderate, **run)
+        rate = lyapunov_rate(subject, here, there, length)
         if has_energy and rate * whole > LOST:
             note = (
                 f"chaos: neighbouring solutions part as exp({rate:.2g} t), so that no run in double precision knows "
