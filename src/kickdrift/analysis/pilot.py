@@ -17,7 +17,7 @@ from kickdrift.state import Floats
 from kickdrift.system import System
 
 SHORT = 0.1  # seconds; a run below is timed three times more, a longer one once
-LONG = 0.3  # seconds; in a run above, the looks at the solution weigh little
+LONG = 3.0  # seconds; in a run above, the looks at the solution weigh little, and it is not run again
 NEVER = 2**40  # steps between two looks: none but at both ends
 
 Subject = System | Problem

@@ -23,6 +23,8 @@ TIGHT = ((1e-13, 1e-12), (1e-11, 1e-10), (1e-9, 1e-8))  # rtol of the reference,
 ATOL = 1e-2  # times rtol and the unknowns' size, where the file names no tolerances
 LOST = log(1e12)  # exponents of growth over a run that leave nothing of double precision's digits
 PERTURBATION = 1e-8  # of a start that shows how fast neighbours part
+PROBED = 251  # samples of the two runs
+NEAR = 1e-3  # relative distance up to which they are neighbours
 EXPONENTIAL = 10.0  # growth of a perturbation from one half of a run to the next; a power law's is 2 or 4
 AGREED = 1e-6  # the reference's own error up to which a chaotic problem without an energy is compared
 
@@ -131,24 +133,32 @@ def perturbed(start: Any, y: Floats, state_at: Callable[..., Any]) -> Any:
     return state_at(start, y + PERTURBATION * np.sqrt(np.mean(y**2)) * random.standard_normal(y.size), start.time)
 
 
-def lyapunov_rate(subject: Subject, first: Track, second: Track, length: float) -> float:
-    """The rate at which two runs part, from the second and third quarters of the length to the last: 0 where that is
-    no faster than a power law of the time."""
+def lyapunov_rate(subject: Subject, first: Track, second: Track) -> float:
+    """The rate at which two runs part while they are near (1e-3 of what moves): 0 where that is no faster than a power
+    law of the time, by the largest distances in the two halves of that stretch."""
     difference = compared(subject, first.y) - compared(subject, second.y)
     apart = distance(difference, natural_scale(subject, first.y))
-    quarters = np.array_split(apart[1:], 4)
-    begin, end = max(quarters[0].max(), quarters[1].max()), max(quarters[2].max(), quarters[3].max())
-    if not (end > EXPONENTIAL * begin > 0) or end > 0.1:  # far apart: the difference has stopped growing
-        early = apart[0]
-        grown = end / early if early > 0 else 1.0
-        return log(grown) / length if end > 0.1 and grown > 1e5 else 0.0
-    return 2.0 * log(end / begin) / length
+    near = int(np.argmax(apart > NEAR)) if (apart > NEAR).any() else len(apart)
+    passed = first.times - first.times[0]
+    if near <= 8:  # gone within a few samples
+        return log(NEAR / PERTURBATION) / float(passed[near])
+    begin, end = apart[1 : near // 2].max(), apart[near // 2 : near].max()
+    return 2.0 * log(end / begin) / float(passed[near - 1]) if end > EXPONENTIAL * begin > 0 else 0.0
 
 
 def reference(
-    subject: Subject, start: Any, length: float, whole: float, samples: int, stiff: bool, threads: int, limit: float
+    subject: Subject,
+    start: Any,
+    length: float,
+    whole: float,
+    samples: int,
+    stiff: bool,
+    threads: int,
+    limit: float,
+    probe: float,
 ) -> Reference:
-    """Choose, by measurement, what errors are measured against over ``length``.
+    """Choose, by measurement, what errors are measured against over ``length``; ``probe`` is how long two runs may be
+    that show how fast neighbours part.
 
     A closed form where the Problem has one. Else two runs, one from a start that is a little off: where they part
     exponentially, so fast that over the ``whole`` length nothing is left of double precision, chaos forbids positions
@@ -165,9 +175,9 @@ def reference(
     try:
         moderate = tolerances(subject, start, 1e-9)
         off = perturbed(start, vector(start), state_at)
-        here = follow(subject, start, name, length, samples, **moderate, **run)
-        there = follow(subject, off, name, length, samples, **moderate, **run)
-        rate = lyapunov_rate(subject, here, there, length)
+        here = follow(subject, start, name, probe, PROBED, **moderate, **run)
+        there = follow(subject, off, name, probe, PROBED, **moderate, **run)
+        rate = lyapunov_rate(subject, here, there)
         if has_energy and rate * whole > LOST:
             note = (
                 f"chaos: neighbouring solutions part as exp({rate:.2g} t), so that no run in double precision knows "

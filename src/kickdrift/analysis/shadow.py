@@ -36,10 +36,10 @@ def modified_hamiltonian(q: Any, p: Any, dt: float, potential: Potential, order:
         H2 = p^2 V'' / 12 - V'^2 / 24
         H4 = -p^4 V'''' / 720 + p^2 V' V''' / 120 + p^2 V''^2 / 60 - V'^2 V'' / 240
 
-    The method is exp(dt B / 2) exp(dt A) exp(dt B / 2), A and B the flows of p^2 / 2 and V; the symmetric formula of
-    Baker, Campbell and Hausdorff gives its logarithm, whose commutators are Poisson brackets: -{A, {A, B}} / 12 ... in
-    dt^2, and in dt^4 the four brackets of fifth degree that do not vanish for a quadratic kinetic energy. Each step
-    changes the sum by dt^7, and the sum oscillates by dt^6 where H oscillates by dt^2.
+    The method is exp(dt B / 2) exp(dt A) exp(dt B / 2), A the flow of p^2 / 2 and B that of V. The symmetric formula of
+    Baker, Campbell and Hausdorff gives its logarithm as nested commutators, which are Poisson brackets of the two:
+    those of third degree in dt^2, of fifth degree in dt^4, where the quadratic kinetic energy leaves four terms. What
+    is left oscillates by dt^6, where H oscillates by dt^2.
 
     Parameters
     ----------
@@ -123,6 +123,7 @@ def plot_shadow(
     right.set_xscale("log")
     right.set_yscale("log")
     right.set_xlabel("dt")
+    right.xaxis.set_minor_formatter("")
     right.set_ylabel("oscillation")
     right.set_title("Slopes 2, 4 and 6")
     return _save(figure, target)

@@ -33,7 +33,7 @@ BESIDE_SPLITTINGS = ("rk4", "dormand-prince45", "dop853", "gauss-radau15")
 BUDGET = 60.0  # seconds that a comparison should take, without compiling
 LOOSE = 1e-3  # rtol of the run that tells how many evaluations the problem takes at the coarse end
 COARSEST = 1 / 8  # of these evaluations, at the bottom of a ladder of steps
-FINEST, FINEST_ENERGY = 64, 8  # times these evaluations, that the length of a pilot leaves time for
+FINEST, FINEST_ADAPTIVE, FINEST_ENERGY = 64, 8, 4  # times these evaluations, that the length of a pilot leaves time for
 RUNGS = 14  # at most
 RTOLS = tuple(10.0**-k for k in range(2, 14))
 SAMPLES = (
@@ -46,7 +46,7 @@ SAMPLES = (
 )  # primes: a whole number of periods between samples would hide the errors in between
 SAMPLES_ENERGY = 127
 BELIEVED = 3.0  # times the reference's own error
-LOCAL_POINTS = 4  # of a Problem; of particles the start alone
+LOCAL_POINTS = 4  # of a Problem; of particles the start alone; none of stiff ones, whose orders show at no such step
 USELESS = 1.0  # a relative error of a run that went elsewhere
 
 Progress = Callable[[int, int], Any]
@@ -193,8 +193,12 @@ def work_precision(
     scout = _scout(subject, start, asked, stiff, threads, limit=budget / 20)
     length, notes = asked, []
     if time is None:
-        length = min(asked, _affordable(scout, share, FINEST))
-    plan = reference(subject, start, length, whole, _samples(scout, length), stiff, threads, budget / 5)
+        length = min(asked, _affordable(scout, share, FINEST_ADAPTIVE if stiff else FINEST))
+    # Two runs at a moderate tolerance, three times as dear as the scout's, in a tenth of the time.
+    probe = min(asked, max(length, 0.1 * budget / (6 * scout[0] * scout[2])))
+    plan = reference(
+        subject, start, length, whole, _samples(scout, length), stiff, threads, limit=budget / 5, probe=probe
+    )
     if plan.measure == "energy":
         if time is None:
             length = min(asked, _affordable(scout, share, FINEST_ENERGY))
@@ -218,7 +222,7 @@ def work_precision(
         whole,
         bench.cycles(),
         samples,
-        subject.units.time if isinstance(subject, System) else "",
+        subject.units.time if isinstance(subject, System) and subject.units.time != "time" else "",
         threads,
         tuple(rows),
         slopes,
@@ -328,7 +332,7 @@ class _Bench:
         self.length, self.samples, self.evaluations = length, samples, evaluations
         self.threads, self.share = threads, share
         self.enough = max(0.1 * (accuracy or 0.0), plan.error)
-        points = LOCAL_POINTS if plan.y is not None and not isinstance(subject, System) else 1
+        points = 0 if stiff else LOCAL_POINTS if plan.y is not None and not isinstance(subject, System) else 1
         self._local = LocalErrors(subject, start, plan, length, points, reference_method(stiff), threads)
         self._finest: Floats | None = None  # the solution that oscillations are counted in
 
