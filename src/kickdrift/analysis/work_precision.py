@@ -185,7 +185,9 @@ def work_precision(
     check_arguments(time, whole, accuracy)
     began = perf_counter()
     start = start if start is not None else subject.state
-    whole = whole or time or file_length(subject)
+    whole = whole or file_length(subject) or time
+    if whole is None:
+        raise InputError(f"compare: {subject.name} names no length in [run]; give a time")
     asked = time or whole
     stiff = is_stiff(subject, asked)
     names = names or default_integrators(subject, stiff)
@@ -269,14 +271,14 @@ def default_integrators(subject: Subject, stiff: bool) -> list[str]:
     return [name for name in names if name in INTEGRATORS]
 
 
-def file_length(subject: Subject) -> float:
-    """How long the run is that the file has in mind."""
+def file_length(subject: Subject) -> float | None:
+    """How long the run is that the file has in mind, if any."""
     run = subject.run
     if run.time is not None:
         return float(run.time)
     if run.steps is not None and run.dt is not None:
         return float(run.steps * run.dt)
-    raise InputError(f"compare: {subject.name} names no length in [run]; give a time")
+    return None
 
 
 def _part(progress: Progress | None, index: int, of: int, percent: int) -> None:
