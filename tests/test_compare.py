@@ -37,7 +37,7 @@ def test_global_and_local_errors_have_the_slopes_of_the_order(orbit):
 def test_rows_go_from_coarse_to_fine_at_twice_the_cost(orbit):
     assert orbit.methods == ["velocity-verlet", "blanes-moan4", "rk4"]
     for name in orbit.methods:
-        rows = orbit.of(name)
+        rows = [row for row in orbit.of(name) if not row.failure]
         assert len(rows) >= 4
         assert all(later.dt < row.dt for row, later in pairwise(rows))
         assert rows[-1].evaluations == pytest.approx(2 * rows[-2].evaluations, rel=0.01)

@@ -54,11 +54,11 @@ def position_growth(times: Floats, errors: Floats) -> Growth:
     if count < LEAST_WINDOWS:
         return Growth()
     parts = np.array_split(np.arange(len(t)), count)[FIRST:]
-    middle = np.log([t[part].mean() for part in parts])
-    largest = np.array([e[part].max() for part in parts])
+    peaks = [part[np.argmax(e[part])] for part in parts]
+    largest = e[peaks]
     if not (largest > 0).all():
         return Growth()
-    matrix = np.vander(middle, 2)
+    matrix = np.vander(np.log(t[peaks]), 2)
     found, residual, *_ = np.linalg.lstsq(matrix, np.log(largest), rcond=None)
     variance = float(residual[0]) / (len(parts) - 2) if len(residual) else 0.0
     error = np.sqrt(variance * np.linalg.inv(matrix.T @ matrix)[0, 0])

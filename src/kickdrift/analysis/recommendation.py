@@ -183,14 +183,14 @@ def _choice(rows: list[Row], accuracy: float, length: float, ratio: float) -> Ch
             return "too short a pilot: how its error grows cannot be told"
         return "no run whose error stands clear of the reference's own and below 0.1"
     target = accuracy / SAFETY
-    good = len(foreseen)  # rows from here on all meet the target
-    while good and foreseen[good - 1][1] <= target:
-        good -= 1
-    if good == len(foreseen):
-        best = min(error for _, error in foreseen)
-        return f"reaches {best:.2g} at that length, not {target:.2g}" + (
+    best = min(range(len(foreseen)), key=lambda k: foreseen[k][1])  # finer rows may show rounding alone
+    if foreseen[best][1] > target:
+        return f"reaches {foreseen[best][1]:.2g} at that length, not {target:.2g}" + (
             "; how finer runs go on, the pilot is too short to tell" if unknown else ""
         )
+    good = best  # the coarsest of the rows from here on that all meet the target
+    while good and foreseen[good - 1][1] <= target:
+        good -= 1
     row, error = foreseen[good]
     knob, cost = _knob(row), float(row.evaluations)
     if good:

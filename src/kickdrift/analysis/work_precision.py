@@ -31,6 +31,7 @@ EXPLICIT = ("midpoint", "rk4", "bogacki-shampine23", "dormand-prince45", "dop853
 STIFF = ("bdf", "radau", "rosenbrock", "lsoda", "dormand-prince45")
 BESIDE_SPLITTINGS = ("rk4", "dormand-prince45", "dop853", "gauss-radau15")
 BUDGET = 60.0  # seconds that a comparison should take, without compiling
+LEAST_LIMIT = 10.0  # seconds that a reference run may take at least
 LOOSE = 1e-3  # rtol of the run that tells how many evaluations the problem takes at the coarse end
 COARSEST = 1 / 8  # of these evaluations, at the bottom of a ladder of steps
 FINEST, FINEST_ADAPTIVE, FINEST_ENERGY = 64, 8, 4  # times these evaluations, that the length of a pilot leaves time for
@@ -199,7 +200,15 @@ def work_precision(
     # Two runs at a moderate tolerance, three times as dear as the scout's, in a tenth of the time.
     probe = min(asked, max(length, 0.1 * budget / (6 * scout[0] * scout[2])))
     plan = reference(
-        subject, start, length, whole, _samples(scout, length), stiff, threads, limit=budget / 5, probe=probe
+        subject,
+        start,
+        length,
+        whole,
+        _samples(scout, length),
+        stiff,
+        threads,
+        limit=max(budget / 5, LEAST_LIMIT),
+        probe=probe,
     )
     if plan.measure == "energy":
         if time is None:
