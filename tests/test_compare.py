@@ -11,8 +11,9 @@ import pytest
 import kickdrift as kd
 from kickdrift.analysis.growth import Growth, energy_growth, position_growth
 from kickdrift.analysis.recommendation import SAFETY, recommendation
+from kickdrift.analysis.reference import Reference
 from kickdrift.analysis.shadow import modified_hamiltonian, pendulum_potential, plot_shadow, shadow_run
-from kickdrift.analysis.work_precision import Comparison, Row, default_integrators, work_precision
+from kickdrift.analysis.work_precision import Comparison, Row, _Bench, default_integrators, work_precision
 from kickdrift.cli import main
 from kickdrift.odes import harmonic_oscillator, kepler, logistic, lorenz, pendulum, van_der_pol
 
@@ -70,8 +71,23 @@ def test_what_blows_up_stays_in_the_table():
     steep = kd.Problem(lambda t, y: (-500.0 * (y[0] - math.cos(t)),), [1.0], name="steep")
     found = work_precision(steep, ["rk4"], 10.0, budget=1.0)
     rows = found.of("rk4")
-    assert rows[0].failure.startswith("blew up")
-    assert rows[-1].error < 1e-3
+    assert rows[0].useless
+    assert not rows[1].useless
+    assert rows[-1].error < 1e-6
+
+
+def test_a_run_that_blows_up_says_so():
+    fast = kd.Problem(lambda t, y: (-500.0 * (y[0] - math.cos(t)),), [1.0], name="steep")
+    row = ladder(fast, 40.0, dt=0.02)
+    assert row.error is None
+    assert row.failure.startswith("blew up: rk4, dt = 0.02")
+
+
+def ladder(problem, length, dt):
+    """One rung."""
+    plan = Reference("energy", "", length, None, np.ones(1), 0.0)
+    bench = _Bench(problem, problem.state, plan, length, 5, 100.0, None, 1, 1.0, True)
+    return bench._row("rk4", {"steps": round(length / dt)}, 10.0)
 
 
 def test_the_energy_is_compared_where_chaos_forbids_positions():

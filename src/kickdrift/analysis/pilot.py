@@ -24,11 +24,12 @@ Subject = System | Problem
 
 
 class OutOfTime(Exception):
-    """A run took longer than it was given; ``time`` is how far it came, after so many evaluations and seconds."""
+    """A run took longer than it was given; ``time`` is how far it came, to ``y``, after so many evaluations and
+    seconds."""
 
-    def __init__(self, time: float, evaluations: int, seconds: float) -> None:
+    def __init__(self, time: float, y: Floats, evaluations: int, seconds: float) -> None:
         super().__init__(f"stopped after {seconds:.2g} s, at t = {time:.4g}")
-        self.time, self.evaluations, self.seconds = time, evaluations, seconds
+        self.time, self.y, self.evaluations, self.seconds = time, y, evaluations, seconds
 
 
 @dataclass(frozen=True)
@@ -103,7 +104,9 @@ def follow(
 
     def progress(done: int, of: int) -> None:
         if perf_counter() - began[0] > limit:
-            raise OutOfTime(sim.time - start.time, sim.record.force_evaluations, sim.record.wall_seconds)
+            raise OutOfTime(
+                sim.time - start.time, vector(sim.state), sim.record.force_evaluations, sim.record.wall_seconds
+            )
 
     _guarded(lambda: _run(sim, start.time + length, steps, samples, look, progress))
     kinetic = sim.record.samples[0].energies.kinetic

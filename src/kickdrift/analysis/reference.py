@@ -115,16 +115,16 @@ def tolerances(subject: Subject, start: Any, rtol: float) -> dict[str, Any]:
     return {"rtol": rtol, "atol": ATOL * rtol * min((size for size in sizes if size > 0), default=1.0)}
 
 
-def is_stiff(subject: Subject, length: float) -> bool:
+def is_stiff(subject: Subject, state: Any, length: float) -> bool:
     """Whether the file's own integrator is one for stiff problems, or a mode decays over 1e4 times within the length,
-    by the eigenvalues at the start."""
+    by the eigenvalues at that state."""
     if isinstance(subject, System) or len(subject) > 64:
         return False
     if subject.run.integrator in STIFF:
         return True
     from kickdrift.analysis.stiffness import stiffness
 
-    return float(-stiffness(subject)[0].eigenvalues.real.min()) * length > STIFF_DECADES
+    return float(-stiffness(subject, [state])[0].eigenvalues.real.min()) * length > STIFF_DECADES
 
 
 def reference_method(stiff: bool) -> str:

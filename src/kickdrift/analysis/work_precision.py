@@ -15,7 +15,7 @@ import numpy as np
 
 from kickdrift.analysis.growth import Growth, energy_growth, position_growth
 from kickdrift.analysis.local_error import LocalErrors, slope
-from kickdrift.analysis.pilot import SHORT, OutOfTime, Subject, follow, warm_up
+from kickdrift.analysis.pilot import SHORT, OutOfTime, Subject, follow, state_at, warm_up
 from kickdrift.analysis.reference import Reference, is_stiff, reference, reference_method, relative_energy, tolerances
 from kickdrift.bench import processor
 from kickdrift.errors import InputError, RunError
@@ -33,9 +33,9 @@ BESIDE_SPLITTINGS = ("rk4", "dormand-prince45", "dop853", "gauss-radau15")
 BUDGET = 60.0  # seconds that a comparison should take, without compiling
 LEAST_LIMIT = 10.0  # seconds that a reference run may take at least
 LOOSE = 1e-3  # rtol of the run that tells how many evaluations the problem takes at the coarse end
-COARSEST = 1 / 8  # of these evaluations, at the bottom of a ladder of steps
+COARSEST = 1 / 32  # of these evaluations, at the bottom of a ladder of steps
 FINEST, FINEST_ADAPTIVE, FINEST_ENERGY = 64, 8, 4  # times these evaluations, that the length of a pilot leaves time for
-RUNGS = 14  # at most
+RUNGS = 16  # at most
 RTOLS = tuple(10.0**-k for k in range(2, 14))
 SAMPLES = (
     251,
@@ -86,6 +86,11 @@ class Row:
     growth: Growth | None = None
     believed: bool = False
     failure: str | None = None
+
+    @property
+    def useless(self) -> bool:
+        """Whether it failed or went elsewhere."""
+        return self.error is None or self.error > USELESS
 
     def as_json(self) -> dict[str, Any]:
         """The row in plain numbers."""
@@ -190,10 +195,13 @@ def work_precision(
     if whole is None:
         raise InputError(f"compare: {subject.name} names no length in [run]; give a time")
     asked = time or whole
-    stiff = is_stiff(subject, asked)
+    stiff = is_stiff(subject, start, asked)
+    scout, reached = _scout(subject, start, asked, stiff, threads, limit=budget / 20)
+    if not stiff and is_stiff(subject, reached, asked):  # it need not be so at the start
+        stiff = True
+        scout, _ = _scout(subject, start, asked, stiff, threads, limit=budget / 20)
     names = names or default_integrators(subject, stiff)
     share = 0.75 * budget / len(names)
-    scout = _scout(subject, start, asked, stiff, threads, limit=budget / 20)
     length, notes = asked, []
     if time is None:
         length = min(asked, _affordable(scout, share, FINEST_ADAPTIVE if stiff else FINEST))
@@ -303,18 +311,21 @@ def _separable(subject: Subject) -> bool:
 
 def _scout(
     subject: Subject, start: Any, length: float, stiff: bool, threads: int, limit: float
-) -> tuple[float, float, float]:
-    """Evaluations and steps per unit of time at a loose tolerance, and seconds per evaluation."""
+) -> tuple[tuple[float, float, float], Any]:
+    """Evaluations and steps per unit of time at a loose tolerance, and seconds per evaluation; the state that was
+    reached."""
     name = reference_method(stiff)
     run = tolerances(subject, start, LOOSE)
     for _ in range(2):  # the first run also loads what was compiled
         try:
             track = follow(subject, start, name, length, 7, threads=threads, limit=limit, **run)
             found = track.evaluations / length, track.steps / length, track.seconds / track.evaluations
+            last, time = track.y[-1], length
         except OutOfTime as end:
             reached = max(end.time, 1e-300)
             found = end.evaluations / reached, end.evaluations / 12 / reached, end.seconds / max(end.evaluations, 1)
-    return found
+            last, time = end.y, end.time
+    return found, state_at(start, last, start.time + time)
 
 
 def _affordable(scout: tuple[float, float, float], share: float, finest: int) -> float:
@@ -359,7 +370,7 @@ class _Bench:
             row = self._row(name, knob, left)
             left -= (2 if row.seconds > SHORT else 4) * row.seconds  # it is run again to be timed
             seconds = 2 * row.seconds
-            if rows and (rows[-1].failure or (rows[-1].error or 0.0) > USELESS):
+            if rows and rows[-1].useless and row.useless:
                 rows.pop()
             rows.append(row)
             below += row.error is not None and row.error < self.enough
