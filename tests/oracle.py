@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import beta, betainc
 
-from kickdrift.forces import Gravity
+from kickdrift.forces import DrivenField, Gravity, HarmonicTrap, LinearDrag, Springs, UniformField
 from kickdrift.system import System
 
 
@@ -26,10 +26,15 @@ class Pairs(NamedTuple):
     force: np.ndarray  # -dU/dr: positive where i and j repel
 
 
-def pair_oracle(system: System) -> tuple[np.ndarray, float, float, int]:
+def pair_oracle(system: System, time: float = 0.0) -> tuple[np.ndarray, float, float, int]:
     """Forces (n, 3), potential energy, virial (the sum of r . F over pairs) and number of interacting pairs."""
     forces, energy, virial, count = np.zeros((len(system), 3)), 0.0, 0.0, 0
     for force in system.forces:
+        if isinstance(force, HarmonicTrap | UniformField | DrivenField | LinearDrag):
+            field_forces, field_energy = field(force, system, time)
+            forces += field_forces
+            energy += field_energy
+            continue
         p = interacting_pairs(force, system)
         on_i = np.divide(p.force, p.r, out=np.zeros_like(p.r), where=p.r > 0)[:, None] * p.separation
         np.add.at(forces, p.i, on_i)
@@ -44,7 +49,7 @@ def pair_oracle(system: System) -> tuple[np.ndarray, float, float, int]:
 def interacting_pairs(force, system: System) -> Pairs:
     """Each pair's energy and force."""
     x = system.state.positions
-    i, j = np.triu_indices(len(x), k=1)
+    i, j = np.triu_indices(len(x), k=1) if not isinstance(force, Springs) else np.array(force.pairs).T
     separation = x[i] - x[j]
     if system.box.lengths is not None:
         edges = np.array(system.box.lengths)
@@ -52,6 +57,9 @@ def interacting_pairs(force, system: System) -> Pairs:
     r = np.sqrt((separation**2).sum(axis=1))
     if isinstance(force, Gravity):
         return Pairs(i, j, separation, r, *gravity(force, system, i, j, r))
+    if isinstance(force, Springs):
+        k, stretch = np.array(force.stiffness), r - np.array(force.length)
+        return Pairs(i, j, separation, r, 0.5 * k * stretch**2, -k * stretch)
     near = (separation**2).sum(axis=1) < force.cutoff**2
     i, j, separation, r = i[near], j[near], separation[near], r[near]
     epsilon, sigma = mixed_parameters(force, system)
@@ -114,6 +122,24 @@ def tail(force, system: System) -> tuple[float, float]:
     density = 2.0 * np.pi * np.outer(counts, counts) / system.box.volume
     twelve, six = sigma**12 / (9 * force.cutoff**9), sigma**6 / (3 * force.cutoff**3)
     return (density * 4 * epsilon * (twelve - six)).sum(), (density * 24 * epsilon * (2 * twelve - six)).sum()
+
+
+# --- fields ---
+
+
+def field(force, system: System, time: float) -> tuple[np.ndarray, float]:
+    """Forces (n, 3) and potential energy of a field."""
+    x, v, m = system.state.positions, system.state.velocities, system.coherent_masses[:, None]
+    if isinstance(force, HarmonicTrap):
+        k, d = np.array(force.stiffness), x - np.array(force.centre)
+        return -k * d, (0.5 * k * d**2).sum()
+    if isinstance(force, LinearDrag):
+        return -force.rate * m * v, 0.0
+    if isinstance(force, DrivenField):
+        g = np.array(force.amplitude) * np.cos(2 * np.pi * force.frequency * time + force.phase)
+    else:
+        g = np.array(force.acceleration)
+    return m * g, -(m * g * x).sum()
 
 
 # --- gravity ---

@@ -211,3 +211,15 @@ def test_coverage_and_verdicts(kind):
 def test_claims_name_every_bound():
     rows = drift_statistics.claims([drift_statistics.study(JUDGED[0], 20, 0)])
     assert [set(row) for row in rows] == [{"claim", "value", "bound", "reference", "verdict"}] * 2
+
+
+def test_rounding_beneath_a_wave_is_no_random_walk():
+    """An oscillator's energy error: a wave, and a walk of its rounding that is a billionth of it."""
+    rng = np.random.default_rng(5)
+    times = np.arange(1000) * 0.5
+    wave = 1e-3 * np.sin(1.7 * times)
+    walk = np.cumsum(rng.normal(size=1000))
+    beneath = drift(times, wave + 1e-15 * walk)
+    assert beneath.verdict == "bounded"
+    assert beneath.lines == 1
+    assert drift(times, wave + 1e-9 * walk).verdict == "random walk"

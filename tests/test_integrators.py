@@ -6,15 +6,14 @@ A method that is registered is tested by that; tests/conftest.py registers those
 from __future__ import annotations
 
 import math
-from functools import cache
 from typing import ClassVar, NamedTuple
 
 import numpy as np
 import oracle_integrators
 import pytest
+from measures import fixed, reversal_error, slope, symplecticity_error
 from oracle import pair_oracle
-from oracle_integrators import kepler
-from problems import ECCENTRICITY, henon_heiles, kepler_orbit, measured, pendulum
+from problems import ECCENTRICITY, kepler, kepler_orbit, measured, pendulum
 
 import kickdrift as kd
 from kickdrift.errors import InputError
@@ -25,13 +24,10 @@ from kickdrift.integrators.splitting import ALIASES, ROWS, Splitting, composed
 from kickdrift.integrators.stormer import Stormer
 
 METHODS = [name for name, method in INTEGRATORS.items() if method.name == name]
-FIXED = [name for name in METHODS if not integrator(name).adaptive]
+FIXED = fixed()
 SPLITTINGS = [row.name for row in ROWS]
 # Those that the oracle reads: rows of numbers, and the two positions of Stormer.
 ROWS_OF_NUMBERS = [name for name in FIXED if isinstance(integrator(name), (Splitting, Tableau, Stormer))]
-FLOOR = 2e-12  # errors below are rounding
-MOST_STEPS = 20_000
-MOST_STEPS_IN_PYTHON = 2_000  # of implicit methods, which solve equations in every step
 
 
 def two_bodies(t: float = 0.0) -> kd.System:
@@ -67,32 +63,6 @@ def test_keplers_problem_is_solved_in_closed_form():
         assert v @ v / 2 - 1 / np.linalg.norm(r) == pytest.approx(-0.5, abs=1e-14)
 
 
-def error_of(name: str, problem: str, steps: int) -> float:
-    made, length, end = measured()[problem]
-    careful = "compensated" in integrator(name).tunable
-    sim = kd.Simulation(made(), name, dt=length / steps, compensated=careful)
-    sim.run(steps, every=steps)
-    return float(np.abs(sim.state.y - end).max())
-
-
-def slope(name: str, problem: str) -> float:
-    """Of the error against the step: a line through the finest four steps above round-off, from 8 steps on."""
-    method = integrator(name)
-    ratio = math.sqrt(2.0) if method.order >= 6 else 2.0
-    most = MOST_STEPS if method.family in ("splitting", "Runge-Kutta", "two positions") else MOST_STEPS_IN_PYTHON
-    steps, errors, exact = [], [], 8.0 if method.order > 1 else 128.0
-    while exact <= most:
-        steps.append(round(exact))
-        errors.append(error_of(name, problem, steps[-1]))
-        if errors[-1] < FLOOR:
-            break
-        exact *= ratio
-    while errors[-1] < FLOOR:
-        steps.pop(), errors.pop()
-    assert len(steps) >= 4, f"only {len(steps)} steps above round-off"
-    return -float(np.polyfit(np.log(steps[-4:]), np.log(errors[-4:]), 1)[0])
-
-
 @pytest.mark.parametrize("name", FIXED)
 def test_order_is_the_slope_of_the_error(name):
     """On every problem no lower than stated, on two at least as stated; some converge faster than that on some."""
@@ -103,29 +73,6 @@ def test_order_is_the_slope_of_the_error(name):
 
 
 # --- reversibility ---
-
-
-def reversal_error(name: str, subject: kd.Problem | kd.System, dt: float, steps: int) -> float:
-    """What is left of a run after its velocities are negated and as many steps more."""
-    sim = kd.Simulation(subject, name, dt=dt, compensated="compensated" in integrator(name).tunable)
-    start = sim.state
-    sim.run(steps, every=steps)
-    sim.state = negated(sim.state)
-    sim.run(steps, every=steps)
-    return float(np.abs(vector(negated(sim.state)) - vector(start)).max())
-
-
-def vector(state):
-    return state.phase.reshape(-1) if hasattr(state, "phase") else state.y
-
-
-def negated(state):
-    """The same place, with every velocity the other way."""
-    turned = vector(state).copy()
-    turned[len(turned) // 2 :] *= -1.0
-    if not hasattr(state, "phase"):
-        return type(state)(turned)
-    return kd.State(turned.reshape(state.phase.shape), state.masses, state.ids, state.box)
 
 
 @pytest.mark.parametrize("subject", [pendulum, kepler_orbit])
@@ -152,28 +99,6 @@ def test_reversible_methods_come_back_in_a_liquid(name):
 
 
 # --- symplecticity ---
-
-
-@cache
-def symplecticity_error(name: str) -> float:
-    """The largest entry of J^T S J - S, J the Jacobian of ten steps of Henon and Heiles' problem by central
-    differences of sixth order."""
-    sim = kd.Simulation(henon_heiles(), name, dt=0.25)
-    start, h = sim.state.y.copy(), 3e-3
-
-    def flow(y):
-        sim.state = type(sim.state)(y)
-        sim.run(10, every=10)
-        return sim.state.y
-
-    weights = {1: 3 / 4, 2: -3 / 20, 3: 1 / 60}
-    columns = [
-        sum(w * (flow(start + k * h * unit) - flow(start - k * h * unit)) for k, w in weights.items()) / h
-        for unit in np.eye(4)
-    ]
-    jacobian = np.transpose(columns)
-    form = np.kron([[0, 1], [-1, 0]], np.eye(2))
-    return float(np.abs(jacobian.T @ form @ jacobian - form).max())
 
 
 def test_rk4_is_not_symplectic_at_the_step_of_the_test():
@@ -236,6 +161,25 @@ def test_compiled_loops_agree_with_the_oracle(name):
     assert np.abs(x - start.positions).max() > 0.05
     np.testing.assert_allclose(sim.state.positions, x, atol=1e-11)
     np.testing.assert_allclose(sim.state.velocities, v, atol=1e-10)
+
+
+@pytest.mark.parametrize(("name", "rounding"), [("velocity-verlet", 1e-13), ("stormer-verlet", 1e-11)])
+def test_leapfrog_with_velocities_at_half_steps_has_the_same_positions(name, rounding):
+    """At every one of 500 steps, a turn and a half of an ellipse; stormer-verlet's digits go in the difference of two
+    positions."""
+    system, dt, steps = two_bodies(), 0.02, 500
+
+    def acceleration(t, x):
+        r = x[0] - x[1]
+        return np.array([-0.4, 0.6])[:, None] * r / np.linalg.norm(r) ** 3
+
+    start = system.state
+    x, v = oracle_integrators.half_steps(acceleration, start.positions, start.velocities, dt, steps)
+    sim = kd.Simulation(system, name, dt=dt)
+    states = []
+    sim.run(steps, every=1, observe=lambda sim: states.append(sim.state))
+    np.testing.assert_allclose([state.positions for state in states], x, rtol=0.0, atol=rounding)
+    np.testing.assert_allclose([state.velocities for state in states], v, rtol=0.0, atol=10 * rounding)
 
 
 class Shaken(NamedTuple):

@@ -54,13 +54,13 @@ def rows() -> list[dict]:
 def drawn(monkeypatch) -> list:
     """The figures that were saved."""
     figures = []
-    save = plots._save
+    save = plots.save_figure
 
     def keep(figure, target):
         figures.append(figure)
         return save(figure, target)
 
-    monkeypatch.setattr(plots, "_save", keep)
+    monkeypatch.setattr(plots, "save_figure", keep)
     return figures
 
 

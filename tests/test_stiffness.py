@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import kickdrift as kd
-from kickdrift.analysis.stiffness import amplification, stability_boundary, stability_warning, stiffness
+from kickdrift.analysis.stiffness import stability_boundary, stability_warning, stiffness
 from kickdrift.errors import InputError
 from kickdrift.integrators import integrator
 
@@ -114,14 +114,6 @@ def test_a_pair_of_particles_swings_at_its_frequency():
 def test_a_state_of_another_problem_is_refused():
     with pytest.raises(InputError, match=r"expected y of shape \(2,\)"):
         stiffness(kd.Problem(pendulum, [0.0, 0.5]), [kd.Problem(robertson, [1.0, 0.0, 0.0]).state])
-
-
-def test_amplification_is_the_exponential_series_up_to_the_order():
-    for name in ("euler", "rk4", "dormand-prince45", "dop853"):
-        method = integrator(name)
-        coefficients = amplification(method)
-        factorials = np.cumprod([1.0, *range(1, method.order + 1)])
-        np.testing.assert_allclose(coefficients[: method.order + 1] * factorials, 1.0, rtol=1e-12)
 
 
 @pytest.mark.parametrize(

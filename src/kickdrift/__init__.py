@@ -15,7 +15,15 @@ from kickdrift.integrators import integrators
 if TYPE_CHECKING:
     from kickdrift.box import Box
     from kickdrift.errors import InputError, KickdriftError, RunError
-    from kickdrift.forces import Gravity, LennardJones
+    from kickdrift.forces import (
+        DrivenField,
+        Gravity,
+        HarmonicTrap,
+        LennardJones,
+        LinearDrag,
+        Springs,
+        UniformField,
+    )
     from kickdrift.forces.pair_law import pair_law
     from kickdrift.integrators.custom import accelerations
     from kickdrift.integrators.registration import register_splitting, register_step, register_tableau
@@ -33,17 +41,22 @@ __version__ = version("kickdrift")
 _HOMES = {
     "accelerations": "integrators.custom",
     "Box": "box",
+    "DrivenField": "forces",
     "Energies": "observers",
     "Gravity": "forces",
+    "HarmonicTrap": "forces",
     "InputError": "errors",
     "KickdriftError": "errors",
     "LennardJones": "forces",
     "Problem": "problem",
+    "LinearDrag": "forces",
     "Report": "report",
     "RunError": "errors",
     "Simulation": "simulation",
+    "Springs": "forces",
     "State": "state",
     "System": "system",
+    "UniformField": "forces",
     "load": "systemfile",
     "open": "trajectory.reader",
     "pair_law": "forces.pair_law",
@@ -54,17 +67,22 @@ _HOMES = {
 
 __all__ = [
     "Box",
+    "DrivenField",
     "Energies",
     "Gravity",
+    "HarmonicTrap",
     "InputError",
     "KickdriftError",
     "LennardJones",
+    "LinearDrag",
     "Problem",
     "Report",
     "RunError",
     "Simulation",
+    "Springs",
     "State",
     "System",
+    "UniformField",
     "accelerations",
     "integrators",
     "load",

@@ -160,9 +160,10 @@ def check_overlaps(system: System) -> None:
     """Raise an InputError that names the closest pair and its distance, where two particles overlap.
 
     Overlapping means: nearer than ``OVERLAP`` times the smallest length that any force names in its ``shortest()``;
-    where none does, at the very same place. Distances are between nearest images. Without forces nothing overlaps.
+    where none does, at the very same place. Distances are between nearest images. Without forces nothing overlaps, and
+    with those alone that say ``may_overlap``.
     """
-    if not system.forces or len(system) < 2:
+    if all(getattr(force, "may_overlap", False) for force in system.forces) or len(system) < 2:
         return
     lengths = [length for force in system.forces if (length := getattr(force, "shortest", lambda: None)())]
     wrapped = np.asarray(system.state.wrapped())

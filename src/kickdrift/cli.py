@@ -20,6 +20,7 @@ from kickdrift.printing import (
     print_benchmark,
     print_claims,
     print_report,
+    print_stability,
     print_system,
     print_table,
     progress_bar,
@@ -88,6 +89,9 @@ def run(
     ] = None,
     rtol: Annotated[float | None, typer.Option(metavar="X", help="Relative tolerance of adaptive methods.")] = None,
     atol: Annotated[float | None, typer.Option(metavar="X", help="Absolute tolerance of adaptive methods.")] = None,
+    compensated: Annotated[
+        bool, typer.Option("--compensated", help="Carry on what rounding loses of positions and velocities.")
+    ] = False,
     steps: Annotated[int | None, typer.Option(metavar="N", min=0, help="Steps to take.")] = None,
     time: Annotated[float | None, typer.Option(metavar="T", help="Time to reach, instead of --steps.")] = None,
     every: Annotated[int | None, typer.Option(metavar="K", min=1, help="Steps between samples and frames.")] = None,
@@ -116,7 +120,7 @@ def run(
 
     from kickdrift.simulation import Simulation
 
-    sim = Simulation(chosen, integrator, dt, threads, rtol=rtol, atol=atol)
+    sim = Simulation(chosen, integrator, dt, threads, rtol=rtol, atol=atol, compensated=compensated)
     length = run_length(sim, system, steps, time)
     with progress_bar(quiet) as bar:
         if isinstance(chosen, System) and chosen.equilibration:
@@ -138,11 +142,11 @@ def run_length(sim: Simulation, system: str, steps: int | None, time: float | No
     given = sim.system.run
     if steps is None and time is None:
         steps, time = given.steps, given.time
-        if sim.method.adaptive and given.steps is not None and given.dt is not None:
+        if sim.method.chooses_steps and given.steps is not None and given.dt is not None:
             steps, time = None, given.steps * given.dt  # the same length as the file's fixed steps have
     if steps is None and time is None:
         raise InputError(f"{system}: [run] names neither steps nor time; give --steps or --time")
-    if sim.method.adaptive and time is not None:
+    if sim.method.chooses_steps and time is not None:
         return {"until": sim.time + time}
     return {"steps": sim.steps_to(steps, time)}
 
@@ -258,14 +262,30 @@ def compare(
 
 @app.command()
 def plot(
-    file: Annotated[Path, typer.Argument(metavar="FILE.h5md", help="A run's file.")],
-    output: Annotated[Path | None, typer.Option(metavar="FILE.png", help="Default: FILE.png beside the file.")] = None,
+    file: Annotated[Path | None, typer.Argument(metavar="[FILE.h5md]", help="A run's file.")] = None,
+    output: Annotated[
+        Path | None, typer.Option(metavar="FILE.png", help="Default: FILE.png beside the file, or stability.png.")
+    ] = None,
+    stability: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME", help="Draw where an integrator is stable, no run; repeat for several."),
+    ] = None,
     overwrite: OverwriteOption = False,
 ) -> None:
-    """Draw a run: energies, energy error, temperature, radial distribution function."""
-    from kickdrift.plots import plot_run
+    """Draw a run (energies, error, temperature, radial distribution function) or where integrators are stable."""
+    if stability and file:
+        raise InputError("give FILE.h5md or --stability, not both")
+    if stability:
+        from kickdrift.plots_stability import plot_stability
 
-    print(plot_run(file, output or file.with_suffix(".png"), overwrite=overwrite))
+        print(plot_stability(stability, output or Path("stability.png"), overwrite=overwrite))
+        print_stability(stability)
+    elif file:
+        from kickdrift.plots import plot_run
+
+        print(plot_run(file, output or file.with_suffix(".png"), overwrite=overwrite))
+    else:
+        raise InputError("give FILE.h5md, or --stability NAME for a figure of an integrator")
 
 
 @app.command()

@@ -30,7 +30,7 @@ def equilibrate(
         raise InputError(f"equilibrate: interval must be a whole number of steps, one or more, got {interval}")
     if sim.system.degrees_of_freedom == 0:
         raise InputError("equilibrate: a system of one particle has no temperature")
-    if sim._running:
+    if sim.running:
         raise InputError("equilibrate: the Simulation runs already")
     if not sim.method.rescalable:
         from kickdrift.simulation import Simulation

@@ -35,7 +35,7 @@ class ParticleFlow:
         self.halves = 2
         self.forces = BoundForces(system, threads, jumps=jumps)
         self._looks = BoundForces(system, threads)  # with lists of its own: looking must not change the run's
-        culprits = [force.name for force in system.forces if getattr(force, "velocity_dependent", False)]
+        culprits = system.acting("velocity_dependent")
         self.not_separable = f"force {culprits[0]!r} depends on velocity" if culprits else None
 
     def state(self, y: Floats, time: float, steps: int) -> State:

@@ -34,7 +34,7 @@ MAX_POINTS = 4000  # of a line, about twice the dots across a panel; more only m
 
 # Okabe & Ito's colours for colour-blind readers, without the yellow that a white page swallows.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#555555")
-_INK, _GRID = "#333333", "#E4E4E4"
+INK, GRID = "#333333", "#E4E4E4"
 
 
 def plot_run(path: str | os.PathLike[str], output: str | os.PathLike[str], *, overwrite: bool = False) -> Path:
@@ -42,7 +42,7 @@ def plot_run(path: str | os.PathLike[str], output: str | os.PathLike[str], *, ov
 
     The error is (E(t) - E(0)) / |E(0)|, or over the kinetic energy at the start where |E(0)| is under a tenth of it.
     """
-    target = _target(output, overwrite)
+    target = checked_target(output, overwrite)
     with reader.open(path) as run:
         if not len(run.sample_times):
             raise InputError(f"{run.path}: holds no sample to draw")
@@ -50,16 +50,16 @@ def plot_run(path: str | os.PathLike[str], output: str | os.PathLike[str], *, ov
         temperature = run.observables.get("temperature")
         rdf = _rdf(run) if run.box.periodic and len(run.ids) > 1 and len(run) else None
         units, title = run.units, _title(run)
-    figure = _figure(10.0, 7.0 if temperature is not None or rdf is not None else 3.8)
+    figure = new_figure(10.0, 7.0 if temperature is not None or rdf is not None else 3.8)
     panels = [partial(_draw_energies, energies), partial(_draw_error, energies)]
     panels += [partial(_draw_temperature, energies.time, temperature)] if temperature is not None else []
     panels += [partial(_draw_rdf, *rdf)] if rdf is not None else []
     rows = math.ceil(len(panels) / 2)
     for index, draw in enumerate(panels):
         last_alone = index == len(panels) - 1 and len(panels) % 2
-        draw(_axes(figure, (rows, 1, rows) if last_alone else (rows, 2, index + 1)), units)
-    figure.suptitle(title, fontsize=12, color=_INK)
-    return _save(figure, target)
+        draw(new_axes(figure, (rows, 1, rows) if last_alone else (rows, 2, index + 1)), units)
+    figure.suptitle(title, fontsize=12, color=INK)
+    return save_figure(figure, target)
 
 
 def plot_benchmark(
@@ -72,15 +72,15 @@ def plot_benchmark(
     A row has ``method``, ``dt``, ``table``, ``times`` (k,), ``relative_error`` (k,) and, optionally, ``verdict``.
     What is not finite, as after a blow-up, is left out.
     """
-    target = _target(output, overwrite)
+    target = checked_target(output, overwrite)
     if not rows:
         raise InputError("plot_benchmark: there is nothing to draw")
     tables = list(dict.fromkeys(str(row["table"]) for row in rows))
     methods = list(dict.fromkeys(str(row["method"]) for row in rows))
-    figure = _figure(5.6 * len(tables), 5.2)
+    figure = new_figure(5.6 * len(tables), 5.2)
     first: Axes | None = None
     for index, table in enumerate(tables):
-        axes = _axes(figure, (1, len(tables), index + 1), sharey=first)
+        axes = new_axes(figure, (1, len(tables), index + 1), sharey=first)
         first = first or axes
         for row in rows:
             if str(row["table"]) == table:
@@ -91,7 +91,7 @@ def plot_benchmark(
         axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=2, fontsize=8, frameon=False)
     if first is not None:
         first.set_ylabel("relative energy error |ΔE / E$_0$|")
-    return _save(figure, target)
+    return save_figure(figure, target)
 
 
 # -- panels of a run
@@ -99,12 +99,12 @@ def plot_benchmark(
 
 def _draw_energies(energies: reader.EnergySeries, axes: Axes, units: UnitSystem) -> None:
     names = ("kinetic", "potential", "total")
-    for name, values, colour in zip(names, energies[1:], (COLOURS[1], COLOURS[0], _INK), strict=True):
+    for name, values, colour in zip(names, energies[1:], (COLOURS[1], COLOURS[0], INK), strict=True):
         axes.plot(*_thin(energies.time, values), label=name, color=colour, linewidth=1.2)
     axes.set_title("Energy")
     axes.set_ylabel(f"energy ({_pretty(units.energy)})")
     _time_axis(axes, units)
-    axes.legend(loc="best", fontsize=8, frameon=True, framealpha=0.9, edgecolor=_GRID)
+    axes.legend(loc="best", fontsize=8, frameon=True, framealpha=0.9, edgecolor=GRID)
 
 
 def _draw_error(energies: reader.EnergySeries, axes: Axes, units: UnitSystem) -> None:
@@ -113,7 +113,7 @@ def _draw_error(energies: reader.EnergySeries, axes: Axes, units: UnitSystem) ->
     scale = abs(total[0]) if by_total else kinetic[0]
     error = (total - total[0]) / scale if scale > 0 else total - total[0]
     power = math.floor(math.log10(np.max(np.abs(error)))) if np.any(error) else 0
-    axes.axhline(0.0, color=_GRID, linewidth=1.2)
+    axes.axhline(0.0, color=GRID, linewidth=1.2)
     axes.plot(*_thin(energies.time, error / 10.0**power), color=COLOURS[0], linewidth=0.9)
     rms = float(np.sqrt(np.mean(error**2)))
     axes.set_title(f"Relative energy error (RMS {rms:.2g})")
@@ -125,14 +125,14 @@ def _draw_error(energies: reader.EnergySeries, axes: Axes, units: UnitSystem) ->
 def _draw_temperature(times: Floats, temperature: Floats, axes: Axes, units: UnitSystem) -> None:
     axes.plot(*_thin(times, temperature), color=COLOURS[1], linewidth=0.9)
     mean = float(np.mean(temperature))
-    axes.axhline(mean, color=_INK, linewidth=0.9, linestyle=(0, (4, 3)))
+    axes.axhline(mean, color=INK, linewidth=0.9, linestyle=(0, (4, 3)))
     axes.set_title(f"Temperature (mean {mean:.4g} {_pretty(units.temperature)})")
     axes.set_ylabel(f"temperature ({_pretty(units.temperature)})")
     _time_axis(axes, units)
 
 
 def _draw_rdf(r: Floats, g: Floats, frames: int, axes: Axes, units: UnitSystem) -> None:
-    axes.axhline(1.0, color=_GRID, linewidth=1.2)
+    axes.axhline(1.0, color=GRID, linewidth=1.2)
     axes.plot(r, g, color=COLOURS[2], linewidth=1.3)
     axes.set_title(f"Radial distribution function ({frames} frame{'s' if frames > 1 else ''})")
     axes.set_xlabel(f"r ({_pretty(units.length)})")
@@ -200,7 +200,7 @@ def _thin(x: Floats, y: Floats) -> tuple[Floats, Floats]:
     return x[kept], y[kept]
 
 
-def _target(output: str | os.PathLike[str], overwrite: bool) -> Path:
+def checked_target(output: str | os.PathLike[str], overwrite: bool) -> Path:
     path = Path(output)
     if path.suffix.lower() not in SUFFIXES:
         raise InputError(f"{path}: a figure's name must end in {', '.join(SUFFIXES)}")
@@ -226,7 +226,7 @@ def _own_matplotlib_folder() -> Iterator[None]:
         del os.environ["MPLCONFIGDIR"]  # matplotlib has looked by now, and child processes should not inherit it
 
 
-def _figure(width: float, height: float) -> Figure:
+def new_figure(width: float, height: float) -> Figure:
     with _own_matplotlib_folder():
         import matplotlib.font_manager  # noqa: F401 (reads or builds its list on import)
         from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -237,18 +237,18 @@ def _figure(width: float, height: float) -> Figure:
     return figure
 
 
-def _axes(figure: Figure, place: tuple[int, int, int], sharey: Axes | None = None) -> Axes:
+def new_axes(figure: Figure, place: tuple[int, int, int], sharey: Axes | None = None) -> Axes:
     axes = figure.add_subplot(*place, sharey=sharey)
     axes.set_facecolor("white")
-    axes.grid(True, color=_GRID, linewidth=0.6)
+    axes.grid(True, color=GRID, linewidth=0.6)
     axes.set_axisbelow(True)
-    axes.tick_params(colors=_INK, labelsize=9)
+    axes.tick_params(colors=INK, labelsize=9)
     for side in ("top", "right"):
         axes.spines[side].set_visible(False)
     return axes
 
 
-def _save(figure: Figure, target: Path) -> Path:
+def save_figure(figure: Figure, target: Path) -> Path:
     try:
         figure.savefig(target)
     except OSError as error:

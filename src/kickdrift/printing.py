@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -30,12 +30,28 @@ def list_integrators() -> tuple[list[str], list[list[str]]]:
             str(method.evaluations or "varies"),
             yes[method.symplectic],
             yes[method.reversible],
-            yes[method.adaptive],
+            yes[method.chooses_steps],
             method.use if name == method.name else f"the same as {method.name}",
         ]
         for name, method in INTEGRATORS.items()
     ]
     return columns, rows
+
+
+def print_stability(names: Sequence[str]) -> None:
+    """How large a step of each method may be, from its coefficients."""
+    from kickdrift.analysis.stability import imaginary_interval, real_interval, stability_interval
+    from kickdrift.integrators import integrator
+    from kickdrift.integrators.splitting import Splitting
+    from kickdrift.plots_stability import number
+
+    rows = []
+    for method in dict.fromkeys(integrator(name) for name in names):
+        if isinstance(method, Splitting):
+            rows.append([method.name, number(stability_interval(method)), "", ""])
+        else:
+            rows.append([method.name, "", number(real_interval(method)), number(imaginary_interval(method))])
+    print_table(None, ["method", "omega dt", "real lambda dt", "imaginary lambda dt"], rows)
 
 
 def list_forces() -> tuple[list[str], list[list[str]]]:

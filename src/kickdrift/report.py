@@ -13,6 +13,7 @@ from kickdrift.state import Floats
 from kickdrift.system import System
 
 if TYPE_CHECKING:
+    from kickdrift.problem import Problem
     from kickdrift.simulation import Simulation
 
 
@@ -27,7 +28,8 @@ class EnergyReport:
     relative_to : "initial energy" |E(0)|, or "kinetic energy" where |E(0)| is under a tenth of it, or "absolute"
     drift_per_unit_time : slope of the relative error per unit of time, by regression that knows of autocorrelation
     drift_error : half-width of the slope's 95 % interval
-    verdict : "bounded", "secular drift", "random walk" or "not resolvable"
+    verdict : "bounded", "secular drift", "random walk" or "not resolvable"; "not conserved" where a force, which is
+        named, takes or gives energy
     """
 
     initial: float
@@ -44,10 +46,10 @@ class EnergyReport:
 class Report:
     """A run's summary; ``as_json()`` is what ``--json`` writes. What a Problem has not is None.
 
-    ``momentum_error`` is the largest |P(t) - P(0)| over the samples divided by the sum of m |v| at the start;
-    ``angular_momentum_error`` likewise with m |x × v|, None in a periodic box, where it is not conserved.
-    ``temperature`` and ``pressure`` are means over the samples, in the system's units, None where they mean nothing.
-    ``ns_per_pair`` is the wall time per force evaluation and pair within range.
+    ``momentum_error`` is the largest |P(t) - P(0)| over the samples divided by the sum of m |v| at the start, None in
+    an external field; ``angular_momentum_error`` likewise with m |x × v|, None in a periodic box, where it is not
+    conserved. ``temperature`` and ``pressure`` are means over the samples, in the system's units, None where they mean
+    nothing. ``ns_per_pair`` is the wall time per force evaluation and pair within range.
     """
 
     system: str
@@ -97,8 +99,7 @@ def report(sim: Simulation) -> Report:
     record, system = sim.record, sim.system
     samples = record.samples
     of_particles = isinstance(system, System)
-    pairs = float(np.mean([s.pairs for s in samples]))
-    work = record.force_evaluations * pairs
+    work = record.force_evaluations * sum(s.pairs for s in samples) / len(samples)
     rtol, atol = sim.options.tolerances if sim.method.adaptive else (None, None)
     return Report(
         system=system.name,
@@ -111,7 +112,7 @@ def report(sim: Simulation) -> Report:
         atol=atol,
         steps=record.steps,
         rejected_steps=record.rejected_steps,
-        time=samples[-1].time - samples[0].time if sim.method.adaptive else record.steps * (sim.dt or 0.0),
+        time=samples[-1].time - samples[0].time if sim.method.chooses_steps else record.steps * (sim.dt or 0.0),
         seed=system.seed if isinstance(system, System) else None,
         threads=sim.threads,
         samples=len(samples),
@@ -120,19 +121,21 @@ def report(sim: Simulation) -> Report:
         compile_seconds=record.compile_seconds,
         steps_per_second=record.steps / record.wall_seconds if record.wall_seconds else 0.0,
         ns_per_pair=1e9 * record.wall_seconds / work if work else None,
-        energy=_energy(record, even=not sim.method.adaptive),
-        momentum_error=_largest_change([s.momentum for s in samples], record.momentum_scale),
+        energy=_energy(record, not sim.method.chooses_steps, system),
+        momentum_error=None
+        if isinstance(system, System) and system.acting("external")
+        else _largest_change([s.momentum for s in samples], record.momentum_scale),
         angular_momentum_error=None
-        if isinstance(system, System) and system.box.periodic
+        if isinstance(system, System) and (system.box.periodic or system.acting("external"))
         else _largest_change([s.angular_momentum for s in samples], record.angular_momentum_scale),
-        temperature=_mean([s.temperature for s in samples]),
-        pressure=_mean([s.pressure for s in samples]),
+        temperature=_mean([s.temperature for s in samples]) if of_particles else None,
+        pressure=_mean([s.pressure for s in samples]) if of_particles else None,
         y=None if of_particles else sim.state.y.tolist(),
         warnings=list(record.warnings),
     )
 
 
-def _energy(record: Record, even: bool) -> EnergyReport | None:
+def _energy(record: Record, even: bool, system: System | Problem) -> EnergyReport | None:
     samples = record.samples
     total = np.array([sample.energies.total for sample in samples])
     if np.isnan(total[0]):
@@ -147,9 +150,9 @@ def _energy(record: Record, even: bool) -> EnergyReport | None:
         grid = np.linspace(times[0], times[-1], len(times))
         times, errors = grid, np.interp(grid, times, errors)
     trend = drift(times, errors)
-    return EnergyReport(
-        **asdict(error), drift_per_unit_time=trend.slope, drift_error=trend.error, verdict=trend.verdict
-    )
+    working = system.acting("works") if isinstance(system, System) else []
+    verdict = f"not conserved: {', '.join(working)}" if working else trend.verdict
+    return EnergyReport(**asdict(error), drift_per_unit_time=trend.slope, drift_error=trend.error, verdict=verdict)
 
 
 def _largest_change(values: list[Floats | None], scale: float) -> float | None:

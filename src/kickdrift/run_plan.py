@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from numbers import Real
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+
+from kickdrift.errors import InputError
 
 if TYPE_CHECKING:
     from kickdrift.simulation import Simulation
 
 NEVER = 2**62
+SAMPLES = 1000  # of the energy in a run that does not say how often
+GLIMPSES = 10  # of a run that has no energy to sample: for stiffness alone
 
 
 @dataclass(frozen=True)
@@ -59,3 +64,74 @@ class Plan:
             return sim.steps_done - self.begin_step, self.end_step - self.begin_step
         done = (sim.time - self.begin_time) / (self.end_time - self.begin_time)
         return min(1000, int(1000 * done)), 1000
+
+
+def plan_of(
+    sim: Simulation,
+    steps: int | None,
+    until: float | None,
+    every: int | None,
+    interval: float | None,
+    known: int | None,
+    samples: int = SAMPLES,
+) -> Plan:
+    """What ``Simulation.run`` was asked for, checked; ``known`` is the cadence of looks from before, if any, and
+    ``samples`` how many to take where nothing says how often."""
+    begin = sim.steps_done, sim.time
+    if interval is not None and not (sim.method.chooses_steps and np.isfinite(number(interval)) and interval > 0):
+        fixed = "" if sim.method.chooses_steps else f" for an adaptive method; {sim.integrator} has every"
+        raise InputError(f"run: interval must be a positive time{fixed}, got {interval!r}")
+    if interval is not None and every is not None:
+        raise InputError("run: give every or interval, not both")
+    cadence = whole_number("every", every, 1) if every is not None else known or sim.system.run.every
+    if not sim.method.chooses_steps or until is None:
+        count = steps_to(sim, steps, until)
+        cadence = cadence or max(1, count // samples)
+        every = 0 if interval else cadence
+        return Plan(*begin, begin[0] + count, every=every, interval=interval or 0.0, exact=True)
+    if steps is not None or sim.running:
+        steps_to(sim, steps, until)  # which says why not
+    end = number(until)
+    if not (np.isfinite(end) and end >= sim.time):
+        raise InputError(f"run: time {until!r} is not a finite time from the present, {sim.time:.12g}, on")
+    if cadence and interval is None:
+        return Plan(*begin, end_time=end, every=cadence)
+    length = interval or (end - sim.time) / samples
+    return Plan(*begin, end_time=end, interval=length, exact=interval is not None)
+
+
+def steps_to(sim: Simulation, steps: int | None, until: float | None) -> int:
+    """See ``Simulation.steps_to``."""
+    if sim.running:
+        raise InputError("run: the Simulation runs already")
+    if (steps is None) == (until is None):
+        raise InputError("run: give either steps or until")
+    if until is None:
+        return whole_number("steps", steps, 0)
+    if not np.isfinite(number(until)):
+        raise InputError(f"run: the time to reach must be a finite number, got {until!r}")
+    if sim.dt is None or sim.method.chooses_steps:
+        raise InputError(f"run: {sim.integrator} chooses its steps; how many it takes is known afterwards")
+    exact = (until - sim.time) / sim.dt
+    count = round(exact)
+    if exact < -1e-6:
+        raise InputError(f"run: time {until:.12g} lies before the present, {sim.time:.12g}")
+    if abs(exact - count) > 1e-6:
+        low = sim.time + int(np.floor(exact)) * sim.dt
+        nearest = f"{low:.12g} and {low + sim.dt:.12g}"
+        raise InputError(f"run: time {until:.12g} is not on the grid of steps of {sim.dt:g}; nearest are {nearest}")
+    return count
+
+
+def whole_number(key: str, value: Any, least: int) -> int:
+    """The value as an int; an InputError where it is not a whole number, ``least`` or more."""
+    found = number(value)
+    if not (found.is_integer() and found >= least):
+        words = {0: "zero or more", 1: "one or more"}[least]
+        raise InputError(f"run: {key} must be a whole number, {words}, got {value!r}")
+    return int(found)
+
+
+def number(value: Any) -> float:
+    """A number as a float, anything else as nan."""
+    return float(value) if isinstance(value, Real) else np.nan

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import is_dataclass
 from functools import cache
-from typing import Annotated, Any, Literal, get_type_hints
+from types import NoneType, UnionType
+from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
 from pydantic import (
     BaseModel,
@@ -26,6 +27,7 @@ from pydantic import (
 from pydantic_core import ErrorDetails, PydanticCustomError
 
 from kickdrift.errors import InputError
+from kickdrift.forces.pair_law import PairForce
 from kickdrift.units import UnitSystem, quantity, shown, suggestion
 
 
@@ -216,6 +218,27 @@ def ode_table(factory: Callable[..., Any]) -> type[Table]:
     return create_model(factory.__name__, __base__=Table, **fields)
 
 
+def shaped(hint: Any, number: Any) -> Any:
+    """A parameter's type hint as a table's: each float in it is a checked ``number``, a tuple a list of that length."""
+    kinds = [kind for kind in get_args(hint) if kind is not NoneType]
+    lists = [kind for kind in kinds if get_origin(kind) in (tuple, Sequence)]
+    if hint is float:
+        return number
+    if get_origin(hint) is tuple and Ellipsis not in kinds:
+        length = len(kinds)
+        return Annotated[list[shaped(kinds[0], number)], Field(min_length=length, max_length=length)]  # type: ignore[misc]
+    if get_origin(hint) is Sequence:
+        return list[shaped(kinds[0], number)]  # type: ignore[misc]
+    if get_origin(hint) in (Union, UnionType):
+        if len(kinds) == 1:
+            return shaped(kinds[0], number)
+        if len(kinds) == 2 and len(lists) == 1:  # tags, so that an error speaks of the kind that was given
+            tagged = [Annotated[shaped(k, number), Tag("<list>" if k in lists else "<one>")] for k in kinds]
+            which = Discriminator(lambda given: "<list>" if isinstance(given, list) else "<one>")
+            return Annotated[Union[tuple(tagged)], which]  # noqa: UP007
+    return hint
+
+
 @cache
 def force_table(cls: type) -> type[Table]:
     """The table of a force: the parameters of its constructor, converted as its ``dimensions`` say."""
@@ -232,13 +255,11 @@ def force_table(cls: type) -> type[Table]:
     for key, parameter in inspect.signature(cls).parameters.items():
         if key == "species":
             kind: Any = dict[str, one]
-        elif key == "pairs":
+        elif key == "pairs" and issubclass(cls, PairForce):
             pair: Any = create_model("pair", __base__=one, species=names)
             kind = list[pair]
-        elif key in number:
-            kind = number[key]
         else:
-            kind = plain if hints.get(key) in (float, float | None) else hints.get(key, Any)
+            kind = shaped(hints.get(key, float if key in number else Any), number.get(key, plain))
         fields[key] = (kind, ... if parameter.default is inspect.Parameter.empty else parameter.default)
     return create_model(cls.__name__, __base__=Table, **fields)
 

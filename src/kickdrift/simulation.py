@@ -5,12 +5,12 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
-from numbers import Real
 from time import perf_counter
 from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
 
+from kickdrift.analysis.stiffness import WATCHED_POINTS, WATCHED_STEPS, Point, can_be_limited, stability_warning
 from kickdrift.errors import InputError, RunError
 from kickdrift.flow import ParticleFlow, flow_of
 from kickdrift.forces.kernel import OK
@@ -19,16 +19,16 @@ from kickdrift.integrators.stepping import STOPPED, Options
 from kickdrift.interrupt import interruptible
 from kickdrift.observers import Energies, Record, Sample
 from kickdrift.report import Report, report
-from kickdrift.run_plan import Plan
+from kickdrift.run_plan import GLIMPSES, SAMPLES, plan_of, steps_to
 from kickdrift.state import Floats, read_only
 from kickdrift.system import System
 
 if TYPE_CHECKING:
+    from kickdrift.integrators.exact import Lattice
     from kickdrift.problem import Problem
     from kickdrift.trajectory.h5md import Writer
 
 CHUNK_SECONDS = 0.1  # how long compiled code runs before Python looks for Ctrl-C
-SAMPLES = 1000  # of the energy in a run that does not say how often
 
 Observer = Callable[["Simulation"], Any]
 
@@ -82,7 +82,9 @@ class Simulation:
             iteration,
         )
         self.options = self.method.checked(given, asked=Options(dt, rtol, atol, controller, compensated, iteration))
-        self.dt = self._step_asked(system)
+        self.dt = self.options.dt
+        if self.dt is None and not self.method.adaptive:
+            raise InputError(f"dt is needed: system {system.name!r} names none in [run]")
         self.system = system
         self.threads = threads
         self._flow = flow_of(system, threads, jumps=self.method.trial_steps)
@@ -92,23 +94,13 @@ class Simulation:
                 f"{self._flow.not_separable}; rk4, dormand-prince45 and dop853 do not"
             )
         self._stepper = self.method.stepper(self._flow, self.options)
+        self._watched = can_be_limited(self._flow, self.method)
         self._chunk = 1
         self._compiled = False
-        self._running = False
+        self.running = False
         self._files: dict[str, tuple[str, int]] = {}  # files that this Simulation began: path -> run id, cadence
         self._every: int | None = None
         self.state = system.state
-
-    def _step_asked(self, system: System | Problem) -> float | None:
-        given = self.options.dt
-        if given is None and self.method.adaptive:
-            return None
-        if given is None:
-            raise InputError(f"dt is needed: system {system.name!r} names none in [run]")
-        dt = _number(given)
-        if not (np.isfinite(dt) and dt > 0):
-            raise InputError(f"dt must be a positive finite time, got {given!r}")
-        return dt
 
     # --- state ---
 
@@ -122,13 +114,34 @@ class Simulation:
 
     @state.setter
     def state(self, state: Any) -> None:
-        if self._running:
+        if self.running:
             raise InputError("state: is read-only while the Simulation runs")
         y = self._flow.array(state)
         self._stepper.reset(y, state.time, state.steps_done)
         self._at: float | None = None  # the present, where it lies before the stepper's last step point
+        self._present: tuple[float, Floats] | None = None  # and y there, once it was looked at
+        self.record = Record()
+        self._points: list[Point] = []
+        self._last_good = self.state
+
+    @property
+    def lattice(self) -> Lattice:
+        """The whole numbers that leapfrog-exact moves, a copy; ``state`` shows them rounded to floats. Setting it takes
+        a run up again to the last bit, and ``sim.lattice = sim.lattice.reversed()`` turns it around."""
+        return self._exact().lattice
+
+    @lattice.setter
+    def lattice(self, lattice: Lattice) -> None:
+        if self.running:
+            raise InputError("lattice: is read-only while the Simulation runs")
+        self._exact().lattice = lattice
         self.record = Record()
         self._last_good = self.state
+
+    def _exact(self) -> Any:
+        if not hasattr(self._stepper, "lattice"):
+            raise InputError(f"lattice: {self.integrator} has none; leapfrog-exact has")
+        return self._stepper
 
     @property
     def time(self) -> float:
@@ -141,7 +154,11 @@ class Simulation:
         return self._stepper.steps_done
 
     def _now(self) -> Floats:
-        return self._stepper.y if self._at is None else self._stepper.at(self._at)
+        if self._at is None:
+            return self._stepper.y
+        if self._present is None or self._present[0] != self._at:
+            self._present = self._at, self._stepper.at(self._at)
+        return self._present[1]
 
     def energy(self) -> Energies:
         """Kinetic, potential and total energy now, in the system's units."""
@@ -191,7 +208,11 @@ class Simulation:
         Returns the Report. Raises InputError for arguments that make no sense, and RunError where the run blows up; the
         state is then that of the last sample.
         """
-        plan = self._plan(steps, until, every, interval, output)
+        own = self._files.get(os.path.abspath(output)) if output is not None else None
+        seen = isinstance(self.system, System) or self.system.energy is not None or observe is not None
+        samples = SAMPLES if seen else GLIMPSES
+        plan = plan_of(self, steps, until, every, interval, (own[1] if own else None) or self._every, samples)
+        self._every = every or self._every
         self._prepare()
         with self._busy() as interrupted, self._writer(output, plan.every, overwrite) as writer:
             self._look(writer, observe, again=False)
@@ -210,6 +231,7 @@ class Simulation:
                     progress(*plan.progress(self))
             if not looked:
                 self._look(writer, observe)
+            self._warn()
             if writer:
                 writer.report = self.report().as_json()
         if interrupted():
@@ -237,68 +259,17 @@ class Simulation:
     @contextmanager
     def _busy(self) -> Iterator[Callable[[], bool]]:
         """Inside, the state cannot be replaced, and Ctrl-C only sets what the function yielded returns."""
-        self._running = True
+        self.running = True
         try:
             with interruptible() as interrupted:
                 yield interrupted
         finally:
-            self._running = False
+            self.running = False
 
     def steps_to(self, steps: int | None = None, until: float | None = None) -> int:
         """How many steps ``run(steps)`` or ``run(until=…)`` would take now; an InputError where that makes no sense, or
         where only the run can tell (an adaptive one until a time)."""
-        if self._running:
-            raise InputError("run: the Simulation runs already")
-        if (steps is None) == (until is None):
-            raise InputError("run: give either steps or until")
-        if until is None:
-            return _whole_number("steps", steps, 0)
-        if not np.isfinite(_number(until)):
-            raise InputError(f"run: the time to reach must be a finite number, got {until!r}")
-        if self.dt is None or self.method.adaptive:
-            raise InputError(f"run: {self.integrator} chooses its steps; how many it takes is known afterwards")
-        exact = (until - self.time) / self.dt
-        count = round(exact)
-        if exact < -1e-6:
-            raise InputError(f"run: time {until:.12g} lies before the present, {self.time:.12g}")
-        if abs(exact - count) > 1e-6:
-            low = self.time + int(np.floor(exact)) * self.dt
-            nearest = f"{low:.12g} and {low + self.dt:.12g}"
-            raise InputError(
-                f"run: time {until:.12g} is not on the grid of steps of {self.dt:g}; nearest are {nearest}"
-            )
-        return count
-
-    def _plan(
-        self, steps: int | None, until: float | None, every: int | None, interval: float | None, output: Any
-    ) -> Plan:
-        begin = self.steps_done, self.time
-        if interval is not None and not (self.method.adaptive and np.isfinite(_number(interval)) and interval > 0):
-            fixed = "" if self.method.adaptive else f" for an adaptive method; {self.integrator} has every"
-            raise InputError(f"run: interval must be a positive time{fixed}, got {interval!r}")
-        if interval is not None and every is not None:
-            raise InputError("run: give every or interval, not both")
-        if not self.method.adaptive or until is None:
-            count = self.steps_to(steps, until)
-            cadence = 0 if interval else self._cadence(every, output, count)
-            return Plan(*begin, begin[0] + count, every=cadence, interval=interval or 0.0, exact=True)
-        if steps is not None or self._running:
-            self.steps_to(steps, until)
-        end = _number(until)
-        if not (np.isfinite(end) and end >= self.time):
-            raise InputError(f"run: time {until!r} is not a finite time from the present, {self.time:.12g}, on")
-        if every is not None or (interval is None and self.system.run.every):
-            return Plan(*begin, end_time=end, every=self._cadence(every, output, 0))
-        length = interval or (end - self.time) / SAMPLES
-        return Plan(*begin, end_time=end, interval=length, exact=interval is not None)
-
-    def _cadence(self, every: int | None, output: Any, count: int) -> int:
-        if every is not None:
-            every = _whole_number("every", every, 1)
-        began = self._files.get(os.path.abspath(output)) if output is not None else None
-        known = every or (began[1] if began else None) or self._every or self.system.run.every
-        self._every = every or self._every
-        return int(known or max(1, count // SAMPLES))
+        return steps_to(self, steps, until)
 
     def _prepare(self) -> None:
         """Compile what the run needs, so that its time does not count as the run's."""
@@ -315,7 +286,7 @@ class Simulation:
         stepper = self._stepper
         before, counts = stepper.steps_done, stepper.counts
         status = stepper.advance(steps, until)
-        self._at = None
+        self._at = self._present = None
         after = stepper.counts
         self.record.steps += stepper.steps_done - before
         self.record.force_evaluations += after.evaluations - counts.evaluations
@@ -331,7 +302,7 @@ class Simulation:
         last, stepper = self._last_good, self._stepper
         step = stepper.steps_done + inside_step
         time = stepper.time + (self.dt or 0.0) * inside_step
-        with_step = "" if self.method.adaptive else f", dt = {self.dt:g}"
+        with_step = "" if self.method.chooses_steps else f", dt = {self.dt:g}"
         good = self._flow.array(last)
         if stopped:
             message = f"stopped at step {step} (t = {stepper.time:.6g}): {stepper.trouble}"
@@ -358,10 +329,20 @@ class Simulation:
             self._flow.begin(self.record, self._now())
         self.record.add(sample)
         self._last_good = self.state
+        if self._watched:
+            self._points = [*self._points, (self.time, self._now().copy(), self._stepper.last_step)][-WATCHED_POINTS:]
         if writer:
             writer.append(self._last_good, sample.observables())
         if observe:
             observe(self)
+
+    def _warn(self) -> None:
+        """Say where stability and not accuracy sets the steps."""
+        if not self._watched or self.record.steps < WATCHED_STEPS:
+            return
+        warning = stability_warning(self._flow, self.method, self._points)
+        if warning and warning not in self.record.warnings:
+            self.record.warnings = [warning]
 
     def _writer(self, output: Any, cadence: int, overwrite: bool) -> Any:
         if output is None:
@@ -385,16 +366,3 @@ class Simulation:
         writer = Writer(path, self.system, method=method, every=cadence, overwrite=overwrite)
         self._files[path] = (writer.run_id, cadence)
         return writer
-
-
-def _whole_number(key: str, value: Any, least: int) -> int:
-    number = _number(value)
-    if not (number.is_integer() and number >= least):
-        words = {0: "zero or more", 1: "one or more"}[least]
-        raise InputError(f"run: {key} must be a whole number, {words}, got {value!r}")
-    return int(number)
-
-
-def _number(value: Any) -> float:
-    """A number as a float, anything else as nan."""
-    return float(value) if isinstance(value, Real) else np.nan

@@ -120,6 +120,11 @@ class System:
     def box(self) -> Box:
         return self.state.box
 
+    def acting(self, trait: str) -> list[str]:
+        """The names of the forces that have a trait: "external" (it does not conserve momentum), "works" (nor energy),
+        "velocity_dependent"."""
+        return [force.name for force in self.forces if getattr(force, trait, False)]
+
     @property
     def coherent_masses(self) -> Floats:
         """(n,) masses in the unit that makes force = mass x acceleration hold in this system's other units."""

@@ -15,6 +15,7 @@ import numpy as np
 from kickdrift.builders import Structure, check_overlaps, lattice, maxwell_boltzmann, mixture, read_structure
 from kickdrift.errors import InputError
 from kickdrift.forces import FORCES
+from kickdrift.forces.pair_law import PairForce
 from kickdrift.problem import Problem
 from kickdrift.schema import (
     LatticeTable,
@@ -217,7 +218,7 @@ def _force(given: dict[str, Any], units: UnitSystem, path: str) -> Any:
     cls: Any = FORCES[name]
     parameters = checked(force_table(cls), given, units, path).model_dump(exclude_unset=True)
     del parameters["type"]
-    if "pairs" in parameters:
+    if "pairs" in parameters and issubclass(cls, PairForce):
         pairs: dict[tuple[str, ...], Any] = {}
         for k, pair in enumerate(parameters["pairs"]):
             names = tuple(pair.pop("species"))

@@ -37,6 +37,8 @@ DIMENSIONS: dict[str, dict[str, int]] = {
     "density": {"M": 1, "L": -3},
     "number density": {"L": -3},
     "frequency": {"T": -1},
+    "rate": {"T": -1},
+    "stiffness": {"E": 1, "L": -2},
     "momentum": {"M": 1, "L": 1, "T": -1},
     "angular momentum": {"M": 1, "L": 2, "T": -1},
     "gravitational constant": {"L": 3, "M": -1, "T": -2},
@@ -52,6 +54,8 @@ _EXAMPLES = {
     "density": "1.374 g/cm3",
     "number density": "21 nm^-3",
     "pressure": "1 bar",
+    "frequency": "2 THz",
+    "rate": "0.1 ps^-1",
 }
 
 _COMMON = (
@@ -253,6 +257,8 @@ def _convert(number: float, unit: str, dimension: str, units: UnitSystem, wrong:
         raise InputError(f"{prefix}cannot read the unit {shown(unit)}") from None
     given = registry.Quantity(number, parsed)
     try:
+        if dimension == "frequency" and "radian" in str(given.to_base_units().units):
+            raise InputError(f"{wrong}; a frequency counts cycles, not angles")
         moles = given.dimensionality.get("[substance]", 0)
         if moles:
             given = given * registry.avogadro_constant**moles

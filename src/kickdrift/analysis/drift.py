@@ -21,6 +21,7 @@ SIGNIFICANCE = 0.01  # of the verdict "secular drift", stricter so that one verd
 MAX_LINES = 40
 MIN_CYCLES = 3.0  # a slower wave cannot be told from a trend
 LINE_SIGNIFICANCE = 1e-4
+RESIDUE = 1e-9  # of the waves: what they leave below that is the rounding of many steps, whatever way it walks
 # 1 % points of the Dickey-Fuller t as a + b / n, with constant and trend and with a constant only; MacKinnon (2010),
 # Queen's Economics Department Working Paper 1227, table 2.
 UNIT_ROOT_TREND = (-3.95877, -9.0531)
@@ -100,8 +101,9 @@ def drift(times: ArrayLike, values: ArrayLike) -> Drift:
     5. "not resolvable": under 40 samples, a wave or a bend slower than 3 cycles in the whole series (``error`` infinite
        in both), or increments that wander themselves (``error`` as in 4).
 
-    A series that is trend and lines to within rounding gets the rounding as its ``error``.  Over 2000 samples are
-    averaged in equal bins; the first few that fill none are dropped.
+    A series that is trend and lines to within rounding gets the rounding as its ``error``. One whose trend and residue
+    over its whole length stay under 1e-9 of its lines is "bounded", with slope and error as found.  Over 2000 samples
+    are averaged in equal bins; the first few that fill none are dropped.
 
     Raises InputError for unequal lengths, values that are not finite and times that are not evenly spaced.
 
@@ -159,6 +161,8 @@ def drift(times: ArrayLike, values: ArrayLike) -> Drift:
     p_value = float(2.0 * stats.t.sf(abs(fit.value) / fit.deviation, fit.freedom))
     if p_value < SIGNIFICANCE and verdict != "not resolvable":
         verdict = "secular drift"
+    if lines and max(float(np.abs(rest).max()), abs(float(coefficients[1])) * count) <= RESIDUE:
+        verdict = "bounded"
     half_width = fit.deviation * float(stats.t.ppf(0.5 + 0.5 * CONFIDENCE, fit.freedom))
     return Drift(fit.value * unit, half_width * abs(unit), verdict, p_value, time, effective, lines)
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from kickdrift.analysis.stability import stability_function
 from kickdrift.errors import InputError
 from kickdrift.flow import Flow, ParticleFlow, flow_of
 from kickdrift.integrators.method import Method
@@ -24,6 +25,7 @@ DIFFERENCES = 1e-9  # relative error of a Jacobian by differences, with some roo
 WATCHED_UNKNOWNS = 64  # at most, for a run to be watched
 NEAR = 0.8  # of the way to the boundary of stability
 WATCHED_POINTS = 10  # at the end of a run
+WATCHED_STEPS = 1000  # of a run, at least: a shorter one is over before its steps are worth a thought
 
 Point = tuple[float, Floats, float]
 
@@ -99,22 +101,10 @@ def _stiffness(flow: Flow, time: float, y: Floats, step: float | None) -> Stiffn
     return Stiffness(time, eigenvalues, error * float(np.linalg.norm(jacobian, 2)), step)
 
 
-def amplification(tableau: Tableau) -> Floats:
-    """The coefficients, from that of 1 on, of R(z) = 1 + z b (I - z a)^-1 1: what a step with h lambda = z multiplies
-    the solution of y' = lambda y by (Hairer & Wanner 1996, eq. IV.2.8, doi:10.1007/978-3-642-05221-7)."""
-    a, b = tableau.stages[:-1], tableau.stages[-1]
-    coefficients, column = [1.0], np.ones(len(b))
-    for _ in b:
-        coefficients.append(float(b @ column))
-        column = a @ column
-    return np.array(coefficients)
-
-
-def stability_boundary(tableau: Tableau, direction: complex) -> float:
+def stability_boundary(method: Method, direction: complex) -> float:
     """The largest r with |R(s direction)| <= 1 for all s up to r; ``direction`` of absolute value one."""
-    polynomial = amplification(tableau)[::-1]
     r = np.arange(0.0, 60.0, 0.01)
-    beyond = np.abs(np.polyval(polynomial, r * direction)) > 1.0 + 1e-9
+    beyond = np.abs(stability_function(method)(r * direction)) > 1.0 + 1e-9
     return float(r[np.argmax(beyond) - 1]) if beyond[1:].any() else float(r[-1])
 
 

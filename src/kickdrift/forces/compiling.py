@@ -149,7 +149,10 @@ class _DriverCache:
         return self._folders[name]
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        found = self._folder(sig).load_overload(sig, target_context)
+        try:
+            found = self._folder(sig).load_overload(sig, target_context)
+        except ImportError:  # it refers to a module of the user's that this process cannot import
+            found = None
         if found is None:
             return None
         args = sig if isinstance(sig, tuple) else sig.args

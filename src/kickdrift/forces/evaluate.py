@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+from numba import types
+from numba.extending import overload
 
 from kickdrift.forces.compiling import driver, jit
-from kickdrift.forces.handle import handle
-from kickdrift.forces.kernel import BLOWN_UP, OK, accelerate
+from kickdrift.forces.equation import EquationKernel, call_at
+from kickdrift.forces.handle import handle, part
+from kickdrift.forces.kernel import BLOWN_UP, OK, RAISED, accelerate
 from kickdrift.forces.simd import WIDTH, lane_sum, load, splat
 
 EVALUATIONS = 0  # slot of a loop's cursor: how often the forces were evaluated
@@ -16,9 +21,9 @@ SLOTS = 5  # of a cursor; the others are the loops' own
 @jit
 def fill_accelerations(bound, t, x, v, a, sums, cursor):
     """a <- the accelerations at x; a status."""
-    for row in a:
-        for i in range(row.size):
-            row[i] = 0.0
+    for axis in range(a.shape[0]):
+        for i in range(a.shape[1]):
+            a[axis, i] = 0.0
     status = accelerate(bound, t, x, v, a, sums)
     cursor[EVALUATIONS] += 1
     if status != OK:
@@ -29,10 +34,33 @@ def fill_accelerations(bound, t, x, v, a, sums, cursor):
     return OK if np.isfinite(total) else BLOWN_UP
 
 
-@jit
-def fill_derivative(bound, t, y, dy, cursor):
+def fill_derivative(bound: Any, t: float, y: Any, dy: Any, cursor: Any) -> int:
     """dy <- f(t, y); a status. y and dy are (2, rows, n), positions and velocities, or (1, 1, n), a first-order ODE."""
-    last = y.shape[0] - 1  # one call for both shapes: the forces are compiled into it
+    raise NotImplementedError("for compiled code")
+
+
+@overload(fill_derivative)
+def _fill_derivative(bound, t, y, dy, cursor):
+    if [kind.instance_class for kind in bound.kind if isinstance(kind, types.BaseNamedTuple)] == [EquationKernel]:
+        return straight
+    return through_forces
+
+
+def straight(bound, t, y, dy, cursor):
+    """A Problem alone: its function takes y and gives dy as they lie in memory, a tenth of the way through forces."""
+    cursor[EVALUATIONS] += 1
+    if call_at(part(bound, 0).address, t, y, dy) != 0:
+        return RAISED
+    total = 0.0
+    for half in range(dy.shape[0]):
+        for i in range(dy.shape[2]):
+            total += dy[half, 0, i]
+    return OK if np.isfinite(total) else BLOWN_UP
+
+
+def through_forces(bound, t, y, dy, cursor):
+    """Velocities, and accelerations that the forces add up to."""
+    last = y.shape[0] - 1
     status = fill_accelerations(bound, t, y[0], y[last], dy[last], None, cursor)
     if last:
         for k in range(y.shape[1]):

@@ -5,7 +5,16 @@ from __future__ import annotations
 from difflib import get_close_matches
 
 from kickdrift.errors import InputError
-from kickdrift.integrators import implicit, rosenbrock, runge_kutta, scipy_methods, splitting, stormer
+from kickdrift.integrators import (
+    exact,
+    implicit,
+    reversible,
+    rosenbrock,
+    runge_kutta,
+    scipy_methods,
+    splitting,
+    stormer,
+)
 from kickdrift.integrators.method import Method
 
 INTEGRATORS: dict[str, Method] = {
@@ -13,6 +22,8 @@ INTEGRATORS: dict[str, Method] = {
     for row in (
         *splitting.ROWS,
         *stormer.ROWS,
+        *exact.ROWS,
+        *reversible.ROWS,
         *runge_kutta.ROWS,
         *implicit.ROWS,
         *rosenbrock.ROWS,

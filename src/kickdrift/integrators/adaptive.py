@@ -35,21 +35,18 @@ TIME, NEXT, LAST, BEFORE, ERROR, ERROR_BEFORE, REJECTED_LAST = range(7)
 def scaled_error(y, trial, errors, h, k, rtol, atol):
     """The root mean square of the error estimate over its tolerance, atol + rtol |y|, |y| the larger of both ends
     (Hairer, Norsett & Wanner 1993, eq. II.4.11); with two rows of ``errors`` E5 and E3, E5^2 / sqrt(E5^2 + 0.01 E3^2)
-    (II.10)."""
+    (II.10). y and trial are (N,), k (stages, N)."""
     first, second, stages = 0.0, 0.0, errors.shape[1]
     two = errors.shape[0] == 2
-    for half in range(y.shape[0]):
-        for axis in range(y.shape[1]):
-            for i in range(y.shape[2]):
-                e, e3 = 0.0, 0.0
-                for j in range(stages):
-                    e += errors[0, j] * k[j, half, axis, i]
-                if two:
-                    for j in range(stages):
-                        e3 += errors[1, j] * k[j, half, axis, i]
-                scale = atol + rtol * max(abs(y[half, axis, i]), abs(trial[half, axis, i]))
-                first += (e / scale) ** 2
-                second += (e3 / scale) ** 2
+    for i in range(y.size):
+        e, e3 = 0.0, 0.0
+        for j in range(stages):
+            e += errors[0, j] * k[j, i]
+            if two:
+                e3 += errors[1, j] * k[j, i]
+        scale = atol + rtol * max(abs(y[i]), abs(trial[i]))
+        first += (e / scale) ** 2
+        second += (e3 / scale) ** 2
     if two:
         if first == 0.0 and second == 0.0:
             return 0.0
@@ -67,12 +64,17 @@ def adaptive_loop(forces, y, before, work, stages, errors, settings, numbers, cl
     bound = handle(forces)
     count = stages.shape[1]
     trial, k = work[0], work[1:]
+    flat_y, flat_trial, flat_k = y.reshape(-1), trial.reshape(-1), k.reshape((count + 1, -1))
     rtol, atol, exponent = settings[0], settings[1], settings[2]
+    c = np.zeros(count + 1)
+    for stage in range(count + 1):
+        for j in range(count):
+            c[stage] += stages[stage, j]
     while cursor[STEP] < steps and clock[TIME] < until:
         t = clock[TIME]
         if cursor[STAGE] == 0:
             if cursor[FRESH]:
-                copy(k[0], k[count])
+                flat_k[0, :] = flat_k[count]
             else:
                 status = fill_derivative(bound, t, y, k[0], cursor)
                 if status != OK:
@@ -84,11 +86,8 @@ def adaptive_loop(forces, y, before, work, stages, errors, settings, numbers, cl
             return STOPPED
         status = OK
         for stage in range(cursor[STAGE], count + 1):
-            c = 0.0
-            for j in range(count):
-                c += stages[stage, j]
-            stage_state(trial, y, stages[stage], min(stage, count), h, k)
-            status = fill_derivative(bound, t + c * h, trial, k[stage], cursor)
+            stage_state(flat_trial, flat_y, stages, stage, min(stage, count), h, flat_k)
+            status = fill_derivative(bound, t + c[stage] * h, trial, k[stage], cursor)
             if status != OK:
                 cursor[STAGE] = stage
                 break
@@ -96,13 +95,13 @@ def adaptive_loop(forces, y, before, work, stages, errors, settings, numbers, cl
             return status
         error = np.inf
         if status == OK:
-            error = scaled_error(y, trial, errors, h, k, rtol, atol)
+            error = scaled_error(flat_y, flat_trial, errors, h, flat_k, rtol, atol)
         if error <= 1.0:
             factor = step_factor(numbers, exponent, error, clock[ERROR], clock[ERROR_BEFORE])
             if clock[REJECTED_LAST] != 0.0:
                 factor = min(1.0, factor)
-            copy(before, y)
-            copy(y, trial)
+            before[:] = y
+            y[:] = trial
             clock[BEFORE], clock[TIME], clock[LAST], clock[NEXT] = t, t + h, h, h * factor
             clock[ERROR_BEFORE], clock[ERROR], clock[REJECTED_LAST] = clock[ERROR], error, 0.0
             cursor[STAGE] = 0
@@ -114,16 +113,6 @@ def adaptive_loop(forces, y, before, work, stages, errors, settings, numbers, cl
             cursor[STAGE] = 1
             cursor[REJECTED] += 1
     return OK
-
-
-@jit
-def copy(target, source):
-    """target <- source, (halves, rows, n)."""
-    for half in range(source.shape[0]):
-        for axis in range(source.shape[1]):
-            row, origin = target[half, axis], source[half, axis]
-            for i in range(row.size):
-                row[i] = origin[i]
 
 
 class AdaptiveStepper:

@@ -63,6 +63,11 @@ class ImplicitTableau(Method):
         return ("compensated", "iteration")
 
     @property
+    def butcher(self) -> tuple[Floats, Floats]:
+        """The full tableau and its weights."""
+        return np.array(self.a), np.array(self.b)
+
+    @property
     def c(self) -> tuple[float, ...]:
         """The part of dt that has passed at each stage."""
         return tuple(fsum(row) for row in self.a)

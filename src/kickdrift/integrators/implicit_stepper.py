@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 EPSILON = float(np.finfo(float).eps)
 ROUNDED = 1e-10  # an increment that stops shrinking below this, of y, is rounding; above, the iteration diverges
+LEFT = 1e-3 * EPSILON  # of y, to come: it has the same sign in each step, so that 0.1 of rounding was seen as a drift
 MOST = {"newton": 50, "fixed-point": 100}  # iterations
 SLOW = 10  # iterations, after which a new Jacobian pays
 
@@ -124,7 +125,7 @@ class ImplicitStepper(PythonStepper):
                     return z, count
                 if rate >= 1.0 and not patient:
                     return None, count
-                if rate < 1.0 and size * rate <= 0.1 * EPSILON * (1.0 - rate):
+                if rate < 1.0 and size * rate <= LEFT * (1.0 - rate):
                     return z, count
             sizes.append(size)
         return None, MOST[self.iteration]
@@ -147,6 +148,6 @@ class ImplicitStepper(PythonStepper):
         return self._simplified(z, residual)
 
     def _newton_matrix(self, time: float, y: Floats) -> Callable[[Floats], Floats]:
-        matrix = -np.kron(self.dt * self._tableau.matrix, self._jacobian(time, y))
+        matrix = np.asarray(-np.kron(self.dt * self._tableau.matrix, self._jacobian(time, y)), dtype=float)
         np.einsum("ii->i", matrix)[...] += 1.0
         return factored(matrix)

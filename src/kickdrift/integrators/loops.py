@@ -75,16 +75,15 @@ def splitting_loop(forces, y, carry, work, stages, dt, start, first, steps, curs
 
 
 @jit
-def stage_state(target, y, weights, count, dt, k):
-    """target <- y + dt * sum of the first ``count`` weights times k; whole rows at a time, which is quick."""
-    for half in range(y.shape[0]):
-        for axis in range(y.shape[1]):
-            row, begin = target[half, axis], y[half, axis]
-            for i in range(row.size):
-                row[i] = begin[i]
-        for j in range(count):
-            if weights[j] != 0.0:
-                add_scaled(target[half], weights[j] * dt, k[j, half])
+def stage_state(target, y, stages, stage, count, dt, k):
+    """target <- y + dt * sum of the first ``count`` weights in a row of ``stages`` times k; y (N,), k (stages, N)."""
+    for i in range(y.size):
+        target[i] = y[i]
+    for j in range(count):
+        weight = stages[stage, j]
+        if weight != 0.0:
+            for i in range(y.size):
+                target[i] += weight * dt * k[j, i]
 
 
 @driver
@@ -92,9 +91,10 @@ def runge_kutta_loop(forces, y, carry, work, stages, dt, start, first, steps, cu
     bound = handle(forces)
     count = stages.shape[1]
     trial, k = work[0], work[1:]
+    flat_y, flat_trial, flat_k = y.reshape(-1), trial.reshape(-1), k.reshape((count, -1))
     while cursor[STEP] < steps:
         for stage in range(cursor[STAGE], count):
-            stage_state(trial, y, stages[stage], stage, dt, k)
+            stage_state(flat_trial, flat_y, stages, stage, stage, dt, flat_k)
             c = 0.0
             for j in range(stage):
                 c += stages[stage, j]

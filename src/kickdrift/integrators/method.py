@@ -12,6 +12,7 @@ from kickdrift.errors import InputError
 if TYPE_CHECKING:
     from kickdrift.flow import Flow
     from kickdrift.integrators.stepping import Options, Stepper
+    from kickdrift.state import Floats
 
 
 class Method:
@@ -23,6 +24,7 @@ class Method:
     evaluations : of the force per step; 0 where it depends on the run
     symplectic, reversible : whether the step keeps the symplectic form; whether a step with -dt undoes one with dt
     adaptive : whether it chooses its steps from the error
+    chooses_steps : whether its steps differ in length, for whatever reason, so that a time may lie inside one
     separable : whether it needs accelerations that depend on positions and time alone
     trial_steps : whether it may evaluate the force far from the solution
     rescalable : whether velocities may be changed between two steps without telling it
@@ -62,6 +64,16 @@ class Method:
     @property
     def rescalable(self) -> bool:
         return False
+
+    @property
+    def butcher(self) -> tuple[Floats, Floats] | None:
+        """The full tableau (s, s) and weights (s,) that give a one-step method's R(z) on y' = lambda y, where it has
+        one."""
+        return None
+
+    @property
+    def chooses_steps(self) -> bool:
+        return self.adaptive
 
     @property
     def tunable(self) -> tuple[str, ...]:

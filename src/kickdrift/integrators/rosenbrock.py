@@ -69,8 +69,14 @@ class Rosenbrock(Method):
     def sums(self) -> tuple[Floats, Floats]:
         """alpha and gamma_i, of the same method before u took the place of k = Gamma^-1 u (p. 111)."""
         inverse = np.eye(len(self.m)) / self.gamma - lower(self.c)
-        unit = np.linalg.solve(inverse, np.ones(len(self.m)))
+        unit = np.asarray(np.linalg.solve(inverse, np.ones(len(self.m))), dtype=float)
         return lower(self.a) @ unit, unit
+
+    @property
+    def butcher(self) -> tuple[Floats, Floats]:
+        """What the stages are on y' = lambda y, where the Jacobian is exact: of A + Gamma and b (p. 104)."""
+        g = np.linalg.inv(np.eye(len(self.m)) / self.gamma - lower(self.c))
+        return (lower(self.a) + np.eye(len(self.m))) @ g, np.array(self.m) @ g
 
     def stepper(self, flow: Flow, options: Options) -> Stepper:
         from kickdrift.integrators.rosenbrock_stepper import RosenbrockStepper

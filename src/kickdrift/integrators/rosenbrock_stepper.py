@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from kickdrift.forces.kernel import OK
+from kickdrift.forces.kernel import BLOWN_UP, OK
 from kickdrift.integrators.adaptive import scaled_error
 from kickdrift.integrators.rosenbrock import lower
 from kickdrift.integrators.step_control import (
@@ -52,6 +52,7 @@ class RosenbrockStepper(PythonStepper):
         self._next = 0.0
         self._errors = FLOOR, FLOOR  # of the last step and the one before
         self._begun = self.time
+        self._bad: Floats | None = None  # where f was no number in the last try
         self._tangent: Tangent | None = None  # where the last step began
 
     def _step(self) -> int:
@@ -60,7 +61,9 @@ class RosenbrockStepper(PythonStepper):
         if not np.isfinite(f).all():
             return self._blow_up(f)
         h = self._next or self._first or first_step(self._f, t, y, f, self._tableau.error_order, self.rtol, self.atol)
-        tangent = Tangent(f, self._jacobian(t, y), self._by_time(t, y, h))
+        tangent = Tangent(f, self._jacobian(t, y), self._by_time(t, y, f, h))
+        if not np.isfinite(tangent.by_t).all():
+            return self._blow_up(tangent.by_t)
         while h > 10.0 * np.spacing(abs(t)):
             trial, error = self._try(t, y, h, tangent)
             if error <= 1.0:
@@ -73,6 +76,9 @@ class RosenbrockStepper(PythonStepper):
             h *= rejected_factor.py_func(self._numbers, self._exponent, error)
             rejected = True
             self._counts.rejected += 1
+        if self._bad is not None:
+            self._reached = self._bad
+            return BLOWN_UP
         self.trouble = f"the step fell to {h:.3g}, which t = {t:.9g} can no longer tell from 0"
         return STOPPED
 
@@ -82,24 +88,32 @@ class RosenbrockStepper(PythonStepper):
         matrix = -tangent.by_y
         np.einsum("ii->i", matrix)[...] += 1.0 / (h * method.gamma)
         solve = factored(matrix)
+        self._bad = None
         u = np.zeros((len(method.m), *y.shape))
         for i, (alpha, gamma) in enumerate(zip(*method.sums, strict=True)):
             stage = y + np.tensordot(self._a[i, :i], u[:i], 1)
             f = self._f(t + alpha * h, stage) if i else tangent.f
             right = f + np.tensordot(self._c[i, :i], u[:i], 1) / h + gamma * h * tangent.by_t
+            if not np.isfinite(f).all():
+                self._bad = stage + f
             u[i] = solve(right.reshape(-1)).reshape(y.shape)
             if not np.isfinite(u[i]).all():
                 return y, np.inf
         trial = y + np.tensordot(method.m, u, 1)
-        estimate = np.tensordot(method.errors, u, 1)[np.newaxis]
-        error = scaled_error.py_func(y, trial, np.ones((1, 1)), 1.0, estimate, self.rtol, self.atol)
+        estimate = np.tensordot(method.errors, u, 1).reshape(1, -1)
+        ends = y.reshape(-1), trial.reshape(-1)
+        error = scaled_error.py_func(*ends, np.ones((1, 1)), 1.0, estimate, self.rtol, self.atol)
         return trial, float(error) if np.isfinite(error) else np.inf
 
-    def _by_time(self, t: float, y: Floats, h: float) -> Floats:
-        """df/dt by central differences, over a short part of the step: f may change with t as fast as that."""
+    def _by_time(self, t: float, y: Floats, f: Floats, h: float) -> Floats:
+        """df/dt by central differences, over a short part of the step, for f may change with t as fast as that; by
+        forward ones at a start before which f is no number."""
         apart = max(EPSILON ** (1 / 3) * h, 1000.0 * float(np.spacing(abs(t))))
         after, before = t + apart, t - apart
-        return (self._f(after, y) - self._f(before, y)) / (after - before)
+        ahead, behind = self._f(after, y), self._f(before, y)
+        if not np.isfinite(behind).all():
+            return (ahead - f) / (after - t)
+        return (ahead - behind) / (after - before)
 
     def at(self, time: float) -> Floats:
         """By a step from the last step point, thrown away."""

@@ -110,6 +110,11 @@ class Tableau(Method):
         """Force evaluations per step; of an adaptive method, per accepted step without dense output."""
         return len(self.b)
 
+    @property
+    def butcher(self) -> tuple[Floats, Floats]:
+        """The full tableau and its weights."""
+        return self.stages[:-1], self.stages[-1]
+
     @cached_property
     def stages(self) -> Floats:
         """(stages + 1, stages): the full a, and b below it; c is the sum of each row."""

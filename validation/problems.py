@@ -8,7 +8,6 @@ from functools import cache
 from typing import NamedTuple
 
 import numpy as np
-from oracle_integrators import kepler
 from scipy.integrate import solve_ivp
 from scipy.special import ellipj, ellipk
 
@@ -26,6 +25,14 @@ class Measured(NamedTuple):
     problem: Callable[[], kd.Problem]
     length: float
     end: np.ndarray
+
+
+class Solved(NamedTuple):
+    """A problem, its solution at any time, and how long to run it."""
+
+    problem: Callable[[], kd.Problem]
+    exact: Callable[[float], np.ndarray]
+    length: float
 
 
 @cache
@@ -57,6 +64,18 @@ def kepler_orbit() -> kd.Problem:
         return [y[2], y[3], -y[0] / r3, -y[1] / r3]
 
     return kd.Problem(f, kepler_exact(0.0), separable=True, name="kepler")
+
+
+def kepler(t: float, e: float) -> tuple[np.ndarray, np.ndarray]:
+    """Separation and relative velocity (3,) at time t after pericentre: G (m1 + m2) = 1, semi-major axis 1."""
+    eccentric = t
+    for _ in range(100):  # Newton's method on E - e sin E = t
+        change = (eccentric - e * np.sin(eccentric) - t) / (1.0 - e * np.cos(eccentric))
+        eccentric -= change
+        if abs(change) < 1e-16 * max(1.0, abs(t)):
+            break
+    c, s, b = np.cos(eccentric), np.sin(eccentric), np.sqrt(1.0 - e * e)
+    return np.array([c - e, b * s, 0.0]), np.array([-s, b * c, 0.0]) / (1.0 - e * c)
 
 
 def kepler_exact(t: float) -> np.ndarray:
@@ -101,3 +120,6 @@ def measured() -> dict[str, Measured]:
         "henon-heiles": Measured(henon_heiles, length, by_scipy),
         "driven": Measured(driven, length, driven_exact(length)),
     }
+
+
+SOLVED = {"pendulum": Solved(pendulum, pendulum_exact, 20.0), "kepler": Solved(kepler_orbit, kepler_exact, 20.0)}

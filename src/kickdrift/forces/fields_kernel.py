@@ -1,0 +1,160 @@
+"""The compiled fields. They cost a time that grows as the particles (or springs) do, so they run on one thread, and
+every sum has one order."""
+
+from __future__ import annotations
+
+import math
+from functools import singledispatch
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kickdrift.forces.compiling import never_inline
+from kickdrift.forces.fields import DrivenField, HarmonicTrap, LinearDrag, Springs, UniformField
+from kickdrift.forces.kernel import OK, kernel
+
+if TYPE_CHECKING:
+    from kickdrift.system import System
+
+
+class TrapKernel(NamedTuple):
+    """A harmonic trap bound to a System."""
+
+    stiffness: NDArray[np.float64]  # (3,)
+    centre: NDArray[np.float64]  # (3,)
+    inverse_masses: NDArray[np.float64]  # (n,)
+
+
+class UniformKernel(NamedTuple):
+    """A uniform field bound to a System; one that is driven is multiplied by cos(omega t + phase)."""
+
+    acceleration: NDArray[np.float64]  # (3,)
+    omega: float
+    phase: float
+    masses: NDArray[np.float64]  # (n,) coherent
+
+
+class DragKernel(NamedTuple):
+    """Linear drag."""
+
+    rate: float
+
+
+class SpringsKernel(NamedTuple):
+    """Springs bound to a System."""
+
+    pairs: NDArray[np.int64]  # (springs, 2)
+    stiffness: NDArray[np.float64]  # (springs,)
+    length: NDArray[np.float64]  # (springs,)
+    edges: NDArray[np.float64]  # (3,), zero where the box is open
+    inverse_masses: NDArray[np.float64]  # (n,)
+
+
+@singledispatch
+def bind(force: Any, system: System) -> Any:
+    """The field for this System."""
+    raise TypeError(f"{type(force).__name__} is no field")
+
+
+@bind.register(HarmonicTrap)
+def _(force: HarmonicTrap, system: System) -> TrapKernel:
+    stiffness = np.broadcast_to(np.array(force.stiffness), 3).copy()
+    return TrapKernel(stiffness, np.array(force.centre), 1.0 / system.coherent_masses)
+
+
+@bind.register(UniformField)
+def _(force: UniformField, system: System) -> UniformKernel:
+    return UniformKernel(np.array(force.acceleration), 0.0, 0.0, system.coherent_masses)
+
+
+@bind.register(DrivenField)
+def _(force: DrivenField, system: System) -> UniformKernel:
+    return UniformKernel(
+        np.array(force.amplitude), 2.0 * math.pi * force.frequency, force.phase, system.coherent_masses
+    )
+
+
+@bind.register(LinearDrag)
+def _(force: LinearDrag, system: System) -> DragKernel:
+    return DragKernel(force.rate)
+
+
+@bind.register(Springs)
+def _(force: Springs, system: System) -> SpringsKernel:
+    pairs = np.array(force.pairs, dtype=np.int64)
+    edges = np.array(system.box.lengths) if system.box.lengths is not None else np.zeros(3)
+    stiffness, length = (np.broadcast_to(np.array(v), len(pairs)).copy() for v in (force.stiffness, force.length))
+    masses = system.coherent_masses
+    return SpringsKernel(pairs, stiffness, length, edges, np.divide(1.0, masses, where=masses > 0, out=0.0 * masses))
+
+
+@kernel(TrapKernel)
+def trap_forces(force, t, x, v, a, sums):
+    never_inline()
+    inverse_masses = force.inverse_masses
+    for k in range(3):
+        stiffness, centre, energy = force.stiffness[k], force.centre[k], 0.0
+        for i in range(x.shape[1]):
+            d = x[k, i] - centre
+            a[k, i] -= stiffness * d * inverse_masses[i]
+            if sums is not None:
+                energy += d * d
+        if sums is not None:
+            sums[0] += 0.5 * stiffness * energy
+    return OK
+
+
+@kernel(UniformKernel)
+def uniform_forces(force, t, x, v, a, sums):
+    never_inline()
+    masses, wave = force.masses, math.cos(force.omega * t + force.phase)
+    for k in range(3):
+        g, energy = force.acceleration[k] * wave, 0.0
+        for i in range(x.shape[1]):
+            a[k, i] += g
+            if sums is not None:
+                energy += masses[i] * x[k, i]
+        if sums is not None:
+            sums[0] -= g * energy
+    return OK
+
+
+@kernel(DragKernel)
+def drag_forces(force, t, x, v, a, sums):
+    never_inline()
+    for k in range(3):
+        for i in range(x.shape[1]):
+            a[k, i] -= force.rate * v[k, i]
+    return OK
+
+
+@kernel(SpringsKernel)
+def spring_forces(force, t, x, v, a, sums):
+    never_inline()
+    pairs, edges, inverse_masses = force.pairs, force.edges, force.inverse_masses
+    d = np.empty(3)
+    energy = virial = 0.0
+    for s in range(pairs.shape[0]):
+        i, j = pairs[s, 0], pairs[s, 1]
+        r2 = 0.0
+        for k in range(3):
+            d[k] = x[k, i] - x[k, j]
+            if edges[k] > 0.0:
+                d[k] -= edges[k] * math.floor(d[k] / edges[k] + 0.5)
+            r2 += d[k] * d[k]
+        r = math.sqrt(r2)
+        stretch = r - force.length[s]
+        pull = force.stiffness[s] * stretch
+        over_r = pull / r if r != 0.0 else 0.0  # no direction: no force
+        for k in range(3):
+            a[k, i] -= over_r * d[k] * inverse_masses[i]
+            a[k, j] += over_r * d[k] * inverse_masses[j]
+        if sums is not None:
+            energy += 0.5 * pull * stretch
+            virial -= pull * r
+    if sums is not None:
+        sums[0] += energy
+        sums[1] += virial
+        sums[2] += pairs.shape[0]
+    return OK

@@ -1,0 +1,262 @@
+"""Leapfrog on whole numbers under way: its scales, and floats to and from the lattice."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from kickdrift.errors import InputError
+from kickdrift.forces.evaluate import EVALUATIONS, SLOTS
+from kickdrift.forces.gravity import Gravity
+from kickdrift.forces.kernel import GROW
+from kickdrift.forces.pair_kernel import truncation_of
+from kickdrift.forces.truncation import AtCutoff
+from kickdrift.integrators.exact import Lattice
+from kickdrift.integrators.exact_loop import (
+    AXIS,
+    BUILT,
+    CULPRIT,
+    FAR,
+    POSITION,
+    ROOM_NEEDED,
+    WHAT,
+    ExactGravity,
+    ExactPairs,
+    Particles,
+    SpeciesTables,
+    exact_loop,
+)
+from kickdrift.integrators.loops import STEP
+from kickdrift.integrators.stepping import Counts, Options
+from kickdrift.state import Floats
+
+if TYPE_CHECKING:
+    from kickdrift.system import System
+
+SKIN = 0.16  # of the cutoff; 1000 particles run as fast, within 5 %, from 0.12 to 0.2
+BITS = 63  # of an int64, beside its sign
+ROOM_IN_SPACE = 6  # bits beyond the start's extent: particles may go 32 times as far at least
+ROOM_IN_SPEED = 8  # bits beyond the largest momentum that the start suggests
+
+
+class ExactStepper:
+    """``y`` shows the lattice in floats after each ``advance``; what runs, and what a run can be taken up from to the
+    last bit, is ``lattice``.
+
+    Its scales follow from the System as it was at its start (and, where nothing moves or pulls there, from dt): they
+    are the same in every process, and a lattice that is put in place brings its own along.
+    """
+
+    def __init__(self, flow: Any, options: Options) -> None:
+        assert options.dt is not None
+        self._flow, self.dt = flow, options.dt
+        system: System = flow.subject
+        self.trouble = ""
+        self._gravity = any(isinstance(force, Gravity) for force in system.forces)
+        # Light and heavy bodies need steps of velocity alike; action and reaction are then not one whole number.
+        self._weights = np.ones(len(system)) if self._gravity else system.coherent_masses
+        self._cutoff = max((float(getattr(force, "cutoff", 0.0)) for force in system.forces), default=0.0)
+        self._cursor = np.zeros(SLOTS, np.int64)
+        self._particles = self._empty(system)
+        self._set_scales(*self._scales(system))
+
+    # --- scales ---
+
+    def _scales(self, system: System) -> tuple[Floats, float]:
+        """Spacing (3,) and step of momentum: 2^-64 of the box, else powers of two."""
+        x, v = system.state.phase
+        if system.box.lengths is not None:
+            extent = self._cutoff or min(system.box.lengths)
+            spacing = np.array(system.box.lengths) * 0.5 ** (BITS + 1)
+        else:
+            extent = float(np.abs(x).max()) or self._cutoff or 1.0
+            spacing = np.full(3, _step(extent, ROOM_IN_SPACE))
+        w, masses = self._weights, system.coherent_masses
+        top = float((w * np.abs(v).max(axis=0)).max())
+        measured = self._flow.forces.measure(0.0, system.state.phase)
+        if measured is not None:
+            kinetic = 0.5 * float(masses @ (v * v).sum(axis=0))
+            energy = 2.0 * (kinetic + abs(measured.potential))
+            fall = w * np.sqrt(np.linalg.norm(measured.accelerations, axis=0) * extent)
+            shared = math.sqrt(energy / masses.sum()) if self._gravity and masses.sum() else 0.0
+            if not self._gravity:
+                shared = math.sqrt(energy / len(w) * float(w.max()))
+            top = max(top, float(fall.max()), shared)
+        return spacing, _step(top or extent / self.dt * float(w.max()), ROOM_IN_SPEED)
+
+    def _set_scales(self, spacing: Floats, momentum: float) -> None:
+        system: System = self._flow.subject
+        self._momentum = momentum
+        particles = self._particles
+        particles.spacing[:] = spacing
+        particles.drift[:] = self.dt * momentum / self._weights / spacing[:, None]
+        self._forces = tuple(self._bind(force, system) for force in system.forces)
+
+    def _bind(self, force: Any, system: System) -> Any:
+        half = 0.5 * self.dt / self._momentum
+        if isinstance(force, Gravity):
+            gravity = force.G if force.G is not None else system.units.gravity
+            return ExactGravity(force.softening**2, half * float(gravity or 0.0) * system.state.masses)
+        names, cls = system.species, force.Parameters
+        laws = [[cls(*(float(value) for value in force.pair_law(a, b))) for b in names] for a in names]
+        at_cutoff = [[AtCutoff(*(float(u) for u in p.law(force.cutoff**2))) for p in row] for row in laws]
+        tables = None
+        if len(names) > 1:
+            tables = SpeciesTables(
+                np.array(laws, dtype=float).transpose(2, 0, 1).copy(),
+                np.array(at_cutoff).transpose(2, 0, 1).copy(),
+                system.species_index.astype(np.int64),
+            )
+        gain = half * self._weights / system.coherent_masses
+        if not self._gravity:
+            gain = np.full(len(system), half)
+        return ExactPairs(
+            law=laws[0][0],
+            at_cutoff=at_cutoff[0][0],
+            tables=tables,
+            truncation=truncation_of(force),
+            cutoff2=float(force.cutoff) ** 2,
+            gain=gain,
+            alike=not self._gravity,
+            largest=float(gain.max()),
+        )
+
+    def _empty(self, system: System) -> Particles:
+        n = len(system)
+        integers = [np.zeros((3, n), np.int64) for _ in range(5)]
+        skin = SKIN * self._cutoff
+        return Particles(
+            periodic=system.box.periodic,
+            spacing=np.zeros(3),
+            x=integers[0],
+            images=integers[1],
+            p=integers[2],
+            kick=integers[3],
+            drift=np.zeros((3, n)),
+            radius=self._cutoff + skin,
+            skin=skin,
+            reference=integers[4],
+            span=np.zeros((n, 2), np.int64),
+            partners=np.zeros(32 * n if self._cutoff else 0, np.int32),
+            counts=np.zeros(6, np.int64),
+        )
+
+    # --- state ---
+
+    def reset(self, y: Floats, time: float, steps: int) -> None:
+        particles = self._particles
+        x, p = np.zeros_like(y[0]), np.rint(y[1] * (self._weights / self._momentum))
+        images = np.zeros(particles.images.shape, np.int64)
+        if particles.periodic:
+            edges = np.array(self._flow.subject.box.lengths)[:, None]
+            nearest = np.round(y[0] / edges)
+            x = np.rint((y[0] - nearest * edges) / particles.spacing[:, None])
+            nearest[x >= 2.0**63] += 1
+            x[x >= 2.0**63] = -(2.0**63)
+            images = nearest.astype(np.int64)
+        else:
+            x = np.rint(y[0] / particles.spacing[:, None])
+        inside = np.abs(p) < FAR
+        if not particles.periodic:
+            inside &= np.abs(x) < FAR
+        if not inside.all():
+            i = np.argwhere(~inside)[0, 1]
+            raise InputError(f"state: particle {i} is beyond what the lattice of {self._reach()} holds")
+        self._place(x.astype(np.int64), images, p.astype(np.int64), time, steps)
+
+    def _place(self, x: Any, images: Any, p: Any, time: float, steps: int) -> None:
+        particles = self._particles
+        particles.x[:], particles.images[:], particles.p[:] = x, images, p
+        particles.counts[BUILT] = 0
+        self.steps_done, self._start = steps, time - steps * self.dt
+        self._cursor[STEP:] = 0
+        self._show()
+
+    def _show(self) -> None:
+        particles = self._particles
+        x = particles.x * particles.spacing[:, None]
+        if particles.periodic:
+            x += particles.images * np.array(self._flow.subject.box.lengths)[:, None]
+        self.y = np.array([x, particles.p * (self._momentum / self._weights)])
+
+    @property
+    def lattice(self) -> Lattice:
+        """The state to the last bit; a copy."""
+        particles = self._particles
+        return Lattice(
+            particles.x.copy(), particles.images.copy(), particles.p.copy(), particles.spacing.copy(), self._momentum,
+            self.time, self.steps_done,
+        )  # fmt: skip
+
+    @lattice.setter
+    def lattice(self, given: Lattice) -> None:
+        shape = self._particles.x.shape
+        for key in ("positions", "images", "momenta"):
+            array = np.asarray(getattr(given, key))
+            if array.shape != shape or array.dtype != np.int64:
+                raise InputError(f"lattice: {key} must be int64 of shape {shape}, got {array.dtype} of {array.shape}")
+        spacing, momentum = np.array(given.spacing, dtype=float), float(given.momentum)
+        lengths = self._flow.subject.box.lengths
+        if lengths is not None and not np.array_equal(spacing, np.array(lengths) * 0.5 ** (BITS + 1)):
+            raise InputError(f"lattice: its spacing is not that of the system's box, {lengths}")
+        if spacing.shape != (3,) or not (np.isfinite(spacing).all() and (spacing > 0).all() and 0 < momentum < np.inf):
+            raise InputError("lattice: spacing must be three positive lengths, and momentum a positive number")
+        fits = (np.abs(np.asarray(given.momenta)) < FAR).all()
+        if not self._particles.periodic:
+            fits &= (np.abs(np.asarray(given.positions)) < FAR).all()
+        if not fits:
+            raise InputError("lattice: momenta, and positions in open space, must lie within 2^62 of zero")
+        self._set_scales(spacing, momentum)
+        self._place(given.positions, given.images, given.momenta, float(given.time), int(given.steps_done))
+
+    # --- steps ---
+
+    @property
+    def time(self) -> float:
+        return self._start + self.steps_done * self.dt
+
+    @property
+    def last_step(self) -> float:
+        return self.dt if self.steps_done else 0.0
+
+    @property
+    def counts(self) -> Counts:
+        return Counts(int(self._cursor[EVALUATIONS]))
+
+    def advance(self, steps: int, until: float = np.inf) -> int:
+        self._cursor[STEP] = 0
+        while (status := exact_loop(self._forces, self._particles, steps, self._cursor)) == GROW:
+            room = int(1.3 * self._particles.counts[ROOM_NEEDED])
+            self._particles = self._particles._replace(partners=np.zeros(room, np.int32))
+        self.steps_done += int(self._cursor[STEP])
+        self._show()
+        counts = self._particles.counts
+        if counts[WHAT]:
+            how = "lies" if counts[WHAT] == POSITION else "moves"
+            self.trouble = (
+                f"particle {counts[CULPRIT]} {how} beyond the lattice along {'xyz'[counts[AXIS]]}, which holds "
+                f"{self._reach()}: a start with a larger extent or faster particles makes it larger"
+            )
+            counts[WHAT] = 0
+        return status
+
+    def _reach(self) -> str:
+        particles, units = self._particles, self._flow.subject.units
+        speeds = FAR * self._momentum / self._weights.max()
+        fast = f"speeds to {speeds:.3g} {units.unit('velocity')}"
+        if particles.periodic:
+            return fast
+        return f"positions to {FAR * particles.spacing[0]:.3g} {units.unit('length')} and {fast}"
+
+    def at(self, time: float) -> Floats:
+        return self.y.copy()
+
+    def reached(self, inside_step: bool) -> tuple[Floats, Floats]:
+        return self.y, self.y[0] - self.dt * self.y[1]
+
+
+def _step(largest: float, room: int) -> float:
+    """The power of two whose 2^63-fold leaves ``room`` bits above ``largest``."""
+    return 2.0 ** (math.frexp(largest)[1] + room - BITS)

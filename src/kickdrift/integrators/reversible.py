@@ -1,0 +1,58 @@
+"""Leapfrog whose step follows the motion and can be turned around."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from kickdrift.integrators.method import Method
+
+if TYPE_CHECKING:
+    from kickdrift.flow import Flow
+    from kickdrift.integrators.stepping import Options, Stepper
+
+
+@dataclass(frozen=True)
+class StepDensity(Method):
+    """Drift, kick, drift with a step tau that follows a density of steps G of the positions: 1 / tau_n + 1 / tau_n+1 =
+    2 G(x_n+1/2), drifts of tau_n / 2 and tau_n+1 / 2, and a kick of their sum.
+
+    G is a smooth maximum over the particles of |a|^(3/4), which in Kepler's problem makes tau grow as r^(3/2), as the
+    time of free fall does; its scale makes the first step from the system's start ``dt``. The recursion is the same
+    from both ends, so it can be turned around where a step ends; its energy error does not grow, though no step keeps
+    the symplectic form. It stops where G falls to less than half within a step: an oscillator, whose force vanishes on
+    its way, is better served with fixed steps.
+    """
+
+    name: str
+    order: int
+    source: str
+    use: str = ""
+
+    family = "step density"
+    reversible = True
+    separable = True
+    chooses_steps = True
+
+    @property
+    def evaluations(self) -> int:
+        return 1
+
+    @property
+    def tunable(self) -> tuple[str, ...]:
+        return ()
+
+    def stepper(self, flow: Flow, options: Options) -> Stepper:
+        from kickdrift.integrators.step_density import StepDensityStepper
+
+        return StepDensityStepper(flow, options)
+
+
+ROWS = (
+    StepDensity(
+        "leapfrog-adaptive", 2,
+        "Huang & Leimkuhler 1997, doi:10.1137/S1064827595284658; Holder, Leimkuhler & Reich 2001, "
+        "doi:10.1016/S0168-9274(01)00089-9",
+        "eccentric orbits, close encounters",
+    ),
+)  # fmt: skip

@@ -1,0 +1,167 @@
+"""The loop of leapfrog-adaptive, and an integration with it under way."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from kickdrift.forces.compiling import driver, jit
+from kickdrift.forces.evaluate import EVALUATIONS, SLOTS, fill_accelerations
+from kickdrift.forces.handle import handle
+from kickdrift.forces.kernel import OK
+from kickdrift.integrators.loops import STAGE, STEP, add_scaled
+from kickdrift.integrators.stepping import STOPPED, Counts, Options
+from kickdrift.state import Floats
+
+if TYPE_CHECKING:
+    from kickdrift.flow import Flow
+
+# Slots of the clock: the last step point and the density of steps there, the same of the one before; dt and the
+# crowding at the system's start, which scale the density.
+TIME, DENSITY, BEFORE, DENSITY_BEFORE, DT, SCALE = range(6)
+
+LOWEST = 1e-4  # of the density at the start: steps grow to 10,000 dt where forces die away
+
+
+@jit
+def crowding(a):
+    """sum |a|^3 over particles: its fourth root is a smooth maximum of |a|^(3/4)."""
+    total = 0.0
+    for i in range(a.shape[1]):
+        a2 = 0.0
+        for k in range(a.shape[0]):
+            a2 += a[k, i] ** 2
+        total += a2 * np.sqrt(a2)
+    return total
+
+
+@jit
+def density(a, clock):
+    """Steps per time that accelerations call for; 1 / dt throughout where nothing was pulled at the start."""
+    ratio = crowding(a) / clock[SCALE] if clock[SCALE] > 0.0 else 1.0
+    return (ratio + LOWEST**4) ** 0.25 / clock[DT]
+
+
+@driver
+def density_at(a, clock):
+    """The same, as Python calls it."""
+    return density(a, clock)
+
+
+@driver
+def step_density_loop(forces, y, before, a, clock, until, steps, cursor):
+    """Steps until the clock has reached ``until``, or ``steps`` of them; a status, STOPPED where the density of steps
+    came to nothing. ``before`` is y at the last step's start, ``a`` the accelerations in its middle."""
+    bound = handle(forces)
+    while cursor[STEP] < steps and clock[TIME] < until:
+        tau = 1.0 / clock[DENSITY]
+        if cursor[STAGE] == 0:
+            before[:] = y
+            add_scaled(y[0], 0.5 * tau, y[1])
+            cursor[STAGE] = 1
+        status = fill_accelerations(bound, clock[TIME] + 0.5 * tau, y[0], y[1], a, None, cursor)
+        if status != OK:
+            return status
+        ahead = 2.0 * density(a, clock) - clock[DENSITY]
+        if not ahead > 0.0:
+            y[:] = before
+            cursor[STAGE] = 0
+            return STOPPED
+        clock[BEFORE], clock[DENSITY_BEFORE] = clock[TIME], clock[DENSITY]
+        add_scaled(y[1], 0.5 * (tau + 1.0 / ahead), a)
+        add_scaled(y[0], 0.5 / ahead, y[1])
+        clock[TIME] += 0.5 * (tau + 1.0 / ahead)
+        clock[DENSITY] = ahead
+        cursor[STAGE] = 0
+        cursor[STEP] += 1
+    return OK
+
+
+class StepDensityStepper:
+    """The density of steps belongs to the state, and follows from it only at a start. A ``reset`` to where this
+    integration stands, with the velocities as they are or all negated, therefore keeps it, and goes on or back the way
+    it came."""
+
+    def __init__(self, flow: Flow, options: Options) -> None:
+        assert options.dt is not None
+        self._flow, self.dt = flow, options.dt
+        self._cursor = np.zeros(SLOTS, np.int64)
+        self._extra_evaluations = 0
+        self._clock = np.zeros(6)
+        self._clock[DT] = options.dt
+        self._scaled = False
+        self._last: Floats | None = None  # the step point's y, which nobody else can change
+        self.trouble = ""
+
+    def reset(self, y: Floats, time: float, steps: int) -> None:
+        last = self._last
+        stays = last is not None and np.array_equal(y[0], last[0])
+        stays = stays and last is not None and any(np.array_equal(y[1], sign * last[1]) for sign in (1.0, -1.0))
+        self.y, self.steps_done = y, steps
+        self._start_of_step, self._a = y.copy(), np.zeros(y.shape[1:])
+        self._last = y.copy()
+        clock = self._clock
+        clock[TIME] = clock[BEFORE] = time
+        if not stays:
+            clock[DENSITY] = 0.0
+        self._cursor[STEP:] = 0
+        self._flow.forces.forget()
+
+    @property
+    def time(self) -> float:
+        return float(self._clock[TIME])
+
+    @property
+    def last_step(self) -> float:
+        return float(self._clock[TIME] - self._clock[BEFORE])
+
+    @property
+    def counts(self) -> Counts:
+        return Counts(int(self._cursor[EVALUATIONS]) + self._extra_evaluations)
+
+    def _start(self) -> None:
+        """Scale the density by the system's start, and begin with what it is here."""
+        clock, flow = self._clock, self._flow
+        if not self._scaled:
+            begin: Any = flow.subject.state
+            clock[SCALE] = crowding(np.ascontiguousarray(flow.derivative(begin.time, flow.array(begin))[-1]))
+            self._scaled = True
+        here = np.ascontiguousarray(flow.derivative(self.time, self.y)[-1])
+        self._extra_evaluations += 2
+        value = density_at(here, clock)
+        clock[DENSITY] = value if np.isfinite(value) else 1.0 / self.dt  # the first step will say what is wrong
+
+    def advance(self, steps: int, until: float = np.inf) -> int:
+        if self._clock[DENSITY] == 0.0 and steps:
+            self._start()
+        self._cursor[STEP] = 0
+        status = self._flow.forces.call(
+            step_density_loop, self.y, self._start_of_step, self._a, self._clock, until, steps, self._cursor
+        )
+        self.steps_done += int(self._cursor[STEP])
+        self._last = self.y.copy()
+        if status == STOPPED:
+            self.trouble = (
+                f"the forces fell so far within a step of {1.0 / self._clock[DENSITY]:.3g} that no next one fits; a "
+                f"smaller dt than {self.dt:g} helps where they do not vanish"
+            )
+        return status
+
+    def at(self, time: float) -> Floats:
+        """By the part of the last step that leads to the time: one more evaluation, thrown away."""
+        clock = self._clock
+        begin, before = clock[BEFORE], self._start_of_step
+        if time == self.time or self.time == begin:
+            return self.y.copy()
+        part = (time - begin) / (self.time - begin)
+        first, second = 0.5 * part / clock[DENSITY_BEFORE], 0.5 * part / clock[DENSITY]
+        y = before.copy()
+        y[0] += first * y[1]
+        y[1] += (first + second) * self._flow.derivative(begin + first, y)[-1]
+        y[0] += second * y[1]
+        self._extra_evaluations += 1
+        return y
+
+    def reached(self, inside_step: bool) -> tuple[Floats, Floats]:
+        return self.y, self._start_of_step[0]

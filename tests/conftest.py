@@ -1,0 +1,25 @@
+"""Before tests are collected: the methods of the docs' page are registered, so that every contract test is theirs."""
+
+from __future__ import annotations
+
+import re
+import sys
+from pathlib import Path
+from types import ModuleType
+
+PAGE = Path(__file__).parents[1] / "docs" / "your-own-integrator.md"
+
+
+def page_code() -> str:
+    """The Python of the docs' page on integrators of one's own."""
+    return "\n".join(re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL))
+
+
+def registrations() -> str:
+    """The part that registers, without the run."""
+    return page_code().split("\nsim = ")[0]
+
+
+page = ModuleType("page")  # a module that numba can name in its cache
+sys.modules["page"] = page
+exec(compile(registrations(), str(PAGE), "exec"), vars(page))
