@@ -207,6 +207,60 @@ def bench_lj_energy(
 
 
 @app.command()
+def compare(
+    system: SystemArgument,
+    integrator: Annotated[
+        list[str] | None, typer.Option(metavar="NAME", help="Repeat for several; default a choice that suits.")
+    ] = None,
+    time: Annotated[
+        float | None, typer.Option(metavar="T", help="Length of the pilot runs (default: what about a minute allows).")
+    ] = None,
+    accuracy: Annotated[
+        float | None, typer.Option(metavar="X", help="Relative error wanted: recommend what to run.")
+    ] = None,
+    length: Annotated[
+        float | None, typer.Option(metavar="T", help="Length of the run in mind (default: the file's).")
+    ] = None,
+    seed: Annotated[int | None, typer.Option(metavar="S", min=0, help="Seed of the drawn velocities.")] = None,
+    threads: ThreadsOption = 1,
+    json_file: JsonOption = None,
+    plot: Annotated[
+        Path | None, typer.Option(metavar="FILE.png", help="Draw error against evaluations and seconds.")
+    ] = None,
+    overwrite: OverwriteOption = False,
+    quiet: QuietOption = False,
+) -> None:
+    """Work against precision: the error of each integrator over steps or tolerances, and what it costs."""
+    refuse_outputs({"json": json_file, "plot": plot}, overwrite)
+    from kickdrift.analysis import work_precision as work
+    from kickdrift.analysis.recommendation import recommendation
+    from kickdrift.printing_compare import print_comparison, print_recommendation
+    from kickdrift.systemfile import load
+
+    work.check_arguments(time, length, accuracy)
+    subject = load(system, seed)
+    work.chosen(subject, integrator)
+    say("compiling (the first time on a machine takes longest) and comparing: about a minute …", quiet)
+    with progress_bar(quiet) as bar:
+        start = work.equilibrated(subject, threads, bar)
+        found = work.work_precision(
+            subject, integrator, time, whole=length, accuracy=accuracy, start=start, threads=threads,
+            progress=bar("comparing"),
+        )  # fmt: skip
+    advice = recommendation(found, accuracy) if accuracy is not None else None
+    print_comparison(found)
+    if advice:
+        print_recommendation(advice, system, found.time_unit)
+    write_json(json_file, found.as_json() | {"recommendation": advice.as_json() if advice else None})
+    if plot:
+        from kickdrift.plots_compare import plot_comparison
+
+        plot_comparison(found, plot, overwrite=overwrite)
+    if advice and advice.choice is None:
+        raise typer.Exit(1)
+
+
+@app.command()
 def plot(
     file: Annotated[Path | None, typer.Argument(metavar="[FILE.h5md]", help="A run's file.")] = None,
     output: Annotated[

@@ -1,0 +1,73 @@
+"""The error of one step, and the slope of an error against the step."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from kickdrift.analysis.pilot import Subject, state_at, vector
+from kickdrift.analysis.reference import EPSILON, Reference, compared, distance, natural_scale, tolerances
+from kickdrift.errors import InputError, RunError
+from kickdrift.integrators import integrator
+from kickdrift.integrators.scipy_methods import SciPyMethod
+from kickdrift.simulation import Simulation
+
+TIGHT = 1e-13  # rtol of the step that stands for the truth
+ANY = 1e3  # rtol and atol of an adaptive method whose one step is measured, whatever it thinks of it
+ROUNDING = 50 * EPSILON  # local errors below it are no more than that
+LARGE = 0.1  # errors above it are not yet ruled by the order
+FITTED = 4  # of the finest points
+
+
+class LocalErrors:
+    """Errors of one step from a few points of a solution: root mean square over the points."""
+
+    def __init__(
+        self, subject: Subject, start: Any, plan: Reference, length: float, points: int, name: str, threads: int
+    ) -> None:
+        self.subject, self.threads, self.floor = subject, threads, ROUNDING
+        self.starts = [start][:points]
+        if plan.y is not None:
+            samples = len(plan.y) - 1
+            chosen = [round(samples * k / points) for k in range(1, points)]
+            self.starts += [state_at(start, plan.y[k], start.time + length * k / samples) for k in chosen]
+            self._scale = plan.scale
+        else:
+            self._scale = natural_scale(subject, vector(start)[None])
+        self._reference = Simulation(subject, name, threads=threads, **tolerances(subject, start, TIGHT))
+
+    def of(self, name: str, step: float) -> float | None:
+        """After one step of that length; None where it blows up, without points, and for methods that begin
+        with steps of their own."""
+        method = integrator(name)
+        if isinstance(method, SciPyMethod) or not self.starts:
+            return None
+        given: dict[str, Any] = {"rtol": ANY, "atol": ANY} if method.adaptive else {}
+        try:
+            with np.errstate(all="ignore"):
+                sim = Simulation(self.subject, name, dt=step, threads=self.threads, **given)
+                errors = [self._one(sim, start, step) for start in self.starts]
+        except (RunError, ArithmeticError, InputError):
+            return None
+        found = float(np.sqrt(np.mean(np.square(errors))))
+        return found if np.isfinite(found) else None
+
+    def _one(self, sim: Simulation, start: Any, step: float) -> float:
+        sim.state = start
+        sim.run(1, every=1)
+        self._reference.state = start
+        self._reference.run(until=start.time + step, every=2**40)
+        difference = vector(sim.state) - vector(self._reference.state)
+        return float(distance(compared(self.subject, difference), self._scale))
+
+
+def slope(steps: Sequence[float], errors: Sequence[float | None], floor: float) -> float | None:
+    """Of log error against log step, by the finest four points above the floor; None with fewer than three."""
+    points = [(h, e) for h, e in zip(steps, errors, strict=True) if e is not None and floor < e < LARGE]
+    points = sorted(points)[:FITTED]
+    if len(points) < 3 or points[-1][0] < 1.5 * points[0][0]:
+        return None
+    h, e = np.log(np.array(points)).T
+    return float(np.polyfit(h, e, 1)[0])

@@ -1,0 +1,169 @@
+"""Pilot runs: a solution at evenly spaced times, what it cost, and an end where it takes too long."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from kickdrift.analysis.drift import EnergyError, energy_error
+from kickdrift.errors import InputError, RunError
+from kickdrift.problem import Problem, ProblemState
+from kickdrift.simulation import Simulation
+from kickdrift.state import Floats
+from kickdrift.system import System
+
+SHORT = 0.1  # seconds; a run below is timed three times more, a longer one once
+LONG = 3.0  # seconds; in a run above, the looks at the solution weigh little, and it is not run again
+NEVER = 2**40  # steps between two looks: none but at both ends
+
+Subject = System | Problem
+
+
+class OutOfTime(Exception):
+    """A run took longer than it was given; ``time`` is how far it came, to ``y``, after so many evaluations and
+    seconds."""
+
+    def __init__(self, time: float, y: Floats, evaluations: int, seconds: float) -> None:
+        super().__init__(f"stopped after {seconds:.2g} s, at t = {time:.4g}")
+        self.time, self.y, self.evaluations, self.seconds = time, y, evaluations, seconds
+
+
+@dataclass(frozen=True)
+class Track:
+    """One run.
+
+    Attributes
+    ----------
+    times : (S + 1,) from the start on, evenly spaced
+    y : (S + 1, N) all unknowns there: positions, then velocities, of particles
+    energies : (S + 1,) nan where a Problem has none
+    kinetic : kinetic energy at the start, 0 for a Problem
+    steps, rejected, evaluations : what it took
+    seconds : without compiling
+    """
+
+    times: Floats
+    y: Floats
+    energies: Floats
+    kinetic: float
+    steps: int
+    rejected: int
+    evaluations: int
+    seconds: float
+
+    @property
+    def energy(self) -> EnergyError | None:
+        """How far the energy left its first value, by the definition of a run's report."""
+        return None if np.isnan(self.energies).any() else energy_error(self.energies, self.kinetic)
+
+
+def vector(state: Any) -> Floats:
+    """(N,) all unknowns of a State or ProblemState; a copy."""
+    return (state.y if isinstance(state, ProblemState) else state.phase).reshape(-1).copy()
+
+
+def state_at(start: Any, y: Floats, time: float) -> Any:
+    """The State or ProblemState of the unknowns (N,) at a time, no step done."""
+    if isinstance(start, ProblemState):
+        return ProblemState(y.copy(), time)
+    return replace(start, phase=y.reshape(start.phase.shape).copy(), time=time, steps_done=0)
+
+
+def follow(
+    subject: Subject,
+    start: Any,
+    name: str,
+    length: float,
+    samples: int,
+    *,
+    steps: int | None = None,
+    rtol: float | None = None,
+    atol: float | None = None,
+    threads: int = 1,
+    limit: float = np.inf,
+) -> Track:
+    """Run from ``start`` for ``length``, in so many ``steps`` (a multiple of ``samples``) or to the tolerances.
+
+    Raises RunError where it blows up, and OutOfTime after ``limit`` seconds.
+    """
+    dt = length / steps if steps else None
+    sim = Simulation(subject, name, dt=dt, threads=threads, rtol=rtol, atol=atol)
+    sim.state = start
+    y = np.full((samples + 1, vector(start).size), np.nan)
+    energies = np.full(samples + 1, np.nan)
+    began: list[float] = []
+
+    def look(sim: Simulation) -> None:
+        began.append(perf_counter())
+        k = round((sim.time - start.time) / length * samples)
+        y[k], energies[k] = vector(sim.state), sim.record.samples[-1].energies.total
+
+    def progress(done: int, of: int) -> None:
+        if perf_counter() - began[0] > limit:
+            raise OutOfTime(
+                sim.time - start.time, vector(sim.state), sim.record.force_evaluations, sim.record.wall_seconds
+            )
+
+    _guarded(lambda: _run(sim, start.time + length, steps, samples, look, progress))
+    kinetic = sim.record.samples[0].energies.kinetic
+    record = sim.record
+    seconds = record.wall_seconds
+    if seconds < LONG and seconds < limit:
+        seconds = _timed(sim, start, length, steps)
+    times = start.time + length * np.arange(samples + 1) / samples
+    return Track(
+        times,
+        y,
+        energies,
+        0.0 if np.isnan(kinetic) else kinetic,
+        record.steps,
+        record.rejected_steps,
+        record.force_evaluations,
+        seconds,
+    )
+
+
+def warm_up(subject: Subject, start: Any, name: str, step: float, threads: int) -> None:
+    """Compile all that a run needs; ``step`` is a short one."""
+    sim = Simulation(subject, name, dt=step, threads=threads)
+    sim.state = start
+    if sim.method.adaptive:
+        _guarded(lambda: _run(sim, start.time + step, None, 1, _no_look, None))
+    else:
+        _guarded(lambda: sim.run(1, every=1))
+
+
+def _timed(sim: Simulation, start: Any, length: float, steps: int | None) -> float:
+    """Seconds of the same run without looks on the way: the median of three where it is short."""
+    seconds: list[float] = []
+    while not seconds or (len(seconds) < 3 and seconds[0] < SHORT):
+        sim.state = start
+        _guarded(lambda: sim.run(steps, every=steps) if steps else sim.run(until=start.time + length, every=NEVER))
+        seconds.append(sim.record.wall_seconds)
+    return float(np.median(seconds))
+
+
+def _run(sim: Simulation, until: float, steps: int | None, samples: int, look: Any, progress: Any) -> None:
+    if steps:
+        sim.run(steps, every=steps // samples, observe=look, progress=progress)
+    else:
+        sim.run(until=until, interval=(until - sim.time) / samples, observe=look, progress=progress)
+
+
+def _no_look(sim: Simulation) -> None:
+    """Nothing is kept."""
+
+
+def _guarded(run: Callable[[], Any]) -> None:
+    """What an energy makes of a solution far astray is a blow-up too."""
+    try:
+        with np.errstate(all="ignore"):
+            run()
+    except InputError:
+        raise
+    except (ArithmeticError, ValueError) as error:
+        raise RunError(f"blew up: {type(error).__name__}: {error}") from error

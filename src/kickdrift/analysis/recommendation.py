@@ -1,0 +1,239 @@
+"""Which integrator and step are cheapest for a wanted accuracy and length, by the evidence of a comparison; or why the
+comparison cannot tell."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import ceil, exp, floor, isfinite, log, log10
+from statistics import median
+from typing import Any
+
+from kickdrift.analysis.growth import SURE
+from kickdrift.analysis.work_precision import Comparison, Row
+from kickdrift.errors import InputError
+
+SAFETY = 2.0  # the error foreseen is to stay below the wanted one by that factor
+FARTHEST = 1000.0  # times the pilot's length; errors that grow as a measured power are trusted no farther
+CYCLES = 5.0  # of the solution that a pilot must have seen, to say what later ones do
+UNRESOLVED = 0.5  # standard error of a growth exponent
+ASYMPTOTIC = 0.1  # relative errors above it do not follow their power of the step
+TIE = 1.2  # costs closer than that are the same, for all that timing can tell
+
+
+@dataclass(frozen=True)
+class Choice:
+    """A method with the step or tolerance that meets the wanted accuracy.
+
+    Attributes
+    ----------
+    method, dt, steps, rtol, atol : what to run; dt divides the length
+    error : foreseen at the end of the run, the safety factor not in it
+    evaluations, seconds : foreseen for the whole run
+    """
+
+    method: str
+    dt: float | None
+    steps: int | None
+    rtol: float | None
+    atol: float | None
+    error: float
+    evaluations: float
+    seconds: float
+
+    def options(self, length: float) -> str:
+        """As ``kickdrift run`` takes it."""
+        if self.dt is not None:
+            return f"--integrator {self.method} --dt {self.dt!r} --steps {self.steps}"
+        return f"--integrator {self.method} --rtol {self.rtol:g} --atol {self.atol:g} --time {length!r}"
+
+
+@dataclass(frozen=True)
+class Recommendation:
+    """What to run, or why nothing is recommended. Nothing switches by itself.
+
+    Attributes
+    ----------
+    accuracy, length : wanted
+    choice : the cheapest, None where nothing is recommended
+    others : the other methods that meet the accuracy, from cheap to dear
+    refusal : why there is no choice
+    margin : how many times the cheapest the next one costs; None where there is no other
+    pilot, extrapolation : length of the pilot, and how many times that the run is
+    evidence : one line on each method that is out, and what the choice rests on
+    """
+
+    accuracy: float
+    length: float
+    pilot: float
+    extrapolation: float
+    choice: Choice | None
+    others: tuple[Choice, ...]
+    refusal: str | None
+    evidence: tuple[str, ...]
+
+    @property
+    def margin(self) -> float | None:
+        if self.choice is None or not self.others:
+            return None
+        return self.others[0].seconds / self.choice.seconds
+
+    @property
+    def tie(self) -> bool:
+        """Whether timing cannot tell the first two apart."""
+        return self.margin is not None and self.margin < TIE
+
+    def as_json(self) -> dict[str, Any]:
+        """In plain numbers."""
+        return {
+            **vars(self),
+            "choice": vars(self.choice) if self.choice else None,
+            "others": [vars(other) for other in self.others],
+            "margin": self.margin,
+            "safety": SAFETY,
+        }
+
+
+def recommendation(comparison: Comparison, accuracy: float, length: float | None = None) -> Recommendation:
+    """The cheapest method and step whose error, measured in the pilot and carried on to ``length`` by the growth
+    measured there, stays below ``accuracy`` by a factor of two.
+
+    Parameters
+    ----------
+    comparison : of ``work_precision``
+    accuracy : relative error wanted, in the comparison's measure
+    length : of the run; default what the comparison has in mind
+
+    Raises
+    ------
+    InputError
+        Where accuracy or length are not positive finite numbers.
+    """
+    length = comparison.whole if length is None else length
+    for key, value in (("accuracy", accuracy), ("length", length)):
+        if not (isfinite(value) and value > 0):
+            raise InputError(f"{key} must be a positive finite number, got {value!r}")
+    ratio = length / comparison.length
+    said: list[str] = []
+    choices: list[Choice] = []
+    refusal = _refusal(comparison, accuracy, ratio)
+    if refusal is None:
+        for name in comparison.methods:
+            found = _choice(comparison.of(name), accuracy, length, ratio)
+            if isinstance(found, str):
+                said.append(f"{name}: {found}")
+            else:
+                choices.append(found)
+        choices.sort(key=lambda choice: choice.seconds)
+        if not choices:
+            refusal = _none_left(said)
+    best = choices[0] if choices else None
+    if best is not None:
+        said.insert(0, _rests_on(comparison, best, ratio))
+    return Recommendation(accuracy, length, comparison.length, ratio, best, tuple(choices[1:]), refusal, tuple(said))
+
+
+def _refusal(comparison: Comparison, accuracy: float, ratio: float) -> str | None:
+    """Why no method at all can be recommended."""
+    pilot = f"the pilot of {comparison.length:.4g}"
+    if accuracy < SAFETY * comparison.reference_error:
+        return (
+            f"the wanted accuracy of {accuracy:g} is below what the reference ({comparison.reference}) is good for, "
+            f"{SAFETY * comparison.reference_error:.2g}"
+        )
+    if ratio <= 1.0 + 1e-9:
+        return None
+    if ratio > FARTHEST:
+        return f"{pilot} is too short: the run is {ratio:.3g} times as long, and {FARTHEST:g} times is the farthest"
+    if comparison.measure != "energy" and comparison.lyapunov > 0:
+        return (
+            f"chaos: neighbouring solutions part as exp({comparison.lyapunov:.2g} t), and {pilot} says nothing of "
+            "positions after it"
+        )
+    if comparison.cycles < CYCLES:
+        seen = f"{comparison.cycles:g} times" if comparison.cycles else "not at all"
+        return (
+            f"{pilot} is too short: the solution came round {seen} in it, and {CYCLES:g} times are needed to say how "
+            "errors go on"
+        )
+    return None
+
+
+def _none_left(said: Sequence[str]) -> str:
+    short = [line for line in said if "too short" in line]
+    if short:
+        return f"the pilot is too short to tell: {short[0]}"
+    return "no method reaches the wanted accuracy at that length on its ladder"
+
+
+def _choice(rows: list[Row], accuracy: float, length: float, ratio: float) -> Choice | str:
+    """The coarsest step or tolerance of a method that will do; else why there is none."""
+    foreseen: list[tuple[Row, float]] = []
+    unknown = 0
+    for row in rows:
+        if row.error is None or not row.believed or row.error > ASYMPTOTIC:
+            continue
+        factor = _factor(row, ratio, length)
+        if factor is None:
+            unknown += 1
+        else:
+            foreseen.append((row, row.error * factor))
+    if not foreseen:
+        if unknown:
+            return "too short a pilot: how its error grows cannot be told"
+        return "no run whose error stands clear of the reference's own and below 0.1"
+    target = accuracy / SAFETY
+    best = min(range(len(foreseen)), key=lambda k: foreseen[k][1])  # finer rows may show rounding alone
+    if foreseen[best][1] > target:
+        return f"reaches {foreseen[best][1]:.2g} at that length, not {target:.2g}" + (
+            "; how finer runs go on, the pilot is too short to tell" if unknown else ""
+        )
+    good = best  # the coarsest of the rows from here on that all meet the target
+    while good and foreseen[good - 1][1] <= target:
+        good -= 1
+    row, error = foreseen[good]
+    knob, cost = _knob(row), float(row.evaluations)
+    if good:
+        coarse, its_error = foreseen[good - 1]
+        part = log(target / error) / log(its_error / error) if its_error > error else 0.0
+        knob *= exp(part * log(_knob(coarse) / knob))
+        cost *= exp(part * log(coarse.evaluations / cost))
+        error = target
+    seconds = median(r.seconds / r.evaluations for r, _ in foreseen)
+    cost *= ratio
+    if row.dt is not None:
+        steps = ceil(length / knob * (1 - 1e-12))
+        return Choice(row.method, length / steps, steps, None, None, error, cost, cost * seconds)
+    assert row.rtol is not None
+    assert row.atol is not None
+    digits = 1 - floor(log10(knob))
+    rtol = floor(knob * 10**digits) / 10**digits
+    return Choice(row.method, None, None, rtol, float(f"{row.atol * rtol / row.rtol:.3g}"), error, cost, cost * seconds)
+
+
+def _knob(row: Row) -> float:
+    knob = row.dt if row.dt is not None else row.rtol
+    assert knob is not None
+    return knob
+
+
+def _factor(row: Row, ratio: float, length: float) -> float | None:
+    """What the error grows by; None where its growth is not resolved."""
+    if row.growth is None or row.error is None:
+        return None
+    if ratio > 1.0 and (row.growth.exponent_error or 0.0) > UNRESOLVED:
+        return None
+    return row.growth.factor(row.error, max(ratio, 1.0), length)
+
+
+def _rests_on(comparison: Comparison, choice: Choice, ratio: float) -> str:
+    rows = [row for row in comparison.of(choice.method) if row.believed and row.error is not None]
+    nearest = min(rows, key=lambda row: abs(log(_knob(row) / (choice.dt or choice.rtol or 1.0))))
+    known = f"pilot at {'dt' if choice.dt else 'rtol'} = {_knob(nearest):.3g}: error {nearest.error:.2g}"
+    growth = nearest.growth
+    if ratio <= 1.0 or growth is None:
+        return f"{choice.method}: {known}; no extrapolation in time"
+    if growth.drift is not None:
+        return f"{choice.method}: {known}, energy {growth.verdict}, drift at most {growth.drift:.2g} per unit of time"
+    exponent, error = growth.exponent or 0.0, growth.exponent_error or 0.0
+    return f"{choice.method}: {known}, growing as t^({exponent:.2f} ± {SURE * error:.2f})"

@@ -1,0 +1,243 @@
+"""What a comparison measures errors against, and how good that is: a closed form, a tight run, or the energy."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import log
+from typing import Any
+
+import numpy as np
+
+from kickdrift.analysis.pilot import OutOfTime, Subject, Track, follow, vector
+from kickdrift.errors import RunError
+from kickdrift.integrators import integrator
+from kickdrift.problem import Problem
+from kickdrift.state import Floats
+from kickdrift.system import System
+
+EPSILON = float(np.finfo(float).eps)
+STIFF = ("bdf", "radau", "rosenbrock", "lsoda", "backward-euler")  # a file that names one of these says it is stiff
+STIFF_DECADES = 1e4  # of the fastest decay times the pilot's length, from where on a problem is called stiff
+TIGHT = (
+    (1e-13, 1e-12),
+    (1e-11, 1e-10),
+    (1e-9, 1e-8),
+    (1e-7, 1e-6),
+)  # rtol of the reference, and of the run that tells its error
+ATOL = 1e-2  # times rtol and the unknowns' size, where the file names no tolerances
+LOST = log(1e12)  # exponents of growth over a run that leave nothing of double precision's digits
+PERTURBATION = 1e-8  # of a start that shows how fast neighbours part
+PROBED = 251  # samples of the two runs
+NEAR = 1e-3  # relative distance up to which they are neighbours
+EXPONENTIAL = 10.0  # growth of a perturbation from one half of a run to the next; a power law's is 2 or 4
+AGREED = 1e-6  # the reference's own error up to which a chaotic problem without an energy is compared
+
+Measure = str  # "closed form", "reference" or "energy"
+
+
+@dataclass(frozen=True)
+class Reference:
+    """What errors are measured against.
+
+    Attributes
+    ----------
+    measure : "closed form", "reference" (a run at tight tolerance) or "energy" (its relative error)
+    text : the same in words, with the tolerances
+    length : of the pilot, which may be shorter than what was asked for
+    y : (S + 1, N) the solution at the pilot's samples; None where the energy is measured
+    scale : (m,) what differences of the compared unknowns are divided by
+    error : of the reference itself; no error below it is believed
+    lyapunov : rate at which neighbouring solutions part, per unit of time; 0 where they part no faster than a power
+    notes : what the user should know of the choice
+    """
+
+    measure: Measure
+    text: str
+    length: float
+    y: Floats | None
+    scale: Floats
+    error: float
+    lyapunov: float = 0.0
+    notes: tuple[str, ...] = ()
+
+    def error_of(self, track: Track, subject: Subject) -> Floats:
+        """(S + 1,) of a run at its samples: root mean square over the compared unknowns, each over its scale; or the
+        modulus of the relative energy error."""
+        if self.y is None:
+            return relative_energy(track)
+        return distance(compared(subject, track.y) - compared(subject, self.y), self.scale)
+
+
+def compared(subject: Subject, y: Floats) -> Floats:
+    """The unknowns that errors are taken over: positions where there are velocities, else all; y (…, N)."""
+    half = isinstance(subject, System) or subject.separable
+    return y[..., : y.shape[-1] // 2] if half else y
+
+
+def distance(difference: Floats, scale: Floats) -> Floats:
+    """Root mean square over the unknowns, each over its scale; nan where a solution is not known."""
+    return np.sqrt(np.mean((difference / scale) ** 2, axis=-1))
+
+
+def natural_scale(subject: Subject, y: Floats) -> Floats:
+    """(m,) Of positions one length, the largest root mean square distance from their centroid over the samples ``y``
+    (S + 1, N), so that errors are relative to the size of what moves; of other unknowns each one's largest modulus."""
+    known = compared(subject, y)
+    if isinstance(subject, System):
+        x = known.reshape(len(known), 3, -1)
+        if x.shape[2] > 1:
+            x = x - x.mean(axis=2, keepdims=True)
+        known = x.reshape(len(known), -1)
+    if isinstance(subject, System) or subject.separable:
+        size = float(np.sqrt(np.mean(known**2, axis=1)).max())
+        return np.full(known.shape[1], size or 1.0)
+    largest = np.abs(known).max(axis=0)
+    return np.where(largest > 0, largest, 1.0)
+
+
+def relative_energy(track: Track) -> Floats:
+    """(S + 1,) |E(t) - E(0)| over the scale that a run's report takes."""
+    error = track.energy
+    assert error is not None
+    scale = {"initial energy": abs(error.initial), "kinetic energy": track.kinetic}.get(error.relative_to, 1.0)
+    return np.abs(track.energies - error.initial) / scale
+
+
+def tolerances(subject: Subject, start: Any, rtol: float) -> dict[str, Any]:
+    """rtol, and the atol that goes with it: in the proportion that the file has, else 1e-2 of the unknowns' size."""
+    given = subject.run
+    if given.rtol and given.atol:
+        return {"rtol": rtol, "atol": rtol * given.atol / given.rtol}
+    y = vector(start)
+    halves = y.reshape(2, -1) if isinstance(subject, System) or subject.separable else y.reshape(1, -1)
+    sizes = [float(np.sqrt(np.mean(half**2))) for half in halves]
+    return {"rtol": rtol, "atol": ATOL * rtol * min((size for size in sizes if size > 0), default=1.0)}
+
+
+def is_stiff(subject: Subject, state: Any, length: float) -> bool:
+    """Whether the file's own integrator is one for stiff problems, or a mode decays over 1e4 times within the length,
+    by the eigenvalues at that state."""
+    if isinstance(subject, System) or len(subject) > 64:
+        return False
+    if subject.run.integrator in STIFF:
+        return True
+    from kickdrift.analysis.stiffness import stiffness
+
+    return float(-stiffness(subject, [state])[0].eigenvalues.real.min()) * length > STIFF_DECADES
+
+
+def reference_method(stiff: bool) -> str:
+    """The method of tight runs."""
+    return "radau" if stiff else "dop853"
+
+
+def perturbed(start: Any, y: Floats, state_at: Callable[..., Any]) -> Any:
+    """The start with every unknown off by about 1e-8 of their size, the same way every time."""
+    random = np.random.default_rng(1)
+    return state_at(start, y + PERTURBATION * np.sqrt(np.mean(y**2)) * random.standard_normal(y.size), start.time)
+
+
+def lyapunov_rate(subject: Subject, first: Track, second: Track) -> float:
+    """The rate at which two runs part while they are near (1e-3 of what moves): 0 where that is no faster than a power
+    law of the time, by the largest distances in the two halves of that stretch."""
+    difference = compared(subject, first.y) - compared(subject, second.y)
+    apart = distance(difference, natural_scale(subject, first.y))
+    near = int(np.argmax(apart > NEAR)) if (apart > NEAR).any() else len(apart)
+    passed = first.times - first.times[0]
+    if near <= 8:  # gone within a few samples
+        return log(NEAR / PERTURBATION) / float(passed[near])
+    begin, end = apart[1 : near // 2].max(), apart[near // 2 : near].max()
+    return 2.0 * log(end / begin) / float(passed[near - 1]) if end > EXPONENTIAL * begin > 0 else 0.0
+
+
+def reference(
+    subject: Subject,
+    start: Any,
+    length: float,
+    whole: float,
+    samples: int,
+    stiff: bool,
+    threads: int,
+    limit: float,
+    probe: float,
+) -> Reference:
+    """Choose, by measurement, what errors are measured against over ``length``; ``probe`` is how long two runs may be
+    that show how fast neighbours part.
+
+    A closed form where the Problem has one. Else two runs, one from a start that is a little off: where they part
+    exponentially, so fast that over the ``whole`` length nothing is left of double precision, chaos forbids positions
+    and the energy takes their place. Else a run at tight tolerance; another at ten times the tolerance tells its
+    error. A chaotic Problem without an energy is compared for as long as these two agree.
+    """
+    if isinstance(subject, Problem) and subject.exact is not None:
+        return _closed_form(subject, start.time, length, samples)
+    from kickdrift.analysis.pilot import state_at
+
+    name = reference_method(stiff)
+    run: dict[str, Any] = {"threads": threads, "limit": limit}
+    rate, has_energy = 0.0, isinstance(subject, System) or (subject.energy is not None and not stiff)
+    try:
+        moderate = tolerances(subject, start, 1e-9)
+        off = perturbed(start, vector(start), state_at)
+        here = follow(subject, start, name, probe, PROBED, **moderate, **run)
+        there = follow(subject, off, name, probe, PROBED, **moderate, **run)
+        rate = lyapunov_rate(subject, here, there)
+        if has_energy and rate * whole > LOST:
+            note = (
+                f"chaos: neighbouring solutions part as exp({rate:.2g} t), so that no run in double precision knows "
+                f"the positions after t = {LOST / rate:.3g}; the energy error is compared instead"
+            )
+            return _energy(length, rate, note)
+        return _tight(subject, start, name, length, samples, rate, run)
+    except (OutOfTime, RunError) as error:
+        if not has_energy:
+            raise RunError(f"compare: no reference: {name} at tight tolerance: {error}") from error
+        return _energy(length, rate, f"no reference ({name} at tight tolerance: {error}): the energy error is compared")
+
+
+def _energy(length: float, rate: float, note: str) -> Reference:
+    text = "root mean square relative energy error"
+    return Reference("energy", text, length, None, np.ones(1), 8 * EPSILON, rate, (note,))
+
+
+def _closed_form(problem: Problem, begin: float, length: float, samples: int) -> Reference:
+    assert problem.exact is not None
+    times = begin + length * np.arange(samples + 1) / samples
+    y = np.array([np.asarray(problem.exact(t), dtype=float) for t in times])
+    later = np.array([np.asarray(problem.exact(t + np.spacing(t - begin)), dtype=float) for t in times])
+    scale = natural_scale(problem, y)
+    rounding = float(distance(compared(problem, later - y), scale).max()) + 8 * EPSILON
+    return Reference("closed form", "closed form", length, y, scale, rounding)
+
+
+def _tight(
+    subject: Subject, start: Any, name: str, length: float, samples: int, rate: float, run: dict[str, Any]
+) -> Reference:
+    failure: Exception | None = None
+    for rtol, looser in TIGHT[1:] if name == "radau" else TIGHT:  # of order 5, it would crawl at the first
+        given = tolerances(subject, start, rtol)
+        try:
+            best = follow(subject, start, name, length, samples, **given, **run)
+            other = follow(subject, start, name, length, samples, **tolerances(subject, start, looser), **run)
+        except (OutOfTime, RunError) as error:
+            failure = error
+            continue
+        scale = natural_scale(subject, best.y)
+        apart = distance(compared(subject, best.y) - compared(subject, other.y), scale)
+        text = f"{integrator(name).name} at rtol = {rtol:g}, atol = {given['atol']:.2g}"
+        agreed = int(np.argmax(apart > AGREED)) if (apart > AGREED).any() else samples
+        if agreed < max(7, samples // 8):
+            raise RunError(f"two runs of {name}, rtol = {rtol:g} and {looser:g}, part by {apart.max():.2g}")
+        if agreed < samples:
+            shorter = length * (agreed - 1) / samples
+            note = (
+                f"two runs at rtol = {rtol:g} and {looser:g} part by {apart.max():.2g} at t = {length:.4g}: compared "
+                f"up to t = {shorter:.4g}, as far as they agree to {AGREED:g}"
+            )
+            found = _tight(subject, start, name, shorter, samples, rate, run)
+            return Reference("reference", found.text, found.length, found.y, found.scale, found.error, rate, (note,))
+        error_of_best = max(float(apart.max()), 8 * EPSILON)
+        return Reference("reference", text, length, best.y, scale, error_of_best, rate)
+    assert failure is not None
+    raise failure

@@ -1,0 +1,442 @@
+"""Work against precision: the error of each integrator over a ladder of steps or tolerances, and what it cost."""
+
+from __future__ import annotations
+
+import platform
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from importlib.metadata import version
+from math import log10
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from kickdrift.analysis.growth import Growth, energy_growth, position_growth
+from kickdrift.analysis.local_error import LocalErrors, slope
+from kickdrift.analysis.pilot import SHORT, OutOfTime, Subject, follow, state_at, warm_up
+from kickdrift.analysis.reference import Reference, is_stiff, reference, reference_method, relative_energy, tolerances
+from kickdrift.bench import processor
+from kickdrift.errors import InputError, RunError
+from kickdrift.forces.bound import check_threads
+from kickdrift.integrators import INTEGRATORS
+from kickdrift.integrators import integrator as method_named
+from kickdrift.simulation import Simulation
+from kickdrift.state import Floats
+from kickdrift.system import System
+
+SPLITTINGS = ("velocity-verlet", "forest-ruth", "pefrl", "blanes-moan4", "yoshida6", "blanes-moan6", "yoshida8")
+EXPLICIT = ("midpoint", "rk4", "bogacki-shampine23", "dormand-prince45", "dop853")
+STIFF = ("bdf", "radau", "rosenbrock", "lsoda", "dormand-prince45")
+BESIDE_SPLITTINGS = ("rk4", "dormand-prince45", "dop853", "gauss-radau15")
+BUDGET = 60.0  # seconds that a comparison should take, without compiling
+LEAST_LIMIT = 10.0  # seconds that a reference run may take at least
+LOOSE = 1e-3  # rtol of the run that tells how many evaluations the problem takes at the coarse end
+COARSEST = 1 / 32  # of these evaluations, at the bottom of a ladder of steps
+FINEST, FINEST_ADAPTIVE, FINEST_ENERGY = 64, 8, 4  # times these evaluations, that the length of a pilot leaves time for
+RUNGS = 16  # at most
+RTOLS = tuple(10.0**-k for k in range(2, 14))
+SAMPLES = (
+    251,
+    127,
+    61,
+    31,
+    13,
+    7,
+)  # primes: a whole number of periods between samples would hide the errors in between
+SAMPLES_ENERGY = 127
+BELIEVED = 3.0  # times the reference's own error
+LOCAL_POINTS = 4  # of a Problem; of particles the start alone; none of stiff ones, whose orders show at no such step
+USELESS = 1.0  # a relative error of a run that went elsewhere
+
+Progress = Callable[[int, int], Any]
+
+
+@dataclass(frozen=True)
+class Row:
+    """One run.
+
+    Attributes
+    ----------
+    method : its name
+    dt, rtol, atol : the step, or the tolerances of an adaptive method
+    step : dt, or an adaptive method's mean step
+    steps, rejected, evaluations, seconds : what it took
+    error : the largest over the samples (positions), or the root mean square (energy); None where it failed
+    energy_error : root mean square relative energy error, None where there is no energy
+    local_error : of one step of length ``step``, None where it was not measured
+    growth : how the error goes on after the pilot
+    believed : whether the error stands clear of the reference's own
+    failure : why there is no error
+    """
+
+    method: str
+    dt: float | None
+    rtol: float | None
+    atol: float | None
+    step: float
+    steps: int = 0
+    rejected: int = 0
+    evaluations: int = 0
+    seconds: float = 0.0
+    error: float | None = None
+    energy_error: float | None = None
+    local_error: float | None = None
+    growth: Growth | None = None
+    believed: bool = False
+    failure: str | None = None
+
+    @property
+    def useless(self) -> bool:
+        """Whether it failed or went elsewhere."""
+        return self.error is None or self.error > USELESS
+
+    def as_json(self) -> dict[str, Any]:
+        """The row in plain numbers."""
+        return {**vars(self), "growth": vars(self.growth) if self.growth else None}
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """What was measured of a System or Problem.
+
+    Attributes
+    ----------
+    system : its name
+    measure : "closed form", "reference" or "energy"
+    reference : the same in words
+    reference_error : no error below is believed
+    lyapunov : rate at which neighbouring solutions part, 0 where they do not exponentially
+    length : of the pilot, in the system's unit of time
+    whole : of the run that the file, or the user, has in mind
+    cycles : how often the solution came round in the pilot; 0 where it does not
+    samples : at which the error was looked at
+    rows : by method, from coarse to fine
+    slopes : by method, of the global and the local error against the step, None where too few points show it
+    notes : what the user should know of the choices
+    """
+
+    system: str
+    measure: str
+    reference: str
+    reference_error: float
+    lyapunov: float
+    length: float
+    whole: float
+    cycles: float
+    samples: int
+    time_unit: str
+    threads: int
+    rows: tuple[Row, ...]
+    slopes: dict[str, tuple[float | None, float | None]]
+    notes: tuple[str, ...] = ()
+    wall_seconds: float = field(default=0.0, compare=False)
+
+    @property
+    def methods(self) -> list[str]:
+        """In the order of the rows."""
+        return list(dict.fromkeys(row.method for row in self.rows))
+
+    def of(self, method: str) -> list[Row]:
+        """A method's rows, from coarse to fine."""
+        return [row for row in self.rows if row.method == method]
+
+    def as_json(self) -> dict[str, Any]:
+        """The comparison as one object, with what it ran on."""
+        return {
+            **{key: value for key, value in vars(self).items() if key not in ("rows", "slopes")},
+            "versions": {name: version(name) for name in ("kickdrift", "numpy", "numba", "scipy")}
+            | {"python": platform.python_version()},
+            "processor": processor(),
+            "slopes": {name: {"global": pair[0], "local": pair[1]} for name, pair in self.slopes.items()},
+            "rows": [row.as_json() for row in self.rows],
+        }
+
+
+def work_precision(
+    subject: Subject,
+    integrators: Sequence[str] | None = None,
+    time: float | None = None,
+    *,
+    whole: float | None = None,
+    accuracy: float | None = None,
+    start: Any = None,
+    threads: int = 1,
+    budget: float = BUDGET,
+    progress: Progress | None = None,
+) -> Comparison:
+    """Run each integrator over a ladder of steps or tolerances, from where it blows up to where the reference's own
+    error, the wanted ``accuracy`` or the time it is given is reached.
+
+    Parameters
+    ----------
+    subject : System or Problem
+    integrators : names; default a choice that suits the subject
+    time : length of the pilot runs; default what the ``budget`` leaves time for, at most ``whole``
+    whole : length of the run in mind; default the file's
+    accuracy : the error wanted: finer runs than a tenth of it are spared
+    start : a State to start from, default the subject's own
+    budget : seconds for all of it, without compiling
+
+    Raises
+    ------
+    InputError
+        Where an argument makes no sense.
+    RunError
+        Where there is no reference and no energy.
+    """
+    names = chosen(subject, integrators)
+    check_threads(threads)
+    check_arguments(time, whole, accuracy)
+    began = perf_counter()
+    start = start if start is not None else subject.state
+    whole = whole or file_length(subject) or time
+    if whole is None:
+        raise InputError(f"compare: {subject.name} names no length in [run]; give a time")
+    asked = time or whole
+    stiff = is_stiff(subject, start, asked)
+    scout, reached = _scout(subject, start, asked, stiff, threads, limit=budget / 20)
+    if not stiff and is_stiff(subject, reached, asked):  # it need not be so at the start
+        stiff = True
+        scout, _ = _scout(subject, start, asked, stiff, threads, limit=budget / 20)
+    names = names or default_integrators(subject, stiff)
+    share = 0.75 * budget / len(names)
+    length, notes = asked, []
+    if time is None:
+        length = min(asked, _affordable(scout, share, FINEST_ADAPTIVE if stiff else FINEST))
+    # Two runs at a moderate tolerance, three times as dear as the scout's, in a tenth of the time.
+    probe = min(asked, max(length, 0.1 * budget / (6 * scout[0] * scout[2])))
+    plan = reference(
+        subject,
+        start,
+        length,
+        whole,
+        _samples(scout, length),
+        stiff,
+        threads,
+        limit=max(budget / 5, LEAST_LIMIT),
+        probe=probe,
+    )
+    if plan.measure == "energy":
+        if time is None:
+            length = min(asked, _affordable(scout, share, FINEST_ENERGY))
+        samples = SAMPLES_ENERGY
+    else:
+        length, samples = plan.length, _samples(scout, plan.length) if plan.y is None else len(plan.y) - 1
+    if length < whole:
+        notes.append(f"pilot runs of {length:.4g}, not of {whole:.4g}")
+    bench = _Bench(subject, start, plan, length, samples, scout[0] * length, accuracy, threads, share, stiff)
+    rows: list[Row] = []
+    for index, name in enumerate(names):
+        rows += bench.ladder(name, partial(_part, progress, index, len(names)))
+    slopes = {name: bench.slopes([row for row in rows if row.method == name], plan.error) for name in names}
+    return Comparison(
+        subject.name,
+        plan.measure,
+        plan.text,
+        plan.error,
+        plan.lyapunov,
+        length,
+        whole,
+        bench.cycles(),
+        samples,
+        subject.units.time if isinstance(subject, System) and subject.units.time != "time" else "",
+        threads,
+        tuple(rows),
+        slopes,
+        (*plan.notes, *notes),
+        perf_counter() - began,
+    )
+
+
+def check_arguments(time: float | None, length: float | None, accuracy: float | None) -> None:
+    """Refuse what is no positive number, and a length of which nothing is asked."""
+    for key, value in (("time", time), ("length", length), ("accuracy", accuracy)):
+        if value is not None and not (np.isfinite(value) and value > 0):
+            raise InputError(f"compare: {key} must be a positive finite number, got {value!r}")
+
+
+def equilibrated(subject: Subject, threads: int, bar: Callable[[str], Progress] | None = None) -> Any:
+    """Where the runs start: after the equilibration that the file asks for, with velocity Verlet."""
+    if not (isinstance(subject, System) and subject.equilibration):
+        return subject.state
+    wanted = subject.equilibration
+    sim = Simulation(subject, "velocity-verlet", threads=threads)
+    sim.equilibrate(wanted.temperature, wanted.time, wanted.interval, bar and bar("equilibrating"))
+    return sim.state
+
+
+def chosen(subject: Subject, integrators: Sequence[str] | None) -> list[str]:
+    """The names asked for, each known and able to run the subject; no name twice."""
+    names = list(dict.fromkeys(method_named(name).name for name in integrators or ()))
+    for name in names:
+        if INTEGRATORS[name].separable and not _separable(subject):
+            raise InputError(
+                f"{name}: needs accelerations that depend on positions and time alone, which those of {subject.name} "
+                "do not, or do not say so (separable=True)"
+            )
+    return names
+
+
+def default_integrators(subject: Subject, stiff: bool) -> list[str]:
+    """Methods that suit the subject: splittings of orders 2 to 8 where the accelerations depend on positions alone,
+    explicit Runge-Kutta methods, and for stiff problems implicit ones."""
+    names: Sequence[str] = STIFF if stiff else (*SPLITTINGS, *BESIDE_SPLITTINGS) if _separable(subject) else EXPLICIT
+    if isinstance(subject, System) and len(subject) > 64:
+        names = [name for name in names if name not in ("yoshida8", "dormand-prince45", "gauss-radau15")]
+    return [name for name in names if name in INTEGRATORS]
+
+
+def file_length(subject: Subject) -> float | None:
+    """How long the run is that the file has in mind, if any."""
+    run = subject.run
+    if run.time is not None:
+        return float(run.time)
+    if run.steps is not None and run.dt is not None:
+        return float(run.steps * run.dt)
+    return None
+
+
+def _part(progress: Progress | None, index: int, of: int, percent: int) -> None:
+    if progress:
+        progress(index * 100 + percent, of * 100)
+
+
+def _separable(subject: Subject) -> bool:
+    if isinstance(subject, System):
+        return not any(getattr(force, "velocity_dependent", False) for force in subject.forces)
+    return subject.separable
+
+
+def _scout(
+    subject: Subject, start: Any, length: float, stiff: bool, threads: int, limit: float
+) -> tuple[tuple[float, float, float], Any]:
+    """Evaluations and steps per unit of time at a loose tolerance, and seconds per evaluation; the state that was
+    reached."""
+    name = reference_method(stiff)
+    run = tolerances(subject, start, LOOSE)
+    for _ in range(2):  # the first run also loads what was compiled
+        try:
+            track = follow(subject, start, name, length, 7, threads=threads, limit=limit, **run)
+            found = track.evaluations / length, track.steps / length, track.seconds / track.evaluations
+            last, time = track.y[-1], length
+        except OutOfTime as end:
+            reached = max(end.time, 1e-300)
+            found = end.evaluations / reached, end.evaluations / 12 / reached, end.seconds / max(end.evaluations, 1)
+            last, time = end.y, end.time
+    return found, state_at(start, last, start.time + time)
+
+
+def _affordable(scout: tuple[float, float, float], share: float, finest: int) -> float:
+    """A length whose finest rung takes a third of a method's time, since each rung takes twice the one before; to two
+    digits."""
+    rate, _, seconds = scout
+    length = share / (3 * finest * rate * seconds)
+    digits = 1 - int(np.floor(log10(length)))
+    return float(np.floor(length * 10**digits) / 10**digits) if abs(digits) < 300 else length
+
+
+def _samples(scout: tuple[float, float, float], length: float) -> int:
+    """As many samples as the coarsest rungs have steps, roughly."""
+    steps = scout[1] * length * 1.5
+    return next((count for count in SAMPLES if count <= steps), SAMPLES[-1])
+
+
+class _Bench:
+    """The ladders of one subject."""
+
+    def __init__(
+        self, subject: Subject, start: Any, plan: Reference, length: float, samples: int, evaluations: float,
+        accuracy: float | None, threads: int, share: float, stiff: bool,
+    ) -> None:  # fmt: skip
+        self.subject, self.start, self.plan = subject, start, plan
+        self.length, self.samples, self.evaluations = length, samples, evaluations
+        self.threads, self.share = threads, share
+        self.enough = max(0.1 * (accuracy or 0.0), plan.error)
+        points = 0 if stiff else LOCAL_POINTS if plan.y is not None and not isinstance(subject, System) else 1
+        self._local = LocalErrors(subject, start, plan, length, points, reference_method(stiff), threads)
+        self._finest: Floats | None = None  # the solution that oscillations are counted in
+
+    def ladder(self, name: str, progress: Callable[[int], Any]) -> list[Row]:
+        """Rows from coarse to fine; of those that are of no use, the finest."""
+        method = method_named(name)
+        rows: list[Row] = []
+        left, seconds, below = self.share, 0.0, 0
+        warm_up(self.subject, self.start, name, 1e-3 * self.length / max(self.evaluations, 1.0), self.threads)
+        for rung, knob in enumerate(self._knobs(method)):
+            if seconds > left or below == 2:
+                break
+            row = self._row(name, knob, left)
+            left -= (2 if row.seconds > SHORT else 4) * row.seconds  # it is run again to be timed
+            seconds = 2 * row.seconds
+            if rows and rows[-1].useless and row.useless:
+                rows.pop()
+            rows.append(row)
+            below += row.error is not None and row.error < self.enough
+            progress(round(100 * (rung + 1) / RUNGS))
+        progress(100)
+        return rows
+
+    def _knobs(self, method: Any) -> list[dict[str, Any]]:
+        if method.adaptive:
+            return [tolerances(self.subject, self.start, rtol) for rtol in RTOLS]
+        per_step = method.evaluations or 10  # an implicit method's iterations
+        coarsest = max(1, round(COARSEST * self.evaluations / per_step / self.samples))
+        return [{"steps": self.samples * coarsest * 2**rung} for rung in range(RUNGS)]
+
+    def _row(self, name: str, knob: dict[str, Any], limit: float) -> Row:
+        dt = self.length / knob["steps"] if "steps" in knob else None
+        of = {"method": name, "dt": dt, "rtol": knob.get("rtol"), "atol": knob.get("atol")}
+        try:
+            track = follow(
+                self.subject, self.start, name, self.length, self.samples, **knob, threads=self.threads, limit=limit
+            )
+        except RunError as failed:
+            return Row(**of, step=dt or np.nan, failure=f"blew up: {failed}")  # type: ignore[arg-type]
+        except OutOfTime as end:
+            return Row(**of, step=dt or np.nan, seconds=end.seconds, failure=str(end))  # type: ignore[arg-type]
+        errors = self.plan.error_of(track, self.subject)
+        step = dt or self.length / max(track.steps, 1)
+        rms = track.energy.rms_relative_error if track.energy else None
+        energy = self.plan.measure == "energy"
+        error = (rms if rms is not None else np.nan) if energy else float(np.max(errors))
+        if not np.isfinite(error):
+            return Row(**of, step=step, failure="the error is no number")  # type: ignore[arg-type]
+        believed = error > BELIEVED * self.plan.error
+        if self.plan.measure == "energy":
+            growth = energy_growth(track.times, track.energies, relative_energy(track))
+        else:
+            growth = position_growth(track.times, errors)
+        if error < USELESS:
+            self._finest = track.y
+        return Row(
+            **of,  # type: ignore[arg-type]
+            step=step,
+            steps=track.steps,
+            rejected=track.rejected,
+            evaluations=track.evaluations,
+            seconds=track.seconds,
+            error=error,
+            energy_error=rms,
+            local_error=self._local.of(name, step),
+            growth=growth,
+            believed=believed,
+        )
+
+    def slopes(self, rows: list[Row], floor: float) -> tuple[float | None, float | None]:
+        """Of the global and of the local error against the step."""
+        steps = [row.step for row in rows]
+        return (
+            slope(steps, [row.error for row in rows], BELIEVED * floor),
+            slope(steps, [row.local_error for row in rows], self._local.floor),
+        )
+
+    def cycles(self) -> float:
+        """How often the solution came round: half the crossings of the mean, in the unknown that has most; of a finer
+        solution than its samples, no more than they can show."""
+        y = self._finest if self.plan.y is None else self.plan.y
+        if y is None or y.shape[1] > 600:
+            return float(self.samples)  # many particles: each sample is one collision and more away from the last
+        centred = y - y.mean(axis=0)
+        return float(0.5 * np.abs(np.diff(np.sign(centred), axis=0) > 0).sum(axis=0).max())
