@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 from oracle import pair_oracle
-from oracle_integrators import kepler
+from problems import kepler
 
 import kickdrift as kd
 from kickdrift.builders import lattice, maxwell_boltzmann

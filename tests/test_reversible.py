@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from oracle_integrators import kepler
+from problems import kepler
 
 import kickdrift as kd
 from kickdrift.errors import InputError, RunError
