@@ -71,7 +71,8 @@ class Simulation:
         if not hasattr(system, "run"):
             raise InputError(f"a Simulation takes a System or a Problem, got {type(system).__name__}")
         default = "velocity-verlet" if isinstance(system, System) else "dormand-prince45"
-        self.integrator = integrator or system.run.integrator or default
+        named = integrator if integrator is not None else system.run.integrator
+        self.integrator = default if named is None else named
         self.method = method_named(self.integrator)
         given = Options(
             dt if dt is not None else system.run.dt,
