@@ -10,6 +10,7 @@ import pytest
 
 import kickdrift as kd
 from kickdrift.analysis.growth import Growth, energy_growth, position_growth
+from kickdrift.analysis.local_error import slope
 from kickdrift.analysis.recommendation import SAFETY, recommendation
 from kickdrift.analysis.reference import Reference
 from kickdrift.analysis.shadow import modified_hamiltonian, pendulum_potential, plot_shadow, shadow_run
@@ -133,6 +134,13 @@ def test_particles():
     assert found.measure == "reference"
     assert found.slopes["velocity-verlet"][0] == pytest.approx(2, abs=0.1)
     assert found.of("dop853")[-1].energy_error < 1e-6
+
+
+def test_slopes_leave_rounding_out():
+    steps = 0.1 * 2.0 ** -np.arange(10.0)
+    assert slope(steps, steps**4 + 1e-12, 1e-14) == pytest.approx(4, abs=0.15)
+    assert slope(steps, steps**4, 1e-14) == pytest.approx(4)
+    assert slope(steps[:2], steps[:2], 1e-14) is None
 
 
 # --- growth ---

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from kickdrift.errors import InputError
-from kickdrift.plots import _INK, COLOURS, _axes, _figure, _pretty, _save, _target
+from kickdrift.plots import COLOURS, INK, _pretty, checked_target, new_axes, new_figure, save_figure
 
 if TYPE_CHECKING:
     from kickdrift.analysis.work_precision import Comparison
@@ -21,7 +21,7 @@ def plot_comparison(comparison: Comparison, output: str | os.PathLike[str], *, o
     Methods go through the colours first and then through the markers. Below the grey line the reference itself is not
     known.
     """
-    target = _target(output, overwrite)
+    target = checked_target(output, overwrite)
     drawn = {
         name: rows
         for name in comparison.methods
@@ -29,10 +29,10 @@ def plot_comparison(comparison: Comparison, output: str | os.PathLike[str], *, o
     }
     if not drawn:
         raise InputError("plot_comparison: every run failed; there is nothing to draw")
-    figure = _figure(11.2, 5.6)
+    figure = new_figure(11.2, 5.6)
     left = None
     for place, (key, label) in enumerate((("evaluations", "force evaluations"), ("seconds", "seconds")), start=1):
-        axes = _axes(figure, (1, 2, place), sharey=left)
+        axes = new_axes(figure, (1, 2, place), sharey=left)
         left = left or axes
         for index, (name, rows) in enumerate(drawn.items()):
             colour = COLOURS[index % len(COLOURS)]
@@ -56,6 +56,6 @@ def plot_comparison(comparison: Comparison, output: str | os.PathLike[str], *, o
     figure.legend(*left.get_legend_handles_labels(), loc="outside lower center", ncols=6, fontsize=8, frameon=False)
     unit = f" {_pretty(comparison.time_unit)}" if comparison.time_unit else ""
     figure.suptitle(
-        f"{comparison.system}  ·  {comparison.length:.4g}{unit}  ·  {comparison.reference}", fontsize=12, color=_INK
+        f"{comparison.system}  ·  {comparison.length:.4g}{unit}  ·  {comparison.reference}", fontsize=12, color=INK
     )
-    return _save(figure, target)
+    return save_figure(figure, target)

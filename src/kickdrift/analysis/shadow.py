@@ -104,12 +104,12 @@ def plot_shadow(
 ) -> Path:
     """Draw H and its modifications against time for one run, and their oscillations against the step for several;
     returns the figure's path."""
-    from kickdrift.plots import COLOURS, _axes, _figure, _save, _target
+    from kickdrift.plots import COLOURS, checked_target, new_axes, new_figure, save_figure
 
-    target = _target(output, overwrite)
+    target = checked_target(output, overwrite)
     names = {0: "H", 2: "H + dt² H$_2$", 4: "H + dt² H$_2$ + dt⁴ H$_4$"}
-    figure = _figure(11.2, 4.8)
-    left, right = _axes(figure, (1, 2, 1)), _axes(figure, (1, 2, 2))
+    figure = new_figure(11.2, 4.8)
+    left, right = new_axes(figure, (1, 2, 1)), new_axes(figure, (1, 2, 2))
     for (order, name), colour in zip(names.items(), (COLOURS[1], COLOURS[5], COLOURS[0]), strict=True):
         left.plot(run.times, run.values[order], color=colour, linewidth=1.4, label=name)
         steps = [each.dt for each in runs]
@@ -126,4 +126,4 @@ def plot_shadow(
     right.xaxis.set_minor_formatter("")
     right.set_ylabel("oscillation")
     right.set_title("Slopes 2, 4 and 6")
-    return _save(figure, target)
+    return save_figure(figure, target)
