@@ -10,11 +10,12 @@ import pytest
 
 import kickdrift as kd
 from kickdrift.analysis.growth import Growth, energy_growth, position_growth
+from kickdrift.analysis.ladder import Bench, Row
 from kickdrift.analysis.local_error import slope
 from kickdrift.analysis.recommendation import SAFETY, recommendation
 from kickdrift.analysis.reference import Reference
 from kickdrift.analysis.shadow import modified_hamiltonian, pendulum_potential, plot_shadow, shadow_run
-from kickdrift.analysis.work_precision import Comparison, Row, _Bench, default_integrators, work_precision
+from kickdrift.analysis.work_precision import Comparison, default_integrators, work_precision
 from kickdrift.cli import main
 from kickdrift.odes import harmonic_oscillator, kepler, logistic, lorenz, pendulum, van_der_pol
 
@@ -87,7 +88,7 @@ def test_a_run_that_blows_up_says_so():
 def ladder(problem, length, dt):
     """One rung."""
     plan = Reference("energy", "", length, None, np.ones(1), 0.0)
-    bench = _Bench(problem, problem.state, plan, length, 5, 100.0, None, 1, 1.0, True)
+    bench = Bench(problem, problem.state, plan, length, 5, 100.0, None, 1, 1.0, True)
     return bench._row("rk4", {"steps": round(length / dt)}, 10.0)
 
 

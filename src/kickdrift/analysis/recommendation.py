@@ -10,7 +10,8 @@ from statistics import median
 from typing import Any
 
 from kickdrift.analysis.growth import SURE
-from kickdrift.analysis.work_precision import Comparison, Row
+from kickdrift.analysis.ladder import Row
+from kickdrift.analysis.work_precision import Comparison
 from kickdrift.errors import InputError
 
 SAFETY = 2.0  # the error foreseen is to stay below the wanted one by that factor
