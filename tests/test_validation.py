@@ -146,8 +146,8 @@ def test_a_method_that_is_not_what_it_states_fails(script, capsys):
     row = module.Fixed([1.0] * 4, 1e-3, [1e-3, 1e-3], (2.0, None), (1.5, None), 2.0)
     rows = module.fixed_claims({"velocity-verlet": row})
     assert {claim["verdict"] for claim in rows} == {"fail"}
-    assert module.adaptive_claims({"dop853": [1.0, 0.7]})[0]["verdict"] == "fail"
-    assert module.adaptive_claims({"bdf": [1.0, 0.7]}) == []
+    assert module.adaptive_claims({"dop853": [1.0, 0.7, 0.7]})[0]["verdict"] == "fail"
+    assert module.adaptive_claims({"bdf": [1.0, 0.7, 0.7]}) == []
 
 
 @pytest.mark.parametrize(

@@ -122,4 +122,8 @@ def measured() -> dict[str, Measured]:
     }
 
 
-SOLVED = {"pendulum": Solved(pendulum, pendulum_exact, 20.0), "kepler": Solved(kepler_orbit, kepler_exact, 20.0)}
+SOLVED = {
+    "pendulum": Solved(pendulum, pendulum_exact, 20.0),
+    "kepler": Solved(kepler_orbit, kepler_exact, 20.0),
+    "driven": Solved(driven, driven_exact, 20.0),
+}

@@ -91,7 +91,9 @@ class Exact(Method):
             raise InputError(f"{self.name}: moves particles under pair forces and gravity, and {flow.name!r} is an ODE")
         for force in system.forces:
             if not isinstance(force, (PairForce, Gravity)):
-                raise InputError(f"{self.name}: adds up pair forces and gravity alone, and {force.name!r} is neither")
+                raise InputError(
+                    f"{self.name}: adds pair forces and gravity as whole numbers, and force {force.name!r} is neither"
+                )
         from kickdrift.integrators.exact_stepper import ExactStepper
 
         return ExactStepper(flow, options)

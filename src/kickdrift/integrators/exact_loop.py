@@ -109,9 +109,9 @@ def pair_kicks(force, particles):
         kx, ky, kz = kick[0, i], kick[1, i], kick[2, i]
         for k in range(span[i, 0], span[i, 1]):
             j = partners[k]
-            dx = ux * np.float64(xi - x[0, j])
-            dy = uy * np.float64(yi - x[1, j])
-            dz = uz * np.float64(zi - x[2, j])
+            dx = ux * np.float64(difference(xi, x[0, j]))
+            dy = uy * np.float64(difference(yi, x[1, j]))
+            dz = uz * np.float64(difference(zi, x[2, j]))
             r2 = dx * dx + dy * dy + dz * dz
             if r2 < cutoff2:
                 force_over_r = pair_force(law, at_cutoff, truncation, tables, i, j, r2)
@@ -138,9 +138,9 @@ def gravity_kicks(force, particles):
         for j in range(i):
             strongest = max(gm[i], gm[j])
             if strongest > 0.0:
-                dx = ux * np.float64(x[0, i] - x[0, j])
-                dy = uy * np.float64(x[1, i] - x[1, j])
-                dz = uz * np.float64(x[2, i] - x[2, j])
+                dx = ux * np.float64(difference(x[0, i], x[0, j]))
+                dy = uy * np.float64(difference(x[1, i], x[1, j]))
+                dz = uz * np.float64(difference(x[2, i], x[2, j]))
                 r2 = dx * dx + dy * dy + dz * dz + force.softening2
                 inverse = 1.0 / np.sqrt(r2)
                 w = inverse * inverse * inverse
@@ -160,6 +160,18 @@ def gravity_kicks(force, particles):
 def whole(value):
     """The nearest whole number, halves to even: an odd function."""
     return np.int64(np.rint(value))
+
+
+@strict
+def wrapped_sum(a, b):
+    """a + b around 2^64. Unsigned, since LLVM may take it for granted that signed numbers do not wrap around."""
+    return np.int64(np.uint64(a) + np.uint64(b))
+
+
+@strict
+def difference(a, b):
+    """a - b around 2^64."""
+    return np.int64(np.uint64(a) - np.uint64(b))
 
 
 def pair_force(law: Any, at_cutoff: Any, truncation: Any, tables: Any, i: int, j: int, r2: float) -> float:
@@ -222,9 +234,9 @@ def moved(particles):
     ux, uy, uz = particles.spacing
     limit = (0.499 * particles.skin) ** 2
     for i in range(x.shape[1]):
-        dx = ux * np.float64(x[0, i] - reference[0, i])
-        dy = uy * np.float64(x[1, i] - reference[1, i])
-        dz = uz * np.float64(x[2, i] - reference[2, i])
+        dx = ux * np.float64(difference(x[0, i], reference[0, i]))
+        dy = uy * np.float64(difference(x[1, i], reference[1, i]))
+        dz = uz * np.float64(difference(x[2, i], reference[2, i]))
         if dx * dx + dy * dy + dz * dz > limit:
             return True
     return False
@@ -316,9 +328,9 @@ def add_partners(particles, near, q, count, found):
     particles.span[i, 0] = found
     for k in range(q + 1, count):
         j = near[k]
-        dx = ux * np.float64(x[0, i] - x[0, j])
-        dy = uy * np.float64(x[1, i] - x[1, j])
-        dz = uz * np.float64(x[2, i] - x[2, j])
+        dx = ux * np.float64(difference(x[0, i], x[0, j]))
+        dy = uy * np.float64(difference(x[1, i], x[1, j]))
+        dz = uz * np.float64(difference(x[2, i], x[2, j]))
         if dx * dx + dy * dy + dz * dz < radius2:
             if found < room:
                 partners[found] = j
@@ -370,7 +382,7 @@ def apply_drift(particles):
                 return BLOWN_UP
             step = whole(d)
             before = x[k, i]
-            now = before + step
+            now = wrapped_sum(before, step)
             x[k, i] = now
             if particles.periodic:
                 if step > 0 and now < before:

@@ -2,10 +2,10 @@
 
 All take (forces, y, carry, work, stages, dt, start, first, steps, cursor): ``forces`` a tuple of bound forces, ``y``
 (2, rows, n) positions and velocities, or (1, 1, n) the unknowns of a first-order ODE, ``carry`` what compensated
-summation carries on (of y's shape, or empty for plain sums), ``work`` the method's workspace, ``start`` the time of
-step 0, ``first`` the steps done before this call (the clock must not depend on how a run is cut into calls), ``steps``
-the number of steps to take. ``cursor`` (int64) says where the loop is, so that it can stop inside a step (a pair list
-without room) and go on there.
+summation carries on (of y's shape, or (halves, rows, 0) for plain sums), ``work`` the method's workspace, ``start`` the
+time of step 0, ``first`` the steps done before this call (the clock must not depend on how a run is cut into calls),
+``steps`` the number of steps to take. ``cursor`` (int64) says where the loop is, so that it can stop inside a step (a
+pair list without room) and go on there.
 """
 
 from __future__ import annotations
@@ -43,31 +43,32 @@ def add_compensated(y, carry, factor, dy):
 
 
 @jit
-def advance(y, carry, half, factor, dy):
-    """y[half] <- y[half] + factor dy."""
+def advance(y, carry, factor, dy):
+    """y <- y + factor dy, (rows, n); compensated where ``carry`` has room."""
     if carry.size:
-        add_compensated(y[half], carry[half], factor, dy)
+        add_compensated(y, carry, factor, dy)
     else:
-        add_scaled(y[half], factor, dy)
+        add_scaled(y, factor, dy)
 
 
 @driver
 def splitting_loop(forces, y, carry, work, stages, dt, start, first, steps, cursor):
     bound = handle(forces)
+    x, v, lost_x, lost_v = y[0], y[1], carry[0], carry[1]
     kick, drift, passed = stages[0], stages[1], stages[2]
     while cursor[STEP] < steps:
         for stage in range(cursor[STAGE], kick.size):
             if kick[stage] != 0.0:
                 if not cursor[FRESH]:
                     t = start + (first + cursor[STEP] + passed[stage]) * dt
-                    status = fill_accelerations(bound, t, y[0], y[1], work, None, cursor)
+                    status = fill_accelerations(bound, t, x, v, work, None, cursor)
                     if status != OK:
                         cursor[STAGE] = stage
                         return status
                     cursor[FRESH] = 1
-                advance(y, carry, 1, kick[stage] * dt, work)
+                advance(v, lost_v, kick[stage] * dt, work)
             if drift[stage] != 0.0:
-                advance(y, carry, 0, drift[stage] * dt, y[1])
+                advance(x, lost_x, drift[stage] * dt, v)
                 cursor[FRESH] = 0
         cursor[STAGE] = 0
         cursor[STEP] += 1
@@ -106,7 +107,7 @@ def runge_kutta_loop(forces, y, carry, work, stages, dt, start, first, steps, cu
         for j in range(count):
             if stages[count, j] != 0.0:
                 for half in range(y.shape[0]):
-                    advance(y, carry, half, stages[count, j] * dt, k[j, half])
+                    advance(y[half], carry[half], stages[count, j] * dt, k[j, half])
         cursor[STAGE] = 0
         cursor[STEP] += 1
     return OK

@@ -20,8 +20,8 @@ class StepDensity(Method):
     G is a smooth maximum over the particles of |a|^(3/4), which in Kepler's problem makes tau grow as r^(3/2), as the
     time of free fall does; its scale makes the first step from the system's start ``dt``. The recursion is the same
     from both ends, so it can be turned around where a step ends; its energy error does not grow, though no step keeps
-    the symplectic form. It stops where G falls to less than half within a step: an oscillator, whose force vanishes on
-    its way, is better served with fixed steps.
+    the symplectic form. It stops where a step would differ tenfold from the one before, as where a force
+    vanishes on the way or at the start: oscillators and perfect lattices are better served with fixed steps.
     """
 
     name: str

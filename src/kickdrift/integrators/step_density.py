@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 # crowding at the system's start, which scale the density.
 TIME, DENSITY, BEFORE, DENSITY_BEFORE, DT, SCALE = range(6)
 
+MOST = 10.0  # that a step may differ from the one before
 LOWEST = 1e-4  # of the density at the start: steps grow to 10,000 dt where forces die away
 
 
@@ -51,8 +52,8 @@ def density_at(a, clock):
 
 @driver
 def step_density_loop(forces, y, before, a, clock, until, steps, cursor):
-    """Steps until the clock has reached ``until``, or ``steps`` of them; a status, STOPPED where the density of steps
-    came to nothing. ``before`` is y at the last step's start, ``a`` the accelerations in its middle."""
+    """Steps until the clock has reached ``until``, or ``steps`` of them; a status, STOPPED where one would differ
+    tenfold from the one before. ``before`` is y at the last step's start, ``a`` the accelerations in its middle."""
     bound = handle(forces)
     while cursor[STEP] < steps and clock[TIME] < until:
         tau = 1.0 / clock[DENSITY]
@@ -64,7 +65,7 @@ def step_density_loop(forces, y, before, a, clock, until, steps, cursor):
         if status != OK:
             return status
         ahead = 2.0 * density(a, clock) - clock[DENSITY]
-        if not ahead > 0.0:
+        if not clock[DENSITY] < MOST * ahead < MOST**2 * clock[DENSITY]:
             y[:] = before
             cursor[STAGE] = 0
             return STOPPED
@@ -143,8 +144,8 @@ class StepDensityStepper:
         self._last = self.y.copy()
         if status == STOPPED:
             self.trouble = (
-                f"the forces fell so far within a step of {1.0 / self._clock[DENSITY]:.3g} that no next one fits; a "
-                f"smaller dt than {self.dt:g} helps where they do not vanish"
+                f"the forces changed so much in a step of {1.0 / self._clock[DENSITY]:.3g} that the next would differ "
+                f"tenfold; a smaller dt than {self.dt:g} helps where they do not vanish, at the start or on the way"
             )
         return status
 

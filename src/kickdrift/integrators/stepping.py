@@ -102,7 +102,7 @@ class FixedStepper:
         self.steps_done = steps
         self._start = time - steps * self.dt
         self._work = self._room(y.shape)
-        self._carry = np.zeros(y.shape if self._compensated else (0, *y.shape[1:]))
+        self._carry = np.zeros(y.shape if self._compensated else (*y.shape[:2], 0))
         self._cursor[STEP:] = 0
         self._flow.forces.forget()
 
