@@ -33,7 +33,7 @@ class Row:
     ----------
     method : its name
     dt, rtol, atol : the step, or the tolerances of an adaptive method
-    step : dt, or an adaptive method's mean step
+    step : dt, or the mean step of a method that chooses its steps
     steps, rejected, evaluations, seconds : what it took
     error : the largest over the samples (positions), or the root mean square (energy); None where it failed
     energy_error : root mean square relative energy error, None where there is no energy
@@ -123,7 +123,8 @@ class Bench:
         except OutOfTime as end:
             return Row(**of, step=dt or np.nan, seconds=end.seconds, failure=str(end))  # type: ignore[arg-type]
         errors = self.plan.error_of(track, self.subject)
-        step = dt or self.length / max(track.steps, 1)
+        chosen = method_named(name).chooses_steps
+        step = self.length / max(track.steps, 1) if dt is None or chosen else dt
         rms = track.energy.rms_relative_error if track.energy else None
         energy = self.plan.measure == "energy"
         error = (rms if rms is not None else np.nan) if energy else float(np.max(errors))

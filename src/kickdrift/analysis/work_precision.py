@@ -29,6 +29,7 @@ EXPLICIT = ("midpoint", "rk4", "bogacki-shampine23", "dormand-prince45", "dop853
 STIFF = ("bdf", "radau", "rosenbrock", "lsoda", "dormand-prince45")
 BESIDE_SPLITTINGS = ("rk4", "dormand-prince45", "dop853", "gauss-radau15")
 BUDGET = 60.0  # seconds that a comparison should take, without compiling
+ANY_STEP = 1e-3
 LEAST_LIMIT = 10.0  # seconds that a reference run may take at least
 LOOSE = 1e-3  # rtol of the run that tells how many evaluations the problem takes at the coarse end
 FINEST, FINEST_ADAPTIVE, FINEST_ENERGY = 64, 8, 4  # times these evaluations, that the length of a pilot leaves time for
@@ -219,11 +220,7 @@ def chosen(subject: Subject, integrators: Sequence[str] | None) -> list[str]:
     """The names asked for, each known and able to run the subject; no name twice."""
     names = list(dict.fromkeys(method_named(name).name for name in integrators or ()))
     for name in names:
-        if INTEGRATORS[name].separable and not _separable(subject):
-            raise InputError(
-                f"{name}: needs accelerations that depend on positions and time alone, which those of {subject.name} "
-                "do not, or do not say so (separable=True)"
-            )
+        Simulation(subject, name, dt=ANY_STEP)  # which says what the method cannot do
     return names
 
 
