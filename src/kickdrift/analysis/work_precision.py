@@ -124,7 +124,7 @@ def work_precision(
     integrators : names; default a choice that suits the subject
     time : length of the pilot runs; default what the ``budget`` leaves time for, at most ``whole``
     whole : length of the run in mind; default the file's
-    accuracy : the error wanted: finer runs than a tenth of it are spared
+    accuracy : the error wanted: finer runs than a tenth of it, over the whole length, are spared
     start : a State to start from, default the subject's own
     budget : seconds for all of it, without compiling
 
@@ -175,7 +175,8 @@ def work_precision(
         length, samples = plan.length, _samples(scout, plan.length) if plan.y is None else len(plan.y) - 1
     if length < whole:
         notes.append(f"pilot runs of {length:.4g}, not of {whole:.4g}")
-    bench = Bench(subject, start, plan, length, samples, scout[0] * length, accuracy, threads, share, stiff)
+    wanted = accuracy and accuracy * min(1.0, length / whole) ** 2  # errors may grow as the square of the time
+    bench = Bench(subject, start, plan, length, samples, scout[0] * length, wanted, threads, share, stiff)
     rows: list[Row] = []
     for index, name in enumerate(names):
         rows += bench.ladder(name, partial(_part, progress, index, len(names)))
