@@ -75,7 +75,7 @@ def test_what_blows_up_stays_in_the_table():
     rows = found.of("rk4")
     assert rows[0].useless
     assert not rows[1].useless
-    assert rows[-1].error < 1e-6
+    assert min(row.error for row in rows if row.error is not None) < 1e-6
 
 
 def test_a_run_that_blows_up_says_so():
