@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 from kickdrift.printing import counted, duration, print_table
 
 if TYPE_CHECKING:
+    from kickdrift.analysis.ladder import Row
     from kickdrift.analysis.recommendation import Choice, Recommendation
-    from kickdrift.analysis.work_precision import Comparison, Row
+    from kickdrift.analysis.work_precision import Comparison
 
 
 def print_comparison(comparison: Comparison) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import log
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,7 @@ ANY = 1e3  # rtol and atol of an adaptive method whose one step is measured, wha
 ROUNDING = 50 * EPSILON  # local errors below it are no more than that
 LARGE = 0.1  # errors above it are not yet ruled by the order
 FITTED = 4  # of the finest points
+FLAT = 0.7  # of the slopes before: below, rounding rules
 
 
 class LocalErrors:
@@ -48,26 +50,34 @@ class LocalErrors:
         try:
             with np.errstate(all="ignore"):
                 sim = Simulation(self.subject, name, dt=step, threads=self.threads, **given)
-                errors = [self._one(sim, start, step) for start in self.starts]
+                errors = [self._one(sim, start) for start in self.starts]
         except (RunError, ArithmeticError, InputError):
             return None
         found = float(np.sqrt(np.mean(np.square(errors))))
         return found if np.isfinite(found) else None
 
-    def _one(self, sim: Simulation, start: Any, step: float) -> float:
+    def _one(self, sim: Simulation, start: Any) -> float:
         sim.state = start
         sim.run(1, every=1)
         self._reference.state = start
-        self._reference.run(until=start.time + step, every=2**40)
+        self._reference.run(until=sim.time, every=2**40)  # a method that chooses its steps need not take dt
         difference = vector(sim.state) - vector(self._reference.state)
         return float(distance(compared(self.subject, difference), self._scale))
 
 
 def slope(steps: Sequence[float], errors: Sequence[float | None], floor: float) -> float | None:
-    """Of log error against log step, by the finest four points above the floor; None with fewer than three."""
+    """Of log error against log step, by the finest four points above the floor and before rounding shows: where errors
+    stop falling as they did. None with fewer than three."""
     points = [(h, e) for h, e in zip(steps, errors, strict=True) if e is not None and floor < e < LARGE]
-    points = sorted(points)[:FITTED]
-    if len(points) < 3 or points[-1][0] < 1.5 * points[0][0]:
+    if len(points) < 3:
         return None
-    h, e = np.log(np.array(points)).T
-    return float(np.polyfit(h, e, 1)[0])
+    h, e = np.log(np.array(sorted(points, reverse=True))).T
+    apart = np.maximum(-np.diff(h), 1e-12)
+    slopes = -np.diff(e) / apart
+    end = len(h)
+    for k in range(2, len(slopes)):
+        if slopes[k] < FLAT * slopes[k - 2 : k].min():
+            end = k + 1
+            break
+    h, e = h[:end][-FITTED:], e[:end][-FITTED:]
+    return float(np.polyfit(h, e, 1)[0]) if h[0] - h[-1] > log(1.5) else None

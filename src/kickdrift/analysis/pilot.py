@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from time import perf_counter
 from typing import Any
 
@@ -131,7 +132,7 @@ def warm_up(subject: Subject, start: Any, name: str, step: float, threads: int) 
     """Compile all that a run needs; ``step`` is a short one."""
     sim = Simulation(subject, name, dt=step, threads=threads)
     sim.state = start
-    if sim.method.adaptive:
+    if sim.method.chooses_steps:
         _guarded(lambda: _run(sim, start.time + step, None, 1, _no_look, None))
     else:
         _guarded(lambda: sim.run(1, every=1))
@@ -142,13 +143,15 @@ def _timed(sim: Simulation, start: Any, length: float, steps: int | None) -> flo
     seconds: list[float] = []
     while not seconds or (len(seconds) < 3 and seconds[0] < SHORT):
         sim.state = start
-        _guarded(lambda: sim.run(steps, every=steps) if steps else sim.run(until=start.time + length, every=NEVER))
+        fixed = steps is not None and not sim.method.chooses_steps
+        end = {"steps": steps} if fixed else {"until": start.time + length}
+        _guarded(partial(sim.run, **end, every=steps if fixed else NEVER))
         seconds.append(sim.record.wall_seconds)
     return float(np.median(seconds))
 
 
 def _run(sim: Simulation, until: float, steps: int | None, samples: int, look: Any, progress: Any) -> None:
-    if steps:
+    if steps and not sim.method.chooses_steps:
         sim.run(steps, every=steps // samples, observe=look, progress=progress)
     else:
         sim.run(until=until, interval=(until - sim.time) / samples, observe=look, progress=progress)

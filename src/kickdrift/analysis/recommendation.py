@@ -10,8 +10,10 @@ from statistics import median
 from typing import Any
 
 from kickdrift.analysis.growth import SURE
-from kickdrift.analysis.work_precision import Comparison, Row
+from kickdrift.analysis.ladder import Row
+from kickdrift.analysis.work_precision import Comparison
 from kickdrift.errors import InputError
+from kickdrift.integrators import INTEGRATORS
 
 SAFETY = 2.0  # the error foreseen is to stay below the wanted one by that factor
 FARTHEST = 1000.0  # times the pilot's length; errors that grow as a measured power are trusted no farther
@@ -44,7 +46,8 @@ class Choice:
     def options(self, length: float) -> str:
         """As ``kickdrift run`` takes it."""
         if self.dt is not None:
-            return f"--integrator {self.method} --dt {self.dt!r} --steps {self.steps}"
+            end = f"--steps {self.steps}" if self.steps else f"--time {length!r}"
+            return f"--integrator {self.method} --dt {self.dt!r} {end}"
         return f"--integrator {self.method} --rtol {self.rtol:g} --atol {self.atol:g} --time {length!r}"
 
 
@@ -202,6 +205,9 @@ def _choice(rows: list[Row], accuracy: float, length: float, ratio: float) -> Ch
     seconds = median(r.seconds / r.evaluations for r, _ in foreseen)
     cost *= ratio
     if row.dt is not None:
+        method = INTEGRATORS.get(row.method)
+        if method and method.chooses_steps:  # dt is its first step
+            return Choice(row.method, float(f"{knob:.3g}"), None, None, None, error, cost, cost * seconds)
         steps = ceil(length / knob * (1 - 1e-12))
         return Choice(row.method, length / steps, steps, None, None, error, cost, cost * seconds)
     assert row.rtol is not None

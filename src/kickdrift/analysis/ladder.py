@@ -1,0 +1,169 @@
+"""The ladder of one method: runs at steps or tolerances from coarse to fine."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from kickdrift.analysis.growth import Growth, energy_growth, position_growth
+from kickdrift.analysis.local_error import LocalErrors, slope
+from kickdrift.analysis.pilot import SHORT, OutOfTime, Subject, follow, warm_up
+from kickdrift.analysis.reference import Reference, reference_method, relative_energy, tolerances
+from kickdrift.errors import RunError
+from kickdrift.integrators import integrator as method_named
+from kickdrift.state import Floats
+from kickdrift.system import System
+
+COARSEST = 1 / 32  # of these evaluations, at the bottom of a ladder of steps
+RUNGS = 16  # at most
+RTOLS = tuple(10.0**-k for k in range(2, 14))
+BELIEVED = 3.0  # times the reference's own error
+LOCAL_POINTS = 4  # of a Problem; of particles the start alone; none of stiff ones, whose orders show at no such step
+USELESS = 1.0  # a relative error of a run that went elsewhere
+
+
+@dataclass(frozen=True)
+class Row:
+    """One run.
+
+    Attributes
+    ----------
+    method : its name
+    dt, rtol, atol : the step, or the tolerances of an adaptive method
+    step : dt, or the mean step of a method that chooses its steps
+    steps, rejected, evaluations, seconds : what it took
+    error : the largest over the samples (positions), or the root mean square (energy); None where it failed
+    energy_error : root mean square relative energy error, None where there is no energy
+    local_error : of one step of length ``step``, None where it was not measured
+    growth : how the error goes on after the pilot
+    believed : whether the error stands clear of the reference's own
+    failure : why there is no error
+    """
+
+    method: str
+    dt: float | None
+    rtol: float | None
+    atol: float | None
+    step: float
+    steps: int = 0
+    rejected: int = 0
+    evaluations: int = 0
+    seconds: float = 0.0
+    error: float | None = None
+    energy_error: float | None = None
+    local_error: float | None = None
+    growth: Growth | None = None
+    believed: bool = False
+    failure: str | None = None
+
+    @property
+    def useless(self) -> bool:
+        """Whether it failed or went elsewhere."""
+        return self.error is None or self.error > USELESS
+
+    def as_json(self) -> dict[str, Any]:
+        """The row in plain numbers."""
+        return {**vars(self), "growth": vars(self.growth) if self.growth else None}
+
+
+class Bench:
+    """The ladders of one subject."""
+
+    def __init__(
+        self, subject: Subject, start: Any, plan: Reference, length: float, samples: int, evaluations: float,
+        accuracy: float | None, threads: int, share: float, stiff: bool,
+    ) -> None:  # fmt: skip
+        self.subject, self.start, self.plan = subject, start, plan
+        self.length, self.samples, self.evaluations = length, samples, evaluations
+        self.threads, self.share = threads, share
+        self.enough = max(0.1 * (accuracy or 0.0), plan.error)
+        points = 0 if stiff else LOCAL_POINTS if plan.y is not None and not isinstance(subject, System) else 1
+        self._local = LocalErrors(subject, start, plan, length, points, reference_method(stiff), threads)
+        self._finest: Floats | None = None  # the solution that oscillations are counted in
+
+    def ladder(self, name: str, progress: Callable[[int], Any]) -> list[Row]:
+        """Rows from coarse to fine; of those that are of no use, the finest."""
+        method = method_named(name)
+        rows: list[Row] = []
+        left, seconds, below = self.share, 0.0, 0
+        warm_up(self.subject, self.start, name, 1e-3 * self.length / max(self.evaluations, 1.0), self.threads)
+        for rung, knob in enumerate(self._knobs(method)):
+            if seconds > left or below == 2:
+                break
+            row = self._row(name, knob, left)
+            left -= (2 if row.seconds > SHORT else 4) * row.seconds  # it is run again to be timed
+            seconds = 2 * row.seconds
+            if rows and rows[-1].useless and row.useless:
+                rows.pop()
+            rows.append(row)
+            below += row.error is not None and row.error < self.enough
+            progress(round(100 * (rung + 1) / RUNGS))
+        progress(100)
+        return rows
+
+    def _knobs(self, method: Any) -> list[dict[str, Any]]:
+        if method.adaptive:
+            return [tolerances(self.subject, self.start, rtol) for rtol in RTOLS]
+        per_step = method.evaluations or 10  # an implicit method's iterations
+        coarsest = max(1, round(COARSEST * self.evaluations / per_step / self.samples))
+        return [{"steps": self.samples * coarsest * 2**rung} for rung in range(RUNGS)]
+
+    def _row(self, name: str, knob: dict[str, Any], limit: float) -> Row:
+        dt = self.length / knob["steps"] if "steps" in knob else None
+        of = {"method": name, "dt": dt, "rtol": knob.get("rtol"), "atol": knob.get("atol")}
+        try:
+            track = follow(
+                self.subject, self.start, name, self.length, self.samples, **knob, threads=self.threads, limit=limit
+            )
+        except RunError as failed:
+            return Row(**of, step=dt or np.nan, failure=f"blew up: {failed}")  # type: ignore[arg-type]
+        except OutOfTime as end:
+            return Row(**of, step=dt or np.nan, seconds=end.seconds, failure=str(end))  # type: ignore[arg-type]
+        errors = self.plan.error_of(track, self.subject)
+        chosen = method_named(name).chooses_steps
+        step = self.length / max(track.steps, 1) if dt is None or chosen else dt
+        rms = track.energy.rms_relative_error if track.energy else None
+        energy = self.plan.measure == "energy"
+        error = (rms if rms is not None else np.nan) if energy else float(np.max(errors))
+        if not np.isfinite(error):
+            return Row(**of, step=step, failure="the error is no number")  # type: ignore[arg-type]
+        believed = error > BELIEVED * self.plan.error
+        if self.plan.measure == "energy":
+            growth = energy_growth(track.times, track.energies, relative_energy(track))
+        else:
+            growth = position_growth(track.times, errors)
+        if error < USELESS:
+            self._finest = track.y
+        return Row(
+            **of,  # type: ignore[arg-type]
+            step=step,
+            steps=track.steps,
+            rejected=track.rejected,
+            evaluations=track.evaluations,
+            seconds=track.seconds,
+            error=error,
+            energy_error=rms,
+            local_error=self._local.of(name, step),
+            growth=growth,
+            believed=believed,
+        )
+
+    def slopes(self, rows: list[Row], floor: float) -> tuple[float | None, float | None]:
+        """Of the global and of the local error against the step."""
+        steps = [row.step for row in rows]
+        return (
+            slope(steps, [row.error for row in rows], BELIEVED * floor),
+            slope(steps, [row.local_error for row in rows], self._local.floor),
+        )
+
+    def cycles(self) -> float:
+        """How often the solution came round: half the crossings of the mean, in the unknown that has most; of a finer
+        solution than its samples, no more than they can show."""
+        y = self._finest if self.plan.y is None else self.plan.y
+        if y is None or y.shape[1] > 600:
+            return float(self.samples)  # many particles: each sample is one collision and more away from the last
+        centred = y - y.mean(axis=0)
+        return float(0.5 * np.abs(np.diff(np.sign(centred), axis=0) > 0).sum(axis=0).max())
