@@ -56,10 +56,16 @@ class Stepper(Protocol):
     """An integration under way."""
 
     y: Floats
-    time: float
     steps_done: int
-    counts: Counts
     trouble: str
+
+    @property
+    def time(self) -> float:
+        """Of the last step point."""
+
+    @property
+    def counts(self) -> Counts:
+        """What it cost so far."""
 
     def reset(self, y: Floats, time: float, steps: int) -> None:
         """Begin anew at y."""
