@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -122,7 +122,7 @@ class StepDensityStepper:
         """Scale the density by the system's start, and begin with what it is here."""
         clock, flow = self._clock, self._flow
         if not self._scaled:
-            begin = flow.subject.state
+            begin: Any = flow.subject.state
             clock[SCALE] = crowding(np.ascontiguousarray(flow.derivative(begin.time, flow.array(begin))[-1]))
             self._scaled = True
         here = np.ascontiguousarray(flow.derivative(self.time, self.y)[-1])
