@@ -31,8 +31,8 @@ class Lattice(NamedTuple):
     momenta : (3, n) int64
         In steps of ``momentum``; of mass times velocity under pair forces alone, of velocity where there is gravity.
     spacing : (3,) lengths
-    momentum : (n,) one step, the same for all, in the system's mass unit (made coherent) times its velocity unit; or, of
-        velocity, finer for the heavy
+    momentum : (n,) one step, the same for all, in the system's mass unit (made coherent) times its velocity unit; or
+        of velocity, finer for the heavy
     time, steps_done
     """
 
