@@ -31,7 +31,8 @@ class Lattice(NamedTuple):
     momenta : (3, n) int64
         In steps of ``momentum``; of mass times velocity under pair forces alone, of velocity where there is gravity.
     spacing : (3,) lengths
-    momentum : one step, in the system's mass unit (made coherent) times its velocity unit, or its velocity unit
+    momentum : (n,) one step, the same for all, in the system's mass unit (made coherent) times its velocity unit; or
+        of velocity, finer for the heavy
     time, steps_done
     """
 
@@ -39,7 +40,7 @@ class Lattice(NamedTuple):
     images: Integers
     momenta: Integers
     spacing: NDArray[np.float64]
-    momentum: float
+    momentum: NDArray[np.float64]
     time: float = 0.0
     steps_done: int = 0
 

@@ -76,7 +76,8 @@ class ExactGravity(NamedTuple):
     """Gravity on the lattice."""
 
     softening2: float
-    gm: NDArray[np.float64]  # (n,) G m, in steps of momentum per unit of acceleration in half a step
+    gm: NDArray[np.float64]  # (n,) G m
+    gain: NDArray[np.float64]  # (n,) steps of velocity per unit of acceleration in half a step
 
 
 # --- forces ---
@@ -132,11 +133,12 @@ def pair_kicks(force, particles):
 
 @strict
 def gravity_kicks(force, particles):
-    x, kick, gm = particles.x, particles.kick, force.gm
+    x, kick, gm, gain = particles.x, particles.kick, force.gm, force.gain
     ux, uy, uz = particles.spacing
     for i in range(x.shape[1]):
         for j in range(i):
-            strongest = max(gm[i], gm[j])
+            to_i, to_j = gm[j] * gain[i], gm[i] * gain[j]
+            strongest = max(to_i, to_j)
             if strongest > 0.0:
                 dx = ux * np.float64(difference(x[0, i], x[0, j]))
                 dy = uy * np.float64(difference(x[1, i], x[1, j]))
@@ -147,12 +149,12 @@ def gravity_kicks(force, particles):
                 fx, fy, fz = w * dx, w * dy, w * dz
                 if not (abs(fx) + abs(fy) + abs(fz)) * strongest < LARGEST_KICK:
                     return BLOWN_UP
-                kick[0, i] -= whole(gm[j] * fx)
-                kick[1, i] -= whole(gm[j] * fy)
-                kick[2, i] -= whole(gm[j] * fz)
-                kick[0, j] += whole(gm[i] * fx)
-                kick[1, j] += whole(gm[i] * fy)
-                kick[2, j] += whole(gm[i] * fz)
+                kick[0, i] -= whole(to_i * fx)
+                kick[1, i] -= whole(to_i * fy)
+                kick[2, i] -= whole(to_i * fz)
+                kick[0, j] += whole(to_j * fx)
+                kick[1, j] += whole(to_j * fy)
+                kick[2, j] += whole(to_j * fz)
     return OK
 
 

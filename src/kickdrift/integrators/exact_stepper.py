@@ -64,8 +64,8 @@ class ExactStepper:
 
     # --- scales ---
 
-    def _scales(self, system: System) -> tuple[Floats, float]:
-        """Spacing (3,) and step of momentum: 2^-64 of the box, else powers of two."""
+    def _scales(self, system: System) -> tuple[Floats, Floats]:
+        """Spacing (3,) and steps of momentum (n,): 2^-64 of the box, else powers of two."""
         x, v = system.state.phase
         if system.box.lengths is not None:
             extent = self._cutoff or min(system.box.lengths)
@@ -84,9 +84,16 @@ class ExactStepper:
             if not self._gravity:
                 shared = math.sqrt(energy / len(w) * float(w.max()))
             top = max(top, float(fall.max()), shared)
-        return spacing, _step(top or extent / self.dt * float(w.max()), ROOM_IN_SPEED)
+        top = top or extent / self.dt * float(w.max())
+        tops = np.full(len(w), top)
+        if self._gravity:  # what a heavy body takes up are the momenta of the others
+            heavy = masses > 0
+            others = top * (masses.sum() - masses[heavy]) / masses[heavy]
+            own = np.abs(v).max(axis=0)[heavy]
+            tops[heavy] = np.where(others > 0, np.maximum(own, np.minimum(top, others)), top)
+        return spacing, np.array([_step(float(largest), ROOM_IN_SPEED) for largest in tops])
 
-    def _set_scales(self, spacing: Floats, momentum: float) -> None:
+    def _set_scales(self, spacing: Floats, momentum: Floats) -> None:
         system: System = self._flow.subject
         self._momentum = momentum
         particles = self._particles
@@ -98,7 +105,7 @@ class ExactStepper:
         half = 0.5 * self.dt / self._momentum
         if isinstance(force, Gravity):
             gravity = force.G if force.G is not None else system.units.gravity
-            return ExactGravity(force.softening**2, half * float(gravity or 0.0) * system.state.masses)
+            return ExactGravity(force.softening**2, float(gravity or 0.0) * system.state.masses, half)
         names, cls = system.species, force.Parameters
         laws = [[cls(*(float(value) for value in force.pair_law(a, b))) for b in names] for a in names]
         at_cutoff = [[AtCutoff(*(float(u) for u in p.law(force.cutoff**2))) for p in row] for row in laws]
@@ -109,9 +116,7 @@ class ExactStepper:
                 np.array(at_cutoff).transpose(2, 0, 1).copy(),
                 system.species_index.astype(np.int64),
             )
-        gain = half * self._weights / system.coherent_masses
-        if not self._gravity:
-            gain = np.full(len(system), half)
+        gain = half if not self._gravity else half / system.coherent_masses
         return ExactPairs(
             law=laws[0][0],
             at_cutoff=at_cutoff[0][0],
@@ -163,7 +168,7 @@ class ExactStepper:
             inside &= np.abs(x) < FAR
         if not inside.all():
             i = np.argwhere(~inside)[0, 1]
-            raise InputError(f"state: particle {i} is beyond what the lattice of {self._reach()} holds")
+            raise InputError(f"state: particle {i} is beyond what its lattice holds, {self._reach(int(i))}")
         self._place(x.astype(np.int64), images, p.astype(np.int64), time, steps)
 
     def _place(self, x: Any, images: Any, p: Any, time: float, steps: int) -> None:
@@ -186,8 +191,8 @@ class ExactStepper:
         """The state to the last bit; a copy."""
         particles = self._particles
         return Lattice(
-            particles.x.copy(), particles.images.copy(), particles.p.copy(), particles.spacing.copy(), self._momentum,
-            self.time, self.steps_done,
+            particles.x.copy(), particles.images.copy(), particles.p.copy(), particles.spacing.copy(),
+            self._momentum.copy(), self.time, self.steps_done,
         )  # fmt: skip
 
     @lattice.setter
@@ -197,12 +202,15 @@ class ExactStepper:
             array = np.asarray(getattr(given, key))
             if array.shape != shape or array.dtype != np.int64:
                 raise InputError(f"lattice: {key} must be int64 of shape {shape}, got {array.dtype} of {array.shape}")
-        spacing, momentum = np.array(given.spacing, dtype=float), float(given.momentum)
+        spacing, momentum = np.array(given.spacing, dtype=float), np.array(given.momentum, dtype=float)
         lengths = self._flow.subject.box.lengths
         if lengths is not None and not np.array_equal(spacing, np.array(lengths) * 0.5 ** (BITS + 1)):
             raise InputError(f"lattice: its spacing is not that of the system's box, {lengths}")
-        if spacing.shape != (3,) or not (np.isfinite(spacing).all() and (spacing > 0).all() and 0 < momentum < np.inf):
-            raise InputError("lattice: spacing must be three positive lengths, and momentum a positive number")
+        for key, scale, count in (("spacing", spacing, 3), ("momentum", momentum, shape[1])):
+            if scale.shape != (count,) or not (np.isfinite(scale).all() and (scale > 0).all()):
+                raise InputError(f"lattice: {key} must be {count} positive numbers, got {scale}")
+        if not self._gravity and (momentum != momentum[0]).any():
+            raise InputError("lattice: momentum must be one number for all under pair forces alone")
         fits = (np.abs(np.asarray(given.momenta)) < FAR).all()
         if not self._particles.periodic:
             fits &= (np.abs(np.asarray(given.positions)) < FAR).all()
@@ -237,14 +245,14 @@ class ExactStepper:
             how = "lies" if counts[WHAT] == POSITION else "moves"
             self.trouble = (
                 f"particle {counts[CULPRIT]} {how} beyond the lattice along {'xyz'[counts[AXIS]]}, which holds "
-                f"{self._reach()}: a start with a larger extent or faster particles makes it larger"
+                f"{self._reach(int(counts[CULPRIT]))}: a start with a larger extent or faster particles makes it larger"
             )
             counts[WHAT] = 0
         return status
 
-    def _reach(self) -> str:
+    def _reach(self, i: int) -> str:
         particles, units = self._particles, self._flow.subject.units
-        speeds = FAR * self._momentum / self._weights.max()
+        speeds = FAR * self._momentum[i] / self._weights[i]
         fast = f"speeds to {speeds:.3g} {units.unit('velocity')}"
         if particles.periodic:
             return fast
