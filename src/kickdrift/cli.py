@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import json
 import os
 import sys
-import tempfile
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from kickdrift.errors import InputError, KickdriftError, RunError
+from kickdrift.errors import InputError, KickdriftError
+from kickdrift.outputs import refuse_outputs, write_json
 from kickdrift.printing import (
     ENGINES,
     LISTINGS,
@@ -50,7 +49,6 @@ JsonOption = Annotated[
 OverwriteOption = Annotated[bool, typer.Option("--overwrite", help="Replace files that exist.")]
 ThreadsOption = Annotated[int, typer.Option(metavar="K", min=1, help="Threads; the results do not depend on it.")]
 QuietOption = Annotated[bool, typer.Option("--quiet", help="Nothing on standard error but errors.")]
-SUFFIXES = {"output": (".h5md",), "plot": (".png", ".pdf", ".svg")}  # as the writers of these files have them
 INTERRUPTED = 130
 
 
@@ -307,50 +305,6 @@ def list_(what: Annotated[Lists, typer.Argument()]) -> None:
     """List what there is."""
     columns, rows = LISTINGS[what]()
     print_table(None, columns, rows)
-
-
-def refuse_outputs(paths: dict[str, Path | None], overwrite: bool) -> None:
-    """An InputError where a file that an option asks for exists, or cannot be written, before any work is done."""
-    taken: dict[Path, str] = {}
-    for option, path in paths.items():
-        if path is None:
-            continue
-        folder = path.absolute().parent
-        if path.suffix not in SUFFIXES.get(option, (path.suffix,)):
-            raise InputError(f"--{option} {path}: the name must end in {' or '.join(SUFFIXES[option])}")
-        if path.is_dir():
-            raise InputError(f"--{option} {path}: is a folder")
-        if path.exists() and not overwrite:
-            raise InputError(f"--{option} {path}: exists already; give --overwrite to replace it")
-        if not folder.is_dir():
-            raise InputError(f"--{option} {path}: there is no folder {folder}")
-        if other := taken.get(path.resolve()):
-            raise InputError(f"--{option} {path}: is the file of --{other} too")
-        taken[path.resolve()] = option
-        try:
-            with tempfile.TemporaryFile(dir=folder):
-                pass
-        except OSError as error:
-            raise InputError(f"--{option} {path}: cannot be written: {reason(error)}") from None
-
-
-def reason(error: OSError) -> str:
-    """Why the system refused."""
-    return (error.strerror or str(error)).lower()
-
-
-def write_json(path: Path | None, content: dict[str, Any]) -> None:
-    """One JSON object, where it was asked for; the file is whole or not there."""
-    if path is None:
-        return
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        part.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
-        os.replace(part, path)
-    except OSError as error:
-        raise RunError(f"{path}: cannot be written: {reason(error)}") from None
-    finally:
-        part.unlink(missing_ok=True)
 
 
 def main() -> None:

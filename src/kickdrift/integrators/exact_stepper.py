@@ -14,20 +14,8 @@ from kickdrift.forces.kernel import GROW
 from kickdrift.forces.pair_kernel import truncation_of
 from kickdrift.forces.truncation import AtCutoff
 from kickdrift.integrators.exact import Lattice
-from kickdrift.integrators.exact_loop import (
-    AXIS,
-    BUILT,
-    CULPRIT,
-    FAR,
-    POSITION,
-    ROOM_NEEDED,
-    WHAT,
-    ExactGravity,
-    ExactPairs,
-    Particles,
-    SpeciesTables,
-    exact_loop,
-)
+from kickdrift.integrators.exact_list import AXIS, BUILT, CULPRIT, POSITION, ROOM_NEEDED, WHAT, Particles
+from kickdrift.integrators.exact_loop import FAR, ExactGravity, ExactPairs, SpeciesTables, exact_loop
 from kickdrift.integrators.loops import STEP
 from kickdrift.integrators.stepping import Counts, Options
 from kickdrift.state import Floats

@@ -1,0 +1,27 @@
+"""The differential equations that the literature measures methods by: factories of Problems, by name.
+
+Each takes its starting values ``y0``, its parameters and the time ``t0`` at the start, all with defaults.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from kickdrift.odes.kinetics import hires, logistic, lorenz, lotka_volterra, orego, robertson, van_der_pol
+from kickdrift.odes.mechanics import arenstorf, harmonic_oscillator, kepler, pendulum, pleiades
+from kickdrift.problem import Problem
+
+ODES: dict[str, Callable[..., Problem]] = {
+    "harmonic-oscillator": harmonic_oscillator,
+    "pendulum": pendulum,
+    "kepler": kepler,
+    "logistic": logistic,
+    "lotka-volterra": lotka_volterra,
+    "van-der-pol": van_der_pol,
+    "robertson": robertson,
+    "hires": hires,
+    "orego": orego,
+    "arenstorf": arenstorf,
+    "pleiades": pleiades,
+    "lorenz": lorenz,
+}

@@ -1,0 +1,27 @@
+"""What the factories check of their arguments."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from kickdrift.errors import InputError
+from kickdrift.problem import finite_numbers
+from kickdrift.state import Floats
+
+Numbers = Sequence[float]
+
+
+def start_values(y0: Numbers, count: int) -> Floats:
+    """y0 as an array of ``count`` numbers."""
+    start = finite_numbers("y0", y0)
+    if start.shape != (count,):
+        got = len(start) if start.ndim == 1 else f"shape {start.shape}"
+        raise InputError(f"y0: expected {count} number{'s' if count > 1 else ''}, got {got}")
+    return start
+
+
+def positive(key: str, value: float) -> float:
+    """The value, where it is positive."""
+    if not value > 0:
+        raise InputError(f"{key}: expected a positive number, got {value!r}")
+    return value
