@@ -17,7 +17,7 @@ def page_code() -> str:
 
 def registrations() -> str:
     """The part that registers, without the run."""
-    return page_code().split("\nsim = ")[0]
+    return page_code().split("\nif __name__")[0]
 
 
 page = ModuleType("page")  # a module that numba can name in its cache

@@ -14,10 +14,11 @@ from kickdrift.analysis.ladder import Bench, Row
 from kickdrift.analysis.local_error import slope
 from kickdrift.analysis.recommendation import SAFETY, recommendation
 from kickdrift.analysis.reference import Reference
-from kickdrift.analysis.shadow import modified_hamiltonian, pendulum_potential, plot_shadow, shadow_run
+from kickdrift.analysis.shadow import modified_hamiltonian, pendulum_potential, shadow_run
 from kickdrift.analysis.work_precision import Comparison, default_integrators, work_precision
 from kickdrift.cli import main
 from kickdrift.odes import harmonic_oscillator, kepler, logistic, lorenz, pendulum, van_der_pol
+from kickdrift.plots_shadow import plot_shadow
 
 
 @pytest.fixture(scope="module")

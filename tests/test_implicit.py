@@ -505,3 +505,25 @@ def test_difference_jacobian_is_good_to_nine_digits():
     )
     found = difference_jacobian(flow_of(problem, 1, jumps=True).derivative, 0.0, y.reshape(1, 1, -1))
     np.testing.assert_allclose(found, exact, atol=1e-9 * np.abs(exact).max())
+
+
+def test_derivatives_of_states_that_lie_scattered_in_memory():
+    """SciPy's differences hand over columns of a matrix."""
+    from kickdrift.flow import flow_of
+
+    for problem in (
+        kd.Problem(lambda t, y: [y[1], -2 * y[0], 3 * y[2]], [1.0, 2.0, 5.0]),
+        kd.Problem(lambda t, y: [y[2], y[3], -y[0], -4 * y[1]], [1.0, 2.0, 3.0, 4.0], separable=True),
+    ):
+        flow = flow_of(problem, 1, jumps=True)
+        whole = flow.array(problem.state)
+        scattered = np.repeat(whole, 2, axis=-1)[..., ::2]
+        assert not scattered.flags.c_contiguous
+        np.testing.assert_array_equal(flow.derivative(0.0, scattered), flow.derivative(0.0, whole))
+
+
+@pytest.mark.parametrize("name", ["bdf", "radau", "lsoda"])
+def test_without_a_jacobian_scipy_takes_its_own_differences(name):
+    sim = kd.Simulation(kd.Problem(lambda t, y: [y[1], -y[0]], [1.0, 0.0]), name, rtol=1e-4, atol=1e-6)
+    sim.run(until=3.0)
+    np.testing.assert_allclose(sim.state.y, [np.cos(3.0), -np.sin(3.0)], atol=5e-3)

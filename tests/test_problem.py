@@ -245,7 +245,7 @@ def test_runs_that_make_no_sense():
         with pytest.raises(kd.InputError) as error:
             sim.run(**arguments)
         assert message in str(error.value)
-    with pytest.raises(kd.InputError, match=r"interval must be a positive time for an adaptive method; rk4 has every"):
+    with pytest.raises(kd.InputError, match="interval is for methods that choose their steps; rk4 takes every"):
         kd.Simulation(kd.Problem(outside, [1.0], compiled=False), "rk4", dt=0.1).run(10, interval=0.5)
     with pytest.raises(kd.InputError, match="forces: a Problem has none"):
         sim.forces()
@@ -458,3 +458,38 @@ def test_dense_output_costs_no_evaluations_but_dop853s_three_a_step():
             counts.append((sim.record.force_evaluations, sim.steps_done))
         assert counts[0][1] == counts[1][1]
         assert counts[1][0] - counts[0][0] <= extra * counts[0][1]
+
+
+def test_what_a_problem_refuses_of_its_functions():
+    with pytest.raises(kd.InputError, match="f's depend on velocities"):
+        kd.Problem(lambda t, y: [y[1], -y[0] - 0.5 * y[1]], [1.0, 0.0], separable=True)
+
+    def careless(t, y):
+        y[0] *= 2.0
+        return [1.0]
+
+    with pytest.raises(kd.InputError, match="f changes the y that it is given"):
+        kd.Problem(careless, [1.0])
+    with pytest.raises(kd.InputError, match="t0 must be a finite number"):
+        kd.Problem(lambda t, y: y, [1.0], t0="now")
+
+
+def test_what_a_simulation_refuses():
+    decay = kd.Problem(lambda t, y: -y, [1.0], energy=lambda t, y: 1 / (1.0 if t < 1 else 0.0))
+    sim = kd.Simulation(decay, "dop853")
+    for state, part in (
+        (3, "expected a ProblemState, got int"),
+        (type(sim.state)(np.array([1.0]), float("nan")), "time must be finite"),
+    ):
+        with pytest.raises(kd.InputError, match=part):
+            sim.state = state
+    with pytest.raises(kd.InputError, match="energy raised ZeroDivisionError"):
+        sim.run(until=3.0)
+    for options, part in (
+        ({"integrator": 3}, "integrator must be a name, got 3"),
+        ({"integrator": "dop853", "rtol": "1e-8"}, "rtol must be a positive number"),
+        ({"integrator": "rk4", "dt": 0.1, "rtol": 0.0}, "rtol: rk4 does not take it"),
+        ({"integrator": "rk4", "dt": 0.1, "compensated": "no"}, "compensated must be True or False"),
+    ):
+        with pytest.raises(kd.InputError, match=part):
+            kd.Simulation(decay, **options)

@@ -17,7 +17,7 @@ from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators.registration import REGISTERED, unregister
 
 CLI = ("-c", "from kickdrift.cli import main; main()")
-PAGES_METHODS = ("mclachlan-atela2", "heun", "beeman-start")
+PAGES_METHODS = ("mclachlan-atela2", "heun", "my-verlet")
 
 
 def run(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
@@ -39,12 +39,12 @@ def test_the_pages_methods_are_listed_and_run_from_the_command_line(tmp_path):
     listed = run(*CLI, "--load", str(path), "list", "integrators")
     assert listed.returncode == 0, listed.stderr
     assert all(name in listed.stdout for name in PAGES_METHODS)
-    ran = run(*CLI, "run", "two-body", "--integrator", "beeman-start", KICKDRIFT_LOAD=str(path))
+    ran = run(*CLI, "run", "two-body", "--integrator", "my-verlet", KICKDRIFT_LOAD=str(path))
     assert ran.returncode == 0, ran.stderr
-    assert "beeman-start, dt = 0.01" in ran.stdout
-    without = run(*CLI, "run", "two-body", "--integrator", "beeman-start")
+    assert "my-verlet, dt = 0.01" in ran.stdout
+    without = run(*CLI, "run", "two-body", "--integrator", "my-verlet")
     assert without.returncode == 2
-    assert "'beeman-start' is unknown" in without.stderr
+    assert "'my-verlet' is unknown" in without.stderr
 
 
 @pytest.mark.parametrize(
@@ -69,7 +69,7 @@ def test_a_file_that_fails_is_one_line(tmp_path, text, message):
 
 def test_a_compiled_step_gives_the_bits_of_the_loop():
     ends = []
-    for name in ("velocity-verlet", "beeman-start"):
+    for name in ("velocity-verlet", "my-verlet"):
         sim = kd.Simulation(henon_heiles(), name, dt=0.1)
         for steps in (30, 70):
             sim.run(steps)
@@ -153,7 +153,7 @@ def test_an_adaptive_tableau_follows_its_tolerance():
 def test_a_compiled_step_needs_positions_and_velocities():
     decay = kd.Problem(lambda t, y: [-y[0]], [1.0])
     with pytest.raises(InputError, match="needs accelerations that depend on positions and time alone"):
-        kd.Simulation(decay, "beeman-start", dt=0.1)
+        kd.Simulation(decay, "my-verlet", dt=0.1)
 
 
 def test_a_step_outside_of_compiled_code_says_so():

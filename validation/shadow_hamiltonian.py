@@ -14,8 +14,9 @@ import sys
 import numpy as np
 from claims import Claim, claim, show, where
 
-from kickdrift.analysis.shadow import ShadowRun, pendulum_potential, plot_shadow, shadow_run
+from kickdrift.analysis.shadow import ShadowRun, pendulum_potential, shadow_run
 from kickdrift.odes import pendulum
+from kickdrift.plots_shadow import plot_shadow
 
 STEPS = (0.4, 0.2, 0.1, 0.05, 0.025)
 LENGTH = 50.0

@@ -91,7 +91,7 @@ def run(
         bool, typer.Option("--compensated", help="Carry on what rounding loses of positions and velocities.")
     ] = False,
     steps: Annotated[int | None, typer.Option(metavar="N", min=0, help="Steps to take.")] = None,
-    time: Annotated[float | None, typer.Option(metavar="T", help="Time to reach, instead of --steps.")] = None,
+    time: Annotated[float | None, typer.Option(metavar="T", help="Time to run for, instead of --steps.")] = None,
     every: Annotated[int | None, typer.Option(metavar="K", min=1, help="Steps between samples and frames.")] = None,
     interval: Annotated[
         float | None,
@@ -146,7 +146,7 @@ def run_length(sim: Simulation, system: str, steps: int | None, time: float | No
         raise InputError(f"{system}: [run] names neither steps nor time; give --steps or --time")
     if sim.method.chooses_steps and time is not None:
         return {"until": sim.time + time}
-    return {"steps": sim.steps_to(steps, time)}
+    return {"steps": sim.steps_to(steps, None if time is None else sim.time + time)}
 
 
 @bench_app.command("lj-energy")

@@ -45,6 +45,7 @@ class ParticleFlow:
 
     def array(self, state: State) -> Floats:
         """The y of a State, checked; a copy."""
+        check_state(state, State)
         own = self.subject.state
         if len(state) != len(own):
             raise InputError(f"state: expected {len(own)} particles, got {len(state)}")
@@ -68,6 +69,9 @@ class ParticleFlow:
         """(3, n) at y, None where they are not finite."""
         measured = self._looks.measure(time, y)
         return None if measured is None else measured.accelerations
+
+    def forget_errors(self) -> None:
+        """Compiled forces raise none."""
 
     def prepare(self, y: Floats, time: float) -> None:
         """Compile what looking needs."""
@@ -103,6 +107,7 @@ class ProblemFlow:
 
     def array(self, state: ProblemState) -> Floats:
         """The y of a ProblemState, checked; a copy."""
+        check_state(state, ProblemState)
         y = np.array(state.y, dtype=float)
         if y.shape != self.subject.y0.shape:
             raise InputError(f"state: expected y of shape {self.subject.y0.shape}, got {y.shape}")
@@ -121,8 +126,16 @@ class ProblemFlow:
     def sample(self, y: Floats, time: float, steps: int) -> Sample:
         """The quantity that the problem says is conserved, at y."""
         energy = self.subject.energy
-        value = float(energy(time, y.reshape(-1))) if energy else float("nan")
+        try:
+            value = float(energy(time, y.reshape(-1).copy())) if energy else float("nan")
+        except Exception as error:  # whatever a user's function raises
+            line = " ".join(f"{type(error).__name__}: {error}".split())
+            raise InputError(f"step {steps} (t = {time:.6g}): energy raised {line}") from error
         return Sample(steps, time, Energies(float("nan"), float("nan"), value))
+
+    def forget_errors(self) -> None:
+        """What f raised before is no matter of the steps to come."""
+        self._callback.error = None
 
     def prepare(self, y: Floats, time: float) -> None:
         """The right-hand side is compiled already."""
@@ -147,6 +160,16 @@ class ProblemFlow:
         worst = int(bad[0]) if bad.size else int(np.argmax(np.abs(flat)))
         what = f"y[{worst}] is {flat[worst]:.3g}"
         return f"blew up at step {step} (t = {time:.6g}): {what}; the last good point is step {good_step}"
+
+
+def check_state(state: Any, kind: Any) -> None:
+    """Refuse what is no state of that kind, or stands at no time."""
+    if not isinstance(state, kind):
+        raise InputError(f"state: expected a {kind.__name__}, got {type(state).__name__}")
+    if not np.isfinite(state.time) or state.steps_done < 0:
+        raise InputError(
+            f"state: time must be finite and steps_done zero or more, got {state.time}, {state.steps_done}"
+        )
 
 
 Flow = ParticleFlow | ProblemFlow

@@ -107,6 +107,7 @@ class Record:
     steps: int = 0
     rejected_steps: int = 0
     force_evaluations: int = 0
+    jacobian_evaluations: int = 0
     wall_seconds: float = 0.0
     compile_seconds: float = 0.0
     warnings: list[str] = field(default_factory=list)

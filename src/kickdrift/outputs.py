@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from kickdrift.errors import InputError, RunError
+from kickdrift.report import plain
 
 SUFFIXES = {"output": (".h5md",), "plot": (".png", ".pdf", ".svg")}  # as the writers of these files have them
 
@@ -49,7 +50,7 @@ def write_json(path: Path | None, content: dict[str, Any]) -> None:
         return
     part = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
-        part.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
+        part.write_text(json.dumps(plain(content), indent=2, allow_nan=False) + "\n", encoding="utf-8")
         os.replace(part, path)
     except OSError as error:
         raise RunError(f"{path}: cannot be written: {reason(error)}") from None

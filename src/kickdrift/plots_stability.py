@@ -32,13 +32,13 @@ def plot_stability(names: Sequence[str], output: str | os.PathLike[str], *, over
     Of one-step methods the regions |R(z)| <= 1, z = lambda dt, of y' = lambda y; of splittings half the trace of the
     propagation matrix of an oscillator against omega dt. Computed from the coefficients: see ``analysis.stability``.
     """
-    target = checked_target(output, overwrite)
     methods = list(dict.fromkeys(integrator(name) for name in names))
     if not methods:
         raise InputError("plot_stability: there is nothing to draw")
     curves = [method for method in methods if isinstance(method, Splitting)]
     regions = [method for method in methods if not isinstance(method, Splitting)]
     functions = [stability.stability_function(method) for method in regions]
+    target = checked_target(output, overwrite)
     panels = bool(regions) + bool(curves)
     figure = new_figure(6.2 * panels, 5.4 + 0.2 * max(len(regions), len(curves)))
     if regions:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from numbers import Real
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -98,7 +99,7 @@ class Problem:
         for key, function in (("f", f), ("jacobian", jacobian), ("energy", energy), ("exact", exact)):
             if not (callable(function) or (function is None and key != "f")):
                 raise InputError(f"{name}: {key} must be a function, got {function!r}")
-        if not np.isfinite(t0):
+        if not (isinstance(t0, Real) and np.isfinite(t0)):
             raise InputError(f"{name}: t0 must be a finite number, got {t0!r}")
         for key, value in (
             ("f", f), ("y0", read_only(start)), ("jacobian", jacobian), ("t0", float(t0)), ("separable", separable),
@@ -111,8 +112,23 @@ class Problem:
         slope = self._checked("f", f, (n,))
         if jacobian is not None:
             self._checked("jacobian", jacobian, (n, n))
-        if separable and not np.array_equal(slope[: n // 2], start[n // 2 :]):
-            raise InputError(f"{name}: separable means that the first half of f is the second half of y")
+        if separable:
+            self._check_separable(slope)
+        if exact is not None:
+            self._checked("exact", lambda t, y: exact(t), (n,))
+        if energy is not None:
+            self._checked("energy", energy, ())
+
+    def _check_separable(self, slope: Floats) -> None:
+        half = len(self) // 2
+        if not np.array_equal(slope[:half], self.y0[half:]):
+            raise InputError(f"{self.name}: separable means that the first half of f is the second half of y")
+        faster = self.y0.copy()
+        faster[half:] += 1.0 + np.abs(faster[half:])
+        if not np.array_equal(np.asarray(self.f(self.t0, faster), dtype=float)[half:], slope[half:]):
+            raise InputError(
+                f"{self.name}: separable means accelerations of positions and time alone, and f's depend on velocities"
+            )
 
     def __len__(self) -> int:
         return len(self.y0)
@@ -131,11 +147,14 @@ class Problem:
 
     def _checked(self, key: str, function: Function, shape: tuple[int, ...]) -> Floats:
         """What the function gives at the start."""
+        given = self.y0.copy()
         try:
-            value = function(self.t0, self.y0.copy())
+            value = function(self.t0, given)
         except Exception as error:  # whatever a user's function raises
             line = " ".join(f"{type(error).__name__}: {error}".split())
             raise InputError(f"{self.name}: {key}(t0, y0) raised {line}") from error
+        if not np.array_equal(given, self.y0):
+            raise InputError(f"{self.name}: {key} changes the y that it is given; let it work on a copy")
         found = finite_numbers(f"{self.name}: {key}(t0, y0)", value)
         if found.shape != shape:
             raise InputError(f"{self.name}: {key} must return shape {shape}, as y0 has it, got {found.shape}")

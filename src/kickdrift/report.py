@@ -67,6 +67,7 @@ class Report:
     threads: int
     samples: int
     force_evaluations: int
+    jacobian_evaluations: int
     wall_seconds: float
     compile_seconds: float
     steps_per_second: float
@@ -81,14 +82,15 @@ class Report:
 
     def as_json(self) -> dict[str, Any]:
         """Plain numbers, texts and Nones; what is infinite or not a number is None."""
-        return _plain(asdict(self))
+        return plain(asdict(self))
 
 
-def _plain(value: Any) -> Any:
+def plain(value: Any) -> Any:
+    """The same with None for what JSON has no number for."""
     if isinstance(value, dict):
-        return {key: _plain(inner) for key, inner in value.items()}
-    if isinstance(value, list):
-        return [_plain(inner) for inner in value]
+        return {key: plain(inner) for key, inner in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [plain(inner) for inner in value]
     if isinstance(value, float) and not np.isfinite(value):
         return None
     return value
@@ -117,6 +119,7 @@ def report(sim: Simulation) -> Report:
         threads=sim.threads,
         samples=len(samples),
         force_evaluations=record.force_evaluations,
+        jacobian_evaluations=record.jacobian_evaluations,
         wall_seconds=record.wall_seconds,
         compile_seconds=record.compile_seconds,
         steps_per_second=record.steps / record.wall_seconds if record.wall_seconds else 0.0,

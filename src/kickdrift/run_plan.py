@@ -49,7 +49,7 @@ class Plan:
             while ahead <= sim.time:
                 passed += 1
                 ahead = self.begin_time + (passed + 1) * self.interval
-            if ahead < self.end_time * (1 - 1e-15):
+            if ahead < self.end_time - 1e-15 * abs(self.end_time):
                 time = ahead
         return step, time
 
@@ -78,9 +78,10 @@ def plan_of(
     """What ``Simulation.run`` was asked for, checked; ``known`` is the cadence of looks from before, if any, and
     ``samples`` how many to take where nothing says how often."""
     begin = sim.steps_done, sim.time
-    if interval is not None and not (sim.method.chooses_steps and np.isfinite(number(interval)) and interval > 0):
-        fixed = "" if sim.method.chooses_steps else f" for an adaptive method; {sim.integrator} has every"
-        raise InputError(f"run: interval must be a positive time{fixed}, got {interval!r}")
+    if interval is not None and not sim.method.chooses_steps:
+        raise InputError(f"run: interval is for methods that choose their steps; {sim.integrator} takes every")
+    if interval is not None and not (np.isfinite(number(interval)) and interval > 0):
+        raise InputError(f"run: interval must be a positive time, got {interval!r}")
     if interval is not None and every is not None:
         raise InputError("run: give every or interval, not both")
     cadence = whole_number("every", every, 1) if every is not None else known or sim.system.run.every

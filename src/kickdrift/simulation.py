@@ -92,7 +92,7 @@ class Simulation:
         if self.method.separable and self._flow.not_separable:
             raise InputError(
                 f"{self.integrator}: needs accelerations that depend on positions and time alone, and "
-                f"{self._flow.not_separable}; rk4, dormand-prince45 and dop853 do not"
+                f"{self._flow.not_separable}; Runge-Kutta methods do not"
             )
         self._stepper = self.method.stepper(self._flow, self.options)
         self._watched = can_be_limited(self._flow, self.method)
@@ -151,7 +151,7 @@ class Simulation:
 
     @property
     def steps_done(self) -> int:
-        """Whole steps since the start."""
+        """Steps since the start; where the present lies inside one, that one counts."""
         return self._stepper.steps_done
 
     def _now(self) -> Floats:
@@ -286,14 +286,18 @@ class Simulation:
         began = perf_counter()
         stepper = self._stepper
         before, counts = stepper.steps_done, stepper.counts
+        self._flow.forget_errors()
         status = stepper.advance(steps, until)
         self._at = self._present = None
         after = stepper.counts
         self.record.steps += stepper.steps_done - before
         self.record.force_evaluations += after.evaluations - counts.evaluations
+        self.record.jacobian_evaluations += after.jacobians - counts.jacobians
         self.record.rejected_steps += after.rejected - counts.rejected
         if status != OK or not np.isfinite(stepper.y).all():
             self._fail(inside_step=status != OK, stopped=status == STOPPED)
+        if stepper.steps_done == before:
+            return
         elapsed = perf_counter() - began
         self._chunk = max(1, min(int(self._chunk * min(CHUNK_SECONDS / max(elapsed, 1e-9), 8.0)), 10**6))
 
@@ -302,7 +306,7 @@ class Simulation:
         """Say what blew up, in the step going on or in the last one, and go back to the last sample."""
         last, stepper = self._last_good, self._stepper
         step = stepper.steps_done + inside_step
-        time = stepper.time + (self.dt or 0.0) * inside_step
+        time = stepper.time + (0.0 if self.method.chooses_steps else (self.dt or 0.0) * inside_step)
         with_step = "" if self.method.chooses_steps else f", dt = {self.dt:g}"
         good = self._flow.array(last)
         if stopped:

@@ -32,6 +32,7 @@ class State:
     box : Box
     time : float
     steps_done : int
+        Steps begun since the start: where a run that chooses its steps is looked at inside one, that one counts.
     """
 
     phase: Floats

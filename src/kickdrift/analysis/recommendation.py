@@ -122,7 +122,7 @@ def recommendation(comparison: Comparison, accuracy: float, length: float | None
     refusal = _refusal(comparison, accuracy, ratio)
     if refusal is None:
         for name in comparison.methods:
-            found = _choice(comparison.of(name), accuracy, length, ratio)
+            found = _choice(comparison.of(name), accuracy, length, ratio, comparison.reference_error)
             if isinstance(found, str):
                 said.append(f"{name}: {found}")
             else:
@@ -169,14 +169,22 @@ def _none_left(said: Sequence[str]) -> str:
     return "no method reaches the wanted accuracy at that length on its ladder"
 
 
-def _choice(rows: list[Row], accuracy: float, length: float, ratio: float) -> Choice | str:
-    """The coarsest step or tolerance of a method that will do; else why there is none."""
+def _choice(rows: list[Row], accuracy: float, length: float, ratio: float, hidden: float) -> Choice | str:
+    """The coarsest step or tolerance of a method that will do; else why there is none.
+
+    An error that the reference hides is off by ``hidden``, the reference's own, at most, and goes on as the last one
+    seen does."""
     foreseen: list[tuple[Row, float]] = []
     unknown = 0
+    growth = 1.0 if ratio <= 1.0 else None
     for row in rows:
-        if row.error is None or not row.believed or row.error > ASYMPTOTIC:
+        if row.error is None or row.error > ASYMPTOTIC:
             continue
-        factor = _factor(row, ratio, length)
+        if not row.believed:
+            if growth is not None:
+                foreseen.append((row, (row.error + hidden) * growth))
+            continue
+        factor = growth = _factor(row, ratio, length)
         if factor is None:
             unknown += 1
         else:
@@ -233,7 +241,8 @@ def _factor(row: Row, ratio: float, length: float) -> float | None:
 
 
 def _rests_on(comparison: Comparison, choice: Choice, ratio: float) -> str:
-    rows = [row for row in comparison.of(choice.method) if row.believed and row.error is not None]
+    measured = [row for row in comparison.of(choice.method) if row.error is not None]
+    rows = [row for row in measured if row.believed] or measured
     nearest = min(rows, key=lambda row: abs(log(_knob(row) / (choice.dt or choice.rtol or 1.0))))
     known = f"pilot at {'dt' if choice.dt else 'rtol'} = {_knob(nearest):.3g}: error {nearest.error:.2g}"
     growth = nearest.growth

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -13,9 +13,6 @@ from kickdrift.forces.evaluate import SLOTS, derivative, measure
 from kickdrift.forces.kernel import GROW, OK
 from kickdrift.forces.pair_kernel import PairKernel, grown
 from kickdrift.state import Floats
-
-if TYPE_CHECKING:
-    pass
 
 
 class Measured(NamedTuple):
@@ -70,7 +67,8 @@ class BoundForces:
 
     def derivative(self, time: float, y: Floats) -> Floats:
         """f(t, y) for y of shape (2, rows, n) or (1, 1, n); all nan where it makes no sense."""
-        dy = np.empty_like(y)
+        y = np.ascontiguousarray(y)  # a Problem's function is given its memory
+        dy = np.empty(y.shape)
         if self.call(derivative, time, y, dy, np.zeros(SLOTS, np.int64)) != OK:
             dy[...] = np.nan
         return dy

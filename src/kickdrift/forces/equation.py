@@ -80,7 +80,6 @@ class Callback:
             except BaseException as error:  # it must not pass through compiled code
                 self.error = error
                 return 1
-            self.error = None
             return 0
 
         callback = _CALLBACK(call)

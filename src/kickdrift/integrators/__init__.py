@@ -35,10 +35,12 @@ INTEGRATORS |= {alias: INTEGRATORS[name] for alias, name in splitting.ALIASES.it
 
 def integrator(name: str) -> Method:
     """The method of that name; for an unknown one an InputError that offers the nearest names."""
+    if not isinstance(name, str):
+        raise InputError(f"integrator must be a name, got {name!r}")
     if name in INTEGRATORS:
         return INTEGRATORS[name]
-    near = get_close_matches(name, INTEGRATORS, 3, 0.4)
-    hint = f"did you mean {', '.join(near)}?" if near else f"known are {', '.join(INTEGRATORS)}"
+    near = get_close_matches(name, INTEGRATORS, 3, 0.5)
+    hint = f"did you mean {', '.join(near)}?" if near else "see: kickdrift list integrators"
     raise InputError(f"integrator {name!r} is unknown; {hint}")
 
 

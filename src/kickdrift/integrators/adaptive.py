@@ -194,7 +194,6 @@ class AdaptiveStepper:
                 y = self._before + h * np.tensordot(row, np.array(k), 1)
                 k.append(self._flow.derivative(begin + sum(row) * h, y))
             self._k_done = k
-            self._extra_evaluations += len(self._tableau.extra)
         return np.array(self._k_done or self._work[1:])
 
     def reached(self, inside_step: bool) -> tuple[Floats, Floats]:

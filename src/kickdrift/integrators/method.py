@@ -87,9 +87,11 @@ class Method:
         """The options that this method takes of those given in arguments and file; those ``asked`` for in arguments
         that it does not take are an InputError, and so are steps and tolerances that make no sense."""
         for key in ("rtol", "atol", "controller", "compensated", "iteration"):
-            if key not in self.tunable and getattr(asked, key):
+            if key not in self.tunable and not (getattr(asked, key) is None or getattr(asked, key) is False):
                 takes = ", ".join(("dt", *self.tunable))
                 raise InputError(f"{key}: {self.name} does not take it; it takes {takes}")
+        if not isinstance(asked.compensated, bool):
+            raise InputError(f"compensated must be True or False, got {asked.compensated!r}")
         kept = {key: getattr(given, key) for key in self.tunable}
         dt = asked.dt if self.adaptive else given.dt  # a file's dt is no first step for a method that chooses its own
         if dt is not None and not (_is_number(dt) and np.isfinite(dt) and dt > 0):

@@ -157,14 +157,14 @@ def load_file(path: Path) -> None:
         raise InputError(f"{path}: no such file")
     spec = spec_from_file_location(path.stem, path)
     if spec is None or spec.loader is None:
-        raise InputError(f"{path}: is not a Python file")
+        raise InputError(f"{path}: the name of a Python file must end in .py")
     module = module_from_spec(spec)
     sys.modules.setdefault(path.stem, module)
     try:
         spec.loader.exec_module(module)
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         raise InputError(f"{path}: {type(error).__name__}: {' '.join(str(error).split())}") from error
 
 

@@ -39,7 +39,6 @@ class SciPyStepper(PythonStepper):
     def _forget(self) -> None:
         self._jacobians_before = self.counts.jacobians
         self._solver: Any = None
-        self._between: Any = None
         self._bad: Floats | None = None  # where f was no number
 
     @property
@@ -55,18 +54,17 @@ class SciPyStepper(PythonStepper):
         self._bad = None if np.isfinite(f).all() else y.reshape(self.y.shape) + f
         return f.reshape(-1)
 
-    def _begin(self) -> Any:
+    def _begin(self, time: float, y: Floats, end: float = np.inf, first: float | None = None) -> Any:
         jac = (lambda time, y: self._jacobian(time, y.reshape(self.y.shape))) if self._analytic else None
         return getattr(integrate, self._method.solver)(
-            self._right_hand_side, self.time, self.y.reshape(-1), np.inf, first_step=self._first, rtol=self.rtol,
-            atol=self.atol, jac=jac,
+            self._right_hand_side, time, y.reshape(-1), end, first_step=first, rtol=self.rtol, atol=self.atol, jac=jac,
         )  # fmt: skip
 
     def _step(self) -> int:
         with warnings.catch_warnings(record=True) as said:
             warnings.simplefilter("always")
             try:
-                self._solver = self._solver or self._begin()
+                self._solver = self._solver or self._begin(self.time, self.y, first=self._first)
                 message = self._solver.step()
                 failed = self._solver.status == "failed" or not np.isfinite(self._solver.y).all()
             except (ValueError, RuntimeError, LinAlgError) as error:  # of matrices and states that are no numbers
@@ -80,12 +78,17 @@ class SciPyStepper(PythonStepper):
             return STOPPED
         self._before, self.y = self.y, self._solver.y.reshape(self.y.shape).copy()
         self.last_step, self.time = float(self._solver.t - self.time), float(self._solver.t)
-        self._between = None
         return OK
 
     def at(self, time: float) -> Floats:
+        """By steps from the last step point that end there, thrown away: inside a long step of a stiff problem SciPy's
+        interpolants are off by a thousand tolerances."""
         if time == self.time or self._solver is None:
             return self.y.copy()
-        if self._between is None:
-            self._between = self._solver.dense_output()
-        return self._between(time).reshape(self.y.shape).copy()
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            solver = self._begin(self.time - self.last_step, self._before, time)
+            while solver.status == "running":
+                solver.step()
+        found = solver.y if solver.status == "finished" else self._solver.dense_output()(time)
+        return found.reshape(self.y.shape).copy()

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -68,7 +69,7 @@ def controller(name: str | None) -> Controller:
 def check_tolerances(rtol: float, atol: float) -> None:
     """Refuse tolerances that no step can meet."""
     for key, value in (("rtol", rtol), ("atol", atol)):
-        if not (np.isfinite(value) and value > 0):
+        if not (isinstance(value, Real) and np.isfinite(value) and value > 0):
             raise InputError(f"{key} must be a positive number, got {value!r}")
     if rtol < LEAST_RTOL:
         raise InputError(f"rtol must be {LEAST_RTOL:.2g} or more, got {rtol:g}: below, rounding decides")

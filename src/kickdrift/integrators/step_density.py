@@ -145,7 +145,8 @@ class StepDensityStepper:
         if status == STOPPED:
             self.trouble = (
                 f"the forces changed so much in a step of {1.0 / self._clock[DENSITY]:.3g} that the next would differ "
-                f"tenfold; a smaller dt than {self.dt:g} helps where they do not vanish, at the start or on the way"
+                f"tenfold; where forces vanish, on the way or at the start, a method of fixed steps is needed, and "
+                f"elsewhere a smaller dt than {self.dt:g} helps"
             )
         return status
 
