@@ -122,8 +122,12 @@ class DrivenField(Field):
     phase: float = 0.0
 
     name: ClassVar[str] = "driven-field"
-    works: ClassVar[bool] = True  # energy is not conserved
     dimensions: ClassVar[dict[str, str]] = {"amplitude": "acceleration", "frequency": "frequency"}
+
+    @property
+    def works(self) -> bool:
+        """Whether it drives anything: energy is not conserved then."""
+        return any(self.amplitude)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "amplitude", _vector(self.name, "amplitude", self.amplitude))
