@@ -156,12 +156,18 @@ for _function, _name in _FUNCTIONS.items():
     _lower_function(_function, _name)
 
 _register(operator.and_, [signature(mask_type, mask_type, mask_type)])
+_register(operator.or_, [signature(mask_type, mask_type, mask_type)])
 _register(operator.neg, [signature(lanes_type, lanes_type)])
 
 
 @lower_builtin(operator.and_, mask_type, mask_type)
 def _and(context, builder, sig, args):
     return builder.and_(*args)
+
+
+@lower_builtin(operator.or_, mask_type, mask_type)
+def _or(context, builder, sig, args):
+    return builder.or_(*args)
 
 
 @lower_builtin(operator.neg, lanes_type)
@@ -248,6 +254,43 @@ def multiply_add(typingctx, a, b, c):
         return builder.call(cgutils.get_or_insert_function(builder.module, kind, "llvm.fmuladd.v8f64"), args)
 
     return lanes_type(lanes_type, lanes_type, lanes_type), codegen
+
+
+@intrinsic
+def plain_add(typingctx, a, b):
+    """a + b as written: LLVM takes no part in it, so that what rounding lost can be found by subtracting again."""
+
+    def codegen(context, builder, sig, args):
+        return builder.fadd(*args)
+
+    return lanes_type(lanes_type, lanes_type), codegen
+
+
+@intrinsic
+def plain_sub(typingctx, a, b):
+    """a - b as written."""
+
+    def codegen(context, builder, sig, args):
+        return builder.fsub(*args)
+
+    return lanes_type(lanes_type, lanes_type), codegen
+
+
+@intrinsic
+def sums_before(typingctx, value):
+    """In each lane the sum of the lanes before it, 0 in the first (Hillis & Steele 1986, doi:10.1145/7902.7903)."""
+
+    def codegen(context, builder, sig, args):
+        def shifted(vector, by):
+            lanes = [WIDTH] * by + list(range(WIDTH - by))  # lane WIDTH is the zero of the second operand
+            return builder.shuffle_vector(vector, _constant(0.0), ir.Constant(ir.VectorType(I32, WIDTH), lanes))
+
+        total = shifted(args[0], 1)
+        for by in (1, 2, 4):
+            total = builder.fadd(total, shifted(total, by), flags=FLAGS)
+        return total
+
+    return lanes_type(lanes_type), codegen
 
 
 @intrinsic
