@@ -14,6 +14,7 @@ from kickdrift.integrators import (
     scipy_methods,
     splitting,
     stormer,
+    wisdom_holman,
 )
 from kickdrift.integrators.method import Method
 
@@ -24,6 +25,7 @@ INTEGRATORS: dict[str, Method] = {
         *stormer.ROWS,
         *exact.ROWS,
         *reversible.ROWS,
+        *wisdom_holman.ROWS,
         *runge_kutta.ROWS,
         *implicit.ROWS,
         *rosenbrock.ROWS,

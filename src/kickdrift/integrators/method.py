@@ -27,6 +27,7 @@ class Method:
     chooses_steps : whether its steps differ in length, for whatever reason, so that a time may lie inside one
     separable : whether it needs accelerations that depend on positions and time alone
     trial_steps : whether it may evaluate the force far from the solution
+    particles_only : whether it runs Systems alone, no Problems
     rescalable : whether velocities may be changed between two steps without telling it
     tunable : the options of a Simulation, beside dt, that it takes
     choices : the values that some of these may have, the default first (None: it depends)
@@ -61,6 +62,10 @@ class Method:
     @property
     def trial_steps(self) -> bool:
         return self.adaptive
+
+    @property
+    def particles_only(self) -> bool:
+        return False
 
     @property
     def rescalable(self) -> bool:
