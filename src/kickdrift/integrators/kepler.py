@@ -17,8 +17,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from kickdrift.forces.compiling import jit
-from kickdrift.forces.simd import any_lane, select, splat
+from kickdrift.forces.compiling import inlined, jit
+from kickdrift.forces.simd import any_lane, inverse_sqrt, select, splat
 
 SERIES = 0.7  # the largest |beta X^2| that eight terms of the series give to round-off; beyond, X is halved
 SETTLED = 1e-9  # the square of the last correction, in units of what X changes over, that leaves an error below 1e-17
@@ -39,7 +39,7 @@ class Universal(NamedTuple):
     g3: float
 
 
-@jit
+@inlined
 def small_g(beta, x, z):
     """G0 to G3 at x, where z = beta x^2 is small."""
     a, b = _C2, _C3
@@ -50,14 +50,14 @@ def small_g(beta, x, z):
     return Universal(1.0 - beta * g2, x - beta * g3, g2, g3)
 
 
-@jit
+@inlined
 def doubled(beta, g):
     """G0 to G3 at 2 X from those at X; no two large numbers are subtracted."""
     g2 = 2.0 * g.g1 * g.g1
     return Universal(1.0 - beta * g2, 2.0 * g.g0 * g.g1, g2, 2.0 * (g.g3 + g.g1 * g.g2))
 
 
-@jit
+@inlined
 def shifted(beta, g, d):
     """G0 to G3 at X + d for a small d, by Taylor's series: dG_n / dX = G_(n-1), dG_0 / dX = -beta G_1."""
     g3 = g.g3 + d * (g.g2 + 0.5 * d * (g.g1 + (1.0 / 3.0) * d * g.g0))
@@ -66,11 +66,10 @@ def shifted(beta, g, d):
     return Universal(1.0 - beta * g2, g1, g2, g3)
 
 
-@jit
+@inlined
 def correction(beta, r0, eta, zeta, dt, x, g):
-    """What the inverse of the equation's Taylor series about x, to the fourth order, adds to x; the square of that in
-    units of the length over which the series changes; and what Laguerre's method of degree 5 adds (Conway 1986,
-    doi:10.1007/BF01230852), which arrives from anywhere, though more slowly."""
+    """What the inverse of the equation's Taylor series about x, to the fourth order, adds to x, and the square of that
+    in units of the length over which the series changes."""
     excess = r0 * x + eta * g.g2 + zeta * g.g3 - dt
     r = r0 + eta * g.g1 + zeta * g.g2
     slope, bend = eta * g.g0 + zeta * g.g1, zeta * g.g0 - beta * eta * g.g1  # dr / dX and its derivative
@@ -78,11 +77,19 @@ def correction(beta, r0, eta, zeta, dt, x, g):
     p, a, b = -excess * inverse, 0.5 * slope * inverse, (1.0 / 6.0) * bend * inverse
     d = p * (1.0 - p * (a - p * (2.0 * a * a - b)))
     size = p * p * (4.0 * a * a + abs(bend * inverse) + abs(beta))
-    laguerre = -5.0 * excess / (r + math.sqrt(abs(16.0 * r * r - 20.0 * excess * slope)))
-    return d, size, laguerre
+    return d, size
 
 
-@jit
+@inlined
+def laguerre(r0, eta, zeta, dt, x, g):
+    """What Laguerre's method of degree 5 adds to x: it arrives from anywhere, though more slowly (Conway 1986,
+    doi:10.1007/BF01230852)."""
+    excess = r0 * x + eta * g.g2 + zeta * g.g3 - dt
+    r, slope = r0 + eta * g.g1 + zeta * g.g2, eta * g.g0 + zeta * g.g1
+    return -5.0 * excess / (r + math.sqrt(abs(16.0 * r * r - 20.0 * excess * slope)))
+
+
+@inlined
 def first_guess(beta, r0_inverse, eta, zeta, dt):
     """X to the fourth order in dt."""
     s, a, b = dt * r0_inverse, eta * r0_inverse, zeta * r0_inverse
@@ -91,7 +98,7 @@ def first_guess(beta, r0_inverse, eta, zeta, dt):
     return s * (1.0 - s * (0.5 * a - s * (c3 + s * c4)))
 
 
-@jit
+@inlined
 def lagrange(gm, dt, r0, r0_inverse, eta, zeta, g):
     """f - 1, g, df/dt and dg/dt - 1: the new position is f x + g v, the new velocity df/dt x + dg/dt v."""
     r_inverse = 1.0 / (r0 + eta * g.g1 + zeta * g.g2)
@@ -102,21 +109,24 @@ def lagrange(gm, dt, r0, r0_inverse, eta, zeta, g):
 # --- eight at a time ---
 
 
-@jit
+@inlined
 def lanes_g(beta, x):
     """G0 to G3 at x, in lanes."""
     z = beta * x * x
-    halvings = 0
+    if any_lane(abs(z) > SERIES):
+        return halved_lanes_g(beta, x)
+    return small_g(beta, x, z)
+
+
+@jit
+def halved_lanes_g(beta, x):
+    """The same where x must be halved, each lane as often as it needs itself: its bits do not depend on its
+    neighbours'."""
+    part, z, halvings = x, beta * x * x, 0
     while any_lane(abs(z) > SERIES) and halvings < 12:
-        z = 0.25 * z
-        halvings += 1
-    if halvings == 0:
-        return small_g(beta, x, z)
-    # Each lane is halved as often as it needs itself, so that its bits do not depend on its neighbours'.
-    part, z = x, beta * x * x
-    for _ in range(halvings):
         large = abs(z) > SERIES
         z, part = select(large, 0.25 * z, z), select(large, 0.5 * part, part)
+        halvings += 1
     g = small_g(beta, part, z)
     for _ in range(halvings):
         undone = abs(part) < 0.75 * abs(x)
@@ -131,19 +141,19 @@ def lanes_g(beta, x):
     return g
 
 
-@jit
+@inlined
 def lanes_solution(gm, beta, r0, r0_inverse, eta, zeta, dt):
     """G0 to G3 at the root, and the mask of the lanes that came to it; those with steps of half a period or more do
     not."""
     x = first_guess(beta, r0_inverse, eta, zeta, dt)
     g = lanes_g(beta, x)
-    d, size, laguerre = correction(beta, r0, eta, zeta, dt, x, g)
+    d, size = correction(beta, r0, eta, zeta, dt, x, g)
     near = size < SETTLED
     if any_lane(size >= SETTLED):
         for _ in range(TRIES):
-            x = select(size < SETTLED, x, x + laguerre)
+            x = select(size < SETTLED, x, x + laguerre(r0, eta, zeta, dt, x, g))
             g = lanes_g(beta, x)
-            d, size, laguerre = correction(beta, r0, eta, zeta, dt, x, g)
+            d, size = correction(beta, r0, eta, zeta, dt, x, g)
             near = size < SETTLED
             if not any_lane(size >= SETTLED):
                 break
@@ -182,12 +192,12 @@ def one_solution(gm, beta, r0, eta, zeta, dt):
             high = x
         else:
             low = x
-        d, size, laguerre = correction(beta, r0, eta, zeta, dt, x, g)
+        d, size = correction(beta, r0, eta, zeta, dt, x, g)
         if size < SETTLED:
             return shifted(beta, g, d)
         if high < np.inf and high - low <= 4e-16 * high:
             return g
-        x += laguerre
+        x += laguerre(r0, eta, zeta, dt, x, g)
         if not low < x < high:
             x = 0.5 * (low + high) if high < np.inf else 2.0 * max(low, dt / r0)
         g = one_g(beta, x)
@@ -236,12 +246,13 @@ def kepler_step(gm, dt, position, velocity):
     return np.array([x + d[0], y + d[1], z + d[2]]), np.array([u + d[3], v + d[4], w + d[5]])
 
 
-@jit
+@inlined
 def lanes_increments(gm, dt, x, y, z, u, v, w):
     """The same for eight at a time: the six increments, beta, and the mask of the lanes that are solved; the others
     are for ``kepler_increments``."""
-    r0 = math.sqrt(x * x + y * y + z * z)
-    inverse = 1.0 / r0
+    r2 = x * x + y * y + z * z
+    inverse = inverse_sqrt(r2)
+    r0 = r2 * inverse
     beta, eta = 2.0 * gm * inverse - (u * u + v * v + w * w), x * u + y * v + z * w
     zeta = gm - beta * r0
     ahead = splat(dt)

@@ -14,19 +14,20 @@ import numpy as np
 from numba.extending import overload
 from numpy.typing import NDArray
 
-from kickdrift.forces.compiling import driver, jit, strict
+from kickdrift.forces.compiling import driver, inlined, jit
 from kickdrift.forces.evaluate import EVALUATIONS, fill_accelerations
-from kickdrift.forces.handle import handle
+from kickdrift.forces.handle import handle, unowned
 from kickdrift.forces.kernel import BLOWN_UP, OK
 from kickdrift.forces.simd import (
     WIDTH,
     any_lane,
+    inverse_sqrt,
     lane_numbers,
     lane_sum,
     load,
     mask_bits,
-    plain_add,
-    plain_sub,
+    minus,
+    plus,
     select,
     splat,
     store,
@@ -60,7 +61,7 @@ class Bodies(NamedTuple):
 
     orbit: NDArray[np.float64]  # (6, slots)
     carry: NDArray[np.float64]  # (6, slots), of compensated sums; (6, 0) for plain ones
-    centre: NDArray[np.float64]  # (4, 3) position and velocity of the centre of mass, and what their rounding lost
+    centre: NDArray[np.float64]  # (5, 8) position, velocity of the centre of mass, what their rounding lost; work
     table: NDArray[np.float64]  # (ROWS, slots)
     inside: NDArray[np.int64]  # (slots,) how many massive bodies stand before a massless one
     first: NDArray[np.float64]  # (3, slots)
@@ -78,32 +79,35 @@ class Bodies(NamedTuple):
 # --- sums ---
 
 
-@jit
+@inlined
 def add_lanes(bodies, row, b, change):
     """orbit[row] += change in eight lanes, compensated where ``carry`` has room (see ``loops.add_compensated``)."""
     orbit, carry = bodies.orbit[row], bodies.carry[row]
     before = load(orbit, b)
     if carry.size:
-        increment = plain_add(load(carry, b), change)
-        after = plain_add(before, increment)
+        increment = plus(load(carry, b), change)
+        after = plus(before, increment)
         store(orbit, b, after)
-        store(carry, b, plain_add(increment, plain_sub(before, after)))
+        store(carry, b, plus(increment, minus(before, after)))
     else:
         store(orbit, b, before + change)
 
 
-@strict
-def add_centre(centre, row, k, change):
-    before = centre[row, k]
-    increment = centre[row + 2, k] + change
-    centre[row, k] = before + increment
-    centre[row + 2, k] = increment + (before - centre[row, k])
+@inlined
+def add_centre(centre, row, change):
+    """centre[row] += change, compensated."""
+    position, lost = centre[row], centre[row + 2]
+    before = load(position, 0)
+    increment = plus(load(lost, 0), change)
+    after = plus(before, increment)
+    store(position, 0, after)
+    store(lost, 0, plus(increment, minus(before, after)))
 
 
 # --- drifts ---
 
 
-@jit
+@inlined
 def drift(bodies, dt, t):
     """Every body along its Kepler orbit for a time dt that begins at t, the centre of mass along its line; a status."""
     orbit, table, work = bodies.orbit, bodies.table, bodies.work
@@ -136,8 +140,7 @@ def drift(bodies, dt, t):
         add_lanes(bodies, 3, b, kicked[0])
         add_lanes(bodies, 4, b, kicked[1])
         add_lanes(bodies, 5, b, kicked[2])
-    for k in range(3):
-        add_centre(bodies.centre, 0, k, dt * bodies.centre[1, k])
+    add_centre(bodies.centre, 0, dt * load(bodies.centre[1], 0))
     return OK
 
 
@@ -185,7 +188,7 @@ def note_near(bodies, place, b, t):
 # --- kicks ---
 
 
-@jit
+@inlined
 def places(bodies):
     """work[PLACE] <- positions from the central body, work[OFFSET] <- what Jacobi's differ from them by, which is the
     sum of m_j / M_j times Jacobi's position over the massive bodies j before."""
@@ -213,7 +216,7 @@ def places(bodies):
             work[OFFSET + k, i], work[PLACE + k, i] = offset, orbit[k, i] + offset
 
 
-@jit
+@inlined
 def pulls(bodies, place, b, t):
     """The acceleration that the massive bodies other than the central one give to eight bodies at ``place``."""
     source, hill = bodies.table[SOURCE], bodies.table[HILL]
@@ -227,7 +230,7 @@ def pulls(bodies, place, b, t):
         r2 = dx * dx + dy * dy + dz * dz
         r2 = select(lane_numbers() == float(j - b), splat(SELF), r2)
         near = near | (r2 < hill[j])
-        inverse = 1.0 / math.sqrt(r2)
+        inverse = inverse_sqrt(r2)
         w = source[j] * inverse * inverse * inverse
         ax, ay, az = ax + w * dx, ay + w * dy, az + w * dz
     if any_lane(near):
@@ -235,7 +238,7 @@ def pulls(bodies, place, b, t):
     return ax, ay, az
 
 
-@jit
+@inlined
 def kick_velocities(bodies, b, dt, ax, ay, az):
     live = load(bodies.table[LIVE], b) > 0.0
     zero = splat(0.0)
@@ -244,7 +247,7 @@ def kick_velocities(bodies, b, dt, ax, ay, az):
     add_lanes(bodies, 5, b, select(live, dt * az, zero))
 
 
-@jit
+@inlined
 def jump(bodies, dt):
     """Every body moves with what the central one does, by the sum of the momenta over its mass (Duncan, Levison & Lee
     1998, doi:10.1086/300541)."""
@@ -261,7 +264,7 @@ def jump(bodies, dt):
         add_lanes(bodies, 2, b, splat(dt * jz))
 
 
-@jit
+@inlined
 def heliocentric_kick(bodies, dt, t):
     """Kicks by the other bodies alone; the central one's pull is in the Kepler motion."""
     for b in range(0, bodies.orbit.shape[1], WIDTH):
@@ -269,7 +272,7 @@ def heliocentric_kick(bodies, dt, t):
         kick_velocities(bodies, b, dt, ax, ay, az)
 
 
-@jit
+@inlined
 def central_pull(bodies, b):
     """For eight bodies at r' + offset from the central one: w, the central body's pull there per G m_0, against r', and
     r' / r'^3 - r / r^3, the pull of the mass inside from its centre less that from the central body, from their small
@@ -278,8 +281,9 @@ def central_pull(bodies, b):
     x, y, z = load(orbit[0], b), load(orbit[1], b), load(orbit[2], b)
     ox, oy, oz = load(work[OFFSET], b), load(work[OFFSET + 1], b), load(work[OFFSET + 2], b)
     r2 = x * x + y * y + z * z
-    inverse2 = 1.0 / r2
-    inverse3 = inverse2 * math.sqrt(inverse2)
+    inverse = inverse_sqrt(r2)
+    inverse2 = inverse * inverse
+    inverse3 = inverse2 * inverse
     q = (ox * (ox + 2.0 * x) + oy * (oy + 2.0 * y) + oz * (oz + 2.0 * z)) * inverse2  # r^2 / r'^2 - 1
     power = (1.0 + q) * math.sqrt(1.0 + q)  # (r / r')^3
     both = 1.0 / (power * (1.0 + power))
@@ -291,7 +295,7 @@ def central_pull(bodies, b):
     return wx, wy, wz, kept * x - outer * ox, kept * y - outer * oy, kept * z - outer * oz
 
 
-@jit
+@inlined
 def jacobi_kick(bodies, dt, t):
     """Kicks in Jacobi's coordinates (Rein & Tamayo 2015, eq. 9, doi:10.1093/mnras/stv1257). With w the central body's
     pull on a body per G m_0 and p that of the others, body i feels
@@ -391,10 +395,10 @@ def add_accelerations(bodies, dt):
                 if bodies.jacobi and i < bodies.massive:
                     mean += bodies.table[SHARE, i] * relative
                     work[WAY + k, i] = mean
-        total = 0.0
+        bodies.centre[4, k] = 0.0
         for i in range(shares.size):
-            total += shares[i] * a[k, i]
-        add_centre(bodies.centre, 1, k, dt * total)
+            bodies.centre[4, k] += shares[i] * a[k, i]
+    add_centre(bodies.centre, 1, dt * load(bodies.centre[4], 0))
 
 
 def others_act(forces: Any) -> bool:
@@ -435,6 +439,7 @@ def wisdom_holman_loop(forces, bodies, stages, dt, start, first, steps, cursor):
     """``steps`` times the row of drifts (``stages[0]``), each followed by its kick (``stages[1]``); ``stages[2]`` is
     the part of dt that has passed at the kick. ``forces`` are those besides gravity; the rest as in ``loops``."""
     bound = handle(bodies)
+    stages, cursor = unowned(stages), unowned(cursor)
     drifts, kicks, passed = stages[0], stages[1], stages[2]
     with_jump = not bodies.jacobi
     while cursor[STEP] < steps:

@@ -103,7 +103,7 @@ class WisdomHolmanStepper:
         n = len(masses)
         self._real, self._heavy, self._total = real, heavy, gm.sum()
         self._bodies = Bodies(
-            orbit=aligned((6, slots)), carry=aligned((6, slots if self._compensated else 0)), centre=np.zeros((4, 3)),
+            orbit=aligned((6, slots)), carry=aligned((6, slots if self._compensated else 0)), centre=aligned((5, WIDTH)),
             table=table, inside=inside, first=np.full((3, slots), np.nan), work=aligned((WORK, slots)),
             massive=massive, jacobi=self._jacobi, order=order, central=central, gm=float(gm[central]),
             shares=masses / masses.sum(), x=np.zeros((2, 3, n)), a=np.zeros((3, n)),
@@ -117,7 +117,7 @@ class WisdomHolmanStepper:
         relative = y - y[:, :, bodies.central, None]
         mean = (relative * bodies.shares).sum(axis=2)  # of mass, from the central body
         bodies.centre[:] = 0.0
-        bodies.centre[:2] = y[:, :, bodies.central] + mean
+        bodies.centre[:2, :3] = y[:, :, bodies.central] + mean
         q = relative[:, :, bodies.order]
         if self._jacobi:
             q = q - self._interior(relative)
@@ -149,7 +149,7 @@ class WisdomHolmanStepper:
     def _leave(self, bodies: Bodies) -> Floats:
         """(2, 3, n) positions and velocities."""
         q = (bodies.orbit + bodies.carry if bodies.carry.size else bodies.orbit).reshape(2, 3, -1)
-        centre = (bodies.centre[:2] + bodies.centre[2:])[:, :, None]
+        centre = (bodies.centre[:2] + bodies.centre[2:4])[:, :3, None]
         share = np.where(self._real, bodies.shares[bodies.order], 0.0)
         if self._jacobi:
             steps = (q * bodies.table[SHARE])[:, :, : len(self._heavy)]
