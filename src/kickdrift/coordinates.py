@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 
 from kickdrift.errors import InputError
 from kickdrift.state import Floats
+from kickdrift.units import shown, suggestion
 
 
 def barycentre(x: ArrayLike, masses: ArrayLike) -> Floats:
@@ -72,6 +73,45 @@ def from_jacobi(x: ArrayLike, masses: ArrayLike) -> Floats:
     # The centre of the rows before i is that of all, less what i and the rows after it have moved it by.
     before = x[..., :1, :] - np.cumsum(share[..., ::-1, :], axis=-2)[..., ::-1, :]
     return np.concatenate([before[..., :1, :], x[..., 1:, :] + before], axis=-2)
+
+
+FRAMES = ("heliocentric", "jacobi", "barycentric")
+
+
+def attracting_masses(masses: ArrayLike, frame: str) -> Floats:
+    """(n - 1,) masses that, times G, are the mu of each body's orbit in a frame of ``FRAMES``, the central one's not.
+
+    Heliocentric: its own and the central body's; jacobi: its own and those before it; barycentric: all.
+    """
+    m = np.asarray(masses, dtype=float)
+    _known(frame)
+    if frame == "heliocentric":
+        return m[0] + m[1:]
+    return np.cumsum(m)[1:] if frame == "jacobi" else np.full(len(m) - 1, m.sum())
+
+
+def about_centre(x: ArrayLike, masses: ArrayLike, frame: str) -> Floats:
+    """(…, n - 1, 3): each body relative to what it orbits in a frame of ``FRAMES``; goes for velocities too."""
+    _known(frame)
+    if frame == "barycentric":
+        return to_barycentric(x, masses)[0][..., 1:, :]
+    return (to_heliocentric if frame == "heliocentric" else to_jacobi)(x, masses)[..., 1:, :]
+
+
+def at_barycentre(x: ArrayLike, masses: ArrayLike, frame: str) -> Floats:
+    """(…, n, 3) relative to the centre of mass, from rows in a frame of ``FRAMES``; row 0 of x is not looked at."""
+    _known(frame)
+    x, m = _checked(x, masses)
+    x = np.concatenate([np.zeros_like(x[..., :1, :]), x[..., 1:, :]], axis=-2)
+    if frame == "barycentric":
+        x[..., 0, :] = -np.einsum("n,...nk->...k", m[1:], x[..., 1:, :]) / m[0]
+        return x
+    return (from_heliocentric if frame == "heliocentric" else from_jacobi)(x, m)
+
+
+def _known(frame: str) -> None:
+    if frame not in FRAMES:
+        raise InputError(f"frame: expected one of {', '.join(FRAMES)}, got {shown(frame)}{suggestion(frame, FRAMES)}")
 
 
 def _checked(x: ArrayLike, masses: ArrayLike, heavy_first: bool = True) -> tuple[Floats, Floats]:

@@ -18,7 +18,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from kickdrift.errors import InputError
 from kickdrift.state import Floats
@@ -62,13 +62,15 @@ class Elements(NamedTuple):
     def since_pericentre(self, mu: ArrayLike) -> Floats:
         """Time since the nearest passage of the pericentre; ``mu`` is G times the two masses."""
         e = np.asarray(self.e, dtype=float)
-        return np.asarray(_lapse(e, _universal(e, self.f)) * np.sqrt(np.asarray(self.q) ** 3 / mu))
+        return np.asarray(
+            _lapse(e, _universal(e, self.f)) * np.sqrt(np.asarray(self.q) ** 3 / np.asarray(mu, dtype=float))
+        )
 
     def period(self, mu: ArrayLike) -> Floats:
         """2 pi sqrt(a^3 / mu); infinite where the orbit does not close."""
         a = self.a
         closed = (a > 0) & np.isfinite(a)
-        return np.where(closed, TAU * np.sqrt(np.where(closed, a, 1.0) ** 3 / mu), np.inf)
+        return np.where(closed, TAU * np.sqrt(np.where(closed, a, 1.0) ** 3 / np.asarray(mu, dtype=float)), np.inf)
 
 
 def states(
@@ -304,7 +306,7 @@ def _dot(a: Floats, b: Floats) -> Floats:
     return np.einsum("...k,...k->...", a, b)
 
 
-def _refuse(bad: Floats, name: str, values: Floats, why: str) -> None:
+def _refuse(bad: NDArray[np.bool_], name: str, values: Floats, why: str) -> None:
     """An InputError about the first bad value, with its place where there are several."""
     if np.any(bad):
         place = np.argwhere(np.atleast_1d(bad))[0]
