@@ -31,7 +31,7 @@ def moved(gm, dt, x, v):
         return [s**n * stumpff(beta * s * s, n) for n in range(4)]
 
     def late(s):
-        g0, g1, g2, g3 = g(s)
+        _, g1, g2, g3 = g(s)
         return r0 * g1 + eta * g2 + gm * g3 - dt
 
     # Bisection between bounds that grow until they hold the root, then Newton's method, which doubles the digits.

@@ -37,7 +37,7 @@ def planets(count=4, massless=0, scale=1e-3, seed=1, boost=0.0, forces=(), **opt
 def after(system, steps, name="wisdom-holman", dt=0.1, pieces=1, **options) -> kd.State:
     sim = kd.Simulation(system, name, dt=dt, **options)
     for _ in range(pieces):
-        sim.run(steps // pieces)
+        sim.run(steps // pieces, every=steps if pieces == 1 else None)
     return sim.state
 
 
@@ -157,12 +157,12 @@ def test_looks_and_pieces_change_no_bit(name, options, coordinates):
 def test_comes_back(coordinates):
     system = planets(5, 1)
     sim = kd.Simulation(system, "wisdom-holman", dt=0.1, coordinates=coordinates)
-    sim.run(500)
+    sim.run(500, every=500)
     there = sim.state
     phase = there.phase.copy()
     phase[1] *= -1.0
     sim.state = kd.State(phase, there.masses, there.ids, there.box)
-    sim.run(500)
+    sim.run(500, every=500)
     assert np.abs(sim.state.phase[0] - system.state.phase[0]).max() < 1e-12
 
 
@@ -215,11 +215,11 @@ def test_corrected_error_goes_with_the_masses_squared(coordinates):
 
 @pytest.mark.parametrize("order", SABA)
 def test_saba_converges_as_its_name_says(order):
-    """By the power of dt that is linear in masses, where masses are small; 10 only until round-off."""
-    steps = {4: (0.8, 0.4), 6: (1.0, 0.5), 8: (1.6, 0.8), 10: (2.4, 1.6)}[int(order.split(",")[0])]
-    errors = [energy_error(planets(2, scale=1e-8, seed=3), dt, "saba", order=order) for dt in steps]
-    slope = np.log(errors[0] / errors[1]) / np.log(steps[0] / steps[1])
-    assert slope > int(order.split(",")[0]) - 1.0
+    """With heavy planets, where what is quadratic in their masses rules: by the second power of dt in the name, or by
+    the third number, which is the smaller one."""
+    coarse, fine = (energy_error(planets(3, scale=3e-2), dt, "saba", order=order) for dt in (0.2, 0.1))
+    last = int(order.split(",")[-1])
+    assert np.log2(coarse / fine) == pytest.approx(last, abs=0.8 if order.count(",") == 2 else 0.3)
 
 
 def words(kicks: int, length: int):
@@ -277,7 +277,7 @@ def test_correctors_are_the_published_ones():
 
 
 @BOTH
-@pytest.mark.parametrize("force", [kd.HarmonicTrap(0.02), kd.UniformField((0.01, 0.02, -0.03))], ids=lambda f: f.name)
+@pytest.mark.parametrize("force", [kd.HarmonicTrap(1e-5), kd.UniformField((0.01, 0.02, -0.03))], ids=lambda f: f.name)
 def test_other_forces_join_the_kicks(coordinates, force):
     """Against an eighth-order method; the difference goes with dt^2."""
     system = planets(3, forces=[force])
@@ -292,8 +292,8 @@ def test_other_forces_join_the_kicks(coordinates, force):
 
 
 def test_forces_by_velocity_are_refused():
-    with pytest.raises(InputError, match="'drag' depends on velocity"):
-        kd.Simulation(planets(2, forces=[kd.Drag(0.1)]), "wisdom-holman", dt=0.1)
+    with pytest.raises(InputError, match="'linear-drag' depends on velocity"):
+        kd.Simulation(planets(2, forces=[kd.LinearDrag(0.1)]), "wisdom-holman", dt=0.1)
 
 
 # --- bad input ---
@@ -372,7 +372,8 @@ def test_an_ordinary_run_warns_of_nothing():
 def test_a_long_step_is_warned_of_once(coordinates):
     names = ["Star", "Inner", "Outer"]
     (line,) = warnings_of(planets(2, names=names), dt=0.4, coordinates=coordinates)
-    assert line.startswith("dt = 0.4 is long: Inner turns about its pericentre as on a circle of period 6")
+    assert line.startswith("dt = 0.4 is long: Inner turns about its pericentre as on a circle of period ")
+    assert line.endswith(" kicks; 20 or more resolve it")
 
 
 def test_eccentric_orbits_need_steps_for_their_pericentre():
@@ -396,7 +397,7 @@ def test_a_visitor_is_warned_of_once(coordinates):
 @BOTH
 def test_a_close_encounter_is_warned_of_once(coordinates):
     """A massless body on a crossing course, 0.05 from a planet whose Hill radius is 0.069."""
-    f = 0.3
+    f = 0.15
     x = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.05 * np.cos(f), 1.05 * np.sin(f), 0.0]]
     v = [[0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [-0.9 * np.sin(f), 0.9 * np.cos(f), 0.0]]
     names = ["Star", "Planet", "Stone"]
