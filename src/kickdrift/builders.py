@@ -109,6 +109,7 @@ class Structure(NamedTuple):
     periodic: bool
     velocities: Floats | None = None
     names: Sequence[str] = ()
+    radii: Sequence[float] | None = None
 
 
 def read_structure(path: Path, units: UnitSystem) -> Structure:

@@ -74,6 +74,7 @@ def _density(value: Any) -> Any:
 Length = Annotated[float, BeforeValidator(In("length"))]
 Edge = Annotated[float, BeforeValidator(In("length", "positive"))]
 Time = Annotated[float, BeforeValidator(In("time", "positive"))]
+Radius = Annotated[float, BeforeValidator(In("length", "non-negative"))]
 Mass = Annotated[float, BeforeValidator(In("mass", "non-negative"))]
 Masses = Annotated[Any, BeforeValidator(_mass)]
 Temperature = Annotated[float, BeforeValidator(In("temperature", "non-negative"))]
@@ -118,6 +119,7 @@ class PositionsTable(Table):
     masses: list[Mass] | None = None
     species: Species = {"A": 1.0}
     names: list[str] = []
+    radii: list[Radius] | None = None
 
 
 class FileTable(Table):
@@ -195,6 +197,7 @@ class SystemTable(Table):
     velocities: VelocitiesTable | None = None
     box: BoxTable = BoxTable()
     force: list[dict[str, Any]]  # each checked against its class's constructor
+    event: list[dict[str, Any]] = []  # each checked against the table of its type
     run: RunTable = RunTable()
     equilibrate: EquilibrateTable | None = None
     invariants: dict[str, Any] = {}
@@ -308,5 +311,5 @@ def _line(error: ErrorDetails, path: str) -> str:
         words = error["msg"].replace("Input should be", "expected")
         for pydantics, ours in _WORDS.items():
             words = words.replace(pydantics, ours)
-        text = f"{words}{' of tables [[force]]' if path == 'force' else ''}, got {shown(error['input'])}"
+        text = f"{words}{f' of tables [[{path}]]' if path in ('force', 'event') else ''}, got {shown(error['input'])}"
     return " ".join(f"{path}: {text}".split())

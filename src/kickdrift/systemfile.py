@@ -14,6 +14,7 @@ import numpy as np
 
 from kickdrift.builders import Structure, check_overlaps, lattice, maxwell_boltzmann, mixture, read_structure
 from kickdrift.errors import InputError
+from kickdrift.eventfile import events_of
 from kickdrift.forces import FORCES
 from kickdrift.forces.pair_law import PairForce
 from kickdrift.problem import Problem
@@ -199,6 +200,7 @@ def _system(data: dict[str, Any], path: Path, text: str, seed: int | None) -> Sy
             text,
             seed,
             start.names,
+            start.radii,
         )
 
     made = system(velocities)
@@ -206,7 +208,7 @@ def _system(data: dict[str, Any], path: Path, text: str, seed: int | None) -> Sy
         with _named("velocities."):
             made = system(maxwell_boltzmann(made.coherent_masses, table.velocities.temperature, units.boltzmann, seed))
     check_overlaps(made)
-    return made
+    return made if not table.event else made.watched(events_of(made, table.event))
 
 
 def _force(given: dict[str, Any], units: UnitSystem, path: str) -> Any:
@@ -295,7 +297,7 @@ def _given(particles: PositionsTable, units: UnitSystem) -> Structure:
         masses = particles.masses
     positions = np.array(particles.positions, dtype=float)
     names = body_names(particles.names, n)
-    return Structure(positions, masses, species, None, periodic=False, names=names)
+    return Structure(positions, masses, species, None, periodic=False, names=names, radii=particles.radii)
 
 
 def _masses(mass: Any, species: Sequence[str], n: int, units: UnitSystem) -> Any:
