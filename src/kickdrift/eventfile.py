@@ -9,7 +9,8 @@ from pydantic import BeforeValidator, Field
 
 from kickdrift.errors import InputError
 from kickdrift.events import CloseApproach, Collision, Crossing, Escape, Event, checked_events
-from kickdrift.schema import Edge, In, Table, checked
+from kickdrift.schema import checked
+from kickdrift.schema_base import Edge, In, Table
 from kickdrift.units import UnitSystem, quantity, shown, suggestion
 
 if TYPE_CHECKING:
