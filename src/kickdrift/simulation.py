@@ -13,6 +13,7 @@ import numpy as np
 from kickdrift.analysis.stiffness import WATCHED_POINTS, WATCHED_STEPS, Point, can_be_limited, stability_warning
 from kickdrift.errors import InputError, RunError
 from kickdrift.events import checked_events
+from kickdrift.events.watching import WatchedStepper
 from kickdrift.flow import ParticleFlow, flow_of
 from kickdrift.forces.kernel import OK
 from kickdrift.integrators import integrator as method_named
@@ -23,7 +24,6 @@ from kickdrift.report import Report, report
 from kickdrift.run_plan import GLIMPSES, SAMPLES, plan_of, steps_to
 from kickdrift.state import Floats, read_only
 from kickdrift.system import System
-from kickdrift.watching import WatchedStepper
 
 if TYPE_CHECKING:
     from kickdrift.events import Event
@@ -238,7 +238,7 @@ class Simulation:
             looked = True
             while not (plan.over(self) or interrupted() or self.stopped):
                 stop, stop_time = plan.next_stop(self)
-                self._advance(min(self._chunk, stop - self.steps_done), stop_time)
+                self._advance(min(self._chunk, stop - self.steps_done), stop_time, plan.horizon(stop_time))
                 self._at = plan.present(self._stepper.time, stop_time)
                 self.record.wall_seconds = spent_before + perf_counter() - began
                 looked = self.steps_done == stop or self._stepper.time >= stop_time
@@ -299,8 +299,10 @@ class Simulation:
         self._compiled = True
         self.record.compile_seconds += perf_counter() - began
 
-    def _advance(self, steps: int, until: float = np.inf) -> None:
+    def _advance(self, steps: int, until: float = np.inf, horizon: float = np.inf) -> None:
         began = perf_counter()
+        if self._watching:
+            self._watching.horizon = horizon
         stepper = self._stepper
         before, counts = stepper.steps_done, stepper.counts
         self._flow.forget_errors()

@@ -16,7 +16,7 @@ from kickdrift.bodies import cluster, on_orbits
 from kickdrift.builders import Structure, check_overlaps, lattice, maxwell_boltzmann, mixture, read_structure
 from kickdrift.coordinates import to_barycentric
 from kickdrift.errors import InputError
-from kickdrift.eventfile import events_of
+from kickdrift.events.tables import events_of
 from kickdrift.forces import FORCES
 from kickdrift.forces.pair_law import PairForce
 from kickdrift.problem import Problem

@@ -238,7 +238,8 @@ def unbound(y, gm, softening2, about, distance, known, rows):
     unbound: how many ``rows`` (body, distance) were filled.
 
     Unbound: with v relative to the others' centre of mass and mu = m M / (m + M), M their mass, the energy
-    mu v^2 / 2 + m phi is positive. ``gm`` (n,) is G m; bodies that are ``known`` are left out."""
+    mu v^2 / 2 + m phi is positive. A body heavier than all others together stays; the others leave it. ``gm`` (n,) is
+    G m; bodies that are ``known`` are left out."""
     n, count = gm.size, 0
     total, moments = 0.0, np.zeros((2, 3))
     for i in range(n):
@@ -248,7 +249,7 @@ def unbound(y, gm, softening2, about, distance, known, rows):
             moments[1, k] += gm[i] * y[1, k, i]
     for i in range(n):
         others = total - gm[i]
-        if known[i] or i == about or not others > 0.0:
+        if known[i] or i == about or gm[i] > others or others == 0.0:
             continue
         d2, v2 = 0.0, 0.0
         for k in range(3):

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from kickdrift.encounters import CLOSEST, contacts, passages, relative, unbound
 from kickdrift.errors import RunError
 from kickdrift.events import Between, CloseApproach, Collision, Crossing, Escape, index_of
+from kickdrift.events.encounters import CLOSEST, contacts, passages, relative, unbound
 from kickdrift.state import Floats
 from kickdrift.system import System
 

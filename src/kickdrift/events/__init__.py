@@ -1,6 +1,6 @@
 """What to watch for while a run goes on: close approaches, collisions, escapes and zeros of any function. Plain data.
 
-``Simulation(system, events=[…])`` or a system file's ``[[event]]`` takes them; ``kickdrift.watching`` finds them.
+``Simulation(system, events=[…])`` or a system file's ``[[event]]`` takes them; ``watching`` in this room finds them.
 Bodies are named as in the system, or by their number, counted from 0.
 """
 
@@ -117,7 +117,8 @@ class Collision:
 @dataclass(frozen=True)
 class Escape:
     """A body further than a distance from the centre of mass of the others, or from a body, and unbound: its energy
-    relative to the others together, v^2 / 2 + potential, is positive. Seen at the ends of steps, once for each body.
+    relative to the others together is positive. Seen at the ends of steps, once for each body. A body heavier than all
+    others together never escapes: they do.
 
     Attributes
     ----------

@@ -14,15 +14,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from kickdrift.collisions import bounced, joined, merged, without
 from kickdrift.errors import RunError
 from kickdrift.events import CloseApproach, Collision, Crossing, Escape, Event
+from kickdrift.events.collisions import bounced, joined, merged, without
+from kickdrift.events.watches import Act, Approaches, Contacts, Crossings, Escapes, Row, Span, entry
 from kickdrift.flow import flow_of
 from kickdrift.forces.kernel import OK
 from kickdrift.integrators.stepping import Counts
 from kickdrift.state import Floats
 from kickdrift.system import System
-from kickdrift.watches import Act, Approaches, Contacts, Crossings, Escapes, Row, Span, entry
 
 if TYPE_CHECKING:
     from kickdrift.integrators.stepping import Stepper
@@ -40,12 +40,14 @@ class WatchedStepper:
     inner : the method's own stepper; another one once bodies have left
     stopped : what ended the run, "" where nothing did; whoever runs on clears it
     absorbed : of each body that left, by id, the id of the one that took it up, or ``NEVER_BACK``
+    horizon : no look at the run before its next ``advance`` is later than this
     writer : where events go besides the Simulation's record
     """
 
     def __init__(self, sim: Simulation, inner: Stepper, events: Sequence[Event]) -> None:
         self._sim, self.inner = sim, inner
         self.stopped = ""
+        self.horizon = np.inf
         self.absorbed: dict[int, int] = {}
         self.writer: Any = None
         self._spent = Counts()
@@ -114,13 +116,13 @@ class WatchedStepper:
         last = self.steps_done + steps
         status = OK
         while status == OK and not self.stopped:
-            if self._act is not None and self._act.time <= until:
+            if self._act is not None and self._act.time <= self.horizon:
                 status = self._apply(self._act)
             elif self._act is not None or self.steps_done >= last or self.time >= until:
                 break
             else:
                 status = self._step()
-        self._tell(until)
+        self._tell(self.horizon)
         return status
 
     def _prepare(self) -> int:
