@@ -1,19 +1,19 @@
-"""The tree: particles in clusters of eight, halved again and again along the longest edge, and each part's moments.
+"""The tree: particles in clusters of eight, halved again and again across the longest edge, and each part's moments.
 
-It is a balanced k-d tree (Bentley 1975, doi:10.1145/361002.361007) where Barnes and Hut had an octree: every cluster
-is full, so that no SIMD lane idles; it takes no more levels for two clusters far apart, for particles in a plane or in
-one place, where an octree's keys run out of bits; and its shape is known from n alone, so it needs no pointers.
+Barnes and Hut's octree cuts cubes; here the box of a node's own particles is cut in the middle of its longest edge, at
+the nearest whole number of clusters (a k-d tree, Bentley 1975, doi:10.1145/361002.361007). So every cluster is full and
+no SIMD lane idles, and clusters of stars far apart, a plane or many particles in one place need no deeper tree than
+others, where an octree's keys run out of bits.
 
-The parts of node k are 2 k and 2 k + 1, the root is 1. Everything is made anew at each evaluation from the particles in
-the order of their ids, so the tree depends on the positions and on nothing before.
+A node with c clusters has 2 c - 1 nodes in its tree, itself first, then those of its first part and those of its
+second: node k's parts are k + 1 and k + 2 (clusters of the first), and what follows it is k + 2 c - 1. No pointers, and
+the walk needs no stack. Everything is made anew at each evaluation from the particles in the order of their ids, so the
+tree depends on the positions and on nothing before.
 """
 
 from __future__ import annotations
 
 import math
-
-import numpy as np
-from numpy.typing import NDArray
 
 from kickdrift.forces.chunks import chunk_task
 from kickdrift.forces.compiling import jit, never_inline
@@ -21,33 +21,13 @@ from kickdrift.forces.simd import WIDTH, lane_max, lane_sum, load, select, splat
 
 # columns of a node: its G M, centre of mass, radius about it, bound, moments; 16 fill two cache lines
 GM, CX, CY, CZ, RADIUS, BOUND, XX, XY, XZ, YY, YZ, ZZ, TRACE, COLUMNS = *range(13), 16
-SUBTREES = 5  # levels above the parts that threads take
-
-
-def clusters_of(n: int) -> int:
-    """Clusters of eight that n particles fill."""
-    return -(-n // WIDTH)
-
-
-def levels_of(n: int) -> int:
-    """Levels below the root, so that the lowest nodes have one cluster at most."""
-    return (clusters_of(n) - 1).bit_length()
-
-
-def spans(n: int) -> NDArray[np.int64]:
-    """(nodes, 2) first cluster and last + 1 of each node; the j-th of 2^l at level l has j K / 2^l to (j + 1) K / 2^l
-    of K clusters."""
-    clusters, depth = clusters_of(n), levels_of(n)
-    span = np.zeros((2 << depth, 2), np.int64)
-    for level in range(depth + 1):
-        edges = np.arange((1 << level) + 1) * clusters >> level
-        span[1 << level : 2 << level] = np.stack([edges[:-1], edges[1:]], axis=1)
-    return span
+TASKS, GROUPS = 0, 1  # slots of `counts`
+CHUNKS = 64  # shares of the work; tasks and groups are dealt out to them in turn
 
 
 @jit
 def build(force, x):
-    """Sort the particles at x (3, n) into the tree; whether they are numbers."""
+    """Cut the particles at x (3, n) into parts of a CHUNKS-th, the tasks; whether they are numbers."""
     n, rows = x.shape[1], force.rows
     for i in range(n):
         for k in range(3):
@@ -55,49 +35,105 @@ def build(force, x):
                 return False
             rows[i, k] = x[k, i]
         rows[i, 3] = i
-    top = min(SUBTREES, force.depth)
-    for node in range(1, 1 << top):
-        halve(force, node)
+    clusters = force.gm.size // WIDTH
+    force.span[0, 0], force.span[0, 1] = 0, clusters
+    k = tasks = 0
+    while k < 2 * clusters - 1:
+        count = force.span[k, 1] - force.span[k, 0]
+        if count * CHUNKS <= clusters or count == 1:
+            force.tasks[tasks] = k
+            tasks += 1
+            k += 2 * count - 1
+        else:
+            halve(force, k)
+            k += 1
+    force.counts[TASKS] = tasks
     return True
 
 
 @chunk_task
-def subtree(force, c):
-    """Everything below the c-th node of level SUBTREES: order, places, moments."""
+def subtrees(force, c):
+    """Everything below some of the tasks: order, places, moments."""
     never_inline()
-    top = min(SUBTREES, force.depth)
-    for level in range(top, force.depth):
-        for node in range(((1 << top) + c) << (level - top), ((1 << top) + c + 1) << (level - top)):
-            halve(force, node)
-    root = (1 << top) + c
-    place(force, WIDTH * force.span[root, 0], WIDTH * force.span[root, 1])
-    for level in range(top, force.depth + 1):
-        for node in range(root << (level - top), (root + 1) << (level - top)):
-            moments(force, node)
+    for task in range(c, force.counts[TASKS], CHUNKS):
+        root = force.tasks[task]
+        first, last = force.span[root, 0], force.span[root, 1]
+        for k in range(root, root + 2 * (last - first) - 1):
+            if force.span[k, 1] - force.span[k, 0] > 1:
+                halve(force, k)
+        place(force, WIDTH * first, WIDTH * last)
+        for k in range(root, root + 2 * (last - first) - 1):
+            moments(force, k)
+
+
+@jit
+def finish(force, most):
+    """Moments above the tasks, and the groups: the largest nodes of ``most`` clusters at most."""
+    nodes = 2 * (force.gm.size // WIDTH) - 1
+    k = task = 0
+    while k < nodes:
+        if task < force.counts[TASKS] and k == force.tasks[task]:
+            task += 1
+            k += 2 * (force.span[k, 1] - force.span[k, 0]) - 1
+        else:
+            moments(force, k)
+            k += 1
+    k = groups = 0
+    while k < nodes:
+        count = force.span[k, 1] - force.span[k, 0]
+        if count <= most:
+            force.groups[groups] = k
+            groups += 1
+            k += 2 * count - 1
+        else:
+            k += 1
+    force.counts[GROUPS] = groups
 
 
 @jit
 def halve(force, node):
-    """Divide a node's particles at the median along the longest edge of their box."""
-    rows, n = force.rows, force.rows.shape[0]
-    begin, end = WIDTH * force.span[node, 0], min(WIDTH * force.span[node, 1], n)
-    middle = WIDTH * force.span[2 * node, 1]
-    if middle <= begin or middle >= end:
-        return
-    longest, axis = -1.0, 0
+    """Cut a node's particles in the middle of the longest edge of their box, but for less than a cluster."""
+    rows, span = force.rows, force.span
+    first, last = span[node, 0], span[node, 1]
+    begin, end = WIDTH * first, min(WIDTH * last, rows.shape[0])
+    longest, axis, centre = -1.0, 0, 0.0
     for k in range(3):
         low = high = rows[begin, k]
         for i in range(begin + 1, end):
             low, high = min(low, rows[i, k]), max(high, rows[i, k])
         if high - low > longest:
-            longest, axis = high - low, k
-    part(rows, begin, end - 1, middle, axis)
+            longest, axis, centre = high - low, k, low + 0.5 * (high - low)
+    after, before = partition(rows, begin, end - 1, axis, centre)
+    cut = min(max(first + (after - begin + WIDTH // 2) // WIDTH, first + 1), last - 1)
+    if WIDTH * cut <= before:
+        part(rows, begin, before, WIDTH * cut, axis)
+    elif WIDTH * cut >= after:
+        part(rows, after, end - 1, WIDTH * cut, axis)
+    one, other = node + 1, node + 2 * (cut - first)
+    span[one, 0], span[one, 1], span[other, 0], span[other, 1] = first, cut, cut, last
+
+
+@jit
+def partition(rows, low, high, axis, pivot):
+    """Swap rows low to high so that none up to the second number returned is larger than the pivot, and none from the
+    first one on smaller (Hoare 1961, doi:10.1145/366622.366642)."""
+    i, j = low, high
+    while i <= j:
+        while i <= high and rows[i, axis] < pivot:
+            i += 1
+        while j >= low and rows[j, axis] > pivot:
+            j -= 1
+        if i <= j:
+            for k in range(4):
+                rows[i, k], rows[j, k] = rows[j, k], rows[i, k]
+            i += 1
+            j -= 1
+    return i, j
 
 
 @jit
 def part(rows, low, high, middle, axis):
-    """Rearrange rows low to high so that none before ``middle`` is larger and none after it is smaller (Hoare 1961,
-    doi:10.1145/366622.366647)."""
+    """Swap rows low to high so that none before ``middle`` is larger and none after it smaller than that one."""
     while low < high:
         step = (high - low) // 8
         pivot = median(
@@ -105,17 +141,7 @@ def part(rows, low, high, middle, axis):
             median(rows[low + 3 * step, axis], rows[(low + high) // 2, axis], rows[high - 3 * step, axis]),
             median(rows[high - 2 * step, axis], rows[high - step, axis], rows[high, axis]),
         )
-        i, j = low, high
-        while i <= j:
-            while rows[i, axis] < pivot:
-                i += 1
-            while rows[j, axis] > pivot:
-                j -= 1
-            if i <= j:
-                for k in range(4):
-                    rows[i, k], rows[j, k] = rows[j, k], rows[i, k]
-                i += 1
-                j -= 1
+        i, j = partition(rows, low, high, axis, pivot)
         if middle <= j:
             high = j
         elif middle >= i:
@@ -149,8 +175,6 @@ def moments(force, node):
     zero = splat(0.0)
     total, mx, my, mz = zero, zero, zero, zero
     out[GM] = 0.0
-    if begin == end:
-        return
     x0, y0, z0 = x[begin], y[begin], z[begin]  # sums about a near point round less
     for s in range(begin, end, WIDTH):
         m = load(gm, s)

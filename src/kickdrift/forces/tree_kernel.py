@@ -18,13 +18,14 @@ from kickdrift.forces.kernel import BLOWN_UP, OK, kernel
 from kickdrift.forces.simd import WIDTH, aligned, lane_max, lane_numbers, lane_sum, load, select, splat, store
 from kickdrift.forces.tree_build import (
     BOUND,
+    CHUNKS,
     COLUMNS,
     CX,
     CY,
     CZ,
     GM,
+    GROUPS,
     RADIUS,
-    SUBTREES,
     TRACE,
     XX,
     XY,
@@ -33,10 +34,7 @@ from kickdrift.forces.tree_build import (
     YZ,
     ZZ,
     build,
-    clusters_of,
-    levels_of,
-    moments,
-    spans,
+    finish,
 )
 
 if TYPE_CHECKING:
@@ -44,7 +42,7 @@ if TYPE_CHECKING:
     from kickdrift.system import System
 
 GROUP = 8  # clusters that walk together, one lane each where their acceleration is estimated
-SHARE = 0.1  # of accuracy |a|, that the bound of one node may be; see validation/barnes_hut.py
+SHARE, POWER = 30.0, 10 / 7
 ROUGH = 0.8  # opening angle, radius over distance, of that estimate
 FOUND = 256  # nodes or clusters found before their pull is added up
 
@@ -54,9 +52,6 @@ class TreeKernel(NamedTuple):
 
     softening2: float
     tolerance: float
-    depth: int  # levels below the root
-    group_level: int
-    span: NDArray[np.int64]  # (nodes, 2) clusters of each node
     gm_by_id: NDArray[np.float64]  # (n,) G m
     masses: NDArray[np.float64]  # (n,) coherent
     rows: NDArray[np.float64]  # (n, 4) x, y, z and id, sorted
@@ -64,24 +59,22 @@ class TreeKernel(NamedTuple):
     gm: NDArray[np.float64]  # (slots,)
     a: NDArray[np.float64]  # (3, slots)
     potential: NDArray[np.float64]  # (slots,)
+    span: NDArray[np.int64]  # (nodes, 2) first cluster and last + 1
     nodes: NDArray[np.float64]  # (nodes, COLUMNS)
-    subtrees: Serial | Parallel
-    groups: Serial | Parallel
+    tasks: NDArray[np.int64]  # nodes whose trees are built apart
+    groups: NDArray[np.int64]  # nodes that walk together
+    counts: NDArray[np.int64]  # how many tasks and groups there are
+    threads: Serial | Parallel
 
 
 def bind(force: GravityTree, system: System, threads: int) -> TreeKernel:
     """The force for this System, on this many threads."""
     n = len(system)
-    slots, depth = WIDTH * clusters_of(n), levels_of(n)
-    group_level = max(0, depth - (GROUP.bit_length() - 1))
-    span = spans(n)
-    chunks = Parallel if threads > 1 else Serial
+    clusters = -(-n // WIDTH)
+    slots, nodes = WIDTH * clusters, 2 * clusters - 1
     return TreeKernel(
         softening2=force.softening**2,
-        tolerance=SHARE * force.accuracy,
-        depth=depth,
-        group_level=group_level,
-        span=span,
+        tolerance=SHARE * force.accuracy**POWER,
         gm_by_id=gravitational_constant(force.name, force.G, system) * system.state.masses,
         masses=system.coherent_masses,
         rows=np.empty((n, 4)),
@@ -89,9 +82,12 @@ def bind(force: GravityTree, system: System, threads: int) -> TreeKernel:
         gm=aligned((slots,)),
         a=aligned((3, slots)),
         potential=aligned((slots,)),
-        nodes=aligned((len(span), COLUMNS)),
-        subtrees=chunks(1 << min(SUBTREES, depth)),
-        groups=chunks(1 << group_level),
+        span=np.zeros((nodes, 2), np.int64),
+        nodes=aligned((nodes, COLUMNS)),
+        tasks=np.zeros(clusters, np.int64),
+        groups=np.zeros(clusters, np.int64),
+        counts=np.zeros(2, np.int64),
+        threads=Parallel(CHUNKS) if threads > 1 else Serial(CHUNKS),
     )
 
 
@@ -99,13 +95,12 @@ def bind(force: GravityTree, system: System, threads: int) -> TreeKernel:
 def tree_forces(force, t, x, v, a, sums):
     if not build(force, x):
         return BLOWN_UP
-    each_chunk(force, force.subtrees, "subtree")
-    for node in range(1, 1 << min(SUBTREES, force.depth)):
-        moments(force, node)
+    each_chunk(force, force.threads, "subtrees")
+    finish(force, GROUP)
     if sums is None:
-        each_chunk(force, force.groups, "pull_group")
+        each_chunk(force, force.threads, "pull_groups")
     else:
-        each_chunk(force, force.groups, "pull_group_and_sums")
+        each_chunk(force, force.threads, "pull_groups_and_sums")
         add_sums(force, sums)
     for s in range(x.shape[1]):
         i = int(force.rows[s, 3])
@@ -118,7 +113,7 @@ def tree_forces(force, t, x, v, a, sums):
 def add_sums(force, sums):
     """Potential energy, virial and pairs; the virial is the sum of m x . a over particles, x from the centre of mass,
     which is that of r . F over pairs as far as the forces of two are opposite."""
-    n, root = force.rows.shape[0], force.nodes[1]
+    n, root = force.rows.shape[0], force.nodes[0]
     energy = virial = 0.0
     for s in range(n):
         m = force.masses[int(force.rows[s, 3])]
@@ -132,44 +127,41 @@ def add_sums(force, sums):
 
 
 @chunk_task
-def pull_group(force, g):
-    """The accelerations of group g."""
+def pull_groups(force, c):
+    """The accelerations of every CHUNKS-th group from c on."""
     never_inline()
-    walk(force, None, g)
+    for g in range(c, force.counts[GROUPS], CHUNKS):
+        walk(force, None, force.groups[g])
 
 
 @chunk_task
-def pull_group_and_sums(force, g):
+def pull_groups_and_sums(force, c):
     """The same, and the potential at each particle."""
     never_inline()
-    walk(force, force.potential, g)
+    for g in range(c, force.counts[GROUPS], CHUNKS):
+        walk(force, force.potential, force.groups[g])
 
 
 @jit
-def walk(force, potential, g):
-    """Find what pulls group g, and add it up."""
-    node = (1 << force.group_level) + g
-    first, last = force.span[node, 0], force.span[node, 1]
+def walk(force, potential, group):
+    """Find what pulls a group, and add it up."""
+    first, last = force.span[group, 0], force.span[group, 1]
     zero = splat(0.0)
     for s in range(WIDTH * first, WIDTH * last, WIDTH):
         for k in range(3):
             store(force.a[k], s, zero)
         if potential is not None:
             store(potential, s, zero)
-    if first == last:
-        return
     low, high = box(force, first, last)
     tolerance = force.tolerance * least_acceleration(force, first, last, low, high)
     nodes, span = force.nodes, force.span
     found, near = np.empty(FOUND, np.int64), np.empty(FOUND, np.int64)
     n_found = n_near = 0
-    stack = np.empty(64, np.int64)
-    stack[0], top = 1, 1
-    while top:
-        top -= 1
-        k = stack[top]
-        row = nodes[k]
+    k = 0
+    while k < nodes.shape[0]:
+        row, cluster, beyond = nodes[k], span[k, 0], k + 2 * (span[k, 1] - span[k, 0]) - 1
         if row[GM] == 0.0:
+            k = beyond
             continue
         d2 = distance2(row, low, high)
         d, radius = math.sqrt(d2), row[RADIUS]
@@ -179,15 +171,15 @@ def walk(force, potential, g):
             if n_found == FOUND:
                 pull_of_nodes(force, potential, first, last, found, n_found)
                 n_found = 0
-        elif span[k, 1] - span[k, 0] == 1:
-            near[n_near] = span[k, 0]
+            k = beyond
+            continue
+        if beyond == k + 1:
+            near[n_near] = cluster
             n_near += 1
             if n_near == FOUND:
                 pull_of_particles(force, potential, first, last, near, n_near)
                 n_near = 0
-        else:
-            stack[top], stack[top + 1] = 2 * k + 1, 2 * k
-            top += 2
+        k += 1
     pull_of_nodes(force, potential, first, last, found, n_found)
     pull_of_particles(force, potential, first, last, near, n_near)
 
@@ -231,16 +223,13 @@ def least_acceleration(force, first, last, low, high):
             centre[k, lane] = lane_sum(load(force.x[k], s)) / WIDTH
     x, y, z, zero = load(centre[0], 0), load(centre[1], 0), load(centre[2], 0), splat(0.0)
     ax, ay, az = zero, zero, zero
-    stack = np.empty(64, np.int64)
-    stack[0], top = 1, 1
-    while top:
-        top -= 1
-        k = stack[top]
-        row = nodes[k]
+    k = 0
+    while k < nodes.shape[0]:
+        row, cluster, beyond = nodes[k], span[k, 0], k + 2 * (span[k, 1] - span[k, 0]) - 1
         if row[GM] == 0.0:
+            k = beyond
             continue
-        cluster = span[k, 0]
-        alone = span[k, 1] - cluster == 1
+        alone = beyond == k + 1
         radius = row[RADIUS]
         if alone or radius * radius < ROUGH * ROUGH * distance2(row, low, high):
             dx, dy, dz = row[CX] - x, row[CY] - y, row[CZ] - z
@@ -250,9 +239,9 @@ def least_acceleration(force, first, last, low, high):
                 w = select(lane_numbers() == float(cluster - first), zero, w)
                 w = select(lane_numbers() >= float(last - first), zero, w)
             ax, ay, az = ax + w * dx, ay + w * dy, az + w * dz
+            k = beyond
         else:
-            stack[top], stack[top + 1] = 2 * k + 1, 2 * k
-            top += 2
+            k += 1
     size2 = ax * ax + ay * ay + az * az
     size2 = select(lane_numbers() < float(last - first), -size2, splat(-math.inf))
     return math.sqrt(-lane_max(size2))
