@@ -2,42 +2,44 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from kickdrift.errors import InputError
 from kickdrift.forces.fields import number
-from kickdrift.units import shown, suggestion
+from kickdrift.units import shown
 
 if TYPE_CHECKING:
     from kickdrift.system import System
 
 
-def check_central(name: str, central: int | str | None) -> None:
+Central = Any  # int, str or None, checked here: what pydantic says of a union names no key of a system file
+
+
+def check_central(name: str, central: Central) -> None:
     """Refuse what names no body: expected a number, a name or None."""
     whole = isinstance(central, int | np.integer) and not isinstance(central, bool)
     if not (central is None or isinstance(central, str) or (whole and central >= 0)):
         raise InputError(f"{name}: central: expected a body's name or its number from 0 on, got {shown(central)}")
 
 
-def central_body(name: str, central: int | str | None, system: System) -> int:
+def central_body(name: str, central: Central, system: System) -> int:
     """The index of the central body: that of the name or number, default the most massive (the first of equals)."""
     masses = system.state.masses
     if central is None:
         index = int(np.argmax(masses))
     elif isinstance(central, str):
-        names: tuple[str, ...] = getattr(system, "names", ())
-        if central not in names:
-            known = f"; bodies are {shown(', '.join(names))}" if names else "; this system's bodies have no names"
-            raise InputError(f"{name}: central: there is no body {central!r}{suggestion(central, names)}{known}")
-        index = names.index(central)
+        if central not in system.names:
+            known = f"bodies are {', '.join(system.names)}" if system.names else "this system's have no names"
+            raise InputError(f"{name}: central: there is no body {shown(central)}; {known}")
+        index = system.names.index(central)
     else:
         index = int(central)
         if index >= len(masses):
             raise InputError(f"{name}: central: there is no body {index}; they are 0 to {len(masses) - 1}")
     if masses[index] == 0:
-        raise InputError(f"{name}: central: body {index} has no mass")
+        raise InputError(f"{name}: central: {system.body(index)} has no mass")
     return index
 
 

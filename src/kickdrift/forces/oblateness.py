@@ -7,7 +7,14 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from kickdrift.errors import InputError
-from kickdrift.forces.central import central_body, check_central, check_open, check_positive, gravitational_constant
+from kickdrift.forces.central import (
+    Central,
+    central_body,
+    check_central,
+    check_open,
+    check_positive,
+    gravitational_constant,
+)
 from kickdrift.forces.fields import Vector, number, vector
 
 if TYPE_CHECKING:
@@ -42,7 +49,7 @@ class Oblateness:
     j2: float
     radius: float
     j4: float = 0.0
-    central: int | str | None = None
+    central: Central = None
     pole: Vector = (0.0, 0.0, 1.0)
     G: float | None = None
 

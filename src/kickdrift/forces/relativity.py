@@ -6,7 +6,14 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from kickdrift.errors import InputError
-from kickdrift.forces.central import central_body, check_central, check_open, check_positive, gravitational_constant
+from kickdrift.forces.central import (
+    Central,
+    central_body,
+    check_central,
+    check_open,
+    check_positive,
+    gravitational_constant,
+)
 from kickdrift.units import shown
 
 if TYPE_CHECKING:
@@ -46,7 +53,7 @@ class PostNewtonian:
     """
 
     c: float | None = None
-    central: int | str | None = None
+    central: Central = None
     form: str = "full"
     G: float | None = None
 
