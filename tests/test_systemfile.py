@@ -310,6 +310,13 @@ BAD = [
         "particles.masses: expected 2, one for each position, got 1",
     ),
     (PAIR, "[1.5, 0, 0]]", "[1.5, 0, 0]]\nmasses = [1, -1]", "particles.masses[1]: expected a non-negative mass"),
+    (
+        PAIR,
+        "[1.5, 0, 0]]",
+        '[1.5, 0, 0]]\nnames = ["Sun"]',
+        "particles.names: expected 2, one for each",
+    ),
+    (PAIR, "[1.5, 0, 0]]", '[1.5, 0, 0]]\nnames = ["Sun", "Sun"]', "particles.names: particle 1 is called 'Sun'"),
     (PAIR, "[1.5, 0, 0]]", '[1.5, 0, 0]]\nspecies = ["A"]', "particles.species: expected one name or 2, got 1"),
     (PAIR, "[1.5, 0, 0]]", "[1.5, 0, 0]]\n[box]\nperiodic = true", "box.lengths: required key is missing: nothing"),
     (PAIR, "[1.5, 0, 0]]", "[1.5, 0, 0]]\n[velocities]\nvalues = [[1, 1, 1]]", "velocities: expected shape (2, 3)"),

@@ -108,6 +108,7 @@ class Structure(NamedTuple):
     edges: Sequence[float] | None
     periodic: bool
     velocities: Floats | None = None
+    names: Sequence[str] = ()
 
 
 def read_structure(path: Path, units: UnitSystem) -> Structure:

@@ -117,6 +117,7 @@ class PositionsTable(Table):
     mass: Masses = None
     masses: list[Mass] | None = None
     species: Species = {"A": 1.0}
+    names: list[str] = []
 
 
 class FileTable(Table):

@@ -50,7 +50,8 @@ class System:
     box : None (open), three edge lengths (periodic, corner at the origin), or a Box
     forces : iterable of forces, e.g. ``[kd.LennardJones(cutoff=2.5)]``
     units : name of a unit system: lj, metal, si, astro, nbody
-    species : (n,) names, default all "A"
+    species : (n,) kinds, default all "A"
+    names : (n,) names of the bodies, each its own ("Jupiter"); default none
     """
 
     state: State
@@ -58,6 +59,7 @@ class System:
     units: UnitSystem
     species: tuple[str, ...]  # the names, in order of first appearance
     species_index: np.ndarray  # (n,) int32 into `species`
+    names: tuple[str, ...] = ()  # of the bodies, where they have any
     name: str = "system"
     run: RunDefaults = field(default_factory=RunDefaults)
     equilibration: Equilibration | None = None
@@ -80,6 +82,7 @@ class System:
         invariants: Mapping[str, Any] | None = None,
         source: str = "",
         seed: int | None = None,
+        names: Sequence[str] = (),
     ) -> None:
         x = _vectors("positions", positions)
         n = len(x)
@@ -93,17 +96,18 @@ class System:
         bad = np.flatnonzero(~(np.isfinite(m) & (m >= 0)))
         if bad.size:
             raise InputError(f"masses: particle {bad[0]} has mass {m[bad[0]]}; expected a finite number, zero or more")
-        names = ["A"] * n if species is None else [str(s) for s in species]
-        if len(names) != n:
-            raise InputError(f"species: expected {n} names, got {len(names)}")
-        kinds = tuple(dict.fromkeys(names))
+        kind_of = ["A"] * n if species is None else [str(s) for s in species]
+        if len(kind_of) != n:
+            raise InputError(f"species: expected {n} names, got {len(kind_of)}")
+        kinds = tuple(dict.fromkeys(kind_of))
         number = {kind: k for k, kind in enumerate(kinds)}
         put = object.__setattr__
         put(self, "state", State(np.array([x.T, v.T]), m, np.arange(n, dtype=np.int64), Box.of(box)))
         put(self, "forces", tuple(forces))
         put(self, "units", unit_system(units) if isinstance(units, str) else units)
         put(self, "species", kinds)
-        put(self, "species_index", np.array([number[s] for s in names], dtype=np.int32))
+        put(self, "species_index", np.array([number[s] for s in kind_of], dtype=np.int32))
+        put(self, "names", body_names(names, n))
         put(self, "name", name)
         put(self, "run", run or RunDefaults())
         put(self, "equilibration", equilibration)
@@ -119,6 +123,10 @@ class System:
     @property
     def box(self) -> Box:
         return self.state.box
+
+    def body(self, i: int) -> str:
+        """What to call a particle: its name, or "particle 5"."""
+        return self.names[i] if self.names else f"particle {i}"
 
     def acting(self, trait: str) -> list[str]:
         """The names of the forces that have a trait: "external" (it does not conserve momentum), "works" (nor energy),
@@ -151,3 +159,16 @@ def _vectors(key: str, values: ArrayLike) -> Floats:
             f"{key}: particle {particle} has {array[particle, axis]} in {'xyz'[axis]}; expected finite numbers"
         )
     return array
+
+
+def body_names(names: Sequence[str], n: int) -> tuple[str, ...]:
+    """The names of n bodies, checked: none at all, or one for each and each its own."""
+    given = tuple(str(name) for name in names)
+    if given and len(given) != n:
+        raise InputError(f"names: expected {n}, one for each particle, got {len(given)}")
+    seen: set[str] = set()
+    for k, name in enumerate(given):
+        if not name.strip() or name in seen:
+            raise InputError(f"names: particle {k} is called {name!r}; expected a name that no other has")
+        seen.add(name)
+    return given

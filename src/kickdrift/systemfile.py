@@ -27,7 +27,7 @@ from kickdrift.schema import (
     ode_table,
 )
 from kickdrift.state import Floats
-from kickdrift.system import Equilibration, RunDefaults, System
+from kickdrift.system import Equilibration, RunDefaults, System, body_names
 from kickdrift.units import UNIT_SYSTEMS, UnitSystem, number_density, shown, suggestion, unit_system
 
 _BESIDE_ODE = tuple(key for key in OdeFileTable.model_fields if key != "ode")
@@ -198,6 +198,7 @@ def _system(data: dict[str, Any], path: Path, text: str, seed: int | None) -> Sy
             table.invariants,
             text,
             seed,
+            start.names,
         )
 
     made = system(velocities)
@@ -292,7 +293,9 @@ def _given(particles: PositionsTable, units: UnitSystem) -> Structure:
         raise InputError(f"masses: expected {n}, one for each position, got {len(particles.masses)}")
     else:
         masses = particles.masses
-    return Structure(np.array(particles.positions, dtype=float), masses, species, None, periodic=False)
+    positions = np.array(particles.positions, dtype=float)
+    names = body_names(particles.names, n)
+    return Structure(positions, masses, species, None, periodic=False, names=names)
 
 
 def _masses(mass: Any, species: Sequence[str], n: int, units: UnitSystem) -> Any:

@@ -200,6 +200,7 @@ def _system(group: h5py.Group, system: System) -> None:
         "particles": len(system),
         "box": system.box.lengths,
         "species": system.species,
+        "names": system.names,
         "forces": [
             {"type": type(force).__name__, "module": type(force).__module__, "parameters": force}
             for force in system.forces

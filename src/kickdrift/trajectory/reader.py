@@ -83,6 +83,8 @@ class Run(Sequence[Frame]):
     box : Box
     species : tuple of str
     species_index : (n,) int32 into `species`
+    names : tuple of str
+        Of the bodies, where they have any.
     masses : (n,) float64
     ids : (n,) int64
     system_source : str
@@ -121,6 +123,7 @@ class Run(Sequence[Frame]):
         self.ids: NDArray[np.int64] = particles["id"][()]
         self.system_source = str(own["system/source"].asstr()[()])
         self.system_record: dict[str, Any] = json.loads(own["system/record"].asstr()[()])
+        self.names: tuple[str, ...] = tuple(self.system_record.get("names", ()))
         self.method: dict[str, Any] = json.loads(own["method"].asstr()[()])
         self.versions: dict[str, str] = json.loads(own["versions"].asstr()[()])
         self.closed = bool(own["closed"][0])
@@ -197,8 +200,8 @@ class Run(Sequence[Frame]):
             raise InputError("universe() needs MDAnalysis: pip install kickdrift[mdanalysis]") from None
         spacing = {"dt": float(self.times[1] - self.times[0]) * self._factors.time} if len(self) > 1 else {}
         universe = MDAnalysis.Universe(str(self.path), to_guess=(), n_atoms=len(self.ids), **spacing)
-        names = [self.species[index] for index in self.species_index]
-        for attribute, values in (("names", names), ("types", names), ("masses", self.masses)):
+        types = [self.species[index] for index in self.species_index]
+        for attribute, values in (("names", self.names or types), ("types", types), ("masses", self.masses)):
             universe.add_TopologyAttr(attribute, values)
         return universe
 
