@@ -13,7 +13,6 @@ if TYPE_CHECKING:
     from kickdrift.integrators.stepping import Options, Stepper
 
 ETA = 0.02  # as in Makino & Aarseth 1992 and most that followed
-SCHEMES = ("shared", "block")
 
 
 @dataclass(frozen=True)
@@ -41,14 +40,18 @@ class Hermite(Method):
     def tunable(self) -> tuple[str, ...]:
         return ("eta", "scheme")
 
+    @property
+    def choices(self) -> dict[str, tuple[Any, ...]]:
+        return {"scheme": ("shared", "block")}
+
     def checked(self, given: Options, asked: Options) -> Options:
-        options = replace(super().checked(replace(given, dt=asked.dt), asked))  # a file's dt is for other methods
-        if options.scheme not in (None, *SCHEMES):
-            raise InputError(f"scheme {options.scheme!r} is unknown; known are {', '.join(SCHEMES)}")
+        if asked.dt is not None and not (asked.eta is None and asked.scheme in (None, "shared")):
+            raise InputError(f"dt: makes all steps of {self.name} alike; give it, or eta and scheme")
+        if asked.dt is not None:
+            given = replace(given, eta=None, scheme=None)
+        options = super().checked(replace(given, dt=asked.dt), asked)  # a file's dt is for other methods
         if options.eta is not None and not (isinstance(options.eta, (int, float)) and 0.0 < options.eta <= 1.0):
             raise InputError(f"eta must be a number above 0, 1 at most, got {options.eta!r}")
-        if options.dt is not None and (asked.eta is not None or asked.scheme == "block"):
-            raise InputError(f"dt: makes all steps of {self.name} alike; give it, or eta and scheme")
         return options
 
     def stepper(self, flow: Flow, options: Options) -> Stepper:
