@@ -33,6 +33,7 @@ class Hermite(Method):
 
     family = "Hermite"
     separable = True
+    carries = False
     chooses_steps = True
     needs_dt = False
 
@@ -50,9 +51,12 @@ class Hermite(Method):
         if asked.dt is not None:
             given = replace(given, eta=None, scheme=None)
         options = super().checked(replace(given, dt=asked.dt), asked)  # a file's dt is for other methods
-        if options.eta is not None and not (isinstance(options.eta, (int, float)) and 0.0 < options.eta <= 1.0):
-            raise InputError(f"eta must be a number above 0, 1 at most, got {options.eta!r}")
-        return options
+        if options.dt is not None:
+            return options
+        eta = ETA if options.eta is None else options.eta
+        if isinstance(eta, bool) or not (isinstance(eta, (int, float)) and 0.0 < eta <= 1.0):
+            raise InputError(f"eta must be a number above 0, 1 at most, got {eta!r}")
+        return replace(options, eta=float(eta))
 
     def stepper(self, flow: Flow, options: Options) -> Stepper:
         from kickdrift.forces.gravity import Gravity
@@ -71,7 +75,7 @@ class Hermite(Method):
             )
         from kickdrift.integrators.hermite_stepper import HermiteStepper
 
-        return HermiteStepper(flow, options, ETA if options.eta is None else options.eta)
+        return HermiteStepper(flow, options)
 
 
 ROWS = (

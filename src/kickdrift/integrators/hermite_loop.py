@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from kickdrift.forces.chunks import Parallel, Serial, chunk_task, each_chunk
 from kickdrift.forces.compiling import driver, jit, never_inline
 from kickdrift.forces.evaluate import EVALUATIONS
+from kickdrift.forces.gravity_slope import Sources, pull_and_slope
 from kickdrift.forces.handle import handle
 from kickdrift.forces.kernel import BLOWN_UP, OK
-from kickdrift.forces.simd import WIDTH, lane_numbers, lane_sum, load, select, splat
 from kickdrift.integrators.loops import STEP
 from kickdrift.integrators.stepping import STOPPED
 
@@ -29,15 +29,11 @@ MOST = 2.0  # that a shared step may grow by
 
 
 class Bodies(NamedTuple):
-    """Bodies under gravity, each with its own time; sources are padded with massless ones to a multiple of eight."""
+    """Bodies under gravity, each with its own time."""
 
-    softening2: float
+    sources: Sources  # at predicted places, with predicted velocities
     size: float  # the largest coordinate at the start
-    gm: NDArray[np.float64]  # (slots,) G m
-    x: NDArray[np.float64]  # (3, slots) predicted positions
-    v: NDArray[np.float64]  # (3, slots) predicted velocities
     series: NDArray[np.float64]  # (6, 3, n) x, v and four more derivatives at each body's own time
-    found: NDArray[np.float64]  # (2, 3, n) acceleration and jerk, as just evaluated
     times: NDArray[np.float64]  # (n,) each body's own, since the start
     steps: NDArray[np.float64]  # (n,) each body's own
     due: NDArray[np.int64]  # (n,) the bodies that the present step moves come first
@@ -50,46 +46,19 @@ def pulls_and_jerks(bodies, task):
     """Acceleration and jerk of every TASKS-th body due."""
     never_inline()
     for k in range(task, bodies.count[0], TASKS):
-        sum_pulls_and_jerks(bodies, bodies.due[k])
-
-
-@jit
-def sum_pulls_and_jerks(bodies, i):
-    """a = sum G m d / r^3 and da/dt = sum G m (u - 3 d (d . u) / r^2) / r^3, with d and u the separation and relative
-    velocity, r^2 = d^2 + softening^2 (Makino & Aarseth 1992, eqs. 1 and 2)."""
-    x, y, z = bodies.x
-    vx, vy, vz = bodies.v
-    gm, softening2 = bodies.gm, bodies.softening2
-    xi, yi, zi = splat(x[i]), splat(y[i]), splat(z[i])
-    vxi, vyi, vzi = splat(vx[i]), splat(vy[i]), splat(vz[i])
-    zero = splat(0.0)
-    ax, ay, az, jx, jy, jz = zero, zero, zero, zero, zero, zero
-    for j in range(0, gm.size, WIDTH):
-        dx, dy, dz = load(x, j) - xi, load(y, j) - yi, load(z, j) - zi
-        ux, uy, uz = load(vx, j) - vxi, load(vy, j) - vyi, load(vz, j) - vzi
-        source = select(lane_numbers() == float(i - j), zero, load(gm, j))  # all but the body itself
-        pulling = source > 0.0
-        inverse = 1.0 / math.sqrt(dx * dx + dy * dy + dz * dz + softening2)
-        inverse2 = inverse * inverse
-        w = select(pulling, source * inverse * inverse2, zero)
-        falling = select(pulling, 3.0 * inverse2 * (dx * ux + dy * uy + dz * uz), zero)
-        ax, ay, az = ax + w * dx, ay + w * dy, az + w * dz
-        jx, jy, jz = jx + w * (ux - falling * dx), jy + w * (uy - falling * dy), jz + w * (uz - falling * dz)
-    found = bodies.found
-    found[0, 0, i], found[0, 1, i], found[0, 2, i] = lane_sum(ax), lane_sum(ay), lane_sum(az)
-    found[1, 0, i], found[1, 1, i], found[1, 2, i] = lane_sum(jx), lane_sum(jy), lane_sum(jz)
+        pull_and_slope(bodies.sources, bodies.due[k])
 
 
 @jit
 def evaluate(bodies, time, cursor):
-    """``found`` of the bodies due, at predicted places of all; a status."""
-    n, series, times = bodies.times.size, bodies.series, bodies.times
+    """Pull and jerk of the bodies due, at predicted places of all; a status."""
+    n, series, times, sources = bodies.times.size, bodies.series, bodies.times, bodies.sources
     for k in range(3):
         for i in range(n):
             s = time - times[i]
             a, jerk = series[A, k, i], series[JERK, k, i]
-            bodies.x[k, i] = series[X, k, i] + s * (series[V, k, i] + s / 2 * (a + s / 3 * jerk))
-            bodies.v[k, i] = series[V, k, i] + s * (a + s / 2 * jerk)
+            sources.x[k, i] = series[X, k, i] + s * (series[V, k, i] + s / 2 * (a + s / 3 * jerk))
+            sources.u[k, i] = series[V, k, i] + s * (a + s / 2 * jerk)
     count = bodies.count[0]
     if count * n < WORTH_THREADS:
         each_chunk(bodies, Serial(TASKS), "pulls_and_jerks")
@@ -100,7 +69,7 @@ def evaluate(bodies, time, cursor):
     for k in range(count):
         i = bodies.due[k]
         for axis in range(3):
-            total += bodies.found[0, axis, i] + bodies.found[1, axis, i]
+            total += sources.a[axis, i] + sources.slope[axis, i]
     return OK if np.isfinite(total) else BLOWN_UP
 
 
@@ -110,14 +79,14 @@ def correct(bodies, i, h):
 
     The acceleration within the step is the cubic through both ends' acceleration and jerk, and the path its integral:
     ``series`` at the step's end therefore gives the whole step, too."""
-    series, found = bodies.series, bodies.found
+    series, sources = bodies.series, bodies.sources
     for k in range(3):
-        before, after = series[A, k, i], found[0, k, i]
-        jerk, jerk_after = series[JERK, k, i], found[1, k, i]
+        before, after = series[A, k, i], sources.a[k, i]
+        jerk, jerk_after = series[JERK, k, i], sources.slope[k, i]
         snap = (6.0 * (after - before) - h * (4.0 * jerk + 2.0 * jerk_after)) / (h * h)
         crackle = (12.0 * (before - after) + 6.0 * h * (jerk + jerk_after)) / (h * h * h)
-        series[X, k, i] = bodies.x[k, i] + h**4 * (snap / 24.0 + h * crackle / 120.0)
-        series[V, k, i] = bodies.v[k, i] + h**3 * (snap / 6.0 + h * crackle / 24.0)
+        series[X, k, i] = sources.x[k, i] + h**4 * (snap / 24.0 + h * crackle / 120.0)
+        series[V, k, i] = sources.u[k, i] + h**3 * (snap / 6.0 + h * crackle / 24.0)
         series[A, k, i], series[JERK, k, i] = after, jerk_after
         series[SNAP, k, i], series[CRACKLE, k, i] = snap + h * crackle, crackle
 
@@ -134,7 +103,7 @@ def wanted(bodies, i, h, eta):
     Multiple Time Scales; Makino & Aarseth 1992, eq. 7), after a step h; infinite where rounding hides what the pull
     moved the body in it, as at a centre of symmetry: there the derivatives are noise."""
     series = bodies.series
-    a, jerk, snap, crackle = length(series, A, i), length(series, JERK, i), length(series, SNAP, i), 0.0
+    a, jerk, snap = length(series, A, i), length(series, JERK, i), length(series, SNAP, i)
     crackle = length(series, CRACKLE, i)
     below = jerk * crackle + snap * snap
     if below == 0.0 or h * h * a <= 2.0**-52 * bodies.size:
@@ -163,7 +132,7 @@ def hermite_start(bodies, cursor):
     for i in range(n):
         bound.due[i] = i
     status = evaluate(bound, 0.0, cursor)
-    bound.series[A:SNAP] = bound.found
+    bound.series[A], bound.series[JERK] = bound.sources.a, bound.sources.slope
     return status
 
 

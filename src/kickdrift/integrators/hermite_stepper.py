@@ -9,8 +9,8 @@ from scipy.spatial import cKDTree
 
 from kickdrift.forces.chunks import Parallel, Serial
 from kickdrift.forces.evaluate import EVALUATIONS, SLOTS
+from kickdrift.forces.gravity_slope import sources_of
 from kickdrift.forces.kernel import OK
-from kickdrift.forces.simd import WIDTH
 from kickdrift.integrators.hermite_loop import (
     BEFORE,
     CRACKLE,
@@ -42,24 +42,16 @@ class HermiteStepper:
     and as far back as its last; ``y`` is what they all give at the last step point, and ``at`` what they give at
     another time. Neither touches the series, so that looks change no bits."""
 
-    def __init__(self, flow: Any, options: Options, eta: float) -> None:
+    def __init__(self, flow: Any, options: Options) -> None:
         system: System = flow.subject
-        self._flow, self._eta = flow, eta
+        self._flow, self._eta = flow, options.eta or 1.0
         self._individual, self._fixed = options.scheme == "block", options.dt or 0.0
         (force,) = system.forces
         n = len(system)
-        slots = WIDTH * -(-n // WIDTH)
-        gravity = force.G if force.G is not None else system.units.gravity
-        gm = np.zeros(slots)
-        gm[:n] = float(gravity or 0.0) * system.state.masses
         self._bodies = Bodies(
-            softening2=force.softening**2,
+            sources=sources_of(force, system),
             size=0.0,
-            gm=gm,
-            x=np.zeros((3, slots)),
-            v=np.zeros((3, slots)),
             series=np.zeros((6, 3, n)),
-            found=np.zeros((2, 3, n)),
             times=np.zeros(n),
             steps=np.zeros(n),
             due=np.zeros(n, np.int64),
@@ -137,10 +129,10 @@ class HermiteStepper:
         pulled = a > 0.0
         if not pulled.any():
             return 1.0
-        sources = np.flatnonzero(bodies.gm[: len(x)] > 0.0)
+        sources = np.flatnonzero(bodies.sources.gm[: len(x)] > 0.0)
         near, which = cKDTree(x[sources]).query(x, k=2)
         own = sources[np.minimum(which[:, 0], len(sources) - 1)] == np.arange(len(x))
-        distance = np.sqrt(np.where(own, near[:, 1], near[:, 0]) ** 2 + bodies.softening2)
+        distance = np.sqrt(np.where(own, near[:, 1], near[:, 0]) ** 2 + bodies.sources.softening2)
         with np.errstate(divide="ignore"):
             scale = np.minimum(a[pulled] / jerk[pulled], np.sqrt(distance[pulled] / a[pulled]))
         first = self._eta * float(scale.min())
@@ -161,5 +153,5 @@ class HermiteStepper:
 
     def reached(self, inside_step: bool) -> tuple[Floats, Floats]:
         bodies, n = self._bodies, len(self._bodies.times)
-        there = np.array([bodies.x[:, :n], bodies.v[:, :n]]) if inside_step else self.y
+        there = np.array([bodies.sources.x[:, :n], bodies.sources.u[:, :n]]) if inside_step else self.y
         return there, self.y[0]
