@@ -88,7 +88,7 @@ class Simulation:
         asked = Options(dt, rtol, atol, controller, compensated, iteration, coordinates, corrector, order, eta, scheme)
         self.options = self.method.checked(asked.or_else(system.run), asked)
         self.dt = self.options.dt
-        if self.dt is None and not self.method.adaptive:
+        if self.dt is None and self.method.needs_dt:
             raise InputError(f"dt is needed: system {system.name!r} names none in [run]")
         self.threads = threads
         self._stepper: Stepper | WatchedStepper = self.stepper_for(system)

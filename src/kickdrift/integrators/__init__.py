@@ -7,6 +7,7 @@ from difflib import get_close_matches
 from kickdrift.errors import InputError
 from kickdrift.integrators import (
     exact,
+    hermite,
     implicit,
     reversible,
     rosenbrock,
@@ -24,6 +25,7 @@ INTEGRATORS: dict[str, Method] = {
         *stormer.ROWS,
         *exact.ROWS,
         *reversible.ROWS,
+        *hermite.ROWS,
         *runge_kutta.ROWS,
         *implicit.ROWS,
         *rosenbrock.ROWS,

@@ -73,6 +73,7 @@ class Exact(Method):
     symplectic = True
     reversible = True
     separable = True
+    carries = False
 
     @property
     def evaluations(self) -> int:
