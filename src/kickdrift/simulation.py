@@ -394,7 +394,10 @@ class Simulation:
             observe(self)
 
     def _warn(self) -> None:
-        """Say where stability and not accuracy sets the steps."""
+        """Say what the method has to say, and where stability and not accuracy sets the steps."""
+        self.record.warnings += [
+            line for line in getattr(self._stepper, "warnings", ()) if line not in self.record.warnings
+        ]
         if not self._watched or self.record.steps < WATCHED_STEPS:
             return
         warning = stability_warning(self._flow, self.method, self._points)

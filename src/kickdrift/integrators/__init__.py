@@ -15,6 +15,7 @@ from kickdrift.integrators import (
     scipy_methods,
     splitting,
     stormer,
+    wisdom_holman,
 )
 from kickdrift.integrators.method import Method
 
@@ -26,6 +27,7 @@ INTEGRATORS: dict[str, Method] = {
         *exact.ROWS,
         *reversible.ROWS,
         *hermite.ROWS,
+        *wisdom_holman.ROWS,
         *runge_kutta.ROWS,
         *implicit.ROWS,
         *rosenbrock.ROWS,
