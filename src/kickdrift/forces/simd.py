@@ -251,6 +251,26 @@ def multiply_add(typingctx, a, b, c):
 
 
 @intrinsic
+def plus(typingctx, a, b):
+    """a + b that nothing may reassociate: for compensated sums, in functions that are ``compiling.strict``."""
+
+    def codegen(context, builder, sig, args):
+        return builder.fadd(*args)
+
+    return lanes_type(lanes_type, lanes_type), codegen
+
+
+@intrinsic
+def minus(typingctx, a, b):
+    """a - b, likewise."""
+
+    def codegen(context, builder, sig, args):
+        return builder.fsub(*args)
+
+    return lanes_type(lanes_type, lanes_type), codegen
+
+
+@intrinsic
 def lane_numbers(typingctx):
     """0.0, 1.0, … 7.0."""
 

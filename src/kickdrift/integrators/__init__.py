@@ -7,6 +7,7 @@ from difflib import get_close_matches
 from kickdrift.errors import InputError
 from kickdrift.integrators import (
     exact,
+    gauss_radau,
     implicit,
     reversible,
     rosenbrock,
@@ -25,6 +26,7 @@ INTEGRATORS: dict[str, Method] = {
         *exact.ROWS,
         *reversible.ROWS,
         *runge_kutta.ROWS,
+        *gauss_radau.ROWS,
         *implicit.ROWS,
         *rosenbrock.ROWS,
         *scipy_methods.ROWS,
