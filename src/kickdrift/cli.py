@@ -90,6 +90,15 @@ def run(
     compensated: Annotated[
         bool, typer.Option("--compensated", help="Carry on what rounding loses of positions and velocities.")
     ] = False,
+    coordinates: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Of wisdom-holman and saba: jacobi, democratic-heliocentric.")
+    ] = None,
+    corrector: Annotated[
+        int | None, typer.Option(metavar="ORDER", help="Symplectic corrector of wisdom-holman: 3, 5, 7, 11, 17.")
+    ] = None,
+    order: Annotated[str | None, typer.Option(metavar="NAME", help="Order of saba, such as 10,4.")] = None,
+    eta: Annotated[float | None, typer.Option(metavar="X", help="Accuracy of hermite4's steps.")] = None,
+    scheme: Annotated[str | None, typer.Option(metavar="NAME", help="Steps of hermite4: shared, block.")] = None,
     steps: Annotated[int | None, typer.Option(metavar="N", min=0, help="Steps to take.")] = None,
     time: Annotated[float | None, typer.Option(metavar="T", help="Time to run for, instead of --steps.")] = None,
     every: Annotated[int | None, typer.Option(metavar="K", min=1, help="Steps between samples and frames.")] = None,
@@ -118,7 +127,10 @@ def run(
 
     from kickdrift.simulation import Simulation
 
-    sim = Simulation(chosen, integrator, dt, threads, rtol=rtol, atol=atol, compensated=compensated)
+    sim = Simulation(
+        chosen, integrator, dt, threads, rtol=rtol, atol=atol, compensated=compensated, coordinates=coordinates,
+        corrector=corrector, order=order, eta=eta, scheme=scheme,
+    )  # fmt: skip
     length = run_length(sim, system, steps, time)
     with progress_bar(quiet) as bar:
         if isinstance(chosen, System) and chosen.equilibration:

@@ -95,10 +95,13 @@ def print_report(report: Report, sim: Simulation, output: Path | None) -> None:
         lines = [("system", f"{report.system}: {report.particles:,} particles, units {report.units}")]
     else:
         lines = [("problem", f"{report.system}: {counted(len(system), 'unknown')}")]
-    if report.dt is not None:
-        lines.append(("integrator", f"{report.integrator}, dt = {report.dt:g}{time_unit}"))
-    elif report.rtol is not None:
-        lines.append(("integrator", f"{report.integrator}, rtol = {report.rtol:g}, atol = {report.atol:g}"))
+    chosen = {"dt": report.dt, "rtol": report.rtol, "atol": report.atol, **report.options}
+    said = [
+        f"{key} = {value:g}{time_unit * (key == 'dt')}" if isinstance(value, float) else f"{key} = {value}"
+        for key, value in chosen.items()
+        if value is not None
+    ]
+    lines.append(("integrator", ", ".join([report.integrator, *said])))
     rejected = f" ({report.rejected_steps:,} rejected)" if report.rejected_steps else ""
     lines.append(("length", f"{report.steps:,} steps{rejected}, {report.time:g}{time_unit}"))
     if report.y is not None:

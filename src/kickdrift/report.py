@@ -49,7 +49,8 @@ class Report:
     ``momentum_error`` is the largest |P(t) - P(0)| over the samples divided by the sum of m |v| at the start, None in
     an external field; ``angular_momentum_error`` likewise with m |x × v|, None in a periodic box, where it is not
     conserved. ``temperature`` and ``pressure`` are means over the samples, in the system's units, None where they mean
-    nothing. ``ns_per_pair`` is the wall time per force evaluation and pair within range.
+    nothing. ``options`` are those that were chosen beside dt and tolerances. ``ns_per_pair`` is the wall time per force
+    evaluation and pair within range.
     """
 
     system: str
@@ -60,6 +61,7 @@ class Report:
     dt: float | None
     rtol: float | None
     atol: float | None
+    options: dict[str, Any]
     steps: int
     rejected_steps: int
     time: float
@@ -112,6 +114,7 @@ def report(sim: Simulation) -> Report:
         dt=None if sim.method.adaptive else sim.dt,
         rtol=rtol,
         atol=atol,
+        options={key: value for key, value in sim.options.extras(False).items() if key not in ("rtol", "atol")},
         steps=record.steps,
         rejected_steps=record.rejected_steps,
         time=samples[-1].time - samples[0].time if sim.method.chooses_steps else record.steps * (sim.dt or 0.0),

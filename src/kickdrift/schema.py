@@ -169,6 +169,11 @@ class RunTable(Table):
     every: PositiveInt | None = None
     rtol: PositiveFloat | None = None
     atol: PositiveFloat | None = None
+    coordinates: str | None = None
+    corrector: int | None = None
+    order: str | None = None
+    eta: PositiveFloat | None = None
+    scheme: str | None = None
 
     @model_validator(mode="after")
     def _steps_or_time(self) -> RunTable:

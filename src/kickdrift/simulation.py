@@ -48,6 +48,7 @@ class Simulation:
     controller : how an adaptive method sets its step: "i", "pi" (default) or "pid"
     compensated : carry on what rounding loses of positions and velocities; for methods of fixed steps
     iteration : how an implicit method solves for its stages: "newton" or "fixed-point"
+    coordinates, corrector, order, eta, scheme : see the integrators that take them; default the system file's
 
     Raises
     ------
@@ -67,6 +68,11 @@ class Simulation:
         controller: str | None = None,
         compensated: bool = False,
         iteration: str | None = None,
+        coordinates: str | None = None,
+        corrector: int | None = None,
+        order: str | None = None,
+        eta: float | None = None,
+        scheme: str | None = None,
     ) -> None:
         if not hasattr(system, "run"):
             raise InputError(f"a Simulation takes a System or a Problem, got {type(system).__name__}")
@@ -74,15 +80,8 @@ class Simulation:
         named = integrator if integrator is not None else system.run.integrator
         self.integrator = default if named is None else named
         self.method = method_named(self.integrator)
-        given = Options(
-            dt if dt is not None else system.run.dt,
-            rtol if rtol is not None else system.run.rtol,
-            atol if atol is not None else system.run.atol,
-            controller,
-            compensated,
-            iteration,
-        )
-        self.options = self.method.checked(given, asked=Options(dt, rtol, atol, controller, compensated, iteration))
+        asked = Options(dt, rtol, atol, controller, compensated, iteration, coordinates, corrector, order, eta, scheme)
+        self.options = self.method.checked(asked.or_else(system.run), asked)
         self.dt = self.options.dt
         if self.dt is None and not self.method.adaptive:
             raise InputError(f"dt is needed: system {system.name!r} names none in [run]")

@@ -26,6 +26,11 @@ class RunDefaults:
     every: int | None = None
     rtol: float | None = None
     atol: float | None = None
+    coordinates: str | None = None
+    corrector: int | None = None
+    order: str | None = None
+    eta: float | None = None
+    scheme: str | None = None
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -29,6 +29,7 @@ class Method:
     trial_steps : whether it may evaluate the force far from the solution
     rescalable : whether velocities may be changed between two steps without telling it
     tunable : the options of a Simulation, beside dt, that it takes
+    choices : the values that some of these may have, the default first (None: it depends)
     """
 
     name: str
@@ -79,20 +80,31 @@ class Method:
     def tunable(self) -> tuple[str, ...]:
         return ("rtol", "atol", "controller") if self.adaptive else ("compensated",)
 
+    @property
+    def choices(self) -> dict[str, tuple[Any, ...]]:
+        return {}
+
     def stepper(self, flow: Flow, options: Options) -> Stepper:
         """An integration of the flow with this method."""
         raise NotImplementedError
 
     def checked(self, given: Options, asked: Options) -> Options:
         """The options that this method takes of those given in arguments and file; those ``asked`` for in arguments
-        that it does not take are an InputError, and so are steps and tolerances that make no sense."""
-        for key in ("rtol", "atol", "controller", "compensated", "iteration"):
-            if key not in self.tunable and not (getattr(asked, key) is None or getattr(asked, key) is False):
+        that it does not take are an InputError, and so are values that make no sense."""
+        for key, value in asdict(asked).items():
+            if key not in ("dt", *self.tunable) and value is not None and value is not False:
                 takes = ", ".join(("dt", *self.tunable))
                 raise InputError(f"{key}: {self.name} does not take it; it takes {takes}")
         if not isinstance(asked.compensated, bool):
             raise InputError(f"compensated must be True or False, got {asked.compensated!r}")
         kept = {key: getattr(given, key) for key in self.tunable}
+        for key, known in self.choices.items():
+            if kept[key] is None:
+                kept[key] = known[0]
+            elif kept[key] not in known:
+                raise InputError(
+                    f"{key} {kept[key]!r} is unknown; known are {', '.join(str(k) for k in known if k is not None)}"
+                )
         dt = asked.dt if self.adaptive else given.dt  # a file's dt is no first step for a method that chooses its own
         if dt is not None and not (_is_number(dt) and np.isfinite(dt) and dt > 0):
             raise InputError(f"dt must be a positive finite time, got {dt!r}")

@@ -8,7 +8,7 @@ an adaptive method's first), ``steps_done`` step points passed since the start, 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields, replace
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
@@ -42,6 +42,17 @@ class Options:
     controller: str | None = None
     compensated: bool = False
     iteration: str | None = None
+    coordinates: str | None = None
+    corrector: int | None = None
+    order: str | None = None
+    eta: float | None = None
+    scheme: str | None = None
+
+    def or_else(self, defaults: Any) -> Options:
+        """The same, with what was not said taken from ``defaults`` where those have it."""
+        unsaid = [field.name for field in fields(self) if getattr(self, field.name) is None]
+        found: dict[str, Any] = {key: getattr(defaults, key, None) for key in unsaid}
+        return replace(self, **found)
 
     def extras(self, adaptive: bool) -> dict[str, Any]:
         """What a run's file should say besides dt."""
