@@ -5,11 +5,10 @@ Pham, Rein & Spiegel (2024, doi:10.21105/astro.2401.02849) take the shortest tim
     tau^2 = 2 a^2 / (a'^2 + a a''),
 
 with the moduli of the acceleration and its time derivatives at the step's end, 1 / omega on a circle; a step of
-(7! epsilon)^(1/7) tau makes the polynomial's last coefficient about epsilon of the acceleration (their section 2). It
-comes to nothing where an acceleration passes through zero, which a body in the midst of a symmetric figure does. The
-same ratio of the next derivatives (a' in the place of a, or a'') says there how fast the motion changes, and is the
-smaller one elsewhere, for derivatives of what comes near a singularity grow as factorials; so the largest of the three
-is taken.
+(7! epsilon)^(1/7) tau makes the polynomial's last coefficient about epsilon of the acceleration. It comes to nothing
+where an acceleration passes through zero, which that of a body in the midst of a symmetric figure does. How fast the
+motion changes there, the same ratio of the next derivatives (a' in the place of a, or a'') says. Half of that, or a
+quarter, is the least that tau may be: elsewhere tau is longer, and their rule stands as it is.
 """
 
 from __future__ import annotations
@@ -20,6 +19,7 @@ from kickdrift.forces.compiling import jit
 from kickdrift.forces.simd import WIDTH, load, splat, store
 
 LEVELS = 5  # a to its fourth derivative
+GUARD = 0.25  # of the square of the next derivatives' time scale
 UNSEEN = 1e-16  # of a velocity: what changes it by less in a step has no say in how long steps are
 
 
@@ -63,10 +63,11 @@ def next_step(terms, ends, v, rows, n, h, eta):
 @jit
 def time_scale2(sizes):
     """tau^2 in units of the step's square, by the moduli (5,) of a and its derivatives; infinite where all are zero."""
-    longest, still = 0.0, True
+    longest, still, share = 0.0, True, 1.0
     for level in range(LEVELS - 2):
         size = sizes[level]
         if size > 0.0:
             still = False
-            longest = max(longest, 2.0 / ((sizes[level + 1] / size) ** 2 + sizes[level + 2] / size))
+            longest = max(longest, share * 2.0 / ((sizes[level + 1] / size) ** 2 + sizes[level + 2] / size))
+        share *= GUARD
     return np.inf if still else longest
