@@ -421,7 +421,7 @@ class Simulation:
             "threads": self.threads,
             "seed": self.system.seed,
             "engine": "native",
-            **self.options.extras(self.method.adaptive),
+            **self.options.extras(self.method.tunable),
         }
         writer = Writer(path, self.system, method=method, every=cadence, overwrite=overwrite)
         self._files[path] = (writer.run_id, cadence)

@@ -7,6 +7,7 @@ from difflib import get_close_matches
 from kickdrift.errors import InputError
 from kickdrift.integrators import (
     exact,
+    gauss_radau,
     hermite,
     implicit,
     reversible,
@@ -29,6 +30,7 @@ INTEGRATORS: dict[str, Method] = {
         *hermite.ROWS,
         *wisdom_holman.ROWS,
         *runge_kutta.ROWS,
+        *gauss_radau.ROWS,
         *implicit.ROWS,
         *rosenbrock.ROWS,
         *scipy_methods.ROWS,
