@@ -46,7 +46,7 @@ GROUP = 8  # clusters that walk together, one lane each where their acceleration
 # of b times the root of their number, b^-3/5 (a volume, and b goes as its edge to the fifth): so accuracy ~ b^7/10.
 # SHARE is measured, so that 99 % of the particles are within the accuracy (validation/barnes_hut.py).
 SHARE, POWER = 16.0, 10 / 7
-ROUGH = 0.8  # opening angle, radius over distance, of that estimate
+ROUGH = 0.6  # opening angle, radius over distance, of that estimate
 FOUND = 256  # nodes or clusters found before their pull is added up
 
 
@@ -216,7 +216,7 @@ def distance2(row, low, high):
 def least_acceleration(force, first, last, low, high):
     """An estimate of the smallest |a| in a group: that of the smooth field at its clusters' centres, from masses alone.
 
-    A node pulls as if spread over its radius, so that no particle near a centre makes the estimate too large.
+    A cluster near by pulls as if spread over its radius, so that no particle near a centre makes the estimate too large.
     """
     nodes, span, softening2 = force.nodes, force.span, force.softening2
     centre = np.empty((3, WIDTH))
@@ -236,7 +236,8 @@ def least_acceleration(force, first, last, low, high):
         radius = row[RADIUS]
         if alone or radius * radius < ROUGH * ROUGH * distance2(row, low, high):
             dx, dy, dz = row[CX] - x, row[CY] - y, row[CZ] - z
-            inverse = 1.0 / math.sqrt(dx * dx + dy * dy + dz * dz + (radius * radius + softening2))
+            spread = radius * radius + softening2 if alone else softening2
+            inverse = 1.0 / math.sqrt(dx * dx + dy * dy + dz * dz + spread)
             w = row[GM] * inverse * inverse * inverse
             if alone and first <= cluster < last:
                 w = select(lane_numbers() == float(cluster - first), zero, w)
