@@ -15,6 +15,7 @@ from kickdrift.integrators import integrators
 if TYPE_CHECKING:
     from kickdrift.box import Box
     from kickdrift.errors import InputError, KickdriftError, RunError
+    from kickdrift.events import CloseApproach, Collision, Crossing, Escape
     from kickdrift.forces import (
         DrivenField,
         Gravity,
@@ -41,8 +42,12 @@ __version__ = version("kickdrift")
 _HOMES = {
     "accelerations": "integrators.custom",
     "Box": "box",
+    "CloseApproach": "events",
+    "Collision": "events",
+    "Crossing": "events",
     "DrivenField": "forces",
     "Energies": "observers",
+    "Escape": "events",
     "Gravity": "forces",
     "GravityTree": "forces",
     "HarmonicTrap": "forces",
@@ -70,8 +75,12 @@ _HOMES = {
 
 __all__ = [
     "Box",
+    "CloseApproach",
+    "Collision",
+    "Crossing",
     "DrivenField",
     "Energies",
+    "Escape",
     "Gravity",
     "GravityTree",
     "HarmonicTrap",

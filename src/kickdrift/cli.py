@@ -245,10 +245,13 @@ def compare(
     from kickdrift.analysis import work_precision as work
     from kickdrift.analysis.recommendation import recommendation
     from kickdrift.printing_compare import print_comparison, print_recommendation
+    from kickdrift.system import System
     from kickdrift.systemfile import load
 
     work.check_arguments(time, length, accuracy)
     subject = load(system, seed)
+    if isinstance(subject, System):
+        subject = subject.watched(())  # trajectories of all methods and steps are compared with one reference
     work.chosen(subject, integrator)
     say("compiling (the first time on a machine takes longest) and comparing: about a minute …", quiet)
     with progress_bar(quiet) as bar:
