@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from kickdrift.integrators import integrators
 
 if TYPE_CHECKING:
+    from kickdrift.analysis.chaos import ChaosReport, megno
     from kickdrift.box import Box
     from kickdrift.errors import InputError, KickdriftError, RunError
     from kickdrift.forces import (
@@ -41,6 +42,7 @@ __version__ = version("kickdrift")
 _HOMES = {
     "accelerations": "integrators.custom",
     "Box": "box",
+    "ChaosReport": "analysis.chaos",
     "DrivenField": "forces",
     "Energies": "observers",
     "Gravity": "forces",
@@ -58,6 +60,7 @@ _HOMES = {
     "System": "system",
     "UniformField": "forces",
     "load": "systemfile",
+    "megno": "analysis.chaos",
     "open": "trajectory.reader",
     "pair_law": "forces.pair_law",
     "register_splitting": "integrators.registration",
@@ -67,6 +70,7 @@ _HOMES = {
 
 __all__ = [
     "Box",
+    "ChaosReport",
     "DrivenField",
     "Energies",
     "Gravity",
@@ -86,6 +90,7 @@ __all__ = [
     "accelerations",
     "integrators",
     "load",
+    "megno",
     "open",
     "pair_law",
     "register_splitting",
