@@ -17,6 +17,7 @@ from kickdrift.printing import (
     LISTINGS,
     duration,
     print_benchmark,
+    print_chaos,
     print_claims,
     print_report,
     print_stability,
@@ -278,6 +279,38 @@ def compare(
         plot_comparison(found, plot, overwrite=overwrite)
     if advice and advice.choice is None:
         raise typer.Exit(1)
+
+
+@app.command()
+def chaos(
+    system: SystemArgument,
+    time: Annotated[float | None, typer.Option(metavar="T", help="Time to run for (default: the file's).")] = None,
+    integrator: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Default: the file's where it can, else dop853.")
+    ] = None,
+    dt: Annotated[float | None, typer.Option(metavar="X", help="Step of methods of fixed steps.")] = None,
+    rtol: Annotated[float | None, typer.Option(metavar="X", help="Relative tolerance of adaptive methods.")] = None,
+    atol: Annotated[float | None, typer.Option(metavar="X", help="Absolute tolerance of adaptive methods.")] = None,
+    seed: Annotated[int, typer.Option(metavar="S", min=0, help="Seed of the first deviation.")] = 0,
+    threads: ThreadsOption = 1,
+    json_file: JsonOption = None,
+    overwrite: OverwriteOption = False,
+    quiet: QuietOption = False,
+) -> None:
+    """Is the motion regular or chaotic: MEGNO and the largest Lyapunov exponent, from the variational equations."""
+    refuse_outputs({"json": json_file}, overwrite)
+    from kickdrift.analysis.chaos import megno
+    from kickdrift.systemfile import load
+
+    subject = load(system)
+    with progress_bar(quiet) as bar:
+        found = megno(
+            subject, time, integrator, dt, seed=seed, threads=threads, rtol=rtol, atol=atol, progress=bar("running")
+        )
+    try:
+        write_json(json_file, found.as_json())
+    finally:
+        print_chaos(found)
 
 
 @app.command()

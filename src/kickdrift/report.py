@@ -187,7 +187,7 @@ def _largest_change(values: list[Floats | None], scale: float) -> float | None:
     known = [value for value in values if value is not None]
     if not known:
         return None
-    largest = max(float(np.linalg.norm(value - known[0])) for value in known)
+    largest = float(np.linalg.norm(np.array(known) - known[0], axis=1).max())
     return largest / scale if scale else largest
 
 

@@ -19,10 +19,11 @@ from kickdrift.forces.chunks import chunk_task
 from kickdrift.forces.compiling import jit, never_inline
 from kickdrift.forces.simd import WIDTH, lane_max, lane_sum, load, select, splat
 
-# columns of a node: its G M, centre of mass, radius about it, bound, moments; 16 fill two cache lines
-GM, CX, CY, CZ, RADIUS, BOUND, XX, XY, XZ, YY, YZ, ZZ, TRACE, COLUMNS = *range(13), 16
+# Columns of a node: what the walk looks at (G M, centre of mass, radius about it, bound, first cluster, the node that
+# follows its tree) fills one cache line, the moments another.
+GM, CX, CY, CZ, RADIUS, BOUND, FIRST, BEYOND, XX, XY, XZ, YY, YZ, ZZ, TRACE, COLUMNS = range(16)
 TASKS, GROUPS = 0, 1  # slots of `counts`
-CHUNKS = 64  # shares of the work; tasks and groups are dealt out to them in turn
+CHUNKS = 64  # shares of the work; tasks and blocks of groups are dealt out to them in turn
 
 
 @jit
@@ -174,7 +175,7 @@ def moments(force, node):
     begin, end = WIDTH * force.span[node, 0], WIDTH * force.span[node, 1]
     zero = splat(0.0)
     total, mx, my, mz = zero, zero, zero, zero
-    out[GM] = 0.0
+    out[GM], out[FIRST], out[BEYOND] = 0.0, begin // WIDTH, node + 2 * ((end - begin) // WIDTH) - 1
     x0, y0, z0 = x[begin], y[begin], z[begin]  # sums about a near point round less
     for s in range(begin, end, WIDTH):
         m = load(gm, s)

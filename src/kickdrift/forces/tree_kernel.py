@@ -17,12 +17,14 @@ from kickdrift.forces.compiling import jit, never_inline
 from kickdrift.forces.kernel import BLOWN_UP, OK, kernel
 from kickdrift.forces.simd import WIDTH, aligned, lane_max, lane_numbers, lane_sum, load, select, splat, store
 from kickdrift.forces.tree_build import (
+    BEYOND,
     BOUND,
     CHUNKS,
     COLUMNS,
     CX,
     CY,
     CZ,
+    FIRST,
     GM,
     GROUPS,
     RADIUS,
@@ -46,7 +48,7 @@ GROUP = 8  # clusters that walk together, one lane each where their acceleration
 # of b times the root of their number, b^-3/5 (a volume, and b goes as its edge to the fifth): so accuracy ~ b^7/10.
 # SHARE is measured, so that 99 % of the particles are within the accuracy (validation/barnes_hut.py).
 SHARE, POWER = 16.0, 10 / 7
-ROUGH = 0.8  # opening angle, radius over distance, of that estimate
+ROUGH = 0.6  # opening angle, radius over distance, of that estimate
 FOUND = 256  # nodes or clusters found before their pull is added up
 
 
@@ -131,18 +133,26 @@ def add_sums(force, sums):
 
 @chunk_task
 def pull_groups(force, c):
-    """The accelerations of every CHUNKS-th group from c on."""
+    """The accelerations of some of the groups."""
     never_inline()
-    for g in range(c, force.counts[GROUPS], CHUNKS):
-        walk(force, None, force.groups[g])
+    walk_some(force, None, c)
 
 
 @chunk_task
 def pull_groups_and_sums(force, c):
     """The same, and the potential at each particle."""
     never_inline()
-    for g in range(c, force.counts[GROUPS], CHUNKS):
-        walk(force, force.potential, force.groups[g])
+    walk_some(force, force.potential, c)
+
+
+@jit
+def walk_some(force, potential, c):
+    """Every CHUNKS-th block of groups from c on; neighbours walk one after the other, over nodes still in the cache."""
+    count = force.counts[GROUPS]
+    block = 1 + count // (8 * CHUNKS)
+    for begin in range(c * block, count, CHUNKS * block):
+        for g in range(begin, min(begin + block, count)):
+            walk(force, potential, force.groups[g])
 
 
 @jit
@@ -157,12 +167,13 @@ def walk(force, potential, group):
             store(potential, s, zero)
     low, high = box(force, first, last)
     tolerance = force.tolerance * least_acceleration(force, first, last, low, high)
-    nodes, span = force.nodes, force.span
+    nodes = force.nodes
     found, near = np.empty(FOUND, np.int64), np.empty(FOUND, np.int64)
     n_found = n_near = 0
     k = 0
     while k < nodes.shape[0]:
-        row, cluster, beyond = nodes[k], span[k, 0], k + 2 * (span[k, 1] - span[k, 0]) - 1
+        row = nodes[k]
+        cluster, beyond = int(row[FIRST]), int(row[BEYOND])
         if row[GM] == 0.0:
             k = beyond
             continue
@@ -216,9 +227,9 @@ def distance2(row, low, high):
 def least_acceleration(force, first, last, low, high):
     """An estimate of the smallest |a| in a group: that of the smooth field at its clusters' centres, from masses alone.
 
-    A node pulls as if spread over its radius, so that no particle near a centre makes the estimate too large.
+    A cluster near by pulls as if spread over its radius, so that no particle near a centre makes the estimate too large.
     """
-    nodes, span, softening2 = force.nodes, force.span, force.softening2
+    nodes, softening2 = force.nodes, force.softening2
     centre = np.empty((3, WIDTH))
     for lane in range(WIDTH):
         s = WIDTH * min(first + lane, last - 1)
@@ -228,7 +239,8 @@ def least_acceleration(force, first, last, low, high):
     ax, ay, az = zero, zero, zero
     k = 0
     while k < nodes.shape[0]:
-        row, cluster, beyond = nodes[k], span[k, 0], k + 2 * (span[k, 1] - span[k, 0]) - 1
+        row = nodes[k]
+        cluster, beyond = int(row[FIRST]), int(row[BEYOND])
         if row[GM] == 0.0:
             k = beyond
             continue
@@ -236,7 +248,8 @@ def least_acceleration(force, first, last, low, high):
         radius = row[RADIUS]
         if alone or radius * radius < ROUGH * ROUGH * distance2(row, low, high):
             dx, dy, dz = row[CX] - x, row[CY] - y, row[CZ] - z
-            inverse = 1.0 / math.sqrt(dx * dx + dy * dy + dz * dz + (radius * radius + softening2))
+            spread = radius * radius + softening2 if alone else softening2
+            inverse = 1.0 / math.sqrt(dx * dx + dy * dy + dz * dz + spread)
             w = row[GM] * inverse * inverse * inverse
             if alone and first <= cluster < last:
                 w = select(lane_numbers() == float(cluster - first), zero, w)
