@@ -140,6 +140,10 @@ def test_positions_are_moved_to_the_barycentre_where_the_file_says_so():
     assert moved.state.positions.tolist() == [[-0.25, 0, 0], [0.75, 0, 0]]
     assert moved.state.velocities.tolist() == [[0, -0.25, 0], [0, 0.75, 0]]
     assert loads(text.replace("BARY", "")).state.positions[0].tolist() == [0, 0, 0]
+    equal = loads(text.replace("BARY", "barycentric = true").replace("masses = [3.0, 1.0]", ""))
+    assert equal.state.positions[0].tolist() == [-0.5, 0, 0]
+    with pytest.raises(InputError, match="masses: expected numbers, zero or more, with a positive sum"):
+        loads(text.replace("BARY", "barycentric = true").replace("[3.0, 1.0]", "[0.0, 0.0]"))
 
 
 BAD = [
