@@ -88,6 +88,12 @@ def kinetic_energy(masses: Floats, velocities: Floats) -> float:
     return 0.5 * float(np.einsum("i,ki,ki->", masses, velocities, velocities))
 
 
+def angular_momentum(masses: Floats, x: Floats, v: Floats) -> Floats:
+    """(3,) sum of m x × v, about the origin; positions and velocities (3, n)."""
+    pairs = ((1, 2), (2, 0), (0, 1))
+    return np.array([masses @ (x[j] * v[k] - x[k] * v[j]) for j, k in pairs])
+
+
 def take_sample(system: System, forces: BoundForces, step: int, time: float, phase: Floats) -> Sample:
     """Look at positions and velocities ``phase`` (2, 3, n); a RunError where forces or energy there are no numbers."""
     measured = forces.measure(time, phase)
@@ -107,7 +113,7 @@ def take_sample(system: System, forces: BoundForces, step: int, time: float, pha
         time=time,
         energies=Energies(kinetic, measured.potential, kinetic + measured.potential),
         momentum=v @ m,
-        angular_momentum=np.cross(x.T, v.T).T @ m,
+        angular_momentum=angular_momentum(m, x, v),
         temperature=temperature,
         pressure=pressure,
         pairs=measured.pairs,

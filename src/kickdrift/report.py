@@ -109,7 +109,8 @@ def report(sim: Simulation) -> Report:
     samples = record.samples
     of_particles = isinstance(system, System)
     work = record.force_evaluations * sum(s.pairs for s in samples) / len(samples)
-    rtol, atol = sim.options.tolerances if sim.method.adaptive else (None, None)
+    options = sim.options.extras(sim.method.tunable)
+    rtol, atol = options.pop("rtol", None), options.pop("atol", None)
     return Report(
         system=system.name,
         engine="native",
@@ -119,7 +120,7 @@ def report(sim: Simulation) -> Report:
         dt=None if sim.method.adaptive else sim.dt,
         rtol=rtol,
         atol=atol,
-        options={key: value for key, value in sim.options.extras(False).items() if key not in ("rtol", "atol")},
+        options=options,
         steps=record.steps,
         rejected_steps=record.rejected_steps,
         time=samples[-1].time - samples[0].time if sim.method.chooses_steps else record.steps * (sim.dt or 0.0),
@@ -186,7 +187,7 @@ def _largest_change(values: list[Floats | None], scale: float) -> float | None:
     known = [value for value in values if value is not None]
     if not known:
         return None
-    largest = max(float(np.linalg.norm(value - known[0])) for value in known)
+    largest = float(np.linalg.norm(np.array(known) - known[0], axis=1).max())
     return largest / scale if scale else largest
 
 

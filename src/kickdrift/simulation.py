@@ -88,7 +88,7 @@ class Simulation:
         asked = Options(dt, rtol, atol, controller, compensated, iteration, coordinates, corrector, order, eta, scheme)
         self.options = self.method.checked(asked.or_else(system.run), asked)
         self.dt = self.options.dt
-        if self.dt is None and not self.method.adaptive:
+        if self.dt is None and self.method.needs_dt:
             raise InputError(f"dt is needed: system {system.name!r} names none in [run]")
         self.threads = threads
         self._stepper: Stepper | WatchedStepper = self.stepper_for(system)
@@ -394,7 +394,10 @@ class Simulation:
             observe(self)
 
     def _warn(self) -> None:
-        """Say where stability and not accuracy sets the steps."""
+        """Say what the method has to say, and where stability and not accuracy sets the steps."""
+        self.record.warnings += [
+            line for line in getattr(self._stepper, "warnings", ()) if line not in self.record.warnings
+        ]
         if not self._watched or self.record.steps < WATCHED_STEPS:
             return
         warning = stability_warning(self._flow, self.method, self._points)
@@ -418,7 +421,7 @@ class Simulation:
             "threads": self.threads,
             "seed": self.system.seed,
             "engine": "native",
-            **self.options.extras(self.method.adaptive),
+            **self.options.extras(self.method.tunable),
         }
         writer = Writer(path, self.system, method=method, every=cadence, overwrite=overwrite)
         self._files[path] = (writer.run_id, cadence)

@@ -25,10 +25,12 @@ from kickdrift.cache import folder
 
 FAST_MATH = {"reassoc", "nsz", "arcp", "contract"}  # never nnan or ninf: blow-ups are found by their NaN
 
-jit = njit(error_model="numpy", fastmath=FAST_MATH, nogil=True)
-# Operation by operation as written, for what reassociation would undo. The False is not the default: without it numba
-# lets a function inherit its caller's flags.
-strict = njit(error_model="numpy", fastmath=False, nogil=True)
+# What is not said a compiled function takes over from its caller: hence each False below.
+jit = njit(error_model="numpy", fastmath=FAST_MATH, nogil=True, forceinline=False)
+# The same, always made part of the caller: handing over its arrays takes longer than a step of a few bodies.
+inlined = njit(error_model="numpy", fastmath=FAST_MATH, nogil=True, forceinline=True)
+# Operation by operation as written, for what reassociation would undo.
+strict = njit(error_model="numpy", fastmath=False, nogil=True, forceinline=False)
 
 
 @intrinsic
