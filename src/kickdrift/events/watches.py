@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from kickdrift.errors import RunError
-from kickdrift.events import Between, CloseApproach, Collision, Crossing, Escape, index_of
+from kickdrift.events import Between, CloseApproach, Collision, Crossing, Escape, binding, index_of
 from kickdrift.events.encounters import CLOSEST, contacts, crossings, passages, unbound
 from kickdrift.state import Floats
 from kickdrift.system import System
@@ -227,10 +227,8 @@ class Escapes:
 
     def follow(self, system: System) -> None:
         """Watch the bodies that are left; those that escaped are known."""
-        from kickdrift.forces import Gravity
-
         self._system, ids = system, system.state.ids
-        law = next(force for force in system.forces if isinstance(force, Gravity))
+        law = binding(system)
         gravity = law.G if law.G is not None else system.units.gravity
         self._gm, self._softening2 = float(gravity or 0.0) * system.state.masses, float(law.softening) ** 2
         place = np.flatnonzero(ids == self._about) if self._about is not None else np.array([-1])

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from kickdrift.errors import RunError
+from kickdrift.errors import InputError, RunError
 from kickdrift.events import CloseApproach, Collision, Crossing, Escape, Event
 from kickdrift.events.collisions import bounced, joined, merged, without
 from kickdrift.events.watches import Act, Approaches, Contacts, Crossings, Escapes, Row, Span, entry
@@ -51,6 +51,7 @@ class WatchedStepper:
         self.absorbed: dict[int, int] = {}
         self.writer: Any = None
         self._spent = Counts()
+        self._warned: list[str] = []
         subject: Any = sim.system
         self._approaches = [Approaches(e, subject) for e in events if isinstance(e, CloseApproach)]
         self._contacts = [Contacts(e, subject) for e in events if isinstance(e, Collision)]
@@ -77,6 +78,10 @@ class WatchedStepper:
     @property
     def trouble(self) -> str:
         return self.inner.trouble
+
+    @property
+    def warnings(self) -> list[str]:
+        return [*self._warned, *getattr(self.inner, "warnings", ())]
 
     @property
     def time(self) -> float:
@@ -223,7 +228,11 @@ class WatchedStepper:
             self._stop(act, span)
             return OK
         y = np.array(span.inside(act.time))
-        self._change(act, y, step)
+        try:
+            self._change(act, y, step)
+        except InputError as error:  # a force or the method does not take what is left
+            names = " and ".join(self._system.body(i) for i in act.bodies)
+            raise RunError(f"step {step} (t = {act.time:.9g}): after the {event.kind} of {names}: {error}") from error
         if adaptive or act.time >= span.t1:
             return OK
         y, begin = self.inner.y, act.time
@@ -275,7 +284,7 @@ class WatchedStepper:
             left, y = without(system, y, gone)
             self._leave(system, gone, NEVER_BACK)
         if left is not system:
-            self._spent = _sum(self._spent, self.inner.counts)
+            self._spent, self._warned = self.counts, self.warnings
             self.inner = self._sim.stepper_for(left)
             self._aside()
             for watch in self._watches:
