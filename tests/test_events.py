@@ -539,7 +539,7 @@ def test_setting_the_state_begins_anew():
 
 
 def test_events_stay_behind_a_blow_up():
-    """The state goes back to the last sample, and so do events after it: an unstable drag turns v around in each"""
+    """The state goes back to the last sample, and so do events after it: an unstable drag turns v around."""
     system = kd.System([[1.0, 0, 0]], [[1.0, 0, 0]], forces=[kd.LinearDrag(1e3)])
     sim = kd.Simulation(system, "euler", 1.0, events=[kd.Crossing(lambda t, x, v: v[0, 0], "turn")])
     with pytest.raises(RunError, match="blew up"):
