@@ -8,6 +8,7 @@ from kickdrift.errors import InputError
 from kickdrift.integrators import (
     exact,
     gauss_radau,
+    hermite,
     implicit,
     reversible,
     rosenbrock,
@@ -15,6 +16,7 @@ from kickdrift.integrators import (
     scipy_methods,
     splitting,
     stormer,
+    wisdom_holman,
 )
 from kickdrift.integrators.method import Method
 
@@ -25,6 +27,8 @@ INTEGRATORS: dict[str, Method] = {
         *stormer.ROWS,
         *exact.ROWS,
         *reversible.ROWS,
+        *hermite.ROWS,
+        *wisdom_holman.ROWS,
         *runge_kutta.ROWS,
         *gauss_radau.ROWS,
         *implicit.ROWS,
