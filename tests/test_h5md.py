@@ -37,6 +37,17 @@ def make_system(n=30, box=(5.0, 6.0, 7.0), units="lj", scale=1.0) -> System:
     )
 
 
+def test_bodies_keep_their_names(tmp_path):
+    system = System([[0, 0, 0], [1, 0, 0]], units="nbody", names=["Sun", "Jupiter"])
+    with Writer(tmp_path / "run.h5md", system, method=METHOD, every=1) as writer:
+        writer.append(system.state, sample(0))
+    with reader.open(tmp_path / "run.h5md") as run:
+        assert run.names == ("Sun", "Jupiter")
+        assert list(run.universe().atoms.names) == ["Sun", "Jupiter"]
+    assert system.body(1) == "Jupiter"
+    assert make_system().body(1) == "particle 1"
+
+
 def make_state(system: System, step: int, dt=0.005) -> State:
     s = system.state
     phase = s.phase.copy()

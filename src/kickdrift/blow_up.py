@@ -24,10 +24,10 @@ def explain(system: System, phase: Floats, before: Floats, good: Floats, step: i
     if finite.all():
         speeds = np.linalg.norm(phase[1], axis=0)
         particle = int(np.argmax(speeds))
-        what = f"particle {particle} moves at {speeds[particle]:.3g} {system.units.unit('velocity')}"
+        what = f"{system.body(particle)} moves at {speeds[particle]:.3g} {system.units.unit('velocity')}"
     else:
         particle = int(np.flatnonzero(~finite)[0])
-        what = f"particle {particle} has no finite position or velocity"
+        what = f"{system.body(particle)} has no finite position or velocity"
     known = finite.all() and np.abs(phase[0]).max() < FAR * np.abs(good[0]).max()
     here, when = (before, "the step before") if known else (good[0], f"at step {good_step}")
     distances = np.linalg.norm(system.box.minimum_image((here - here[:, [particle]]).T), axis=1)
@@ -36,5 +36,6 @@ def explain(system: System, phase: Floats, before: Floats, good: Floats, step: i
     if len(distances) > 1:
         other = int(np.argmin(distances))
         length = system.units.unit("length")
-        neighbour = f", its nearest neighbour was {other} at {distances[other]:.4g} {length} {when}"
+        which = system.names[other] if system.names else other
+        neighbour = f", its nearest neighbour was {which} at {distances[other]:.4g} {length} {when}"
     return f"blew up at step {step} (t = {time:.6g}): {what}{neighbour}; the last good frame is step {good_step}"

@@ -100,7 +100,8 @@ def maxwell_boltzmann(masses: ArrayLike, temperature: float, boltzmann: float, s
 
 
 class Structure(NamedTuple):
-    """Particles to start from: masses are one number or each their own; edges and velocities where they are known."""
+    """Particles to start from: masses are one number or each their own; edges and velocities where they are known,
+    and the seed where they were drawn; ``barycentric`` ones are to be moved there."""
 
     positions: Floats
     masses: Any
@@ -108,6 +109,10 @@ class Structure(NamedTuple):
     edges: Sequence[float] | None
     periodic: bool
     velocities: Floats | None = None
+    names: Sequence[str] = ()
+    radii: Sequence[float] | None = None
+    seed: int | None = None
+    barycentric: bool = False
 
 
 def read_structure(path: Path, units: UnitSystem) -> Structure:

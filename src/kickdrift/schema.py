@@ -10,9 +10,7 @@ from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
 from pydantic import (
-    BaseModel,
     BeforeValidator,
-    ConfigDict,
     Discriminator,
     Field,
     NonNegativeInt,
@@ -24,24 +22,13 @@ from pydantic import (
     create_model,
     model_validator,
 )
-from pydantic_core import ErrorDetails, PydanticCustomError
+from pydantic_core import ErrorDetails
 
 from kickdrift.errors import InputError
 from kickdrift.forces.pair_law import PairForce
-from kickdrift.units import UnitSystem, quantity, shown, suggestion
-
-
-class In:
-    """Validator of a number, or of text with a unit, that becomes a number in the file's units."""
-
-    def __init__(self, dimension: str, sign: Literal["any", "positive", "non-negative"] = "any") -> None:
-        self.dimension, self.sign = dimension, sign
-
-    def __call__(self, value: Any, info: ValidationInfo) -> float:
-        number = quantity(value, self.dimension, info.context["units"])  # type: ignore[index]
-        if (self.sign == "positive" and number <= 0) or (self.sign == "non-negative" and number < 0):
-            raise InputError(f"expected a {self.sign} {self.dimension}, got {shown(value)}")
-        return number
+from kickdrift.schema_base import Edge, In, Mass, Pull, Radius, Table, Temperature, Time, Vector, Velocity
+from kickdrift.schema_bodies import ElementsTable, PlummerTable
+from kickdrift.units import UnitSystem, shown
 
 
 def _mass(value: Any, info: ValidationInfo) -> float | dict[str, float]:
@@ -71,36 +58,9 @@ def _density(value: Any) -> Any:
     raise InputError(f"expected a number density or a mass density, got {shown(value)}")
 
 
-Length = Annotated[float, BeforeValidator(In("length"))]
-Edge = Annotated[float, BeforeValidator(In("length", "positive"))]
-Time = Annotated[float, BeforeValidator(In("time", "positive"))]
-Mass = Annotated[float, BeforeValidator(In("mass", "non-negative"))]
 Masses = Annotated[Any, BeforeValidator(_mass)]
-Temperature = Annotated[float, BeforeValidator(In("temperature", "non-negative"))]
-Velocity = Annotated[float, BeforeValidator(In("velocity"))]
 Species = Annotated[Any, BeforeValidator(_species)]
 Density = Annotated[Any, BeforeValidator(_density)]
-Vector = Annotated[list[Length], Field(min_length=3, max_length=3)]
-
-
-class Table(BaseModel):
-    model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
-
-    @model_validator(mode="before")
-    @classmethod
-    def _known_keys(cls, data: Any) -> Any:
-        if not isinstance(data, dict):
-            raise PydanticCustomError("table", "{text}", {"text": f"expected a table, got {shown(data)}"})
-        for key in data:
-            if key not in cls.model_fields:
-                text = f"unknown key{suggestion(key, cls.model_fields)} (known: {', '.join(cls.model_fields)})"
-                raise PydanticCustomError("unknown_key", "{text}", {"text": text, "key": key})
-        return data
-
-    def one_of(self, *keys: str) -> None:
-        given = [key for key in keys if getattr(self, key) is not None]
-        if len(given) != 1:
-            raise InputError(f"expected exactly one of {', '.join(keys)}, got {' and '.join(given) or 'none'}")
 
 
 class LatticeTable(Table):
@@ -116,23 +76,32 @@ class PositionsTable(Table):
     positions: Annotated[list[Vector], Field(min_length=1)]
     mass: Masses = None
     masses: list[Mass] | None = None
+    GM: list[Pull] | None = None
+    barycentric: bool = False
     species: Species = {"A": 1.0}
+    names: list[str] = []
+    radii: list[Radius] | None = None
 
 
 class FileTable(Table):
     file: str
 
 
+PARTICLES = ("lattice", "positions", "elements", "plummer", "file")
+
+
 def _kind(data: Any) -> str | None:
-    kinds = [key for key in ("lattice", "positions", "file") if isinstance(data, dict) and key in data]
+    kinds = [key for key in PARTICLES if isinstance(data, dict) and key in data]
     return f"<{kinds[0]}>" if len(kinds) == 1 else None
 
 
 ParticlesTable = Annotated[
     Annotated[LatticeTable, Tag("<lattice>")]
     | Annotated[PositionsTable, Tag("<positions>")]
+    | Annotated[ElementsTable, Tag("<elements>")]
+    | Annotated[PlummerTable, Tag("<plummer>")]
     | Annotated[FileTable, Tag("<file>")],
-    Discriminator(_kind, "particles", "expected a table with exactly one of lattice, positions, file"),
+    Discriminator(_kind, "particles", f"expected a table with exactly one of {', '.join(PARTICLES)}"),
 ]
 
 
@@ -168,6 +137,11 @@ class RunTable(Table):
     every: PositiveInt | None = None
     rtol: PositiveFloat | None = None
     atol: PositiveFloat | None = None
+    coordinates: str | None = None
+    corrector: int | None = None
+    order: str | None = None
+    eta: PositiveFloat | None = None
+    scheme: str | None = None
 
     @model_validator(mode="after")
     def _steps_or_time(self) -> RunTable:
@@ -189,6 +163,7 @@ class SystemTable(Table):
     velocities: VelocitiesTable | None = None
     box: BoxTable = BoxTable()
     force: list[dict[str, Any]]  # each checked against its class's constructor
+    event: list[dict[str, Any]] = []  # each checked against the table of its type
     run: RunTable = RunTable()
     equilibrate: EquilibrateTable | None = None
     invariants: dict[str, Any] = {}
@@ -302,5 +277,5 @@ def _line(error: ErrorDetails, path: str) -> str:
         words = error["msg"].replace("Input should be", "expected")
         for pydantics, ours in _WORDS.items():
             words = words.replace(pydantics, ours)
-        text = f"{words}{' of tables [[force]]' if path == 'force' else ''}, got {shown(error['input'])}"
+        text = f"{words}{f' of tables [[{path}]]' if path in ('force', 'event') else ''}, got {shown(error['input'])}"
     return " ".join(f"{path}: {text}".split())

@@ -12,14 +12,19 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from kickdrift.bodies import cluster, on_orbits
 from kickdrift.builders import Structure, check_overlaps, lattice, maxwell_boltzmann, mixture, read_structure
+from kickdrift.coordinates import to_barycentric
 from kickdrift.errors import InputError
+from kickdrift.events.tables import events_of
 from kickdrift.forces import FORCES
 from kickdrift.forces.pair_law import PairForce
 from kickdrift.problem import Problem
 from kickdrift.schema import (
+    ElementsTable,
     LatticeTable,
     OdeFileTable,
+    PlummerTable,
     PositionsTable,
     SystemTable,
     checked,
@@ -27,7 +32,7 @@ from kickdrift.schema import (
     ode_table,
 )
 from kickdrift.state import Floats
-from kickdrift.system import Equilibration, RunDefaults, System
+from kickdrift.system import Equilibration, RunDefaults, System, body_names
 from kickdrift.units import UNIT_SYSTEMS, UnitSystem, number_density, shown, suggestion, unit_system
 
 _BESIDE_ODE = tuple(key for key in OdeFileTable.model_fields if key != "ode")
@@ -172,20 +177,26 @@ def _system(data: dict[str, Any], path: Path, text: str, seed: int | None) -> Sy
         raise InputError(f"units: required key is missing; expected one of {', '.join(UNIT_SYSTEMS)}")
     units = unit_system(data["units"])
     table: SystemTable = checked(SystemTable, data, units)
-    start = _start(table, units, path.parent)
     forces = [_force(force, units, f"force[{k}]") for k, force in enumerate(table.force)]
+    gravity = next((force.G for force in forces if getattr(force, "G", None) is not None), units.gravity)
+    start = _start(table, units, path.parent, gravity, seed)
     velocities = start.velocities
     drawn = table.velocities is not None and table.velocities.temperature is not None
-    if seed is not None and not drawn:
+    if seed is not None and not drawn and start.seed is None:
         raise InputError("seed: this system draws no velocities; expected velocities.temperature")
+    seed = start.seed if start.seed is not None else seed
     if table.velocities is not None:
         velocities = None if drawn else np.array(table.velocities.values, dtype=float)
         seed = table.velocities.seed if seed is None else seed
     equilibration = Equilibration(**table.equilibrate.model_dump()) if table.equilibrate else None
 
     def system(velocities: Floats | None) -> System:
+        positions = start.positions
+        if start.barycentric:
+            positions = to_barycentric(positions, start.masses)[0]
+            velocities = None if velocities is None else to_barycentric(velocities, start.masses)[0]
         return System(
-            start.positions,
+            positions,
             velocities,
             start.masses,
             _box(table, start),
@@ -198,6 +209,8 @@ def _system(data: dict[str, Any], path: Path, text: str, seed: int | None) -> Sy
             table.invariants,
             text,
             seed,
+            start.names,
+            start.radii,
         )
 
     made = system(velocities)
@@ -205,7 +218,7 @@ def _system(data: dict[str, Any], path: Path, text: str, seed: int | None) -> Sy
         with _named("velocities."):
             made = system(maxwell_boltzmann(made.coherent_masses, table.velocities.temperature, units.boltzmann, seed))
     check_overlaps(made)
-    return made
+    return made if not table.event else made.watched(events_of(made, table.event))
 
 
 def _force(given: dict[str, Any], units: UnitSystem, path: str) -> Any:
@@ -246,13 +259,21 @@ def _box(table: SystemTable, start: Structure) -> Sequence[float] | None:
     return edges
 
 
-def _start(table: SystemTable, units: UnitSystem, folder: Path) -> Structure:
+def _start(table: SystemTable, units: UnitSystem, folder: Path, gravity: float | None, seed: int | None) -> Structure:
     particles = table.particles
     with _named("particles."):
         if isinstance(particles, LatticeTable):
             return _on_lattice(particles, table.box.lengths, units)
         if isinstance(particles, PositionsTable):
-            return _given(particles, units)
+            return _given(particles, units, gravity)
+        if isinstance(particles, ElementsTable | PlummerTable):
+            if table.velocities is not None:
+                raise InputError("elements and plummer give velocities themselves; expected no [velocities]")
+            return (
+                on_orbits(particles, gravity, seed)
+                if isinstance(particles, ElementsTable)
+                else cluster(particles, units, seed)
+            )
         with _named("file: "):
             return read_structure(folder / particles.file, units)
 
@@ -279,12 +300,18 @@ def _on_lattice(particles: LatticeTable, lengths: list[float] | None, units: Uni
     return Structure(positions, masses, species, edges, periodic=True)
 
 
-def _given(particles: PositionsTable, units: UnitSystem) -> Structure:
+def _given(particles: PositionsTable, units: UnitSystem, gravity: float | None) -> Structure:
     n = len(particles.positions)
     species = list(particles.species) * n if isinstance(particles.species, dict) else particles.species
     if len(species) != n:
         raise InputError(f"species: expected one name or {n}, got {len(particles.species)}")
-    if particles.masses is None:
+    if particles.GM is not None:
+        if gravity is None or particles.mass is not None or particles.masses is not None:
+            raise InputError("GM: expected it alone, without mass or masses, in units that have a G")
+        masses = [gm / gravity for gm in particles.GM]
+        if len(masses) != n:
+            raise InputError(f"GM: expected {n}, one for each position, got {len(masses)}")
+    elif particles.masses is None:
         masses = _masses(particles.mass, species, n, units)
     elif particles.mass is not None:
         raise InputError("masses: expected mass or masses, got both")
@@ -292,7 +319,12 @@ def _given(particles: PositionsTable, units: UnitSystem) -> Structure:
         raise InputError(f"masses: expected {n}, one for each position, got {len(particles.masses)}")
     else:
         masses = particles.masses
-    return Structure(np.array(particles.positions, dtype=float), masses, species, None, periodic=False)
+    positions = np.array(particles.positions, dtype=float)
+    names = body_names(particles.names, n)
+    return Structure(
+        positions, masses, species, None, periodic=False, names=names, radii=particles.radii,
+        barycentric=particles.barycentric,
+    )  # fmt: skip
 
 
 def _masses(mass: Any, species: Sequence[str], n: int, units: UnitSystem) -> Any:

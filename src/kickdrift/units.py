@@ -22,7 +22,8 @@ AU = constants.astronomical_unit  # m, exact since IAU 2012; DE421's own is 0.37
 YEAR = 365.25 * constants.day  # s, the Julian year
 MSUN = GM_SUN / constants.G  # kg; no better known than CODATA's G, and needed only where kilograms come in
 
-# Each dimension as a product of powers of length L, time T, mass M, energy E and temperature K.
+# Each dimension as a product of powers of length L, time T, mass M, energy E, temperature K and
+# angle A.
 DIMENSIONS: dict[str, dict[str, int]] = {
     "dimensionless": {},
     "length": {"L": 1},
@@ -42,6 +43,8 @@ DIMENSIONS: dict[str, dict[str, int]] = {
     "momentum": {"M": 1, "L": 1, "T": -1},
     "angular momentum": {"M": 1, "L": 2, "T": -1},
     "gravitational constant": {"L": 3, "M": -1, "T": -2},
+    "gravitational parameter": {"L": 3, "T": -2},
+    "angle": {"A": 1},
 }
 
 _EXAMPLES = {
@@ -56,6 +59,8 @@ _EXAMPLES = {
     "pressure": "1 bar",
     "frequency": "2 THz",
     "rate": "0.1 ps^-1",
+    "gravitational parameter": "398600.4 km^3/s^2",
+    "angle": "1.3 deg",
 }
 
 _COMMON = (
@@ -69,7 +74,7 @@ _UNIT_TEXT = re.compile(r"(?:1(?=\s*/)|[(*/·\s]|(?:°?[^\W\d]+|\))(?:(?:\^|\*\*
 
 @dataclass(frozen=True)
 class UnitSystem:
-    """Names of the units, Boltzmann's constant and G in them.
+    """Names of the units, Boltzmann's constant, G and the speed of light in them (None where they are plain numbers).
 
     ``coherent_mass`` is the one factor that makes force = mass x acceleration true: in ``metal`` (angstrom, ps, eV, u)
     a mass in u times it is in eV ps^2 / angstrom^2; elsewhere it is 1.
@@ -83,6 +88,7 @@ class UnitSystem:
     temperature: str
     boltzmann: float
     gravity: float | None = None
+    light: float | None = None
     coherent_mass: float = 1.0
 
     @property
@@ -92,7 +98,7 @@ class UnitSystem:
 
     def unit(self, dimension: str) -> str:
         """The unit of that dimension, as text that a person and pint can read: ``angstrom/ps``, ``eV/angstrom^3``."""
-        names = {"L": self.length, "T": self.time, "M": self.mass, "E": self.energy, "K": self.temperature}
+        names = {"L": self.length, "T": self.time, "M": self.mass, "E": self.energy, "K": self.temperature, "A": "deg"}
         over: list[str] = []
         under: list[str] = []
         powers = _powers(dimension)
@@ -113,9 +119,10 @@ UNIT_SYSTEMS: dict[str, UnitSystem] = {
         "eV",
         "K",
         boltzmann=constants.k / constants.e,
+        light=constants.c * constants.pico / constants.angstrom,
         coherent_mass=constants.atomic_mass * (constants.angstrom / constants.pico) ** 2 / constants.e,
     ),
-    "si": UnitSystem("si", "m", "s", "kg", "J", "K", boltzmann=constants.k, gravity=constants.G),
+    "si": UnitSystem("si", "m", "s", "kg", "J", "K", boltzmann=constants.k, gravity=constants.G, light=constants.c),
     "astro": UnitSystem(
         "astro",
         "AU",
@@ -125,6 +132,7 @@ UNIT_SYSTEMS: dict[str, UnitSystem] = {
         "K",
         boltzmann=constants.k * YEAR**2 / (MSUN * AU**2),
         gravity=GM_SUN * YEAR**2 / AU**3,
+        light=constants.c * YEAR / AU,
     ),
     "nbody": UnitSystem("nbody", "length", "time", "mass", "energy", "energy/k_B", 1.0, gravity=1.0),
 }
@@ -179,7 +187,7 @@ def quantity(value: Any, dimension: str, units: UnitSystem, key: str = "") -> fl
         return number
     if not powers:
         raise InputError(f"{prefix}{expected}, got {shown(value)}")
-    if units.reduced:
+    if units.reduced and dimension != "angle":
         raise InputError(f"{prefix}{units.name} quantities are plain numbers, got {shown(value)}")
     match = re.fullmatch(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*", value)
     if match is None:

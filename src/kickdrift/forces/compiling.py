@@ -54,7 +54,8 @@ def sources_hash() -> str:
     """A short hash of every source file that compiled code comes from."""
     digest = hashlib.sha256()
     package = Path(__file__).parents[1]
-    for path in sorted([*package.glob("forces/*.py"), *package.glob("integrators/*.py")]):
+    folders = [*package.glob("forces/*.py"), *package.glob("integrators/*.py")]
+    for path in sorted([*folders, package / "events/encounters.py"]):
         digest.update(path.name.encode() + b"\0" + path.read_bytes())
     return digest.hexdigest()[:16]
 

@@ -169,12 +169,18 @@ for _function, _name in _FUNCTIONS.items():
     _lower_function(_function, _name)
 
 _register(operator.and_, [signature(mask_type, mask_type, mask_type)])
+_register(operator.or_, [signature(mask_type, mask_type, mask_type)])
 _register(operator.neg, [signature(lanes_type, lanes_type)])
 
 
 @lower_builtin(operator.and_, mask_type, mask_type)
 def _and(context, builder, sig, args):
     return builder.and_(*args)
+
+
+@lower_builtin(operator.or_, mask_type, mask_type)
+def _or(context, builder, sig, args):
+    return builder.or_(*args)
 
 
 @lower_builtin(operator.neg, lanes_type)
@@ -315,6 +321,26 @@ def multiply_add(typingctx, a, b, c):
 
 
 @intrinsic
+def plus(typingctx, a, b):
+    """a + b that nothing may reassociate: for compensated sums, in functions that are ``compiling.strict``."""
+
+    def codegen(context, builder, sig, args):
+        return builder.fadd(*args)
+
+    return lanes_type(lanes_type, lanes_type), codegen
+
+
+@intrinsic
+def minus(typingctx, a, b):
+    """a - b, likewise."""
+
+    def codegen(context, builder, sig, args):
+        return builder.fsub(*args)
+
+    return lanes_type(lanes_type, lanes_type), codegen
+
+
+@intrinsic
 def inverse_sqrt(typingctx, value):
     """1 / sqrt(x), within 2 ulp; where x is zero, below it, infinite, subnormal or NaN, something that is not finite or
     the true value.
@@ -347,6 +373,23 @@ def rotated(typingctx, value, places):
         return builder.shuffle_vector(args[0], args[0], ir.Constant(ir.VectorType(I32, WIDTH), order))
 
     return lanes_type(lanes_type, places), codegen
+
+
+@intrinsic
+def sums_before(typingctx, value):
+    """In each lane the sum of the lanes before it, 0 in the first (Hillis & Steele 1986, doi:10.1145/7902.7903)."""
+
+    def codegen(context, builder, sig, args):
+        def shifted(vector, by):
+            lanes = [WIDTH] * by + list(range(WIDTH - by))  # lane WIDTH is the zero of the second operand
+            return builder.shuffle_vector(vector, _constant(0.0), ir.Constant(ir.VectorType(I32, WIDTH), lanes))
+
+        total = shifted(args[0], 1)
+        for by in (1, 2, 4):
+            total = builder.fadd(total, shifted(total, by), flags=FLAGS)
+        return total
+
+    return lanes_type(lanes_type), codegen
 
 
 @intrinsic

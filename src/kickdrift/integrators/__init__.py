@@ -7,6 +7,8 @@ from difflib import get_close_matches
 from kickdrift.errors import InputError
 from kickdrift.integrators import (
     exact,
+    gauss_radau,
+    hermite,
     implicit,
     reversible,
     rosenbrock,
@@ -14,6 +16,7 @@ from kickdrift.integrators import (
     scipy_methods,
     splitting,
     stormer,
+    wisdom_holman,
 )
 from kickdrift.integrators.method import Method
 
@@ -24,7 +27,10 @@ INTEGRATORS: dict[str, Method] = {
         *stormer.ROWS,
         *exact.ROWS,
         *reversible.ROWS,
+        *hermite.ROWS,
+        *wisdom_holman.ROWS,
         *runge_kutta.ROWS,
+        *gauss_radau.ROWS,
         *implicit.ROWS,
         *rosenbrock.ROWS,
         *scipy_methods.ROWS,

@@ -73,6 +73,7 @@ class Exact(Method):
     symplectic = True
     reversible = True
     separable = True
+    particles_only = True
 
     @property
     def evaluations(self) -> int:

@@ -106,11 +106,9 @@ class ImplicitTableau(Method):
         weights = np.linalg.solve(powers.T, ahead.T).T[:, 1:]
         return weights - self.increment
 
-    def checked(self, given: Options, asked: Options) -> Options:
-        options = super().checked(given, asked)
-        if options.iteration is not None and options.iteration not in ITERATIONS:
-            raise InputError(f"iteration {options.iteration!r} is unknown; known are {', '.join(ITERATIONS)}")
-        return options
+    @property
+    def choices(self) -> dict[str, tuple[str | None, ...]]:
+        return {"iteration": (None, *ITERATIONS)}
 
     def stepper(self, flow: Flow, options: Options) -> Stepper:
         from kickdrift.integrators.implicit_stepper import ImplicitStepper

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -25,10 +25,15 @@ class Method:
     symplectic, reversible : whether the step keeps the symplectic form; whether a step with -dt undoes one with dt
     adaptive : whether it chooses its steps from the error
     chooses_steps : whether its steps differ in length, for whatever reason, so that a time may lie inside one
+    needs_dt : whether it cannot begin without a dt
+    carries : whether whatever follows from y' = f(t, y) may ride along as further particles, massless and under forces
+        of their own, and the others not notice, but for the steps that an error estimate sets
     separable : whether it needs accelerations that depend on positions and time alone
     trial_steps : whether it may evaluate the force far from the solution
+    particles_only : whether it runs Systems alone, no Problems
     rescalable : whether velocities may be changed between two steps without telling it
     tunable : the options of a Simulation, beside dt, that it takes
+    choices : the values that some of these may have, the default first (None: it depends)
     """
 
     name: str
@@ -62,6 +67,10 @@ class Method:
         return self.adaptive
 
     @property
+    def particles_only(self) -> bool:
+        return False
+
+    @property
     def rescalable(self) -> bool:
         return False
 
@@ -76,8 +85,20 @@ class Method:
         return self.adaptive
 
     @property
+    def needs_dt(self) -> bool:
+        return not self.adaptive
+
+    @property
+    def carries(self) -> bool:
+        return not self.particles_only
+
+    @property
     def tunable(self) -> tuple[str, ...]:
         return ("rtol", "atol", "controller") if self.adaptive else ("compensated",)
+
+    @property
+    def choices(self) -> dict[str, tuple[Any, ...]]:
+        return {}
 
     def stepper(self, flow: Flow, options: Options) -> Stepper:
         """An integration of the flow with this method."""
@@ -85,14 +106,21 @@ class Method:
 
     def checked(self, given: Options, asked: Options) -> Options:
         """The options that this method takes of those given in arguments and file; those ``asked`` for in arguments
-        that it does not take are an InputError, and so are steps and tolerances that make no sense."""
-        for key in ("rtol", "atol", "controller", "compensated", "iteration"):
-            if key not in self.tunable and not (getattr(asked, key) is None or getattr(asked, key) is False):
+        that it does not take are an InputError, and so are values that make no sense."""
+        for key, value in asdict(asked).items():
+            if key not in ("dt", *self.tunable) and value is not None and value is not False:
                 takes = ", ".join(("dt", *self.tunable))
                 raise InputError(f"{key}: {self.name} does not take it; it takes {takes}")
         if not isinstance(asked.compensated, bool):
             raise InputError(f"compensated must be True or False, got {asked.compensated!r}")
         kept = {key: getattr(given, key) for key in self.tunable}
+        for key, known in self.choices.items():
+            if kept[key] is None:
+                kept[key] = known[0]
+            elif kept[key] not in known:
+                raise InputError(
+                    f"{key} {kept[key]!r} is unknown; known are {', '.join(str(k) for k in known if k is not None)}"
+                )
         dt = asked.dt if self.adaptive else given.dt  # a file's dt is no first step for a method that chooses its own
         if dt is not None and not (_is_number(dt) and np.isfinite(dt) and dt > 0):
             raise InputError(f"dt must be a positive finite time, got {dt!r}")

@@ -83,6 +83,8 @@ class Run(Sequence[Frame]):
     box : Box
     species : tuple of str
     species_index : (n,) int32 into `species`
+    names : tuple of str
+        Of the bodies, where they have any.
     masses : (n,) float64
     ids : (n,) int64
     system_source : str
@@ -121,6 +123,7 @@ class Run(Sequence[Frame]):
         self.ids: NDArray[np.int64] = particles["id"][()]
         self.system_source = str(own["system/source"].asstr()[()])
         self.system_record: dict[str, Any] = json.loads(own["system/record"].asstr()[()])
+        self.names: tuple[str, ...] = tuple(self.system_record.get("names", ()))
         self.method: dict[str, Any] = json.loads(own["method"].asstr()[()])
         self.versions: dict[str, str] = json.loads(own["versions"].asstr()[()])
         self.closed = bool(own["closed"][0])
@@ -165,6 +168,38 @@ class Run(Sequence[Frame]):
         return {name: self._sampled(name) for name in names if self._samples}
 
     @property
+    def events(self) -> list[dict[str, Any]]:
+        """What `Simulation.events` of the run had: kind, time, step, bodies, ids, distance, energy, done.
+
+        Close approaches that had not ended with the run come last."""
+        own = self._file["kickdrift"]
+        found: list[dict[str, Any]] = []
+        if "events" in own:
+            table = own["events"]
+            rows = int(table["committed"][0])
+            columns = {name: table[name][:rows].tolist() for name in table if name != "committed"}
+            for k in range(rows):
+                row = {name: values[k] for name, values in columns.items()}
+                ids = [each for each in row["ids"] if each >= 0]
+                found.append(
+                    {
+                        "kind": row["kind"].decode(errors="ignore"),
+                        "time": row["time"],
+                        "step": row["step"],
+                        "bodies": [self._body(each) for each in ids],
+                        "ids": ids,
+                        "distance": None if np.isnan(row["distance"]) else row["distance"],
+                        "energy": None if np.isnan(row["energy"]) else row["energy"],
+                        "done": row["done"].decode(errors="ignore"),
+                    }
+                )
+        return found + list((self.report or {}).get("events", ()))
+
+    def _body(self, id_: int) -> str:
+        place = np.flatnonzero(self.ids == id_)
+        return self.names[int(place[0])] if self.names and place.size else f"particle {id_}"
+
+    @property
     def sample_steps(self) -> NDArray[np.int64]:
         return self._sampled("step")
 
@@ -197,8 +232,8 @@ class Run(Sequence[Frame]):
             raise InputError("universe() needs MDAnalysis: pip install kickdrift[mdanalysis]") from None
         spacing = {"dt": float(self.times[1] - self.times[0]) * self._factors.time} if len(self) > 1 else {}
         universe = MDAnalysis.Universe(str(self.path), to_guess=(), n_atoms=len(self.ids), **spacing)
-        names = [self.species[index] for index in self.species_index]
-        for attribute, values in (("names", names), ("types", names), ("masses", self.masses)):
+        types = [self.species[index] for index in self.species_index]
+        for attribute, values in (("names", self.names or types), ("types", types), ("masses", self.masses)):
             universe.add_TopologyAttr(attribute, values)
         return universe
 
