@@ -4,9 +4,9 @@
 
 Two planets (Jupiter, and Saturn moved to other orbits), asteroids in Jupiter's reach as massless particles, and the
 figure-eight, each with one deviation of ours (dop853) and three of rebound's (WHFast; IAS15 where there are encounters
-and for the figure-eight, which a Wisdom-Holman map cannot follow). A case counts where rebound's three say the same. Each is run for 10^4 years, and ten times
-as long where either side cannot decide yet or rebound's three do not agree: the secular motion of planets takes that
-long. Besides, the exponent of Lagrange's triangle against its closed form.
+and for the figure-eight, which a Wisdom-Holman map cannot follow). A case counts where rebound's three say the same.
+Each is run for 10^4 years, and ten times as long where either side cannot decide yet or rebound's three do not agree:
+the secular motion of planets takes that long. Besides, the exponent of Lagrange's triangle against its closed form.
 """
 
 from __future__ import annotations
