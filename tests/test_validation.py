@@ -106,6 +106,8 @@ def test_a_failed_claim_is_exit_status_one(script, capsys):
         "equation_of_state.py",
         "integrators.py",
         "kepler_energies.py",
+        "barnes_hut.py",
+        "jpl_de421.py",
         "performance/lj_lammps.py",
         "performance/lj_scaling.py",
     ],

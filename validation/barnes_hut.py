@@ -2,9 +2,9 @@
 
     python validation/barnes_hut.py [--largest 1000000] [--sample 1000]
 
-``accuracy`` claims that 99 % of the particles have |a - a_direct| / |a_direct| within it. The direct sum is NumPy's, for
-a sample of the particles drawn without choice. Shapes: a Plummer sphere; a uniform cube; two Plummer spheres a thousand
-scale lengths apart; a disc, a hundred times thinner than wide, where neighbours' errors have one sign and so add up most.
+``accuracy`` claims that 99 % of the particles have |a - a_direct| / |a_direct| within it. The direct sum is NumPy's,
+for a random sample of the particles. Shapes: a Plummer sphere; a uniform cube; two Plummer spheres a thousand scale lengths
+apart; a disc a hundred times thinner than wide.
 
 Time is the processor's, on one thread: the least of some evaluations. Memory is the peak of the process.
 """
@@ -145,7 +145,7 @@ def main() -> int:
     parser.add_argument("--largest", type=int, default=SIZES[-1])
     parser.add_argument("--sample", type=int, default=SAMPLE)
     given = parser.parse_args()
-    return show(study(tuple(n for n in SIZES if n < given.largest) + (given.largest,), given.sample))
+    return show(study((*(n for n in SIZES if n < given.largest), given.largest), given.sample))
 
 
 if __name__ == "__main__":

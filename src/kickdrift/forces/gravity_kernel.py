@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from kickdrift.forces.chunks import Parallel, Serial, chunk_task, each_chunk
 from kickdrift.forces.clusters import STRIDE, load_vector, store_vector
-from kickdrift.forces.compiling import inlined, never_inline
+from kickdrift.forces.compiling import in_order, never_inline
 from kickdrift.forces.kernel import OK, kernel
 from kickdrift.forces.simd import WIDTH, aligned, inverse_sqrt, lane_sum, load, rotated, select, splat, store
 
@@ -110,7 +110,7 @@ def gravity_forces(force, t, x, v, a, sums):
     return OK
 
 
-@inlined
+@in_order
 def collect(force):
     """Add the chunks' accelerations up in chunk 0's, in one order."""
     a, part = force.a, force.clusters * STRIDE
@@ -133,7 +133,7 @@ def pull_and_sums(force, c):
     sum_pairs(force, force.sums, c)
 
 
-@inlined
+@in_order
 def sum_pairs(force, sums, c):
     """Of the clusters of massive bodies chunk c has every 2 ``chunks``-th counted from c and from 2 ``chunks`` - 1 - c:
     a cluster's work grows with its number, and this shares it evenly."""
@@ -159,7 +159,7 @@ def sum_pairs(force, sums, c):
         sums[c, 0], sums[c, 1] = lane_sum(energy), lane_sum(virial)
 
 
-@inlined
+@in_order
 def inside_cluster(force, sums, cluster, first):
     """The pairs within a cluster, whose accelerations begin at cluster ``first`` of those: each body with the next,
     second and third in a ring of eight, which take the reaction, and with the one opposite, which sees to its own half.
@@ -174,9 +174,8 @@ def inside_cluster(force, sums, cluster, first):
         xj, yj, zj, gm_j = rotated(xj, 1), rotated(yj, 1), rotated(zj, 1), rotated(gm_j, 1)
         reaction_x, reaction_y, reaction_z = rotated(reaction_x, 1), rotated(reaction_y, 1), rotated(reaction_z, 1)
         dx, dy, dz = xj - xi, yj - yi, zj - zi
-        r2 = dx * dx + dy * dy + dz * dz
         real = (gm_i > 0.0) & (gm_j > 0.0)
-        inverse = select(real, inverse_sqrt(r2 + force.softening2), zero)
+        inverse = select(real, inverse_sqrt(force.softening2 + dx * dx + dy * dy + dz * dz), zero)
         cube = inverse * inverse * inverse
         w = gm_j * cube
         ax, ay, az = ax + w * dx, ay + w * dy, az + w * dz
@@ -186,13 +185,13 @@ def inside_cluster(force, sums, cluster, first):
         if sums is not None:
             gmm = masses * gm_j if turn < 3 else 0.5 * masses * gm_j
             energy = energy - gmm * inverse
-            virial = virial - gmm * cube * r2
+            virial = virial - gmm * cube * (dx * dx + dy * dy + dz * dz)
     ax, ay, az = ax + rotated(reaction_x, 4), ay + rotated(reaction_y, 4), az + rotated(reaction_z, 4)
     store_vector(force.a, first + cluster, ax, ay, az)
     return energy, virial
 
 
-@inlined
+@in_order
 def earlier_clusters(force, sums, cluster, first):
     """The bodies of a cluster, two at a time, with those of all earlier clusters, which take the reaction."""
     x, gm, a, masses = force.x, force.gm, force.a, force.masses
@@ -212,16 +211,16 @@ def earlier_clusters(force, sums, cluster, first):
             gm_j = load(gm, other * WIDTH)
             dx, dy, dz = xj - xi, yj - yi, zj - zi
             ex, ey, ez = xj - xk, yj - yk, zj - zk
-            r2 = dx * dx + dy * dy + dz * dz
-            s2 = ex * ex + ey * ey + ez * ez
-            inverse_i, inverse_k = inverse_sqrt(r2 + softening2), inverse_sqrt(s2 + softening2)
+            inverse_i = inverse_sqrt(softening2 + dx * dx + dy * dy + dz * dz)
+            inverse_k = inverse_sqrt(softening2 + ex * ex + ey * ey + ez * ez)
             cube_i, cube_k = inverse_i * inverse_i * inverse_i, inverse_k * inverse_k * inverse_k
             wi, wk = gm_j * cube_i, gm_j * cube_k
             aix, aiy, aiz = aix + wi * dx, aiy + wi * dy, aiz + wi * dz
             akx, aky, akz = akx + wk * ex, aky + wk * ey, akz + wk * ez
             if sums is not None:
                 energy = energy - masses[i] * gm_j * inverse_i - masses[i + 1] * gm_j * inverse_k
-                virial = virial - masses[i] * wi * r2 - masses[i + 1] * wk * s2
+                virial = virial - masses[i] * wi * (dx * dx + dy * dy + dz * dz)
+                virial = virial - masses[i + 1] * wk * (ex * ex + ey * ey + ez * ez)
             wi, wk = gm_i * cube_i, gm_k * cube_k
             store_vector(a, first + other, ajx - wi * dx - wk * ex, ajy - wi * dy - wk * ey, ajz - wi * dz - wk * ez)
         p = (first + cluster) * STRIDE + lane
@@ -234,7 +233,7 @@ def earlier_clusters(force, sums, cluster, first):
     return energy, virial
 
 
-@inlined
+@in_order
 def pull_massless(force, cluster, first):
     """A cluster of massless particles, pulled by each massive body."""
     x, gm, softening2 = force.x, force.gm, force.softening2
@@ -244,7 +243,7 @@ def pull_massless(force, cluster, first):
     for j in range(force.massive):
         p = j // WIDTH * STRIDE + j % WIDTH
         dx, dy, dz = x[p] - xi, x[p + WIDTH] - yi, x[p + 2 * WIDTH] - zi
-        inverse = inverse_sqrt(dx * dx + dy * dy + dz * dz + softening2)
+        inverse = inverse_sqrt(softening2 + dx * dx + dy * dy + dz * dz)
         w = gm[j] * inverse * inverse * inverse
         ax, ay, az = ax + w * dx, ay + w * dy, az + w * dz
     store_vector(force.a, first + cluster, ax, ay, az)
