@@ -376,7 +376,7 @@ def cloud(seed: int, n: int = 40, G: float = 1e-3) -> kd.System:
 @settings(max_examples=8, deadline=None)
 @given(st.integers(0, 10**6))
 def test_mergers_conserve_what_they_must(seed):
-    system = cloud(seed)
+    system = cloud(seed, G=1e-6)  # hardly any pull: what is left of an energy error is that of mergers
     sim = kd.Simulation(system, dt=0.1, events=[kd.Collision()])
     total = system.state.masses.sum()
     at_start = system.state.masses @ system.state.positions, system.state.masses @ system.state.velocities
@@ -391,7 +391,7 @@ def test_mergers_conserve_what_they_must(seed):
     assert len(set(sim.state.ids.tolist())) == len(sim.state)
     taken = sum(event["energy"] for event in report.events)
     assert (report.energy_taken or 0.0) == pytest.approx(taken, rel=1e-12)
-    assert report.energy.max_relative_error < 1e-3  # of the integration, not of the mergers, which take a third
+    assert report.energy.max_relative_error < 1e-5  # mergers take a third of it
 
 
 @settings(max_examples=8, deadline=None)
