@@ -13,8 +13,10 @@ from typing import TYPE_CHECKING, Any
 from kickdrift.integrators import integrators
 
 if TYPE_CHECKING:
+    from kickdrift.analysis.chaos import ChaosReport, megno
     from kickdrift.box import Box
     from kickdrift.errors import InputError, KickdriftError, RunError
+    from kickdrift.events import CloseApproach, Collision, Crossing, Escape
     from kickdrift.forces import (
         DrivenField,
         Gravity,
@@ -41,15 +43,23 @@ __version__ = version("kickdrift")
 _HOMES = {
     "accelerations": "integrators.custom",
     "Box": "box",
+    "ChaosReport": "analysis.chaos",
+    "CloseApproach": "events",
+    "Collision": "events",
+    "Crossing": "events",
     "DrivenField": "forces",
     "Energies": "observers",
+    "Escape": "events",
     "Gravity": "forces",
+    "GravityTree": "forces",
     "HarmonicTrap": "forces",
     "InputError": "errors",
     "KickdriftError": "errors",
     "LennardJones": "forces",
     "Problem": "problem",
     "LinearDrag": "forces",
+    "Oblateness": "forces",
+    "PostNewtonian": "forces",
     "Report": "report",
     "RunError": "errors",
     "Simulation": "simulation",
@@ -58,6 +68,7 @@ _HOMES = {
     "System": "system",
     "UniformField": "forces",
     "load": "systemfile",
+    "megno": "analysis.chaos",
     "open": "trajectory.reader",
     "pair_law": "forces.pair_law",
     "register_splitting": "integrators.registration",
@@ -67,14 +78,22 @@ _HOMES = {
 
 __all__ = [
     "Box",
+    "ChaosReport",
+    "CloseApproach",
+    "Collision",
+    "Crossing",
     "DrivenField",
     "Energies",
+    "Escape",
     "Gravity",
+    "GravityTree",
     "HarmonicTrap",
     "InputError",
     "KickdriftError",
     "LennardJones",
     "LinearDrag",
+    "Oblateness",
+    "PostNewtonian",
     "Problem",
     "Report",
     "RunError",
@@ -86,6 +105,7 @@ __all__ = [
     "accelerations",
     "integrators",
     "load",
+    "megno",
     "open",
     "pair_law",
     "register_splitting",

@@ -7,6 +7,8 @@ from difflib import get_close_matches
 from kickdrift.errors import InputError
 from kickdrift.integrators import (
     exact,
+    gauss_radau,
+    hermite,
     implicit,
     reversible,
     rosenbrock,
@@ -25,8 +27,10 @@ INTEGRATORS: dict[str, Method] = {
         *stormer.ROWS,
         *exact.ROWS,
         *reversible.ROWS,
+        *hermite.ROWS,
         *wisdom_holman.ROWS,
         *runge_kutta.ROWS,
+        *gauss_radau.ROWS,
         *implicit.ROWS,
         *rosenbrock.ROWS,
         *scipy_methods.ROWS,

@@ -25,6 +25,9 @@ class Method:
     symplectic, reversible : whether the step keeps the symplectic form; whether a step with -dt undoes one with dt
     adaptive : whether it chooses its steps from the error
     chooses_steps : whether its steps differ in length, for whatever reason, so that a time may lie inside one
+    needs_dt : whether it cannot begin without a dt
+    carries : whether whatever follows from y' = f(t, y) may ride along as further particles, massless and under forces
+        of their own, and the others not notice, but for the steps that an error estimate sets
     separable : whether it needs accelerations that depend on positions and time alone
     trial_steps : whether it may evaluate the force far from the solution
     particles_only : whether it runs Systems alone, no Problems
@@ -80,6 +83,14 @@ class Method:
     @property
     def chooses_steps(self) -> bool:
         return self.adaptive
+
+    @property
+    def needs_dt(self) -> bool:
+        return not self.adaptive
+
+    @property
+    def carries(self) -> bool:
+        return not self.particles_only
 
     @property
     def tunable(self) -> tuple[str, ...]:

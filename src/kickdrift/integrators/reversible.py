@@ -32,6 +32,7 @@ class StepDensity(Method):
     family = "step density"
     reversible = True
     separable = True
+    carries = False
     chooses_steps = True
 
     @property

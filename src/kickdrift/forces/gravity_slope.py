@@ -1,0 +1,69 @@
+"""The direct sum of gravity together with its slope along a direction.
+
+Along the velocities the slope is the time derivative, the jerk of Hermite methods; along a deviation vector it is the
+right-hand side of the variational equations.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kickdrift.forces.compiling import jit
+from kickdrift.forces.simd import WIDTH, lane_numbers, lane_sum, load, select, splat
+
+if TYPE_CHECKING:
+    from kickdrift.forces.gravity import Gravity
+    from kickdrift.system import System
+
+
+class Sources(NamedTuple):
+    """Bodies that pull, padded with massless ones to a multiple of eight, and what is found for them."""
+
+    softening2: float
+    gm: NDArray[np.float64]  # (slots,) G m
+    x: NDArray[np.float64]  # (3, slots) where they are
+    u: NDArray[np.float64]  # (3, slots) how they move, or by what they deviate
+    a: NDArray[np.float64]  # (3, n) accelerations
+    slope: NDArray[np.float64]  # (3, n) of the accelerations when each body moves along its u
+
+
+def sources_of(force: Gravity, system: System) -> Sources:
+    """The force bound to a System."""
+    n = len(system)
+    slots = WIDTH * -(-n // WIDTH)
+    gravity = force.G if force.G is not None else system.units.gravity
+    gm = np.zeros(slots)
+    gm[:n] = float(gravity or 0.0) * system.state.masses
+    return Sources(
+        force.softening**2, gm, np.zeros((3, slots)), np.zeros((3, slots)), np.zeros((3, n)), np.zeros((3, n))
+    )
+
+
+@jit
+def pull_and_slope(sources, i):
+    """a = sum G m d / r^3 and sum G m (u - 3 d (d . u) / r^2) / r^3 for body i, with d and u the differences of the
+    sources' from its own, r^2 = d^2 + softening^2 (Makino & Aarseth 1992, doi:10.1093/pasj/44.2.141, eqs. 1 and 2)."""
+    x, y, z = sources.x
+    ux, uy, uz = sources.u
+    gm, softening2 = sources.gm, sources.softening2
+    xi, yi, zi = splat(x[i]), splat(y[i]), splat(z[i])
+    uxi, uyi, uzi = splat(ux[i]), splat(uy[i]), splat(uz[i])
+    zero = splat(0.0)
+    ax, ay, az, sx, sy, sz = zero, zero, zero, zero, zero, zero
+    for j in range(0, gm.size, WIDTH):
+        dx, dy, dz = load(x, j) - xi, load(y, j) - yi, load(z, j) - zi
+        vx, vy, vz = load(ux, j) - uxi, load(uy, j) - uyi, load(uz, j) - uzi
+        source = select(lane_numbers() == float(i - j), zero, load(gm, j))  # all but the body itself
+        pulling = source > 0.0
+        inverse = 1.0 / math.sqrt(dx * dx + dy * dy + dz * dz + softening2)
+        inverse2 = inverse * inverse
+        w = select(pulling, source * inverse * inverse2, zero)
+        along = select(pulling, 3.0 * inverse2 * (dx * vx + dy * vy + dz * vz), zero)
+        ax, ay, az = ax + w * dx, ay + w * dy, az + w * dz
+        sx, sy, sz = sx + w * (vx - along * dx), sy + w * (vy - along * dy), sz + w * (vz - along * dz)
+    sources.a[0, i], sources.a[1, i], sources.a[2, i] = lane_sum(ax), lane_sum(ay), lane_sum(az)
+    sources.slope[0, i], sources.slope[1, i], sources.slope[2, i] = lane_sum(sx), lane_sum(sy), lane_sum(sz)

@@ -1,0 +1,87 @@
+"""The fourth-order Hermite method of star clusters: gravity and its time derivative, one step for all or for each."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+from kickdrift.errors import InputError
+from kickdrift.integrators.method import Method
+
+if TYPE_CHECKING:
+    from kickdrift.flow import Flow
+    from kickdrift.integrators.stepping import Options, Stepper
+
+ETA = 0.02  # as in Makino & Aarseth 1992 and most that followed
+
+
+@dataclass(frozen=True)
+class Hermite(Method):
+    """Predict with acceleration and jerk, evaluate both, correct with the two derivatives that the ends of the step
+    give (PEC). Steps follow Aarseth's criterion with the parameter ``eta``, to which the energy error is as eta^2.
+
+    ``scheme`` "shared" (the default) moves all bodies by the shortest of their steps; "block" each by its own, a power
+    of two, so that many move together and the sum is over those due alone. A ``dt`` makes all steps shared and as long
+    as that. Between their steps, and where they are looked at, bodies follow the polynomial of their last step, which
+    is as accurate as the step.
+    """
+
+    name: str
+    order: int
+    source: str
+    use: str = ""
+
+    family = "Hermite"
+    separable = True
+    particles_only = True
+    chooses_steps = True
+    needs_dt = False
+
+    @property
+    def tunable(self) -> tuple[str, ...]:
+        return ("eta", "scheme")
+
+    @property
+    def choices(self) -> dict[str, tuple[Any, ...]]:
+        return {"scheme": ("shared", "block")}
+
+    def checked(self, given: Options, asked: Options) -> Options:
+        if asked.dt is not None and not (asked.eta is None and asked.scheme in (None, "shared")):
+            raise InputError(f"dt: makes all steps of {self.name} alike; give it, or eta and scheme")
+        if asked.dt is not None:
+            given = replace(given, eta=None, scheme=None)
+        options = super().checked(replace(given, dt=asked.dt), asked)  # a file's dt is for other methods
+        if options.dt is not None:
+            return options
+        eta = ETA if options.eta is None else options.eta
+        if isinstance(eta, bool) or not (isinstance(eta, (int, float)) and 0.0 < eta <= 1.0):
+            raise InputError(f"eta must be a number above 0, 1 at most, got {eta!r}")
+        return replace(options, eta=float(eta))
+
+    def stepper(self, flow: Flow, options: Options) -> Stepper:
+        from kickdrift.forces.gravity import Gravity
+        from kickdrift.system import System
+
+        system: Any = flow.subject
+        if not isinstance(system, System):
+            raise InputError(
+                f"{self.name}: moves bodies under gravity, and {flow.name!r} is an ODE; dop853 integrates that"
+            )
+        others = [force.name for force in system.forces if not isinstance(force, Gravity)]
+        if others or len(system.forces) != 1:
+            what = f"force {others[0]!r} has none here" if others else f"there are {len(system.forces)} of it"
+            raise InputError(
+                f"{self.name}: needs the time derivative of one force, gravity, and {what}; dop853 takes any forces"
+            )
+        from kickdrift.integrators.hermite_stepper import HermiteStepper
+
+        return HermiteStepper(flow, options)
+
+
+ROWS = (
+    Hermite(
+        "hermite4", 4,
+        "Makino & Aarseth 1992, PASJ 44, 141, doi:10.1093/pasj/44.2.141; block steps: McMillan 1986; Makino 1991",
+        "star clusters",
+    ),
+)  # fmt: skip
