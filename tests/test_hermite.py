@@ -213,7 +213,9 @@ def fingerprint(scheme: str, threads: int) -> str:
 
 
 def test_threads_do_not_change_the_bits():
-    code = "from test_hermite import fingerprint as f; print(*(f(s, k) for s in ('shared', 'block') for k in (1, 2, 3)))"
+    code = (
+        "from test_hermite import fingerprint as f; print(*(f(s, k) for s in ('shared', 'block') for k in (1, 2, 3)))"
+    )
     env = {**os.environ, "NUMBA_NUM_THREADS": "3", "PYTHONPATH": os.pathsep.join(sys.path)}
     run = subprocess.run([sys.executable, "-c", code], env=env, capture_output=True, text=True, timeout=300)
     assert run.stdout.split() == [fingerprint("shared", 1)] * 3 + [fingerprint("block", 1)] * 3, run.stderr
@@ -247,7 +249,9 @@ def test_a_body_at_a_centre_of_symmetry_stalls_nothing(scheme):
 @pytest.mark.parametrize("scheme", SCHEMES)
 def test_a_body_that_nothing_pulls_goes_straight_on(scheme):
     sim = kd.Simulation(
-        kd.System([[1.0, 2.0, 3.0]], [[1.0, 0.0, -1.0]], forces=[kd.Gravity()], units="nbody"), "hermite4", scheme=scheme
+        kd.System([[1.0, 2.0, 3.0]], [[1.0, 0.0, -1.0]], forces=[kd.Gravity()], units="nbody"),
+        "hermite4",
+        scheme=scheme,
     )
     sim.run(until=1000.5)
     np.testing.assert_allclose(sim.state.positions, [[1001.5, 2.0, -997.5]], rtol=1e-14)
@@ -300,7 +304,9 @@ def test_options_that_make_no_sense(options, message):
 
 def test_what_it_cannot_run():
     fluid = kd.System(np.eye(3) * 3, forces=[kd.LennardJones(cutoff=2.0)])
-    with pytest.raises(InputError, match=r"hermite4: .* gravity, and force 'lennard-jones' has none here; dop853 takes"):
+    with pytest.raises(
+        InputError, match=r"hermite4: .* gravity, and force 'lennard-jones' has none here; dop853 takes"
+    ):
         kd.Simulation(fluid, "hermite4")
     with pytest.raises(InputError, match=r"hermite4: .* one force, gravity, and there are 0 of it"):
         kd.Simulation(kd.System(np.eye(3)), "hermite4")

@@ -37,9 +37,7 @@ def fixed() -> list[str]:
     Those that take particles alone have tests of their own."""
     rows = INTEGRATORS.items()
     return [
-        name
-        for name, method in rows
-        if method.name == name and not method.chooses_steps and not method.particles_only
+        name for name, method in rows if method.name == name and not method.chooses_steps and not method.particles_only
     ]
 
 

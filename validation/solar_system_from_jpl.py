@@ -25,12 +25,12 @@ from kickdrift.units import AU, YEAR
 SOURCE = "JPL DE421 (Folkner, Williams & Boggs 2009, IPN Progress Report 42-178)"
 APART = (*SOLAR_SYSTEM[:3], "Earth", "Moon", *SOLAR_SYSTEM[4:])
 ABOUT = {
-    False: ("with the Earth and Moon as one body at their barycentre", "blanes-moan4", 0.01),
-    True: ("with the Earth and Moon apart", "blanes-moan4", 0.005),
+    False: ("with the Earth and Moon as one body at their barycentre", "wisdom-holman", 0.005),
+    True: ("with the Earth and Moon apart", "gauss-radau15", 0.005),
 }
 WHY = {
     False: """\
-# Earth and Moon are one body at their barycentre: a step of four days then does for all planets, while the Moon's month
+# Earth and Moon are one body at their barycentre: a step of two days then does for all planets, while the Moon's month
 # would need steps of a day and is no orbit around the Sun that a Wisdom-Holman map could follow. What is lost is the
 # pull of the pair's extent, some 6e-8 of the Sun's, which turns their orbit by 60 km a year; solar-system-moon has it.
 """,

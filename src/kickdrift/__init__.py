@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from kickdrift.integrators import integrators
 
 if TYPE_CHECKING:
+    from kickdrift.analysis.chaos import ChaosReport, megno
     from kickdrift.box import Box
     from kickdrift.errors import InputError, KickdriftError, RunError
     from kickdrift.events import CloseApproach, Collision, Crossing, Escape
@@ -42,6 +43,7 @@ __version__ = version("kickdrift")
 _HOMES = {
     "accelerations": "integrators.custom",
     "Box": "box",
+    "ChaosReport": "analysis.chaos",
     "CloseApproach": "events",
     "Collision": "events",
     "Crossing": "events",
@@ -66,6 +68,7 @@ _HOMES = {
     "System": "system",
     "UniformField": "forces",
     "load": "systemfile",
+    "megno": "analysis.chaos",
     "open": "trajectory.reader",
     "pair_law": "forces.pair_law",
     "register_splitting": "integrators.registration",
@@ -75,6 +78,7 @@ _HOMES = {
 
 __all__ = [
     "Box",
+    "ChaosReport",
     "CloseApproach",
     "Collision",
     "Crossing",
@@ -101,6 +105,7 @@ __all__ = [
     "accelerations",
     "integrators",
     "load",
+    "megno",
     "open",
     "pair_law",
     "register_splitting",

@@ -17,6 +17,7 @@ from kickdrift.printing import (
     LISTINGS,
     duration,
     print_benchmark,
+    print_chaos,
     print_claims,
     print_report,
     print_stability,
@@ -50,6 +51,13 @@ OverwriteOption = Annotated[bool, typer.Option("--overwrite", help="Replace file
 ThreadsOption = Annotated[int, typer.Option(metavar="K", min=1, help="Threads; the results do not depend on it.")]
 QuietOption = Annotated[bool, typer.Option("--quiet", help="Nothing on standard error but errors.")]
 INTERRUPTED = 130
+
+
+class Figures(StrEnum):
+    """What ``kickdrift plot`` can draw of a run."""
+
+    orbits = "orbits"
+    energies = "energies"
 
 
 class Lists(StrEnum):
@@ -274,10 +282,45 @@ def compare(
 
 
 @app.command()
+def chaos(
+    system: SystemArgument,
+    time: Annotated[float | None, typer.Option(metavar="T", help="Time to run for (default: the file's).")] = None,
+    integrator: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Default: the file's where it can, else dop853.")
+    ] = None,
+    dt: Annotated[float | None, typer.Option(metavar="X", help="Step of methods of fixed steps.")] = None,
+    rtol: Annotated[float | None, typer.Option(metavar="X", help="Relative tolerance of adaptive methods.")] = None,
+    atol: Annotated[float | None, typer.Option(metavar="X", help="Absolute tolerance of adaptive methods.")] = None,
+    seed: Annotated[int, typer.Option(metavar="S", min=0, help="Seed of the first deviation.")] = 0,
+    threads: ThreadsOption = 1,
+    json_file: JsonOption = None,
+    overwrite: OverwriteOption = False,
+    quiet: QuietOption = False,
+) -> None:
+    """Is the motion regular or chaotic: MEGNO and the largest Lyapunov exponent, from the variational equations."""
+    refuse_outputs({"json": json_file}, overwrite)
+    from kickdrift.analysis.chaos import megno
+    from kickdrift.systemfile import load
+
+    subject = load(system)
+    with progress_bar(quiet) as bar:
+        found = megno(
+            subject, time, integrator, dt, seed=seed, threads=threads, rtol=rtol, atol=atol, progress=bar("running")
+        )
+    try:
+        write_json(json_file, found.as_json())
+    finally:
+        print_chaos(found)
+
+
+@app.command()
 def plot(
     file: Annotated[Path | None, typer.Argument(metavar="[FILE.h5md]", help="A run's file.")] = None,
     output: Annotated[
         Path | None, typer.Option(metavar="FILE.png", help="Default: FILE.png beside the file, or stability.png.")
+    ] = None,
+    kind: Annotated[
+        Figures | None, typer.Option(help="Of a run; default orbits where there is gravity, else energies.")
     ] = None,
     stability: Annotated[
         list[str] | None,
@@ -285,8 +328,9 @@ def plot(
     ] = None,
     overwrite: OverwriteOption = False,
 ) -> None:
-    """Draw a run (energies, error, temperature, radial distribution function) or where integrators are stable."""
-    if stability and file:
+    """Draw a run (its bodies' orbits and elements; or energies, error, temperature and radial distribution function),
+    or where integrators are stable."""
+    if stability and (file or kind):
         raise InputError("give FILE.h5md or --stability, not both")
     if stability:
         from kickdrift.plots_stability import plot_stability
@@ -295,8 +339,11 @@ def plot(
         print_stability(stability)
     elif file:
         from kickdrift.plots import plot_run
+        from kickdrift.plots_orbits import has_orbits, plot_orbits
 
-        print(plot_run(file, output or file.with_suffix(".png"), overwrite=overwrite))
+        orbits = kind is Figures.orbits or (kind is None and has_orbits(file))
+        draw = plot_orbits if orbits else plot_run
+        print(draw(file, output or file.with_suffix(".png"), overwrite=overwrite))
     else:
         raise InputError("give FILE.h5md, or --stability NAME for a figure of an integrator")
 

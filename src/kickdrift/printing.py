@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from kickdrift.analysis.chaos import ChaosReport
     from kickdrift.problem import Problem
     from kickdrift.report import EnergyReport, Report
     from kickdrift.simulation import Simulation
@@ -144,6 +145,22 @@ def drift_text(energy: EnergyReport, ending: str = "") -> str:
     if not math.isfinite(energy.drift_error):
         return ""
     return f"{energy.drift_per_unit_time:+.1e} ± {energy.drift_error:.1e}{ending}"
+
+
+def print_chaos(report: ChaosReport) -> None:
+    """What a deviation's growth says, on standard output."""
+    time_unit = report.time_unit
+    step = "" if report.dt is None else f", dt = {report.dt:g} {time_unit}"
+    lines = [
+        ("system", report.system),
+        ("integrator", report.integrator + step),
+        ("length", f"{report.steps:,} steps, {report.time:g} {time_unit}"),
+        ("MEGNO", f"{report.megno:.4g}: {report.verdict} over this length"),
+        ("Lyapunov", f"exponent {report.lyapunov:.2e} ± {report.lyapunov_error:.1e} per {time_unit}"),
+        ("energy error", f"{report.energy_error:.2e} at the end"),
+    ]
+    for key, text in lines:
+        print(f"{key:17} {text}")
 
 
 def print_benchmark(rows: list[Any], particles: int, seconds: float) -> None:

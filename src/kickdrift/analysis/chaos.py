@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -25,6 +25,9 @@ from kickdrift.integrators import integrator as method_named
 from kickdrift.simulation import Simulation
 from kickdrift.state import Floats
 from kickdrift.system import System
+
+if TYPE_CHECKING:
+    from kickdrift.problem import Problem
 
 Verdict = Literal["regular", "chaotic", "undecided"]
 
@@ -43,7 +46,7 @@ class ChaosReport:
 
     Attributes
     ----------
-    system, integrator, dt, time, steps, seed : what was run, and the seed of the first deviation
+    system, integrator, dt, time, time_unit, steps, seed : what was run, and the seed of the first deviation
     megno : the running mean <Y> at the end
     verdict : "regular" where |megno - 2| < 0.1, "chaotic" where it is above 4, "undecided" between
     lyapunov : the largest Lyapunov exponent, per the system's unit of time: twice the slope of <Y> over the last four
@@ -57,6 +60,7 @@ class ChaosReport:
     integrator: str
     dt: float | None
     time: float
+    time_unit: str
     steps: int
     seed: int
     megno: float
@@ -79,7 +83,7 @@ class ChaosReport:
 
 
 def megno(
-    system: System,
+    system: System | Problem,
     time: float | None = None,
     integrator: str | None = None,
     dt: float | None = None,
@@ -131,6 +135,7 @@ def megno(
         integrator=sim.integrator,
         dt=None if sim.method.chooses_steps else sim.dt,
         time=float(times[-1]),
+        time_unit=system.units.time,
         steps=sim.steps_done,
         seed=int(seed),
         megno=found,

@@ -29,6 +29,10 @@ FAST_MATH = {"reassoc", "nsz", "arcp", "contract"}  # never nnan or ninf: blow-u
 jit = njit(error_model="numpy", fastmath=FAST_MATH, nogil=True, forceinline=False)
 # The same, always made part of the caller: handing over its arrays takes longer than a step of a few bodies.
 inlined = njit(error_model="numpy", fastmath=FAST_MATH, nogil=True, forceinline=True)
+# Always made part of the caller, sums in the order as written. A chunk task being compiled goes through LLVM twice, on
+# its own (which the process that compiles runs) and within its driver (which goes to the cache): where LLVM may
+# reassociate, the two can differ in the last bits.
+in_order = njit(error_model="numpy", fastmath={"nsz", "contract"}, nogil=True, forceinline=True)
 # Operation by operation as written, for what reassociation would undo.
 strict = njit(error_model="numpy", fastmath=False, nogil=True, forceinline=False)
 

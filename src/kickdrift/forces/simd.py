@@ -2,8 +2,8 @@
 
 numba learns two types, ``Lanes`` (LLVM's ``<8 x double>``) and ``Mask`` (``<8 x i1>``), with the arithmetic operators,
 the comparisons and a few functions lowered on them; LLVM then emits AVX-512, AVX2, SSE2 or NEON as the machine has it.
-Lanes mix with scalars, which are copied to all lanes. The fast-math flags leave NaN and infinity alone: blow-up
-detection needs them. Division is a 14-bit estimate refined by two Newton steps where the machine has AVX-512 (its
+Lanes mix with scalars, which are copied to all lanes. They have the fast-math flags of the function that they stand in,
+as scalars do. Division is a 14-bit estimate refined by two Newton steps where the machine has AVX-512 (its
 divide would take over half of a pair kernel's time), within 2 ulp, and so is ``inverse_sqrt``, by one step of a higher
 order; r = 0, infinity and NaN give a result that is not finite, and so stay visible.
 """
@@ -24,8 +24,6 @@ from numba.core.typing.templates import AbstractTemplate, ConcreteTemplate, infe
 from numba.extending import intrinsic, lower_builtin, models, register_model
 
 WIDTH = 8
-FLAGS = ("reassoc", "nsz", "arcp", "contract")  # never nnan or ninf
-
 F64 = ir.DoubleType()
 F64X8 = ir.VectorType(F64, WIDTH)
 I1X8 = ir.VectorType(ir.IntType(1), WIDTH)
@@ -104,20 +102,25 @@ def _fma(builder: ir.IRBuilder, a: ir.Value, b: ir.Value, c: ir.Value, name: str
     return builder.call(cgutils.get_or_insert_function(builder.module, kind, f"llvm.{name}.v8f64"), [a, b, c])
 
 
-def _divide(builder: ir.IRBuilder, a: ir.Value, b: ir.Value) -> ir.Value:
+def _flags(context: Any) -> tuple[str, ...]:
+    """The fast-math flags of the function being compiled."""
+    return tuple(sorted(context.fastmath.flags)) if context.fastmath else ()
+
+
+def _divide(builder: ir.IRBuilder, a: ir.Value, b: ir.Value, flags: tuple[str, ...]) -> ir.Value:
     if not _has_avx512():
-        return builder.fdiv(a, b, flags=FLAGS)
+        return builder.fdiv(a, b, flags=flags)
     y = _estimate(builder, "rcp14", b)
     for _ in range(2):  # y <- y + y (1 - b y): 14, 28, 56 bits
-        residual = builder.fsub(_constant(1.0), builder.fmul(b, y, flags=FLAGS), flags=FLAGS)
-        y = builder.fadd(y, builder.fmul(y, residual, flags=FLAGS), flags=FLAGS)
-    return builder.fmul(a, y, flags=FLAGS)
+        residual = builder.fsub(_constant(1.0), builder.fmul(b, y, flags=flags), flags=flags)
+        y = builder.fadd(y, builder.fmul(y, residual, flags=flags), flags=flags)
+    return builder.fmul(a, y, flags=flags)
 
 
-_ARITHMETIC: dict[Callable[..., Any], Callable[[ir.IRBuilder, ir.Value, ir.Value], ir.Value]] = {
-    operator.add: lambda builder, a, b: builder.fadd(a, b, flags=FLAGS),
-    operator.sub: lambda builder, a, b: builder.fsub(a, b, flags=FLAGS),
-    operator.mul: lambda builder, a, b: builder.fmul(a, b, flags=FLAGS),
+_ARITHMETIC: dict[Callable[..., Any], Callable[..., ir.Value]] = {
+    operator.add: lambda builder, a, b, flags: builder.fadd(a, b, flags=flags),
+    operator.sub: lambda builder, a, b, flags: builder.fsub(a, b, flags=flags),
+    operator.mul: lambda builder, a, b, flags: builder.fmul(a, b, flags=flags),
     operator.truediv: _divide,
 }
 _COMPARISONS = {operator.lt: "<", operator.le: "<=", operator.gt: ">", operator.ge: ">=", operator.eq: "=="}
@@ -144,7 +147,7 @@ def _lower_binary(function: Callable[..., Any], emit: Callable[..., ir.Value], r
                 value if kind == lanes_type else _splat(builder, value)
                 for kind, value in zip(sig.args, args, strict=True)
             )
-            return emit(builder, a, b)
+            return emit(builder, a, b, _flags(context))
 
         lower_builtin(function, *pair)(lowered)
 
@@ -161,7 +164,7 @@ def _lower_function(function: Callable[..., Any], name: str) -> None:
 for _function, _emit in _ARITHMETIC.items():
     _lower_binary(_function, _emit, lanes_type)
 for _function, _sign in _COMPARISONS.items():
-    _lower_binary(_function, lambda builder, a, b, sign=_sign: builder.fcmp_ordered(sign, a, b), mask_type)
+    _lower_binary(_function, lambda builder, a, b, flags, sign=_sign: builder.fcmp_ordered(sign, a, b), mask_type)
 for _function, _name in _FUNCTIONS.items():
     _lower_function(_function, _name)
 
@@ -182,7 +185,7 @@ def _or(context, builder, sig, args):
 
 @lower_builtin(operator.neg, lanes_type)
 def _negative(context, builder, sig, args):
-    return builder.fneg(args[0], flags=FLAGS)
+    return builder.fneg(args[0], flags=_flags(context))
 
 
 @infer_global(operator.pow)
@@ -196,11 +199,11 @@ class _WholePower(AbstractTemplate):
 
 @lower_builtin(operator.pow, lanes_type, types.IntegerLiteral)
 def _whole_power(context, builder, sig, args):
-    exponent, square, result = sig.args[1].literal_value, args[0], None
+    exponent, square, result, flags = sig.args[1].literal_value, args[0], None, _flags(context)
     while exponent:
         if exponent & 1:
-            result = square if result is None else builder.fmul(result, square, flags=FLAGS)
-        square = builder.fmul(square, square, flags=FLAGS)
+            result = square if result is None else builder.fmul(result, square, flags=flags)
+        square = builder.fmul(square, square, flags=flags)
         exponent >>= 1
     return result
 
@@ -351,7 +354,7 @@ def inverse_sqrt(typingctx, value):
         if not _has_avx512():
             kind = ir.FunctionType(F64X8, [F64X8])
             root = builder.call(cgutils.get_or_insert_function(builder.module, kind, "llvm.sqrt.v8f64"), [x])
-            return builder.fdiv(_constant(1.0), root, flags=FLAGS)
+            return builder.fdiv(_constant(1.0), root, flags=_flags(context))
         y = _estimate(builder, "rsqrt14", x)
         e = _fma(builder, builder.fneg(builder.fmul(x, y)), y, _constant(1.0), "fma")
         series = _fma(builder, _constant(5 / 16), e, _constant(3 / 8), "fma")
@@ -383,7 +386,7 @@ def sums_before(typingctx, value):
 
         total = shifted(args[0], 1)
         for by in (1, 2, 4):
-            total = builder.fadd(total, shifted(total, by), flags=FLAGS)
+            total = builder.fadd(total, shifted(total, by), flags=_flags(context))
         return total
 
     return lanes_type(lanes_type), codegen

@@ -15,24 +15,26 @@ from kickdrift.forces.evaluate import fill_derivative
 from kickdrift.forces.handle import handle
 from kickdrift.forces.kernel import BLOWN_UP, GROW, OK, RAISED
 from kickdrift.forces.simd import WIDTH, lane_max, load, minus, multiply_add, plus, select, splat, store
-from kickdrift.integrators.gauss_radau_step import next_step
+from kickdrift.integrators.gauss_radau_step import TERMS, next_step
 from kickdrift.integrators.loops import FRESH, REJECTED, STEP
 from kickdrift.integrators.stepping import STOPPED
 
-TERMS = 8  # c_0 … c_7
 # Rows of the workspace, (ROWS, width): position and velocity at the step's start (y of a first-order problem in the
 # velocity's place), what rounding has lost of both, both at the start of the step before; the coefficients of this step
 # and of the last; what the last step's were and this one's are by the continuation of the polynomial before; what
 # residuals are multiplied by; derivatives of a at the step's end.
 X, V, LOST_X, LOST_V, X_BEFORE, V_BEFORE = range(6)
 NOW, LAST, GUESS_LAST, GUESS, SCALE, ENDS = 6, 14, 22, 30, 38, 39
-ROWS = ENDS + 5
+ROWS = ENDS + TERMS
 # Slots of the clock: the last step point, what rounding lost of it, the step to try, the step that led there, the time
-# it began at, its length over that of the one before.
-TIME, LOST_TIME, NEXT, STEP_LAST, BEFORE, RATIO = range(6)
-MOST = 12  # iterations
+# it began at, its length over that of the one before; how many steps in a row were too long, but the shortest there
+# are.
+TIME, LOST_TIME, NEXT, STEP_LAST, BEFORE, RATIO, SHORTEST = range(7)
+MOST = 25  # iterations
 CONVERGED = 2.2e-16  # residual that another iteration would find, over the size of the accelerations
 ROUNDED = 1e-9  # a residual that stops shrinking below this is rounding; above, the iteration diverges
+PATIENCE = 3  # iterations in which residuals may grow, from a first guess
+SHORTEST_MOST = 100  # steps that long in a row
 SHORTER = 0.25  # a step is rejected if the next one would be shorter by that factor; none is longer by its inverse
 
 
@@ -42,12 +44,12 @@ def larger(a, b):
 
 
 @jit
-def predict(work, clock, h, shifts):
+def predict(work, ratio, before, shifts):
     """The step's polynomial: the last one gone on with, and the term of s^8 that it has not, by what the one before had
-    missed of the last. That term grows as the eighth power of the step (Everhart 1985 leaves it as it was)."""
-    width, known, before = work.shape[1], clock[STEP_LAST] > 0.0, clock[RATIO]
+    missed of the last. That term grows as the eighth power of the step (Everhart 1985 leaves it as it was). ``ratio``
+    is the step's length over the last one's, ``before`` that one's over the one's before; 0 where there was none."""
+    width = work.shape[1]
     now, last, guess, guess_last = work[NOW:LAST], work[LAST:GUESS_LAST], work[GUESS:SCALE], work[GUESS_LAST:GUESS]
-    ratio = h / clock[STEP_LAST] if known else 0.0
     power, share = 1.0, before**8
     for k in range(1, TERMS):
         power *= ratio
@@ -146,7 +148,7 @@ def iterate(bound, t, h, trial, trial_flat, dy, dy_flat, work, tables, velocitie
     halves, size = trial.shape[0], trial.shape[1] * trial.shape[2]
     now, offset, residual = work[NOW:LAST], (halves - 1) * size, np.inf
     for count in range(MOST):
-        missed = 0.0
+        missed = 0.0  # at any node
         for node in range(1, TERMS):
             s = tables.nodes[node]
             if halves == 2:
@@ -158,16 +160,20 @@ def iterate(bound, t, h, trial, trial_flat, dy, dy_flat, work, tables, velocitie
             status = fill_derivative(bound, t + s * h, trial, dy, cursor)
             if status != OK:
                 return status
-            missed = correct(
+            at_node = correct(
                 now, dy_flat, offset, tables.values[node - 1], tables.corrections[node - 1], node, work[SCALE]
             )
+            missed = max(missed, at_node)
         if missed == 0.0:
             return OK
         if count > 0:
             if missed * missed / residual <= CONVERGED:
                 return OK
             if missed >= residual:
-                return OK if missed <= ROUNDED else BLOWN_UP
+                if missed <= ROUNDED:
+                    return OK
+                if count >= PATIENCE:
+                    return BLOWN_UP
         if not np.isfinite(missed):
             return BLOWN_UP
         residual = missed
@@ -198,11 +204,13 @@ def gauss_radau_loop(
             for i in range(size):
                 now[0, i] = dy_flat[offset + i]
             cursor[FRESH] = 1
-        if not h > 10.0 * (np.nextafter(abs(t), np.inf) - abs(t)):
+        least = 10.0 * (np.nextafter(abs(t), np.inf) - abs(t))
+        if not h > least or clock[SHORTEST] > SHORTEST_MOST:
             return STOPPED
         for i in range(size):
             trial_flat[offset + i] = work[V, i]  # for forces that take no velocities but look at them
-        predict(work, clock, h, tables.shifts)
+        ratio = h / clock[STEP_LAST] if clock[STEP_LAST] > 0.0 and clock[SHORTEST] == 0.0 else 0.0
+        predict(work, ratio, clock[RATIO], tables.shifts)
         set_scale(work, h, y.shape[1] > 1)
         status = iterate(bound, t, h, trial, trial_flat, dy, dy_flat, work, tables, velocities, cursor)
         if status in (GROW, RAISED):
@@ -210,10 +218,13 @@ def gauss_radau_loop(
         wanted = SHORTER * h
         if status == OK:
             wanted = next_step(now, work[ENDS:], work[V], y.shape[1], y.shape[2], h, eta)
-        if status != OK or not wanted >= SHORTER * h:
-            clock[NEXT] = wanted if wanted > 0.0 else SHORTER * h
+        too_long = not wanted >= SHORTER * h
+        if status != OK or (too_long and wanted > 4.0 * least):
+            clock[NEXT] = wanted
             cursor[REJECTED] += 1
             continue
+        clock[SHORTEST] = clock[SHORTEST] + 1.0 if too_long else 0.0  # a force that jumps, say: it is passed like that
+        wanted = max(wanted, 4.0 * least) if too_long else wanted
         for row in range(NOW, LAST):
             for i in range(width):
                 work[row + LAST - NOW, i] = work[row, i]
@@ -228,8 +239,7 @@ def gauss_radau_loop(
         if halves == 2:
             for i in range(size):
                 flat_y[i] = work[X, i]
-        clock[RATIO] = h / clock[STEP_LAST] if clock[STEP_LAST] > 0.0 else 0.0
-        clock[BEFORE], clock[STEP_LAST], clock[NEXT] = t, h, min(wanted, h / SHORTER)
+        clock[BEFORE], clock[STEP_LAST], clock[RATIO], clock[NEXT] = t, h, ratio, min(wanted, h / SHORTER)
         advance_clock(clock, h)
         cursor[FRESH] = 0
         cursor[STEP] += 1
@@ -238,7 +248,9 @@ def gauss_radau_loop(
 
 @strict
 def advance_clock(clock, h):
-    """TIME <- TIME + h, what rounding loses kept."""
+    """TIME <- TIME + h, what rounding loses kept, h the longer or not (a two-sum)."""
     before, increment = clock[TIME], clock[LOST_TIME] + h
-    clock[TIME] = before + increment
-    clock[LOST_TIME] = increment + (before - clock[TIME])
+    after = before + increment
+    taken = after - before
+    clock[TIME] = after
+    clock[LOST_TIME] = (before - (after - taken)) + (increment - taken)

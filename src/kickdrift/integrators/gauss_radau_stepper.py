@@ -19,10 +19,10 @@ from kickdrift.integrators.gauss_radau_loop import (
     ROWS,
     STEP_LAST,
     TIME,
-    V,
     V_BEFORE,
-    X,
     X_BEFORE,
+    V,
+    X,
     gauss_radau_loop,
 )
 from kickdrift.integrators.loops import REJECTED, STEP
@@ -57,7 +57,7 @@ class GaussRadauStepper:
             self._work[X, :size] = self._work[X_BEFORE, :size] = y[0].reshape(-1)
         self._flat = aligned((2, (halves - 1) * size + width))  # the trial state and its derivative
         self._trial, self._derivative = (row[: y.size].reshape(y.shape) for row in self._flat)
-        self._clock = np.zeros(6)
+        self._clock = np.zeros(7)
         self._clock[[TIME, BEFORE]] = time
         self._cursor[STEP:REJECTED] = 0
         self._flow.forces.forget()

@@ -37,7 +37,7 @@ class Bodies(NamedTuple):
     times: NDArray[np.float64]  # (n,) each body's own, since the start
     steps: NDArray[np.float64]  # (n,) each body's own
     due: NDArray[np.int64]  # (n,) the bodies that the present step moves come first
-    count: NDArray[np.int64]  # (1,) how many these are
+    moved: NDArray[np.int64]  # (1,) how many these are
     threads: Serial | Parallel
 
 
@@ -45,7 +45,7 @@ class Bodies(NamedTuple):
 def pulls_and_jerks(bodies, task):
     """Acceleration and jerk of every TASKS-th body due."""
     never_inline()
-    for k in range(task, bodies.count[0], TASKS):
+    for k in range(task, bodies.moved[0], TASKS):
         pull_and_slope(bodies.sources, bodies.due[k])
 
 
@@ -59,7 +59,7 @@ def evaluate(bodies, time, cursor):
             a, jerk = series[A, k, i], series[JERK, k, i]
             sources.x[k, i] = series[X, k, i] + s * (series[V, k, i] + s / 2 * (a + s / 3 * jerk))
             sources.u[k, i] = series[V, k, i] + s * (a + s / 2 * jerk)
-    count = bodies.count[0]
+    count = bodies.moved[0]
     if count * n < WORTH_THREADS:
         each_chunk(bodies, Serial(TASKS), "pulls_and_jerks")
     else:
@@ -128,7 +128,7 @@ def hermite_start(bodies, cursor):
     """The series of all bodies at the start as far as acceleration and jerk; a status."""
     bound = handle(bodies)
     n = bound.times.size
-    bound.count[0] = n
+    bound.moved[0] = n
     for i in range(n):
         bound.due[i] = i
     status = evaluate(bound, 0.0, cursor)
@@ -158,7 +158,7 @@ def hermite_loop(bodies, eta, individual, clock, until, steps, cursor):
                 bound.due[count] = i
                 count += 1
                 shortest = min(shortest, end - times[i])
-        bound.count[0] = count
+        bound.moved[0] = count
         here = abs(clock[START] + time)
         if not shortest > 10.0 * (np.nextafter(here, np.inf) - here):
             return STOPPED

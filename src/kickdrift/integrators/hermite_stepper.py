@@ -15,13 +15,13 @@ from kickdrift.integrators.hermite_loop import (
     BEFORE,
     CRACKLE,
     FIXED,
+    JERK,
     NEXT,
     NOW,
     START,
     TASKS,
     A,
     Bodies,
-    JERK,
     V,
     X,
     hermite_loop,
@@ -55,7 +55,7 @@ class HermiteStepper:
             times=np.zeros(n),
             steps=np.zeros(n),
             due=np.zeros(n, np.int64),
-            count=np.zeros(1, np.int64),
+            moved=np.zeros(1, np.int64),
             threads=Parallel(TASKS) if flow.forces.threads > 1 else Serial(TASKS),
         )
         self._cursor = np.zeros(SLOTS, np.int64)

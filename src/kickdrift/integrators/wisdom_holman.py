@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cache
+from itertools import pairwise
 from math import factorial, sqrt
 from typing import TYPE_CHECKING, Any
 
@@ -32,8 +33,8 @@ def _gauss(count: int) -> Splitting:
     2 ``count`` where it is linear in the planets' masses, and 2 where it is quadratic."""
     nodes, weights = np.polynomial.legendre.leggauss(count)
     at = [0.0, *(0.5 * (1.0 + nodes)).tolist(), 1.0]
-    half = tuple(b - a for a, b in zip(at[:-1], at[1:], strict=True))[: count // 2]
-    drift = palindrome((*half,), 1 + count % 2)
+    half = tuple(after - before for before, after in pairwise(at[: count // 2 + 1]))
+    drift = palindrome(half, 1 + count % 2)
     kick = palindrome(tuple(0.5 * weights[: (count - 1) // 2]), 2 - count % 2)
     return Splitting(f"saba {2 * count},2", kick, drift, "drift", 2, _LASKAR)
 
@@ -46,17 +47,20 @@ SABA = {f"{2 * count},2": _gauss(count) for count in (2, 3, 4, 5)} | {
         palindrome((0.07534696026989288842, 0.51791685468825678230), 2), "drift", 4, _MCLACHLAN,
     ),
     "10,4": Splitting(
-        "saba 10,4", palindrome((0.1188819173681970199453504, 0.2410504605515015657441668, -0.2732866667053238060543114)),
+        "saba 10,4",
+        palindrome((0.1188819173681970199453504, 0.2410504605515015657441668, -0.2732866667053238060543114)),
         palindrome((0.0470671006459725061294789, 0.1847569354170881069247376, 0.2827060056798362053243616), 2),
         "drift", 4, _BLANES,
     ),
     "8,6,4": Splitting(
-        "saba 8,6,4", palindrome((0.1830836874721972219617038, 0.3107828598985748695075223, -0.0265646185119588006972122)),
+        "saba 8,6,4",
+        palindrome((0.1830836874721972219617038, 0.3107828598985748695075223, -0.0265646185119588006972122)),
         palindrome((0.0711334264982231177779387, 0.2411534279566400987364878, 0.5214117617728147892121361), 2),
         "drift", 4, _BLANES,
     ),
     "10,6,4": Splitting(
-        "saba 10,6,4", palindrome((0.0958588808370752106107715, 0.2044461531429987806805078, 0.2170703479789911017143386), 2),
+        "saba 10,6,4",
+        palindrome((0.0958588808370752106107715, 0.2044461531429987806805078, 0.2170703479789911017143386), 2),
         palindrome(
             (0.0380944974224121954569753, 0.1452987161169137492940201, 0.2076276957255412507162056,
              0.4359097036515261592231549),
@@ -164,7 +168,8 @@ class WisdomHolman(Method):
             raise InputError(f"{self.name}: moves particles under gravity, and {flow.name!r} is an ODE")
         gravities = [force for force in system.forces if isinstance(force, Gravity)]
         if len(gravities) != 1:
-            raise InputError(f"{self.name}: needs one force 'gravity', and {system.name!r} has {len(gravities) or 'none'}")
+            count = len(gravities) or "none"
+            raise InputError(f"{self.name}: needs one force 'gravity', and {system.name!r} has {count}")
         if gravities[0].softening:
             raise InputError(f"{self.name}: Kepler orbits know no softening; gravity's must be 0")
         masses = system.state.masses

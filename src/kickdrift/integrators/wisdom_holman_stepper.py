@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from kickdrift.coordinates import from_democratic, from_jacobi, to_democratic, to_jacobi
 from kickdrift.forces.bound import BoundForces
 from kickdrift.forces.evaluate import EVALUATIONS, SLOTS
 from kickdrift.forces.gravity import Gravity
@@ -72,41 +73,33 @@ class WisdomHolmanStepper:
         """Which body stands in which slot, and what of it does not change."""
         masses = system.state.masses
         central = int(np.argmax(masses))
-        ids = np.arange(len(masses))
-        heavy, light = (np.flatnonzero(chosen & (ids != central)) for chosen in (masses > 0, masses == 0))
+        others = np.delete(np.arange(len(masses)), central)
+        heavy, light = others[masses[others] > 0], others[masses[others] == 0]
         order = np.concatenate([_filled(heavy), _filled(light)])
         massive, slots = len(_filled(heavy)), len(order)
-        real = order >= 0
+        self._real = order >= 0
+        self._listed = np.array([central, *others])  # as coordinates.py takes them
+        self._row = 1 + np.searchsorted(others, order)  # of each slot in that list
+        self._row[~self._real] = 0
         gm = self._G * masses
+        before = np.zeros(slots)  # G times the mass of the others listed before
+        before[self._real] = (np.cumsum(gm[others]) - gm[others])[self._row[self._real] - 1]
+        before[~self._real] = gm[others].sum()
         table = aligned((ROWS, slots))
-        up_to = gm[central] + np.cumsum(gm[heavy])  # the mass up to and with each
-        before = np.array([gm[central], *up_to[:-1]]) if len(heavy) else np.zeros(0)
-        count = np.searchsorted(heavy, light)  # the massive ones listed before each massless one
-        at_light = np.array([gm[central], *up_to])[count]
-        table[GM], table[INSIDE] = gm.sum(), 1.0 / gm.sum()
-        interior = np.zeros(slots)
-        for begin, among, mass, rest in (
-            (0, heavy, up_to, np.array([0.0, *np.cumsum(gm[heavy])])[: len(heavy)]),
-            (massive, light, at_light, np.array([0.0, *np.cumsum(gm[heavy])])[count]),
-        ):
-            part = slice(begin, begin + len(among))
-            table[LIVE, part], table[SOURCE, part], table[GM, part] = 1.0, gm[among], mass
-            table[SHARE, part] = gm[among] / mass
-            interior[part] = rest
-        table[INSIDE, : len(heavy)] = 1.0 / before
-        table[INSIDE, massive : massive + len(light)] = 1.0 / at_light
-        table[OTHERS] = interior * table[INSIDE]
+        table[LIVE, self._real], table[SOURCE, self._real] = 1.0, gm[order[self._real]]
+        table[INSIDE] = 1.0 / (gm[central] + before)
+        table[GM] = gm[central] + before + table[SOURCE]
+        table[SHARE] = table[SOURCE] / table[GM]
+        table[OTHERS] = before * table[INSIDE]
         if not self._jacobi:
             table[GM], table[OTHERS] = gm[central], table[SOURCE] / gm[central]
-        inside = np.zeros(slots, np.int64)
-        inside[massive : massive + len(light)] = count
-        n = len(masses)
-        self._real, self._heavy, self._total = real, heavy, gm.sum()
+        inside = np.searchsorted(heavy, order)
         self._bodies = Bodies(
-            orbit=aligned((6, slots)), carry=aligned((6, slots if self._compensated else 0)), centre=aligned((5, WIDTH)),
-            table=table, inside=inside, first=np.full((3, slots), np.nan), work=aligned((WORK, slots)),
-            massive=massive, jacobi=self._jacobi, order=order, central=central, gm=float(gm[central]),
-            shares=masses / masses.sum(), x=np.zeros((2, 3, n)), a=np.zeros((3, n)),
+            orbit=aligned((6, slots)), carry=aligned((6, slots if self._compensated else 0)),
+            centre=aligned((5, WIDTH)), table=table, inside=inside, first=np.full((3, slots), np.nan),
+            work=aligned((WORK, slots)), massive=massive, jacobi=self._jacobi, order=order, central=central,
+            gm=float(gm[central]), shares=masses / masses.sum(), x=np.zeros((2, 3, len(masses))),
+            a=np.zeros((3, len(masses))),
         )  # fmt: skip
 
     # --- coordinates ---
@@ -114,63 +107,38 @@ class WisdomHolmanStepper:
     def _enter(self, y: Floats) -> None:
         """The map's coordinates from positions and velocities (2, 3, n)."""
         bodies = self._bodies
-        relative = y - y[:, :, bodies.central, None]
-        mean = (relative * bodies.shares).sum(axis=2)  # of mass, from the central body
-        bodies.centre[:] = 0.0
-        bodies.centre[:2, :3] = y[:, :, bodies.central] + mean
-        q = relative[:, :, bodies.order]
-        if self._jacobi:
-            q = q - self._interior(relative)
-        else:
-            q[1] -= mean[1, :, None]
-        farthest = FAR * float(np.sqrt((q[0] ** 2).sum(axis=0)[self._real]).max(initial=0.0)) or 1.0
+        x, v = y.transpose(0, 2, 1)[:, self._listed]
+        masses = bodies.shares[self._listed]
+        q = np.array(
+            (to_jacobi(x, masses), to_jacobi(v, masses)) if self._jacobi else to_democratic(x, v, masses)
+        ).transpose(0, 2, 1)
+        bodies.centre[...] = 0.0
+        bodies.centre[:2, :3] = q[:, :, 0]
+        farthest = FAR * float(np.sqrt((q[0, :, 1:] ** 2).sum(axis=0)).max(initial=0.0)) or 1.0
         speed = np.sqrt(bodies.table[GM] / farthest)
-        for row, value in enumerate((farthest, 0.0, 0.0, 0.0, speed, 0.0)):
-            bodies.orbit[row] = np.where(self._real, q.reshape(6, -1)[row], value)
-        bodies.carry[:] = 0.0
-
-    def _interior(self, relative: Floats) -> Floats:
-        """(2, 3, slots) the centre of mass inside each body, of positions and velocities (2, 3, n) from the central
-        one."""
-        bodies, heavy = self._bodies, self._heavy
-        weighted = np.cumsum(relative[:, :, heavy] * bodies.shares[heavy], axis=2)
-        mass = bodies.shares[bodies.central] + np.cumsum(bodies.shares[heavy])
-        means = np.concatenate([np.zeros((2, 3, 1)), weighted / mass], axis=2)
-        return means[:, :, self._before]
-
-    @property
-    def _before(self) -> Any:
-        """(slots,) how many massive bodies stand before each."""
-        bodies = self._bodies
-        count = bodies.inside.copy()
-        count[: len(self._heavy)] = np.arange(len(self._heavy))
-        return count
+        for row, filling in enumerate((farthest, 0.0, 0.0, 0.0, speed, 0.0)):
+            bodies.orbit[row] = np.where(self._real, q.reshape(6, -1)[row, self._row], filling)
+        bodies.carry[...] = 0.0
 
     def _leave(self, bodies: Bodies) -> Floats:
         """(2, 3, n) positions and velocities."""
-        q = (bodies.orbit + bodies.carry if bodies.carry.size else bodies.orbit).reshape(2, 3, -1)
-        centre = (bodies.centre[:2] + bodies.centre[2:4])[:, :3, None]
-        share = np.where(self._real, bodies.shares[bodies.order], 0.0)
-        if self._jacobi:
-            steps = (q * bodies.table[SHARE])[:, :, : len(self._heavy)]
-            offsets = np.concatenate([np.zeros((2, 3, 1)), np.cumsum(steps, axis=2)], axis=2)
-            q = q + offsets[:, :, self._before]
-        heavy = slice(0, len(self._heavy))
-        central = centre - (q[:, :, heavy] * share[heavy]).sum(axis=2, keepdims=True)
-        y = np.empty((2, 3, len(bodies.shares)))
-        y[:, :, bodies.order[self._real]] = (central + q)[:, :, self._real]
-        if not self._jacobi:  # velocities from the centre of mass
-            own = bodies.shares[bodies.central]
-            central[1] = centre[1] - (q[1, :, heavy] * share[heavy]).sum(axis=1, keepdims=True) / own
-            y[1][:, bodies.order[self._real]] = (centre[1] + q[1])[:, self._real]
-        y[:, :, bodies.central] = central[:, :, 0]
+        orbit = bodies.orbit + bodies.carry if bodies.carry.size else bodies.orbit
+        rows = np.empty((2, len(self._listed), 3))
+        rows[:, 0] = (bodies.centre[:2] + bodies.centre[2:4])[:, :3]
+        rows[:, self._row[self._real]] = orbit.reshape(2, 3, -1)[:, :, self._real].transpose(0, 2, 1)
+        masses = bodies.shares[self._listed]
+        y = np.empty((2, 3, len(masses)))
+        y[:, :, self._listed] = np.array(
+            (from_jacobi(rows[0], masses), from_jacobi(rows[1], masses))
+            if self._jacobi
+            else from_democratic(rows[0], rows[1], masses)
+        ).transpose(0, 2, 1)
         return y
 
     # --- steps ---
 
     def reset(self, y: Floats, time: float, steps: int) -> None:
         self.y, self.steps_done = y, steps
-        self._before_last = y[0].copy()
         self._start = time - steps * self.dt
         self._cursor = np.zeros(SLOTS, np.int64)
         self._under_way = False
@@ -267,14 +235,14 @@ class WisdomHolmanStepper:
         if self._shortest is not None and self._least > self._shortest[0] / STEPS_PER_PERIOD:
             passage, i = self._shortest
             found.append(
-                f"dt = {self.dt:g}{unit} is long: {system.body(i)} turns at its pericentre as on a circle of period "
-                f"{passage:.4g}{unit}, which takes {passage / self._least:.3g} kicks; {STEPS_PER_PERIOD} or more are right"
+                f"dt = {self.dt:g}{unit} is long: {system.body(i)} turns about its pericentre as on a circle of period "
+                f"{passage:.4g}{unit}, in {passage / self._least:.3g} kicks; {STEPS_PER_PERIOD} or more resolve it"
             )
-        for slot in np.flatnonzero(~np.isnan(first[UNBOUND]) & self._real):
-            found.append(
-                f"{system.body(int(order[slot]))} is not bound at t = {first[UNBOUND, slot]:.6g}{unit}: a visitor that "
-                "comes near a planet is followed no better than in steps of dt"
-            )
+        found += [
+            f"{system.body(int(order[slot]))} is on a hyperbola from t = {first[UNBOUND, slot]:.6g}{unit} on: the map "
+            "is made for bound orbits; gauss-radau15 follows visitors"
+            for slot in np.flatnonzero(~np.isnan(first[UNBOUND]) & self._real)
+        ]
         pairs: dict[tuple[int, int], float] = {}
         for slot in np.flatnonzero(~np.isnan(first[NEAR])):
             i, j = sorted((int(order[slot]), int(order[int(first[WHICH, slot])])))
