@@ -160,7 +160,9 @@ def test_momentum_is_conserved():
 
 
 def test_which_methods_take_it():
-    with pytest.raises(InputError, match="velocity-verlet: needs accelerations .* 'relativity-1pn' depends on velocity"):
+    with pytest.raises(
+        InputError, match="velocity-verlet: needs accelerations .* 'relativity-1pn' depends on velocity"
+    ):
         kd.Simulation(planet(0.1), "velocity-verlet", dt=0.01)
     kd.Simulation(planet(0.1, form="potential"), "velocity-verlet", dt=0.01)
 

@@ -133,7 +133,9 @@ def test_quadrupoles(softening):
     errors = []
     for distance in (16.0, 32.0, 64.0):
         x = np.concatenate([body, probes + [distance, 0.3 * distance, 0.0]])
-        got, direct = (measured(x, masses, force) for force in (GravityTree(0.3, softening), Gravity(softening=softening)))
+        got, direct = (
+            measured(x, masses, force) for force in (GravityTree(0.3, softening), Gravity(softening=softening))
+        )
         errors.append(relative_errors(got, direct)[64:].mean())
     orders = np.log2(np.array(errors[:-1]) / errors[1:])
     assert orders == pytest.approx(3, abs=0.3)

@@ -62,4 +62,3 @@ def check_open(name: str, system: System) -> None:
     """Refuse a periodic box."""
     if system.box.periodic:
         raise InputError(f"{name}: needs open space, and the box is periodic")
-
