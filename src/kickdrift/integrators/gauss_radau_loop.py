@@ -249,8 +249,9 @@ def gauss_radau_loop(
 @strict
 def advance_clock(clock, h):
     """TIME <- TIME + h, what rounding loses kept, h the longer or not (a two-sum)."""
-    before, increment = clock[TIME], clock[LOST_TIME] + h
-    after = before + increment
+    before = clock[TIME]
+    after = before + h
     taken = after - before
-    clock[TIME] = after
-    clock[LOST_TIME] = (before - (after - taken)) + (increment - taken)
+    lost = clock[LOST_TIME] + ((before - (after - taken)) + (h - taken))
+    clock[TIME] = after + lost
+    clock[LOST_TIME] = lost - (clock[TIME] - after)
