@@ -48,8 +48,11 @@ def pair_oracle(system: System, time: float = 0.0) -> tuple[np.ndarray, float, f
 
 def interacting_pairs(force, system: System) -> Pairs:
     """Each pair's energy and force."""
-    x = system.state.positions
+    x, m = system.state.positions, system.state.masses
     i, j = np.triu_indices(len(x), k=1) if not isinstance(force, Springs) else np.array(force.pairs).T
+    if isinstance(force, Gravity):
+        pulls = (m[i] > 0) | (m[j] > 0)
+        i, j = i[pulls], j[pulls]
     separation = x[i] - x[j]
     if system.box.lengths is not None:
         edges = np.array(system.box.lengths)

@@ -291,9 +291,9 @@ def test_terminal_velocity():
     assert after(system, 20.0, 0.05, "rk4").velocities[0].tolist() == pytest.approx([0.0, 0.0, -4.905], rel=1e-12)
 
 
-def test_only_drag_depends_on_velocity():
+def test_what_can_depend_on_velocity():
     depends = {cls.name: getattr(cls, "velocity_dependent", False) for cls in kd.forces.FORCES.values()}
-    assert [name for name, yes in depends.items() if yes] == ["linear-drag"]
+    assert [name for name, yes in depends.items() if yes] == ["relativity-1pn", "linear-drag"]
 
 
 @pytest.mark.parametrize("units", ["lj", "metal"])

@@ -235,7 +235,12 @@ BAD = [
     (GOOD, "count = 216", "count = -8", "particles.count: expected a number greater than 0, got -8"),
     (GOOD, "count = 216", "count = 1001", "particles.count: 1001 does not fill a sc lattice in a cube; the nearest"),
     (GOOD, '"sc"', '"hcp"', "particles.lattice: expected 'sc', 'bcc' or 'fcc', got 'hcp'"),
-    (GOOD, 'lattice = "sc"', "", "particles: expected a table with exactly one of lattice, positions, elements, plummer, file"),
+    (
+        GOOD,
+        'lattice = "sc"',
+        "",
+        "particles: expected a table with exactly one of lattice, positions, elements, plummer, file",
+    ),
     (GOOD, "count", "positions = [[1, 1, 1]]\ncount", "particles: expected a table with exactly one of lattice,"),
     (GOOD, "0.8\n", "nan\n", "particles.density: expected a finite number, got nan"),
     (GOOD, "0.8\n", "0\n", "particles.density: expected a positive finite number, got 0.0"),

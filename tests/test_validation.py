@@ -109,6 +109,8 @@ def test_a_failed_claim_is_exit_status_one(script, capsys):
         "kepler_energies.py",
         "hermite.py",
         "chaos.py",
+        "barnes_hut.py",
+        "jpl_de421.py",
         "performance/lj_lammps.py",
         "performance/lj_scaling.py",
     ],

@@ -34,12 +34,10 @@ LOOKS = 40  # at an adaptive run's error
 def fixed() -> list[str]:
     """The methods of fixed steps that run a Problem, without aliases; those registered so far included.
 
-    leapfrog-exact, which takes particles alone, has tests of its own."""
+    Those that take particles alone have tests of their own."""
     rows = INTEGRATORS.items()
     return [
-        name
-        for name, method in rows
-        if method.name == name and not method.chooses_steps and method.family != "whole numbers"
+        name for name, method in rows if method.name == name and not method.chooses_steps and not method.particles_only
     ]
 
 

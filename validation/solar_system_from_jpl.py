@@ -8,6 +8,7 @@ Without --output the two shipped files are compared with the ephemeris; needs ki
 from __future__ import annotations
 
 import argparse
+import math
 import sys
 from pathlib import Path
 
@@ -18,17 +19,18 @@ import kickdrift as kd
 from kickdrift.coordinates import to_barycentric
 from kickdrift.ephemeris import SOLAR_SYSTEM, EphemerisStates, calendar, ephemeris_states
 from kickdrift.errors import InputError
+from kickdrift.systemfile import loads
 from kickdrift.units import AU, YEAR
 
 SOURCE = "JPL DE421 (Folkner, Williams & Boggs 2009, IPN Progress Report 42-178)"
 APART = (*SOLAR_SYSTEM[:3], "Earth", "Moon", *SOLAR_SYSTEM[4:])
 ABOUT = {
-    False: ("with the Earth and Moon as one body at their barycentre", "wisdom-holman", 0.01),
+    False: ("with the Earth and Moon as one body at their barycentre", "wisdom-holman", 0.005),
     True: ("with the Earth and Moon apart", "gauss-radau15", 0.005),
 }
 WHY = {
     False: """\
-# Earth and Moon are one body at their barycentre: a step of four days then does for all planets, while the Moon's month
+# Earth and Moon are one body at their barycentre: a step of two days then does for all planets, while the Moon's month
 # would need steps of a day and is no orbit around the Sun that a Wisdom-Holman map could follow. What is lost is the
 # pull of the pair's extent, some 6e-8 of the Sun's, which turns their orbit by 60 km a year; solar-system-moon has it.
 """,
@@ -46,7 +48,7 @@ def system_file(found: EphemerisStates, moon: bool) -> str:
     masses = ",\n".join(f'  "{round(float(gm), 6)!r} km^3/s^2"' for gm in found.gm)
     names = ", ".join(f'"{name}"' for name in found.names)
     date = f"{calendar(found.julian_date)} TDB (Julian date {found.julian_date!r})"
-    return f"""\
+    text = f"""\
 # The Sun, the eight planets and Pluto as JPL's ephemeris DE421 has them on {date}
 #
 # In the ICRF (axes of the Earth's equator of 2000), AU and AU a year of 365.25 days; made by
@@ -82,6 +84,20 @@ every = {round(0.1 / dt)}
 momentum = [0.0, 0.0, 0.0]
 source = "{SOURCE}, with the packages jplephem and de421"
 """
+    energy, turning = sums(text)
+    known = f"energy = {energy:.14g} # of these numbers\nangular_momentum = [{', '.join(f'{c:.14g}' for c in turning)}]"
+    return text.replace("[invariants]", f"[invariants]\n{known}")
+
+
+def sums(text: str) -> tuple[float, np.ndarray]:
+    """The energy and the angular momentum (3,) of a system file's bodies."""
+    system = loads(text)
+    assert isinstance(system, kd.System)
+    x, v, m = system.state.positions, system.state.velocities, system.state.masses
+    i, j = np.triu_indices(len(m), 1)
+    pulls = system.units.gravity * m[i] * m[j] / np.linalg.norm(x[i] - x[j], axis=1)
+    energy = math.fsum([*(0.5 * m * (v**2).sum(axis=1)), *-pulls])
+    return energy, (m[:, None] * np.cross(x, v)).sum(axis=0)
 
 
 def claims() -> list[Claim]:

@@ -110,6 +110,7 @@ class Structure(NamedTuple):
     periodic: bool
     velocities: Floats | None = None
     names: Sequence[str] = ()
+    radii: Sequence[float] | None = None
     seed: int | None = None
     barycentric: bool = False
 

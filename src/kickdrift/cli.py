@@ -53,6 +53,13 @@ QuietOption = Annotated[bool, typer.Option("--quiet", help="Nothing on standard 
 INTERRUPTED = 130
 
 
+class Figures(StrEnum):
+    """What ``kickdrift plot`` can draw of a run."""
+
+    orbits = "orbits"
+    energies = "energies"
+
+
 class Lists(StrEnum):
     """What ``kickdrift list`` can show."""
 
@@ -246,10 +253,13 @@ def compare(
     from kickdrift.analysis import work_precision as work
     from kickdrift.analysis.recommendation import recommendation
     from kickdrift.printing_compare import print_comparison, print_recommendation
+    from kickdrift.system import System
     from kickdrift.systemfile import load
 
     work.check_arguments(time, length, accuracy)
     subject = load(system, seed)
+    if isinstance(subject, System):
+        subject = subject.watched(())  # trajectories of all methods and steps are compared with one reference
     work.chosen(subject, integrator)
     say("compiling (the first time on a machine takes longest) and comparing: about a minute …", quiet)
     with progress_bar(quiet) as bar:
@@ -309,14 +319,18 @@ def plot(
     output: Annotated[
         Path | None, typer.Option(metavar="FILE.png", help="Default: FILE.png beside the file, or stability.png.")
     ] = None,
+    kind: Annotated[
+        Figures | None, typer.Option(help="Of a run; default orbits where there is gravity, else energies.")
+    ] = None,
     stability: Annotated[
         list[str] | None,
         typer.Option(metavar="NAME", help="Draw where an integrator is stable, no run; repeat for several."),
     ] = None,
     overwrite: OverwriteOption = False,
 ) -> None:
-    """Draw a run (energies, error, temperature, radial distribution function) or where integrators are stable."""
-    if stability and file:
+    """Draw a run (its bodies' orbits and elements; or energies, error, temperature and radial distribution function),
+    or where integrators are stable."""
+    if stability and (file or kind):
         raise InputError("give FILE.h5md or --stability, not both")
     if stability:
         from kickdrift.plots_stability import plot_stability
@@ -325,8 +339,11 @@ def plot(
         print_stability(stability)
     elif file:
         from kickdrift.plots import plot_run
+        from kickdrift.plots_orbits import has_orbits, plot_orbits
 
-        print(plot_run(file, output or file.with_suffix(".png"), overwrite=overwrite))
+        orbits = kind is Figures.orbits or (kind is None and has_orbits(file))
+        draw = plot_orbits if orbits else plot_run
+        print(draw(file, output or file.with_suffix(".png"), overwrite=overwrite))
     else:
         raise InputError("give FILE.h5md, or --stability NAME for a figure of an integrator")
 

@@ -72,7 +72,8 @@ def from_jacobi(x: ArrayLike, masses: ArrayLike) -> Floats:
     share = (m / np.cumsum(m))[1:, None] * x[..., 1:, :]
     # The centre of the rows before i is that of all, less what i and the rows after it have moved it by.
     before = x[..., :1, :] - np.cumsum(share[..., ::-1, :], axis=-2)[..., ::-1, :]
-    return np.concatenate([before[..., :1, :], x[..., 1:, :] + before], axis=-2)
+    central = before[..., :1, :] if len(m) > 1 else x
+    return np.concatenate([central, x[..., 1:, :] + before], axis=-2)
 
 
 FRAMES = ("heliocentric", "jacobi", "barycentric")

@@ -63,9 +63,7 @@ def ephemeris_states(when: float | str | date, bodies: Sequence[str] = SOLAR_SYS
     known = {name.lower(): name for name in BODIES}
     for body in bodies:
         if not isinstance(body, str) or body.lower() not in known:
-            raise InputError(
-                f"bodies: {shown(body)} is not one of {', '.join(BODIES)}{suggestion(str(body), BODIES)}"
-            )
+            raise InputError(f"bodies: {shown(body)} is not one of {', '.join(BODIES)}{suggestion(str(body), BODIES)}")
     names = tuple(known[body.lower()] for body in bodies)
     day = julian_date(when)
     ephemeris = _de421()

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, NamedTuple
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -14,6 +14,17 @@ from kickdrift.state import Floats
 if TYPE_CHECKING:
     from kickdrift.forces.bound import BoundForces
     from kickdrift.system import System
+
+
+class Taken(NamedTuple):
+    """What events took out of a run so far, so that conservation is not blamed for it."""
+
+    energy: float
+    momentum: Floats | float
+    angular_momentum: Floats | float
+
+
+NOTHING = Taken(0.0, 0.0, 0.0)
 
 
 class Energies(NamedTuple):
@@ -38,6 +49,7 @@ class Sample:
     pressure : (2 K + W) / (3 V), W the virial, sum of r . F over pairs (Allen & Tildesley 2017, eq. 2.60); nan in open
     space
     pairs : pairs of particles within the forces' range
+    taken : Taken
     """
 
     step: int
@@ -48,6 +60,7 @@ class Sample:
     temperature: float = float("nan")
     pressure: float = float("nan")
     pairs: int = 0
+    taken: Taken = NOTHING
 
     def observables(self) -> dict[str, float | Floats]:
         """By the names that a run's file uses."""
@@ -66,9 +79,19 @@ class Sample:
         return values
 
 
+def _lost(before: Floats | None, after: Floats | None) -> Floats | float:
+    return 0.0 if before is None or after is None else before - after
+
+
 def kinetic_energy(masses: Floats, velocities: Floats) -> float:
     """Sum of m v^2 / 2; velocities (3, n)."""
     return 0.5 * float(np.einsum("i,ki,ki->", masses, velocities, velocities))
+
+
+def angular_momentum(masses: Floats, x: Floats, v: Floats) -> Floats:
+    """(3,) sum of m x × v, about the origin; positions and velocities (3, n)."""
+    pairs = ((1, 2), (2, 0), (0, 1))
+    return np.array([masses @ (x[j] * v[k] - x[k] * v[j]) for j, k in pairs])
 
 
 def take_sample(system: System, forces: BoundForces, step: int, time: float, phase: Floats) -> Sample:
@@ -90,7 +113,7 @@ def take_sample(system: System, forces: BoundForces, step: int, time: float, pha
         time=time,
         energies=Energies(kinetic, measured.potential, kinetic + measured.potential),
         momentum=v @ m,
-        angular_momentum=np.cross(x.T, v.T).T @ m,
+        angular_momentum=angular_momentum(m, x, v),
         temperature=temperature,
         pressure=pressure,
         pairs=measured.pairs,
@@ -111,6 +134,16 @@ class Record:
     wall_seconds: float = 0.0
     compile_seconds: float = 0.0
     warnings: list[str] = field(default_factory=list)
+    events: list[dict[str, Any]] = field(default_factory=list)
+    taken: Taken = NOTHING
+
+    def take(self, before: Sample, after: Sample) -> None:
+        """An event changed what is conserved."""
+        self.taken = Taken(
+            self.taken.energy + before.energies.total - after.energies.total,
+            self.taken.momentum + _lost(before.momentum, after.momentum),
+            self.taken.angular_momentum + _lost(before.angular_momentum, after.angular_momentum),
+        )
 
     def begin(self, masses: Floats, phase: Floats) -> None:
         """What momenta are compared with."""
@@ -122,7 +155,7 @@ class Record:
         """Keep a sample; one of the same step and time takes the last one's place."""
         if self.samples and (self.samples[-1].step, self.samples[-1].time) == (sample.step, sample.time):
             self.samples.pop()
-        self.samples.append(sample)
+        self.samples.append(sample if self.taken is NOTHING else replace(sample, taken=self.taken))
 
     def even(self) -> list[Sample]:
         """The longest stretch of samples an equal number of steps apart."""

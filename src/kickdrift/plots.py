@@ -102,7 +102,7 @@ def _draw_energies(energies: reader.EnergySeries, axes: Axes, units: UnitSystem)
     for name, values, colour in zip(names, energies[1:], (COLOURS[1], COLOURS[0], INK), strict=True):
         axes.plot(*_thin(energies.time, values), label=name, color=colour, linewidth=1.2)
     axes.set_title("Energy")
-    axes.set_ylabel(f"energy ({_pretty(units.energy)})")
+    axes.set_ylabel(with_unit("energy", units.energy))
     _time_axis(axes, units)
     axes.legend(loc="best", fontsize=8, frameon=True, framealpha=0.9, edgecolor=GRID)
 
@@ -168,8 +168,8 @@ def _rdf(run: reader.Run) -> tuple[Floats, Floats, int]:
 # -- what all figures share
 
 
-def _title(run: reader.Run) -> str:
-    parts = [str(run.system_record.get("name") or run.path.stem), f"{len(run.ids):,} particles"]
+def _title(run: reader.Run, what: str = "particles") -> str:
+    parts = [str(run.system_record.get("name") or run.path.stem), f"{len(run.ids):,} {what}"]
     if run.method.get("integrator"):
         parts.append(str(run.method["integrator"]))
     if isinstance(run.method.get("dt"), (int, float)):
@@ -183,8 +183,13 @@ def _pretty(unit: str) -> str:
     return greek.get(unit, unit)
 
 
+def with_unit(name: str, unit: str) -> str:
+    """A label with its unit, where that has a name of its own: not so in N-body units."""
+    return name if unit in ("length", "time", "mass", "energy") else f"{name} ({_pretty(unit)})"
+
+
 def _time_axis(axes: Axes, units: UnitSystem) -> None:
-    axes.set_xlabel(f"time ({_pretty(units.time)})")
+    axes.set_xlabel(with_unit("time", units.time))
 
 
 def _thin(x: Floats, y: Floats) -> tuple[Floats, Floats]:

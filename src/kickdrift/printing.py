@@ -87,6 +87,7 @@ LISTINGS: dict[str, Callable[[], tuple[list[str], list[list[str]]]]] = {
 
 def print_report(report: Report, sim: Simulation, output: Path | None) -> None:
     """A run's summary on standard output."""
+    from kickdrift.events import event_lines
     from kickdrift.system import System
 
     system = sim.system
@@ -128,6 +129,11 @@ def print_report(report: Report, sim: Simulation, output: Path | None) -> None:
     per_pair = f", {report.ns_per_pair:.1f} ns per pair" if report.ns_per_pair else ""
     threads = counted(report.threads, "thread")
     lines.append(("speed", f"{evaluations}{report.steps_per_second:,.0f} steps/s on {threads}{per_pair}"))
+    if report.energy_taken is not None:
+        lines.append(("energy taken", f"{report.energy_taken:.8g}{unit} by collisions and bodies that left"))
+    if report.stopped:
+        lines.append(("stopped", report.stopped))
+    lines += event_lines(report.events)
     if output:
         lines.append(("written", str(output)))
     for key, text in lines:

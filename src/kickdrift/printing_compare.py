@@ -60,7 +60,8 @@ def print_recommendation(found: Recommendation, system: str, unit: str) -> None:
 
 
 def _foreseen(choice: Choice) -> str:
-    knob = f"dt = {choice.dt:.4g}" if choice.dt is not None else f"rtol = {choice.rtol:g}, atol = {choice.atol:g}"
+    knobs = {key: value for key in ("dt", "rtol", "atol") if (value := getattr(choice, key)) is not None}
+    knob = ", ".join(f"{key} = {value:.4g}" for key, value in knobs.items())
     took = f"{choice.seconds:.2g} s" if choice.seconds < 90 else duration(choice.seconds)
     return f"{choice.method}, {knob}: {took}, {choice.evaluations:.3g} evaluations, error {choice.error:.1e} foreseen"
 

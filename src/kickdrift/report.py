@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from kickdrift.analysis.drift import drift, energy_error
-from kickdrift.observers import Record
+from kickdrift.observers import NOTHING, Record, Sample
 from kickdrift.state import Floats
 from kickdrift.system import System
 
@@ -50,7 +50,9 @@ class Report:
     an external field; ``angular_momentum_error`` likewise with m |x × v|, None in a periodic box, where it is not
     conserved. ``temperature`` and ``pressure`` are means over the samples, in the system's units, None where they mean
     nothing. ``options`` are those that were chosen beside dt and tolerances. ``ns_per_pair`` is the wall time per force
-    evaluation and pair within range.
+    evaluation and pair within range. ``events`` are what `Simulation.events` has, and close approaches that have not
+    ended; ``energy_taken`` is what collisions and bodies that left took out, None where nothing did, and no part of the
+    energy's error; ``stopped`` the event that ended the run, "" where none did.
     """
 
     system: str
@@ -80,6 +82,9 @@ class Report:
     temperature: float | None
     pressure: float | None
     y: list[float] | None
+    events: list[dict[str, Any]]
+    energy_taken: float | None
+    stopped: str
     warnings: list[str]
 
     def as_json(self) -> dict[str, Any]:
@@ -104,7 +109,8 @@ def report(sim: Simulation) -> Report:
     samples = record.samples
     of_particles = isinstance(system, System)
     work = record.force_evaluations * sum(s.pairs for s in samples) / len(samples)
-    rtol, atol = sim.options.tolerances if sim.method.adaptive else (None, None)
+    options = sim.options.extras(sim.method.tunable)
+    rtol, atol = options.pop("rtol", None), options.pop("atol", None)
     return Report(
         system=system.name,
         engine="native",
@@ -114,7 +120,7 @@ def report(sim: Simulation) -> Report:
         dt=None if sim.method.adaptive else sim.dt,
         rtol=rtol,
         atol=atol,
-        options={key: value for key, value in sim.options.extras(False).items() if key not in ("rtol", "atol")},
+        options=options,
         steps=record.steps,
         rejected_steps=record.rejected_steps,
         time=samples[-1].time - samples[0].time if sim.method.chooses_steps else record.steps * (sim.dt or 0.0),
@@ -130,20 +136,25 @@ def report(sim: Simulation) -> Report:
         energy=_energy(record, not sim.method.chooses_steps, system),
         momentum_error=None
         if isinstance(system, System) and system.acting("external")
-        else _largest_change([s.momentum for s in samples], record.momentum_scale),
+        else _largest_change([_sum(s.momentum, s.taken.momentum) for s in samples], record.momentum_scale),
         angular_momentum_error=None
         if isinstance(system, System) and (system.box.periodic or system.acting("external"))
-        else _largest_change([s.angular_momentum for s in samples], record.angular_momentum_scale),
+        else _largest_change(
+            [_sum(s.angular_momentum, s.taken.angular_momentum) for s in samples], record.angular_momentum_scale
+        ),
         temperature=_mean([s.temperature for s in samples]) if of_particles else None,
         pressure=_mean([s.pressure for s in samples]) if of_particles else None,
         y=None if of_particles else sim.state.y.tolist(),
+        events=[*sim.events, *sim.going_on()],
+        energy_taken=None if record.taken is NOTHING else record.taken.energy,
+        stopped=sim.stopped,
         warnings=list(record.warnings),
     )
 
 
 def _energy(record: Record, even: bool, system: System | Problem) -> EnergyReport | None:
     samples = record.samples
-    total = np.array([sample.energies.total for sample in samples])
+    total = np.array([_kept(sample) for sample in samples])
     if np.isnan(total[0]):
         return None  # a Problem that names no energy
     kinetic = samples[0].energies.kinetic
@@ -151,14 +162,24 @@ def _energy(record: Record, even: bool, system: System | Problem) -> EnergyRepor
     scale = {"initial energy": abs(error.initial), "kinetic energy": kinetic}.get(error.relative_to, 1.0)
     chosen = record.even() if even else samples
     times = np.array([s.time for s in chosen])
-    errors = np.array([(s.energies.total - error.initial) / scale for s in chosen])
+    errors = np.array([(_kept(s) - error.initial) / scale for s in chosen])
     if not even and len(times) > 2:  # an adaptive run's samples stand at its step points, about evenly
         grid = np.linspace(times[0], times[-1], len(times))
         times, errors = grid, np.interp(grid, times, errors)
     trend = drift(times, errors)
     working = system.acting("works") if isinstance(system, System) else []
     verdict = f"not conserved: {', '.join(working)}" if working else trend.verdict
+    error = replace(error, final=samples[-1].energies.total)
     return EnergyReport(**asdict(error), drift_per_unit_time=trend.slope, drift_error=trend.error, verdict=verdict)
+
+
+def _kept(sample: Sample) -> float:
+    """The total energy with what events took."""
+    return sample.energies.total + sample.taken.energy
+
+
+def _sum(kept: Floats | None, taken: Floats | float) -> Floats | None:
+    return None if kept is None else kept + taken
 
 
 def _largest_change(values: list[Floats | None], scale: float) -> float | None:
@@ -166,7 +187,7 @@ def _largest_change(values: list[Floats | None], scale: float) -> float | None:
     known = [value for value in values if value is not None]
     if not known:
         return None
-    largest = max(float(np.linalg.norm(value - known[0])) for value in known)
+    largest = float(np.linalg.norm(np.array(known) - known[0], axis=1).max())
     return largest / scale if scale else largest
 
 

@@ -55,8 +55,12 @@ class Plan:
 
     def present(self, step_point: float, stop_time: float) -> float | None:
         """The time to look at, where that lies before the step point reached; None for the step point itself."""
-        present = stop_time if self.exact else self.end_time
+        present = self.horizon(stop_time)
         return present if step_point > present else None
+
+    def horizon(self, stop_time: float) -> float:
+        """The present comes no further than that before the next look."""
+        return stop_time if self.exact else self.end_time
 
     def progress(self, sim: Simulation) -> tuple[int, int]:
         """Done, and of how much."""

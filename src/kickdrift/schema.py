@@ -26,7 +26,7 @@ from pydantic_core import ErrorDetails
 
 from kickdrift.errors import InputError
 from kickdrift.forces.pair_law import PairForce
-from kickdrift.schema_base import Edge, In, Mass, Pull, Table, Temperature, Time, Vector, Velocity
+from kickdrift.schema_base import Edge, In, Mass, Pull, Radius, Table, Temperature, Time, Vector, Velocity
 from kickdrift.schema_bodies import ElementsTable, PlummerTable
 from kickdrift.units import UnitSystem, shown
 
@@ -80,6 +80,7 @@ class PositionsTable(Table):
     barycentric: bool = False
     species: Species = {"A": 1.0}
     names: list[str] = []
+    radii: list[Radius] | None = None
 
 
 class FileTable(Table):
@@ -162,6 +163,7 @@ class SystemTable(Table):
     velocities: VelocitiesTable | None = None
     box: BoxTable = BoxTable()
     force: list[dict[str, Any]]  # each checked against its class's constructor
+    event: list[dict[str, Any]] = []  # each checked against the table of its type
     run: RunTable = RunTable()
     equilibrate: EquilibrateTable | None = None
     invariants: dict[str, Any] = {}
@@ -275,5 +277,5 @@ def _line(error: ErrorDetails, path: str) -> str:
         words = error["msg"].replace("Input should be", "expected")
         for pydantics, ours in _WORDS.items():
             words = words.replace(pydantics, ours)
-        text = f"{words}{' of tables [[force]]' if path == 'force' else ''}, got {shown(error['input'])}"
+        text = f"{words}{f' of tables [[{path}]]' if path in ('force', 'event') else ''}, got {shown(error['input'])}"
     return " ".join(f"{path}: {text}".split())

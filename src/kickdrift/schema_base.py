@@ -27,6 +27,7 @@ class In:
 Length = Annotated[float, BeforeValidator(In("length"))]
 Edge = Annotated[float, BeforeValidator(In("length", "positive"))]
 Time = Annotated[float, BeforeValidator(In("time", "positive"))]
+Radius = Annotated[float, BeforeValidator(In("length", "non-negative"))]
 Mass = Annotated[float, BeforeValidator(In("mass", "non-negative"))]
 Temperature = Annotated[float, BeforeValidator(In("temperature", "non-negative"))]
 Velocity = Annotated[float, BeforeValidator(In("velocity"))]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, nullcontext
 from time import perf_counter
 from typing import TYPE_CHECKING, Any, NoReturn
@@ -12,10 +12,12 @@ import numpy as np
 
 from kickdrift.analysis.stiffness import WATCHED_POINTS, WATCHED_STEPS, Point, can_be_limited, stability_warning
 from kickdrift.errors import InputError, RunError
+from kickdrift.events import checked_events
+from kickdrift.events.watching import WatchedStepper
 from kickdrift.flow import ParticleFlow, flow_of
 from kickdrift.forces.kernel import OK
 from kickdrift.integrators import integrator as method_named
-from kickdrift.integrators.stepping import STOPPED, Options
+from kickdrift.integrators.stepping import STOPPED, Options, Stepper
 from kickdrift.interrupt import interruptible
 from kickdrift.observers import Energies, Record, Sample
 from kickdrift.report import Report, report
@@ -24,6 +26,7 @@ from kickdrift.state import Floats, read_only
 from kickdrift.system import System
 
 if TYPE_CHECKING:
+    from kickdrift.events import Event
     from kickdrift.integrators.exact import Lattice
     from kickdrift.problem import Problem
     from kickdrift.trajectory.h5md import Writer
@@ -47,6 +50,7 @@ class Simulation:
         1e-8 and 1e-10
     controller : how an adaptive method sets its step: "i", "pi" (default) or "pid"
     compensated : carry on what rounding loses of positions and velocities; for methods of fixed steps
+    events : what to watch for (`CloseApproach`, `Collision`, `Escape`, `Crossing`); default the system file's
     iteration : how an implicit method solves for its stages: "newton" or "fixed-point"
     coordinates, corrector, order, eta, scheme : see the integrators that take them; default the system file's
 
@@ -73,6 +77,7 @@ class Simulation:
         order: str | None = None,
         eta: float | None = None,
         scheme: str | None = None,
+        events: Iterable[Event] | None = None,
     ) -> None:
         if not hasattr(system, "run"):
             raise InputError(f"a Simulation takes a System or a Problem, got {type(system).__name__}")
@@ -85,15 +90,12 @@ class Simulation:
         self.dt = self.options.dt
         if self.dt is None and self.method.needs_dt:
             raise InputError(f"dt is needed: system {system.name!r} names none in [run]")
-        self.system = system
         self.threads = threads
-        self._flow = flow_of(system, threads, jumps=self.method.trial_steps)
-        if self.method.separable and self._flow.not_separable:
-            raise InputError(
-                f"{self.integrator}: needs accelerations that depend on positions and time alone, and "
-                f"{self._flow.not_separable}; Runge-Kutta methods do not"
-            )
-        self._stepper = self.method.stepper(self._flow, self.options)
+        self._stepper: Stepper | WatchedStepper = self.stepper_for(system)
+        self._watching: WatchedStepper | None = None
+        own = system.events if isinstance(system, System) else ()
+        if watched := checked_events(system, own if events is None else events):
+            self._stepper = self._watching = WatchedStepper(self, self._stepper, watched)
         self._watched = can_be_limited(self._flow, self.method)
         self._chunk = 1
         self._compiled = False
@@ -135,13 +137,16 @@ class Simulation:
         if self.running:
             raise InputError("lattice: is read-only while the Simulation runs")
         self._exact().lattice = lattice
+        if self._watching:
+            self._watching.begin()
         self.record = Record()
         self._last_good = self.state
 
     def _exact(self) -> Any:
-        if not hasattr(self._stepper, "lattice"):
+        stepper = self._watching.inner if self._watching else self._stepper
+        if not hasattr(stepper, "lattice"):
             raise InputError(f"lattice: {self.integrator} has none; leapfrog-exact has")
-        return self._stepper
+        return stepper
 
     @property
     def time(self) -> float:
@@ -176,6 +181,12 @@ class Simulation:
     def sample(self) -> Sample:
         """All that is watched, now."""
         return self._flow.sample(self._now(), self.time, self.steps_done)
+
+    @property
+    def events(self) -> list[dict[str, Any]]:
+        """What was seen so far of the events watched for, in the order in which it came to be known: a copy. Of each
+        kind, time, step (in which it was), bodies, ids, distance, energy that it took out, and what was done."""
+        return [dict(row) for row in self.record.events]
 
     def report(self) -> Report:
         """How well the run conserved energy and momentum so far, and what it cost."""
@@ -214,14 +225,20 @@ class Simulation:
         plan = plan_of(self, steps, until, every, interval, (own[1] if own else None) or self._every, samples)
         self._every = every or self._every
         self._prepare()
+        if self._watching:
+            self._watching.stopped = ""
         with self._busy() as interrupted, self._writer(output, plan.every, overwrite) as writer:
+            if self._watching:
+                self._watching.writer = writer
+                if writer:
+                    writer.absorbed = self._watching.absorbed
             self._look(writer, observe, again=False)
             began = perf_counter()
             spent_before = self.record.wall_seconds
             looked = True
-            while not plan.over(self) and not interrupted():
+            while not (plan.over(self) or interrupted() or self.stopped):
                 stop, stop_time = plan.next_stop(self)
-                self._advance(min(self._chunk, stop - self.steps_done), stop_time)
+                self._advance(min(self._chunk, stop - self.steps_done), stop_time, plan.horizon(stop_time))
                 self._at = plan.present(self._stepper.time, stop_time)
                 self.record.wall_seconds = spent_before + perf_counter() - began
                 looked = self.steps_done == stop or self._stepper.time >= stop_time
@@ -234,6 +251,7 @@ class Simulation:
             self._warn()
             if writer:
                 writer.report = self.report().as_json()
+                writer.report["events"] = self.going_on()  # the others stand in the file already
         if interrupted():
             raise KeyboardInterrupt
         return self.report()
@@ -281,8 +299,10 @@ class Simulation:
         self._compiled = True
         self.record.compile_seconds += perf_counter() - began
 
-    def _advance(self, steps: int, until: float = np.inf) -> None:
+    def _advance(self, steps: int, until: float = np.inf, horizon: float = np.inf) -> None:
         began = perf_counter()
+        if self._watching:
+            self._watching.horizon = horizon
         stepper = self._stepper
         before, counts = stepper.steps_done, stepper.counts
         self._flow.forget_errors()
@@ -314,12 +334,45 @@ class Simulation:
             reached, before = stepper.reached(inside_step)
             message = self._flow.explain(reached, before, good, step, time, last.steps_done)
         self.record.steps -= stepper.steps_done - last.steps_done
+        self.record.events = [event for event in self.record.events if event["time"] <= last.time]
         stepper.reset(good, last.time, last.steps_done)
         self._at = None
         raised = self._flow.raised
         if raised is not None and not isinstance(raised, Exception):
             raise raised  # KeyboardInterrupt, SystemExit
         raise RunError(f"{self.integrator}{with_step}: {message}") from raised
+
+    # --- what events ask for ---
+
+    @property
+    def stopped(self) -> str:
+        """The event that ended the last run, in words; "" where none did."""
+        return self._watching.stopped if self._watching else ""
+
+    def going_on(self) -> list[dict[str, Any]]:
+        """Close approaches that have not ended yet, as entries of ``events`` so far."""
+        return self._watching.going_on() if self._watching else []
+
+    def stepper_for(self, system: Any) -> Stepper:
+        """The method's stepper for these bodies, which are the Simulation's from now on."""
+        self.system = system
+        self._flow = flow_of(system, self.threads, jumps=self.method.trial_steps)
+        if self.method.separable and self._flow.not_separable:
+            raise InputError(
+                f"{self.integrator}: needs accelerations that depend on positions and time alone, and "
+                f"{self._flow.not_separable}; Runge-Kutta methods do not"
+            )
+        return self.method.stepper(self._flow, self.options)
+
+    def bodies_changed(self) -> None:
+        """An event acted: there is no going back behind it."""
+        self._at = self._present = None
+        self._points = []
+        self._last_good = self.state
+
+    def sample_at(self, y: Floats, time: float) -> Sample:
+        """All that is watched, at y."""
+        return self._flow.sample(y, time, self.steps_done)
 
     def _look(self, writer: Writer | None = None, observe: Observer | None = None, again: bool = True) -> None:
         """Sample, write and show the present state."""
@@ -341,7 +394,10 @@ class Simulation:
             observe(self)
 
     def _warn(self) -> None:
-        """Say where stability and not accuracy sets the steps."""
+        """Say what the method has to say, and where stability and not accuracy sets the steps."""
+        self.record.warnings += [
+            line for line in getattr(self._stepper, "warnings", ()) if line not in self.record.warnings
+        ]
         if not self._watched or self.record.steps < WATCHED_STEPS:
             return
         warning = stability_warning(self._flow, self.method, self._points)
@@ -365,7 +421,7 @@ class Simulation:
             "threads": self.threads,
             "seed": self.system.seed,
             "engine": "native",
-            **self.options.extras(self.method.adaptive),
+            **self.options.extras(self.method.tunable),
         }
         writer = Writer(path, self.system, method=method, every=cadence, overwrite=overwrite)
         self._files[path] = (writer.run_id, cadence)

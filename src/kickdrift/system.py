@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from kickdrift.box import Box
 from kickdrift.errors import InputError
+from kickdrift.events import Event, checked_events
 from kickdrift.state import Floats, State
-from kickdrift.units import UnitSystem, unit_system
+from kickdrift.units import UnitSystem, shown, unit_system
 
 
 @dataclass(frozen=True)
@@ -57,6 +59,8 @@ class System:
     units : name of a unit system: lj, metal, si, astro, nbody
     species : (n,) kinds, default all "A"
     names : (n,) names of the bodies, each its own ("Jupiter"); default none
+    radii : (n,) or one number; of the bodies, where they have any, for collisions
+    events : what a run watches for, e.g. ``[kd.CloseApproach(0.1)]``
     """
 
     state: State
@@ -71,6 +75,8 @@ class System:
     invariants: Mapping[str, Any] = field(default_factory=dict)
     source: str = ""  # the text of the system file, where there was one
     seed: int | None = None  # of the drawn velocities, where they were drawn
+    radii: Floats | None = None
+    events: tuple[Event, ...] = ()
 
     def __init__(
         self,
@@ -88,6 +94,8 @@ class System:
         source: str = "",
         seed: int | None = None,
         names: Sequence[str] = (),
+        radii: ArrayLike | None = None,
+        events: Iterable[Event] = (),
     ) -> None:
         x = _vectors("positions", positions)
         n = len(x)
@@ -119,8 +127,10 @@ class System:
         put(self, "invariants", dict(invariants or {}))
         put(self, "source", source)
         put(self, "seed", seed)
+        put(self, "radii", None if radii is None else body_radii(radii, n))
         for force in self.forces:
             force.check(self)
+        put(self, "events", checked_events(self, events))
 
     def __len__(self) -> int:
         return len(self.state)
@@ -130,8 +140,27 @@ class System:
         return self.state.box
 
     def body(self, i: int) -> str:
-        """What to call a particle: its name, or "particle 5"."""
-        return self.names[i] if self.names else f"particle {i}"
+        """What to call a particle: its name, or "particle 5", by its id."""
+        return self.names[i] if self.names else f"particle {self.state.ids[i]}"
+
+    def remaining(self, keep: NDArray[np.bool_], phase: Floats, masses: Floats, radii: Floats | None) -> System:
+        """The same system with those of its bodies that ``keep`` (n,) names, under their ids, at ``phase`` (2, 3, n)
+        with these masses and radii."""
+        left, put = copy(self), object.__setattr__
+        phase = np.ascontiguousarray(phase[:, :, keep])
+        put(left, "state", State(phase, masses[keep], self.state.ids[keep], self.box))
+        put(left, "species_index", self.species_index[keep])
+        put(left, "names", tuple(name for name, kept in zip(self.names, keep, strict=False) if kept))
+        put(left, "radii", None if radii is None else radii[keep])
+        for force in left.forces:
+            force.check(left)
+        return left
+
+    def watched(self, events: Iterable[Event]) -> System:
+        """The same system with these events to watch for in place of its own."""
+        other = copy(self)
+        object.__setattr__(other, "events", checked_events(self, events))
+        return other
 
     def acting(self, trait: str) -> list[str]:
         """The names of the forces that have a trait: "external" (it does not conserve momentum), "works" (nor energy),
@@ -164,6 +193,21 @@ def _vectors(key: str, values: ArrayLike) -> Floats:
             f"{key}: particle {particle} has {array[particle, axis]} in {'xyz'[axis]}; expected finite numbers"
         )
     return array
+
+
+def body_radii(radii: ArrayLike, n: int) -> Floats:
+    """The radii of n bodies, checked."""
+    try:
+        r = np.asarray(radii, dtype=float)
+    except (TypeError, ValueError):
+        raise InputError(f"radii: expected one number or {n}, got {shown(radii)}") from None
+    if r.ndim > 1 or (r.ndim == 1 and len(r) != n):
+        raise InputError(f"radii: expected one number or {n}, got shape {r.shape}")
+    r = np.broadcast_to(r, (n,)).copy()
+    bad = np.flatnonzero(~(np.isfinite(r) & (r >= 0)))
+    if bad.size:
+        raise InputError(f"radii: particle {bad[0]} has radius {r[bad[0]]}; expected a length, zero or more")
+    return r
 
 
 def body_names(names: Sequence[str], n: int) -> tuple[str, ...]:

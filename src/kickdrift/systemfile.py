@@ -16,6 +16,7 @@ from kickdrift.bodies import cluster, on_orbits
 from kickdrift.builders import Structure, check_overlaps, lattice, maxwell_boltzmann, mixture, read_structure
 from kickdrift.coordinates import to_barycentric
 from kickdrift.errors import InputError
+from kickdrift.events.tables import events_of
 from kickdrift.forces import FORCES
 from kickdrift.forces.pair_law import PairForce
 from kickdrift.problem import Problem
@@ -192,8 +193,9 @@ def _system(data: dict[str, Any], path: Path, text: str, seed: int | None) -> Sy
     def system(velocities: Floats | None) -> System:
         positions = start.positions
         if start.barycentric:
-            positions = to_barycentric(positions, start.masses)[0]
-            velocities = None if velocities is None else to_barycentric(velocities, start.masses)[0]
+            masses = np.broadcast_to(start.masses, len(positions))
+            positions = to_barycentric(positions, masses)[0]
+            velocities = None if velocities is None else to_barycentric(velocities, masses)[0]
         return System(
             positions,
             velocities,
@@ -209,6 +211,7 @@ def _system(data: dict[str, Any], path: Path, text: str, seed: int | None) -> Sy
             text,
             seed,
             start.names,
+            start.radii,
         )
 
     made = system(velocities)
@@ -216,7 +219,7 @@ def _system(data: dict[str, Any], path: Path, text: str, seed: int | None) -> Sy
         with _named("velocities."):
             made = system(maxwell_boltzmann(made.coherent_masses, table.velocities.temperature, units.boltzmann, seed))
     check_overlaps(made)
-    return made
+    return made if not table.event else made.watched(events_of(made, table.event))
 
 
 def _force(given: dict[str, Any], units: UnitSystem, path: str) -> Any:
@@ -319,7 +322,10 @@ def _given(particles: PositionsTable, units: UnitSystem, gravity: float | None) 
         masses = particles.masses
     positions = np.array(particles.positions, dtype=float)
     names = body_names(particles.names, n)
-    return Structure(positions, masses, species, None, periodic=False, names=names, barycentric=particles.barycentric)
+    return Structure(
+        positions, masses, species, None, periodic=False, names=names, radii=particles.radii,
+        barycentric=particles.barycentric,
+    )  # fmt: skip
 
 
 def _masses(mass: Any, species: Sequence[str], n: int, units: UnitSystem) -> Any:

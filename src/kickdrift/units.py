@@ -74,7 +74,7 @@ _UNIT_TEXT = re.compile(r"(?:1(?=\s*/)|[(*/·\s]|(?:°?[^\W\d]+|\))(?:(?:\^|\*\*
 
 @dataclass(frozen=True)
 class UnitSystem:
-    """Names of the units, Boltzmann's constant and G in them.
+    """Names of the units, Boltzmann's constant, G and the speed of light in them (None where they are plain numbers).
 
     ``coherent_mass`` is the one factor that makes force = mass x acceleration true: in ``metal`` (angstrom, ps, eV, u)
     a mass in u times it is in eV ps^2 / angstrom^2; elsewhere it is 1.
@@ -88,6 +88,7 @@ class UnitSystem:
     temperature: str
     boltzmann: float
     gravity: float | None = None
+    light: float | None = None
     coherent_mass: float = 1.0
 
     @property
@@ -118,9 +119,10 @@ UNIT_SYSTEMS: dict[str, UnitSystem] = {
         "eV",
         "K",
         boltzmann=constants.k / constants.e,
+        light=constants.c * constants.pico / constants.angstrom,
         coherent_mass=constants.atomic_mass * (constants.angstrom / constants.pico) ** 2 / constants.e,
     ),
-    "si": UnitSystem("si", "m", "s", "kg", "J", "K", boltzmann=constants.k, gravity=constants.G),
+    "si": UnitSystem("si", "m", "s", "kg", "J", "K", boltzmann=constants.k, gravity=constants.G, light=constants.c),
     "astro": UnitSystem(
         "astro",
         "AU",
@@ -130,6 +132,7 @@ UNIT_SYSTEMS: dict[str, UnitSystem] = {
         "K",
         boltzmann=constants.k * YEAR**2 / (MSUN * AU**2),
         gravity=GM_SUN * YEAR**2 / AU**3,
+        light=constants.c * YEAR / AU,
     ),
     "nbody": UnitSystem("nbody", "length", "time", "mass", "energy", "energy/k_B", 1.0, gravity=1.0),
 }

@@ -81,7 +81,7 @@ class Bench:
         self.threads, self.share = threads, share
         self.enough = max(0.1 * (accuracy or 0.0), plan.error)
         points = 0 if stiff else LOCAL_POINTS if plan.y is not None and not isinstance(subject, System) else 1
-        self._local = LocalErrors(subject, start, plan, length, points, reference_method(stiff), threads)
+        self._local = LocalErrors(subject, start, plan, length, points, reference_method(subject, stiff), threads)
         self._finest: Floats | None = None  # the solution that oscillations are counted in
 
     def ladder(self, name: str, progress: Callable[[int], Any]) -> list[Row]:
@@ -106,7 +106,7 @@ class Bench:
 
     def _knobs(self, method: Any) -> list[dict[str, Any]]:
         if method.adaptive:
-            return [tolerances(self.subject, self.start, rtol) for rtol in RTOLS]
+            return [tolerances(self.subject, self.start, rtol, method.name) for rtol in RTOLS]
         per_step = method.evaluations or 10  # an implicit method's iterations
         coarsest = max(1, round(COARSEST * self.evaluations / per_step / self.samples))
         return [{"steps": self.samples * coarsest * 2**rung} for rung in range(RUNGS)]

@@ -9,13 +9,12 @@ from typing import Any
 import numpy as np
 
 from kickdrift.analysis.pilot import Subject, state_at, vector
-from kickdrift.analysis.reference import EPSILON, Reference, compared, distance, natural_scale, tolerances
+from kickdrift.analysis.reference import EPSILON, TIGHT, Reference, compared, distance, natural_scale, tolerances
 from kickdrift.errors import InputError, RunError
 from kickdrift.integrators import integrator
 from kickdrift.integrators.scipy_methods import SciPyMethod
 from kickdrift.simulation import Simulation
 
-TIGHT = 1e-13  # rtol of the step that stands for the truth
 ANY = 1e3  # rtol and atol of an adaptive method whose one step is measured, whatever it thinks of it
 ROUNDING = 50 * EPSILON  # local errors below it are no more than that
 LARGE = 0.1  # errors above it are not yet ruled by the order
@@ -38,7 +37,9 @@ class LocalErrors:
             self._scale = plan.scale
         else:
             self._scale = natural_scale(subject, vector(start)[None])
-        self._reference = Simulation(subject, name, threads=threads, **tolerances(subject, start, TIGHT))
+        self._reference = Simulation(
+            subject, name, threads=threads, **tolerances(subject, start, TIGHT[name][0][0], name)
+        )
 
     def of(self, name: str, step: float) -> float | None:
         """After one step of that length; None where it blows up, without points, and for methods that begin
@@ -46,7 +47,7 @@ class LocalErrors:
         method = integrator(name)
         if isinstance(method, SciPyMethod) or not self.starts:
             return None
-        given: dict[str, Any] = {"rtol": ANY, "atol": ANY} if method.adaptive else {}
+        given: dict[str, Any] = {key: ANY for key in ("rtol", "atol") if key in method.tunable}
         try:
             with np.errstate(all="ignore"):
                 sim = Simulation(self.subject, name, dt=step, threads=self.threads, **given)

@@ -48,7 +48,8 @@ class Choice:
         if self.dt is not None:
             end = f"--steps {self.steps}" if self.steps else f"--time {length!r}"
             return f"--integrator {self.method} --dt {self.dt!r} {end}"
-        return f"--integrator {self.method} --rtol {self.rtol:g} --atol {self.atol:g} --time {length!r}"
+        absolute = "" if self.atol is None else f" --atol {self.atol:g}"
+        return f"--integrator {self.method} --rtol {self.rtol:g}{absolute} --time {length!r}"
 
 
 @dataclass(frozen=True)
@@ -219,10 +220,10 @@ def _choice(rows: list[Row], accuracy: float, length: float, ratio: float, hidde
         steps = ceil(length / knob * (1 - 1e-12))
         return Choice(row.method, length / steps, steps, None, None, error, cost, cost * seconds)
     assert row.rtol is not None
-    assert row.atol is not None
     digits = 1 - floor(log10(knob))
     rtol = floor(knob * 10**digits) / 10**digits
-    return Choice(row.method, None, None, rtol, float(f"{row.atol * rtol / row.rtol:.3g}"), error, cost, cost * seconds)
+    atol = None if row.atol is None else float(f"{row.atol * rtol / row.rtol:.3g}")
+    return Choice(row.method, None, None, rtol, atol, error, cost, cost * seconds)
 
 
 def _knob(row: Row) -> float:

@@ -15,7 +15,7 @@ import numpy as np
 
 from kickdrift.analysis.ladder import Bench, Row
 from kickdrift.analysis.pilot import OutOfTime, Subject, follow, state_at
-from kickdrift.analysis.reference import is_stiff, reference, reference_method, tolerances
+from kickdrift.analysis.reference import is_stiff, reference, scout_method, tolerances
 from kickdrift.bench import processor
 from kickdrift.errors import InputError
 from kickdrift.forces.bound import check_threads
@@ -260,8 +260,8 @@ def _scout(
 ) -> tuple[tuple[float, float, float], Any]:
     """Evaluations and steps per unit of time at a loose tolerance, and seconds per evaluation; the state that was
     reached."""
-    name = reference_method(stiff)
-    run = tolerances(subject, start, LOOSE)
+    name = scout_method(stiff)
+    run = tolerances(subject, start, LOOSE, name)
     for _ in range(2):  # the first run also loads what was compiled
         try:
             track = follow(subject, start, name, length, 7, threads=threads, limit=limit, **run)

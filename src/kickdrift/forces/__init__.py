@@ -7,17 +7,34 @@ from typing import Any
 from kickdrift.forces.fields import DrivenField, HarmonicTrap, LinearDrag, Springs, UniformField
 from kickdrift.forces.gravity import Gravity
 from kickdrift.forces.lennard_jones import LennardJones
+from kickdrift.forces.oblateness import Oblateness
+from kickdrift.forces.relativity import PostNewtonian
+from kickdrift.forces.tree import GravityTree
 
-_ALL: tuple[Any, ...] = (LennardJones, Gravity, Springs, HarmonicTrap, UniformField, DrivenField, LinearDrag)
+_ALL: tuple[Any, ...] = (
+    LennardJones,
+    Gravity,
+    GravityTree,
+    PostNewtonian,
+    Oblateness,
+    Springs,
+    HarmonicTrap,
+    UniformField,
+    DrivenField,
+    LinearDrag,
+)
 FORCES: dict[str, Any] = {force.name: force for force in _ALL}
 
 __all__ = [
     "FORCES",
     "DrivenField",
     "Gravity",
+    "GravityTree",
     "HarmonicTrap",
     "LennardJones",
     "LinearDrag",
+    "Oblateness",
+    "PostNewtonian",
     "Springs",
     "UniformField",
 ]

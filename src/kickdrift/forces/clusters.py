@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from kickdrift.box import Box
 from kickdrift.forces.compiling import jit
-from kickdrift.forces.simd import WIDTH, aligned, lane_max, lane_sum, load, select, splat
+from kickdrift.forces.simd import WIDTH, aligned, lane_max, lane_sum, load, select, splat, store
 
 # slots of `ClusterList.counts`
 N_CLUSTERS, NX, NY, BUILT, OUTER_BUILDS, PRUNES, ROOM_NEEDED, JUMPS_ALLOWED = range(8)
@@ -218,6 +218,15 @@ def load_vector(x, cluster):
     """A cluster's eight x, y and z."""
     p = STRIDE * cluster
     return load(x, p), load(x, p + WIDTH), load(x, p + 2 * WIDTH)
+
+
+@jit
+def store_vector(x, cluster, a, b, c):
+    """Write a cluster's eight x, y and z."""
+    p = STRIDE * cluster
+    store(x, p, a)
+    store(x, p + WIDTH, b)
+    store(x, p + 2 * WIDTH, c)
 
 
 @jit

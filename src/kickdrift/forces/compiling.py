@@ -25,10 +25,16 @@ from kickdrift.cache import folder
 
 FAST_MATH = {"reassoc", "nsz", "arcp", "contract"}  # never nnan or ninf: blow-ups are found by their NaN
 
-jit = njit(error_model="numpy", fastmath=FAST_MATH, nogil=True)
-# Operation by operation as written, for what reassociation would undo. The False is not the default: without it numba
-# lets a function inherit its caller's flags.
-strict = njit(error_model="numpy", fastmath=False, nogil=True)
+# What is not said a compiled function takes over from its caller: hence each False below.
+jit = njit(error_model="numpy", fastmath=FAST_MATH, nogil=True, forceinline=False)
+# The same, always made part of the caller: handing over its arrays takes longer than a step of a few bodies.
+inlined = njit(error_model="numpy", fastmath=FAST_MATH, nogil=True, forceinline=True)
+# Always made part of the caller, sums in the order as written. A chunk task being compiled goes through LLVM twice, on
+# its own (which the process that compiles runs) and within its driver (which goes to the cache): where LLVM may
+# reassociate, the two can differ in the last bits.
+in_order = njit(error_model="numpy", fastmath={"nsz", "contract"}, nogil=True, forceinline=True)
+# Operation by operation as written, for what reassociation would undo.
+strict = njit(error_model="numpy", fastmath=False, nogil=True, forceinline=False)
 
 
 @intrinsic
@@ -48,7 +54,8 @@ def sources_hash() -> str:
     """A short hash of every source file that compiled code comes from."""
     digest = hashlib.sha256()
     package = Path(__file__).parents[1]
-    for path in sorted([*package.glob("forces/*.py"), *package.glob("integrators/*.py")]):
+    folders = [*package.glob("forces/*.py"), *package.glob("integrators/*.py")]
+    for path in sorted([*folders, package / "events/encounters.py"]):
         digest.update(path.name.encode() + b"\0" + path.read_bytes())
     return digest.hexdigest()[:16]
 

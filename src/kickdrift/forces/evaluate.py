@@ -8,30 +8,25 @@ import numpy as np
 from numba import types
 from numba.extending import overload
 
-from kickdrift.forces.compiling import driver, jit
+from kickdrift.forces.compiling import driver, inlined
 from kickdrift.forces.equation import EquationKernel, call_at
 from kickdrift.forces.handle import handle, part
 from kickdrift.forces.kernel import BLOWN_UP, OK, RAISED, accelerate
-from kickdrift.forces.simd import WIDTH, lane_sum, load, splat
+from kickdrift.forces.simd import WIDTH, flat, lane_sum, load, load_first, splat, store, store_first
 
 EVALUATIONS = 0  # slot of a loop's cursor: how often the forces were evaluated
 SLOTS = 5  # of a cursor; the others are the loops' own
 
 
-@jit
+@inlined
 def fill_accelerations(bound, t, x, v, a, sums, cursor):
     """a <- the accelerations at x; a status."""
-    for axis in range(a.shape[0]):
-        for i in range(a.shape[1]):
-            a[axis, i] = 0.0
+    clear(a)
     status = accelerate(bound, t, x, v, a, sums)
     cursor[EVALUATIONS] += 1
     if status != OK:
         return status
-    total = 0.0
-    for row in a:
-        total += row_sum(row)
-    return OK if np.isfinite(total) else BLOWN_UP
+    return OK if np.isfinite(sum_of(a)) else BLOWN_UP
 
 
 def fill_derivative(bound: Any, t: float, y: Any, dy: Any, cursor: Any) -> int:
@@ -69,16 +64,24 @@ def through_forces(bound, t, y, dy, cursor):
     return status
 
 
-@jit
-def row_sum(row):
-    """The sum of a contiguous row, eight at a time."""
+@inlined
+def clear(a):
+    """a <- 0."""
+    row, zero = flat(a), splat(0.0)
+    whole = row.size - row.size % WIDTH
+    for i in range(0, whole, WIDTH):
+        store(row, i, zero)
+    store_first(row, whole, zero, row.size - whole)
+
+
+@inlined
+def sum_of(a):
+    """The sum of all numbers in a contiguous array, eight at a time."""
+    row = flat(a)
     lanes, whole = splat(0.0), row.size - row.size % WIDTH
     for i in range(0, whole, WIDTH):
         lanes = lanes + load(row, i)
-    total = lane_sum(lanes)
-    for i in range(whole, row.size):
-        total += row[i]
-    return total
+    return lane_sum(lanes + load_first(row, whole, row.size - whole))
 
 
 @driver

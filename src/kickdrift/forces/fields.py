@@ -66,11 +66,11 @@ class HarmonicTrap(Field):
 
     def __post_init__(self) -> None:
         one = _is_number(self.stiffness)
-        three = _vector(self.name, "stiffness", (self.stiffness,) * 3 if one else self.stiffness)
+        three = vector(self.name, "stiffness", (self.stiffness,) * 3 if one else self.stiffness)
         if min(three) < 0:
             raise InputError(f"{self.name}: stiffness must be zero or more, got {shown(self.stiffness)}")
         object.__setattr__(self, "stiffness", three[0] if one else three)
-        object.__setattr__(self, "centre", _vector(self.name, "centre", self.centre))
+        object.__setattr__(self, "centre", vector(self.name, "centre", self.centre))
 
     def check(self, system: System) -> None:
         """Refuse a periodic box, and particles without mass, which the trap would move infinitely fast."""
@@ -97,7 +97,7 @@ class UniformField(Field):
     dimensions: ClassVar[dict[str, str]] = {"acceleration": "acceleration"}
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "acceleration", _vector(self.name, "acceleration", self.acceleration))
+        object.__setattr__(self, "acceleration", vector(self.name, "acceleration", self.acceleration))
 
 
 @dataclass(frozen=True)
@@ -130,9 +130,9 @@ class DrivenField(Field):
         return any(self.amplitude)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "amplitude", _vector(self.name, "amplitude", self.amplitude))
+        object.__setattr__(self, "amplitude", vector(self.name, "amplitude", self.amplitude))
         for key in ("frequency", "phase"):
-            object.__setattr__(self, key, _number(self.name, key, getattr(self, key)))
+            object.__setattr__(self, key, number(self.name, key, getattr(self, key)))
         if self.frequency < 0:
             raise InputError(f"{self.name}: frequency must be zero or more, got {self.frequency}")
 
@@ -166,7 +166,7 @@ class LinearDrag(Field):
         return self.rate != 0.0
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "rate", _number(self.name, "rate", self.rate))
+        object.__setattr__(self, "rate", number(self.name, "rate", self.rate))
         if self.rate < 0:
             raise InputError(f"{self.name}: rate must be zero or more, got {self.rate}")
 
@@ -210,7 +210,7 @@ class Springs(Field):
         for key, least in (("stiffness", "positive"), ("length", "zero or more")):
             given = getattr(self, key)
             one = _is_number(given)
-            values = tuple(_number(self.name, key, v) for v in ([given] if one else _items(self.name, key, given)))
+            values = tuple(number(self.name, key, v) for v in ([given] if one else _items(self.name, key, given)))
             if not one and len(values) != len(pairs):
                 raise InputError(f"{self.name}: {key}: expected one number or {len(pairs)}, got {len(values)}")
             for value in values:
@@ -256,14 +256,15 @@ def _is_number(value: Any) -> bool:
     return np.ndim(value) == 0 if isinstance(value, np.ndarray) else not isinstance(value, Iterable)
 
 
-def _number(name: str, key: str, value: Any) -> float:
+def number(name: str, key: str, value: Any) -> float:
+    """The value as a finite float; an InputError that names the force and the key."""
     try:
-        number = float("nan") if isinstance(value, str | bool) else float(value)
+        found = float("nan") if isinstance(value, str | bool) else float(value)
     except (TypeError, ValueError, OverflowError):
-        number = float("nan")
-    if not math.isfinite(number):
+        found = float("nan")
+    if not math.isfinite(found):
         raise InputError(f"{name}: {key}: expected a finite number, got {shown(value)}")
-    return number
+    return found
 
 
 def _items(name: str, key: str, values: Any) -> list[Any]:
@@ -272,11 +273,12 @@ def _items(name: str, key: str, values: Any) -> list[Any]:
     return list(values)
 
 
-def _vector(name: str, key: str, values: Any) -> Vector:
+def vector(name: str, key: str, values: Any) -> Vector:
+    """Three finite floats, likewise."""
     given = [] if isinstance(values, str) or not isinstance(values, Iterable) else list(values)
     if len(given) != 3:
         raise InputError(f"{name}: {key}: expected three numbers, got {shown(values)}")
-    x, y, z = (_number(name, key, value) for value in given)
+    x, y, z = (number(name, key, value) for value in given)
     return x, y, z
 
 

@@ -1,102 +1,249 @@
-"""The compiled direct sum: every particle against eight at a time, threads over particles, each sum in one order."""
+"""The compiled direct sum: each pair of massive bodies once (Newton's third law), eight at a time; massless particles
+only look at the massive ones.
+
+The massive bodies stand in clusters of eight. A cluster's own pairs come from turning its eight around against
+themselves; beyond it, each of its bodies meets all earlier clusters, which take the reaction. So only the last cluster
+is ever part empty, and nothing of it is wasted where it holds a single body (Sun and eight planets). A chunk has an
+array of accelerations of its own, and they are added up in one order: threads do not change the bits.
+"""
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.forces.chunks import Parallel, Serial, chunk_task, each_chunk
-from kickdrift.forces.compiling import jit, never_inline
+from kickdrift.forces.clusters import STRIDE, load_vector, store_vector
+from kickdrift.forces.compiling import in_order, never_inline
 from kickdrift.forces.kernel import OK, kernel
-from kickdrift.forces.simd import WIDTH, lane_numbers, lane_sum, load, select, splat
+from kickdrift.forces.simd import WIDTH, aligned, inverse_sqrt, lane_sum, load, rotated, select, splat, store
 
 if TYPE_CHECKING:
     from kickdrift.forces.gravity import Gravity
     from kickdrift.system import System
 
+PAIRS_PER_CHUNK = 60_000  # some 30 microseconds of work; waking a thread takes a few
+MOST_CHUNKS = 32
+
 
 class GravityKernel(NamedTuple):
-    """Direct gravity bound to a System; sources are padded with massless ones to a multiple of eight."""
+    """Direct gravity bound to a System, in clusters of eight slots: the massive bodies first, then from a cluster of
+    their own on the massless particles; empty slots have no mass. Vectors are stored as in a ``ClusterList``."""
 
     softening2: float
+    massive: int  # bodies
+    sources: int  # clusters of massive bodies
+    clusters: int
+    place: NDArray[np.int64]  # (n,) where each particle's x is; y and z follow WIDTH and 2 WIDTH behind
     gm: NDArray[np.float64]  # (slots,) G m
-    masses: NDArray[np.float64]  # (n,) coherent
-    x: NDArray[np.float64]  # (3, slots)
-    a: NDArray[np.float64]  # (3, n)
-    sums: NDArray[np.float64]  # (n, 2) each particle's share of energy and virial
+    masses: NDArray[np.float64]  # (slots,) coherent
+    x: NDArray[np.float64]  # (3 slots,)
+    a: NDArray[np.float64]  # (chunks x 3 slots,) what each chunk adds to the accelerations
+    sums: NDArray[np.float64]  # (chunks, 2) energy, virial
     threads: Serial | Parallel
 
 
 def bind(force: Gravity, system: System, threads: int) -> GravityKernel:
     """The force for this System, on this many threads."""
-    n = len(system)
-    slots = WIDTH * -(-n // WIDTH)
+    n, massless = len(system), system.state.masses == 0.0
+    massive = n - int(np.count_nonzero(massless))
+    sources = -(-massive // WIDTH)
+    clusters = sources + -(-(n - massive) // WIDTH)
+    slot = np.empty(n, np.int64)
+    slot[~massless] = np.arange(massive)
+    slot[massless] = sources * WIDTH + np.arange(n - massive)
     gravity = force.G if force.G is not None else system.units.gravity
-    gm = np.zeros(slots)
-    gm[:n] = float(gravity or 0.0) * system.state.masses
-    share = Parallel(n) if threads > 1 else Serial(n)
-    x = np.zeros((3, slots))
-    return GravityKernel(force.softening**2, gm, system.coherent_masses, x, np.zeros((3, n)), np.zeros((n, 2)), share)
+    gm, masses = np.zeros(clusters * WIDTH), np.zeros(clusters * WIDTH)
+    gm[slot] = float(gravity or 0.0) * system.state.masses
+    masses[slot] = system.coherent_masses
+    chunks = chunks_for(massive, n)
+    return GravityKernel(
+        softening2=force.softening**2,
+        massive=massive,
+        sources=sources,
+        clusters=clusters,
+        place=slot // WIDTH * STRIDE + slot % WIDTH,
+        gm=gm,
+        masses=masses,
+        x=aligned((clusters * STRIDE,)),
+        a=aligned((chunks * clusters * STRIDE,)),
+        sums=np.zeros((chunks, 2)),
+        threads=Parallel(chunks) if threads > 1 and chunks > 1 else Serial(chunks),
+    )
+
+
+def chunks_for(massive: int, particles: int) -> int:
+    """How many parts the work falls into: of the sizes alone, and a power of two, so that threads get equal shares."""
+    pairs = massive * (particles - massive) + massive * (massive - 1) // 2
+    chunks = 1
+    while chunks < MOST_CHUNKS and 2 * chunks * PAIRS_PER_CHUNK <= pairs:
+        chunks *= 2
+    return chunks
 
 
 @kernel(GravityKernel)
 def gravity_forces(force, t, x, v, a, sums):
-    n, sources = x.shape[1], force.x
-    for k in range(3):
-        for i in range(n):
-            sources[k, i] = x[k, i]
+    place, own = force.place, force.x
+    for i in range(place.size):
+        p = place[i]
+        own[p] = x[0, i]
+        own[p + WIDTH] = x[1, i]
+        own[p + 2 * WIDTH] = x[2, i]
     if sums is None:
         each_chunk(force, force.threads, "pull")
     else:
         each_chunk(force, force.threads, "pull_and_sums")
-        for i in range(n):
-            sums[0] += force.sums[i, 0]
-            sums[1] += force.sums[i, 1]
-        sums[2] += 0.5 * n * (n - 1)
-    pulls = force.a
-    for k in range(3):
-        for i in range(n):
-            a[k, i] += pulls[k, i]
+        for c in range(force.threads.chunks):
+            sums[0] += force.sums[c, 0]
+            sums[1] += force.sums[c, 1]
+        massive = force.massive
+        sums[2] += 0.5 * massive * (massive - 1) + massive * (place.size - massive)
+    collect(force)
+    total = force.a
+    for i in range(place.size):
+        p = place[i]
+        a[0, i] += total[p]
+        a[1, i] += total[p + WIDTH]
+        a[2, i] += total[p + 2 * WIDTH]
     return OK
 
 
-@chunk_task
-def pull(force, i):
-    """The acceleration of particle i."""
-    never_inline()
-    sum_sources(force, None, i)
+@in_order
+def collect(force):
+    """Add the chunks' accelerations up in chunk 0's, in one order."""
+    a, part = force.a, force.clusters * STRIDE
+    for c in range(1, force.threads.chunks):
+        for p in range(0, part, WIDTH):
+            store(a, p, load(a, p) + load(a, c * part + p))
 
 
 @chunk_task
-def pull_and_sums(force, i):
-    """The same, and particle i's half of each pair's energy and virial."""
+def pull(force, c):
+    """The accelerations from chunk c's pairs."""
     never_inline()
-    sum_sources(force, force.sums, i)
+    sum_pairs(force, None, c)
 
 
-@jit
-def sum_sources(force, sums, i):
-    x, y, z = force.x
-    gm, softening2 = force.gm, force.softening2
-    xi, yi, zi = splat(x[i]), splat(y[i]), splat(z[i])
+@chunk_task
+def pull_and_sums(force, c):
+    """The same, and these pairs' energy and virial."""
+    never_inline()
+    sum_pairs(force, force.sums, c)
+
+
+@in_order
+def sum_pairs(force, sums, c):
+    """Of the clusters of massive bodies chunk c has every 2 ``chunks``-th counted from c and from 2 ``chunks`` - 1 - c:
+    a cluster's work grows with its number, and this shares it evenly."""
+    first, last = c * force.clusters, 2 * force.threads.chunks - 1
     zero = splat(0.0)
-    ax, ay, az, energy, virial = zero, zero, zero, zero, zero
-    for j in range(0, gm.size, WIDTH):
-        dx, dy, dz = load(x, j) - xi, load(y, j) - yi, load(z, j) - zi
-        separation2 = dx * dx + dy * dy + dz * dz
-        source = select(lane_numbers() == float(i - j), zero, load(gm, j))  # all but the particle itself
-        pulling = source > 0.0
-        inverse = 1.0 / math.sqrt(separation2 + softening2)
-        gm_over_r = select(pulling, source * inverse, zero)
-        w = select(pulling, gm_over_r * inverse * inverse, zero)
-        ax, ay, az = ax + w * dx, ay + w * dy, az + w * dz
-        if sums is not None:
-            energy = energy - gm_over_r
-            virial = virial - w * separation2
-    force.a[0, i], force.a[1, i], force.a[2, i] = lane_sum(ax), lane_sum(ay), lane_sum(az)
+    for cluster in range(first, first + force.clusters):
+        store_vector(force.a, cluster, zero, zero, zero)
+    energy, virial = zero, zero
+    turn = 0
+    for cluster in range(force.sources):
+        if turn == c or turn == last - c:
+            u, w = inside_cluster(force, sums, cluster, first)
+            energy, virial = energy + u, virial + w
+            if cluster > 0:
+                u, w = earlier_clusters(force, sums, cluster, first)
+                energy, virial = energy + u, virial + w
+        turn = turn + 1 if turn < last else 0
+    cluster = force.sources + c
+    while cluster < force.clusters:
+        pull_massless(force, cluster, first)
+        cluster += force.threads.chunks
     if sums is not None:
-        sums[i, 0] = 0.5 * force.masses[i] * lane_sum(energy)
-        sums[i, 1] = 0.5 * force.masses[i] * lane_sum(virial)
+        sums[c, 0], sums[c, 1] = lane_sum(energy), lane_sum(virial)
+
+
+@in_order
+def inside_cluster(force, sums, cluster, first):
+    """The pairs within a cluster, whose accelerations begin at cluster ``first`` of those: each body with the next,
+    second and third in a ring of eight, which take the reaction, and with the one opposite, which sees to its own half.
+    Energy and virial, in lanes."""
+    xi, yi, zi = load_vector(force.x, cluster)
+    gm_i, masses = load(force.gm, cluster * WIDTH), load(force.masses, cluster * WIDTH)
+    zero = splat(0.0)
+    energy, virial = zero, zero
+    ax, ay, az, reaction_x, reaction_y, reaction_z = zero, zero, zero, zero, zero, zero
+    xj, yj, zj, gm_j = xi, yi, zi, gm_i
+    for turn in range(4):
+        xj, yj, zj, gm_j = rotated(xj, 1), rotated(yj, 1), rotated(zj, 1), rotated(gm_j, 1)
+        reaction_x, reaction_y, reaction_z = rotated(reaction_x, 1), rotated(reaction_y, 1), rotated(reaction_z, 1)
+        dx, dy, dz = xj - xi, yj - yi, zj - zi
+        real = (gm_i > 0.0) & (gm_j > 0.0)
+        inverse = select(real, inverse_sqrt(force.softening2 + dx * dx + dy * dy + dz * dz), zero)
+        cube = inverse * inverse * inverse
+        w = gm_j * cube
+        ax, ay, az = ax + w * dx, ay + w * dy, az + w * dz
+        if turn < 3:
+            w = gm_i * cube
+            reaction_x, reaction_y, reaction_z = reaction_x - w * dx, reaction_y - w * dy, reaction_z - w * dz
+        if sums is not None:
+            gmm = masses * gm_j if turn < 3 else 0.5 * masses * gm_j
+            energy = energy - gmm * inverse
+            virial = virial - gmm * cube * (dx * dx + dy * dy + dz * dz)
+    ax, ay, az = ax + rotated(reaction_x, 4), ay + rotated(reaction_y, 4), az + rotated(reaction_z, 4)
+    store_vector(force.a, first + cluster, ax, ay, az)
+    return energy, virial
+
+
+@in_order
+def earlier_clusters(force, sums, cluster, first):
+    """The bodies of a cluster, two at a time, with those of all earlier clusters, which take the reaction."""
+    x, gm, a, masses = force.x, force.gm, force.a, force.masses
+    softening2 = force.softening2
+    zero = splat(0.0)
+    energy, virial = zero, zero
+    for lane in range(0, min(WIDTH, force.massive - cluster * WIDTH), 2):
+        i = cluster * WIDTH + lane
+        p = cluster * STRIDE + lane
+        q = p + 1 if i + 1 < force.massive else p  # beside the last body stands one without mass
+        xi, yi, zi, gm_i = splat(x[p]), splat(x[p + WIDTH]), splat(x[p + 2 * WIDTH]), splat(gm[i])
+        xk, yk, zk, gm_k = splat(x[q]), splat(x[q + WIDTH]), splat(x[q + 2 * WIDTH]), splat(gm[i + 1])
+        aix, aiy, aiz, akx, aky, akz = zero, zero, zero, zero, zero, zero
+        for other in range(cluster):
+            xj, yj, zj = load_vector(x, other)
+            ajx, ajy, ajz = load_vector(a, first + other)
+            gm_j = load(gm, other * WIDTH)
+            dx, dy, dz = xj - xi, yj - yi, zj - zi
+            ex, ey, ez = xj - xk, yj - yk, zj - zk
+            inverse_i = inverse_sqrt(softening2 + dx * dx + dy * dy + dz * dz)
+            inverse_k = inverse_sqrt(softening2 + ex * ex + ey * ey + ez * ez)
+            cube_i, cube_k = inverse_i * inverse_i * inverse_i, inverse_k * inverse_k * inverse_k
+            wi, wk = gm_j * cube_i, gm_j * cube_k
+            aix, aiy, aiz = aix + wi * dx, aiy + wi * dy, aiz + wi * dz
+            akx, aky, akz = akx + wk * ex, aky + wk * ey, akz + wk * ez
+            if sums is not None:
+                energy = energy - masses[i] * gm_j * inverse_i - masses[i + 1] * gm_j * inverse_k
+                virial = virial - masses[i] * wi * (dx * dx + dy * dy + dz * dz)
+                virial = virial - masses[i + 1] * wk * (ex * ex + ey * ey + ez * ez)
+            wi, wk = gm_i * cube_i, gm_k * cube_k
+            store_vector(a, first + other, ajx - wi * dx - wk * ex, ajy - wi * dy - wk * ey, ajz - wi * dz - wk * ez)
+        p = (first + cluster) * STRIDE + lane
+        a[p] += lane_sum(aix)
+        a[p + WIDTH] += lane_sum(aiy)
+        a[p + 2 * WIDTH] += lane_sum(aiz)
+        a[p + 1] += lane_sum(akx)
+        a[p + 1 + WIDTH] += lane_sum(aky)
+        a[p + 1 + 2 * WIDTH] += lane_sum(akz)
+    return energy, virial
+
+
+@in_order
+def pull_massless(force, cluster, first):
+    """A cluster of massless particles, pulled by each massive body."""
+    x, gm, softening2 = force.x, force.gm, force.softening2
+    xi, yi, zi = load_vector(x, cluster)
+    zero = splat(0.0)
+    ax, ay, az = zero, zero, zero
+    for j in range(force.massive):
+        p = j // WIDTH * STRIDE + j % WIDTH
+        dx, dy, dz = x[p] - xi, x[p + WIDTH] - yi, x[p + 2 * WIDTH] - zi
+        inverse = inverse_sqrt(softening2 + dx * dx + dy * dy + dz * dz)
+        w = gm[j] * inverse * inverse * inverse
+        ax, ay, az = ax + w * dx, ay + w * dy, az + w * dz
+    store_vector(force.a, first + cluster, ax, ay, az)

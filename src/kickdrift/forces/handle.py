@@ -65,7 +65,18 @@ def _part(context: Any, builder: ir.IRBuilder, pointer: ir.Value, index: int, ki
     inside = cgutils.gep_inbounds(builder, pointer, 0, index)
     if isinstance(_read(kind), Handle):
         return inside
-    return impl_ret_borrowed(context, builder, kind, builder.load(inside))
+    return _unowned(context, builder, kind, builder.load(inside))
+
+
+def _unowned(context: Any, builder: ir.IRBuilder, kind: types.Type, value: ir.Value) -> ir.Value:
+    """An array without its owner, whose references then need no counting (atomic, and longer than a step of a few
+    bodies); anything else as it is."""
+    if not isinstance(kind, types.Array):
+        return impl_ret_borrowed(context, builder, kind, value)
+    array = cgutils.create_struct_proxy(kind)(context, builder, value=value)
+    array.meminfo = cgutils.get_null_value(array.meminfo.type)
+    array.parent = cgutils.get_null_value(array.parent.type)
+    return array._getvalue()
 
 
 @lower_getattr_generic(Handle)
@@ -81,6 +92,16 @@ def handle(typingctx, value):
         return cgutils.alloca_once_value(builder, args[0])
 
     return Handle(value)(value), codegen
+
+
+@intrinsic
+def unowned(typingctx, array):
+    """The same array, for as long as the caller keeps it alive: its references are not counted."""
+
+    def codegen(context, builder, sig, args):
+        return _unowned(context, builder, array, args[0])
+
+    return array(array), codegen
 
 
 @intrinsic(prefer_literal=True)

@@ -43,7 +43,7 @@ def accelerate(force: Any, t: float, x: Any, v: Any, a: Any, sums: Any) -> int:
     raise NotImplementedError("for compiled code")
 
 
-@overload(accelerate)
+@overload(accelerate, jit_options={"forceinline": True})
 def _accelerate(force, t, x, v, a, sums):
     kind = force.kind if isinstance(force, Handle) else force  # a force of numbers alone comes by value
     if isinstance(kind, types.BaseNamedTuple):

@@ -20,6 +20,7 @@ from kickdrift.forces.clusters import (
     chunk_clusters,
     cluster_list,
     load_vector,
+    store_vector,
 )
 from kickdrift.forces.compiling import jit, never_inline
 from kickdrift.forces.kernel import OK, kernel
@@ -34,7 +35,6 @@ from kickdrift.forces.simd import (
     named_lanes,
     select,
     splat,
-    store,
 )
 from kickdrift.forces.truncation import AtCutoff, Cut, ForceShift, Shift, Switch, truncated
 
@@ -135,15 +135,6 @@ def collect(pairs):
                 gx, gy, gz = load_vector(force[c], cluster)
                 fx, fy, fz = fx + gx, fy + gy, fz + gz
         store_vector(total, cluster, fx, fy, fz)
-
-
-@jit
-def store_vector(x, cluster, a, b, c):
-    """Write a cluster's eight x, y and z."""
-    p = STRIDE * cluster
-    store(x, p, a)
-    store(x, p + WIDTH, b)
-    store(x, p + 2 * WIDTH, c)
 
 
 @chunk_task

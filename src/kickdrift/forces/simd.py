@@ -2,10 +2,10 @@
 
 numba learns two types, ``Lanes`` (LLVM's ``<8 x double>``) and ``Mask`` (``<8 x i1>``), with the arithmetic operators,
 the comparisons and a few functions lowered on them; LLVM then emits AVX-512, AVX2, SSE2 or NEON as the machine has it.
-Lanes mix with scalars, which are copied to all lanes. The fast-math flags leave NaN and infinity alone: blow-up
-detection needs them. Division is a 14-bit estimate refined by two Newton steps where the machine has AVX-512 (its
-divide would take over half of a pair kernel's time), within 2 ulp; r = 0, infinity and NaN give a result that is not
-finite, and so stay visible.
+Lanes mix with scalars, which are copied to all lanes. They have the fast-math flags of the function that they stand in,
+as scalars do. Division is a 14-bit estimate refined by two Newton steps where the machine has AVX-512 (its
+divide would take over half of a pair kernel's time), within 2 ulp, and so is ``inverse_sqrt``, by one step of a higher
+order; r = 0, infinity and NaN give a result that is not finite, and so stay visible.
 """
 
 from __future__ import annotations
@@ -24,8 +24,6 @@ from numba.core.typing.templates import AbstractTemplate, ConcreteTemplate, infe
 from numba.extending import intrinsic, lower_builtin, models, register_model
 
 WIDTH = 8
-FLAGS = ("reassoc", "nsz", "arcp", "contract")  # never nnan or ninf
-
 F64 = ir.DoubleType()
 F64X8 = ir.VectorType(F64, WIDTH)
 I1X8 = ir.VectorType(ir.IntType(1), WIDTH)
@@ -92,22 +90,37 @@ def _has_avx512() -> bool:
     return bool(llvm.get_host_cpu_features().get("avx512f", False))
 
 
-def _divide(builder: ir.IRBuilder, a: ir.Value, b: ir.Value) -> ir.Value:
-    if not _has_avx512():
-        return builder.fdiv(a, b, flags=FLAGS)
+def _estimate(builder: ir.IRBuilder, name: str, x: ir.Value) -> ir.Value:
+    """AVX-512's estimate of 1 / x (rcp14) or 1 / sqrt(x) (rsqrt14), to 14 bits."""
     kind = ir.FunctionType(F64X8, [F64X8, F64X8, ir.IntType(8)])
-    estimate = cgutils.get_or_insert_function(builder.module, kind, "llvm.x86.avx512.rcp14.pd.512")
-    y = builder.call(estimate, [b, _constant(0.0), ir.Constant(ir.IntType(8), -1)])
+    estimate = cgutils.get_or_insert_function(builder.module, kind, f"llvm.x86.avx512.{name}.pd.512")
+    return builder.call(estimate, [x, _constant(0.0), ir.Constant(ir.IntType(8), -1)])
+
+
+def _fma(builder: ir.IRBuilder, a: ir.Value, b: ir.Value, c: ir.Value, name: str = "fmuladd") -> ir.Value:
+    kind = ir.FunctionType(F64X8, [F64X8] * 3)
+    return builder.call(cgutils.get_or_insert_function(builder.module, kind, f"llvm.{name}.v8f64"), [a, b, c])
+
+
+def _flags(context: Any) -> tuple[str, ...]:
+    """The fast-math flags of the function being compiled."""
+    return tuple(sorted(context.fastmath.flags)) if context.fastmath else ()
+
+
+def _divide(builder: ir.IRBuilder, a: ir.Value, b: ir.Value, flags: tuple[str, ...]) -> ir.Value:
+    if not _has_avx512():
+        return builder.fdiv(a, b, flags=flags)
+    y = _estimate(builder, "rcp14", b)
     for _ in range(2):  # y <- y + y (1 - b y): 14, 28, 56 bits
-        residual = builder.fsub(_constant(1.0), builder.fmul(b, y, flags=FLAGS), flags=FLAGS)
-        y = builder.fadd(y, builder.fmul(y, residual, flags=FLAGS), flags=FLAGS)
-    return builder.fmul(a, y, flags=FLAGS)
+        residual = builder.fsub(_constant(1.0), builder.fmul(b, y, flags=flags), flags=flags)
+        y = builder.fadd(y, builder.fmul(y, residual, flags=flags), flags=flags)
+    return builder.fmul(a, y, flags=flags)
 
 
-_ARITHMETIC: dict[Callable[..., Any], Callable[[ir.IRBuilder, ir.Value, ir.Value], ir.Value]] = {
-    operator.add: lambda builder, a, b: builder.fadd(a, b, flags=FLAGS),
-    operator.sub: lambda builder, a, b: builder.fsub(a, b, flags=FLAGS),
-    operator.mul: lambda builder, a, b: builder.fmul(a, b, flags=FLAGS),
+_ARITHMETIC: dict[Callable[..., Any], Callable[..., ir.Value]] = {
+    operator.add: lambda builder, a, b, flags: builder.fadd(a, b, flags=flags),
+    operator.sub: lambda builder, a, b, flags: builder.fsub(a, b, flags=flags),
+    operator.mul: lambda builder, a, b, flags: builder.fmul(a, b, flags=flags),
     operator.truediv: _divide,
 }
 _COMPARISONS = {operator.lt: "<", operator.le: "<=", operator.gt: ">", operator.ge: ">=", operator.eq: "=="}
@@ -134,7 +147,7 @@ def _lower_binary(function: Callable[..., Any], emit: Callable[..., ir.Value], r
                 value if kind == lanes_type else _splat(builder, value)
                 for kind, value in zip(sig.args, args, strict=True)
             )
-            return emit(builder, a, b)
+            return emit(builder, a, b, _flags(context))
 
         lower_builtin(function, *pair)(lowered)
 
@@ -151,11 +164,12 @@ def _lower_function(function: Callable[..., Any], name: str) -> None:
 for _function, _emit in _ARITHMETIC.items():
     _lower_binary(_function, _emit, lanes_type)
 for _function, _sign in _COMPARISONS.items():
-    _lower_binary(_function, lambda builder, a, b, sign=_sign: builder.fcmp_ordered(sign, a, b), mask_type)
+    _lower_binary(_function, lambda builder, a, b, flags, sign=_sign: builder.fcmp_ordered(sign, a, b), mask_type)
 for _function, _name in _FUNCTIONS.items():
     _lower_function(_function, _name)
 
 _register(operator.and_, [signature(mask_type, mask_type, mask_type)])
+_register(operator.or_, [signature(mask_type, mask_type, mask_type)])
 _register(operator.neg, [signature(lanes_type, lanes_type)])
 
 
@@ -164,9 +178,14 @@ def _and(context, builder, sig, args):
     return builder.and_(*args)
 
 
+@lower_builtin(operator.or_, mask_type, mask_type)
+def _or(context, builder, sig, args):
+    return builder.or_(*args)
+
+
 @lower_builtin(operator.neg, lanes_type)
 def _negative(context, builder, sig, args):
-    return builder.fneg(args[0], flags=FLAGS)
+    return builder.fneg(args[0], flags=_flags(context))
 
 
 @infer_global(operator.pow)
@@ -180,11 +199,11 @@ class _WholePower(AbstractTemplate):
 
 @lower_builtin(operator.pow, lanes_type, types.IntegerLiteral)
 def _whole_power(context, builder, sig, args):
-    exponent, square, result = sig.args[1].literal_value, args[0], None
+    exponent, square, result, flags = sig.args[1].literal_value, args[0], None, _flags(context)
     while exponent:
         if exponent & 1:
-            result = square if result is None else builder.fmul(result, square, flags=FLAGS)
-        square = builder.fmul(square, square, flags=FLAGS)
+            result = square if result is None else builder.fmul(result, square, flags=flags)
+        square = builder.fmul(square, square, flags=flags)
         exponent >>= 1
     return result
 
@@ -219,6 +238,58 @@ def store(typingctx, array, index, value):
     return types.void(array, types.intp, lanes_type), codegen
 
 
+def _first(builder: ir.IRBuilder, count: ir.Value) -> ir.Value:
+    """The mask of the first ``count`` lanes."""
+    lanes, kind = ir.Constant(ir.VectorType(count.type, WIDTH), list(range(WIDTH))), ir.VectorType(I32, WIDTH)
+    one = builder.insert_element(ir.Constant(lanes.type, ir.Undefined), count, I32(0))
+    many = builder.shuffle_vector(one, ir.Constant(lanes.type, ir.Undefined), ir.Constant(kind, [0] * WIDTH))
+    return builder.icmp_signed("<", lanes, many)
+
+
+@intrinsic
+def load_first(typingctx, array, index, count):
+    """The first ``count`` of eight neighbours, zero in the other lanes, whose memory is not touched."""
+
+    def codegen(context, builder, sig, args):
+        pointer = _pointer(context, builder, sig, args)
+        kind = ir.FunctionType(F64X8, [pointer.type, I32, I1X8, F64X8])
+        masked = cgutils.get_or_insert_function(builder.module, kind, "llvm.masked.load.v8f64.p0")
+        return builder.call(masked, [pointer, I32(8), _first(builder, args[2]), _constant(0.0)])
+
+    return lanes_type(array, types.intp, types.intp), codegen
+
+
+@intrinsic
+def store_first(typingctx, array, index, value, count):
+    """Write the first ``count`` of eight neighbours."""
+
+    def codegen(context, builder, sig, args):
+        pointer = _pointer(context, builder, sig, args)
+        kind = ir.FunctionType(ir.VoidType(), [F64X8, pointer.type, I32, I1X8])
+        masked = cgutils.get_or_insert_function(builder.module, kind, "llvm.masked.store.v8f64.p0")
+        builder.call(masked, [args[2], pointer, I32(8), _first(builder, args[3])])
+        return context.get_dummy_value()
+
+    return types.void(array, types.intp, lanes_type, types.intp), codegen
+
+
+@intrinsic
+def flat(typingctx, array):
+    """All numbers of a contiguous float64 array in one row; it shares the memory and keeps nothing alive."""
+    row = types.Array(types.float64, 1, "C")
+
+    def codegen(context, builder, sig, args):
+        whole = context.make_array(sig.args[0])(context, builder, args[0])
+        view = context.make_array(row)(context, builder)
+        size = [whole.nitems]
+        context.populate_array(
+            view, data=whole.data, shape=size, strides=[whole.itemsize], itemsize=whole.itemsize, meminfo=None
+        )
+        return view._getvalue()
+
+    return row(array) if array.layout == "C" else None, codegen
+
+
 @intrinsic
 def splat(typingctx, scalar):
     """The same number in all lanes."""
@@ -244,10 +315,81 @@ def multiply_add(typingctx, a, b, c):
     """a b + c, fused where the machine can; for where a product is used twice and LLVM would not fuse by itself."""
 
     def codegen(context, builder, sig, args):
-        kind = ir.FunctionType(F64X8, [F64X8] * 3)
-        return builder.call(cgutils.get_or_insert_function(builder.module, kind, "llvm.fmuladd.v8f64"), args)
+        return _fma(builder, *args)
 
     return lanes_type(lanes_type, lanes_type, lanes_type), codegen
+
+
+@intrinsic
+def plus(typingctx, a, b):
+    """a + b that nothing may reassociate: for compensated sums, in functions that are ``compiling.strict``."""
+
+    def codegen(context, builder, sig, args):
+        return builder.fadd(*args)
+
+    return lanes_type(lanes_type, lanes_type), codegen
+
+
+@intrinsic
+def minus(typingctx, a, b):
+    """a - b, likewise."""
+
+    def codegen(context, builder, sig, args):
+        return builder.fsub(*args)
+
+    return lanes_type(lanes_type, lanes_type), codegen
+
+
+@intrinsic
+def inverse_sqrt(typingctx, value):
+    """1 / sqrt(x), within 2 ulp; where x is zero, below it, infinite, subnormal or NaN, something that is not finite or
+    the true value.
+
+    With AVX-512 an estimate y of 14 bits is corrected by the series of (1 - e)^(-1/2), e = 1 - x y^2 < 2^-13, whose
+    first term left out, 35/128 e^4, is below half a rounding unit: a third of the time of a square root and a divide.
+    """
+
+    def codegen(context, builder, sig, args):
+        x = args[0]
+        if not _has_avx512():
+            kind = ir.FunctionType(F64X8, [F64X8])
+            root = builder.call(cgutils.get_or_insert_function(builder.module, kind, "llvm.sqrt.v8f64"), [x])
+            return builder.fdiv(_constant(1.0), root, flags=_flags(context))
+        y = _estimate(builder, "rsqrt14", x)
+        e = _fma(builder, builder.fneg(builder.fmul(x, y)), y, _constant(1.0), "fma")
+        series = _fma(builder, _constant(5 / 16), e, _constant(3 / 8), "fma")
+        series = _fma(builder, series, e, _constant(1 / 2), "fma")
+        return _fma(builder, builder.fmul(y, e), series, y, "fma")
+
+    return lanes_type(lanes_type), codegen
+
+
+@intrinsic(prefer_literal=True)
+def rotated(typingctx, value, places):
+    """Lane k of the result is lane (k + places) mod 8; ``places`` is a written-out number."""
+    order = [(k + places.literal_value) % WIDTH for k in range(WIDTH)]
+
+    def codegen(context, builder, sig, args):
+        return builder.shuffle_vector(args[0], args[0], ir.Constant(ir.VectorType(I32, WIDTH), order))
+
+    return lanes_type(lanes_type, places), codegen
+
+
+@intrinsic
+def sums_before(typingctx, value):
+    """In each lane the sum of the lanes before it, 0 in the first (Hillis & Steele 1986, doi:10.1145/7902.7903)."""
+
+    def codegen(context, builder, sig, args):
+        def shifted(vector, by):
+            lanes = [WIDTH] * by + list(range(WIDTH - by))  # lane WIDTH is the zero of the second operand
+            return builder.shuffle_vector(vector, _constant(0.0), ir.Constant(ir.VectorType(I32, WIDTH), lanes))
+
+        total = shifted(args[0], 1)
+        for by in (1, 2, 4):
+            total = builder.fadd(total, shifted(total, by), flags=FLAGS)
+        return total
+
+    return lanes_type(lanes_type), codegen
 
 
 @intrinsic

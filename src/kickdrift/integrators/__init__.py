@@ -7,6 +7,7 @@ from difflib import get_close_matches
 from kickdrift.errors import InputError
 from kickdrift.integrators import (
     exact,
+    gauss_radau,
     hermite,
     implicit,
     reversible,
@@ -15,6 +16,7 @@ from kickdrift.integrators import (
     scipy_methods,
     splitting,
     stormer,
+    wisdom_holman,
 )
 from kickdrift.integrators.method import Method
 
@@ -26,7 +28,9 @@ INTEGRATORS: dict[str, Method] = {
         *exact.ROWS,
         *reversible.ROWS,
         *hermite.ROWS,
+        *wisdom_holman.ROWS,
         *runge_kutta.ROWS,
+        *gauss_radau.ROWS,
         *implicit.ROWS,
         *rosenbrock.ROWS,
         *scipy_methods.ROWS,

@@ -73,7 +73,7 @@ class Exact(Method):
     symplectic = True
     reversible = True
     separable = True
-    carries = False
+    particles_only = True
 
     @property
     def evaluations(self) -> int:

@@ -33,7 +33,7 @@ class Hermite(Method):
 
     family = "Hermite"
     separable = True
-    carries = False
+    particles_only = True
     chooses_steps = True
     needs_dt = False
 

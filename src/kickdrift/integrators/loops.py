@@ -10,39 +10,41 @@ pair list without room) and go on there.
 
 from __future__ import annotations
 
-from kickdrift.forces.compiling import driver, jit, strict
+from kickdrift.forces.compiling import driver, inlined, jit, strict
 from kickdrift.forces.evaluate import fill_accelerations, fill_derivative
-from kickdrift.forces.handle import handle
+from kickdrift.forces.handle import handle, unowned
 from kickdrift.forces.kernel import OK
+from kickdrift.forces.simd import WIDTH, flat, load, load_first, store, store_first
 
 # Slots of the cursor, after EVALUATIONS: steps done in this call, stage to do, whether `work` holds the derivative at
 # y, steps rejected.
 STEP, STAGE, FRESH, REJECTED = 1, 2, 3, 4
 
 
-@jit
+@inlined
 def add_scaled(y, factor, dy):
     """y <- y + factor dy, for (rows, n) arrays."""
-    for k in range(y.shape[0]):
-        row, change = y[k], dy[k]
-        for i in range(row.size):
-            row[i] += factor * change[i]
+    row, change = flat(y), flat(dy)
+    whole = row.size - row.size % WIDTH
+    for i in range(0, whole, WIDTH):
+        store(row, i, load(row, i) + factor * load(change, i))
+    rest = row.size - whole
+    store_first(row, whole, load_first(row, whole, rest) + factor * load_first(change, whole, rest), rest)
 
 
 @strict
 def add_compensated(y, carry, factor, dy):
     """The same, with what rounding loses kept in ``carry`` (Kahan 1965, doi:10.1145/363707.363723; Hairer, Lubich &
     Wanner 2006, VIII.5)."""
-    for k in range(y.shape[0]):
-        row, lost, change = y[k], carry[k], dy[k]
-        for i in range(row.size):
-            before = row[i]
-            increment = lost[i] + factor * change[i]
-            row[i] = before + increment
-            lost[i] = increment + (before - row[i])
+    row, lost, change = flat(y), flat(carry), flat(dy)
+    for i in range(row.size):
+        before = row[i]
+        increment = lost[i] + factor * change[i]
+        row[i] = before + increment
+        lost[i] = increment + (before - row[i])
 
 
-@jit
+@inlined
 def advance(y, carry, factor, dy):
     """y <- y + factor dy, (rows, n); compensated where ``carry`` has room."""
     if carry.size:
@@ -54,6 +56,8 @@ def advance(y, carry, factor, dy):
 @driver
 def splitting_loop(forces, y, carry, work, stages, dt, start, first, steps, cursor):
     bound = handle(forces)
+    y, carry, work = unowned(y), unowned(carry), unowned(work)
+    stages, cursor = unowned(stages), unowned(cursor)
     x, v, lost_x, lost_v = y[0], y[1], carry[0], carry[1]
     kick, drift, passed = stages[0], stages[1], stages[2]
     while cursor[STEP] < steps:

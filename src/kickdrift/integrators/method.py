@@ -30,6 +30,7 @@ class Method:
         of their own, and the others not notice, but for the steps that an error estimate sets
     separable : whether it needs accelerations that depend on positions and time alone
     trial_steps : whether it may evaluate the force far from the solution
+    particles_only : whether it runs Systems alone, no Problems
     rescalable : whether velocities may be changed between two steps without telling it
     tunable : the options of a Simulation, beside dt, that it takes
     choices : the values that some of these may have, the default first (None: it depends)
@@ -66,6 +67,10 @@ class Method:
         return self.adaptive
 
     @property
+    def particles_only(self) -> bool:
+        return False
+
+    @property
     def rescalable(self) -> bool:
         return False
 
@@ -85,7 +90,7 @@ class Method:
 
     @property
     def carries(self) -> bool:
-        return True
+        return not self.particles_only
 
     @property
     def tunable(self) -> tuple[str, ...]:

@@ -7,7 +7,7 @@ an adaptive method's first), ``steps_done`` step points passed since the start, 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import asdict, dataclass, fields, replace
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -54,10 +54,11 @@ class Options:
         found: dict[str, Any] = {key: getattr(defaults, key, None) for key in unsaid}
         return replace(self, **found)
 
-    def extras(self, adaptive: bool) -> dict[str, Any]:
-        """What a run's file should say besides dt."""
+    def extras(self, tunable: Collection[str]) -> dict[str, Any]:
+        """What a run's file should say besides dt, of a method that takes these options."""
         said = {key: value for key, value in asdict(self).items() if key != "dt" and value}
-        return said | dict(zip(("rtol", "atol"), self.tolerances, strict=True)) if adaptive else said
+        tolerances = zip(("rtol", "atol"), self.tolerances, strict=True)
+        return said | {key: value for key, value in tolerances if key in tunable}
 
     @property
     def tolerances(self) -> tuple[float, float]:

@@ -15,7 +15,12 @@ Layout (n particles, f frames, s samples)::
              /method /versions  JSON
              /system            source (the system file's text), record (JSON), phase (2, 3, n) at the start
              /samples           step, time, NAME: (s, …), in true units; at least as dense as the frames
+             /events            where there were any, e of them: time (e,), step (e,), ids (e, 2), distance (e,), energy
+                                taken out (e,), kind and done (e,) text, in true units; committed
              /report            JSON, written when a run ends
+
+Frames have n rows whatever happens: a body that another has absorbed is written at that one's place and velocity from
+then on, and one that was removed as NaN. Masses are those at the start.
 
 The rows of ``observables`` belong to the frames, since MDAnalysis indexes them by frame; the denser series is under
 ``kickdrift/samples``. ``committed`` says how many rows are whole: it is written after the rows themselves are flushed.
@@ -41,8 +46,8 @@ from kickdrift.errors import InputError, RunError
 from kickdrift.state import Floats, State
 from kickdrift.system import System
 from kickdrift.trajectory import creation, diskspace, reader
-from kickdrift.trajectory.layout import header_image, text, to_json
-from kickdrift.trajectory.rows import FrameRow, Rows, SampleRow
+from kickdrift.trajectory.layout import EVENT_WIDTH, header_image, text, to_json
+from kickdrift.trajectory.rows import EventRow, FrameRow, Rows, SampleRow
 
 FLUSH_BYTES = 8 * 2**20
 FLUSH_SECONDS = 10.0
@@ -71,6 +76,8 @@ class Writer:
         Set it before the file is closed, and it is stored as JSON; a file without one is that of an unfinished run.
     last_sample, last_frame : (step, time) or None
         Steps of the last sample and of the last frame appended.
+    absorbed : dict of id -> id
+        Of bodies that states may lack: who took them up, or a negative number where they were removed.
     """
 
     def __init__(
@@ -119,6 +126,7 @@ class Writer:
     def _open(self, path: Path, flush_bytes: int, flush_seconds: float) -> None:
         self.path, self.flush_bytes, self.flush_seconds = path, flush_bytes, flush_seconds
         self.report: dict[str, Any] | None = None
+        self.absorbed: Mapping[int, int] = {}
         status = path.stat()
         self._key = (status.st_dev, status.st_ino)
         if self._key in _writing:
@@ -161,19 +169,35 @@ class Writer:
         if self._buffered >= self.flush_bytes or time.monotonic() - self._flushed_at >= self.flush_seconds:
             self.flush()
 
+    def append_event(self, event: Mapping[str, Any]) -> None:
+        """Add an entry of `Simulation.events`; it is written with the rows of the next flush."""
+        self._events.append(EventRow.of(event))
+        self._buffered += 8 * EVENT_WIDTH
+
     def _in_order(self, state: State) -> tuple[Floats, Floats]:
-        """Positions and velocities in the file's order of the particles."""
+        """Positions and velocities in the file's order of the particles, those of bodies that are gone filled in."""
         ids = self._rows.ids
-        if len(state) != len(ids):
-            raise InputError(f"{self.path}: holds {len(ids)} particles; this state has {len(state)}")
         if np.array_equal(state.ids, ids):
             return state.positions, state.velocities
-        order = np.argsort(state.ids)[np.argsort(np.argsort(ids))]
-        return state.positions[order], state.velocities[order]
+        row_of = {int(each): row for row, each in enumerate(state.ids)}
+        order = np.array([row_of.get(self._survivor(int(each)), -1) for each in ids])
+        missing = order < 0
+        if len(state) > len(ids) or any(int(each) not in self.absorbed for each in ids[missing]):
+            raise InputError(f"{self.path}: holds {len(ids)} particles; this state has {len(state)}")
+        x, v = state.positions[order], state.velocities[order]
+        x[missing] = v[missing] = np.nan
+        return x, v
+
+    def _survivor(self, body: int) -> int:
+        """Who a body is part of now."""
+        while body in self.absorbed:
+            body = self.absorbed[body]
+        return body
 
     def _clear(self) -> None:
         self._samples: list[SampleRow] = []
         self._frames: list[FrameRow] = []
+        self._events: list[EventRow] = []
         self._buffered = 0
         self._flushed_at = time.monotonic()
 
@@ -183,10 +207,10 @@ class Writer:
             raise RunError(f"{self.path}: the file is closed")
         if self._failed:
             raise RunError(f"{self.path}: an earlier write failed; nothing more can be written")
-        if self._samples or self._frames:
-            self._reserve(self._file, self._rows.room(self._buffered, len(self._samples)))
+        if self._samples or self._frames or self._events:
+            self._reserve(self._file, self._rows.room(self._buffered, len(self._samples), len(self._events)))
             try:
-                self._rows.add(self._frames, self._samples)
+                self._rows.add(self._frames, self._samples, self._events)
             except (OSError, RuntimeError) as error:
                 self._failed = True
                 raise RunError(f"{self.path}: writing failed: {error}") from None

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from typing import Any
 
+from kickdrift.events import event_lines
 from kickdrift.trajectory.reader import Run, open
 
 _METHOD_FIRST = ("engine", "integrator", "dt", "threads", "seed")
@@ -45,6 +46,7 @@ def _summary(run: Run) -> dict[str, Any]:
         "observables": observables,
         "closed": run.closed,
         "half_written_frames": run.half_written,
+        "events": run.events,
         "report": run.report,
     }
 
@@ -75,7 +77,9 @@ def describe(found: dict[str, Any]) -> str:
     rows.append(("written by", f"kickdrift {found['kickdrift']}, {found['bytes']:,} bytes"))
     rows.append(("closed", _ending(found)))
     report = found["report"] or {}
+    report = {key: value for key, value in report.items() if key != "events"}
     rows += [(f"report: {key.replace('_', ' ')}", _short(value)) for key, value in _flat(report)]
+    rows += event_lines(found["events"])
     width = max(len(key) for key, _ in rows)
     return "\n".join([found["file"], *(f"  {key:<{width}}  {value}".rstrip() for key, value in rows)])
 

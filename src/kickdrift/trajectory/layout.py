@@ -19,6 +19,9 @@ SCHEMA = 1
 SUFFIX = ".h5md"
 TRAJECTORY = "particles/trajectory"
 SAMPLES = "kickdrift/samples"
+EVENTS = "kickdrift/events"
+KIND_BYTES, DONE_BYTES = 64, 160  # of an event's texts, which are cut there; fixed, so that rows survive a kill
+EVENT_WIDTH = 6 + (KIND_BYTES + DONE_BYTES) // 8  # of an event's row, in numbers of 8 bytes
 CHUNK_BYTES = 128 * 1024  # of positions or velocities; a chunk holds a few dozen frames of some of the particles
 SERIES_CHUNK = 512  # rows of a series with one row for each frame or sample
 
@@ -112,6 +115,18 @@ def new_series(
     )
 
 
+def new_events(file: h5py.File) -> None:
+    """The table of events, made when there is a first one."""
+    group = file.create_group(EVENTS)
+    new_series(group, "step", (), "i8")
+    new_series(group, "ids", (2,), "i8")
+    for name in ("time", "distance", "energy"):
+        new_series(group, name, (), "f8")
+    new_series(group, "kind", (), f"S{KIND_BYTES}")
+    new_series(group, "done", (), f"S{DONE_BYTES}")
+    group.create_dataset("committed", data=np.zeros(1, dtype="i8"), track_times=False)
+
+
 def text(group: h5py.Group, name: str, value: str) -> None:
     """A scalar string; a dataset, since HDF5's first format allows an attribute 64 kB only."""
     if name in group:
@@ -201,6 +216,8 @@ def _system(group: h5py.Group, system: System) -> None:
         "box": system.box.lengths,
         "species": system.species,
         "names": system.names,
+        "radii": system.radii,
+        "events": [{"kind": event.kind, "parameters": event} for event in system.events],
         "forces": [
             {"type": type(force).__name__, "module": type(force).__module__, "parameters": force}
             for force in system.forces

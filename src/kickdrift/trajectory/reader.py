@@ -168,6 +168,38 @@ class Run(Sequence[Frame]):
         return {name: self._sampled(name) for name in names if self._samples}
 
     @property
+    def events(self) -> list[dict[str, Any]]:
+        """What `Simulation.events` of the run had: kind, time, step, bodies, ids, distance, energy, done.
+
+        Close approaches that had not ended with the run come last."""
+        own = self._file["kickdrift"]
+        found: list[dict[str, Any]] = []
+        if "events" in own:
+            table = own["events"]
+            rows = int(table["committed"][0])
+            columns = {name: table[name][:rows].tolist() for name in table if name != "committed"}
+            for k in range(rows):
+                row = {name: values[k] for name, values in columns.items()}
+                ids = [each for each in row["ids"] if each >= 0]
+                found.append(
+                    {
+                        "kind": row["kind"].decode(errors="ignore"),
+                        "time": row["time"],
+                        "step": row["step"],
+                        "bodies": [self._body(each) for each in ids],
+                        "ids": ids,
+                        "distance": None if np.isnan(row["distance"]) else row["distance"],
+                        "energy": None if np.isnan(row["energy"]) else row["energy"],
+                        "done": row["done"].decode(errors="ignore"),
+                    }
+                )
+        return found + list((self.report or {}).get("events", ()))
+
+    def _body(self, id_: int) -> str:
+        place = np.flatnonzero(self.ids == id_)
+        return self.names[int(place[0])] if self.names and place.size else f"particle {id_}"
+
+    @property
     def sample_steps(self) -> NDArray[np.int64]:
         return self._sampled("step")
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import h5py
 import numpy as np
@@ -11,7 +11,17 @@ from numpy.typing import ArrayLike, NDArray
 
 from kickdrift.state import Floats
 from kickdrift.trajectory import reader
-from kickdrift.trajectory.layout import SAMPLES, SERIES_CHUNK, TRAJECTORY, FileUnits, new_series, observable_unit
+from kickdrift.trajectory.layout import (
+    EVENT_WIDTH,
+    EVENTS,
+    SAMPLES,
+    SERIES_CHUNK,
+    TRAJECTORY,
+    FileUnits,
+    new_events,
+    new_series,
+    observable_unit,
+)
 
 _MARGIN = 256 * 1024  # for HDF5's own tables, over and above the rows
 
@@ -37,12 +47,31 @@ class FrameRow(NamedTuple):
     observables: Observables
 
 
+class EventRow(NamedTuple):
+    """An event, in the system's units; ids are -1 and numbers nan where it has none."""
+
+    time: float
+    step: int
+    ids: tuple[int, int]
+    distance: float
+    energy: float
+    kind: str
+    done: str
+
+    @classmethod
+    def of(cls, event: Mapping[str, Any]) -> EventRow:
+        """The row of an entry of `Simulation.events`."""
+        ids = (*event["ids"], -1, -1)[:2]
+        distance, energy = (np.nan if event[key] is None else float(event[key]) for key in ("distance", "energy"))
+        return cls(event["time"], event["step"], ids, distance, energy, event["kind"], event["done"])
+
+
 class Rows:
-    """Frames and samples of an open file.
+    """Frames, samples and events of an open file.
 
     Attributes
     ----------
-    frames, samples : int
+    frames, samples, events : int
         Rows that are whole.
     shapes : dict of name -> shape
         Of the observables; empty until the first sample.
@@ -57,6 +86,7 @@ class Rows:
         self._factors = FileUnits.of(self._units)
         self.ids: NDArray[np.int64] = file[TRAJECTORY]["id"][()]
         self.frames, self.samples = (int(rows) for rows in own["committed"][()])
+        self.events = int(file[EVENTS]["committed"][0]) if EVENTS in file else 0
         names = [name for name in file[SAMPLES] if name not in ("step", "time")]
         self.shapes: dict[str, tuple[int, ...]] = {name: file[SAMPLES][name].shape[1:] for name in names}
         self._shapes_known = self.samples > 0
@@ -67,9 +97,11 @@ class Rows:
         file = self._file
         per_frame = [f"{TRAJECTORY}/position", f"{TRAJECTORY}/velocity", f"{TRAJECTORY}/box/edges"]
         per_frame += [f"observables/{name}" for name in file["observables"]]
-        for group, rows in (*((name, self.frames) for name in per_frame if name in file), (SAMPLES, self.samples)):
-            for data in file[group].values():
-                if data.shape[0] > rows:
+        grown = [*((name, self.frames) for name in per_frame if name in file), (SAMPLES, self.samples)]
+        grown += [(EVENTS, self.events)] if EVENTS in file else []
+        for group, rows in grown:
+            for name, data in file[group].items():
+                if name != "committed" and data.shape[0] > rows:
                     data.resize(rows, axis=0)
 
     @property
@@ -86,16 +118,16 @@ class Rows:
     def _last(self, group: h5py.Group, rows: int, factor: float) -> tuple[int, float] | None:
         return (int(group["step"][rows - 1]), float(group["time"][rows - 1]) / factor) if rows else None
 
-    def room(self, size: int, samples: int) -> int:
+    def room(self, size: int, samples: int, events: int) -> int:
         """The most bytes that ``size`` bytes of rows can take: rounded up to whole chunks, and HDF5's tables."""
         frames, particles, _ = self._file[f"{TRAJECTORY}/position/value"].chunks
         chunk = frames * particles * 24
         row = chunk * -(-len(self.ids) // particles)
         columns = 8 + 2 * sum(int(np.prod(shape, dtype=int)) for shape in self.shapes.values())
-        chunks = columns * (samples // SERIES_CHUNK + 2)
+        chunks = columns * (samples // SERIES_CHUNK + 2) + (EVENT_WIDTH * (events // SERIES_CHUNK + 2) if events else 0)
         return size + 2 * row + chunks * SERIES_CHUNK * 8 + 128 * (size // chunk + chunks) + _MARGIN
 
-    def add(self, frames: Sequence[FrameRow], samples: Sequence[SampleRow]) -> None:
+    def add(self, frames: Sequence[FrameRow], samples: Sequence[SampleRow], events: Sequence[EventRow] = ()) -> None:
         """Write the rows and flush. Doing it again after an interrupt does no harm."""
         file, factors = self._file, self._factors
         self._new_observables()
@@ -119,6 +151,22 @@ class Rows:
         file["kickdrift/committed"][...] = total
         file.flush()
         self.frames, self.samples = total
+        self._add_events(events)
+
+    def _add_events(self, events: Sequence[EventRow]) -> None:
+        if not events:
+            return
+        file = self._file
+        if EVENTS not in file:
+            new_events(file)
+        for name in EventRow._fields:
+            values = [getattr(row, name) for row in events]
+            texts = name in ("kind", "done")
+            self._put(f"{EVENTS}/{name}", self.events, [text.encode() for text in values] if texts else values)
+        file.flush()
+        file[EVENTS]["committed"][0] = self.events + len(events)
+        file.flush()
+        self.events += len(events)
 
     def check(self, observables: Mapping[str, NDArray[np.float64]]) -> str | None:
         """What is wrong with these observables, if anything; the first ones say what the others must be."""

@@ -1,0 +1,65 @@
+"""What the forces of one central body share: which body it is, its constants, and the checks."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from kickdrift.errors import InputError
+from kickdrift.forces.fields import number
+from kickdrift.units import shown
+
+if TYPE_CHECKING:
+    from kickdrift.system import System
+
+
+Central = Any  # int, str or None, checked here: what pydantic says of a union names no key of a system file
+
+
+def check_central(name: str, central: Central) -> None:
+    """Refuse what names no body: expected a number, a name or None."""
+    whole = isinstance(central, int | np.integer) and not isinstance(central, bool)
+    if not (central is None or isinstance(central, str) or (whole and central >= 0)):
+        raise InputError(f"{name}: central: expected a body's name or its number from 0 on, got {shown(central)}")
+
+
+def central_body(name: str, central: Central, system: System) -> int:
+    """The index of the central body: that of the name or number, default the most massive (the first of equals)."""
+    masses = system.state.masses
+    if central is None:
+        index = int(np.argmax(masses))
+    elif isinstance(central, str):
+        if central not in system.names:
+            known = f"bodies are {', '.join(system.names)}" if system.names else "this system's have no names"
+            raise InputError(f"{name}: central: there is no body {shown(central)}; {known}")
+        index = system.names.index(central)
+    else:
+        found = np.flatnonzero(system.state.ids == central)  # its number, also when others have left
+        if not found.size:
+            raise InputError(f"{name}: central: there is no body {central}; they are 0 to {len(masses) - 1}")
+        index = int(found[0])
+    if masses[index] == 0:
+        raise InputError(f"{name}: central: {system.body(index)} has no mass")
+    return index
+
+
+def gravitational_constant(name: str, given: float | None, system: System) -> float:
+    """G as given, else the unit system's own."""
+    value = given if given is not None else system.units.gravity
+    if value is None:
+        raise InputError(f"{name}: units {system.units.name!r} have no G of their own; give G")
+    return value
+
+
+def check_positive(name: str, **values: float | None) -> None:
+    """Refuse a value that is given and not a positive number."""
+    for key, value in values.items():
+        if value is not None and number(name, key, value) <= 0:
+            raise InputError(f"{name}: {key} must be a positive number, got {shown(value)}")
+
+
+def check_open(name: str, system: System) -> None:
+    """Refuse a periodic box."""
+    if system.box.periodic:
+        raise InputError(f"{name}: needs open space, and the box is periodic")

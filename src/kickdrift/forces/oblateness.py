@@ -1,0 +1,87 @@
+"""The pull of a flattened body: the zonal harmonics J2 and J4 of its field."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from kickdrift.errors import InputError
+from kickdrift.forces.central import (
+    Central,
+    central_body,
+    check_central,
+    check_open,
+    check_positive,
+    gravitational_constant,
+)
+from kickdrift.forces.fields import Vector, number, vector
+
+if TYPE_CHECKING:
+    from kickdrift.system import System
+
+
+@dataclass(frozen=True)
+class Oblateness:
+    """The zonal harmonics of the central body's field, on top of ``gravity``: U = (G M m / r) [J2 (R / r)^2 P2(s) +
+    J4 (R / r)^4 P4(s)], P2 and P4 Legendre's polynomials, s = r . pole / r, the sine of the latitude (Murray & Dermott
+    1999, Solar System Dynamics, section 6.11).
+
+    The pole stands still: the central body takes the opposite force and so momentum is conserved, but not the torque;
+    of the angular momentum only the part along the pole is conserved.
+
+    Attributes
+    ----------
+    j2 : float
+        Positive for a flattened body: 1.0826e-3 for the Earth.
+    radius : float
+        R, the equatorial radius that j2 and j4 are given for; a length.
+    j4 : float
+        Default 0.
+    central : str or int, optional
+        The flattened body's name or number; default the most massive body.
+    pole : (x, y, z)
+        Direction of the axis of symmetry, of any length; default z.
+    G : float, optional
+        Default the unit system's own.
+    """
+
+    j2: float
+    radius: float
+    j4: float = 0.0
+    central: Central = None
+    pole: Vector = (0.0, 0.0, 1.0)
+    G: float | None = None
+
+    name: ClassVar[str] = "j2"
+    dimensions: ClassVar[dict[str, str]] = {"radius": "length", "G": "gravitational constant"}
+
+    def __post_init__(self) -> None:
+        for key in ("j2", "j4", "radius"):
+            object.__setattr__(self, key, number(self.name, key, getattr(self, key)))
+        check_positive(self.name, radius=self.radius, G=self.G)
+        check_central(self.name, self.central)
+        pole = vector(self.name, "pole", self.pole)
+        if not any(pole):
+            raise InputError(f"{self.name}: pole: expected a direction, got {list(pole)}")
+        object.__setattr__(self, "pole", pole)
+
+    @property
+    def axis(self) -> Vector:
+        """The pole as a unit vector."""
+        largest = max(map(abs, self.pole))
+        x, y, z = (p / largest for p in self.pole)
+        length = math.sqrt(x * x + y * y + z * z)
+        return x / length, y / length, z / length
+
+    def check(self, system: System) -> None:
+        """Refuse a system that this force cannot run on."""
+        check_open(self.name, system)
+        central_body(self.name, self.central, system)
+        gravitational_constant(self.name, self.G, system)
+
+    def bind(self, system: System, threads: int = 1) -> Any:
+        """The compiled form of this force for a System: a NamedTuple that ``accelerate`` knows."""
+        from kickdrift.forces.oblateness_kernel import bind
+
+        return bind(self, system)

@@ -1,0 +1,92 @@
+"""General relativity's first correction to the pull of one central body."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from kickdrift.errors import InputError
+from kickdrift.forces.central import (
+    Central,
+    central_body,
+    check_central,
+    check_open,
+    check_positive,
+    gravitational_constant,
+)
+from kickdrift.units import shown
+
+if TYPE_CHECKING:
+    from kickdrift.system import System
+
+FORMS = ("full", "potential")
+
+
+@dataclass(frozen=True)
+class PostNewtonian:
+    """First post-Newtonian (1PN) pull of the central body on every other one, on top of ``gravity``.
+
+    The full form is Schwarzschild's field in harmonic coordinates, for r and v from the central body of mass M:
+    a = G M / (c^2 r^3) [(4 G M / r - v^2) r + 4 (r . v) v] (Anderson et al. 1975, doi:10.1086/153779; the terms of the
+    Sun alone in the Einstein-Infeld-Hoffmann equations, Newhall, Standish & Williams 1983, A&A 125, 150, eq. 1). The
+    pericentre advances by 6 pi G M / (c^2 a (1 - e^2)) a revolution (Will 1993, Theory and Experiment in Gravitational
+    Physics, section 7.3). It depends on velocity, so a method for forces of position alone refuses it.
+
+    The potential form, U = -3 m (G M / (c r))^2, depends on position alone and has the same advance to first order,
+    but neither the orbit's small periodic changes nor its period (Nobili & Roxburgh 1986, IAU Symposium 114, 105).
+
+    The central body takes the opposite force, so the sum of m v is conserved. The potential energy holds what the full
+    form adds to E: per mass, 3 v^4 / 8 + G M (3 v^2 + G M / r) / (2 r), over c^2, for a body of no mass; weighted for
+    one that has (see ``relativity_kernel``). With it the energy of one body around the central one is constant to order
+    c^-4, and of several, which pull each other, to m / M of c^-2. The sum of m x × v is not what relativity conserves:
+    on an eccentric orbit it changes by about e G M / (c^2 r) of itself, to and fro.
+
+    Attributes
+    ----------
+    c : float, optional
+        Speed of light in the system's units; default the unit system's own.
+    central : str or int, optional
+        The central body's name or number; default the most massive body.
+    form : "full" or "potential"
+    G : float, optional
+        Default the unit system's own.
+    """
+
+    c: float | None = None
+    central: Central = None
+    form: str = "full"
+    G: float | None = None
+
+    name: ClassVar[str] = "relativity-1pn"
+    dimensions: ClassVar[dict[str, str]] = {"c": "velocity", "G": "gravitational constant"}
+
+    def __post_init__(self) -> None:
+        check_positive(self.name, c=self.c, G=self.G)
+        check_central(self.name, self.central)
+        if self.form not in FORMS:
+            raise InputError(f"{self.name}: form: expected one of {', '.join(FORMS)}, got {shown(self.form)}")
+
+    @property
+    def velocity_dependent(self) -> bool:
+        """Whether it is the full form: a splitting method refuses it then."""
+        return self.form == "full"
+
+    def light(self, system: System) -> float:
+        """The speed of light in the system's units."""
+        value = self.c if self.c is not None else system.units.light
+        if value is None:
+            raise InputError(f"{self.name}: units {system.units.name!r} have no speed of light of their own; give c")
+        return value
+
+    def check(self, system: System) -> None:
+        """Refuse a system that this force cannot run on."""
+        check_open(self.name, system)
+        central_body(self.name, self.central, system)
+        gravitational_constant(self.name, self.G, system)
+        self.light(system)
+
+    def bind(self, system: System, threads: int = 1) -> Any:
+        """The compiled form of this force for a System: a NamedTuple that ``accelerate`` knows."""
+        from kickdrift.forces.relativity_kernel import bind
+
+        return bind(self, system)

@@ -1,0 +1,340 @@
+"""The compiled tree force: groups of up to 64 particles walk the tree together and feel what they find eight at a time.
+
+Threads take groups; each particle's sum has one order whatever their number.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kickdrift.forces.central import gravitational_constant
+from kickdrift.forces.chunks import Parallel, Serial, chunk_task, each_chunk
+from kickdrift.forces.compiling import jit, never_inline
+from kickdrift.forces.kernel import BLOWN_UP, OK, kernel
+from kickdrift.forces.simd import (
+    WIDTH,
+    aligned,
+    inverse_sqrt,
+    lane_max,
+    lane_numbers,
+    lane_sum,
+    load,
+    select,
+    splat,
+    store,
+)
+from kickdrift.forces.tree_build import (
+    BEYOND,
+    BOUND,
+    CHUNKS,
+    COLUMNS,
+    CX,
+    CY,
+    CZ,
+    FIRST,
+    GM,
+    GROUPS,
+    RADIUS,
+    TRACE,
+    XX,
+    XY,
+    XZ,
+    YY,
+    YZ,
+    ZZ,
+    build,
+    finish,
+)
+
+if TYPE_CHECKING:
+    from kickdrift.forces.tree import GravityTree
+    from kickdrift.system import System
+
+GROUP = 8  # clusters that walk together, one lane each where their acceleration is estimated
+# A node may be felt where its bound is SHARE accuracy^POWER |a|. The bounds b of many nodes of random sign make an
+# error of b times the root of their number, b^-3/5 (a volume, and b goes as its edge to the fifth), b^7/10 together.
+# SHARE is measured, so that 99 % of the particles are within the accuracy (validation/barnes_hut.py).
+SHARE, POWER = 16.0, 10 / 7
+ROUGH = 0.6  # opening angle, radius over distance, of that estimate
+FOUND = 256  # nodes or clusters found before their pull is added up
+
+
+class TreeKernel(NamedTuple):
+    """A gravity tree bound to a System; ``slots`` are places in full clusters of eight."""
+
+    softening2: float
+    tolerance: float
+    gm_by_id: NDArray[np.float64]  # (n,) G m
+    masses: NDArray[np.float64]  # (n,) coherent
+    rows: NDArray[np.float64]  # (n, 4) x, y, z and id, sorted
+    x: NDArray[np.float64]  # (3, slots) in the tree's order, as all that follow
+    gm: NDArray[np.float64]  # (slots,)
+    a: NDArray[np.float64]  # (3, slots)
+    potential: NDArray[np.float64]  # (slots,)
+    span: NDArray[np.int64]  # (nodes, 2) first cluster and last + 1
+    nodes: NDArray[np.float64]  # (nodes, COLUMNS)
+    tasks: NDArray[np.int64]  # nodes whose trees are built apart
+    groups: NDArray[np.int64]  # nodes that walk together
+    counts: NDArray[np.int64]  # how many tasks and groups there are
+    threads: Serial | Parallel
+
+
+def bind(force: GravityTree, system: System, threads: int) -> TreeKernel:
+    """The force for this System, on this many threads."""
+    n = len(system)
+    clusters = -(-n // WIDTH)
+    slots, nodes = WIDTH * clusters, 2 * clusters - 1
+    return TreeKernel(
+        softening2=force.softening**2,
+        tolerance=SHARE * force.accuracy**POWER,
+        gm_by_id=gravitational_constant(force.name, force.G, system) * system.state.masses,
+        masses=system.coherent_masses,
+        rows=np.empty((n, 4)),
+        x=aligned((3, slots)),
+        gm=aligned((slots,)),
+        a=aligned((3, slots)),
+        potential=aligned((slots,)),
+        span=np.zeros((nodes, 2), np.int64),
+        nodes=aligned((nodes, COLUMNS)),
+        tasks=np.zeros(clusters, np.int64),
+        groups=np.zeros(clusters, np.int64),
+        counts=np.zeros(2, np.int64),
+        threads=Parallel(CHUNKS) if threads > 1 else Serial(CHUNKS),
+    )
+
+
+@kernel(TreeKernel)
+def tree_forces(force, t, x, v, a, sums):
+    if not build(force, x):
+        return BLOWN_UP
+    each_chunk(force, force.threads, "subtrees")
+    finish(force, GROUP)
+    if sums is None:
+        each_chunk(force, force.threads, "pull_groups")
+    else:
+        each_chunk(force, force.threads, "pull_groups_and_sums")
+        add_sums(force, sums)
+    for s in range(x.shape[1]):
+        i = int(force.rows[s, 3])
+        for k in range(3):
+            a[k, i] += force.a[k, s]
+    return OK
+
+
+@jit
+def add_sums(force, sums):
+    """Potential energy, virial and pairs; the virial is the sum of m x . a over particles, x from the centre of mass,
+    which is that of r . F over pairs as far as the forces of two are opposite."""
+    n, root = force.rows.shape[0], force.nodes[0]
+    energy = virial = 0.0
+    for s in range(n):
+        m = force.masses[int(force.rows[s, 3])]
+        energy += 0.5 * m * force.potential[s]
+        for k in range(3):
+            virial += m * (force.x[k, s] - root[CX + k]) * force.a[k, s]
+    if root[GM] > 0.0:
+        sums[0] += energy
+        sums[1] += virial
+    sums[2] += 0.5 * n * (n - 1)
+
+
+@chunk_task
+def pull_groups(force, c):
+    """The accelerations of some of the groups."""
+    never_inline()
+    walk_some(force, None, c)
+
+
+@chunk_task
+def pull_groups_and_sums(force, c):
+    """The same, and the potential at each particle."""
+    never_inline()
+    walk_some(force, force.potential, c)
+
+
+@jit
+def walk_some(force, potential, c):
+    """Every CHUNKS-th block of groups from c on; neighbours walk one after the other, over nodes still in the cache."""
+    count = force.counts[GROUPS]
+    block = 1 + count // (8 * CHUNKS)
+    for begin in range(c * block, count, CHUNKS * block):
+        for g in range(begin, min(begin + block, count)):
+            walk(force, potential, force.groups[g])
+
+
+@jit
+def walk(force, potential, group):
+    """Find what pulls a group, and add it up."""
+    first, last = force.span[group, 0], force.span[group, 1]
+    zero = splat(0.0)
+    for s in range(WIDTH * first, WIDTH * last, WIDTH):
+        for k in range(3):
+            store(force.a[k], s, zero)
+        if potential is not None:
+            store(potential, s, zero)
+    low, high = box(force, first, last)
+    tolerance = force.tolerance * least_acceleration(force, first, last, low, high)
+    nodes = force.nodes
+    found, near = np.empty(FOUND, np.int64), np.empty(FOUND, np.int64)
+    n_found = n_near = 0
+    k = 0
+    while k < nodes.shape[0]:
+        row = nodes[k]
+        cluster, beyond = int(row[FIRST]), int(row[BEYOND])
+        if row[GM] == 0.0:
+            k = beyond
+            continue
+        d2 = distance2(row, low, high)
+        d, radius = math.sqrt(d2), row[RADIUS]
+        if d > radius and row[BOUND] <= tolerance * d2 * d * (d - radius) * (d - radius):
+            found[n_found] = k
+            n_found += 1
+            if n_found == FOUND:
+                pull_of_nodes(force, potential, first, last, found, n_found)
+                n_found = 0
+            k = beyond
+            continue
+        if beyond == k + 1:
+            near[n_near] = cluster
+            n_near += 1
+            if n_near == FOUND:
+                pull_of_particles(force, potential, first, last, near, n_near)
+                n_near = 0
+        k += 1
+    pull_of_nodes(force, potential, first, last, found, n_found)
+    pull_of_particles(force, potential, first, last, near, n_near)
+
+
+@jit
+def box(force, first, last):
+    """The lowest and highest x, y, z of clusters first to last."""
+    low, high = np.empty(3), np.empty(3)
+    for k in range(3):
+        x = force.x[k]
+        least, most = load(x, WIDTH * first), load(x, WIDTH * first)
+        for s in range(WIDTH * first + WIDTH, WIDTH * last, WIDTH):
+            here = load(x, s)
+            least, most = select(here < least, here, least), select(here > most, here, most)
+        low[k], high[k] = -lane_max(-least), lane_max(most)
+    return low, high
+
+
+@jit
+def distance2(row, low, high):
+    """Squared distance from a node's centre of mass to the nearest point of a box."""
+    total = 0.0
+    for k in range(3):
+        c = row[CX + k]
+        d = max(low[k] - c, c - high[k], 0.0)
+        total += d * d
+    return total
+
+
+@jit
+def least_acceleration(force, first, last, low, high):
+    """An estimate of the smallest |a| in a group: that of the smooth field at its clusters' centres, from masses alone.
+
+    A cluster near by pulls as if spread over its radius: no particle near a centre makes the estimate too large.
+    """
+    nodes, softening2 = force.nodes, force.softening2
+    centre = np.empty((3, WIDTH))
+    for lane in range(WIDTH):
+        s = WIDTH * min(first + lane, last - 1)
+        for k in range(3):
+            centre[k, lane] = lane_sum(load(force.x[k], s)) / WIDTH
+    x, y, z, zero = load(centre[0], 0), load(centre[1], 0), load(centre[2], 0), splat(0.0)
+    ax, ay, az = zero, zero, zero
+    k = 0
+    while k < nodes.shape[0]:
+        row = nodes[k]
+        cluster, beyond = int(row[FIRST]), int(row[BEYOND])
+        if row[GM] == 0.0:
+            k = beyond
+            continue
+        alone = beyond == k + 1
+        radius = row[RADIUS]
+        if alone or radius * radius < ROUGH * ROUGH * distance2(row, low, high):
+            dx, dy, dz = row[CX] - x, row[CY] - y, row[CZ] - z
+            spread = radius * radius + softening2 if alone else softening2
+            inverse = inverse_sqrt(dx * dx + dy * dy + dz * dz + spread)
+            w = row[GM] * inverse * inverse * inverse
+            if alone and first <= cluster < last:
+                w = select(lane_numbers() == float(cluster - first), zero, w)
+                w = select(lane_numbers() >= float(last - first), zero, w)
+            ax, ay, az = ax + w * dx, ay + w * dy, az + w * dz
+            k = beyond
+        else:
+            k += 1
+    size2 = ax * ax + ay * ay + az * az
+    size2 = select(lane_numbers() < float(last - first), -size2, splat(-math.inf))
+    return math.sqrt(-lane_max(size2))
+
+
+@jit
+def pull_of_nodes(force, potential, first, last, found, count):
+    """Add the pull of nodes: mass M and second moments S about the centre, for the softened U = -G / sqrt(r^2 +
+    softening^2).
+
+    With D from the centre and u = 1 / sqrt(D^2 + softening^2) the potential is -G [M u + (3 D.S.D u^5 - tr S u^3) / 2];
+    unsoftened, that is the traceless quadrupole's.
+    """
+    softening2 = force.softening2
+    for s in range(WIDTH * first, WIDTH * last, WIDTH):
+        x, y, z = load(force.x[0], s), load(force.x[1], s), load(force.x[2], s)
+        ax, ay, az = load(force.a[0], s), load(force.a[1], s), load(force.a[2], s)
+        phi = splat(0.0)
+        for f in range(count):
+            row = force.nodes[found[f]]
+            dx, dy, dz = x - row[CX], y - row[CY], z - row[CZ]
+            u = inverse_sqrt(dx * dx + dy * dy + dz * dz + softening2)
+            u2 = u * u
+            u3 = u2 * u
+            u5 = u2 * u3
+            sx = row[XX] * dx + row[XY] * dy + row[XZ] * dz  # 3 S D
+            sy = row[XY] * dx + row[YY] * dy + row[YZ] * dz
+            sz = row[XZ] * dx + row[YZ] * dy + row[ZZ] * dz
+            q = sx * dx + sy * dy + sz * dz
+            w = row[GM] * u3 + u5 * (2.5 * q * u2 - row[TRACE])
+            ax, ay, az = ax + (u5 * sx - w * dx), ay + (u5 * sy - w * dy), az + (u5 * sz - w * dz)
+            if potential is not None:
+                phi = phi - (row[GM] * u + 0.5 * q * u5 - row[TRACE] / 3.0 * u3)
+        store(force.a[0], s, ax)
+        store(force.a[1], s, ay)
+        store(force.a[2], s, az)
+        if potential is not None:
+            store(potential, s, load(potential, s) + phi)
+
+
+@jit
+def pull_of_particles(force, potential, first, last, near, count):
+    """Add the pull of the particles of clusters, one by one."""
+    softening2, gm, zero = force.softening2, force.gm, splat(0.0)
+    px, py, pz = force.x[0], force.x[1], force.x[2]
+    for s in range(WIDTH * first, WIDTH * last, WIDTH):
+        x, y, z = load(px, s), load(py, s), load(pz, s)
+        ax, ay, az = load(force.a[0], s), load(force.a[1], s), load(force.a[2], s)
+        phi = zero
+        for f in range(count):
+            start = WIDTH * near[f]
+            for j in range(start, start + WIDTH):
+                source = gm[j]
+                if source == 0.0:
+                    continue
+                dx, dy, dz = px[j] - x, py[j] - y, pz[j] - z
+                u = inverse_sqrt(dx * dx + dy * dy + dz * dz + softening2)
+                if start == s:  # all but the particle itself
+                    u = select(lane_numbers() == float(j - start), zero, u)
+                w = source * u
+                if potential is not None:
+                    phi = phi - w
+                w = w * u * u
+                ax, ay, az = ax + w * dx, ay + w * dy, az + w * dz
+        store(force.a[0], s, ax)
+        store(force.a[1], s, ay)
+        store(force.a[2], s, az)
+        if potential is not None:
+            store(potential, s, load(potential, s) + phi)

@@ -1,0 +1,132 @@
+"""Gauss-Radau collocation of order 15: the nodes, and all numbers that follow from them.
+
+Within a step of length h from t on, with s = (t' - t) / h, the acceleration (or the derivative of a first-order
+problem) is the polynomial a(s) = c_0 + c_1 s + … + c_7 s^7 through its values at s = 0 and at the seven other nodes of
+Gauss' quadrature with one end fixed (Radau 1880, J. Math. Pures Appl. 6, 283). Velocities and positions are its
+integrals, exact to order 15 at the step's end (Hairer, Nørsett & Wanner 1993, II.7, theorem 7.9,
+doi:10.1007/978-3-540-78862-1; Everhart 1985, doi:10.1007/978-94-009-5400-7_17).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from decimal import Decimal, localcontext
+from functools import cache
+from math import comb
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from kickdrift.integrators.method import Method
+from kickdrift.state import Floats
+
+if TYPE_CHECKING:
+    from kickdrift.flow import Flow
+    from kickdrift.integrators.stepping import Options, Stepper
+
+STAGES = 8  # nodes, the one at the step's start included
+DIGITS = 50  # of the nodes while they are worked out
+EPSILON = 1e-9  # the default of rtol
+
+
+class Tables(NamedTuple):
+    """What the compiled loop reads; rows belong to nodes 1 to 7 and, as an eighth, to the step's end s = 1.
+
+    Attributes
+    ----------
+    nodes : (8,) s
+    values : (8, 8) weights of c_0 … c_7 in a(s)
+    velocities : (8, 8) in the integral of a from 0 to s, over s
+    positions : (8, 8) in the integral of that, over s^2
+    corrections : (7, 8) what the part of the acceleration at a node that the polynomial misses adds to c_0 … c_7, so
+        that the values at the nodes before stay as they are
+    shifts : (8, 8) j over k in row k: (1 + s)^j = sum_k shifts_kj s^k
+    """
+
+    nodes: Floats
+    values: Floats
+    velocities: Floats
+    positions: Floats
+    corrections: Floats
+    shifts: Floats
+
+
+def nodes(digits: int = DIGITS) -> tuple[Decimal, ...]:
+    """The eight nodes in [0, 1), the first 0: zeros of the 7th derivative of s^8 (s - 1)^7 (Hairer & Wanner 1996,
+    IV.5, Radau I, doi:10.1007/978-3-642-05221-7)."""
+    with localcontext() as context:
+        context.prec = digits + 20
+        # s^8 (s - 1)^7 = sum_k C(7, k) (-1)^(7 - k) s^(8 + k), seven times differentiated, without its zero at s = 0
+        factors = [(-1) ** (7 - k) * comb(7, k) * comb(8 + k, 7) for k in range(STAGES)]
+        found = []
+        for estimate in sorted(np.roots(factors[::-1]).real):
+            s = Decimal(float(estimate))
+            for _ in range(8):  # Newton doubles the digits, ten to start with
+                value = slope = Decimal(0)
+                for factor in factors[::-1]:
+                    slope = slope * s + value
+                    value = value * s + factor
+                s -= value / slope
+            found.append(s)
+        return (Decimal(0), *(+s for s in found))
+
+
+@cache
+def tables() -> Tables:
+    """The numbers of the loop, from the nodes as float64 has them: positions and values that belonged to instants 1e-17
+    apart would make the energy drift by 1e-19 a step, and the nodes' own rounding does no harm."""
+    with localcontext() as context:
+        context.prec = DIGITS
+        s = [Decimal(float(node)) for node in nodes()]
+        ends = (*s[1:], Decimal(1))
+        corrections = []
+        product = [Decimal(1)]  # coefficients of s (s - s_1) … (s - s_(k - 1)), from the lowest power on
+        for k in range(1, STAGES):
+            product = [a - s[k - 1] * b for a, b in zip([Decimal(0), *product], [*product, Decimal(0)], strict=True)]
+            value = sum(factor * s[k] ** power for power, factor in enumerate(product))
+            corrections.append([factor / value for factor in product] + [Decimal(0)] * (STAGES - 1 - k))
+        weights = [[[end**j / ways for j, ways in enumerate(row)] for end in ends] for row in _WAYS]
+    shifts = [[comb(j, k) for j in range(STAGES)] for k in range(STAGES)]
+    return Tables(np.array(s, float), *(np.array(table, float) for table in (*weights, corrections, shifts)))
+
+
+_WAYS = (
+    [1] * STAGES,
+    [j + 1 for j in range(STAGES)],
+    [(j + 1) * (j + 2) for j in range(STAGES)],
+)  # what integrating s^j once and twice divides it by
+
+
+@dataclass(frozen=True)
+class GaussRadau(Method):
+    """Gauss-Radau collocation with as many steps as the motion asks for, to round-off: ``rtol`` is the dimensionless
+    epsilon of Rein & Spiegel 2015 and sets the steps, 1e-9 where it is not said; errors per step go as its power 15/7
+    and are beneath rounding there. It takes no ``atol``."""
+
+    name: str
+    order: int
+    source: str
+    use: str
+
+    family = "Gauss-Radau"
+    adaptive = True
+    tunable = ("rtol",)
+
+    def checked(self, given: Options, asked: Options) -> Options:
+        options = super().checked(given, asked)
+        return replace(options, rtol=EPSILON) if options.rtol is None else options
+
+    def stepper(self, flow: Flow, options: Options) -> Stepper:
+        from kickdrift.integrators.gauss_radau_stepper import GaussRadauStepper
+
+        return GaussRadauStepper(flow, options)
+
+
+ROWS = (
+    GaussRadau(
+        "gauss-radau15", 15,
+        "Everhart 1985, doi:10.1007/978-94-009-5400-7_17; Rein & Spiegel 2015, doi:10.1093/mnras/stu2164; step: Pham, "
+        "Rein & Spiegel 2024, doi:10.21105/astro.2401.02849",
+        "orbits to round-off, close encounters, references",
+    ),
+)  # fmt: skip

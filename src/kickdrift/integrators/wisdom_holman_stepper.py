@@ -1,0 +1,276 @@
+"""A Wisdom-Holman integration under way: its coordinates, and what to warn of."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from kickdrift.coordinates import from_democratic, from_jacobi, to_democratic, to_jacobi
+from kickdrift.forces.bound import BoundForces
+from kickdrift.forces.evaluate import EVALUATIONS, SLOTS
+from kickdrift.forces.gravity import Gravity
+from kickdrift.forces.simd import WIDTH, aligned
+from kickdrift.integrators.loops import STEP
+from kickdrift.integrators.splitting import Splitting
+from kickdrift.integrators.stepping import Counts, Options
+from kickdrift.integrators.wisdom_holman import JACOBI, corrector, undone
+from kickdrift.integrators.wisdom_holman_loop import (
+    GM,
+    HILL,
+    INSIDE,
+    LIVE,
+    NEAR,
+    OTHERS,
+    ROWS,
+    SHARE,
+    SOURCE,
+    UNBOUND,
+    WHICH,
+    WORK,
+    Bodies,
+    wisdom_holman_loop,
+)
+from kickdrift.state import Floats
+from kickdrift.system import System
+
+if TYPE_CHECKING:
+    from kickdrift.flow import Flow
+
+STEPS_PER_PERIOD = 20  # of a passage of the pericentre: fewer are worth a warning (Wisdom 2015; Rein & Tamayo 2015)
+FAR = 4.0  # what fills up the lanes circles so many times as far out as the farthest body
+
+
+class WisdomHolmanStepper:
+    """The run itself is held before the last drift of a step, which the next one's first is joined to; ``y`` is a copy
+    with that drift, and the corrector, done."""
+
+    trouble = ""
+
+    def __init__(self, flow: Flow, table: Splitting, options: Options) -> None:
+        assert options.dt is not None
+        system: Any = flow.subject
+        self._system, self.dt = system, options.dt
+        self._jacobi, self._compensated = options.coordinates == JACOBI, options.compensated
+        self._others = BoundForces(_without_gravity(system), flow.forces.threads)
+        drift, kick = np.array(table.drift), np.array([*table.kick, 0.0])
+        passed = np.cumsum(drift)
+        begin = np.array([drift, kick, passed])
+        self._begin, self._end = begin[:, :-1].copy(), begin[:, -1:].copy()
+        self._step = self._begin.copy()
+        self._step[0, 0] += drift[-1]  # the last drift of the step before
+        self._least = self.dt / len(table.kick)
+        row = corrector(options.corrector) if options.corrector else np.zeros((2, 0))
+        self._correct, self._decorrect = (
+            np.array([*part, np.zeros(part.shape[1])]) for part in (row, undone(row) if row.size else row)
+        )
+        gravity = next(force for force in system.forces if isinstance(force, Gravity))
+        self._G = float(gravity.G if gravity.G is not None else system.units.gravity)
+        self._place(system)
+
+    def _place(self, system: System) -> None:
+        """Which body stands in which slot, and what of it does not change."""
+        masses = system.state.masses
+        central = int(np.argmax(masses))
+        others = np.delete(np.arange(len(masses)), central)
+        heavy, light = others[masses[others] > 0], others[masses[others] == 0]
+        order = np.concatenate([_filled(heavy), _filled(light)])
+        massive, slots = len(_filled(heavy)), len(order)
+        self._real = order >= 0
+        self._listed = np.array([central, *others])  # as coordinates.py takes them
+        self._row = 1 + np.searchsorted(others, order)  # of each slot in that list
+        self._row[~self._real] = 0
+        gm = self._G * masses
+        before = np.zeros(slots)  # G times the mass of the others listed before
+        before[self._real] = (np.cumsum(gm[others]) - gm[others])[self._row[self._real] - 1]
+        before[~self._real] = gm[others].sum()
+        table = aligned((ROWS, slots))
+        table[LIVE, self._real], table[SOURCE, self._real] = 1.0, gm[order[self._real]]
+        table[INSIDE] = 1.0 / (gm[central] + before)
+        table[GM] = gm[central] + before + table[SOURCE]
+        table[SHARE] = table[SOURCE] / table[GM]
+        table[OTHERS] = before * table[INSIDE]
+        if not self._jacobi:
+            table[GM], table[OTHERS] = gm[central], table[SOURCE] / gm[central]
+        inside = np.searchsorted(heavy, order)
+        self._bodies = Bodies(
+            orbit=aligned((6, slots)), carry=aligned((6, slots if self._compensated else 0)),
+            centre=aligned((5, WIDTH)), table=table, inside=inside, first=np.full((3, slots), np.nan),
+            work=aligned((WORK, slots)), massive=massive, jacobi=self._jacobi, order=order, central=central,
+            gm=float(gm[central]), shares=masses / masses.sum(), x=np.zeros((2, 3, len(masses))),
+            a=np.zeros((3, len(masses))),
+        )  # fmt: skip
+
+    # --- coordinates ---
+
+    def _enter(self, y: Floats) -> None:
+        """The map's coordinates from positions and velocities (2, 3, n)."""
+        bodies = self._bodies
+        x, v = y.transpose(0, 2, 1)[:, self._listed]
+        masses = bodies.shares[self._listed]
+        q = np.array(
+            (to_jacobi(x, masses), to_jacobi(v, masses)) if self._jacobi else to_democratic(x, v, masses)
+        ).transpose(0, 2, 1)
+        bodies.centre[...] = 0.0
+        bodies.centre[:2, :3] = q[:, :, 0]
+        farthest = FAR * float(np.sqrt((q[0, :, 1:] ** 2).sum(axis=0)).max(initial=0.0)) or 1.0
+        speed = np.sqrt(bodies.table[GM] / farthest)
+        for row, filling in enumerate((farthest, 0.0, 0.0, 0.0, speed, 0.0)):
+            bodies.orbit[row] = np.where(self._real, q.reshape(6, -1)[row, self._row], filling)
+        bodies.carry[...] = 0.0
+
+    def _leave(self, bodies: Bodies) -> Floats:
+        """(2, 3, n) positions and velocities."""
+        orbit = bodies.orbit + bodies.carry if bodies.carry.size else bodies.orbit
+        rows = np.empty((2, len(self._listed), 3))
+        rows[:, 0] = (bodies.centre[:2] + bodies.centre[2:4])[:, :3]
+        rows[:, self._row[self._real]] = orbit.reshape(2, 3, -1)[:, :, self._real].transpose(0, 2, 1)
+        masses = bodies.shares[self._listed]
+        y = np.empty((2, 3, len(masses)))
+        y[:, :, self._listed] = np.array(
+            (from_jacobi(rows[0], masses), from_jacobi(rows[1], masses))
+            if self._jacobi
+            else from_democratic(rows[0], rows[1], masses)
+        ).transpose(0, 2, 1)
+        return y
+
+    # --- steps ---
+
+    def reset(self, y: Floats, time: float, steps: int) -> None:
+        self.y, self.steps_done = y, steps
+        self._start = time - steps * self.dt
+        self._cursor = np.zeros(SLOTS, np.int64)
+        self._under_way = False
+        self._corrected = not self._correct.size
+        self._bodies.first[:] = np.nan
+        self._enter(y)
+        self._look_at_start()
+
+    @property
+    def time(self) -> float:
+        return self._start + self.steps_done * self.dt
+
+    @property
+    def last_step(self) -> float:
+        return self.dt
+
+    @property
+    def counts(self) -> Counts:
+        return Counts(int(self._cursor[EVALUATIONS]))
+
+    def _call(self, bodies: Bodies, row: Floats, steps: int, cursor: Any) -> int:
+        return self._others.call(
+            wisdom_holman_loop, bodies, row, self.dt, self._start, self.steps_done, steps, cursor
+        )  # fmt: skip
+
+    def advance(self, steps: int, until: float = np.inf) -> int:
+        if not steps:
+            return self._call(self._bodies, self._step, 0, self._cursor)
+        status, rows = 0, []
+        if not self._corrected:
+            rows.append((self._correct, 1, 0))
+        if not self._under_way:
+            rows.append((self._begin, 1, 1))
+        done = sum(row[2] for row in rows)
+        for row, count, forward in [*rows, (self._step, steps - done, steps - done)]:
+            self._cursor[STEP:] = 0
+            status = self._call(self._bodies, row, count, self._cursor)
+            self.steps_done += min(int(self._cursor[STEP]), forward)
+            if status:
+                return status
+            self._corrected = True
+            self._under_way = self._under_way or forward > 0
+        return self._synchronise()
+
+    def _synchronise(self) -> int:
+        """``y`` <- the state at the step point; a status."""
+        own = self._bodies
+        bodies = own._replace(
+            orbit=_copy(own.orbit), carry=_copy(own.carry), centre=own.centre.copy(), first=own.first.copy()
+        )
+        for row in (self._end, self._decorrect):
+            if row.size:
+                status = self._call(bodies, row, 1, np.zeros(SLOTS, np.int64))
+                if status:
+                    return status
+        self.y = self._leave(bodies)
+        return 0
+
+    def at(self, time: float) -> Floats:
+        return self.y.copy()
+
+    def reached(self, inside_step: bool) -> tuple[Floats, Floats]:
+        y = self._leave(self._bodies)
+        return y, y[0] - self.dt * y[1]
+
+    # --- warnings ---
+
+    def _look_at_start(self) -> None:
+        """Hill radii, and the body whose passage of the pericentre takes fewest steps."""
+        bodies, slots = self._bodies, len(self._real)
+        self._shortest: tuple[float, int] | None = None
+        bodies.table[HILL] = 0.0
+        for slot in range(slots):
+            if not self._real[slot]:
+                continue
+            gm = float(bodies.table[GM, slot])
+            x, v = bodies.orbit[:3, slot], bodies.orbit[3:, slot]
+            r, h2 = float(np.linalg.norm(x)), float((np.cross(x, v) ** 2).sum())
+            energy = 0.5 * float(v @ v) - gm / r
+            e = math.sqrt(max(0.0, 1.0 + 2.0 * energy * h2 / gm**2))
+            q = h2 / (gm * (1.0 + e))  # distance and time of the pericentre, 2 pi q / v there
+            passage = 2.0 * math.pi * math.sqrt(q**3 / (gm * (1.0 + e)))
+            if self._shortest is None or passage < self._shortest[0]:
+                self._shortest = passage, int(bodies.order[slot])
+            far = -0.5 * gm / energy if energy < 0.0 else r
+            bodies.table[HILL, slot] = (far * (bodies.table[SOURCE, slot] / (3.0 * bodies.gm)) ** (1 / 3)) ** 2
+
+    @property
+    def warnings(self) -> list[str]:
+        """Lines on what the map does not follow."""
+        system, first, order = self._system, self._bodies.first, self._bodies.order
+        unit = "" if system.units.reduced else f" {system.units.time}"
+        found = []
+        if self._shortest is not None and self._least > self._shortest[0] / STEPS_PER_PERIOD:
+            passage, i = self._shortest
+            found.append(
+                f"dt = {self.dt:g}{unit} is long: {system.body(i)} turns about its pericentre as on a circle of period "
+                f"{passage:.4g}{unit}, in {passage / self._least:.3g} kicks; {STEPS_PER_PERIOD} or more resolve it"
+            )
+        found += [
+            f"{system.body(int(order[slot]))} is on a hyperbola from t = {first[UNBOUND, slot]:.6g}{unit} on: the map "
+            "is made for bound orbits; gauss-radau15 follows visitors"
+            for slot in np.flatnonzero(~np.isnan(first[UNBOUND]) & self._real)
+        ]
+        pairs: dict[tuple[int, int], float] = {}
+        for slot in np.flatnonzero(~np.isnan(first[NEAR])):
+            i, j = sorted((int(order[slot]), int(order[int(first[WHICH, slot])])))
+            pairs[i, j] = min(float(first[NEAR, slot]), pairs.get((i, j), np.inf))
+        for (i, j), time in pairs.items():
+            found.append(
+                f"{system.body(i)} and {system.body(j)} come within the Hill radius at t = {time:.6g}{unit}: the map "
+                "does not follow close encounters; gauss-radau15 does"
+            )
+        return found
+
+
+def _filled(ids: Any) -> Any:
+    """The ids, filled up with -1 to a multiple of eight."""
+    return np.concatenate([ids, np.full(-len(ids) % WIDTH, -1)]).astype(np.int64)
+
+
+def _copy(array: Floats) -> Floats:
+    copied = aligned(array.shape, None)
+    copied[...] = array
+    return copied
+
+
+def _without_gravity(system: System) -> System:
+    """The System with its other forces alone."""
+    state = system.state
+    return System(
+        state.positions, state.velocities, state.masses, system.box,
+        [force for force in system.forces if not isinstance(force, Gravity)], system.units,
+        [system.species[k] for k in system.species_index], system.name,
+    )  # fmt: skip
