@@ -376,7 +376,7 @@ def cloud(seed: int, n: int = 40, G: float = 1e-3) -> kd.System:
 @settings(max_examples=8, deadline=None)
 @given(st.integers(0, 10**6))
 def test_mergers_conserve_what_they_must(seed):
-    system = cloud(seed)
+    system = cloud(seed, G=1e-6)  # hardly any pull: what is left of an energy error is that of mergers
     sim = kd.Simulation(system, dt=0.1, events=[kd.Collision()])
     total = system.state.masses.sum()
     at_start = system.state.masses @ system.state.positions, system.state.masses @ system.state.velocities
@@ -391,7 +391,7 @@ def test_mergers_conserve_what_they_must(seed):
     assert len(set(sim.state.ids.tolist())) == len(sim.state)
     taken = sum(event["energy"] for event in report.events)
     assert (report.energy_taken or 0.0) == pytest.approx(taken, rel=1e-12)
-    assert report.energy.max_relative_error < 1e-3  # of the integration, not of the mergers, which take a third
+    assert report.energy.max_relative_error < 1e-5  # mergers take a third of it
 
 
 @settings(max_examples=8, deadline=None)
@@ -539,9 +539,9 @@ def test_setting_the_state_begins_anew():
 
 
 def test_events_stay_behind_a_blow_up():
-    """The state goes back to the last sample, and so do events after it: an unstable drag turns v around."""
-    system = kd.System([[1.0, 0, 0]], [[1.0, 0, 0]], forces=[kd.LinearDrag(1e3)])
-    sim = kd.Simulation(system, "euler", 1.0, events=[kd.Crossing(lambda t, x, v: v[0, 0], "turn")])
+    """The state goes back to the last sample, and so do events after it: an unstable step turns y around."""
+    problem = kd.Problem(lambda t, y: np.array([-1e3 * y[0]]), [1.0])
+    sim = kd.Simulation(problem, "euler", 1.0, events=[kd.Crossing(lambda t, y: y[0], "turn")])
     with pytest.raises(RunError, match="blew up"):
         sim.run(200, every=7)
     assert [event["step"] for event in sim.events] == list(range(1, sim.steps_done + 1))

@@ -3,8 +3,8 @@
     python validation/barnes_hut.py [--largest 1000000] [--sample 1000]
 
 ``accuracy`` claims that 99 % of the particles have |a - a_direct| / |a_direct| within it. The direct sum is NumPy's,
-for a random sample of the particles. Shapes: a Plummer sphere; a uniform cube; two Plummer spheres a thousand scale lengths
-apart; a disc a hundred times thinner than wide.
+for a random sample of the particles. Shapes: a Plummer sphere; a uniform cube; two Plummer spheres a thousand scale
+lengths apart; a disc a hundred times thinner than wide.
 
 Time is the processor's, on one thread: the least of some evaluations. Memory is the peak of the process.
 """

@@ -386,7 +386,7 @@ def sums_before(typingctx, value):
 
         total = shifted(args[0], 1)
         for by in (1, 2, 4):
-            total = builder.fadd(total, shifted(total, by), flags=FLAGS)
+            total = builder.fadd(total, shifted(total, by), flags=_flags(context))
         return total
 
     return lanes_type(lanes_type), codegen
