@@ -120,13 +120,13 @@ def scaled(system: kd.System, factor: float) -> kd.System:
 
 
 def energy_error(system: kd.System, parts: float, name: str = "wisdom-holman", **options: Any) -> float:
-    """The largest of 200 steps of Mercury's period over ``parts``."""
+    """The largest in ten of Mercury's periods, in steps of that period over ``parts``."""
     sim, found = kd.Simulation(system, name, dt=MERCURY / parts, compensated=True, **options), []
 
     def look(sim: kd.Simulation) -> None:
         found.append(energy(system, sim.state.positions, sim.state.velocities))
 
-    sim.run(200, every=1, observe=look)
+    sim.run(round(10 * parts), every=1, observe=look)
     return float(np.abs(np.array(found) - found[0]).max())
 
 
@@ -158,10 +158,10 @@ def orders(system: kd.System) -> list[Claim]:
         power = np.log10(heavy / normal)
         text = f"{coordinates}: power of the masses with corrector 17"
         rows.append(claim(text, power, "2 within 0.3", abs(power - 2) < 0.3, "Wisdom, Holman & Touma 1996"))
-    errors = {order: energy_error(system, 8, "saba", order=order) for order in ("4,2", "8,4", "10,4", "10,6,4")}
+    errors = {order: energy_error(system, 4, "saba", order=order) for order in ("4,2", "8,4", "10,4", "10,6,4")}
     falling = all(a > b for a, b in zip(errors.values(), list(errors.values())[1:], strict=False))
     shown = ", ".join(f"{order}: {error:.1e}" for order, error in errors.items())
-    rows.append(claim("saba at P / 8: the higher the order, the smaller the error", shown, "falling", falling,
+    rows.append(claim("saba at P / 4: the higher the order, the smaller the error", shown, "falling", falling,
                       "Laskar & Robutel 2001; Blanes et al. 2013"))  # fmt: skip
     return rows
 
