@@ -14,6 +14,7 @@ import numpy as np
 from kickdrift.errors import InputError
 from kickdrift.forces.gravity import Gravity
 from kickdrift.forces.pair_law import PairForce
+from kickdrift.forces.tree import GravityTree
 
 if TYPE_CHECKING:
     from kickdrift.state import Floats
@@ -24,13 +25,13 @@ class Varied:
     """A force of a System, for its particles and their deviations.
 
     That of gravity is analytic; other forces' are central differences along the deviation, with an error of some 1e-10
-    of the variation. Pair forces on a neighbour list are refused.
+    of the force. Pair forces on a neighbour list and gravity by a tree are refused.
     """
 
     may_overlap: ClassVar[bool] = True  # a deviation is no place
 
     def __init__(self, force: Any, system: System) -> None:
-        if isinstance(force, PairForce):
+        if isinstance(force, (PairForce, GravityTree)):  # what a list or a tree sums changes in jumps
             raise InputError(f"force {force.name!r}: has no variational equations here; gravity and fields have")
         self.force, self.system, self.name = force, system, force.name
         for trait in ("external", "works", "velocity_dependent"):
