@@ -4,12 +4,14 @@ import math
 
 import numpy as np
 import pytest
+from scipy.interpolate import CubicHermiteSpline
 
 from kickdrift import systemfile
 from kickdrift.coordinates import about_centre, attracting_masses
 from kickdrift.elements import elements
 from kickdrift.errors import InputError
 from kickdrift.plummer import plummer
+from kickdrift.simulation import Simulation
 from kickdrift.systemfile import load, loads
 
 BODIES = """
@@ -138,6 +140,10 @@ def test_positions_are_moved_to_the_barycentre_where_the_file_says_so():
     assert moved.state.positions.tolist() == [[-0.25, 0, 0], [0.75, 0, 0]]
     assert moved.state.velocities.tolist() == [[0, -0.25, 0], [0, 0.75, 0]]
     assert loads(text.replace("BARY", "")).state.positions[0].tolist() == [0, 0, 0]
+    equal = loads(text.replace("BARY", "barycentric = true").replace("masses = [3.0, 1.0]", ""))
+    assert equal.state.positions[0].tolist() == [-0.5, 0, 0]
+    with pytest.raises(InputError, match="masses: expected numbers, zero or more, with a positive sum"):
+        loads(text.replace("BARY", "barycentric = true").replace("[3.0, 1.0]", "[0.0, 0.0]"))
 
 
 BAD = [
@@ -226,3 +232,35 @@ def test_seeds_tell_spheres_apart():
     assert not np.array_equal(plummer(10, 1)[0], plummer(10, 2)[0])
     assert loads(CLUSTER, seed=9).seed == 9
     assert systemfile.load("plummer-1000").seed == 1
+
+
+# -- TRAPPIST-1
+
+# Days (BJD - 2450000) and one standard deviation: the posterior of Agol et al. 2021 (doi:10.3847/PSJ/abd022), from
+# data/times_obs_and_posterior.txt of github.com/ericagol/TRAPPIST1_Spitzer; the system file has its likeliest orbits.
+TRANSITS = {
+    "b": (7322.517901124098, 1.27e-4),
+    "c": (7282.805833542454, 2.31e-4),
+    "d": (7560.801873760247, 3.97e-4),
+    "e": (7312.7139006264815, 3.72e-4),
+    "f": (7321.522391922048, 7.96e-4),
+    "g": (7294.772224390297, 9.23e-4),
+    "h": (7662.550861221643, 1.45e-3),
+}
+
+
+def test_trappist_1s_planets_transit_when_they_were_seen_to():
+    system = load("trappist-1")
+    sim = Simulation(system, "gauss-radau15")
+    epoch, seen = 7257.93115525, []
+    sim.run(until=406 / 365.25, interval=0.05 / 365.25, observe=lambda s: seen.append((s.time, s.state)))
+    days = np.array([time for time, _ in seen]) * 365.25 + epoch
+    x = np.array([state.positions[:, 0] - state.positions[0, 0] for _, state in seen])
+    v = np.array([state.velocities[:, 0] - state.velocities[0, 0] for _, state in seen]) / 365.25
+    y = np.array([state.positions[:, 1] - state.positions[0, 1] for _, state in seen])
+    for name, (published, deviation) in TRANSITS.items():
+        i = system.names.index(name)
+        passes = CubicHermiteSpline(days, x[:, i], v[:, i]).roots(extrapolate=False)
+        transit = passes[np.argmin(np.abs(passes - published))]
+        assert abs(transit - published) < deviation, name
+        assert np.interp(transit, days, y[:, i]) < 0, "in front of the star, which is seen from below"

@@ -110,9 +110,10 @@ def test_the_energy_is_compared_where_chaos_forbids_positions():
 
 
 def test_without_an_energy_chaos_shortens_the_pilot():
-    found = work_precision(lorenz(), ["dop853"], 30.0, budget=2.0)
+    found = work_precision(lorenz(), ["dop853"], 60.0, budget=4.0)
     assert found.measure == "reference"
-    assert 15 < found.length < 29
+    assert "gauss-radau15" in found.reference
+    assert 20 < found.length < 50
     assert found.reference_error <= 1e-6
     assert found.lyapunov == pytest.approx(0.9, abs=0.3)
     assert "part by" in found.notes[0]

@@ -6,9 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
-from kickdrift import plots_orbits
+from kickdrift import plots, plots_orbits
 from kickdrift.analysis import orbits as of
+from kickdrift.cli import app
 from kickdrift.elements import states
 from kickdrift.errors import InputError
 from kickdrift.forces import Gravity
@@ -224,3 +226,14 @@ seed = 1
     assert len(found[0].lines[0].get_xdata()) == len(system)
     assert len(found) == (5 if elements else 3)
     assert name in drawn[0].get_suptitle()
+
+
+def test_the_command_draws_orbits_where_there_is_gravity(run, tmp_path, monkeypatch):
+    asked = []
+    monkeypatch.setattr(plots_orbits, "plot_orbits", lambda *a, **k: asked.append("orbits"))
+    monkeypatch.setattr(plots, "plot_run", lambda *a, **k: asked.append("energies"))
+    for flags in ((), ("--kind", "energies"), ("--kind", "orbits")):
+        assert CliRunner().invoke(app, ["plot", str(run), *flags]).exit_code == 0
+    assert asked == ["orbits", "energies", "orbits"]
+    wrong = CliRunner().invoke(app, ["plot", "--stability", "rk4", "--kind", "orbits"])
+    assert isinstance(wrong.exception, InputError)

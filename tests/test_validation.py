@@ -4,6 +4,7 @@ import importlib.util
 import json
 import math
 import sys
+from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 
@@ -106,8 +107,13 @@ def test_a_failed_claim_is_exit_status_one(script, capsys):
         "equation_of_state.py",
         "integrators.py",
         "kepler_energies.py",
+        "hermite.py",
+        "chaos.py",
+        "barnes_hut.py",
+        "jpl_de421.py",
         "performance/lj_lammps.py",
         "performance/lj_scaling.py",
+        "performance/nbody_rebound.py",
     ],
 )
 def test_scripts_import_and_have_claims(script, name):
@@ -124,6 +130,14 @@ def test_lammps_missing_is_not_a_failure(script, monkeypatch, capsys):
     (row,) = module.claims()
     assert row["verdict"] == "not run"
     assert "pip install" in row["value"]
+
+
+def test_rebound_missing_is_not_a_failure(script, monkeypatch):
+    module = script("performance/nbody_rebound.py")
+    monkeypatch.setitem(sys.modules, "rebound", None)
+    rows = module.claims()
+    assert {row["verdict"] for row in rows} == {"not run"}
+    assert all("pip install" in row["value"] for row in rows)
 
 
 # --- integrators ---
@@ -189,6 +203,21 @@ def test_kepler_energies_in_small(script, tmp_path):
     rows = module.study(periods=40, output=tmp_path / "energies.png")
     assert {row["verdict"] for row in rows} == {"pass"}
     assert (tmp_path / "energies.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_verdicts_on_chaos_are_judged(script):
+    module = script("chaos.py")
+    case, report = module.cases()[0], module.kd.megno(kd.load("two-body"), 20.0, "yoshida4", 0.1)
+
+    def found(ours, *theirs):
+        said = replace(report, megno=ours, verdict=module.verdict(ours))
+        return module.Found(case, 1.0, said, list(theirs))
+
+    good = [found(2.01, 2.0, 1.99, 2.05)] * 10 + [found(9.0, 8.0, 7.0, 100.0)] * 10
+    not_agreed = [found(2.01, 2.0, 2.0, 5.0), found(2.0, 3.0, 3.0, 3.0)]
+    assert {row["verdict"] for row in module.judged(good + not_agreed)} == {"pass"}
+    verdicts = [row["verdict"] for row in module.judged([*good[1:], found(3.0, 2.0, 2.0, 2.0)])]
+    assert verdicts == ["fail", "pass", "fail"]
 
 
 def test_leading_terms_in_rational_numbers(script):

@@ -90,8 +90,8 @@ def states(
 ) -> tuple[Floats, Floats]:
     """Positions and velocities (…, 3) relative to the centre, of bodies on orbits with these elements.
 
-    Everything is a number or an array, broadcast together. Measured against 40 digits: a relative error of the state
-    under 2e-15 (1 + |state's condition|) for ellipses of e up to 0.999999, parabolas and hyperbolas alike.
+    Everything is a number or an array, broadcast together. At a time T the state is right to rounding on every conic:
+    within 3.4 eps of its size, measured against 50 digits for e from 0 to 30 up to half a period, or 1000 sqrt(q^3/mu).
 
     Parameters
     ----------

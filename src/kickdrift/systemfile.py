@@ -193,8 +193,9 @@ def _system(data: dict[str, Any], path: Path, text: str, seed: int | None) -> Sy
     def system(velocities: Floats | None) -> System:
         positions = start.positions
         if start.barycentric:
-            positions = to_barycentric(positions, start.masses)[0]
-            velocities = None if velocities is None else to_barycentric(velocities, start.masses)[0]
+            masses = np.broadcast_to(start.masses, len(positions))
+            positions = to_barycentric(positions, masses)[0]
+            velocities = None if velocities is None else to_barycentric(velocities, masses)[0]
         return System(
             positions,
             velocities,

@@ -37,7 +37,9 @@ class LocalErrors:
             self._scale = plan.scale
         else:
             self._scale = natural_scale(subject, vector(start)[None])
-        self._reference = Simulation(subject, name, threads=threads, **tolerances(subject, start, TIGHT[name][0][0], name))
+        self._reference = Simulation(
+            subject, name, threads=threads, **tolerances(subject, start, TIGHT[name][0][0], name)
+        )
 
     def of(self, name: str, step: float) -> float | None:
         """After one step of that length; None where it blows up, without points, and for methods that begin

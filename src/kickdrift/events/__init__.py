@@ -228,9 +228,14 @@ def index_of(system: System, body: Body, key: str) -> int:
     raise InputError(f"{key}: there is no body {shown(body)}{hint} (known: {known})")
 
 
+def binding(system: System) -> Any:
+    """The force that binds bodies, with its G and softening: gravity of whatever kind; None where there is none."""
+    return next((force for force in system.forces if hasattr(force, "G") and hasattr(force, "softening")), None)
+
+
 def checked_events(subject: System | Problem, events: Iterable[Event]) -> tuple[Event, ...]:
     """The events, where they can be watched for in that subject; else an InputError."""
-    from kickdrift.forces import Gravity, Springs
+    from kickdrift.forces import Springs
     from kickdrift.system import System
 
     try:
@@ -255,7 +260,7 @@ def checked_events(subject: System | Problem, events: Iterable[Event]) -> tuple[
         elif isinstance(event, Escape):
             if event.about is not None:
                 index_of(subject, event.about, f"{event.kind}: about")
-            if not any(isinstance(force, Gravity) for force in subject.forces):
+            if binding(subject) is None:
                 raise InputError(f"{event.kind}: only gravity binds bodies, and {subject.name!r} has none")
         elif isinstance(event.function, Between):
             pair = [index_of(subject, body, event.name) for body in (event.function.body, event.function.about)]

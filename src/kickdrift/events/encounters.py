@@ -201,7 +201,7 @@ def contacts(y0, y1, h, pairs, radii, approaching, touching, rows):
         for k in range(number - 1):
             a, b = points[k], points[k + 1]
             first, last = separation2(c, a), separation2(c, b)
-            if last >= first or last > reach * reach:
+            if not (last < first and last <= reach * reach):  # nan is no contact
                 continue
             s = a
             if first > reach * reach:
@@ -220,8 +220,10 @@ def contacts(y0, y1, h, pairs, radii, approaching, touching, rows):
 
 
 @driver
-def relative(y, approach, bodies, values):
-    """r . v of pairs of bodies (2, K) where ``approach``, else z."""
+def crossings(y, approach, bodies, signs, values):
+    """Into ``values`` (K,) r . v of pairs of bodies (2, K) where ``approach``, else z; how many have another sign than
+    ``signs`` say."""
+    count = 0
     for m in range(bodies.shape[1]):
         i, j = bodies[0, m], bodies[1, m]
         if approach[m]:
@@ -230,6 +232,9 @@ def relative(y, approach, bodies, values):
                 values[m] += (y[0, k, i] - y[0, k, j]) * (y[1, k, i] - y[1, k, j])
         else:
             values[m] = y[0, 2, i] - y[0, 2, j]
+        if signs[m] * values[m] < 0.0:
+            count += 1
+    return count
 
 
 @driver

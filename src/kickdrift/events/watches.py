@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from kickdrift.errors import RunError
-from kickdrift.events import Between, CloseApproach, Collision, Crossing, Escape, index_of
-from kickdrift.events.encounters import CLOSEST, contacts, passages, relative, unbound
+from kickdrift.events import Between, CloseApproach, Collision, Crossing, Escape, binding, index_of
+from kickdrift.events.encounters import CLOSEST, contacts, crossings, passages, unbound
 from kickdrift.state import Floats
 from kickdrift.system import System
 
@@ -120,14 +120,17 @@ class Approaches:
     def _by_id(self) -> list[list[int]]:
         return self._system.state.ids[self._pairs.T].tolist()
 
+    def scan(self, y0: Floats, t0: float, y1: Floats, t1: float, step: int) -> int:
+        """Search a span; how much there is to look at."""
+        self._count = passages(
+            y0, y1, t0, t1 - t0, step, self._pairs, self._limits, self._heaviest, self._closest_of, self._rows
+        )
+        return self._count
+
     def look(self, span: Span) -> list[tuple[float, Row]]:
-        """Passages that ended in the span."""
-        count = passages(
-            span.y0, span.y1, span.t0, span.length, span.step, self._pairs, self._limits, self._heaviest,
-            self._closest_of, self._rows,
-        )  # fmt: skip
+        """Passages that ended in the span that was searched."""
         found = []
-        for p, _, what in self._rows[:count].tolist():
+        for p, _, what in self._rows[: self._count].tolist():
             pair = int(p)
             if what == CLOSEST:
                 self._refine(pair, span)
@@ -159,6 +162,7 @@ class Contacts:
     def __init__(self, event: Collision, system: System) -> None:
         self.event = event
         self.radii = event.radii_in(system)
+        self._approaching = event.action == "bounce"  # what has bounced is in contact, and goes apart
         self.begin(system)
 
     def begin(self, system: System) -> None:
@@ -169,13 +173,17 @@ class Contacts:
         self._touching = np.zeros(self._pairs.shape[1], dtype=np.bool_)
         self._rows = np.zeros((self._pairs.shape[1], 4))
 
-    def first(self, span: Span) -> Act | None:
-        """The first contact in the span."""
-        bounce = self.event.action == "bounce"
-        count = contacts(
-            span.y0, span.y1, span.length, self._pairs, self.radii, bounce, self._touching, self._rows
+    def scan(self, y0: Floats, t0: float, y1: Floats, t1: float, step: int) -> int:
+        """Search a span; how many pairs are in contact."""
+        self._count = contacts(
+            y0, y1, t1 - t0, self._pairs, self.radii, self._approaching, self._touching, self._rows
         )  # fmt: skip
-        found = [act for row in self._rows[:count].tolist() if (act := self._confirmed(span, *row)) is not None]
+        return self._count
+
+    def first(self, span: Span) -> Act | None:
+        """The first contact in the span that was searched."""
+        rows = self._rows[: self._count].tolist()
+        found = [act for row in rows if (act := self._confirmed(span, *row)) is not None]
         return min(found, key=lambda act: act.time, default=None)
 
     def _confirmed(self, span: Span, pair: float, s: float, a: float, b: float) -> Act | None:
@@ -207,7 +215,7 @@ class Escapes:
 
     def __init__(self, event: Escape, system: System) -> None:
         self.event = event
-        self._about = None
+        self._distance, self._about = float(event.distance), None
         if event.about is not None:
             self._about = int(system.state.ids[index_of(system, event.about, event.kind)])
         self.begin(system)
@@ -219,10 +227,8 @@ class Escapes:
 
     def follow(self, system: System) -> None:
         """Watch the bodies that are left; those that escaped are known."""
-        from kickdrift.forces import Gravity
-
         self._system, ids = system, system.state.ids
-        law = next(force for force in system.forces if isinstance(force, Gravity))
+        law = binding(system)
         gravity = law.G if law.G is not None else system.units.gravity
         self._gm, self._softening2 = float(gravity or 0.0) * system.state.masses, float(law.softening) ** 2
         place = np.flatnonzero(ids == self._about) if self._about is not None else np.array([-1])
@@ -230,14 +236,18 @@ class Escapes:
         self._known = np.isin(ids, list(self._known_ids))
         self._rows = np.zeros((len(system), 2))
 
-    def first(self, span: Span) -> list[Act]:
-        """Those that have escaped at the end of the span."""
-        if self._place < -1:
-            return []
-        count = unbound(
-            span.y1, self._gm, self._softening2, self._place, float(self.event.distance), self._known, self._rows
-        )  # fmt: skip
-        return [Act(self.event, span.t1, (int(i),), d) for i, d in self._rows[:count].tolist()]
+    def scan(self, y0: Floats, t0: float, y1: Floats, t1: float, step: int) -> int:
+        """How many have escaped at the end of a span."""
+        self._count = 0
+        if self._place >= -1:
+            self._count = unbound(
+                y1, self._gm, self._softening2, self._place, self._distance, self._known, self._rows
+            )  # fmt: skip
+        return self._count
+
+    def gone(self, span: Span) -> list[Act]:
+        """Those that have escaped at the end of the span that was searched."""
+        return [Act(self.event, span.t1, (int(i),), d) for i, d in self._rows[: self._count].tolist()]
 
     def know(self, body: int) -> None:
         """It has been told of."""
@@ -276,22 +286,51 @@ class Crossings:
             self._live.append(k)
             self._rows.append(rows)
         self._built = [m for m, rows in enumerate(self._rows) if rows is not None]
+        self._own = [m for m, rows in enumerate(self._rows) if rows is None]
         self._indices = np.array([self._rows[m] for m in self._built], dtype=np.int64).reshape(-1, 2).T.copy()
         functions = [self._events[self._live[m]].function for m in self._built]
         self._approach = np.array([f.quantity == "approach" for f in functions if isinstance(f, Between)], dtype=bool)
+        # Those of two bodies come first, then functions; of each its value and the last sign that was none of zero.
+        self._order = [*self._built, *self._own]
+        self._values, self._signs = np.zeros(len(self._order)), np.zeros(len(self._order))
         self._last: Floats | None = None
+        self._fresh = False  # whether signs have to be taken anew
 
     follow = begin
 
-    def _values(self, time: float, y: Floats, step: int) -> Floats:
-        values, built = np.empty(len(self._live)), np.empty(len(self._built))
-        if self._built:
-            relative(y, self._approach, self._indices, built)
-            values[self._built] = built
-        for m, rows in enumerate(self._rows):
-            if rows is None:
-                values[m] = self._value(m, time, y, step)
-        return values
+    def __len__(self) -> int:
+        return len(self._order)
+
+    def _fill(self, time: float, y: Floats, step: int) -> int:
+        built, changed = len(self._built), 0
+        if built:
+            changed = crossings(y, self._approach, self._indices, self._signs[:built], self._values[:built])
+        for k in range(built, len(self._order)):
+            self._values[k] = value = self._value(self._order[k], time, y, step)
+            changed += self._signs[k] * value < 0
+        return changed
+
+    def scan(self, y0: Floats, t0: float, y1: Floats, t1: float, step: int) -> int:
+        """Evaluate at the end of a span; how many signs have changed."""
+        if self._own and not np.isfinite(y1).all():
+            return 0  # the run has blown up
+        if self._last is None:
+            self._fill(t0, y0, step)
+            self._signs = np.sign(self._values)
+            self._last, self._fresh = self._values.copy(), True
+        changed = self._fill(t1, y1, step)
+        if not changed:
+            self._keep()
+        return changed
+
+    def _keep(self) -> None:
+        """A zero at the very end of a step is told of when the sign has changed."""
+        values = self._values
+        if self._fresh or not values.all():
+            moved = values != 0.0
+            self._signs[moved] = np.sign(values[moved])
+            self._fresh = not moved.all()
+        self._last, self._values = values, self._last
 
     def _value(self, m: int, time: float, y: Floats, step: int) -> float:
         event, rows = self._events[self._live[m]], self._rows[m]
@@ -313,26 +352,19 @@ class Crossings:
         return value
 
     def look(self, span: Span) -> list[tuple[float, Row]]:
-        """Zeros inside the span."""
-        if not self._live:
-            return []
-        if self._last is None:
-            self._last = self._values(span.t0, span.y0, span.step)
-            self._signs = np.sign(self._last)
-        values = self._values(span.t1, span.y1, span.step)
+        """Zeros inside the span that was searched."""
+        assert self._last is not None
         found = []
-        for m in np.flatnonzero(self._signs * values < 0):
-            event = self._events[self._live[m]]
-            if event.direction * values[m] < 0:
+        for k in np.flatnonzero(self._signs * self._values < 0):
+            m, last = self._order[k], float(self._values[k])
+            event, rows = self._events[self._live[m]], self._rows[m]
+            if event.direction * last < 0:
                 continue
-            time = self._zero(int(m), span, event, float(self._last[m]), float(values[m]))
-            rows = self._rows[m]
+            time = self._zero(m, span, event, float(self._last[k]), last)
             distance = separation(span.inside(time), *rows) if rows else math.nan
-            row = entry(self._subject, event.kind, time, span.step, rows or (), distance, "logged")
-            found.append((time, row))
-        moved = values != 0.0  # a zero at the very end of a step is told of when the sign has changed
-        self._signs[moved] = np.sign(values[moved])
-        self._last = values
+            found.append((time, entry(self._subject, event.kind, time, span.step, rows or (), distance, "logged")))
+        self._fresh = True
+        self._keep()
         return found
 
     def _zero(self, m: int, span: Span, event: Crossing, first: float, last: float) -> float:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from kickdrift.errors import RunError
+from kickdrift.errors import InputError, RunError
 from kickdrift.events import CloseApproach, Collision, Crossing, Escape, Event
 from kickdrift.events.collisions import bounced, joined, merged, without
 from kickdrift.events.watches import Act, Approaches, Contacts, Crossings, Escapes, Row, Span, entry
@@ -51,12 +51,14 @@ class WatchedStepper:
         self.absorbed: dict[int, int] = {}
         self.writer: Any = None
         self._spent = Counts()
+        self._warned: list[str] = []
         subject: Any = sim.system
         self._approaches = [Approaches(e, subject) for e in events if isinstance(e, CloseApproach)]
         self._contacts = [Contacts(e, subject) for e in events if isinstance(e, Collision)]
         self._escapes = [Escapes(e, subject) for e in events if isinstance(e, Escape)]
         self._crossings = Crossings([e for e in events if isinstance(e, Crossing)], subject)
         self._watches: list[Any] = [*self._approaches, *self._contacts, *self._escapes, self._crossings]
+        self._lookers: list[Any] = [*self._approaches, *([self._crossings] if len(self._crossings) else [])]
         self._aside()
 
     def _aside(self) -> None:
@@ -76,6 +78,10 @@ class WatchedStepper:
     @property
     def trouble(self) -> str:
         return self.inner.trouble
+
+    @property
+    def warnings(self) -> list[str]:
+        return [*self._warned, *getattr(self.inner, "warnings", ())]
 
     @property
     def time(self) -> float:
@@ -122,22 +128,18 @@ class WatchedStepper:
                 break
             else:
                 status = self._step()
-        self._tell(self.horizon)
+        if self._waiting:
+            self._tell(self.horizon)
         return status
 
     def _prepare(self) -> int:
         """Compile what a step and its search need."""
         status = self.inner.advance(0, self.inner.time)
         y, t = self.inner.y, self.inner.time
-        span = Span(y, t, y, t, self.steps_done, lambda _: y)
-        for approaches in self._approaches:
-            approaches.look(span)
-        for contacts in self._contacts:
-            contacts.first(span)
-        for escapes in self._escapes:
-            escapes.first(span)
         for watch in self._watches:
-            watch.begin(self._sim.system)
+            if watch is not self._crossings:
+                watch.scan(y, t, y, t, self.steps_done)
+                watch.begin(self._sim.system)
         return status
 
     # --- the search ---
@@ -146,33 +148,47 @@ class WatchedStepper:
         inner = self.inner
         before, begin, done = inner.y.copy(), inner.time, inner.steps_done
         status = inner.advance(1, np.inf)
-        if status == OK and inner.steps_done > done and np.isfinite(inner.y).all():
-            at = inner.at if self._sim.method.chooses_steps else lambda t: self._tried(before, begin, t)
-            self._search(Span(before, begin, inner.y, inner.time, inner.steps_done, at))
+        if status == OK and inner.steps_done > done:
+            self._search(before, begin, inner.y, inner.time)
         return status
 
-    def _search(self, span: Span) -> None:
+    def _search(self, y0: Floats, t0: float, y1: Floats, t1: float) -> None:
         """Log what happened in a span, up to the first event that changes the bodies, and keep that one."""
-        acts = [act for watch in self._contacts if (act := watch.first(span)) is not None]
-        act = min(acts, key=lambda act: act.time, default=None)
-        if act is not None and act.event.action == "stop" and not self._sim.method.chooses_steps:
-            self._act, self._span = act, span
-        elif act is not None:
-            y1 = np.array(span.inside(act.time))
-            self._act, self._span = act, span
-            span = replace(span, y1=y1, t1=act.time)
-        looking: list[Any] = [*self._approaches, self._crossings]
-        found = [row for watch in looking for row in watch.look(span)]
-        if act is None:
-            for escapes in self._escapes:
-                for gone in escapes.first(span):
-                    if escapes.event.action == "log":
-                        row = entry(self._system, Escape.kind, span.t1, span.step, gone.bodies, gone.distance, "logged")
-                        found.append((span.t1, row))
-                        escapes.know(gone.bodies[0])
-                    elif self._act is None:
-                        self._act, self._span = gone, span
-        self._waiting += sorted(found, key=lambda pair: pair[0])
+        step, whole = self.inner.steps_done, None
+        for watch in self._contacts:
+            if watch.scan(y0, t0, y1, t1, step):
+                whole = whole or self._span_of(y0, t0, y1, t1)
+        if whole is not None:
+            acts = [act for watch in self._contacts if (act := watch.first(whole)) is not None]
+            if acts:
+                self._act, self._span = min(acts, key=lambda act: act.time), whole
+                if self._act.event.action != "stop" or self._sim.method.chooses_steps:
+                    y1, t1 = np.array(whole.inside(self._act.time)), self._act.time
+        hits = [watch for watch in self._lookers if watch.scan(y0, t0, y1, t1, step)]
+        gone = [each for each in self._escapes if each.scan(y0, t0, y1, t1, step)] if self._act is None else []
+        if hits or gone:
+            span = replace(whole, y1=y1, t1=t1) if whole else self._span_of(y0, t0, y1, t1)
+            found = [row for watch in hits for row in watch.look(span)]
+            for escapes in gone:
+                found += self._escaped(escapes, span)
+            self._waiting += sorted(found, key=lambda pair: pair[0])
+
+    def _span_of(self, y0: Floats, t0: float, y1: Floats, t1: float) -> Span:
+        if self._sim.method.chooses_steps:
+            return Span(y0, t0, y1, t1, self.steps_done, self.inner.at)
+        return Span(y0, t0, y1, t1, self.steps_done, lambda time: self._tried(y0, t0, time))
+
+    def _escaped(self, watch: Escapes, span: Span) -> list[tuple[float, Row]]:
+        """Log those that only are to be logged, and keep the first of the others."""
+        found = []
+        for act in watch.gone(span):
+            if watch.event.action == "log":
+                row = entry(self._system, Escape.kind, span.t1, span.step, act.bodies, act.distance, "logged")
+                found.append((span.t1, row))
+                watch.know(act.bodies[0])
+            elif self._act is None:
+                self._act, self._span = act, span
+        return found
 
     def _tried(self, y: Floats, begin: float, time: float) -> Floats:
         """y at a time inside a step of fixed length: a shorter step of the method, thrown away."""
@@ -212,7 +228,11 @@ class WatchedStepper:
             self._stop(act, span)
             return OK
         y = np.array(span.inside(act.time))
-        self._change(act, y, step)
+        try:
+            self._change(act, y, step)
+        except InputError as error:  # a force or the method does not take what is left
+            names = " and ".join(self._system.body(i) for i in act.bodies)
+            raise RunError(f"step {step} (t = {act.time:.9g}): after the {event.kind} of {names}: {error}") from error
         if adaptive or act.time >= span.t1:
             return OK
         y, begin = self.inner.y, act.time
@@ -222,8 +242,7 @@ class WatchedStepper:
             return status
         self.inner.reset(reached.copy(), span.t1, step)
         self._sim.bodies_changed()
-        at = lambda t: self._tried(y, begin, t)  # noqa: E731
-        self._search(Span(y, begin, reached, span.t1, step, at))
+        self._search(y, begin, reached, span.t1)
         return OK
 
     def _stop(self, act: Act, span: Span) -> None:
@@ -265,7 +284,7 @@ class WatchedStepper:
             left, y = without(system, y, gone)
             self._leave(system, gone, NEVER_BACK)
         if left is not system:
-            self._spent = _sum(self._spent, self.inner.counts)
+            self._spent, self._warned = self.counts, self.warnings
             self.inner = self._sim.stepper_for(left)
             self._aside()
             for watch in self._watches:

@@ -35,9 +35,10 @@ def central_body(name: str, central: Central, system: System) -> int:
             raise InputError(f"{name}: central: there is no body {shown(central)}; {known}")
         index = system.names.index(central)
     else:
-        index = int(central)
-        if index >= len(masses):
-            raise InputError(f"{name}: central: there is no body {index}; they are 0 to {len(masses) - 1}")
+        found = np.flatnonzero(system.state.ids == central)  # its number, also when others have left
+        if not found.size:
+            raise InputError(f"{name}: central: there is no body {central}; they are 0 to {len(masses) - 1}")
+        index = int(found[0])
     if masses[index] == 0:
         raise InputError(f"{name}: central: {system.body(index)} has no mass")
     return index

@@ -43,6 +43,7 @@ def never_inline(typingctx):
     alike."""
 
     def codegen(context, builder, sig, args):
+        builder.function.attributes.discard("alwaysinline")  # which it may have taken over from its caller
         builder.function.attributes.add("noinline")
         return context.get_dummy_value()
 

@@ -1,4 +1,4 @@
-"""The compiled 1PN correction. Its time grows as the bodies do, so it runs on one thread and every sum has one order."""
+"""The compiled 1PN correction. Its time grows as the bodies do, so it runs on one thread in one order."""
 
 from __future__ import annotations
 

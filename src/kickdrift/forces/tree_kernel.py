@@ -15,7 +15,18 @@ from kickdrift.forces.central import gravitational_constant
 from kickdrift.forces.chunks import Parallel, Serial, chunk_task, each_chunk
 from kickdrift.forces.compiling import jit, never_inline
 from kickdrift.forces.kernel import BLOWN_UP, OK, kernel
-from kickdrift.forces.simd import WIDTH, aligned, lane_max, lane_numbers, lane_sum, load, select, splat, store
+from kickdrift.forces.simd import (
+    WIDTH,
+    aligned,
+    inverse_sqrt,
+    lane_max,
+    lane_numbers,
+    lane_sum,
+    load,
+    select,
+    splat,
+    store,
+)
 from kickdrift.forces.tree_build import (
     BEYOND,
     BOUND,
@@ -44,8 +55,8 @@ if TYPE_CHECKING:
     from kickdrift.system import System
 
 GROUP = 8  # clusters that walk together, one lane each where their acceleration is estimated
-# A node may be felt where its bound is SHARE accuracy^POWER |a|. The bounds b of many nodes of random sign make an error
-# of b times the root of their number, b^-3/5 (a volume, and b goes as its edge to the fifth): so accuracy ~ b^7/10.
+# A node may be felt where its bound is SHARE accuracy^POWER |a|. The bounds b of many nodes of random sign make an
+# error of b times the root of their number, b^-3/5 (a volume, and b goes as its edge to the fifth), b^7/10 together.
 # SHARE is measured, so that 99 % of the particles are within the accuracy (validation/barnes_hut.py).
 SHARE, POWER = 16.0, 10 / 7
 ROUGH = 0.6  # opening angle, radius over distance, of that estimate
@@ -227,7 +238,7 @@ def distance2(row, low, high):
 def least_acceleration(force, first, last, low, high):
     """An estimate of the smallest |a| in a group: that of the smooth field at its clusters' centres, from masses alone.
 
-    A cluster near by pulls as if spread over its radius, so that no particle near a centre makes the estimate too large.
+    A cluster near by pulls as if spread over its radius: no particle near a centre makes the estimate too large.
     """
     nodes, softening2 = force.nodes, force.softening2
     centre = np.empty((3, WIDTH))
@@ -249,7 +260,7 @@ def least_acceleration(force, first, last, low, high):
         if alone or radius * radius < ROUGH * ROUGH * distance2(row, low, high):
             dx, dy, dz = row[CX] - x, row[CY] - y, row[CZ] - z
             spread = radius * radius + softening2 if alone else softening2
-            inverse = 1.0 / math.sqrt(dx * dx + dy * dy + dz * dz + spread)
+            inverse = inverse_sqrt(dx * dx + dy * dy + dz * dz + spread)
             w = row[GM] * inverse * inverse * inverse
             if alone and first <= cluster < last:
                 w = select(lane_numbers() == float(cluster - first), zero, w)
@@ -279,7 +290,7 @@ def pull_of_nodes(force, potential, first, last, found, count):
         for f in range(count):
             row = force.nodes[found[f]]
             dx, dy, dz = x - row[CX], y - row[CY], z - row[CZ]
-            u = 1.0 / math.sqrt(dx * dx + dy * dy + dz * dz + softening2)
+            u = inverse_sqrt(dx * dx + dy * dy + dz * dz + softening2)
             u2 = u * u
             u3 = u2 * u
             u5 = u2 * u3
@@ -314,7 +325,7 @@ def pull_of_particles(force, potential, first, last, near, count):
                 if source == 0.0:
                     continue
                 dx, dy, dz = px[j] - x, py[j] - y, pz[j] - z
-                u = 1.0 / math.sqrt(dx * dx + dy * dy + dz * dz + softening2)
+                u = inverse_sqrt(dx * dx + dy * dy + dz * dz + softening2)
                 if start == s:  # all but the particle itself
                     u = select(lane_numbers() == float(j - start), zero, u)
                 w = source * u

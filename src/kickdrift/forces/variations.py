@@ -54,7 +54,9 @@ def varied(system: System, deviations: Floats) -> System:
     check_overlaps(system)
     x, v = np.concatenate([system.state.phase, deviations], axis=2)
     masses = np.concatenate([system.state.masses, np.zeros(len(system))])
+    names = [system.body(i) for i in range(len(system))]
+    names += [f"the deviation of {name}" for name in names]
     return System(
         x.T, v.T, masses, system.box, [Varied(force, system) for force in system.forces], system.units,
-        name=system.name, run=system.run,
+        name=system.name, run=system.run, names=names,
     )  # fmt: skip

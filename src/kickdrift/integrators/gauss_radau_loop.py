@@ -46,8 +46,8 @@ def larger(a, b):
 @jit
 def predict(work, ratio, before, shifts):
     """The step's polynomial: the last one gone on with, and the term of s^8 that it has not, by what the one before had
-    missed of the last. That term grows as the eighth power of the step (Everhart 1985 leaves it as it was). ``ratio`` is
-    the step's length over the last one's, ``before`` that one's over the one's before; 0 where there was none."""
+    missed of the last. That term grows as the eighth power of the step (Everhart 1985 leaves it as it was). ``ratio``
+    is the step's length over the last one's, ``before`` that one's over the one's before; 0 where there was none."""
     width = work.shape[1]
     now, last, guess, guess_last = work[NOW:LAST], work[LAST:GUESS_LAST], work[GUESS:SCALE], work[GUESS_LAST:GUESS]
     power, share = 1.0, before**8
@@ -248,7 +248,9 @@ def gauss_radau_loop(
 
 @strict
 def advance_clock(clock, h):
-    """TIME <- TIME + h, what rounding loses kept."""
+    """TIME <- TIME + h, what rounding loses kept, h the longer or not (a two-sum)."""
     before, increment = clock[TIME], clock[LOST_TIME] + h
-    clock[TIME] = before + increment
-    clock[LOST_TIME] = increment + (before - clock[TIME])
+    after = before + increment
+    taken = after - before
+    clock[TIME] = after
+    clock[LOST_TIME] = (before - (after - taken)) + (increment - taken)

@@ -19,10 +19,10 @@ from kickdrift.integrators.gauss_radau_loop import (
     ROWS,
     STEP_LAST,
     TIME,
-    V,
     V_BEFORE,
-    X,
     X_BEFORE,
+    V,
+    X,
     gauss_radau_loop,
 )
 from kickdrift.integrators.loops import REJECTED, STEP

@@ -76,7 +76,7 @@ def correction(beta, r0, eta, zeta, dt, x, g):
     inverse = 1.0 / r
     p, a, b = -excess * inverse, 0.5 * slope * inverse, (1.0 / 6.0) * bend * inverse
     d = p * (1.0 - p * (a - p * (2.0 * a * a - b)))
-    size = p * p * (4.0 * a * a + abs(bend * inverse) + abs(beta))
+    size = p * p * (4.0 * a * a + abs(bend * inverse) + abs(beta)) + 0.0 * (excess + r)  # nan where they overflowed
     return d, size
 
 
@@ -182,9 +182,11 @@ def one_solution(gm, beta, r0, eta, zeta, dt):
     low, high = 0.0, np.inf
     if beta > 0.0:
         high = 2.001 * math.pi / math.sqrt(beta)
-    x = first_guess(beta, 1.0 / r0, eta, zeta, dt)
-    if not 0.0 < x < high:
-        x = 0.5 * high if high < np.inf else dt / r0
+    x = dt / r0
+    if x * x * (eta * eta / (r0 * r0) + abs(zeta) / r0 + abs(beta)) < 1.0:
+        x = first_guess(beta, 1.0 / r0, eta, zeta, dt)
+    elif not x < high:
+        x = 0.5 * high
     g = one_g(beta, x)
     for _ in range(TRIES_ONE):
         excess = r0 * x + eta * g.g2 + zeta * g.g3 - dt
