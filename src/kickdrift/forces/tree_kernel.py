@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from kickdrift.forces.central import gravitational_constant
 from kickdrift.forces.chunks import Parallel, Serial, chunk_task, each_chunk
-from kickdrift.forces.compiling import jit, never_inline
+from kickdrift.forces.compiling import in_order, never_inline
 from kickdrift.forces.kernel import BLOWN_UP, OK, kernel
 from kickdrift.forces.simd import (
     WIDTH,
@@ -68,6 +68,7 @@ class TreeKernel(NamedTuple):
 
     softening2: float
     tolerance: float
+    pairs: float  # that interact, those of two massless particles left out
     gm_by_id: NDArray[np.float64]  # (n,) G m
     masses: NDArray[np.float64]  # (n,) coherent
     rows: NDArray[np.float64]  # (n, 4) x, y, z and id, sorted
@@ -85,12 +86,13 @@ class TreeKernel(NamedTuple):
 
 def bind(force: GravityTree, system: System, threads: int) -> TreeKernel:
     """The force for this System, on this many threads."""
-    n = len(system)
+    n, massless = len(system), int(np.count_nonzero(system.state.masses == 0))
     clusters = -(-n // WIDTH)
     slots, nodes = WIDTH * clusters, 2 * clusters - 1
     return TreeKernel(
         softening2=force.softening**2,
         tolerance=SHARE * force.accuracy**POWER,
+        pairs=0.5 * (n * (n - 1) - massless * (massless - 1)),
         gm_by_id=gravitational_constant(force.name, force.G, system) * system.state.masses,
         masses=system.coherent_masses,
         rows=np.empty((n, 4)),
@@ -125,7 +127,7 @@ def tree_forces(force, t, x, v, a, sums):
     return OK
 
 
-@jit
+@in_order
 def add_sums(force, sums):
     """Potential energy, virial and pairs; the virial is the sum of m x . a over particles, x from the centre of mass,
     which is that of r . F over pairs as far as the forces of two are opposite."""
@@ -139,7 +141,7 @@ def add_sums(force, sums):
     if root[GM] > 0.0:
         sums[0] += energy
         sums[1] += virial
-    sums[2] += 0.5 * n * (n - 1)
+    sums[2] += force.pairs
 
 
 @chunk_task
@@ -156,7 +158,7 @@ def pull_groups_and_sums(force, c):
     walk_some(force, force.potential, c)
 
 
-@jit
+@in_order
 def walk_some(force, potential, c):
     """Every CHUNKS-th block of groups from c on; neighbours walk one after the other, over nodes still in the cache."""
     count = force.counts[GROUPS]
@@ -166,7 +168,7 @@ def walk_some(force, potential, c):
             walk(force, potential, force.groups[g])
 
 
-@jit
+@in_order
 def walk(force, potential, group):
     """Find what pulls a group, and add it up."""
     first, last = force.span[group, 0], force.span[group, 1]
@@ -209,7 +211,7 @@ def walk(force, potential, group):
     pull_of_particles(force, potential, first, last, near, n_near)
 
 
-@jit
+@in_order
 def box(force, first, last):
     """The lowest and highest x, y, z of clusters first to last."""
     low, high = np.empty(3), np.empty(3)
@@ -223,7 +225,7 @@ def box(force, first, last):
     return low, high
 
 
-@jit
+@in_order
 def distance2(row, low, high):
     """Squared distance from a node's centre of mass to the nearest point of a box."""
     total = 0.0
@@ -234,7 +236,7 @@ def distance2(row, low, high):
     return total
 
 
-@jit
+@in_order
 def least_acceleration(force, first, last, low, high):
     """An estimate of the smallest |a| in a group: that of the smooth field at its clusters' centres, from masses alone.
 
@@ -274,7 +276,7 @@ def least_acceleration(force, first, last, low, high):
     return math.sqrt(-lane_max(size2))
 
 
-@jit
+@in_order
 def pull_of_nodes(force, potential, first, last, found, count):
     """Add the pull of nodes: mass M and second moments S about the centre, for the softened U = -G / sqrt(r^2 +
     softening^2).
@@ -309,7 +311,7 @@ def pull_of_nodes(force, potential, first, last, found, count):
             store(potential, s, load(potential, s) + phi)
 
 
-@jit
+@in_order
 def pull_of_particles(force, potential, first, last, near, count):
     """Add the pull of the particles of clusters, one by one."""
     softening2, gm, zero = force.softening2, force.gm, splat(0.0)
