@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import hashlib
 import os
+import shutil
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,9 +15,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from oracle import interacting_pairs, pair_oracle
 
+import kickdrift
+from kickdrift.builders import check_overlaps
 from kickdrift.errors import InputError
-from kickdrift.forces import Gravity, LennardJones
+from kickdrift.forces import Gravity, GravityTree, LennardJones, UniformField
 from kickdrift.forces.bound import BoundForces
+from kickdrift.simulation import Simulation
 from kickdrift.system import System
 from kickdrift.units import UNIT_SYSTEMS
 
@@ -34,9 +39,10 @@ def oracle_accelerations(system):
     constant = force.G if force.G is not None else system.units.gravity
     a = np.zeros_like(x)
     for i in range(len(x)):
-        d = np.delete(x, i, axis=0) - x[i]
+        pulls = (m > 0) & (np.arange(len(x)) != i)
+        d = x[pulls] - x[i]
         r2 = (d**2).sum(axis=1) + force.softening**2
-        a[i] = (constant * np.delete(m, i)[:, None] * d / r2[:, None] ** 1.5).sum(axis=0)
+        a[i] = (constant * m[pulls, None] * d / r2[:, None] ** 1.5).sum(axis=0)
     return a
 
 
@@ -109,7 +115,14 @@ def test_bodies_in_one_place():
     system = System(x, forces=[Gravity(1.0)])
     assert BoundForces(system).measure(0.0, system.state.phase) is None
     test_particles = System(x, masses=[0.0, 0.0, 1.0], forces=[Gravity(1.0)])
-    assert BoundForces(test_particles).measure(0.0, test_particles.state.phase) is not None
+    assert_right(test_particles)
+    check_overlaps(softened)
+    check_overlaps(test_particles)
+    with pytest.raises(InputError, match="particles 0 and 1 are at the same place, distance 0"):
+        check_overlaps(system)
+    on_a_body = System(x, masses=[0.0, 1.0, 1.0], forces=[Gravity(1.0)], names=["Probe", "Sun", "Vega"])
+    with pytest.raises(InputError, match="positions: Probe and Sun are at the same place, distance 0"):
+        check_overlaps(on_a_body)
 
 
 @pytest.mark.parametrize("culprit", [np.nan, np.inf, -np.inf])
@@ -122,11 +135,48 @@ def test_positions_that_are_no_numbers(culprit, massless):
         assert BoundForces(system).measure(0.0, phase) is None
 
 
+@pytest.mark.parametrize("massive", [1, 8, 9, 20])
+def test_test_particles_anywhere(massive):
+    """Bodies and test particles mixed up, many of those at one place: clusters part empty on both sides."""
+    n, rng = 61, np.random.default_rng(massive)
+    masses = np.zeros(n)
+    masses[rng.permutation(n)[:massive]] = rng.uniform(0.5, 2.0, massive)
+    x = rng.normal(size=(n, 3))
+    x[np.flatnonzero(masses == 0.0)[:5]] = 0.25
+    system = System(x, masses=masses, forces=[Gravity(1.0)])
+    check_overlaps(system)
+    assert assert_right(system).pairs == massive * (massive - 1) // 2 + massive * (n - massive)
+
+
+def test_sources_are_the_massive_bodies_alone():
+    """Sun, planets and 2000 test particles: each pair of a body with another, and none more."""
+    system = cloud(2009, massless=2000)
+    force = BoundForces(system).forces[0]
+    assert (force.massive, force.sources, force.clusters) == (9, 2, 252)
+    assert_right(system)
+
+
+def test_a_sample_has_the_centre_of_mass():
+    system = cloud(30, massless=10)
+    sample = Simulation(system, dt=1e-3).sample()
+    m, state = system.state.masses, system.state
+    np.testing.assert_allclose(sample.centre_of_mass, m @ state.positions / m.sum(), rtol=1e-13)
+    np.testing.assert_allclose(sample.centre_of_mass_velocity, m @ state.velocities / m.sum(), rtol=1e-13)
+    np.testing.assert_array_equal(sample.observables()["centre_of_mass"], sample.centre_of_mass)
+    massless = System(np.eye(3), masses=0.0)
+    assert Simulation(massless, dt=1e-3).sample().centre_of_mass is None
+
+
 def test_refusals():
     with pytest.raises(InputError, match="needs open space, and the box is periodic"):
         System(np.eye(3), box=(1, 1, 1), forces=[Gravity(1.0)])
     with pytest.raises(InputError, match="units 'lj' have no G of their own; give G"):
         System(np.eye(3), forces=[Gravity()])
+    with pytest.raises(InputError, match="gravity: no particle has a mass, so that nothing pulls"):
+        System(np.eye(3), masses=0.0, forces=[Gravity(1.0)])
+    with pytest.raises(InputError, match="gravity-tree: no particle has a mass"):
+        System(np.eye(3), masses=0.0, forces=[GravityTree(G=1.0)])
+    System(np.eye(3), masses=0.0, forces=[Gravity(1.0), UniformField((0.0, 0.0, -1.0))])  # they fall
     for options in ({"G": 0.0}, {"G": np.nan}, {"G": -1.0}, {"softening": -1.0}, {"softening": np.inf}):
         with pytest.raises(InputError, match="gravity: "):
             Gravity(**{"G": 1.0, **options})
@@ -153,8 +203,24 @@ def fingerprint(n, threads):
     return hashlib.sha256(measured.accelerations.tobytes() + np.array(measured[1:]).tobytes()).hexdigest()
 
 
+@pytest.mark.parametrize("n", [9, 100])
+def test_a_new_compilation_rounds_like_the_cached_one(n, tmp_path):
+    """The process that compiles and those that load its machine code get the same bits."""
+    package = Path(kickdrift.__file__).parent
+    shutil.copytree(package, tmp_path / "kickdrift", ignore=shutil.ignore_patterns("__pycache__"))
+    code = f"from test_gravity import fingerprint as f; print(f({n}, 1))"
+    env = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), *sys.path])}
+    runs = [
+        subprocess.run([sys.executable, "-c", code], env=env, capture_output=True, text=True, timeout=300)
+        for _ in range(2)
+    ]
+    assert runs[0].stdout == runs[1].stdout != "", runs[0].stderr
+
+
 def test_threads_do_not_change_the_bits():
-    code = "from test_gravity import fingerprint as f; print(*(f(n, k) for n in (9, 500) for k in (1, 2, 3, 4)))"
+    code = "from test_gravity import fingerprint as f; print(*(f(n, k) for n in (9, 500, 1000) for k in (1, 2, 3, 4)))"
     env = {**os.environ, "NUMBA_NUM_THREADS": "4", "PYTHONPATH": os.pathsep.join(sys.path)}
     run = subprocess.run([sys.executable, "-c", code], env=env, capture_output=True, text=True, timeout=300)
-    assert run.stdout.split() == [fingerprint(9, 1)] * 4 + [fingerprint(500, 1)] * 4, run.stderr
+    assert run.stdout.split() == [fingerprint(9, 1)] * 4 + [fingerprint(500, 1)] * 4 + [fingerprint(1000, 1)] * 4, (
+        run.stderr
+    )

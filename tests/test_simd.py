@@ -15,15 +15,20 @@ from kickdrift.forces.simd import (
     WIDTH,
     aligned,
     any_lane,
+    flat,
+    inverse_sqrt,
     lane_max,
     lane_numbers,
     lane_sum,
     load,
+    load_first,
     mask_bits,
     multiply_add,
+    rotated,
     select,
     splat,
     store,
+    store_first,
 )
 
 POWERS = (1, 2, 3, 5, 6, 12, 31, 32)
@@ -219,6 +224,45 @@ def test_load_and_store_anywhere(start):
     a, out = np.arange(20.0), np.zeros(20)
     copy_from(a, start, out, 11 - start)
     assert out.tolist() == [0.0] * (11 - start) + list(range(start, start + 8)) + [0.0] * (1 + start)
+
+
+@jit
+def roots(a, out):
+    x = load(a, 0)
+    store(out[0], 0, inverse_sqrt(x))
+    store(out[1], 0, rotated(x, 1))
+    store(out[2], 0, rotated(x, 5))
+
+
+@given(eight(st.floats(1e-300, 1e300)))
+@settings(max_examples=300, deadline=None)
+def test_inverse_square_roots(a):
+    got = computed(roots, 3, a)
+    exact = 1 / np.sqrt(a.astype(np.longdouble))
+    assert np.max(np.abs(got[0] - exact) / np.spacing(exact.astype(float))) <= 2
+    np.testing.assert_array_equal(got[1:], [np.roll(a, -1), np.roll(a, -5)])
+
+
+def test_an_inverse_square_root_never_hides_what_is_no_number():
+    a = np.array([0.0, -0.0, -1.0, np.nan, np.inf, -np.inf, 4.0, 0.25])
+    got = computed(roots, 3, a)[0]
+    assert not np.isfinite(got[[0, 1, 2, 3, 5]]).any()
+    assert not got[4] > 0  # 0, the true value, or NaN
+    assert got[6:].tolist() == [0.5, 2.0]
+
+
+@jit
+def first_lanes(a, start, count, out, to):
+    whole = flat(a)
+    store_first(flat(out), to, load_first(whole, start, count) + 1.0, count)
+    return whole.size
+
+
+@pytest.mark.parametrize("count", range(9))
+def test_the_first_lanes_alone(count):
+    a, out = np.arange(24.0).reshape(2, 3, 4), np.zeros((4, 6))
+    assert first_lanes(a, 24 - count, count, out, 24 - count) == 24  # nothing beyond the end is touched
+    assert out.ravel().tolist() == [0.0] * (24 - count) + list(np.arange(25.0 - count, 25.0))
 
 
 @pytest.mark.parametrize("shape", [(8,), (3, 16), (1,), (2, 3, 5)])

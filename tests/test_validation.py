@@ -113,6 +113,7 @@ def test_a_failed_claim_is_exit_status_one(script, capsys):
         "jpl_de421.py",
         "performance/lj_lammps.py",
         "performance/lj_scaling.py",
+        "performance/nbody_rebound.py",
     ],
 )
 def test_scripts_import_and_have_claims(script, name):
@@ -129,6 +130,14 @@ def test_lammps_missing_is_not_a_failure(script, monkeypatch, capsys):
     (row,) = module.claims()
     assert row["verdict"] == "not run"
     assert "pip install" in row["value"]
+
+
+def test_rebound_missing_is_not_a_failure(script, monkeypatch):
+    module = script("performance/nbody_rebound.py")
+    monkeypatch.setitem(sys.modules, "rebound", None)
+    rows = module.claims()
+    assert {row["verdict"] for row in rows} == {"not run"}
+    assert all("pip install" in row["value"] for row in rows)
 
 
 # --- integrators ---

@@ -166,17 +166,19 @@ def check_overlaps(system: System) -> None:
 
     Overlapping means: nearer than ``OVERLAP`` times the smallest length that any force names in its ``shortest()``;
     where none does, at the very same place. Distances are between nearest images. Without forces nothing overlaps, and
-    with those alone that say ``may_overlap``.
+    with those alone that say ``may_overlap``; massless particles, which do not act on each other, may be at one place.
     """
     if all(getattr(force, "may_overlap", False) for force in system.forces) or len(system) < 2:
         return
     lengths = [length for force in system.forces if (length := getattr(force, "shortest", lambda: None)())]
     wrapped = np.asarray(system.state.wrapped())
-    order = np.lexsort(wrapped.T)
-    same = np.flatnonzero(np.all(wrapped[order[1:]] == wrapped[order[:-1]], axis=1))
+    massless = system.state.masses == 0
+    order = np.lexsort((massless, *wrapped.T))  # of those at one place the massive ones come first
+    same = np.flatnonzero(np.all(wrapped[order[1:]] == wrapped[order[:-1]], axis=1) & ~massless[order[:-1]])
     if same.size:
         first, second = sorted((int(order[same[0]]), int(order[same[0] + 1])))
-        raise InputError(f"positions: particles {first} and {second} are at the same place, distance 0")
+        which = f"{system.body(first)} and {system.body(second)}" if system.names else f"particles {first} and {second}"
+        raise InputError(f"positions: {which} are at the same place, distance 0")
     if not lengths:
         return
     from scipy.spatial import cKDTree

@@ -49,6 +49,8 @@ class Sample:
     pressure : (2 K + W) / (3 V), W the virial, sum of r . F over pairs (Allen & Tildesley 2017, eq. 2.60); nan in open
     space
     pairs : pairs of particles within the forces' range
+    centre_of_mass, centre_of_mass_velocity : (3,) sum of m x and of m v over that of m; None for a Problem and without
+    a mass
     taken : Taken
     """
 
@@ -61,6 +63,8 @@ class Sample:
     pressure: float = float("nan")
     pairs: int = 0
     taken: Taken = NOTHING
+    centre_of_mass: Floats | None = None
+    centre_of_mass_velocity: Floats | None = None
 
     def observables(self) -> dict[str, float | Floats]:
         """By the names that a run's file uses."""
@@ -72,6 +76,8 @@ class Sample:
         }
         if self.momentum is not None and self.angular_momentum is not None:
             values |= {"momentum": self.momentum, "angular_momentum": self.angular_momentum}
+        if self.centre_of_mass is not None:
+            values["centre_of_mass"] = self.centre_of_mass
         if not np.isnan(self.temperature):
             values["temperature"] = self.temperature
         if not np.isnan(self.pressure):
@@ -101,6 +107,7 @@ def take_sample(system: System, forces: BoundForces, step: int, time: float, pha
         raise RunError(f"step {step} (t = {time:g}): the forces at these positions are not finite")
     x, v = phase
     m = system.coherent_masses
+    total_mass = m.sum()
     kinetic = kinetic_energy(m, v)
     if not np.isfinite(kinetic + measured.potential):
         raise RunError(f"step {step} (t = {time:g}): the energy is not finite")
@@ -117,6 +124,8 @@ def take_sample(system: System, forces: BoundForces, step: int, time: float, pha
         temperature=temperature,
         pressure=pressure,
         pairs=measured.pairs,
+        centre_of_mass=x @ m / total_mass if total_mass else None,
+        centre_of_mass_velocity=v @ m / total_mass if total_mass else None,
     )
 
 

@@ -23,9 +23,9 @@ STIFF_DECADES = 1e4  # of the fastest decay times the pilot's length, from where
 TIGHT = {
     "dop853": ((1e-13, 1e-12), (1e-11, 1e-10), (1e-9, 1e-8), (1e-7, 1e-6)),
     "radau": ((1e-11, 1e-10), (1e-9, 1e-8), (1e-7, 1e-6)),  # of order 5, it would crawl at less
-    "gauss-radau15": ((1e-9, 1e-8), (1e-7, 1e-6), (1e-5, 1e-4)),
+    "gauss-radau15": ((1e-12, 1e-11), (1e-10, 1e-9), (1e-8, 1e-7), (1e-5, 1e-4)),
 }
-MODERATE = {"dop853": 1e-9, "radau": 1e-9, "gauss-radau15": 1e-7}  # of two runs that show how fast neighbours part
+MODERATE = {"dop853": 1e-9, "radau": 1e-9, "gauss-radau15": 1e-10}  # of two runs that show how fast neighbours part
 ATOL = 1e-2  # times rtol and the unknowns' size, where the file names no tolerances
 LOST = log(1e12)  # exponents of growth over a run that leave nothing of double precision's digits
 PERTURBATION = 1e-8  # of a start that shows how fast neighbours part

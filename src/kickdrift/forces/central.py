@@ -63,3 +63,9 @@ def check_open(name: str, system: System) -> None:
     """Refuse a periodic box."""
     if system.box.periodic:
         raise InputError(f"{name}: needs open space, and the box is periodic")
+
+
+def check_masses(name: str, system: System) -> None:
+    """Refuse particles without any mass where nothing but gravity acts: forces that are ``by_mass``."""
+    if not system.state.masses.any() and all(getattr(force, "by_mass", False) for force in system.forces):
+        raise InputError(f"{name}: no particle has a mass, so that nothing pulls; give one or more a mass")

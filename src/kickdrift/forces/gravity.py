@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from kickdrift.errors import InputError
+from kickdrift.forces.central import check_masses
 
 if TYPE_CHECKING:
     from kickdrift.system import System
@@ -17,18 +18,22 @@ class Gravity:
     """U = -G sum m_i m_j / sqrt(r^2 + softening^2) over pairs (Plummer 1911, doi:10.1093/mnras/71.5.460, for the
     softening).
 
+    Massless particles (test particles) feel the bodies that have a mass and do not pull; an evaluation costs m^2 / 2 +
+    m k for m bodies and k test particles. Each pair counts once, and the two forces on it are opposite to round-off.
+
     Attributes
     ----------
     G : float, optional
         In the system's units; default the unit system's own.
     softening : float
-        A length; default 0. Massless particles feel the others and do not pull.
+        A length; default 0. With one, bodies may be at the same place.
     """
 
     G: float | None = None
     softening: float = 0.0
 
     name: ClassVar[str] = "gravity"
+    by_mass: ClassVar[bool] = True
     dimensions: ClassVar[dict[str, str]] = {"G": "gravitational constant", "softening": "length"}
 
     def __post_init__(self) -> None:
@@ -37,12 +42,18 @@ class Gravity:
         if not (math.isfinite(self.softening) and self.softening >= 0):
             raise InputError(f"gravity: softening must be a length, zero or more, got {self.softening}")
 
+    @property
+    def may_overlap(self) -> bool:
+        """Whether particles may begin at the same place as far as this force is concerned."""
+        return self.softening > 0
+
     def check(self, system: System) -> None:
         """Refuse a system that this force cannot run on."""
         if system.box.periodic:
             raise InputError("gravity: direct summation needs open space, and the box is periodic")
         if self.G is None and system.units.gravity is None:
             raise InputError(f"gravity: units {system.units.name!r} have no G of their own; give G")
+        check_masses(self.name, system)
 
     def bind(self, system: System, threads: int = 1) -> Any:
         """The compiled form of this force for a System: a NamedTuple that ``accelerate`` knows."""

@@ -54,6 +54,7 @@ class Oblateness:
     G: float | None = None
 
     name: ClassVar[str] = "j2"
+    by_mass: ClassVar[bool] = True
     dimensions: ClassVar[dict[str, str]] = {"radius": "length", "G": "gravitational constant"}
 
     def __post_init__(self) -> None:

@@ -58,6 +58,7 @@ class PostNewtonian:
     G: float | None = None
 
     name: ClassVar[str] = "relativity-1pn"
+    by_mass: ClassVar[bool] = True
     dimensions: ClassVar[dict[str, str]] = {"c": "velocity", "G": "gravitational constant"}
 
     def __post_init__(self) -> None:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from kickdrift.errors import InputError
-from kickdrift.forces.central import check_open, check_positive, gravitational_constant
+from kickdrift.forces.central import check_masses, check_open, check_positive, gravitational_constant
 from kickdrift.forces.fields import number
 
 if TYPE_CHECKING:
@@ -43,6 +43,7 @@ class GravityTree:
     G: float | None = None
 
     name: ClassVar[str] = "gravity-tree"
+    by_mass: ClassVar[bool] = True
     dimensions: ClassVar[dict[str, str]] = {"G": "gravitational constant", "softening": "length"}
 
     def __post_init__(self) -> None:
@@ -58,6 +59,12 @@ class GravityTree:
         """Refuse a system that this force cannot run on."""
         check_open(self.name, system)
         gravitational_constant(self.name, self.G, system)
+        check_masses(self.name, system)
+
+    @property
+    def may_overlap(self) -> bool:
+        """Whether particles may begin at the same place as far as this force is concerned."""
+        return self.softening > 0
 
     def bind(self, system: System, threads: int = 1) -> Any:
         """The compiled form of this force for a System: a NamedTuple that ``accelerate`` knows."""

@@ -40,6 +40,7 @@ class Tables(NamedTuple):
     positions : (8, 8) in the integral of that, over s^2
     corrections : (7, 8) what the part of the acceleration at a node that the polynomial misses adds to c_0 … c_7, so
         that the values at the nodes before stay as they are
+    values_low, velocities_low, positions_low : what rounding those weights has lost, see ``gauss_radau_loop.place``
     shifts : (8, 8) j over k in row k: (1 + s)^j = sum_k shifts_kj s^k
     """
 
@@ -47,6 +48,9 @@ class Tables(NamedTuple):
     values: Floats
     velocities: Floats
     positions: Floats
+    values_low: Floats
+    velocities_low: Floats
+    positions_low: Floats
     corrections: Floats
     shifts: Floats
 
@@ -86,8 +90,9 @@ def tables() -> Tables:
             value = sum(factor * s[k] ** power for power, factor in enumerate(product))
             corrections.append([factor / value for factor in product] + [Decimal(0)] * (STAGES - 1 - k))
         weights = [[[end**j / ways for j, ways in enumerate(row)] for end in ends] for row in _WAYS]
+        low = [[[weight - Decimal(float(weight)) for weight in row] for row in table] for table in weights]
     shifts = [[comb(j, k) for j in range(STAGES)] for k in range(STAGES)]
-    return Tables(np.array(s, float), *(np.array(table, float) for table in (*weights, corrections, shifts)))
+    return Tables(np.array(s, float), *(np.array(table, float) for table in (*weights, *low, corrections, shifts)))
 
 
 _WAYS = (

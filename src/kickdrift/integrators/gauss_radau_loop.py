@@ -33,6 +33,7 @@ TIME, LOST_TIME, NEXT, STEP_LAST, BEFORE, RATIO, SHORTEST = range(7)
 MOST = 25  # iterations
 CONVERGED = 2.2e-16  # residual that another iteration would find, over the size of the accelerations
 ROUNDED = 1e-9  # a residual that stops shrinking below this is rounding; above, the iteration diverges
+LOW = 4  # terms whose weights are taken with what their rounding loses
 PATIENCE = 3  # iterations in which residuals may grow, from a first guess
 SHORTEST_MOST = 100  # steps that long in a row
 SHORTER = 0.25  # a step is rejected if the next one would be shorter by that factor; none is longer by its inverse
@@ -79,16 +80,20 @@ def set_scale(work, h, particles):
 
 
 @strict
-def place(target, offset, start, lost, slope, terms, weights, s, h):
+def place(target, offset, start, lost, slope, terms, weights, low, s, h):
     """target[offset:] <- start + lost + s h (slope + s h sum_j weights_j terms_j); without the slope, where that is
-    None, one s h less. s h is taken with what its rounding loses: the same in every step of one length, it would make
-    the energy drift."""
+    None, one s h less.
+
+    What the rounding of s h and of the first weights loses is ``rest`` and ``low``: being the same in every step it
+    would make the energy drift, by some 1e-20 a step."""
     width = start.size
     factor = splat(s) * splat(h)
     rest = multiply_add(splat(s), splat(h), -factor)
     for i in range(0, width, WIDTH):
-        total = splat(weights[TERMS - 1]) * load(terms, (TERMS - 1) * width + i)
-        for j in range(TERMS - 2, -1, -1):
+        total = splat(low[1]) * load(terms, width + i)
+        for j in range(2, LOW):
+            total = multiply_add(splat(low[j]), load(terms, j * width + i), total)
+        for j in range(TERMS - 1, -1, -1):
             total = multiply_add(splat(weights[j]), load(terms, j * width + i), total)
         if slope is not None:
             total = multiply_add(factor, total, load(slope, i))
@@ -97,13 +102,15 @@ def place(target, offset, start, lost, slope, terms, weights, s, h):
 
 
 @strict
-def correct(terms, found, offset, values, corrections, node, scale):
+def correct(terms, found, offset, values, low, corrections, node, scale):
     """Make the polynomial go through ``found[offset:]`` at a node; by how much it had missed, at most, on that
     scale."""
     width, worst = scale.size, splat(0.0)
     for i in range(0, width, WIDTH):
-        total = splat(values[TERMS - 1]) * load(terms, (TERMS - 1) * width + i)
-        for j in range(TERMS - 2, 0, -1):
+        total = splat(low[1]) * load(terms, width + i)
+        for j in range(2, LOW):
+            total = multiply_add(splat(low[j]), load(terms, j * width + i), total)
+        for j in range(TERMS - 1, 0, -1):
             total = multiply_add(splat(values[j]), load(terms, j * width + i), total)
         missed = minus(minus(load(found, offset + i), load(terms, i)), total)
         for j in range(1, node + 1):
@@ -114,14 +121,16 @@ def correct(terms, found, offset, values, corrections, node, scale):
 
 
 @strict
-def finish(x, lost, slope, lost_slope, terms, weights, h):
+def finish(x, lost, slope, lost_slope, terms, weights, low, h):
     """x <- x + h (slope + h sum_j weights_j terms_j), where the slope is None x + h sum_j weights_j terms_j. The
     largest product is taken whole, by a fused multiply-add, and what the sums lose is kept (two-sums: Knuth 1969;
     Dekker 1971, doi:10.1007/BF01397083)."""
     width = x.size
     for i in range(0, width, WIDTH):
-        total = splat(weights[TERMS - 1]) * load(terms, (TERMS - 1) * width + i)
-        for j in range(TERMS - 2, 0, -1):
+        total = splat(low[1]) * load(terms, width + i)
+        for j in range(2, LOW):
+            total = multiply_add(splat(low[j]), load(terms, j * width + i), total)
+        for j in range(TERMS - 1, 0, -1):
             total = multiply_add(splat(weights[j]), load(terms, j * width + i), total)
         if slope is not None:
             total = multiply_add(splat(weights[0]), load(terms, i), total)
@@ -150,19 +159,18 @@ def iterate(bound, t, h, trial, trial_flat, dy, dy_flat, work, tables, velocitie
     for count in range(MOST):
         missed = 0.0  # at any node
         for node in range(1, TERMS):
-            s = tables.nodes[node]
+            s, row = tables.nodes[node], node - 1
+            once, once_low = tables.velocities[row], tables.velocities_low[row]
             if halves == 2:
-                place(trial_flat, 0, work[X], work[LOST_X], work[V], now, tables.positions[node - 1], s, h)
-                if velocities:
-                    place(trial_flat, offset, work[V], work[LOST_V], None, now, tables.velocities[node - 1], s, h)
-            else:
-                place(trial_flat, 0, work[V], work[LOST_V], None, now, tables.velocities[node - 1], s, h)
+                twice, twice_low = tables.positions[row], tables.positions_low[row]
+                place(trial_flat, 0, work[X], work[LOST_X], work[V], now, twice, twice_low, s, h)
+            if halves == 1 or velocities:
+                place(trial_flat, offset, work[V], work[LOST_V], None, now, once, once_low, s, h)
             status = fill_derivative(bound, t + s * h, trial, dy, cursor)
             if status != OK:
                 return status
-            at_node = correct(
-                now, dy_flat, offset, tables.values[node - 1], tables.corrections[node - 1], node, work[SCALE]
-            )
+            values, low, corrections = tables.values[row], tables.values_low[row], tables.corrections[row]
+            at_node = correct(now, dy_flat, offset, values, low, corrections, node, work[SCALE])
             missed = max(missed, at_node)
         if missed == 0.0:
             return OK
@@ -231,9 +239,11 @@ def gauss_radau_loop(
                 work[row + GUESS_LAST - NOW, i] = work[row + GUESS - NOW, i]
         for i in range(width):
             work[X_BEFORE, i], work[V_BEFORE, i] = work[X, i], work[V, i]
+        once, once_low = tables.velocities[TERMS - 1], tables.velocities_low[TERMS - 1]
         if halves == 2:
-            finish(work[X], work[LOST_X], work[V], work[LOST_V], now, tables.positions[TERMS - 1], h)
-        finish(work[V], work[LOST_V], None, None, now, tables.velocities[TERMS - 1], h)
+            twice, twice_low = tables.positions[TERMS - 1], tables.positions_low[TERMS - 1]
+            finish(work[X], work[LOST_X], work[V], work[LOST_V], now, twice, twice_low, h)
+        finish(work[V], work[LOST_V], None, None, now, once, once_low, h)
         for i in range(size):
             flat_y[offset + i] = work[V, i]
         if halves == 2:
@@ -249,8 +259,9 @@ def gauss_radau_loop(
 @strict
 def advance_clock(clock, h):
     """TIME <- TIME + h, what rounding loses kept, h the longer or not (a two-sum)."""
-    before, increment = clock[TIME], clock[LOST_TIME] + h
-    after = before + increment
+    before = clock[TIME]
+    after = before + h
     taken = after - before
-    clock[TIME] = after
-    clock[LOST_TIME] = (before - (after - taken)) + (increment - taken)
+    lost = clock[LOST_TIME] + ((before - (after - taken)) + (h - taken))
+    clock[TIME] = after + lost
+    clock[LOST_TIME] = lost - (clock[TIME] - after)

@@ -8,8 +8,7 @@ with the moduli of the acceleration and its time derivatives at the step's end, 
 (7! epsilon)^(1/7) tau makes the polynomial's last coefficient about epsilon of the acceleration. It comes to nothing
 where an acceleration passes through zero, which that of a body in the midst of a symmetric figure does. How fast the
 motion changes there, the same ratio of the next derivatives says, a' in the place of a, or a'', and so on. Half of
-that, or a quarter, …, is the least that tau may be: elsewhere tau is longer, and their rule stands as it is. An unknown
-of a Problem by itself, which passes through zero as a matter of course, has the longest of these times whole.
+that, or a quarter, …, is the least that tau may be: elsewhere tau is longer, and their rule stands as it is.
 """
 
 from __future__ import annotations
@@ -51,11 +50,11 @@ def next_step(terms, ends, v, rows, n, h, eta):
         if h * change > UNSEEN * (scale if together else abs(v[body])):
             for level in range(TERMS):
                 sizes[level] = size_of(ends[level], body, n, rows)
-            shortest = min(shortest, time_scale2(sizes, GUARD if together else 1.0))
+            shortest = min(shortest, time_scale2(sizes))
     if not together:
         for level in range(TERMS):
             sizes[level] = size_of(ends[level], 0, 1, n)
-        shortest = min(shortest, time_scale2(sizes, GUARD))
+        shortest = min(shortest, time_scale2(sizes))
     return eta * h * np.sqrt(shortest)
 
 
@@ -69,14 +68,14 @@ def size_of(values, first, apart, count):
 
 
 @jit
-def time_scale2(sizes, guard):
+def time_scale2(sizes):
     """tau^2 in units of the step's square, by the moduli (8,) of a and its derivatives, the square of each next time
-    scale times ``guard``; infinite where all moduli are zero."""
+    scale times GUARD; infinite where all moduli are zero."""
     longest, still, share = 0.0, True, 1.0
     for level in range(TERMS - 2):
         size = sizes[level]
         if size > 0.0:
             still = False
             longest = max(longest, share * 2.0 / ((sizes[level + 1] / size) ** 2 + sizes[level + 2] / size))
-        share *= guard
+        share *= GUARD
     return np.inf if still else longest

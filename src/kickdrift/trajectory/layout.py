@@ -28,7 +28,8 @@ SERIES_CHUNK = 512  # rows of a series with one row for each frame or sample
 # Units that are lengths and times to MDAnalysis, in its own angstrom and ps.
 _ANGSTROM = {"angstrom": 1.0, "nm": 10.0, "m": 1e10}
 _PICOSECOND = {"ps": 1.0, "fs": 1e-3, "s": 1e12}
-_ENERGIES = ("kinetic_energy", "potential_energy", "total_energy")
+_DIMENSION = dict.fromkeys(("kinetic_energy", "potential_energy", "total_energy"), "energy")
+_DIMENSION["centre_of_mass"] = "length"
 
 
 class FileUnits(NamedTuple):
@@ -56,7 +57,7 @@ class FileUnits(NamedTuple):
 
 def observable_unit(name: str, units: UnitSystem) -> str:
     """The true unit of an observable, in words; empty where it is not known."""
-    dimension = "energy" if name in _ENERGIES else name.replace("_", " ")
+    dimension = _DIMENSION.get(name, name.replace("_", " "))
     return units.unit(dimension) if dimension in DIMENSIONS else ""
 
 
