@@ -47,7 +47,12 @@ def assert_third_law(system, accelerations, central):
     np.testing.assert_allclose(accelerations[:, central], expected, rtol=0, atol=1e-14 * scale)
 
 
-@given(st.integers(0, 2**32 - 1), st.integers(2, 12), st.floats(1e-9, 0.1).flatmap(lambda j: st.sampled_from([j, -j, 0.0])), st.floats(0.01, 0.5))
+@given(
+    st.integers(0, 2**32 - 1),
+    st.integers(2, 12),
+    st.floats(1e-9, 0.1).flatmap(lambda j: st.sampled_from([j, -j, 0.0])),
+    st.floats(0.01, 0.5),
+)
 @settings(max_examples=100, deadline=None)
 def test_j2_in_cartesian_coordinates(seed, n, j2, radius):
     system = bodies(seed, n, j2=j2, radius=radius)

@@ -1,9 +1,13 @@
-"""The README's Python runs as it stands there."""
+"""The README's Python runs as it stands there, and the system file of the page on orbits loads."""
 
 from __future__ import annotations
 
 import re
 from pathlib import Path
+
+import numpy as np
+
+import kickdrift as kd
 
 README = Path(__file__).parents[1] / "README.md"
 
@@ -16,3 +20,14 @@ def test_the_python_of_the_readme_runs(capsys):
     assert capsys.readouterr().out.startswith(str(report.energy.rms_relative_error))
     assert report.energy.verdict == "bounded"
     assert abs(report.temperature - 1.0) < 0.05
+
+
+def test_the_system_of_the_page_on_orbits_loads(tmp_path):
+    page = README.parent / "docs" / "orbits.md"
+    (text,) = re.findall(r"```toml\n(.*?)```", page.read_text(encoding="utf-8"), flags=re.DOTALL)
+    (tmp_path / "orbits.toml").write_text(text, encoding="utf-8")
+    system = kd.load(tmp_path / "orbits.toml")
+    assert system.names == ("Star", "b", "c", "comet", "dust 1", "dust 2")
+    np.testing.assert_allclose(system.radii[:3] * 149597870.7, [600000.0, 70000.0, 0.0], rtol=1e-12)  # AU in km
+    assert len(system.events) == 4
+    assert np.abs(system.state.masses @ system.state.positions).max() < 1e-15

@@ -52,7 +52,12 @@ def on_orbits(table: ElementsTable, gravity: float | None, seed: int | None = No
     named = [name or f"particle {i}" for i, name in enumerate(names)] if any(names) else []
     x, v = (at_barycentre(y, masses, table.frame) for y in (x, v))
     drawn = seed if table.seed is not None else None
-    return Structure(x, masses, ["A"] * len(masses), None, periodic=False, velocities=v, names=named, seed=drawn)
+    radii = None
+    if any(body.radius is not None for body in given):  # those that name none are points
+        radii = np.repeat([body.radius or 0.0 for body in given], counts).tolist()
+    return Structure(
+        x, masses, ["A"] * len(masses), None, periodic=False, velocities=v, names=named, seed=drawn, radii=radii
+    )
 
 
 def _orbit(body: BodyTable, count: int, mu: Floats, rng: np.random.Generator) -> tuple[Floats, Floats]:

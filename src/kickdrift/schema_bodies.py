@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, NonNegativeInt, PositiveInt, ValidationInfo, model_validator
 
 from kickdrift.errors import InputError
-from kickdrift.schema_base import In, Mass, Pull, Table
+from kickdrift.schema_base import In, Mass, Pull, Radius, Table
 
 
 class Spread(In):
@@ -32,6 +32,7 @@ class CentralTable(Table):
     body: str | None = None
     mass: Mass | None = None
     GM: Pull | None = None
+    radius: Radius | None = None
 
     @model_validator(mode="after")
     def _one_mass(self) -> CentralTable:
