@@ -68,7 +68,6 @@ class TreeKernel(NamedTuple):
 
     softening2: float
     tolerance: float
-    pairs: float  # that interact, those of two massless particles left out
     gm_by_id: NDArray[np.float64]  # (n,) G m
     masses: NDArray[np.float64]  # (n,) coherent
     rows: NDArray[np.float64]  # (n, 4) x, y, z and id, sorted
@@ -86,13 +85,12 @@ class TreeKernel(NamedTuple):
 
 def bind(force: GravityTree, system: System, threads: int) -> TreeKernel:
     """The force for this System, on this many threads."""
-    n, massless = len(system), int(np.count_nonzero(system.state.masses == 0))
+    n = len(system)
     clusters = -(-n // WIDTH)
     slots, nodes = WIDTH * clusters, 2 * clusters - 1
     return TreeKernel(
         softening2=force.softening**2,
         tolerance=SHARE * force.accuracy**POWER,
-        pairs=0.5 * (n * (n - 1) - massless * (massless - 1)),
         gm_by_id=gravitational_constant(force.name, force.G, system) * system.state.masses,
         masses=system.coherent_masses,
         rows=np.empty((n, 4)),
@@ -133,15 +131,18 @@ def add_sums(force, sums):
     which is that of r . F over pairs as far as the forces of two are opposite."""
     n, root = force.rows.shape[0], force.nodes[0]
     energy = virial = 0.0
+    massless = 0
     for s in range(n):
         m = force.masses[int(force.rows[s, 3])]
+        if m == 0.0:
+            massless += 1
         energy += 0.5 * m * force.potential[s]
         for k in range(3):
             virial += m * (force.x[k, s] - root[CX + k]) * force.a[k, s]
     if root[GM] > 0.0:
         sums[0] += energy
         sums[1] += virial
-    sums[2] += force.pairs
+    sums[2] += 0.5 * (n * (n - 1) - massless * (massless - 1))
 
 
 @chunk_task
