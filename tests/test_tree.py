@@ -147,6 +147,9 @@ def test_test_particles_in_one_place():
     direct = measured(x, masses, Gravity())
     errors = relative_errors(measured(x, masses, GravityTree(1e-3)), direct)
     assert errors.max() < 1e-3
+    around_one = measured(np.zeros((700, 3)) + np.eye(700, 3), np.eye(700)[0], GravityTree())
+    assert around_one.potential == around_one.virial == 0.0
+    assert np.all(around_one.accelerations[0, 3:] == 1.0)
 
 
 def test_a_sun_and_test_particles():
@@ -246,6 +249,8 @@ def test_refusals():
             GravityTree(**options)
     with pytest.raises(InputError, match=r"^gravity-tree: needs open space, and the box is periodic"):
         kd.System(np.eye(3), box=(1, 1, 1), forces=[GravityTree(G=1.0)])
+    with pytest.raises(InputError, match=r"^gravity-tree: no particle has a mass"):
+        kd.System(np.eye(3), masses=0.0, forces=[GravityTree(G=1.0)])
     with pytest.raises(InputError, match=r"^gravity-tree: units 'lj' have no G of their own; give G"):
         kd.System(np.eye(3), forces=[GravityTree()])
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from kickdrift.forces.central import gravitational_constant
 from kickdrift.forces.chunks import Parallel, Serial, chunk_task, each_chunk
-from kickdrift.forces.compiling import jit, never_inline
+from kickdrift.forces.compiling import in_order, never_inline
 from kickdrift.forces.kernel import BLOWN_UP, OK, kernel
 from kickdrift.forces.simd import (
     WIDTH,
@@ -125,7 +125,7 @@ def tree_forces(force, t, x, v, a, sums):
     return OK
 
 
-@jit
+@in_order
 def add_sums(force, sums):
     """Potential energy, virial and pairs; the virial is the sum of m x . a over particles, x from the centre of mass,
     which is that of r . F over pairs as far as the forces of two are opposite."""
@@ -159,7 +159,7 @@ def pull_groups_and_sums(force, c):
     walk_some(force, force.potential, c)
 
 
-@jit
+@in_order
 def walk_some(force, potential, c):
     """Every CHUNKS-th block of groups from c on; neighbours walk one after the other, over nodes still in the cache."""
     count = force.counts[GROUPS]
@@ -169,7 +169,7 @@ def walk_some(force, potential, c):
             walk(force, potential, force.groups[g])
 
 
-@jit
+@in_order
 def walk(force, potential, group):
     """Find what pulls a group, and add it up."""
     first, last = force.span[group, 0], force.span[group, 1]
@@ -212,7 +212,7 @@ def walk(force, potential, group):
     pull_of_particles(force, potential, first, last, near, n_near)
 
 
-@jit
+@in_order
 def box(force, first, last):
     """The lowest and highest x, y, z of clusters first to last."""
     low, high = np.empty(3), np.empty(3)
@@ -226,7 +226,7 @@ def box(force, first, last):
     return low, high
 
 
-@jit
+@in_order
 def distance2(row, low, high):
     """Squared distance from a node's centre of mass to the nearest point of a box."""
     total = 0.0
@@ -237,7 +237,7 @@ def distance2(row, low, high):
     return total
 
 
-@jit
+@in_order
 def least_acceleration(force, first, last, low, high):
     """An estimate of the smallest |a| in a group: that of the smooth field at its clusters' centres, from masses alone.
 
@@ -277,7 +277,7 @@ def least_acceleration(force, first, last, low, high):
     return math.sqrt(-lane_max(size2))
 
 
-@jit
+@in_order
 def pull_of_nodes(force, potential, first, last, found, count):
     """Add the pull of nodes: mass M and second moments S about the centre, for the softened U = -G / sqrt(r^2 +
     softening^2).
@@ -312,7 +312,7 @@ def pull_of_nodes(force, potential, first, last, found, count):
             store(potential, s, load(potential, s) + phi)
 
 
-@jit
+@in_order
 def pull_of_particles(force, potential, first, last, near, count):
     """Add the pull of the particles of clusters, one by one."""
     softening2, gm, zero = force.softening2, force.gm, splat(0.0)
