@@ -33,10 +33,10 @@ from kickdrift.integrators.wisdom_holman_loop import (
     wisdom_holman_loop,
 )
 from kickdrift.state import Floats
-from kickdrift.system import System
 
 if TYPE_CHECKING:
     from kickdrift.flow import Flow
+    from kickdrift.system import System
 
 STEPS_PER_PERIOD = 20  # of a passage of the pericentre: fewer are worth a warning (Wisdom 2015; Rein & Tamayo 2015)
 FAR = 4.0  # what fills up the lanes circles so many times as far out as the farthest body
@@ -53,7 +53,9 @@ class WisdomHolmanStepper:
         system: Any = flow.subject
         self._system, self.dt = system, options.dt
         self._jacobi, self._compensated = options.coordinates == JACOBI, options.compensated
-        self._others = BoundForces(_without_gravity(system), flow.forces.threads)
+        self._others = BoundForces(
+            system.under(force for force in system.forces if not isinstance(force, Gravity)), flow.forces.threads
+        )
         drift, kick = np.array(table.drift), np.array([*table.kick, 0.0])
         passed = np.cumsum(drift)
         begin = np.array([drift, kick, passed])
@@ -264,13 +266,3 @@ def _copy(array: Floats) -> Floats:
     copied = aligned(array.shape, None)
     copied[...] = array
     return copied
-
-
-def _without_gravity(system: System) -> System:
-    """The System with its other forces alone."""
-    state = system.state
-    return System(
-        state.positions, state.velocities, state.masses, system.box,
-        [force for force in system.forces if not isinstance(force, Gravity)], system.units,
-        [system.species[k] for k in system.species_index], system.name,
-    )  # fmt: skip
