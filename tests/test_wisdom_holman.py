@@ -369,7 +369,7 @@ def test_problems_are_refused():
         ),
         ("wisdom-holman", {"corrector": 4}, "corrector 4 is unknown; known are 0, 3, 5, 7, 11, 17"),
         ("wisdom-holman", {"order": "8,4"}, "order: wisdom-holman does not take it"),
-        ("saba", {"order": "9"}, "order '9' is unknown; known are 10,6,4, 4,2"),
+        ("saba", {"order": "9"}, "order '9' is unknown; known are 10,6,4; 4,2; 6,2"),
         ("saba", {"corrector": 3}, "corrector: saba does not take it"),
     ],
 )
@@ -415,6 +415,12 @@ def test_a_visitor_is_warned_of_once(coordinates):
     system = kd.System(x, v, masses=[1.0, 1e-3, 1e-8], forces=[kd.Gravity()], units="nbody", names=names)
     (line,) = warnings_of(system, coordinates=coordinates)
     assert line.startswith("Visitor is on a hyperbola from t = 0.025 on")
+
+
+def test_a_visitor_that_is_past_its_pericentre_needs_no_steps_for_it():
+    x, v = [[0.0, 0.0, 0.0], [3.0, 0.0, 0.0]], [[0.0, 0.0, 0.0], [2.0, 0.0, 0.0]]
+    (line,) = warnings_of(kd.System(x, v, masses=[1.0, 0.0], forces=[kd.Gravity()], units="nbody"))
+    assert line.startswith("particle 1 is on a hyperbola")
 
 
 @BOTH

@@ -15,8 +15,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Gravity:
-    """U = -G sum m_i m_j / sqrt(r^2 + softening^2) over pairs (Plummer 1911, doi:10.1093/mnras/71.5.460, for the
-    softening).
+    """Newtonian gravity, every pair summed: U = -G sum m_i m_j / sqrt(r^2 + softening^2).
+
+    The softening is Plummer's (1911, doi:10.1093/mnras/71.5.460).
 
     Massless particles (test particles) feel the bodies that have a mass and do not pull; an evaluation costs m^2 / 2 +
     m k for m bodies and k test particles. Each pair counts once, and the two forces on it are opposite to round-off.

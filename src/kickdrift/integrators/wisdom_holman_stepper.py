@@ -220,11 +220,12 @@ class WisdomHolmanStepper:
             x, v = bodies.orbit[:3, slot], bodies.orbit[3:, slot]
             r, h2 = float(np.linalg.norm(x)), float((np.cross(x, v) ** 2).sum())
             energy = 0.5 * float(v @ v) - gm / r
-            e = math.sqrt(max(0.0, 1.0 + 2.0 * energy * h2 / gm**2))
-            q = h2 / (gm * (1.0 + e))  # distance and time of the pericentre, 2 pi q / v there
-            passage = 2.0 * math.pi * math.sqrt(q**3 / (gm * (1.0 + e)))
-            if self._shortest is None or passage < self._shortest[0]:
-                self._shortest = passage, int(bodies.order[slot])
+            if energy < 0.0 or x @ v < 0.0:  # else its pericentre lies behind it for ever
+                e = math.sqrt(max(0.0, 1.0 + 2.0 * energy * h2 / gm**2))
+                q = h2 / (gm * (1.0 + e))  # distance and time of the pericentre, 2 pi q / v there
+                passage = 2.0 * math.pi * math.sqrt(q**3 / (gm * (1.0 + e)))
+                if self._shortest is None or passage < self._shortest[0]:
+                    self._shortest = passage, int(bodies.order[slot])
             far = -0.5 * gm / energy if energy < 0.0 else r
             bodies.table[HILL, slot] = (far * (bodies.table[SOURCE, slot] / (3.0 * bodies.gm)) ** (1 / 3)) ** 2
 
