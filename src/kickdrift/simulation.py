@@ -47,7 +47,7 @@ class Simulation:
     dt : step in the system's unit of time; default the system file's. For an adaptive method the first step, optional
     threads : of the forces; the results do not depend on it, bit by bit
     rtol, atol : relative and absolute error allowed per step by an adaptive method; default the system file's, else
-        1e-8 and 1e-10
+        1e-8 and 1e-10. gauss-radau15 takes rtol alone, which sets its steps, 1e-9 by default
     controller : how an adaptive method sets its step: "i", "pi" (default) or "pid"
     compensated : carry on what rounding loses of positions and velocities; for methods of fixed steps
     events : what to watch for (`CloseApproach`, `Collision`, `Escape`, `Crossing`); default the system file's

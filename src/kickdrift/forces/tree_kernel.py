@@ -131,15 +131,18 @@ def add_sums(force, sums):
     which is that of r . F over pairs as far as the forces of two are opposite."""
     n, root = force.rows.shape[0], force.nodes[0]
     energy = virial = 0.0
+    massless = 0
     for s in range(n):
         m = force.masses[int(force.rows[s, 3])]
+        if m == 0.0:
+            massless += 1
         energy += 0.5 * m * force.potential[s]
         for k in range(3):
             virial += m * (force.x[k, s] - root[CX + k]) * force.a[k, s]
     if root[GM] > 0.0:
         sums[0] += energy
         sums[1] += virial
-    sums[2] += 0.5 * n * (n - 1)
+    sums[2] += 0.5 * (n * (n - 1) - massless * (massless - 1))
 
 
 @chunk_task
