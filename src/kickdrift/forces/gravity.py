@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from kickdrift.errors import InputError
-from kickdrift.forces.central import check_masses
+from kickdrift.forces.central import check_masses, gravitational_constant
 
 if TYPE_CHECKING:
     from kickdrift.system import System
@@ -52,8 +52,7 @@ class Gravity:
         """Refuse a system that this force cannot run on."""
         if system.box.periodic:
             raise InputError("gravity: direct summation needs open space, and the box is periodic")
-        if self.G is None and system.units.gravity is None:
-            raise InputError(f"gravity: units {system.units.name!r} have no G of their own; give G")
+        gravitational_constant(self.name, self.G, system)
         check_masses(self.name, system)
 
     def bind(self, system: System, threads: int = 1) -> Any:

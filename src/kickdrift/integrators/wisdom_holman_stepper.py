@@ -9,6 +9,7 @@ import numpy as np
 
 from kickdrift.coordinates import from_democratic, from_jacobi, to_democratic, to_jacobi
 from kickdrift.forces.bound import BoundForces
+from kickdrift.forces.central import gravitational_constant
 from kickdrift.forces.evaluate import EVALUATIONS, SLOTS
 from kickdrift.forces.gravity import Gravity
 from kickdrift.forces.simd import WIDTH, aligned
@@ -68,7 +69,7 @@ class WisdomHolmanStepper:
             np.array([*part, np.zeros(part.shape[1])]) for part in (row, undone(row) if row.size else row)
         )
         gravity = next(force for force in system.forces if isinstance(force, Gravity))
-        self._G = float(gravity.G if gravity.G is not None else system.units.gravity)
+        self._G = gravitational_constant(gravity.name, gravity.G, system)
         self._place(system)
 
     def _place(self, system: System) -> None:
