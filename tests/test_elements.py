@@ -199,6 +199,19 @@ def test_what_is_no_orbit_is_refused(given, message):
     assert "\n" not in str(error.value)
 
 
+def test_what_was_given_is_shown_as_it_was_given():
+    with pytest.raises(InputError, match=r"e: .*, got -0\.1$"):
+        states(1.0, a=1.0, e=-0.1)
+    with pytest.raises(InputError, match=r"f of body 1: .*, got 2\.5 rad \(143\.239449 deg\)$"):
+        states(1.0, q=1.0, e=2.0, f=[0.0, 2.5])
+
+
+@pytest.mark.parametrize(("x", "v", "mu"), [((2, 3), (1, 3), 1), ((2, 3), (2, 3), 3), ((2,), (2,), 1)])
+def test_shapes_that_do_not_fit_are_refused(x, v, mu):
+    with pytest.raises(InputError, match=r"elements: expected positions and velocities \(…, 3\) and mu"):
+        elements(np.ones(x), np.ones(v), np.ones(mu))
+
+
 def test_no_mass_and_no_distance_are_refused():
     with pytest.raises(InputError, match="mu: expected a positive number"):
         states(0.0, q=1.0, e=0.0)

@@ -64,6 +64,17 @@ def test_a_body_that_is_not_there_gets_the_nearest_name():
         ephemeris_states("2000-01-01", ["Sun", "Plutto"])
 
 
+@pytest.mark.parametrize("bodies", ["Mars", []])
+def test_bodies_are_a_list(bodies):
+    with pytest.raises(InputError, match="bodies: expected a list of one or more of Sun, Mercury"):
+        ephemeris_states("2000-01-01", bodies)
+
+
+def test_a_time_zone_is_refused():
+    with pytest.raises(InputError, match="date: is in TDB, which has no time zones"):
+        julian_date("2000-01-01T12:00+05:00")
+
+
 def test_without_the_packages_one_line_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "de421", None)
     with pytest.raises(InputError, match=r"needs two packages: pip install kickdrift\[ephemeris\]"):

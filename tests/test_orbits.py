@@ -62,7 +62,7 @@ def test_elements_over_time_are_those_of_the_orbits(run):
     assert found.elements.a == pytest.approx(np.broadcast_to([1.0, 4.0], (60, 2)), rel=1e-12)
     assert found.elements.e == pytest.approx(np.broadcast_to([0.1, 0.3], (60, 2)), abs=1e-13)
     assert found.elements.inc[:, 1] == pytest.approx(0.5, abs=1e-13)
-    assert found.mu.tolist() == [1.0, 1.0]
+    assert np.array_equal(found.mu, np.ones((60, 2)))
     assert of.orbits(run, most_frames=7).elements.e.shape == (7, 2)
     with reader.open(run) as opened:
         assert np.array_equal(of.orbits(opened, "heliocentric").elements.e, found.elements.e)
@@ -100,6 +100,53 @@ def test_paths_are_about_the_barycentre(tmp_path):
     assert found.velocities[1] == pytest.approx(s.velocities, abs=1e-14)
     with pytest.raises(InputError, match=r"no body has 0\.5 of all mass"):
         of.orbits(path)
+
+
+@pytest.fixture
+def bodies_that_leave(tmp_path):
+    """Of four planets c is absorbed by b at t = 1, the file's third frame; the star takes d up, and e is removed, at
+    t = 2."""
+    star, moves = planets(e=(0.1, 0.1, 0.2, 0.3), inc=(0.0, 0.3, 0.1, 0.2), a=(1.0, 2.0, 3.0, 4.0))
+    masses = np.array([1.0, 1e-3, 1e-4, 1e-4, 1e-4])
+    s = star.state
+    system = System(s.positions, s.velocities, masses, forces=[Gravity()], units="nbody", names=star.names)
+
+    def following(t):
+        x, v = moves(t)
+        for y in (x, v):
+            if t >= 1.0:
+                y[2] = y[1]
+            if t >= 2.0:
+                y[3], y[4] = y[0], np.nan
+        return x, v
+
+    return write(tmp_path / "run.h5md", system, following, np.arange(0.0, 4.0, 0.5)), masses
+
+
+@pytest.mark.parametrize("frame", ["heliocentric", "jacobi", "barycentric"])
+def test_bodies_that_are_gone_have_no_elements_and_the_others_do(bodies_that_leave, frame):
+    path, masses = bodies_that_leave
+    found = of.paths(path)
+    there = np.ones((8, 5), dtype=bool)
+    there[2:, 2] = there[4:, 3:] = False
+    assert np.array_equal(np.isfinite(found.positions).all(axis=2), there)
+    assert found.held[3] == pytest.approx([1.0, 1.1e-3, 0.0, 1e-4, 1e-4])
+    assert found.held[5] == pytest.approx([1.0001, 1.1e-3, 0.0, 0.0, 0.0])
+    for y in (found.positions, found.velocities):
+        assert np.einsum("kn,knj->kj", found.held, np.nan_to_num(y)) == pytest.approx(np.zeros((8, 3)), abs=1e-15)
+    orbits = of.orbits(path, frame)
+    for values in (*orbits.elements, orbits.mu):
+        assert np.array_equal(np.isfinite(values), there[:, 1:])
+    assert orbits.mu[5, 0] == pytest.approx(1.0012)  # of what is left
+    if frame == "heliocentric":  # e's orbit is about the star and itself
+        assert orbits.mu[0] == pytest.approx(1.0 + masses[1:])
+        assert orbits.elements.e[:, 0] == pytest.approx(0.1, abs=0.01)
+
+
+def test_a_run_that_bodies_leave_is_drawn(bodies_that_leave, tmp_path, drawn):
+    plots_orbits.plot_orbits(bodies_that_leave[0], tmp_path / "figure.png")
+    eccentricities = [line.get_ydata() for line in panels(drawn[0])["Eccentricity"].lines]
+    assert [len(each) for each in eccentricities] == [8, 2, 4, 4]
 
 
 def test_bad_input(run, tmp_path):

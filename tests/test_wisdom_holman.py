@@ -17,6 +17,7 @@ from kickdrift.integrators import integrator
 from kickdrift.integrators.wisdom_holman import CORRECTORS, HELIOCENTRIC, JACOBI, LEAPFROG, SABA, corrector, undone
 
 WHFAST = json.loads((Path(__file__).parent / "data" / "whfast.json").read_text(encoding="utf-8"))
+FIELD = kd.UniformField((0.01, 0.02, -0.03))
 BOTH = pytest.mark.parametrize("coordinates", [JACOBI, HELIOCENTRIC])
 
 
@@ -277,7 +278,7 @@ def test_correctors_are_the_published_ones():
 
 
 @BOTH
-@pytest.mark.parametrize("force", [kd.HarmonicTrap(1e-5), kd.UniformField((0.01, 0.02, -0.03))], ids=lambda f: f.name)
+@pytest.mark.parametrize("force", [kd.HarmonicTrap(1e-5), FIELD], ids=lambda f: f.name)
 def test_other_forces_join_the_kicks(coordinates, force):
     """Against an eighth-order method; the difference goes with dt^2."""
     system = planets(3, forces=[force])
@@ -289,6 +290,28 @@ def test_other_forces_join_the_kicks(coordinates, force):
     ]
     assert errors[1] < 1e-3
     assert errors[0] / errors[1] == pytest.approx(4.0, rel=0.15)
+
+
+@BOTH
+def test_other_forces_know_the_bodies_by_name_and_number(coordinates):
+    """Also once a body has been absorbed, and the star is another row than its number says."""
+    own = planets(2).state
+    x, order = own.positions.copy(), [1, 2, 0]
+    x[2] = 1.01 * x[1]
+
+    def star_last(central):
+        return kd.System(
+            x[order], own.velocities[order], own.masses[order], names=["b", "c", "star"], units="nbody",
+            forces=[kd.Gravity(), kd.Oblateness(1e-2, 0.1, central=central)],
+        )  # fmt: skip
+
+    meet = kd.Collision(radii=[0.01, 0.01, 0.0])
+    ends = [
+        after(star_last(central), 5, coordinates=coordinates, events=[meet]).positions for central in (None, "star", 2)
+    ]
+    assert len(ends[0]) == 2
+    assert np.array_equal(ends[0], ends[1])
+    assert np.array_equal(ends[0], ends[2])
 
 
 def test_forces_by_velocity_are_refused():
@@ -304,12 +327,12 @@ def test_forces_by_velocity_are_refused():
     [
         ([1.0, 1.0, 1.0], "no body dominates: .* heaviest, particle 0, .* 2 of its mass.*gauss-radau15"),
         ([1.0, 0.1, 0.11], "no body dominates"),
-        ([0.0, 0.0, 0.0], "needs a central body, and no particle has mass"),
+        ([0.0, 0.0, 0.0], "needs a central body, and no particle has mass"),  # in a field; gravity alone refuses it
     ],
 )
 def test_no_central_body(masses, message):
     own = planets(2).state
-    system = kd.System(own.positions, own.velocities, masses, forces=[kd.Gravity()], units="nbody")
+    system = kd.System(own.positions, own.velocities, masses, forces=[kd.Gravity(), FIELD], units="nbody")
     for name in ("wisdom-holman", "saba"):
         with pytest.raises(InputError, match=message):
             kd.Simulation(system, name, dt=0.1)
@@ -346,7 +369,7 @@ def test_problems_are_refused():
         ),
         ("wisdom-holman", {"corrector": 4}, "corrector 4 is unknown; known are 0, 3, 5, 7, 11, 17"),
         ("wisdom-holman", {"order": "8,4"}, "order: wisdom-holman does not take it"),
-        ("saba", {"order": "9"}, "order '9' is unknown; known are 10,6,4, 4,2"),
+        ("saba", {"order": "9"}, "order '9' is unknown; known are 10,6,4; 4,2; 6,2"),
         ("saba", {"corrector": 3}, "corrector: saba does not take it"),
     ],
 )
@@ -392,6 +415,12 @@ def test_a_visitor_is_warned_of_once(coordinates):
     system = kd.System(x, v, masses=[1.0, 1e-3, 1e-8], forces=[kd.Gravity()], units="nbody", names=names)
     (line,) = warnings_of(system, coordinates=coordinates)
     assert line.startswith("Visitor is on a hyperbola from t = 0.025 on")
+
+
+def test_a_visitor_that_is_past_its_pericentre_needs_no_steps_for_it():
+    x, v = [[0.0, 0.0, 0.0], [3.0, 0.0, 0.0]], [[0.0, 0.0, 0.0], [2.0, 0.0, 0.0]]
+    (line,) = warnings_of(kd.System(x, v, masses=[1.0, 0.0], forces=[kd.Gravity()], units="nbody"))
+    assert line.startswith("particle 1 is on a hyperbola")
 
 
 @BOTH

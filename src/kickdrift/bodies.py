@@ -65,7 +65,7 @@ def _orbit(body: BodyTable, count: int, mu: Floats, rng: np.random.Generator) ->
         given = getattr(body, key)
         if isinstance(given, list):
             given = given[0] + (given[1] - given[0]) * rng.random(count)
-        return np.radians(given) if key in ("inc", "Omega", "omega", "f", "M", "E") and given is not None else given
+        return np.radians(given) if key in elements.ANGLES and given is not None else given
 
     values = {key: value(key) for key in ("a", "q", "P", "e", "inc", "Omega", "omega", "f", "M", "E", "T")}
     period = values.pop("P")

@@ -24,6 +24,7 @@ from kickdrift.errors import InputError
 from kickdrift.state import Floats
 
 TAU = 2 * math.pi
+ANGLES = ("inc", "Omega", "omega", "f", "M", "E")
 MOST_ITERATIONS = 100  # Newton's from the right of a convex function needs 5 to 15
 _CLOSED = 1.0  # |z| from which Stumpff's functions are in closed form; below it nine terms of their series are exact
 
@@ -143,6 +144,11 @@ def elements(positions: ArrayLike, velocities: ArrayLike, mu: ArrayLike) -> Elem
     """
     x, v = np.asarray(positions, dtype=float), np.asarray(velocities, dtype=float)
     mu_ = np.asarray(mu, dtype=float)
+    if x.shape != v.shape or x.shape[-1:] != (3,) or mu_.shape not in ((), x.shape[:-1], x.shape[-2:-1]):
+        raise InputError(
+            f"elements: expected positions and velocities (…, 3) and mu, a number or (…), got shapes {x.shape}, "
+            f"{v.shape} and {mu_.shape}"
+        )
     _refuse(~(mu_ > 0), "mu", mu_, "expected a positive number, G times the masses")
     r = np.linalg.norm(x, axis=-1)
     _refuse(r == 0, "position", r, "the body is at the centre")
@@ -312,4 +318,5 @@ def _refuse(bad: NDArray[np.bool_], name: str, values: Floats, why: str) -> None
         place = np.argwhere(np.atleast_1d(bad))[0]
         which = f" of body {', '.join(map(str, place))}" if np.ndim(values) and np.size(values) > 1 else ""
         value = float(np.atleast_1d(values)[tuple(place)])
-        raise InputError(f"{name}{which}: {why}, got {value:.17g}")
+        angle = f" rad ({math.degrees(value):.9g} deg)" if name in ANGLES and math.isfinite(value) else ""
+        raise InputError(f"{name}{which}: {why}, got {value!r}{angle}")

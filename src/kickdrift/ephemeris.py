@@ -61,6 +61,8 @@ def ephemeris_states(when: float | str | date, bodies: Sequence[str] = SOLAR_SYS
         For a date that DE421 does not reach, a body that it does not have, and where the packages are missing.
     """
     known = {name.lower(): name for name in BODIES}
+    if isinstance(bodies, str) or not len(bodies):
+        raise InputError(f"bodies: expected a list of one or more of {', '.join(BODIES)}, got {shown(bodies)}")
     for body in bodies:
         if not isinstance(body, str) or body.lower() not in known:
             raise InputError(f"bodies: {shown(body)} is not one of {', '.join(BODIES)}{suggestion(str(body), BODIES)}")
@@ -87,6 +89,8 @@ def julian_date(when: float | str | date) -> float:
             ) from None
     if isinstance(when, date):
         moment = when if isinstance(when, datetime) else datetime(when.year, when.month, when.day)
+        if moment.utcoffset():
+            raise InputError(f"date: is in TDB, which has no time zones; expected a date without one, got {moment}")
         since = moment.replace(tzinfo=UTC) - datetime(2000, 1, 1, 12, tzinfo=UTC)
         return J2000 + since / timedelta(days=1)
     if isinstance(when, bool) or not isinstance(when, int | float | np.number) or not math.isfinite(when):

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from kickdrift.blow_up import explain
+from kickdrift.blow_up import explain, nearest_pair
 from kickdrift.builders import check_overlaps
 from kickdrift.errors import InputError
 from kickdrift.forces.bound import BoundForces
@@ -89,6 +89,10 @@ class ParticleFlow:
         """One line on what blew up; ``before`` (3, n) is where the particles stood a step before y."""
         return explain(self.subject, y, before, good, step, time, good_step)
 
+    def meeting(self, y: Floats) -> str:
+        """Which particles are nearest to each other, as the end of a line on steps that came to nothing."""
+        return nearest_pair(self.subject, y[0])
+
 
 class ProblemFlow:
     """A Problem's solution."""
@@ -160,6 +164,10 @@ class ProblemFlow:
         worst = int(bad[0]) if bad.size else int(np.argmax(np.abs(flat)))
         what = f"y[{worst}] is {flat[worst]:.3g}"
         return f"blew up at step {step} (t = {time:.6g}): {what}; the last good point is step {good_step}"
+
+    def meeting(self, y: Floats) -> str:
+        """Nothing."""
+        return ""
 
 
 def check_state(state: Any, kind: Any) -> None:

@@ -55,7 +55,8 @@ def plot_orbits(path: str | os.PathLike[str], output: str | os.PathLike[str], *,
 
     The plane is the one at right angles to the total angular momentum, seen from the side where the bodies turn
     counterclockwise; x-y where they do not turn. Positions are relative to the barycentre. Of a body whose frames are
-    too far apart for a path, the ellipses that it was on are drawn, faint, and strong the one of the end.
+    too far apart for a path, the ellipses that it was on are drawn, faint, and strong the one of the end. A body that
+    was absorbed or removed is drawn as far as it came.
     """
     target = checked_target(output, overwrite)
     with reader.open(path) as run:
@@ -114,9 +115,10 @@ def _lines(found: Paths, orbits: Orbits | None) -> list[list[Floats]]:
             lines[i] = [path]
             continue
         part = 1.0 - found.masses[i] / within[k + 1]
-        for frame in np.unique(np.linspace(0, len(path) - 1, TURNS).round().astype(int)):
+        there = np.flatnonzero(np.isfinite(path[:, 0]))
+        for frame in np.unique(there[np.linspace(0, len(there) - 1, TURNS).round().astype(int)]):
             at = Elements(*(element[frame, k] for element in orbits.elements))
-            turn = _ellipse(at, orbits.mu[k])
+            turn = _ellipse(at, orbits.mu[frame, k])
             lines[i].append(path[frame] + part * (turn - turn[0]))
             if n == 2:
                 lines[found.central].append(found.positions[frame, found.central] - (1.0 - part) * (turn - turn[0]))
@@ -130,11 +132,12 @@ def _lines(found: Paths, orbits: Orbits | None) -> list[list[Floats]]:
 def _coarse(orbits: Orbits, k: int) -> bool:
     """Whether a body is on ellipses and turns by more than COARSE from frame to frame at its pericentre."""
     found = orbits.elements
-    e = found.e[:, k]
+    there = np.isfinite(found.e[:, k])
+    e = found.e[there, k]
     if len(orbits.times) < 2 or np.any(e >= 1):
         return len(orbits.times) < 2 and not np.any(e >= 1)
-    fastest = np.sqrt(orbits.mu[k] * (1.0 + e) / found.q[:, k] ** 3)
-    return bool(np.max(fastest) * np.median(np.diff(orbits.times)) > COARSE)
+    fastest = np.sqrt(orbits.mu[there, k] * (1.0 + e) / found.q[there, k] ** 3)
+    return bool(np.max(fastest, initial=0.0) * np.median(np.diff(orbits.times)) > COARSE)
 
 
 def _ellipse(at: Elements, mu: float) -> Floats:
@@ -148,15 +151,15 @@ def _views(found: Paths, lines: list[list[Floats]]) -> list[tuple[str, Floats, f
     far = np.linalg.norm(found.positions, axis=2)
     origin = np.zeros(3)
     if not lines:
-        return [("", origin, 1.1 * float(np.quantile(far[-1], CROWD)))]
+        return [("", origin, 1.1 * float(np.nanquantile(far[-1], CROWD)))]
     drawn = np.concatenate([*(line for body in lines for line in body), found.positions[-1]])
-    low, high = drawn.min(axis=0), drawn.max(axis=0)
+    low, high = np.nanmin(drawn, axis=0), np.nanmax(drawn, axis=0)
     reach = 0.54 * float((high - low).max())
     whole = ("", (low + high) / 2, reach)
     if found.central is None:
-        near = 1.1 * float(np.quantile(far, CLOSE))
+        near = 1.1 * float(np.nanquantile(far, CLOSE))
         return [whole, ("Close up", origin, near)] if reach > 0.5 * INNER * near else [whole]
-    sizes = np.sort(np.delete(far.max(axis=0), found.central))
+    sizes = np.sort(np.delete(np.nanmax(far, axis=0), found.central))
     if len(sizes) < 3 or sizes[-1] < INNER * sizes[0]:
         return [whole]
     near = 1.12 * float(sizes[int(np.argmax(sizes[1:] / sizes[:-1]))])
@@ -200,7 +203,7 @@ def _draw_space(figure: Any, place: tuple[int, int, int], found: Paths, lines: l
         shown = x[np.all(np.abs(x - centre) <= reach, axis=1)]
         axes.plot(*shown.T, ".", color=COLOURS[0], markersize=1.8, alpha=0.6)
     seen = np.concatenate([line for body in lines for line in body]) if lines else shown
-    height = min(reach, max(1.1 * float(np.abs(seen[:, 2] - centre[2]).max()), 0.3 * reach))
+    height = min(reach, max(1.1 * float(np.nanmax(np.abs(seen[:, 2] - centre[2]))), 0.3 * reach))
     axes.set(
         xlim=(centre[0] - reach, centre[0] + reach),
         ylim=(centre[1] - reach, centre[1] + reach),
@@ -251,7 +254,8 @@ def _draw_elements(figure: Figure | Any, columns: int, orbits: Orbits, units: Un
                       linewidth=0.9)  # fmt: skip
         axes.set_title(label[:1].upper() + label[1:])
         _time_axis(axes, units)
-        if column == 0 and np.all(values > 0) and values.max() > INNER * values.min():
+        known = values[np.isfinite(values)]
+        if column == 0 and np.all(known > 0) and np.ptp(known) > (INNER - 1.0) * known.min():
             axes.set_yscale("log")
 
 

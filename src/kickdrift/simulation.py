@@ -329,7 +329,9 @@ class Simulation:
         with_step = "" if self.method.chooses_steps else f", dt = {self.dt:g}"
         good = self._flow.array(last)
         if stopped:
-            message = f"stopped at step {step} (t = {stepper.time:.6g}): {stepper.trouble}"
+            message = (
+                f"stopped at step {step} (t = {stepper.time:.6g}): {stepper.trouble}{self._flow.meeting(stepper.y)}"
+            )
         else:
             reached, before = stepper.reached(inside_step)
             message = self._flow.explain(reached, before, good, step, time, last.steps_done)

@@ -156,6 +156,12 @@ class System:
             force.check(left)
         return left
 
+    def under(self, forces: Iterable[Any]) -> System:
+        """The same system, its bodies under their names and numbers, with these forces in place of its own."""
+        other = copy(self)
+        object.__setattr__(other, "forces", tuple(forces))
+        return other
+
     def watched(self, events: Iterable[Event]) -> System:
         """The same system with these events to watch for in place of its own."""
         other = copy(self)

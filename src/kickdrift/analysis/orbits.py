@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from kickdrift.coordinates import about_centre, attracting_masses, to_barycentric
+from kickdrift.coordinates import about_centre, attracting_masses
 from kickdrift.elements import Elements, elements
 from kickdrift.errors import InputError
 from kickdrift.state import Floats
@@ -22,25 +22,29 @@ FLAT = 1e-10  # of the sum of the bodies' own angular momenta: less than that, a
 class Paths(NamedTuple):
     """Where bodies were: (k,) times, (k, n, 3) positions and velocities relative to their barycentre, (n,) masses.
 
-    ``central`` is the row of the body that the others orbit, None where none dominates.
+    A body that was absorbed or removed has nan from there on; ``held`` (k, n) are the masses at each frame, with what a
+    body absorbed, and 0 for one that is gone. ``central`` is the row of the body that the others orbit, None where none
+    dominates.
     """
 
     times: Floats
     positions: Floats
     velocities: Floats
     masses: Floats
+    held: Floats
     names: tuple[str, ...]
     gravity: float
     central: int | None
 
 
 class Orbits(NamedTuple):
-    """Elements over time: (k,) times, (m,) names of the bodies but the central one, Elements of (k, m)."""
+    """Elements over time: (k,) times, (m,) names of the bodies but the central one, Elements of (k, m), nan for a body
+    that is gone."""
 
     times: Floats
     names: tuple[str, ...]
     elements: Elements
-    mu: Floats  # (m,) G times the masses that each body orbits
+    mu: Floats  # (k, m) G times the masses that each body orbits
 
 
 def orbits(
@@ -74,15 +78,23 @@ def orbits_of(found: Paths, frame: str = "jacobi", plane: str = "file") -> Orbit
         raise InputError(f"plane: expected one of {', '.join(PLANES)}, got {shown(plane)}{suggestion(plane, PLANES)}")
     if found.central is None:
         raise InputError(f"orbits: no body has {DOMINANT:g} of all mass, so that there is none that the others orbit")
-    others = [i for i in range(len(found.masses)) if i != found.central]
-    order = [found.central, *others]
-    x, v, m = found.positions[:, order], found.velocities[:, order], found.masses[order]
-    if plane == "invariable":
-        turn = invariable_axes(found)
-        x, v = x @ turn.T, v @ turn.T
-    mu = found.gravity * attracting_masses(m, frame)
-    osculating = elements(about_centre(x, m, frame), about_centre(v, m, frame), mu)
-    return Orbits(found.times, tuple(found.names[i] for i in others), osculating, mu)
+    others = np.delete(np.arange(len(found.masses)), found.central)
+    turn = invariable_axes(found) if plane == "invariable" else np.eye(3)
+    values = np.full((len(Elements._fields) + 1, len(found.times), len(others)), np.nan)
+    there = np.isfinite(found.positions[:, :, 0])
+    changes = np.any((there[1:] != there[:-1]) | (found.held[1:] != found.held[:-1]), axis=1)
+    for frames in np.split(np.arange(len(there)), np.flatnonzero(changes) + 1):  # of the same bodies
+        left = np.flatnonzero(there[frames[0], others])
+        if not (there[frames[0], found.central] and left.size):
+            continue
+        order = np.array([found.central, *others[left]])
+        x, v = (y[frames][:, order] @ turn.T for y in (found.positions, found.velocities))
+        m = found.held[frames[0], order]
+        mu = found.gravity * attracting_masses(m, frame)
+        osculating = elements(about_centre(x, m, frame), about_centre(v, m, frame), mu)
+        for row, value in enumerate((*osculating, mu)):
+            values[row][np.ix_(frames, left)] = value
+    return Orbits(found.times, tuple(found.names[i] for i in others), Elements(*values[:-1]), values[-1])
 
 
 def paths(run: reader.Run | str | os.PathLike[str], most_frames: int | None = None) -> Paths:
@@ -98,12 +110,35 @@ def paths(run: reader.Run | str | os.PathLike[str], most_frames: int | None = No
     kept = len(run) if most_frames is None else min(most_frames, len(run))
     chosen = np.unique(np.linspace(0, len(run) - 1, kept).round().astype(int))
     m = run.masses
-    x = to_barycentric(np.array([run[int(k)].positions for k in chosen]), m)[0]
-    v = to_barycentric(np.array([run[int(k)].velocities for k in chosen]), m)[0]
+    x = np.array([run[int(k)].positions for k in chosen])
+    v = np.array([run[int(k)].velocities for k in chosen])
+    held = _held(x, v, m)
+    for y in (x, v):
+        y -= np.einsum("kn,knj->kj", held, np.nan_to_num(y))[:, None] / held.sum(axis=1)[:, None, None]
     names = run.names or tuple(f"particle {i}" for i in range(len(m)))
     heaviest = int(np.argmax(m))
     central = heaviest if len(m) == 2 or m[heaviest] > DOMINANT * m.sum() else None
-    return Paths(run.times[chosen], x, v, m, names, gravity, central)
+    return Paths(run.times[chosen], x, v, m, held, names, gravity, central)
+
+
+def _held(x: Floats, v: Floats, masses: Floats) -> Floats:
+    """(k, n) the masses at each frame; x and v of bodies that were absorbed, which a file has where their survivor is,
+    become nan, as those of bodies that were removed are."""
+    there = np.isfinite(x[:, :, 0])
+    held = np.where(there, masses, 0.0)
+    last = len(x) - 1 - np.argmax(there[::-1], axis=0)
+    phase = np.concatenate([x, v], axis=2)
+    _, which, sizes = np.unique(phase[last, np.arange(len(masses))], axis=0, return_inverse=True, return_counts=True)
+    for group in np.flatnonzero(sizes > 1):
+        members = np.flatnonzero(which.ravel() == group)
+        members = members[np.argsort(-masses[members], kind="stable")]
+        for rank, body in enumerate(members):
+            for heavier in members[:rank]:
+                absorbed = np.all(phase[:, body] == phase[:, heavier], axis=1) & (held[:, heavier] > 0)
+                held[absorbed, heavier] += held[absorbed, body]
+                held[absorbed, body] = 0.0
+                x[absorbed, body] = v[absorbed, body] = np.nan
+    return held
 
 
 def gravity_of(run: reader.Run) -> float | None:

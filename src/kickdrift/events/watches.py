@@ -12,6 +12,7 @@ import numpy as np
 from kickdrift.errors import RunError
 from kickdrift.events import Between, CloseApproach, Collision, Crossing, Escape, binding, index_of
 from kickdrift.events.encounters import CLOSEST, contacts, crossings, passages, unbound
+from kickdrift.forces.central import gravitational_constant
 from kickdrift.state import Floats
 from kickdrift.system import System
 
@@ -229,8 +230,8 @@ class Escapes:
         """Watch the bodies that are left; those that escaped are known."""
         self._system, ids = system, system.state.ids
         law = binding(system)
-        gravity = law.G if law.G is not None else system.units.gravity
-        self._gm, self._softening2 = float(gravity or 0.0) * system.state.masses, float(law.softening) ** 2
+        gravity = gravitational_constant(law.name, law.G, system)
+        self._gm, self._softening2 = gravity * system.state.masses, float(law.softening) ** 2
         place = np.flatnonzero(ids == self._about) if self._about is not None else np.array([-1])
         self._place = int(place[0]) if place.size else -2  # whoever it was measured from is gone
         self._known = np.isin(ids, list(self._known_ids))

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from kickdrift.errors import InputError
-from kickdrift.forces.central import check_masses
+from kickdrift.forces.central import check_masses, gravitational_constant
 
 if TYPE_CHECKING:
     from kickdrift.system import System
@@ -15,8 +15,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Gravity:
-    """U = -G sum m_i m_j / sqrt(r^2 + softening^2) over pairs (Plummer 1911, doi:10.1093/mnras/71.5.460, for the
-    softening).
+    """Newtonian gravity, every pair summed: U = -G sum m_i m_j / sqrt(r^2 + softening^2).
+
+    The softening is Plummer's (1911, doi:10.1093/mnras/71.5.460).
 
     Massless particles (test particles) feel the bodies that have a mass and do not pull; an evaluation costs m^2 / 2 +
     m k for m bodies and k test particles. Each pair counts once, and the two forces on it are opposite to round-off.
@@ -51,8 +52,7 @@ class Gravity:
         """Refuse a system that this force cannot run on."""
         if system.box.periodic:
             raise InputError("gravity: direct summation needs open space, and the box is periodic")
-        if self.G is None and system.units.gravity is None:
-            raise InputError(f"gravity: units {system.units.name!r} have no G of their own; give G")
+        gravitational_constant(self.name, self.G, system)
         check_masses(self.name, system)
 
     def bind(self, system: System, threads: int = 1) -> Any:

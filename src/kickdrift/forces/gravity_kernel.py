@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from kickdrift.forces.central import gravitational_constant
 from kickdrift.forces.chunks import Parallel, Serial, chunk_task, each_chunk
 from kickdrift.forces.clusters import STRIDE, load_vector, store_vector
 from kickdrift.forces.compiling import in_order, never_inline
@@ -54,9 +55,8 @@ def bind(force: Gravity, system: System, threads: int) -> GravityKernel:
     slot = np.empty(n, np.int64)
     slot[~massless] = np.arange(massive)
     slot[massless] = sources * WIDTH + np.arange(n - massive)
-    gravity = force.G if force.G is not None else system.units.gravity
     gm, masses = np.zeros(clusters * WIDTH), np.zeros(clusters * WIDTH)
-    gm[slot] = float(gravity or 0.0) * system.state.masses
+    gm[slot] = gravitational_constant(force.name, force.G, system) * system.state.masses
     masses[slot] = system.coherent_masses
     chunks = chunks_for(massive, n)
     return GravityKernel(

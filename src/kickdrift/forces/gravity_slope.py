@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from kickdrift.forces.central import gravitational_constant
 from kickdrift.forces.compiling import jit
 from kickdrift.forces.simd import WIDTH, lane_numbers, lane_sum, load, select, splat
 
@@ -35,9 +36,8 @@ def sources_of(force: Gravity, system: System) -> Sources:
     """The force bound to a System."""
     n = len(system)
     slots = WIDTH * -(-n // WIDTH)
-    gravity = force.G if force.G is not None else system.units.gravity
     gm = np.zeros(slots)
-    gm[:n] = float(gravity or 0.0) * system.state.masses
+    gm[:n] = gravitational_constant(force.name, force.G, system) * system.state.masses
     return Sources(
         force.softening**2, gm, np.zeros((3, slots)), np.zeros((3, slots)), np.zeros((3, n)), np.zeros((3, n))
     )

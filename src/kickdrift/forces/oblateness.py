@@ -23,9 +23,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Oblateness:
-    """The zonal harmonics of the central body's field, on top of ``gravity``: U = (G M m / r) [J2 (R / r)^2 P2(s) +
-    J4 (R / r)^4 P4(s)], P2 and P4 Legendre's polynomials, s = r . pole / r, the sine of the latitude (Murray & Dermott
-    1999, Solar System Dynamics, section 6.11).
+    """The zonal harmonics J2 and J4 of a flattened central body's field, on top of ``gravity``.
+
+    U = (G M m / r) [J2 (R / r)^2 P2(s) + J4 (R / r)^4 P4(s)], P2 and P4 Legendre's polynomials, s = r . pole / r, the
+    sine of the latitude (Murray & Dermott 1999, Solar System Dynamics, section 6.11).
 
     The pole stands still: the central body takes the opposite force and so momentum is conserved, but not the torque;
     of the angular momentum only the part along the pole is conserved.

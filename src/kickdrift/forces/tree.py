@@ -15,8 +15,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class GravityTree:
-    """The gravity of ``gravity`` to a chosen accuracy, in a time that grows as n log n (Barnes & Hut 1986,
-    doi:10.1038/324446a0): far particles pull in groups, by their mass and quadrupole moment.
+    """Newtonian gravity of many particles to a chosen accuracy, in a time that grows as n log n.
+
+    Far particles pull in groups, by their mass and quadrupole moment (Barnes & Hut 1986, doi:10.1038/324446a0).
 
     A group of particles pulls as a whole where a bound on what its quadrupole leaves out (Salmon & Warren 1994,
     doi:10.1006/jcph.1994.1050) is under a share of the acceleration there, which is estimated first, so the positions

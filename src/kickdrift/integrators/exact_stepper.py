@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from kickdrift.errors import InputError
+from kickdrift.forces.central import gravitational_constant
 from kickdrift.forces.evaluate import EVALUATIONS, SLOTS
 from kickdrift.forces.gravity import Gravity
 from kickdrift.forces.kernel import GROW
@@ -92,8 +93,8 @@ class ExactStepper:
     def _bind(self, force: Any, system: System) -> Any:
         half = 0.5 * self.dt / self._momentum
         if isinstance(force, Gravity):
-            gravity = force.G if force.G is not None else system.units.gravity
-            return ExactGravity(force.softening**2, float(gravity or 0.0) * system.state.masses, half)
+            gravity = gravitational_constant(force.name, force.G, system)
+            return ExactGravity(force.softening**2, gravity * system.state.masses, half)
         names, cls = system.species, force.Parameters
         laws = [[cls(*(float(value) for value in force.pair_law(a, b))) for b in names] for a in names]
         at_cutoff = [[AtCutoff(*(float(u) for u in p.law(force.cutoff**2))) for p in row] for row in laws]

@@ -120,22 +120,21 @@ class HermiteStepper:
     def _first_step(self) -> float:
         """Shared by all, so that the second has snap and crackle of each to go by: eta |a| / |a'| (Makino & Aarseth
         1992, eq. 9), or eta sqrt(distance / |a|) to the nearest source where that is less, for what starts at rest has
-        no jerk; 1 where nothing pulls."""
+        no jerk; eta (distance / |a'|)^(1/3) where nothing pulls yet; 1 where nothing does at all."""
         if self._fixed:
             return self._fixed
         bodies = self._bodies
         x = bodies.series[X].T
         a, jerk = (np.linalg.norm(bodies.series[row], axis=0) for row in (A, JERK))
-        pulled = a > 0.0
-        if not pulled.any():
+        if not (a.any() or jerk.any()):
             return 1.0
         sources = np.flatnonzero(bodies.sources.gm[: len(x)] > 0.0)
         near, which = cKDTree(x[sources]).query(x, k=2)
         own = sources[np.minimum(which[:, 0], len(sources) - 1)] == np.arange(len(x))
         distance = np.sqrt(np.where(own, near[:, 1], near[:, 0]) ** 2 + bodies.sources.softening2)
-        with np.errstate(divide="ignore"):
-            scale = np.minimum(a[pulled] / jerk[pulled], np.sqrt(distance[pulled] / a[pulled]))
-        first = self._eta * float(scale.min())
+        with np.errstate(divide="ignore", invalid="ignore"):
+            scale = np.where(a > 0.0, np.minimum(a / jerk, np.sqrt(distance / a)), np.cbrt(distance / jerk))
+        first = self._eta * float(np.nanmin(scale))
         return 2.0 ** np.floor(np.log2(first)) if self._individual else first
 
     def _series_at(self, since: float) -> Floats:

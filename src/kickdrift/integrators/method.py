@@ -118,9 +118,9 @@ class Method:
             if kept[key] is None:
                 kept[key] = known[0]
             elif kept[key] not in known:
-                raise InputError(
-                    f"{key} {kept[key]!r} is unknown; known are {', '.join(str(k) for k in known if k is not None)}"
-                )
+                names = [str(k) for k in known if k is not None]
+                between = "; " if any("," in name for name in names) else ", "
+                raise InputError(f"{key} {kept[key]!r} is unknown; known are {between.join(names)}")
         dt = asked.dt if self.adaptive else given.dt  # a file's dt is no first step for a method that chooses its own
         if dt is not None and not (_is_number(dt) and np.isfinite(dt) and dt > 0):
             raise InputError(f"dt must be a positive finite time, got {dt!r}")

@@ -9,6 +9,7 @@ import numpy as np
 
 from kickdrift.coordinates import from_democratic, from_jacobi, to_democratic, to_jacobi
 from kickdrift.forces.bound import BoundForces
+from kickdrift.forces.central import gravitational_constant
 from kickdrift.forces.evaluate import EVALUATIONS, SLOTS
 from kickdrift.forces.gravity import Gravity
 from kickdrift.forces.simd import WIDTH, aligned
@@ -33,10 +34,10 @@ from kickdrift.integrators.wisdom_holman_loop import (
     wisdom_holman_loop,
 )
 from kickdrift.state import Floats
-from kickdrift.system import System
 
 if TYPE_CHECKING:
     from kickdrift.flow import Flow
+    from kickdrift.system import System
 
 STEPS_PER_PERIOD = 20  # of a passage of the pericentre: fewer are worth a warning (Wisdom 2015; Rein & Tamayo 2015)
 FAR = 4.0  # what fills up the lanes circles so many times as far out as the farthest body
@@ -53,7 +54,9 @@ class WisdomHolmanStepper:
         system: Any = flow.subject
         self._system, self.dt = system, options.dt
         self._jacobi, self._compensated = options.coordinates == JACOBI, options.compensated
-        self._others = BoundForces(_without_gravity(system), flow.forces.threads)
+        self._others = BoundForces(
+            system.under(force for force in system.forces if not isinstance(force, Gravity)), flow.forces.threads
+        )
         drift, kick = np.array(table.drift), np.array([*table.kick, 0.0])
         passed = np.cumsum(drift)
         begin = np.array([drift, kick, passed])
@@ -66,7 +69,7 @@ class WisdomHolmanStepper:
             np.array([*part, np.zeros(part.shape[1])]) for part in (row, undone(row) if row.size else row)
         )
         gravity = next(force for force in system.forces if isinstance(force, Gravity))
-        self._G = float(gravity.G if gravity.G is not None else system.units.gravity)
+        self._G = gravitational_constant(gravity.name, gravity.G, system)
         self._place(system)
 
     def _place(self, system: System) -> None:
@@ -218,11 +221,12 @@ class WisdomHolmanStepper:
             x, v = bodies.orbit[:3, slot], bodies.orbit[3:, slot]
             r, h2 = float(np.linalg.norm(x)), float((np.cross(x, v) ** 2).sum())
             energy = 0.5 * float(v @ v) - gm / r
-            e = math.sqrt(max(0.0, 1.0 + 2.0 * energy * h2 / gm**2))
-            q = h2 / (gm * (1.0 + e))  # distance and time of the pericentre, 2 pi q / v there
-            passage = 2.0 * math.pi * math.sqrt(q**3 / (gm * (1.0 + e)))
-            if self._shortest is None or passage < self._shortest[0]:
-                self._shortest = passage, int(bodies.order[slot])
+            if energy < 0.0 or x @ v < 0.0:  # else its pericentre lies behind it for ever
+                e = math.sqrt(max(0.0, 1.0 + 2.0 * energy * h2 / gm**2))
+                q = h2 / (gm * (1.0 + e))  # distance and time of the pericentre, 2 pi q / v there
+                passage = 2.0 * math.pi * math.sqrt(q**3 / (gm * (1.0 + e)))
+                if self._shortest is None or passage < self._shortest[0]:
+                    self._shortest = passage, int(bodies.order[slot])
             far = -0.5 * gm / energy if energy < 0.0 else r
             bodies.table[HILL, slot] = (far * (bodies.table[SOURCE, slot] / (3.0 * bodies.gm)) ** (1 / 3)) ** 2
 
@@ -264,13 +268,3 @@ def _copy(array: Floats) -> Floats:
     copied = aligned(array.shape, None)
     copied[...] = array
     return copied
-
-
-def _without_gravity(system: System) -> System:
-    """The System with its other forces alone."""
-    state = system.state
-    return System(
-        state.positions, state.velocities, state.masses, system.box,
-        [force for force in system.forces if not isinstance(force, Gravity)], system.units,
-        [system.species[k] for k in system.species_index], system.name,
-    )  # fmt: skip
