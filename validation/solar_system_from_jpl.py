@@ -143,4 +143,8 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    try:
+        sys.exit(main())
+    except InputError as error:
+        print(f"solar_system_from_jpl.py: {error}", file=sys.stderr)
+        sys.exit(2)
