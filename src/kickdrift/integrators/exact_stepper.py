@@ -9,7 +9,7 @@ import numpy as np
 
 from kickdrift.errors import InputError
 from kickdrift.forces.central import gravitational_constant
-from kickdrift.forces.evaluate import EVALUATIONS, SLOTS
+from kickdrift.forces.evaluate import SLOTS
 from kickdrift.forces.gravity import Gravity
 from kickdrift.forces.kernel import GROW
 from kickdrift.forces.pair_kernel import truncation_of
@@ -18,7 +18,7 @@ from kickdrift.integrators.exact import Lattice
 from kickdrift.integrators.exact_list import AXIS, BUILT, CULPRIT, POSITION, ROOM_NEEDED, WHAT, Particles
 from kickdrift.integrators.exact_loop import FAR, ExactGravity, ExactPairs, SpeciesTables, exact_loop
 from kickdrift.integrators.loops import STEP
-from kickdrift.integrators.stepping import Counts, Options
+from kickdrift.integrators.stepping import Options, Regular
 from kickdrift.state import Floats
 
 if TYPE_CHECKING:
@@ -30,7 +30,7 @@ ROOM_IN_SPACE = 6  # bits beyond the start's extent: particles may go 32 times a
 ROOM_IN_SPEED = 8  # bits beyond the largest momentum that the start suggests
 
 
-class ExactStepper:
+class ExactStepper(Regular):
     """``y`` shows the lattice in floats after each ``advance``; what runs, and what a run can be taken up from to the
     last bit, is ``lattice``.
 
@@ -211,16 +211,8 @@ class ExactStepper:
     # --- steps ---
 
     @property
-    def time(self) -> float:
-        return self._start + self.steps_done * self.dt
-
-    @property
     def last_step(self) -> float:
         return self.dt if self.steps_done else 0.0
-
-    @property
-    def counts(self) -> Counts:
-        return Counts(int(self._cursor[EVALUATIONS]))
 
     def advance(self, steps: int, until: float = np.inf) -> int:
         self._cursor[STEP] = 0
@@ -246,9 +238,6 @@ class ExactStepper:
         if particles.periodic:
             return fast
         return f"positions to {FAR * particles.spacing[0]:.3g} {units.unit('length')} and {fast}"
-
-    def at(self, time: float) -> Floats:
-        return self.y.copy()
 
     def reached(self, inside_step: bool) -> tuple[Floats, Floats]:
         return self.y, self.y[0] - self.dt * self.y[1]

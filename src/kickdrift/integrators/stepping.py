@@ -12,6 +12,7 @@ from dataclasses import asdict, dataclass, fields, replace
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from kickdrift.forces.evaluate import EVALUATIONS, SLOTS
 from kickdrift.integrators.loops import STEP
@@ -98,7 +99,33 @@ class Stepper(Protocol):
         """After a blow-up, inside a step or in the last one: the y that it reached, and the positions before."""
 
 
-class FixedStepper:
+class Regular:
+    """The clock of steps of one length: it counts them, so that the times do not depend on how a run is cut."""
+
+    dt: float
+    y: Floats
+    steps_done: int
+    _start: float  # the time of step 0
+    _cursor: NDArray[np.int64]
+
+    @property
+    def time(self) -> float:
+        return self._start + self.steps_done * self.dt
+
+    @property
+    def last_step(self) -> float:
+        return self.dt
+
+    @property
+    def counts(self) -> Counts:
+        return Counts(int(self._cursor[EVALUATIONS]))
+
+    def at(self, time: float) -> Floats:
+        """The step point: no time lies between two."""
+        return self.y.copy()
+
+
+class FixedStepper(Regular):
     """Steps of one length, by a compiled loop (see ``loops``) with a workspace of ``room`` arrays of y's ``shape``."""
 
     trouble = ""
@@ -118,18 +145,6 @@ class FixedStepper:
         self._cursor[STEP:] = 0
         self._flow.forces.forget()
 
-    @property
-    def time(self) -> float:
-        return self._start + self.steps_done * self.dt
-
-    @property
-    def last_step(self) -> float:
-        return self.dt
-
-    @property
-    def counts(self) -> Counts:
-        return Counts(int(self._cursor[EVALUATIONS]))
-
     def advance(self, steps: int, until: float = np.inf) -> int:
         self._cursor[STEP] = 0
         status = self._flow.forces.call(
@@ -138,9 +153,6 @@ class FixedStepper:
         )  # fmt: skip
         self.steps_done += int(self._cursor[STEP])
         return status
-
-    def at(self, time: float) -> Floats:
-        return self.y.copy()
 
     def reached(self, inside_step: bool) -> tuple[Floats, Floats]:
         if inside_step and self._work.ndim > self.y.ndim:

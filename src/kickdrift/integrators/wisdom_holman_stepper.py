@@ -10,12 +10,12 @@ import numpy as np
 from kickdrift.coordinates import from_democratic, from_jacobi, to_democratic, to_jacobi
 from kickdrift.forces.bound import BoundForces
 from kickdrift.forces.central import gravitational_constant
-from kickdrift.forces.evaluate import EVALUATIONS, SLOTS
+from kickdrift.forces.evaluate import SLOTS
 from kickdrift.forces.gravity import Gravity
 from kickdrift.forces.simd import WIDTH, aligned
 from kickdrift.integrators.loops import STEP
 from kickdrift.integrators.splitting import Splitting
-from kickdrift.integrators.stepping import Counts, Options
+from kickdrift.integrators.stepping import Options, Regular
 from kickdrift.integrators.wisdom_holman import JACOBI, corrector, undone
 from kickdrift.integrators.wisdom_holman_loop import (
     GM,
@@ -43,7 +43,7 @@ STEPS_PER_PERIOD = 20  # of a passage of the pericentre: fewer are worth a warni
 FAR = 4.0  # what fills up the lanes circles so many times as far out as the farthest body
 
 
-class WisdomHolmanStepper:
+class WisdomHolmanStepper(Regular):
     """The run itself is held before the last drift of a step, which the next one's first is joined to; ``y`` is a copy
     with that drift, and the corrector, done."""
 
@@ -150,18 +150,6 @@ class WisdomHolmanStepper:
         self._enter(y)
         self._look_at_start()
 
-    @property
-    def time(self) -> float:
-        return self._start + self.steps_done * self.dt
-
-    @property
-    def last_step(self) -> float:
-        return self.dt
-
-    @property
-    def counts(self) -> Counts:
-        return Counts(int(self._cursor[EVALUATIONS]))
-
     def _call(self, bodies: Bodies, row: Floats, steps: int, cursor: Any) -> int:
         return self._others.call(
             wisdom_holman_loop, bodies, row, self.dt, self._start, self.steps_done, steps, cursor
@@ -199,9 +187,6 @@ class WisdomHolmanStepper:
                     return status
         self.y = self._leave(bodies)
         return 0
-
-    def at(self, time: float) -> Floats:
-        return self.y.copy()
 
     def reached(self, inside_step: bool) -> tuple[Floats, Floats]:
         y = self._leave(self._bodies)
