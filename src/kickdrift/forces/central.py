@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from kickdrift.errors import InputError
 from kickdrift.forces.fields import number
+from kickdrift.state import Floats
 from kickdrift.units import shown
 
 if TYPE_CHECKING:
@@ -50,6 +51,23 @@ def gravitational_constant(name: str, given: float | None, system: System) -> fl
     if value is None:
         raise InputError(f"{name}: units {system.units.name!r} have no G of their own; give G")
     return value
+
+
+class Attraction(NamedTuple):
+    """A central body's pull as the compiled forces take it."""
+
+    central: int
+    gm: float  # G M
+    share: Floats  # (n,) m / M: what the central body takes of a body's acceleration
+    masses: Floats  # (n,) coherent
+
+    @classmethod
+    def of(cls, force: Any, system: System) -> Attraction:
+        """That of the body which a force with ``central`` and ``G`` names."""
+        central = central_body(force.name, force.central, system)
+        masses = system.state.masses
+        gm = gravitational_constant(force.name, force.G, system) * float(masses[central])
+        return cls(central, gm, masses / masses[central], system.coherent_masses)
 
 
 def check_positive(name: str, **values: float | None) -> None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from kickdrift.forces.central import central_body, gravitational_constant
+from kickdrift.forces.central import Attraction
 from kickdrift.forces.compiling import never_inline
 from kickdrift.forces.kernel import OK, kernel
 
@@ -31,18 +31,9 @@ class OblatenessKernel(NamedTuple):
 
 def bind(force: Oblateness, system: System) -> OblatenessKernel:
     """The force for this System."""
-    central = central_body(force.name, force.central, system)
-    masses = system.state.masses
-    gm = gravitational_constant(force.name, force.G, system) * float(masses[central])
-    return OblatenessKernel(
-        central,
-        gm,
-        force.j2 * force.radius**2,
-        force.j4 * force.radius**4,
-        np.array(force.axis),
-        masses / masses[central],
-        system.coherent_masses,
-    )
+    central, gm, share, masses = Attraction.of(force, system)
+    j2, j4 = force.j2 * force.radius**2, force.j4 * force.radius**4
+    return OblatenessKernel(central, gm, j2, j4, np.array(force.axis), share, masses)
 
 
 @kernel(OblatenessKernel)

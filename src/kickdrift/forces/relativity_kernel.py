@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from kickdrift.forces.central import central_body, gravitational_constant
+from kickdrift.forces.central import Attraction
 from kickdrift.forces.compiling import jit, never_inline
 from kickdrift.forces.kernel import OK, kernel
 
@@ -30,12 +30,8 @@ class RelativityKernel(NamedTuple):
 
 def bind(force: PostNewtonian, system: System) -> RelativityKernel:
     """The force for this System."""
-    central = central_body(force.name, force.central, system)
-    masses = system.state.masses
-    gm = gravitational_constant(force.name, force.G, system) * float(masses[central])
-    return RelativityKernel(
-        central, gm, force.light(system) ** 2, force.form == "full", masses / masses[central], system.coherent_masses
-    )
+    central, gm, share, masses = Attraction.of(force, system)
+    return RelativityKernel(central, gm, force.light(system) ** 2, force.form == "full", share, masses)
 
 
 @jit
