@@ -18,6 +18,7 @@ from kickdrift.box import Box
 from kickdrift.errors import InputError
 from kickdrift.state import Floats
 from kickdrift.trajectory.layout import SAMPLES, SCHEMA, TRAJECTORY, FileUnits, box_of
+from kickdrift.trajectory.options import FileOptions
 from kickdrift.units import UnitSystem
 
 
@@ -50,12 +51,17 @@ class Frame:
     @property
     def positions(self) -> Floats:
         """(n, 3), unwrapped."""
-        return self._run._vectors("position", self.index, self._run._factors.length)
+        return self._run._positions(self.index)
 
     @property
     def velocities(self) -> Floats:
         """(n, 3)."""
-        return self._run._vectors("velocity", self.index, self._run._factors.velocity)
+        return self._run._vectors("velocity", self.index) / self._run._factors.velocity
+
+    @property
+    def forces(self) -> Floats:
+        """(n, 3); an InputError where the run did not write them."""
+        return self._run._vectors("force", self.index) / self._run._factors.force
 
     @property
     def box(self) -> Box:
@@ -90,6 +96,10 @@ class Run(Sequence[Frame]):
     system_source : str
         The text of the system file, empty where there was none.
     system_record, method, versions : dict
+    options : FileOptions
+        How the file is written; of ``flush`` it says nothing.
+    packed : bool
+        Whether frames are compressed, as they are once a run that was asked for it has ended.
     report : dict or None
         What the run reported at its end; None if it did not reach it.
     """
@@ -126,8 +136,16 @@ class Run(Sequence[Frame]):
         self.names: tuple[str, ...] = tuple(self.system_record.get("names", ()))
         self.method: dict[str, Any] = json.loads(own["method"].asstr()[()])
         self.versions: dict[str, str] = json.loads(own["versions"].asstr()[()])
+        extras = {"forces": "force", "images": "image"}
+        dtype = particles["position/value"].dtype
+        self.options = FileOptions(
+            precision="float32" if dtype == np.float32 else "float64",
+            compress=bool(own.attrs["compress"]),
+            write=tuple(name for name, group in extras.items() if group in particles),
+        )
+        self.packed = particles["position/value"].compression is not None
         self.closed = bool(own["closed"][0])
-        self.report: dict[str, Any] | None = json.loads(own["report"].asstr()[()]) if self.closed else None
+        self.report: dict[str, Any] | None = json.loads(own["report"][()].tobytes()) if self.closed else None
         # What a kill left behind the last commit may be part of a row; it does not count.
         frames, samples = (int(rows) for rows in own["committed"][()])
         self._frames, self._samples = frames, samples
@@ -152,14 +170,22 @@ class Run(Sequence[Frame]):
             raise IndexError(f"frame {index} of {len(self)}")
         return Frame(self, index % len(self))
 
-    def _vectors(self, name: str, index: int, factor: float) -> Floats:
-        values: Floats = self._file[TRAJECTORY][name]["value"][index]
-        return values if factor == 1.0 else values / factor
+    def _vectors(self, name: str, rows: Any) -> Floats:
+        """Stored vectors, in the file's units."""
+        if name not in self._file[TRAJECTORY]:
+            raise InputError(f"{self.path}: holds no {name}s; they are written where the run is asked for them")
+        return self._file[TRAJECTORY][name]["value"][rows].astype(np.float64, copy=False)
+
+    def _positions(self, rows: Any) -> Floats:
+        """Unwrapped, in the system's units."""
+        positions = self._vectors("position", rows) / self._factors.length
+        if "images" in self.options.write:
+            positions += self._file[TRAJECTORY]["image/value"][rows] * np.array(self.box.lengths)
+        return positions
 
     def path_of(self, particle: int) -> Floats:
         """(frames, 3) unwrapped positions of the particle in that row."""
-        values: Floats = self._file[TRAJECTORY]["position/value"][: len(self), particle]
-        return values / self._factors.length
+        return self._positions((slice(len(self)), particle))
 
     @property
     def observables(self) -> dict[str, Floats]:
