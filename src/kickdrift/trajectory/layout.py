@@ -99,12 +99,12 @@ def new_series(
     name: str,
     shape: tuple[int, ...],
     dtype: str,
-    rows: int = SERIES_CHUNK,
+    rows: int | None = None,
     chunk: Sequence[int] | None = None,
 ) -> h5py.Dataset:
     """An empty dataset that grows along its first axis; numbers that were never written read as NaN."""
     fill = np.nan if dtype in ("f4", "f8") else None
-    chunks = (rows, *(shape if chunk is None else chunk))
+    chunks = (rows or SERIES_CHUNK, *(shape if chunk is None else chunk))
     return group.create_dataset(
         name, (0, *shape), dtype, maxshape=(None, *shape), chunks=chunks, fillvalue=fill, track_times=False
     )
