@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from kickdrift.system import System
     from kickdrift.systemfile import load
     from kickdrift.trajectory.reader import open
+    from kickdrift.trajectory.restart import resume
 
 __version__ = version("kickdrift")
 
@@ -74,6 +75,7 @@ _HOMES = {
     "register_splitting": "integrators.registration",
     "register_step": "integrators.registration",
     "register_tableau": "integrators.registration",
+    "resume": "trajectory.restart",
 }
 
 __all__ = [
@@ -111,6 +113,7 @@ __all__ = [
     "register_splitting",
     "register_step",
     "register_tableau",
+    "resume",
 ]
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -66,8 +67,8 @@ class Sample:
     centre_of_mass: Floats | None = None
     centre_of_mass_velocity: Floats | None = None
 
-    def observables(self) -> dict[str, float | Floats]:
-        """By the names that a run's file uses."""
+    def observables(self, taken: bool = False) -> dict[str, float | Floats]:
+        """By the names that a run's file uses; with what events took out, if ``taken``."""
         kinetic, potential, total = self.energies
         values: dict[str, float | Floats] = {
             "kinetic_energy": kinetic,
@@ -78,11 +79,43 @@ class Sample:
             values |= {"momentum": self.momentum, "angular_momentum": self.angular_momentum}
         if self.centre_of_mass is not None:
             values["centre_of_mass"] = self.centre_of_mass
+        if self.centre_of_mass_velocity is not None:
+            values["centre_of_mass_velocity"] = self.centre_of_mass_velocity
         if not np.isnan(self.temperature):
             values["temperature"] = self.temperature
         if not np.isnan(self.pressure):
             values["pressure"] = self.pressure
+        if self.momentum is not None:
+            values["pairs"] = float(self.pairs)
+        if taken:
+            values |= {
+                "energy_taken": self.taken.energy,
+                "momentum_taken": self.taken.momentum * np.ones(3),
+                "angular_momentum_taken": self.taken.angular_momentum * np.ones(3),
+            }
         return values
+
+    @classmethod
+    def of(cls, step: int, time: float, values: Mapping[str, Any]) -> Sample:
+        """The Sample that had these ``observables``."""
+        energies = Energies(*(float(values[f"{kind}_energy"]) for kind in ("kinetic", "potential", "total")))
+        taken = NOTHING
+        lost = [values.get(f"{kind}_taken", 0.0) for kind in ("energy", "momentum", "angular_momentum")]
+        if any(np.any(each) for each in lost):
+            taken = Taken(float(lost[0]), lost[1], lost[2])
+        return cls(
+            step=step,
+            time=time,
+            energies=energies,
+            momentum=values.get("momentum"),
+            angular_momentum=values.get("angular_momentum"),
+            temperature=float(values.get("temperature", np.nan)),
+            pressure=float(values.get("pressure", np.nan)),
+            pairs=int(values.get("pairs", 0)),
+            taken=taken,
+            centre_of_mass=values.get("centre_of_mass"),
+            centre_of_mass_velocity=values.get("centre_of_mass_velocity"),
+        )
 
 
 def _lost(before: Floats | None, after: Floats | None) -> Floats | float:
@@ -160,11 +193,12 @@ class Record:
         self.momentum_scale = float(masses @ np.linalg.norm(v, axis=0))
         self.angular_momentum_scale = float(masses @ np.linalg.norm(np.cross(x.T, v.T), axis=1))
 
-    def add(self, sample: Sample) -> None:
-        """Keep a sample; one of the same step and time takes the last one's place."""
+    def add(self, sample: Sample) -> Sample:
+        """Keep a sample, with what was taken so far; one of the same step and time takes the last one's place."""
         if self.samples and (self.samples[-1].step, self.samples[-1].time) == (sample.step, sample.time):
             self.samples.pop()
         self.samples.append(sample if self.taken is NOTHING else replace(sample, taken=self.taken))
+        return self.samples[-1]
 
     def even(self) -> list[Sample]:
         """The longest stretch of samples an equal number of steps apart."""

@@ -42,6 +42,7 @@ class WatchedStepper:
     absorbed : of each body that left, by id, the id of the one that took it up, or ``NEVER_BACK``
     horizon : no look at the run before its next ``advance`` is later than this
     writer : where events go besides the Simulation's record
+    acting : whether any of the events may change what is conserved
     """
 
     def __init__(self, sim: Simulation, inner: Stepper, events: Sequence[Event]) -> None:
@@ -50,6 +51,7 @@ class WatchedStepper:
         self.horizon = np.inf
         self.absorbed: dict[int, int] = {}
         self.writer: Any = None
+        self.acting = any(getattr(event, "action", "log") in ("merge", "bounce", "remove") for event in events)
         self._spent = Counts()
         self._warned: list[str] = []
         subject: Any = sim.system

@@ -24,12 +24,17 @@ class Measured(NamedTuple):
     pairs: int  # that interact
 
 
-def check_threads(threads: int) -> None:
-    """Refuse more threads than numba has."""
+def most_threads() -> int:
+    """As many as numba has."""
     from numba import config
 
-    if not 1 <= threads <= config.NUMBA_NUM_THREADS:
-        raise InputError(f"threads must be 1 to {config.NUMBA_NUM_THREADS} here, got {threads}")
+    return int(config.NUMBA_NUM_THREADS)
+
+
+def check_threads(threads: int) -> None:
+    """Refuse more threads than numba has."""
+    if not 1 <= threads <= most_threads():
+        raise InputError(f"threads must be 1 to {most_threads()} here, got {threads}")
 
 
 class BoundForces:

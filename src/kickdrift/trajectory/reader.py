@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from kickdrift.box import Box
 from kickdrift.errors import InputError
 from kickdrift.state import Floats
+from kickdrift.trajectory.checkpoints import CHECKPOINTS, Table
 from kickdrift.trajectory.layout import SAMPLES, SCHEMA, TRAJECTORY, FileUnits, box_of
 from kickdrift.units import UnitSystem
 
@@ -162,6 +163,13 @@ class Run(Sequence[Frame]):
         return values / self._factors.length
 
     @property
+    def exact(self) -> bool:
+        """Whether positions and velocities are those of the run to the last bit."""
+        return (
+            self._factors.length == self._factors.time == 1.0 and self._file[TRAJECTORY]["position/value"].dtype == "f8"
+        )
+
+    @property
     def observables(self) -> dict[str, Floats]:
         """Every observable as an array (s,) or (s, …), at `sample_steps` and `sample_times`."""
         names = [name for name in self._file[SAMPLES] if name not in ("step", "time")]
@@ -218,6 +226,17 @@ class Run(Sequence[Frame]):
 
     def _sampled(self, name: str) -> NDArray:
         return self._file[SAMPLES][name][: self._samples]
+
+    @property
+    def checkpoints(self) -> Table | None:
+        """What the run can be taken up again from; None in a file that has none."""
+        return Table(self._file, self.path) if CHECKPOINTS in self._file else None
+
+    @property
+    def plan(self) -> list[float]:
+        """The numbers of the `run_plan.Plan` of the last run into this file; empty where it is not known."""
+        numbers = self._file["kickdrift/plan"][()].tolist() if "kickdrift/plan" in self._file else [np.nan]
+        return [] if np.isnan(numbers[0]) else numbers
 
     @property
     def initial_phase(self) -> Floats:

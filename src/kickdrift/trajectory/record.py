@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, fields, is_dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -74,11 +74,14 @@ def _described(thing: Any) -> dict[str, Any]:
     return {"type": type(thing).__name__, "module": type(thing).__module__, "parameters": thing}
 
 
-def system_of(run: Run, frame: int | None = None) -> System:
+def system_of(
+    run: Run, frame: int | None = None, *, forces: Iterable[Any] | None = None, events: Iterable[Event] | None = None
+) -> System:
     """The System that a run was given, or the same at one of the run's frames, at that frame's time.
 
     Forces that the file names by a class of the user's own are found where that class's module has been imported. An
-    InputError says what cannot be had from the file, and which frame has bodies that have merged or left.
+    InputError says what cannot be had from the file, and which frame has bodies that have merged or left. ``forces``
+    and ``events`` take the place of the file's.
     """
     record = run.system_record
     start = run.initial_phase
@@ -89,7 +92,7 @@ def system_of(run: Run, frame: int | None = None) -> System:
         start[1].T,
         run.masses,
         run.box,
-        [_force(given, str(run.path)) for given in record["forces"]],
+        [_force(given, str(run.path)) for given in record["forces"]] if forces is None else forces,
         run.units,
         species,
         record["name"],
@@ -100,7 +103,7 @@ def system_of(run: Run, frame: int | None = None) -> System:
         record["seed"],
         run.names,
         record.get("radii"),
-        [_event(given, str(run.path)) for given in record.get("events", ())],
+        [_event(given, str(run.path)) for given in record.get("events", ())] if events is None else events,
     )
     if frame is None:
         return system.at(start, record["time"], record["steps_done"], run.ids)
