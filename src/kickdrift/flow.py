@@ -126,6 +126,7 @@ class ProblemFlow:
 
     def begin(self, record: Record, y: Floats) -> None:
         """Nothing but the samples is compared."""
+        record.begun = True
 
     def sample(self, y: Floats, time: float, steps: int) -> Sample:
         """The quantity that the problem says is conserved, at y."""

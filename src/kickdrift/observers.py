@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from kickdrift.errors import RunError
 from kickdrift.forces.pair_law import PairForce
+from kickdrift.memory import Memory, by_value
 from kickdrift.state import Floats
 
 if TYPE_CHECKING:
@@ -167,6 +168,7 @@ class Record:
     """The samples of a run since conservation is counted from, and what it cost."""
 
     samples: list[Sample] = field(default_factory=list)
+    begun: bool = False  # whether the scales are known
     momentum_scale: float = 0.0  # sum of m |v| at the first sample
     angular_momentum_scale: float = 0.0  # sum of m |x × v| there
     steps: int = 0
@@ -190,8 +192,20 @@ class Record:
     def begin(self, masses: Floats, phase: Floats) -> None:
         """What momenta are compared with."""
         x, v = phase
+        self.begun = True
         self.momentum_scale = float(masses @ np.linalg.norm(v, axis=0))
         self.angular_momentum_scale = float(masses @ np.linalg.norm(np.cross(x.T, v.T), axis=1))
+
+    def memory(self) -> Memory:
+        """All but the samples, by value."""
+        kept = {key.name: by_value(getattr(self, key.name)) for key in fields(self) if key.name != "samples"}
+        return kept | {"taken": None if self.taken is NOTHING else kept["taken"]}
+
+    @classmethod
+    def recalled(cls, memory: Memory) -> Record:
+        """The record that had this memory; without samples."""
+        kept = by_value(memory)
+        return cls(**(kept | {"taken": NOTHING if kept["taken"] is None else Taken(*kept["taken"])}))
 
     def add(self, sample: Sample) -> Sample:
         """Keep a sample, with what was taken so far; one of the same step and time takes the last one's place."""

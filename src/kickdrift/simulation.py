@@ -21,6 +21,7 @@ from kickdrift.forces.kernel import OK
 from kickdrift.integrators import integrator as method_named
 from kickdrift.integrators.stepping import STOPPED, Options, Stepper
 from kickdrift.interrupt import interruptible
+from kickdrift.memory import Memory
 from kickdrift.observers import Energies, Record, Sample
 from kickdrift.report import Report, report
 from kickdrift.run_plan import GLIMPSES, SAMPLES, Plan, plan_of, steps_to
@@ -132,6 +133,43 @@ class Simulation:
         self._present: tuple[float, Floats] | None = None  # and y there, once it was looked at
         self.record = Record()
         self._points: list[Point] = []
+        self._last_good = self.state
+
+    def checkpoint(self) -> Memory:
+        """All that the rest of the run depends on, by value: arrays, numbers, texts, None, and lists and dicts of these
+        by text. ``restore`` takes it, in another process too, and what follows then has the bits of this run.
+
+        That is: the method and its options; the stepper's own memory (see the integrators' pages), pair lists
+        included; the present, where it lies inside a step; what events are under way, and the bodies that are left;
+        and the record but for its samples. It may be taken at any look, and changes nothing."""
+        return {
+            "step": self.steps_done,
+            "time": self.time,
+            "integrator": self.method.name,
+            "options": asdict(self.options),
+            "stepper": self._stepper.memory(),
+            "present": self._at,
+            "record": self.record.memory(),
+        }
+
+    def restore(self, checkpoint: Memory) -> None:
+        """Go on where ``checkpoint`` was taken, of a Simulation of the same system, method, options and events; the
+        number of threads may be another. The record's samples are left out: what is looked at from here on follows.
+
+        Raises InputError where method, options or bodies are others, and while a run goes on."""
+        if self.running:
+            raise InputError("restore: the Simulation runs")
+        own = {"integrator": self.method.name, **asdict(self.options)}
+        for key, value in {"integrator": checkpoint["integrator"], **checkpoint["options"]}.items():
+            if own.get(key) != value:
+                raise InputError(f"checkpoint: {key} is {value!r} there, and {own.get(key)!r} here")
+        there, here = checkpoint["stepper"]["y"].shape, self._stepper.y.shape
+        if there != here and not self._watching:
+            raise InputError(f"checkpoint: holds {there[-1]} particles or unknowns, and the system {here[-1]}")
+        self._stepper.recall(checkpoint["stepper"])
+        self._at, self._present = checkpoint["present"], None
+        self.record = Record.recalled(checkpoint["record"])
+        self._points = []
         self._last_good = self.state
 
     @property
@@ -416,7 +454,7 @@ class Simulation:
             sample = samples[-1] if known else self.sample()
         except RunError:
             self._fail(inside_step=False)
-        if not samples:
+        if not self.record.begun:
             self._flow.begin(self.record, self._now())
         sample = self.record.add(sample)
         self._last_good = self.state
