@@ -178,11 +178,13 @@ def resume(
     if sim.plan is None:
         raise InputError(f"{file}: does not say how far the run was to go; give --steps or --time")
     sim.plan = continued(sim, steps, time)
-    if sim.plan.over(sim) and steps is None and time is None:
-        say(f"{file}: the run is finished, at step {sim.steps_done}; --steps or --time make it longer", quiet)
-    with progress_bar(quiet) as bar:
-        report = sim.run(progress=bar("running"))
-    show(report, sim, Path(sim.output or file), json_file, quiet)
+    if sim.plan.over(sim):
+        say(f"{file}: is finished, at step {sim.steps_done}; --steps or --time make it longer", quiet)
+        report = sim.report()
+    else:
+        with progress_bar(quiet) as bar:
+            report = sim.run(progress=bar("running"))
+    show(report, sim, file, json_file, quiet)
 
 
 def show(report: Report, sim: Simulation, output: Path | None, json_file: Path | None, quiet: bool) -> None:

@@ -21,7 +21,7 @@ from kickdrift.observers import Sample
 from kickdrift.run_plan import NEVER, Plan
 from kickdrift.simulation import Simulation
 from kickdrift.trajectory import reader
-from kickdrift.trajectory.h5md import same
+from kickdrift.trajectory.h5md import before, same
 from kickdrift.trajectory.layout import versions
 from kickdrift.trajectory.reader import Run
 from kickdrift.trajectory.record import differences, system_of
@@ -66,7 +66,7 @@ def resume(
         last = (int(steps[-1]), float(times[-1])) if len(steps) else None
         goal = _goal(run, step, last)
         _restore(sim, run, goal)
-        _replay(sim, goal)
+        sim.go_to(*goal)
         _samples(sim, run, goal)
         sim.record.warnings += _warnings(sim, run, goal)
         if end:
@@ -82,16 +82,16 @@ def continued(sim: Simulation, steps: int | None, time: float | None) -> Plan:
     begin = sim.record.samples[0].time if sim.record.samples else sim.time
     if time is not None and sim.method.chooses_steps:
         if begin + time < sim.time:
-            raise InputError(f"--time {time:g}: the run has come further, to {sim.time - begin:.12g}")
+            raise InputError(f"{sim.output}: has come further than a time of {time:g}, to {sim.time - begin:.12g}")
         return replace(plan, end_step=NEVER, end_time=begin + time)
     if time is not None:
         if begin + time < sim.time - 1e-6 * (sim.dt or 0.0):
-            raise InputError(f"--time {time:g}: the run has come further, to {sim.time - begin:.12g}")
+            raise InputError(f"{sim.output}: has come further than a time of {time:g}, to {sim.time - begin:.12g}")
         steps = sim.steps_done + sim.steps_to(until=begin + time)
     if steps is None:
         return plan
     if steps < sim.steps_done:
-        raise InputError(f"--steps {steps}: the run has come further, to step {sim.steps_done}")
+        raise InputError(f"{sim.output}: has come further than step {steps}, to step {sim.steps_done}")
     return replace(plan, end_step=steps, end_time=np.inf)
 
 
@@ -136,17 +136,14 @@ def _restore(sim: Simulation, run: Run, goal: tuple[int, float | None]) -> None:
     assert table is not None
     step, time = goal
     reached = [
-        row
-        for row, (at, when) in enumerate(zip(table.steps, table.times, strict=True))
-        if at < step or (at == step and (time is None or when <= time or same((step, time), step, when)))
+        row for row, point in enumerate(zip(table.steps, table.times, strict=True)) if not _behind(*point, step, time)
     ]
     sim.restore(table[reached[-1]])
 
 
-def _replay(sim: Simulation, goal: tuple[int, float | None]) -> None:
-    """Run to the goal without a look."""
-    step, time = goal
-    sim.go_to(step, time)
+def _behind(at: int, when: float, step: int, time: float | None) -> bool:
+    """Whether a point of the run lies behind the one to go to."""
+    return at > step or (at == step and time is not None and before(time, when))
 
 
 def _samples(sim: Simulation, run: Run, goal: tuple[int, float | None]) -> None:
@@ -154,7 +151,7 @@ def _samples(sim: Simulation, run: Run, goal: tuple[int, float | None]) -> None:
     step, time = goal
     found = run.observables
     for k, (at, when) in enumerate(zip(run.sample_steps, run.sample_times, strict=True)):
-        if at > step or (at == step and time is not None and when > time and not same((step, time), step, when)):
+        if _behind(at, when, step, time):
             break
         values = {name: values[k] for name, values in found.items()}
         sim.record.samples.append(Sample.of(int(at), float(when), values))
