@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, fields, is_dataclass
+from dataclasses import fields, is_dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -152,20 +152,18 @@ def _event(given: Mapping[str, Any], path: str) -> Event:
     return _EVENTS[given["type"]](**parameters)
 
 
-def differences(first: System, second: System) -> list[str]:
-    """What differs between two systems, in the words of a run's file; nothing where they are one."""
-    one, other = (json.loads(to_json(record_of(system) | _arrays(system))) for system in (first, second))
+def differences(system: System, run: Run) -> list[str]:
+    """What differs between a System and the one that a run was given; empty where the run is this System's."""
+    here, there = json.loads(to_json(record_of(system))), run.system_record
     skipped = {"name", "invariants", "run", "equilibration", "seed"}  # which do not change what the forces do
-    return [key for key in one if key not in skipped and one[key] != other[key]]
-
-
-def _arrays(system: System) -> dict[str, Any]:
-    state = system.state
-    return {
-        "positions": state.phase[0],
-        "velocities": state.phase[1],
-        "masses": state.masses,
-        "ids": state.ids,
-        "species of particles": system.species_index,
-        "unit system": asdict(system.units),
+    found = [key for key in here if key not in skipped and here[key] != there.get(key)]
+    state, species = system.state, [run.species[k] for k in run.species_index]
+    arrays = {
+        "positions": (state.phase[0], run.initial_phase[0]),
+        "velocities": (state.phase[1], run.initial_phase[1]),
+        "masses": (state.masses, run.masses),
+        "ids": (state.ids, run.ids),
+        "species of particles": ([system.species[k] for k in system.species_index], species),
     }
+    found += [key for key, (one, other) in arrays.items() if not np.array_equal(one, other)]
+    return found if system.units == run.units else [*found, "constants of the units"]

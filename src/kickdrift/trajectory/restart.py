@@ -106,11 +106,7 @@ def _simulation(run: Run, system: System | None, events: Iterable[Event] | None,
         system = system_of(run, events=events)
     else:
         system = system if events is None else system.watched(events)
-        others = differences(system, system_of(run, forces=system.forces, events=system.events))
-        known = [force["type"] for force in run.system_record["forces"]]
-        if known != [type(force).__name__ for force in system.forces]:
-            others = ["forces", *others]
-        if others:
+        if others := differences(system, run):
             raise InputError(f"{run.path}: is the run of another system: {', '.join(others)} differ")
     known_options = {each.name for each in fields(Options)}
     options: Mapping[str, Any] = {k: v for k, v in run.method["options"].items() if k in known_options}
