@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from kickdrift.state import State
     from kickdrift.system import System
     from kickdrift.systemfile import load
+    from kickdrift.trajectory.export import export
     from kickdrift.trajectory.reader import open
 
 __version__ = version("kickdrift")
@@ -67,6 +68,7 @@ _HOMES = {
     "State": "state",
     "System": "system",
     "UniformField": "forces",
+    "export": "trajectory.export",
     "load": "systemfile",
     "megno": "analysis.chaos",
     "open": "trajectory.reader",
@@ -103,6 +105,7 @@ __all__ = [
     "System",
     "UniformField",
     "accelerations",
+    "export",
     "integrators",
     "load",
     "megno",
