@@ -45,11 +45,13 @@ def write(frames: Frames, path: Path, format: Format, progress: Callable[[int, i
     if kind == "XYZ":
         universe.atoms.names = ["_".join(name.split()) for name in universe.atoms.names]
     gone = False
-    with _quiet(), MDAnalysis.Writer(str(path), len(frames.run.ids), format=kind, **options) as writer:
+    with _writer(MDAnalysis.Writer(str(path), len(frames.run.ids), format=kind, **options)) as writer:
         for done, frame in enumerate(frames, 1):
             gone |= _check(frames, frame, kind)
             _set(universe, frames, frame)
             writer.remark = f"step {frame.step} time {frame.time!r}"  # XYZ's comment line; the others know none
+            if kind == "PDB" and done > 1 and frames.edges is not None:
+                writer.CRYST1(universe.dimensions)  # MDAnalysis' reader finds one for each frame or none
             writer.write(universe.atoms)
             progress(done, len(frames))
     _read_back(frames, path, kind)
@@ -133,7 +135,8 @@ def _check(frames: Frames, frame: Stored, kind: str) -> bool:
         limit = "the columns of .pdb, -999.999 to 9999.999"
     else:
         scaled = x * 10.0 ** (_grid(frames).decimals - 1)
-        beyond = (np.abs(scaled) >= XTC_LARGEST) | (np.ptp(scaled, axis=0) >= XTC_LARGEST)
+        size = np.abs(scaled)  # and libxdrfile packs differences from the lowest
+        beyond = (size >= XTC_LARGEST) | ((np.ptp(scaled, axis=0) >= XTC_LARGEST) & (size == size.max(axis=0)))
         limit = "the 32-bit integers of .xtc"
     if beyond.any():
         particle, axis = np.unravel_index(int(beyond.argmax()), beyond.shape)
@@ -171,8 +174,13 @@ def _read_back(frames: Frames, path: Path, kind: str) -> None:
 
 
 @contextmanager
-def _quiet() -> Iterator[None]:
-    """Without the writers' warnings: a missing box, and what of PDB's columns is not known."""
+def _writer(writer: Any) -> Iterator[Any]:
+    """A writer that is closed at the end, once, and without its warnings of a missing box and of columns unknown."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        yield
+        try:
+            with writer:
+                yield writer
+        except OSError:
+            writer.close = lambda: None  # it would be called again, with the same error, when the object goes
+            raise
