@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from kickdrift.state import State
     from kickdrift.system import System
     from kickdrift.systemfile import load
+    from kickdrift.trajectory.export import export
     from kickdrift.trajectory.reader import open
     from kickdrift.trajectory.restart import resume
 
@@ -68,6 +69,7 @@ _HOMES = {
     "State": "state",
     "System": "system",
     "UniformField": "forces",
+    "export": "trajectory.export",
     "load": "systemfile",
     "megno": "analysis.chaos",
     "open": "trajectory.reader",
@@ -105,6 +107,7 @@ __all__ = [
     "System",
     "UniformField",
     "accelerations",
+    "export",
     "integrators",
     "load",
     "megno",

@@ -15,6 +15,7 @@ from kickdrift.outputs import refuse_outputs, write_json
 from kickdrift.printing import (
     ENGINES,
     LISTINGS,
+    counted,
     duration,
     print_benchmark,
     print_chaos,
@@ -388,6 +389,34 @@ def plot(
         print(draw(file, output or file.with_suffix(".png"), overwrite=overwrite))
     else:
         raise InputError("give FILE.h5md, or --stability NAME for a figure of an integrator")
+
+
+@app.command()
+def export(
+    file: Annotated[Path, typer.Argument(metavar="FILE.h5md", help="A run's file.")],
+    output: Annotated[
+        Path,
+        typer.Argument(metavar="OUT", help="The suffix says what: dcd, xtc, trr, xyz, pdb, extxyz, traj."),
+    ],
+    unwrapped: Annotated[
+        bool, typer.Option("--unwrapped/--wrapped", help="Positions as the run has them, or inside the box.")
+    ] = False,
+    start: Annotated[int | None, typer.Option(metavar="A", help="First frame, from 0; negative from the end.")] = None,
+    stop: Annotated[int | None, typer.Option(metavar="B", help="The frame to end before.")] = None,
+    step: Annotated[int | None, typer.Option(metavar="C", min=1, help="Only every C-th frame.")] = None,
+    overwrite: OverwriteOption = False,
+    quiet: QuietOption = False,
+) -> None:
+    """Write a run's frames for other programs, and say what their format loses."""
+    from kickdrift.trajectory.export import export as write
+
+    with progress_bar(quiet) as bar:
+        done = write(
+            file, output, unwrapped=unwrapped, start=start, stop=stop, step=step, overwrite=overwrite,
+            progress=bar("exporting"),
+        )  # fmt: skip
+    say("; ".join([done.losses, *done.notes]), quiet)
+    print(f"{done.path}: {counted(done.frames, 'frame')} of {counted(done.particles, 'particle')}")
 
 
 @app.command()

@@ -245,16 +245,9 @@ class Run(Sequence[Frame]):
 
     def universe(self) -> Any:
         """An MDAnalysis Universe of this file, with names, types and masses; nominal units where the file's are."""
-        try:
-            import MDAnalysis
-        except ImportError:
-            raise InputError("universe() needs MDAnalysis: pip install kickdrift[mdanalysis]") from None
-        spacing = {"dt": float(self.times[1] - self.times[0]) * self._factors.time} if len(self) > 1 else {}
-        universe = MDAnalysis.Universe(str(self.path), to_guess=(), n_atoms=len(self.ids), **spacing)
-        types = [self.species[index] for index in self.species_index]
-        for attribute, values in (("names", self.names or types), ("types", types), ("masses", self.masses)):
-            universe.add_TopologyAttr(attribute, values)
-        return universe
+        from kickdrift.trajectory.universe import universe
+
+        return universe(self)
 
     def close(self) -> None:
         self._file.close()
