@@ -155,7 +155,7 @@ class Frames(Sequence[Frame]):
     @property
     def observables(self) -> dict[str, Floats]:
         """Every observable as an array (f,) or (f, …), at the frames."""
-        return self._run.framed(_forward(self._rows), backward=self._rows.step < 0)
+        return {name: self._forth(values) for name, values in self._run.framed(_slice(_forward(self._rows))).items()}
 
     @property
     def energies(self) -> EnergySeries:
@@ -182,8 +182,11 @@ class Frames(Sequence[Frame]):
         return dataset(self._run, self, {name: ("frame", values) for name, values in self.observables.items()})
 
     def _vectors(self, what: str, particles: slice = slice(None)) -> Floats:
-        found = self._run.vectors(what, _slice(_forward(self._rows)), particles)
-        return found[::-1] if self._rows.step < 0 else found
+        return self._forth(self._run.vectors(what, _slice(_forward(self._rows)), particles))
+
+    def _forth(self, values: Floats) -> Floats:
+        """What was read in ascending order, in this one's."""
+        return values[::-1] if self._rows.step < 0 else values
 
 
 def energies_of(run: Run, times: Floats, observables: dict[str, Floats]) -> EnergySeries:
@@ -199,5 +202,7 @@ def _forward(rows: range) -> range:
 
 
 def _slice(rows: range) -> slice:
-    """What picks these rows of an array."""
+    """What picks these rows of an array; a slice of its own counts a negative number from the end."""
+    if not rows:
+        return slice(0, 0)
     return slice(rows.start, rows.stop if rows.stop >= 0 else None, rows.step)

@@ -113,10 +113,10 @@ class Run(Frames):
         values: Floats = self._file[TRAJECTORY][name]["value"][start:stop:step, particles]
         return values if factor == 1.0 else values / factor
 
-    def framed(self, rows: range, backward: bool = False) -> dict[str, Floats]:
-        """Every observable (f,) or (f, …) at ascending rows of frames, the last one first if ``backward``."""
-        group, order = self._file["observables"], -1 if backward else 1
-        return {name: group[name]["value"][rows.start : rows.stop : rows.step][::order] for name in group if len(self)}
+    def framed(self, frames: slice) -> dict[str, Floats]:
+        """Every observable as an array (f,) or (f, …) at some frames."""
+        group = self._file["observables"]
+        return {name: group[name]["value"][frames] for name in group if len(self)}
 
     @property
     def observables(self) -> dict[str, Floats]:
