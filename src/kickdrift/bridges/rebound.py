@@ -7,6 +7,7 @@ other units of rebound's keep their names in a reduced unit system. G is always 
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Iterable
 from dataclasses import replace
@@ -80,6 +81,8 @@ def _refuse(sim: Any) -> None:
             f"sim: what becomes of collisions ({sim.collision!r}) cannot be read from it; set sim.collision = 'none' "
             "and give the run events=[kd.Collision(…)]"
         )
+    if not math.isfinite(sim.t):
+        raise InputError(f"sim: t is {sim.t}; expected a finite time")
     if not sim.is_synchronized:
         raise InputError("sim: stands inside a step; call sim.synchronize() first")
 
