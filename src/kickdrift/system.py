@@ -156,6 +156,13 @@ class System:
             force.check(left)
         return left
 
+    def at(self, phase: Floats, time: float, steps_done: int = 0, ids: NDArray[np.int64] | None = None) -> System:
+        """The same system with its bodies at ``phase`` (2, 3, n) and ``time``, under other ids if these are given."""
+        other, old = copy(self), self.state
+        state = State(phase.copy(), old.masses, old.ids if ids is None else ids, old.box, time, steps_done)
+        object.__setattr__(other, "state", state)
+        return other
+
     def under(self, forces: Iterable[Any]) -> System:
         """The same system, its bodies under their names and numbers, with these forces in place of its own."""
         other = copy(self)

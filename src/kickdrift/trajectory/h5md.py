@@ -46,7 +46,8 @@ from kickdrift.errors import InputError, RunError
 from kickdrift.state import Floats, State
 from kickdrift.system import System
 from kickdrift.trajectory import creation, diskspace, reader
-from kickdrift.trajectory.layout import EVENT_WIDTH, header_image, text, to_json
+from kickdrift.trajectory.layout import EVENT_WIDTH, header_image, text
+from kickdrift.trajectory.record import to_json
 from kickdrift.trajectory.rows import EventRow, FrameRow, Rows, SampleRow
 
 FLUSH_BYTES = 8 * 2**20

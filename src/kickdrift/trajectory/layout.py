@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import platform
-from dataclasses import asdict, is_dataclass
+from dataclasses import asdict
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any, NamedTuple
 
@@ -13,6 +13,7 @@ import numpy as np
 
 from kickdrift.box import Box
 from kickdrift.system import System
+from kickdrift.trajectory.record import record_of, to_json
 from kickdrift.units import DIMENSIONS, UnitSystem
 
 SCHEMA = 1
@@ -70,29 +71,6 @@ def frame_chunk(n: int, flush_frames: int) -> tuple[int, int, int]:
     frames = max(32, CHUNK_BYTES // (24 * n))
     frames = max(1, min(frames, flush_frames, CHUNK_BYTES // 24))
     return frames, max(1, min(n, CHUNK_BYTES // (24 * frames))), 3
-
-
-def to_json(value: Any) -> str:
-    return json.dumps(_plain(value))
-
-
-def _plain(value: Any) -> Any:
-    """Dataclasses, named tuples and arrays as dictionaries, lists, numbers and text."""
-    if isinstance(value, tuple) and hasattr(value, "_asdict"):
-        return _plain(value._asdict())
-    if is_dataclass(value) and not isinstance(value, type):
-        return _plain(asdict(value))
-    if isinstance(value, dict) or hasattr(value, "items"):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, np.ndarray):
-        return value.tolist()
-    if isinstance(value, (list, tuple, set, frozenset)):
-        return [_plain(item) for item in value]
-    if isinstance(value, np.generic):
-        return value.item()
-    if value is None or isinstance(value, (bool, int, float, str)):
-        return value
-    return str(value)
 
 
 def versions() -> dict[str, str]:
@@ -210,27 +188,7 @@ def _units(group: h5py.Group, units: UnitSystem) -> None:
 
 def _system(group: h5py.Group, system: System) -> None:
     text(group, "source", system.source)
-    record = {
-        "name": system.name,
-        "units": system.units.name,
-        "particles": len(system),
-        "box": system.box.lengths,
-        "species": system.species,
-        "names": system.names,
-        "radii": system.radii,
-        "events": [{"kind": event.kind, "parameters": event} for event in system.events],
-        "forces": [
-            {"type": type(force).__name__, "module": type(force).__module__, "parameters": force}
-            for force in system.forces
-        ],
-        "run": system.run,
-        "equilibration": system.equilibration,
-        "invariants": system.invariants,
-        "seed": system.seed,
-        "time": system.state.time,
-        "steps_done": system.state.steps_done,
-    }
-    text(group, "record", to_json(record))
+    text(group, "record", to_json(record_of(system)))
     group.create_dataset("phase", data=system.state.phase, track_times=False)
 
 

@@ -1,0 +1,168 @@
+"""A System as a run's file keeps it, and back: what the file alone needs to run it again."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Mapping
+from dataclasses import asdict, fields, is_dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from kickdrift.errors import InputError
+from kickdrift.events import Between, CloseApproach, Collision, Crossing, Escape, Event
+from kickdrift.forces import FORCES
+from kickdrift.system import Equilibration, RunDefaults, System
+
+if TYPE_CHECKING:
+    from kickdrift.trajectory.reader import Run
+
+_EVENTS: dict[str, Any] = {event.__name__: event for event in (CloseApproach, Collision, Crossing, Escape)}
+
+
+def to_json(value: Any) -> str:
+    return json.dumps(_plain(value))
+
+
+def _plain(value: Any) -> Any:
+    """Dataclasses, named tuples and arrays as dictionaries, lists, numbers and text.
+
+    A dictionary whose keys are not text becomes a list of [key, value].
+    """
+    if isinstance(value, tuple) and hasattr(value, "_asdict"):
+        return _plain(value._asdict())
+    if is_dataclass(value) and not isinstance(value, type):
+        return {each.name: _plain(getattr(value, each.name)) for each in fields(value)}
+    if isinstance(value, Mapping):
+        if all(isinstance(key, str) for key in value):
+            return {key: _plain(item) for key, item in value.items()}
+        return [[_plain(key), _plain(item)] for key, item in value.items()]
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    if isinstance(value, (list, tuple, set, frozenset)):
+        return [_plain(item) for item in value]
+    if isinstance(value, np.generic):
+        return value.item()
+    if value is None or isinstance(value, (bool, int, float, str)):
+        return value
+    return str(value)
+
+
+def record_of(system: System) -> dict[str, Any]:
+    """All of a System but its state, masses, ids and species, which the file has as arrays."""
+    return {
+        "name": system.name,
+        "units": system.units.name,
+        "particles": len(system),
+        "box": system.box.lengths,
+        "species": system.species,
+        "names": system.names,
+        "radii": system.radii,
+        "events": [{"kind": event.kind, **_described(event)} for event in system.events],
+        "forces": [_described(force) for force in system.forces],
+        "run": system.run,
+        "equilibration": system.equilibration,
+        "invariants": system.invariants,
+        "seed": system.seed,
+        "time": system.state.time,
+        "steps_done": system.state.steps_done,
+    }
+
+
+def _described(thing: Any) -> dict[str, Any]:
+    return {"type": type(thing).__name__, "module": type(thing).__module__, "parameters": thing}
+
+
+def system_of(run: Run, frame: int | None = None) -> System:
+    """The System that a run was given, or the same at one of the run's frames, at that frame's time.
+
+    Forces that the file names by a class of the user's own are found where that class's module has been imported. An
+    InputError says what cannot be had from the file, and which frame has bodies that have merged or left.
+    """
+    record = run.system_record
+    start = run.initial_phase
+    species = [run.species[k] for k in run.species_index]
+    known = {each.name for each in fields(RunDefaults)}
+    system = System(
+        start[0].T,
+        start[1].T,
+        run.masses,
+        run.box,
+        [_force(given, str(run.path)) for given in record["forces"]],
+        run.units,
+        species,
+        record["name"],
+        RunDefaults(**{key: value for key, value in record["run"].items() if key in known}),
+        Equilibration(**record["equilibration"]) if record["equilibration"] else None,
+        record["invariants"],
+        run.system_source,
+        record["seed"],
+        run.names,
+        record.get("radii"),
+        [_event(given, str(run.path)) for given in record.get("events", ())],
+    )
+    if frame is None:
+        return system.at(start, record["time"], record["steps_done"], run.ids)
+    shown = run[frame]
+    gone = [event for event in run.events if event["time"] <= shown.time and _changed(event)]
+    if gone:
+        raise InputError(
+            f"{run.path}: frame {shown.index}: {gone[0]['kind']} of {' and '.join(gone[0]['bodies'])} at t = "
+            f"{gone[0]['time']:g} has changed the bodies before it; resume the run from there instead"
+        )
+    return system.at(np.array([shown.positions.T, shown.velocities.T]), shown.time, 0, run.ids)
+
+
+def _changed(event: Mapping[str, Any]) -> bool:
+    return any(word in event["done"] for word in ("merged into", "removed"))
+
+
+def _force(given: Mapping[str, Any], path: str) -> Any:
+    name, module = given["type"], given["module"]
+    own = {(cls.__name__, cls.__module__): cls for cls in FORCES.values()}
+    cls = own.get((name, module)) or getattr(sys.modules.get(module), name, None)
+    if cls is None:
+        raise InputError(
+            f"{path}: force {name} is of module {module}, which is not loaded; import it first (on the command line "
+            "by --load FILE.py), or give the system"
+        )
+    parameters = dict(given["parameters"])
+    for key, value in parameters.items():
+        if isinstance(value, list) and value and all(_is_item(each) for each in value):
+            parameters[key] = {tuple(pair): inner for pair, inner in value}
+    return cls(**parameters)
+
+
+def _is_item(value: Any) -> bool:
+    """Whether it is what `to_json` makes of a dictionary's item whose key is a tuple."""
+    return isinstance(value, list) and len(value) == 2 and isinstance(value[0], list) and isinstance(value[1], dict)
+
+
+def _event(given: Mapping[str, Any], path: str) -> Event:
+    parameters = dict(given["parameters"])
+    function = parameters.get("function")
+    if isinstance(function, str):
+        raise InputError(f"{path}: event {given['kind']!r} has a function of the user's own; give the events again")
+    if function is not None:
+        parameters["function"] = Between(**function)
+    return _EVENTS[given["type"]](**parameters)
+
+
+def differences(first: System, second: System) -> list[str]:
+    """What differs between two systems, in the words of a run's file; nothing where they are one."""
+    one, other = (json.loads(to_json(record_of(system) | _arrays(system))) for system in (first, second))
+    skipped = {"name", "invariants", "run", "equilibration", "seed"}  # which do not change what the forces do
+    return [key for key in one if key not in skipped and one[key] != other[key]]
+
+
+def _arrays(system: System) -> dict[str, Any]:
+    state = system.state
+    return {
+        "positions": state.phase[0],
+        "velocities": state.phase[1],
+        "masses": state.masses,
+        "ids": state.ids,
+        "species of particles": system.species_index,
+        "unit system": asdict(system.units),
+    }
