@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import fft
 
 from kickdrift.analysis.blocks import Mean, block_average
-from kickdrift.analysis.vectors import Vectors, Source, vectors_of
+from kickdrift.analysis.vectors import Source, Vectors, vectors_of
 from kickdrift.errors import InputError
 from kickdrift.state import Floats
 
@@ -50,7 +50,8 @@ class _Stretches(NamedTuple):
 
     def mean(self) -> Floats:
         """(lags,) over all time origins."""
-        return self.sums.sum(axis=0) / self.terms.sum(axis=0)
+        total: Floats = self.sums.sum(axis=0)
+        return total / self.terms.sum(axis=0)
 
     def rows(self, lag: int) -> Floats:
         """(k, lag + 1) means of those stretches whose every origin has a frame ``lag`` later."""
@@ -239,6 +240,6 @@ def _stretch(x: Floats, origins: int, lags: int, displacements: bool) -> Floats:
     m = np.arange(lags)
     ends = np.clip(have - m, 0, origins)  # of the origins that have a point m later
     both = squares[ends] + squares[np.minimum(ends + m, have)] - squares[np.minimum(m, have)]
-    return np.where(ends > 0, both - 2 * products, 0.0)
-
-
+    sums = np.where(ends > 0, both - 2 * products, 0.0)
+    sums[0] = 0.0  # and not rounding
+    return sums

@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kickdrift.analysis.blocks import mean_over_frames
-from kickdrift.analysis.vectors import Vectors, Source, vectors_of
+from kickdrift.analysis.vectors import Source, Vectors, vectors_of
 from kickdrift.box import Box
 from kickdrift.errors import InputError
 from kickdrift.state import Floats
 
-NYQUIST = 2.0  # times 2 pi over the mean distance (V/N)^(1/3): how far S(k) reaches unless told, past its first peak
+REACH = 1.5  # times 2π over the mean distance (V/n)^(1/3): how far S(k) goes unless told, past a liquid's first peak
 ROOM = 2**22  # complex numbers of one product that are in memory at once
 
 
@@ -117,7 +117,7 @@ def structure_factor(
     ----------
     source : a run, open or by its path, or positions (n, 3) or (frames, n, 3), wrapped or not
     box : three edge lengths, or a periodic Box; with positions alone
-    k_max : largest |k|; default 4π over the mean distance (V/n)^(1/3), beyond the first peak of a liquid
+    k_max : largest |k|; default 3π over the mean distance (V/n)^(1/3), beyond the first peak of a liquid
     width : of the shells; default 2π over the longest edge
     vectors : (m, 3) whole numbers a, b, c; each is then a shell of its own, in the order given
     frames : which, as a slice
@@ -165,7 +165,7 @@ def _shells(
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], int]:
     """Half of the vectors (m, 3) up to k_max, of each k and -k one; the shell of each; how many shells."""
     mean_distance = (found.box.volume / found.particles) ** (1 / 3)
-    largest = NYQUIST * 2 * math.pi / mean_distance if k_max is None else float(k_max)
+    largest = REACH * 2 * math.pi / mean_distance if k_max is None else float(k_max)
     step = float(unit.min()) if width is None else float(width)
     if not (math.isfinite(largest) and largest >= unit.min()):
         raise InputError(f"structure_factor: k_max = {largest:g} is below the smallest wave vector, {unit.min():g}")

@@ -122,6 +122,8 @@ def vectors_of(
     has its own. A last frame that a run's end wrote nearer to the one before than the others are is left out where
     ``frames`` does not choose.
     """
+    if (frames.step or 1) < 1:
+        raise InputError(f"frames: expected a slice that goes forward, got a step of {frames.step}")
     if isinstance(source, str | os.PathLike):
         source = reader.open(source)  # closed when nobody refers to it any more
     if isinstance(source, reader.Run):
