@@ -118,6 +118,16 @@ class Run(Frames):
         group = self._file["observables"]
         return {name: group[name]["value"][frames] for name in group if len(self)}
 
+    def vectors(self, what: str, frames: slice, particles: slice = slice(None)) -> Floats:
+        """(f, n, 3) unwrapped "positions" or "velocities" of some frames and particles, read at once."""
+        name, factor = {
+            "positions": ("position", self._factors.length),
+            "velocities": ("velocity", self._factors.velocity),
+        }[what]
+        start, stop, step = frames.indices(len(self))
+        values: Floats = self._file[TRAJECTORY][name]["value"][start:stop:step, particles]
+        return values if factor == 1.0 else values / factor
+
     @property
     def observables(self) -> dict[str, Floats]:
         """Every observable as an array (s,) or (s, …), at `sample_steps` and `sample_times`."""
