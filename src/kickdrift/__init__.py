@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from kickdrift.integrators import integrators
 
 if TYPE_CHECKING:
+    from kickdrift import analysis
     from kickdrift.analysis.chaos import ChaosReport, megno
     from kickdrift.box import Box
     from kickdrift.errors import InputError, KickdriftError, RunError
@@ -107,6 +108,7 @@ __all__ = [
     "System",
     "UniformField",
     "accelerations",
+    "analysis",
     "export",
     "integrators",
     "load",
@@ -121,6 +123,8 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
+    if name == "analysis":
+        return import_module("kickdrift.analysis")
     if name not in _HOMES:
         raise AttributeError(f"module 'kickdrift' has no attribute {name!r}")
     value = getattr(import_module(f"kickdrift.{_HOMES[name]}"), name)
@@ -129,4 +133,4 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return [*globals(), *_HOMES]
+    return [*globals(), *_HOMES, "analysis"]
