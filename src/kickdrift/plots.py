@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from kickdrift import cache
+from kickdrift import cache, outputs
 from kickdrift.analysis.structure import radial_distribution
 from kickdrift.errors import InputError
 from kickdrift.state import Floats
@@ -161,8 +161,8 @@ def _rdf(run: reader.Run) -> tuple[Floats, Floats, int]:
     chosen = np.unique(np.linspace(0, len(run) - 1, count + 1).round().astype(int)[1:])
     positions = np.array([run[int(index)].positions for index in chosen])
     reach = (RDF_NEIGHBOURS * 3 / (4 * math.pi) * run.box.volume / n) ** (1 / 3)
-    r, g = radial_distribution(positions, run.box, r_max=min(reach, min(run.box.lengths) / 2))
-    return r, g, len(chosen)
+    found = radial_distribution(positions, run.box, r_max=min(reach, min(run.box.lengths) / 2))
+    return found.r, found.g, len(chosen)
 
 
 # -- what all figures share
@@ -206,14 +206,7 @@ def _thin(x: Floats, y: Floats) -> tuple[Floats, Floats]:
 
 
 def checked_target(output: str | os.PathLike[str], overwrite: bool) -> Path:
-    path = Path(output)
-    if path.suffix.lower() not in SUFFIXES:
-        raise InputError(f"{path}: a figure's name must end in {', '.join(SUFFIXES)}")
-    if not path.parent.is_dir():
-        raise InputError(f"{path}: there is no folder {path.parent}")
-    if path.exists() and not overwrite:
-        raise InputError(f"{path}: exists already; pass --overwrite (overwrite=True) to replace it")
-    return path
+    return outputs.checked_target(output, "a figure's name", SUFFIXES, overwrite)
 
 
 @contextmanager

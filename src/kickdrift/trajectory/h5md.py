@@ -10,7 +10,7 @@ import math
 import os
 import time
 import uuid
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
@@ -23,6 +23,7 @@ from kickdrift.interrupt import interruptible
 from kickdrift.state import Floats, State
 from kickdrift.system import System
 from kickdrift.trajectory import creation, packing, reader
+from kickdrift.trajectory.checkpoints import Checkpoint, Stored, Table, encoded
 from kickdrift.trajectory.layout import EVENT_WIDTH, header_image
 from kickdrift.trajectory.openfile import OpenFile, refuse_second
 from kickdrift.trajectory.options import FileOptions
@@ -33,6 +34,8 @@ if TYPE_CHECKING:
     import h5py
 
 FLUSH_BYTES = 8 * 2**20
+CHECKPOINT_SHARE = 0.25  # of what is written may be checkpoints, but for the first and the last of a run
+CHECKPOINT_SECONDS = 60.0  # after which there is one all the same
 
 
 class Writer:
@@ -50,6 +53,9 @@ class Writer:
     every : steps between samples, stored for a later continuation
     overwrite : replace a file of that name, once the new one stands
     options : FileOptions
+    checkpoint : gives a `Checkpoint` of the state appended last, or before the first of the start; one is written into
+        the new file at once, then with some of the flushes, and when the file is closed
+    plan : how far the run is to go (`run_plan.Plan.numbers`)
 
     Attributes
     ----------
@@ -74,6 +80,8 @@ class Writer:
         options: FileOptions | None = None,
         flush_bytes: int = FLUSH_BYTES,
         author: str = "N/A",
+        checkpoint: Callable[[], Checkpoint] | None = None,
+        plan: Sequence[float] = (),
     ) -> None:
         options = options or FileOptions()
         image = header_image(
@@ -84,8 +92,10 @@ class Writer:
             author=author,
             flush_frames=max(1, flush_bytes // (48 * len(system))),
             options=options,
+            plan=plan,
+            start=_stored(checkpoint()) if checkpoint else None,
         )
-        self._open(creation.create(Path(path), image, overwrite=overwrite), flush_bytes, options.flush)
+        self._open(creation.create(Path(path), image, overwrite=overwrite), flush_bytes, options.flush, checkpoint)
 
     @classmethod
     def append_to(
@@ -95,6 +105,8 @@ class Writer:
         *,
         options: FileOptions | None = None,
         flush_bytes: int = FLUSH_BYTES,
+        checkpoint: Callable[[], Checkpoint] | None = None,
+        plan: Sequence[float] = (),
     ) -> Self:
         """Open a file to continue it; the InputError of a file that is not this run's names the other.
 
@@ -111,19 +123,30 @@ class Writer:
                 if options and getattr(options, key) != getattr(run.options, key):
                     raise InputError(f"{path}: was begun with {key}={getattr(run.options, key)!r}, and that stays")
         writer = cls.__new__(cls)
-        writer._open(path, flush_bytes, (options or FileOptions()).flush)
+        writer._open(path, flush_bytes, (options or FileOptions()).flush, checkpoint)
+        if plan:
+            writer._out.h5["kickdrift/plan"][...] = plan
+            writer._out.commit()
         return writer
 
-    def _open(self, path: Path, flush_bytes: int, flush_seconds: float) -> None:
+    def _open(
+        self,
+        path: Path,
+        flush_bytes: int,
+        flush_seconds: float,
+        checkpoint: Callable[[], Checkpoint] | None,
+    ) -> None:
         self.path, self.flush_bytes, self.flush_seconds = path, flush_bytes, flush_seconds
         self.report: dict[str, Any] | None = None
         self.absorbed: Mapping[int, int] = {}
+        self._checkpoint = checkpoint
+        self._checkpointed_at, self._since_checkpoint, self._checkpoint_size = time.monotonic(), 0, 0
         self._out = OpenFile(path, flush_bytes + 2 * 2**20)
         self._closed = False
         self._rows = Rows(self._out)
         if packing.is_packed(self._out.h5):
             self._write(lambda: self._out.replace(packing.rewritten(self._out.h5, path, compress=False)))
-        if self._rows.cut():
+        if self._rows.cut() | Table(self._out.h5, path).cut():
             self._out.commit()
             self._out.reopen()
         own = self._out.h5["kickdrift"]
@@ -226,26 +249,49 @@ class Writer:
         self._buffered = 0
         self._flushed_at = time.monotonic()
 
-    def flush(self) -> None:
-        """Bring everything appended so far to the file, where a kill cannot reach it; Ctrl-C waits for it."""
+    def flush(self, *, final: bool = False) -> None:
+        """Bring everything appended so far to the file, where a kill cannot reach it; ``final`` with a checkpoint.
+
+        Ctrl-C waits for it."""
         self._check_open()
         if self._out.failed:
             raise RunError(f"{self.path}: an earlier write failed; nothing more can be written")
-        if self._samples or self._frames or self._events:
-            with interruptible() as interrupted:
-                self._write(lambda: self._rows.add(self._frames, self._samples, self._events))
-                self._clear()
-            if interrupted():
-                raise KeyboardInterrupt
-        self._clear()
+        with interruptible() as interrupted:
+            self._since_checkpoint += self._buffered
+            stored = self._due(final)
+            if self._samples or self._frames or self._events or stored:
+                self._write(lambda: self._add(stored))
+            self._clear()
+        if interrupted():
+            raise KeyboardInterrupt
 
-    def close(self) -> None:
-        """Flush, store the report if there is one, and close; a second call does nothing."""
+    def _add(self, stored: Stored | None) -> None:
+        self._rows.add(self._frames, self._samples, self._events)
+        if stored:
+            Table(self._out.h5, self.path).add(stored, self._out.commit)
+
+    def _due(self, final: bool) -> Stored | None:
+        """A checkpoint of what was appended last, where it is time for one."""
+        if self._checkpoint is None or self.last_sample is None:
+            return None
+        table = Table(self._out.h5, self.path)
+        if table.rows and same((int(table.steps[-1]), float(table.times[-1])), *self.last_sample):
+            return None
+        grown = CHECKPOINT_SHARE * self._since_checkpoint >= self._checkpoint_size
+        if not (final or grown or time.monotonic() - self._checkpointed_at >= CHECKPOINT_SECONDS):
+            return None
+        stored = _stored(self._checkpoint())
+        self._checkpointed_at, self._since_checkpoint, self._checkpoint_size = time.monotonic(), 0, stored.size
+        return stored
+
+    def close(self, *, whole: bool = True) -> None:
+        """Flush, store the report if there is one, and close; a second call does nothing. A run that came to its end
+        is ``whole``: it is given a last checkpoint."""
         if self._closed:
             return
         try:
             if not self._out.failed:
-                self.flush()
+                self.flush(final=whole)
                 if self.report is not None:
                     self._write(self._finish)
         finally:
@@ -271,10 +317,14 @@ class Writer:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         try:
-            self.close()
+            self.close(whole=error is None)
         except RunError:
             if error is None:  # else the first error is the one to tell
                 raise
+
+
+def _stored(checkpoint: Checkpoint) -> Stored:
+    return Stored(checkpoint["step"], checkpoint["time"], encoded(checkpoint))
 
 
 ROUNDING = 1e-12  # relative, of times that went through the file's units

@@ -17,16 +17,19 @@ from scipy import constants
 from kickdrift.box import Box
 from kickdrift.errors import InputError
 from kickdrift.system import System
+from kickdrift.trajectory import checkpoints
+from kickdrift.trajectory.checkpoints import Stored
 from kickdrift.trajectory.options import FileOptions
 from kickdrift.trajectory.record import record_of, to_json
 from kickdrift.units import DIMENSIONS, UnitSystem
 
-SCHEMA = 1
+SCHEMA = 2  # 1 had no checkpoints and no plan
 SUFFIX = ".h5md"
 TRAJECTORY = "particles/trajectory"
 SAMPLES = "kickdrift/samples"
 EVENTS = "kickdrift/events"
 KIND_BYTES, DONE_BYTES = 64, 160  # of an event's texts, which are cut there; fixed, so that rows survive a kill
+PLAN_NUMBERS = 7  # what `run_plan.Plan` has
 EVENT_WIDTH = 6 + (KIND_BYTES + DONE_BYTES) // 8  # of an event's row, in numbers of 8 bytes
 CHUNK_BYTES = 128 * 1024  # of positions or velocities; a chunk holds a few dozen frames of some of the particles
 SERIES_CHUNK = 512  # rows of a series with one row for each frame or sample
@@ -38,7 +41,8 @@ _PICOSECOND = {"ps": 1.0, "fs": 1e-3, "s": 1e12}
 _KJ_PER_MOL = "kJ mol-1 Angstrom-1"
 _FORCE = {("eV", "angstrom"): (constants.e * constants.N_A / 1000, _KJ_PER_MOL), ("J", "m"): (1.0, "Newton")}
 _DIMENSION = dict.fromkeys(("kinetic_energy", "potential_energy", "total_energy"), "energy")
-_DIMENSION["centre_of_mass"] = "length"
+_DIMENSION |= {"centre_of_mass": "length", "centre_of_mass_velocity": "velocity", "energy_taken": "energy"}
+_DIMENSION |= {"momentum_taken": "momentum", "angular_momentum_taken": "angular momentum"}
 
 
 class FileUnits(NamedTuple):
@@ -136,6 +140,8 @@ def header_image(
     author: str,
     flush_frames: int,
     options: FileOptions,
+    plan: Sequence[float] = (),
+    start: Stored | None = None,
 ) -> bytes:
     """The bytes of a file that holds everything but frames.
 
@@ -157,6 +163,7 @@ def header_image(
         own.attrs["compress"] = options.compress
         own.create_dataset("committed", data=np.zeros(2, dtype="i8"), track_times=False)  # frames, samples
         own.create_dataset("closed", data=np.zeros(1, dtype="i1"), track_times=False)
+        own.create_dataset("plan", data=np.array(plan or [np.nan] * PLAN_NUMBERS), track_times=False)
         _units(own.create_group("units"), system.units)
         _text(own, "method", to_json(method))
         _text(own, "versions", to_json(versions()))
@@ -166,6 +173,9 @@ def header_image(
         new_series(samples, "step", (), "i8")
         new_series(samples, "time", (), "f8")
         _events(file)
+        checkpoints.new_table(file)
+        if start is not None:
+            checkpoints.Table(file, "").add(start, file.flush)
         file.flush()
         return bytes(file.id.get_file_image())
 
