@@ -100,13 +100,14 @@ def versions() -> dict[str, str]:
 
 def new_series(
     group: h5py.Group,
-    name: str,
+    name: str | None,
     shape: tuple[int, ...],
     dtype: str,
     rows: int | None = None,
     chunk: Sequence[int] | None = None,
 ) -> h5py.Dataset:
-    """An empty dataset that grows along its first axis; numbers that were never written read as NaN."""
+    """An empty dataset that grows along its first axis; numbers that were never written read as NaN. Without a name it
+    is in the file, and to be found once it is given one."""
     fill = np.nan if dtype in ("f4", "f8") else None
     chunks = (rows or SERIES_CHUNK, *(shape if chunk is None else chunk))
     return group.create_dataset(
@@ -148,13 +149,13 @@ def header_image(
     It is made in memory and written by plain file I/O, since a full disk is then an ordinary exception.
     """
     with h5py.File(f"{run_id}.image", "w", driver="core", backing_store=False, libver="earliest") as file:
+        _particles(file, system, flush_frames, options)
         h5md = file.create_group("h5md")
         h5md.attrs["version"] = np.array([1, 1], dtype="i4")
         h5md.create_group("author").attrs["name"] = author
         creator = h5md.create_group("creator")
         creator.attrs["name"] = "kickdrift"
         creator.attrs["version"] = versions()["kickdrift"]
-        _particles(file.create_group(TRAJECTORY), system, flush_frames, options)
         file.create_group("observables")
         own = file.create_group("kickdrift")
         own.attrs["schema"] = SCHEMA
@@ -180,10 +181,15 @@ def header_image(
         return bytes(file.id.get_file_image())
 
 
-def _particles(group: h5py.Group, system: System, flush_frames: int, options: FileOptions) -> None:
+def _particles(file: h5py.File, system: System, flush_frames: int, options: FileOptions) -> None:
     n = len(system)
+    # Both begin in the file's first page, so that they grow in one write: MDAnalysis counts frames by the one and ends
+    # a loop by the other.
+    first = {"step": new_series(file, None, (), "i8"), "position": _vectors(file, n, options.dtype, flush_frames)}
+    group = file.create_group(TRAJECTORY)
     position = group.create_group("position")
-    clock = {"step": new_series(position, "step", (), "i8"), "time": new_series(position, "time", (), "f8")}
+    position["step"], position["value"] = first["step"], first["position"]
+    clock = {"step": first["step"], "time": new_series(position, "time", (), "f8")}
     clock["time"].attrs["unit"] = "ps"
     vectors = {"position": ("Angstrom", options.dtype), "velocity": ("Angstrom ps-1", options.dtype)}
     if "forces" in options.write:
@@ -194,10 +200,10 @@ def _particles(group: h5py.Group, system: System, flush_frames: int, options: Fi
         vectors["image"] = "", "i4"
     for name, (unit, dtype) in vectors.items():
         element = group.require_group(name)
-        rows, *rest = frame_chunk(n, flush_frames, 3 * np.dtype(dtype).itemsize)
-        value = new_series(element, "value", (n, 3), dtype, rows, rest)
+        if "value" not in element:
+            element["value"] = _vectors(file, n, dtype, flush_frames)
         if unit:
-            value.attrs["unit"] = unit
+            element["value"].attrs["unit"] = unit
         _link(element, clock)
     box = group.create_group("box")
     box.attrs["dimension"] = 3
@@ -213,6 +219,12 @@ def _particles(group: h5py.Group, system: System, flush_frames: int, options: Fi
     mass = group.create_dataset("mass", data=system.state.masses, track_times=False)
     mass.attrs["unit"] = system.units.mass
     group.create_dataset("id", data=system.state.ids, track_times=False)
+
+
+def _vectors(file: h5py.File, n: int, dtype: str, flush_frames: int) -> h5py.Dataset:
+    """(f, n, 3), without a name."""
+    rows, *rest = frame_chunk(n, flush_frames, 3 * np.dtype(dtype).itemsize)
+    return new_series(file, None, (n, 3), dtype, rows, rest)
 
 
 def _link(element: h5py.Group, clock: Mapping[str, h5py.Dataset]) -> None:

@@ -29,7 +29,11 @@ def rewritten(file: h5py.File, path: Path, *, compress: bool) -> Path:
         storage = PagedFile(part)
         try:
             with h5py.File(storage, "w", libver="earliest", **ALIGNMENT) as copy:
-                _copy(file, copy, {}, _FILTERS if compress else {}, storage)
+                names = ("step", "value")  # which begin in the first page: see `layout`
+                items = [file[f"particles/trajectory/position/{name}"] for name in names]
+                filters = _FILTERS if compress else {}
+                first = {_address(item): _empty(item, None, copy, filters) for item in items}
+                _copy(file, copy, {}, first, filters, storage)
             storage.commit()
         finally:
             storage.close()
@@ -40,31 +44,46 @@ def rewritten(file: h5py.File, path: Path, *, compress: bool) -> Path:
     return part
 
 
+def _address(item: Any) -> int:
+    return int(h5py.h5o.get_info(item.id).addr)
+
+
+def _empty(item: h5py.Dataset, name: str | None, group: h5py.Group, filters: dict[str, Any]) -> h5py.Dataset:
+    """A dataset of the same kind without rows."""
+    return group.create_dataset(
+        name, (0, *item.shape[1:]), item.dtype, maxshape=item.maxshape, chunks=item.chunks, fillvalue=item.fillvalue,
+        track_times=False, **filters,
+    )  # fmt: skip
+
+
 def _copy(
-    source: h5py.Group, target: h5py.Group, made: dict[int, str], filters: dict[str, Any], storage: PagedFile
+    source: h5py.Group,
+    target: h5py.Group,
+    made: dict[int, str],
+    first: dict[int, h5py.Dataset],
+    filters: dict[str, Any],
+    storage: PagedFile,
 ) -> None:
-    """Everything inside a group; objects with several names keep them."""
+    """Everything inside a group; objects with several names keep them, and ``first`` are there already, without."""
     for name, item in source.items():
-        address = h5py.h5o.get_info(item.id).addr
+        address = _address(item)
         if address in made:
             target[name] = target.file[made[address]]
             continue
         if isinstance(item, h5py.Group):
-            new = target.create_group(name)
-            _copy(item, new, made, filters, storage)
+            _copy(item, target.create_group(name), made, first, filters, storage)
         elif item.chunks is None:
             source.copy(item, target, name)
-            new = target[name]
         else:
-            new = target.create_dataset(
-                name, (0, *item.shape[1:]), item.dtype, maxshape=item.maxshape, chunks=item.chunks,
-                fillvalue=item.fillvalue, track_times=False, **filters,
-            )  # fmt: skip
-            _copy_rows(item, new, storage)
-        if not (isinstance(item, h5py.Dataset) and item.chunks is None):
+            if address in first:
+                target[name] = first[address]
+            else:
+                _empty(item, name, target, filters)
+            _copy_rows(item, target[name], storage)
+        if isinstance(item, h5py.Group) or item.chunks:
             for key in item.attrs:
-                new.attrs.create(key, item.attrs[key], dtype=item.attrs.get_id(key).dtype)
-        made[address] = new.name
+                target[name].attrs.create(key, item.attrs[key], dtype=item.attrs.get_id(key).dtype)
+        made[address] = f"{target.name}/{name}"
 
 
 def _copy_rows(item: h5py.Dataset, new: h5py.Dataset, storage: PagedFile) -> None:

@@ -136,7 +136,6 @@ class Rows:
         for name in self.shapes:
             self._put(f"{SAMPLES}/{name}", self.samples, [row.observables[name] for row in samples])
             self._put(f"observables/{name}/value", self.frames, [row.observables[name] for row in frames])
-        self._put(f"{TRAJECTORY}/position/step", self.frames, [row.step for row in frames])
         self._put(f"{TRAJECTORY}/position/time", self.frames, [row.time * factors.time for row in frames])
         self._put(f"{TRAJECTORY}/velocity/value", self.frames, [row.velocities * factors.velocity for row in frames])
         if "forces" in self.write:
@@ -156,8 +155,9 @@ class Rows:
             texts = name in ("kind", "done")
             self._put(f"{EVENTS}/{name}", self.events, [text.encode() for text in values] if texts else values)
         self._out.commit()
-        # Positions grow last and in a commit of their own: MDAnalysis counts frames by them, and so finds everything
-        # else there after a kill.
+        # Positions and their steps grow last and in one write: MDAnalysis counts frames by the first and ends a loop by
+        # the second, and so finds everything else there after a kill.
+        self._put(f"{TRAJECTORY}/position/step", self.frames, [row.step for row in frames])
         self._put(f"{TRAJECTORY}/position/value", self.frames, [each * factors.length for each in positions])
         self._out.commit()
         total = self.frames + len(frames), self.samples + len(samples)
