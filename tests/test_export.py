@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
-import warnings
 from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from run_files import ANGSTROM, FRAMES, PS, UNITS, N, make_system, states, without, write
 from scipy import constants
 
 import kickdrift as kd
@@ -19,7 +20,6 @@ from kickdrift.errors import InputError
 from kickdrift.state import State
 from kickdrift.system import System
 from kickdrift.trajectory import formats, to_mdanalysis
-from kickdrift.trajectory.h5md import Writer
 
 ase_io = pytest.importorskip("ase.io")
 MDAnalysis = pytest.importorskip("MDAnalysis")
@@ -31,145 +31,14 @@ pytestmark = [  # MDAnalysis', of its own readers
     pytest.mark.filterwarnings("ignore:Element information is missing:UserWarning"),
 ]
 
-METHOD = {"integrator": "velocity-verlet", "dt": 0.005}
-EVERY, FRAMES, N = 20, 5, 12
-ANGSTROM = {"si": 1e10}  # of a unit of length, as the file's other units say; 1 for the rest
-PS = {"si": 1e12}
-ATOMIC = {"si": 1 / constants.atomic_mass}
-UNITS = ("lj", "nbody", "astro", "metal", "si")
+PAGE = (Path(__file__).parents[1] / "docs" / "export.md").read_text(encoding="utf-8")
 READ_BY_MDANALYSIS = tuple(suffix for suffix, format in formats.FORMATS.items() if format.package == "MDAnalysis")
 READ_BY_ASE = tuple(suffix for suffix, format in formats.FORMATS.items() if format.package == "ASE")
-
-
-def make_system(units: str, n: int = N, spread: float = 20.0) -> System:
-    """Of argon's size in real units, and with bodies that have names where there are stars."""
-    rng = np.random.default_rng(3)
-    length, time = 1 / ANGSTROM.get(units, 1.0), 1 / PS.get(units, 1.0)
-    stars = units in ("nbody", "astro")
-    return System(
-        rng.uniform(-spread, spread, (n, 3)) * length,
-        rng.normal(size=(n, 3)) * length / time,
-        masses=(np.arange(n) % 3 + 1.0) * 20 / ATOMIC.get(units, 1.0),
-        box=None if stars else np.array([15.0, 16.0, 17.5]) * length,
-        units=units,
-        species=["Ar", "Kr", "Ar"] * (n // 3) if units in ("metal", "si") else ["A", "Bb", "A"] * (n // 3),
-        names=[f"body {k}" for k in range(n)] if stars else (),
-    )
-
-
-def states(system: System, steps=range(0, EVERY * FRAMES, EVERY)) -> list[State]:
-    """Of free particles, at 0.005 of the run's own (or of a ps, in si) a step."""
-    s, dt = system.state, 0.005 / PS.get(system.units.name, 1.0)
-    return [
-        State(np.array([s.phase[0] + s.phase[1] * k * dt, s.phase[1]]), s.masses, s.ids, s.box, k * dt, k)
-        for k in steps
-    ]
-
-
-def write(path: Path, system: System, of: list[State] | None = None, **absorbed) -> list[State]:
-    of = states(system) if of is None else of
-    method = METHOD | {"dt": METHOD["dt"] / PS.get(system.units.name, 1.0)}
-    with Writer(path, system, method=method, every=EVERY, overwrite=True) as writer:
-        writer.absorbed = absorbed.get("absorbed", {})
-        for state in of:
-            writer.append(state, {})
-    return of
 
 
 @pytest.fixture
 def path(tmp_path) -> Path:
     return tmp_path / "run.h5md"
-
-
-def without(state: State, particle: int) -> State:
-    keep = np.arange(len(state)) != particle
-    return State(state.phase[:, :, keep], state.masses[keep], state.ids[keep], state.box, state.time, state.steps_done)
-
-
-# -- the Universe
-
-
-@pytest.mark.parametrize("units", UNITS)
-def test_universe_has_all_that_the_file_knows(path, units):
-    system = make_system(units)
-    written = write(path, system)
-    with kd.open(path) as run:
-        universe = run.universe()
-    trajectory, atoms = universe.trajectory, universe.atoms
-    length, time = ANGSTROM.get(units, 1.0), PS.get(units, 1.0)
-    assert (len(trajectory), len(atoms)) == (FRAMES, N)
-    assert trajectory.dt == pytest.approx(0.1, rel=1e-12)
-    assert trajectory.totaltime == pytest.approx(0.1 * (FRAMES - 1), rel=1e-12)
-    for ts, state in zip(trajectory, written, strict=True):
-        np.testing.assert_allclose(atoms.positions, state.positions * length, rtol=1e-7)
-        np.testing.assert_allclose(atoms.velocities, state.velocities * length / time, rtol=1e-7)
-        assert ts.time == pytest.approx(state.time * time, rel=1e-12)
-        assert ts.data["step"] == state.steps_done
-        if system.box.periodic:
-            np.testing.assert_allclose(ts.dimensions, [15, 16, 17.5, 90, 90, 90], rtol=1e-7)
-        else:
-            assert ts.dimensions is None
-    assert list(atoms.types) == [system.species[k] for k in system.species_index]
-    assert list(atoms.names) == (list(system.names) or list(atoms.types))
-    np.testing.assert_allclose(atoms.masses, (np.arange(N) % 3 + 1.0) * 20, rtol=1e-12)
-    np.testing.assert_array_equal(atoms.ids, system.state.ids)
-    assert hasattr(atoms, "elements") == (units in ("metal", "si"))
-    assert universe.select_atoms("type Kr or type Bb").n_atoms == N // 3
-    trajectory.close()
-
-
-def test_mdanalysis_alone_reads_the_same(path):
-    written = write(path, make_system("metal"))
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # it guesses types and masses, and says that it cannot
-        universe = MDAnalysis.Universe(str(path))
-    for ts, state in zip(universe.trajectory, written, strict=True):
-        np.testing.assert_allclose(ts.positions, state.positions, rtol=1e-7)
-        assert ts.time == pytest.approx(state.time, rel=1e-12)
-    # All but the time between frames, which it reads from no H5MD file; times of frames are the file's.
-    assert universe.trajectory.dt == 1.0
-    universe.trajectory.close()
-
-
-def test_one_frame_has_the_time_step_that_the_run_would_have_had(path):
-    system = make_system("si")
-    write(path, system, states(system)[:1])
-    with kd.open(path) as run:
-        universe = run.universe()
-    assert universe.trajectory.dt == pytest.approx(EVERY * 0.005, rel=1e-12)
-    universe.trajectory.close()
-
-
-def test_uneven_frames_are_said_and_keep_their_times(path):
-    system = make_system("lj")
-    written = write(path, system, states(system, (0, 20, 40, 70)))
-    with kd.open(path) as run, pytest.warns(UserWarning, match="not evenly spaced; dt is their mean"):
-        universe = run.universe()
-    assert universe.trajectory.totaltime == pytest.approx(0.35)
-    assert [ts.time for ts in universe.trajectory] == [state.time for state in written]
-    universe.trajectory.close()
-
-
-def test_a_removed_body_is_nan_in_the_universe(path):
-    system = make_system("nbody")
-    first, last = states(system, (0, 20))
-    write(path, system, [first, without(last, 4)], absorbed={4: -1})
-    with kd.open(path) as run:
-        universe = run.universe()
-    universe.trajectory[1]
-    there = np.isfinite(universe.atoms.positions).all(axis=1)
-    assert np.flatnonzero(~there).tolist() == [4]
-    assert list(universe.atoms[~there].names) == ["body 4"]
-    np.testing.assert_allclose(universe.atoms[there].positions, without(last, 4).positions, rtol=1e-6)
-    universe.trajectory.close()
-
-
-def test_a_file_without_frames_is_refused(path):
-    write(path, make_system("lj"), [])
-    with kd.open(path) as run, pytest.raises(InputError, match=r"run\.h5md: holds no frame"):
-        run.universe()
-    with pytest.raises(InputError, match=r"run\.h5md: holds no frame"):
-        kd.export(path, path.with_suffix(".xyz"))
 
 
 # -- exports, read by the programs that they are for
@@ -534,3 +403,24 @@ def test_blocks_of_frames_are_read_in_order(path, monkeypatch):
         assert [atoms.info["step"] for atoms in found] == list(range(2, 101, step))
         for atoms, state in zip(found, written[2::step], strict=True):
             np.testing.assert_array_equal(atoms.positions, state.positions)
+
+
+# -- the page
+
+
+def test_the_page_shows_the_table_of_formats():
+    shown = [[cell.strip() for cell in line.split("|")[1:-1]] for line in PAGE.splitlines() if line.startswith("|")]
+    heading, _, *rows = shown
+    assert [heading, *rows] == formats.table()
+
+
+def test_the_python_of_the_page_runs(path, monkeypatch, capsys):
+    monkeypatch.chdir(path.parent)
+    write(path, make_system("lj"))
+    blocks = re.findall(r"```python\n(.*?)```", PAGE, flags=re.DOTALL)
+    names: dict = {"__name__": "page"}
+    exec(compile("\n".join(blocks), "docs/export.md", "exec"), names)
+    names["universe"].trajectory.close()
+    shown = capsys.readouterr().out.splitlines()
+    assert shown[0] == "5 frames, 0.1 from one to the next"
+    assert shown[-1] == f"3 frames; {formats.losses(formats.FORMATS['.trr'], nominal=True)}"
