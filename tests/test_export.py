@@ -20,6 +20,7 @@ from kickdrift.errors import InputError
 from kickdrift.state import State
 from kickdrift.system import System
 from kickdrift.trajectory import formats, to_mdanalysis
+from kickdrift.units import MSUN
 
 ase_io = pytest.importorskip("ase.io")
 MDAnalysis = pytest.importorskip("MDAnalysis")
@@ -89,45 +90,53 @@ def test_mdanalysis_reads_what_was_exported(path, suffix, units, unwrapped):
 @pytest.mark.parametrize("units", UNITS)
 @pytest.mark.parametrize("suffix", READ_BY_ASE)
 def test_ase_reads_what_was_exported(path, suffix, units, unwrapped):
-    from ase.units import eV, fs, kg
+    from ase.units import eV, kg, m
+    from ase.units import s as second
 
     system = make_system(units)
     written = write(path, system)[:-1]
     kd.export(path, path.with_suffix(suffix), unwrapped=unwrapped, stop=-1)
     found = ase_io.read(path.with_suffix(suffix), ":")
     assert len(found) == len(written)
-    nominal = units in ("lj", "nbody", "astro")
-    length, time = ANGSTROM.get(units, 1.0), PS.get(units, 1.0)
+    # Of a unit of length, time and mass: in ASE's, by ASE's own constants. Reduced numbers stay as they are.
+    length, time, mass = {
+        "metal": (1e-10 * m, 1e-12 * second, constants.atomic_mass * kg),
+        "si": (m, second, kg),
+        "astro": (constants.au * m, 365.25 * 86400 * second, MSUN * kg),
+    }.get(units, (1.0, 1.0, 1.0))
     exact = suffix == ".traj"
+    rounded = {"rtol": 1e-13 if exact else 1e-12, "atol": 0 if exact else 5.1e-9}
     for atoms, state in zip(found, written, strict=True):
         x = state.positions if unwrapped else state.wrapped()
-        np.testing.assert_allclose(atoms.positions, x * length, rtol=1e-14, atol=1e-13 if exact else 5.1e-9)
-        v = state.velocities * length / time  # angstrom/ps; in nominal units the numbers stay
-        if not nominal:
-            kinetic = 0.5 * np.sum(state.masses[:, None] * state.velocities**2)  # in the run's units: u angstrom^2/ps^2
-            joule = kinetic * (1.0 if units == "si" else constants.atomic_mass * 1e4)
-            assert atoms.get_kinetic_energy() / eV == pytest.approx(joule / constants.e, rel=1e-7)
-            v = v / (1000 * fs)
-        else:
-            assert atoms.get_kinetic_energy() == pytest.approx(
-                0.5 * np.sum(state.masses[:, None] * state.velocities**2), rel=1e-8
-            )
-        np.testing.assert_allclose(atoms.get_velocities(), v, rtol=1e-12, atol=0 if exact else 1e-8)
-        np.testing.assert_allclose(
-            atoms.get_masses(), system.state.masses * (kg if units == "si" else 1), rtol=1e-7 if not exact else 1e-6
-        )
-        assert atoms.info["time"] == pytest.approx(state.time * time, rel=1e-12)
-        assert atoms.info["time_unit"] == (system.units.time if nominal else "ps")
+        np.testing.assert_allclose(atoms.positions, x * length, rtol=1e-14, atol=rounded["atol"])
+        # ASE's constants are CODATA's of 2014, which makes 5e-9 of a time.
+        np.testing.assert_allclose(atoms.get_velocities(), state.velocities * length / time, rtol=2e-8, atol=1e-8)
+        np.testing.assert_allclose(atoms.get_masses(), state.masses * mass, rtol=1e-7)
+        energy = 0.5 * np.sum(state.masses[:, None] * state.velocities**2) * mass * (length / time) ** 2
+        assert atoms.get_kinetic_energy() / eV == pytest.approx(energy, rel=1e-6)
+        assert (atoms.info["time"], atoms.info["time_unit"]) == (state.time, system.units.time)
         assert atoms.info["step"] == state.steps_done
         assert list(atoms.get_tags()) == system.species_index.tolist()
         assert atoms.info["species"] == list(system.species)
         assert atoms.info.get("names", []) == list(system.names)
-        assert list(atoms.symbols[:2]) == (["X", "X"] if nominal else ["Ar", "Kr"])
+        assert list(atoms.symbols[:2]) == (["Ar", "Kr"] if units in ("metal", "si") else ["X", "X"])
         assert list(atoms.pbc) == [system.box.periodic] * 3
         if system.box.periodic:
             np.testing.assert_allclose(atoms.cell.lengths(), [15, 16, 17.5], rtol=1e-14)
-        if suffix == ".extxyz":
-            np.testing.assert_allclose(atoms.arrays["velocities"], state.velocities * length / time, atol=5.1e-9)
+        if not exact:
+            np.testing.assert_allclose(atoms.arrays["velocities"], atoms.get_velocities(), atol=1e-8)
+
+
+def test_ase_makes_the_system_of_a_frame_again(path):
+    """What `System.from_ase` reads of an export in real units is the run's own."""
+    system = make_system("si")
+    written = write(path, system)
+    kd.export(path, path.with_suffix(".traj"), unwrapped=True)
+    again = System.from_ase(ase_io.read(path.with_suffix(".traj"), 2), forces=[], units="si")
+    np.testing.assert_allclose(again.state.positions, written[2].positions, rtol=1e-14)
+    np.testing.assert_allclose(again.state.velocities, written[2].velocities, rtol=1e-14)
+    np.testing.assert_allclose(again.state.masses, written[2].masses, rtol=1e-14)
+    assert again.species == system.species
 
 
 @pytest.mark.parametrize("suffix", [".dcd", ".trr", ".xyz"])
@@ -136,7 +145,7 @@ def test_a_removed_body_is_nan_where_the_format_has_a_place_for_each(path, suffi
     first, last = states(system, (0, 20))
     write(path, system, [first, without(last, 4)], absorbed={4: -1})
     done = kd.export(path, path.with_suffix(suffix))
-    assert any("removed are NaN" in note for note in done.notes)
+    assert any("removed are kept as NaN" in note for note in done.notes)
     with MDAnalysis.coordinates.core.reader(str(path.with_suffix(suffix))) as found:
         assert np.flatnonzero(np.isnan(found[1].positions).any(axis=1)).tolist() == [4]
 
@@ -230,7 +239,7 @@ def test_pdb_refuses_what_its_columns_do_not_hold(path, monkeypatch):
         kd.export(path, path.with_suffix(".pdb"))
     many = System(np.zeros((100_000, 3)))
     write(path, many, [many.state])
-    with pytest.raises(InputError, match=r"has 100,000 particles, and a \.pdb has columns for 99,999"):
+    with pytest.raises(InputError, match=r"has 100,000 particles, and \.pdb has columns for 99,999"):
         kd.export(path, path.with_suffix(".pdb"))
     wide = System(np.zeros((3, 3)), box=(1e5, 10, 10))
     write(path, wide, [wide.state])
@@ -238,8 +247,8 @@ def test_pdb_refuses_what_its_columns_do_not_hold(path, monkeypatch):
         kd.export(path, path.with_suffix(".pdb"))
     system = make_system("lj")
     write(path, system)
-    monkeypatch.setattr(to_mdanalysis, "PDB_MODELS", 2)
-    with pytest.raises(InputError, match=r"5 frames, and a \.pdb numbers 2; --step 3 takes fewer"):
+    monkeypatch.setattr(to_mdanalysis.Pdb, "MODELS", 2)
+    with pytest.raises(InputError, match=r"5 frames, and \.pdb numbers 2; try --step 3"):
         kd.export(path, path.with_suffix(".pdb"))
     kd.export(path, path.with_suffix(".pdb"), step=3)
 
@@ -376,7 +385,8 @@ def test_the_command_says_once_what_is_lost(path, suffix, monkeypatch, capsys):
     assert told.out == f"out{suffix}: 3 frames of 12 particles\n"
     (line,) = told.err.splitlines()
     assert line.startswith(formats.losses(formats.FORMATS[suffix], nominal=True))
-    assert "positions are inside the box; sigma and tau stand as angstrom and ps" in line
+    units = "sigma, m and epsilon stand as angstrom, u and eV" if suffix in READ_BY_ASE else "sigma and tau stand as"
+    assert f"positions are inside the box; {units}" in line
     assert run() == 2
     told = capsys.readouterr()
     assert (told.out, len(told.err.splitlines())) == ("", 1)

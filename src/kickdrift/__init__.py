@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from kickdrift.integrators import integrators
 
 if TYPE_CHECKING:
+    from kickdrift import analysis
     from kickdrift.analysis.chaos import ChaosReport, megno
     from kickdrift.box import Box
     from kickdrift.errors import InputError, KickdriftError, RunError
@@ -38,6 +39,7 @@ if TYPE_CHECKING:
     from kickdrift.systemfile import load
     from kickdrift.trajectory.export import export
     from kickdrift.trajectory.reader import open
+    from kickdrift.trajectory.restart import resume
 
 __version__ = version("kickdrift")
 
@@ -76,6 +78,7 @@ _HOMES = {
     "register_splitting": "integrators.registration",
     "register_step": "integrators.registration",
     "register_tableau": "integrators.registration",
+    "resume": "trajectory.restart",
 }
 
 __all__ = [
@@ -105,6 +108,7 @@ __all__ = [
     "System",
     "UniformField",
     "accelerations",
+    "analysis",
     "export",
     "integrators",
     "load",
@@ -114,10 +118,13 @@ __all__ = [
     "register_splitting",
     "register_step",
     "register_tableau",
+    "resume",
 ]
 
 
 def __getattr__(name: str) -> Any:
+    if name == "analysis":
+        return import_module("kickdrift.analysis")
     if name not in _HOMES:
         raise AttributeError(f"module 'kickdrift' has no attribute {name!r}")
     value = getattr(import_module(f"kickdrift.{_HOMES[name]}"), name)
@@ -126,4 +133,4 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return [*globals(), *_HOMES]
+    return [*globals(), *_HOMES, "analysis"]

@@ -161,8 +161,8 @@ def _rdf(run: reader.Run) -> tuple[Floats, Floats, int]:
     chosen = np.unique(np.linspace(0, len(run) - 1, count + 1).round().astype(int)[1:])
     positions = np.array([run[int(index)].positions for index in chosen])
     reach = (RDF_NEIGHBOURS * 3 / (4 * math.pi) * run.box.volume / n) ** (1 / 3)
-    r, g = radial_distribution(positions, run.box, r_max=min(reach, min(run.box.lengths) / 2))
-    return r, g, len(chosen)
+    found = radial_distribution(positions, run.box, r_max=min(reach, min(run.box.lengths) / 2))
+    return found.r, found.g, len(chosen)
 
 
 # -- what all figures share

@@ -1,0 +1,49 @@
+"""What can be learned from a run: observables of its frames, with error bars.
+
+The names below are public; each is imported when it is first used, so that this package costs nothing to import.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from kickdrift.analysis.blocks import block_average
+    from kickdrift.analysis.motion import mean_squared_displacement, velocity_autocorrelation
+    from kickdrift.analysis.orbits import orbital_elements
+    from kickdrift.analysis.pressure import pressure_tensor
+    from kickdrift.analysis.structure import radial_distribution, structure_factor
+
+# No name here may be that of a module beside it: loading that module would put it in the function's place.
+_HOMES = {
+    "block_average": "blocks",
+    "mean_squared_displacement": "motion",
+    "orbital_elements": "orbits",
+    "pressure_tensor": "pressure",
+    "radial_distribution": "structure",
+    "structure_factor": "structure",
+    "velocity_autocorrelation": "motion",
+}
+
+__all__ = [
+    "block_average",
+    "mean_squared_displacement",
+    "orbital_elements",
+    "pressure_tensor",
+    "radial_distribution",
+    "structure_factor",
+    "velocity_autocorrelation",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOMES:
+        raise AttributeError(f"module 'kickdrift.analysis' has no attribute {name!r}")
+    value = getattr(import_module(f"kickdrift.analysis.{_HOMES[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return [*globals(), *_HOMES]

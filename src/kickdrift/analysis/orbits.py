@@ -6,6 +6,7 @@ import os
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from kickdrift.coordinates import about_centre, attracting_masses
 from kickdrift.elements import Elements, elements
@@ -70,6 +71,27 @@ def orbits(
     """
     found = paths(run, most_frames)
     return orbits_of(found, frame, plane)
+
+
+def orbital_elements(
+    run: reader.Run | str | os.PathLike[str],
+    frame: str = "jacobi",
+    plane: str = "file",
+    most_frames: int | None = None,
+) -> NDArray[np.void]:
+    """``orbits`` as a table: a structured array (frames x bodies,) whose columns are ``time``, ``body`` (a name) and
+    the elements by their names, body by body within a frame. A body that is gone has nan.
+
+    ``pandas.DataFrame(orbital_elements(run))`` is the same as a data frame. Parameters and errors as of ``orbits``.
+    """
+    found = orbits(run, frame, plane, most_frames)
+    width = max(len(name) for name in found.names)
+    columns = [("time", "f8"), ("body", f"U{width}"), *((name, "f8") for name in Elements._fields)]
+    table = np.empty((len(found.times), len(found.names)), dtype=columns)
+    table["time"], table["body"] = found.times[:, None], np.array(found.names)
+    for name, values in found.elements._asdict().items():
+        table[name] = values
+    return table.ravel()
 
 
 def orbits_of(found: Paths, frame: str = "jacobi", plane: str = "file") -> Orbits:

@@ -1,0 +1,245 @@
+"""How particles move: mean squared displacement, velocity autocorrelation, and self-diffusion from either."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import fft
+
+from kickdrift.analysis.blocks import Mean, block_average
+from kickdrift.analysis.vectors import Source, Vectors, vectors_of
+from kickdrift.errors import InputError
+from kickdrift.state import Floats
+
+STRETCHES = 64  # of time origins, whose means are the rows of the error's blocks
+CUBE = 2.837297  # xi of Yeh & Hummer: the lattice sum of a cubic box
+
+
+@dataclass(frozen=True)
+class Diffusion:
+    """A self-diffusion coefficient in length² per time, its standard error (infinite where the run is too short to
+    tell), and the window of times it was found in."""
+
+    value: float
+    error: float
+    window: tuple[float, float]
+
+    def at_infinite_size(self, temperature: float, viscosity: float, edge: float, boltzmann: float = 1.0) -> Diffusion:
+        """D + ξ k_B T / (6π η L), ξ = 2.837297, as a cubic box of any size would have it.
+
+        A particle drags its own periodic images along, which slows it (Yeh & Hummer 2004, J. Phys. Chem. B 108, 15873,
+        doi:10.1021/jp0477147). ``viscosity`` is in pressure times time, ``edge`` the box's, ``boltzmann`` the unit
+        system's (``run.units.boltzmann``). The error is that of D alone.
+        """
+        for name, value in (("temperature", temperature), ("viscosity", viscosity), ("edge", edge)):
+            if not (math.isfinite(value) and value > 0):
+                raise InputError(f"at_infinite_size: {name} must be positive, got {value}")
+        return replace(self, value=self.value + CUBE * boltzmann * temperature / (6 * math.pi * viscosity * edge))
+
+
+class _Stretches(NamedTuple):
+    """A time correlation over stretches of time origins, summed: (stretches, lags) sums and how many terms."""
+
+    sums: Floats
+    terms: NDArray[np.int64]
+
+    def mean(self) -> Floats:
+        """(lags,) over all time origins."""
+        total: Floats = self.sums.sum(axis=0)
+        return total / self.terms.sum(axis=0)
+
+    def rows(self, lag: int) -> Floats:
+        """(k, lag + 1) means of those stretches whose every origin has a frame ``lag`` later."""
+        whole = int(np.count_nonzero(self.terms[:, lag] == self.terms[0, 0]))
+        return self.sums[:whole, : lag + 1] / self.terms[0, 0]
+
+    def errors(self) -> Floats:
+        """(lags,) standard errors; infinite where too few stretches are left."""
+        errors = np.full(self.sums.shape[1], np.inf)
+        whole = np.count_nonzero(self.terms == self.terms[0, 0], axis=0)
+        for count in np.unique(whole[whole > 0]):
+            lags = np.flatnonzero(whole == count)
+            errors[lags] = block_average(self.sums[:count, lags] / self.terms[0, 0]).error
+        return errors
+
+
+@dataclass(frozen=True)
+class _Correlation:
+    """A function of the time between two frames.
+
+    Attributes
+    ----------
+    times : (lags,) 0, dt, 2 dt, …
+    values : (lags,) means over particles and all time origins
+    error : (lags,) standard errors, infinite where the run is too short for the lag
+    frames : int
+    """
+
+    times: Floats
+    values: Floats
+    error: Floats
+    frames: int
+    _stretches: _Stretches
+
+    def _lag(self, name: str, time: float) -> int:
+        """The lag nearest to a time."""
+        step = float(self.times[1]) if len(self.times) > 1 else math.inf
+        if not 0 <= time <= self.times[-1] + 0.5 * step:
+            raise InputError(f"diffusion: {name} = {time:g} is not among the times, 0 to {self.times[-1]:g}")
+        return min(round(time / step), len(self.times) - 1)
+
+    def _diffusion(self, weights: Floats, first: int) -> Diffusion:
+        """D = weights · values up to the last lag that is weighed, from ``first`` on."""
+        last = len(weights) - 1
+        rows = self._stretches.rows(last) @ weights
+        found = block_average(rows) if len(rows) else Mean(np.nan, np.inf, 0)  # type: ignore[arg-type]
+        window = float(self.times[first]), float(self.times[last])
+        return Diffusion(float(weights @ self.values[: last + 1]), float(found.error), window)
+
+
+class MeanSquaredDisplacement(_Correlation):
+    """<|r(t0 + t) - r(t0)|²> in length²; see ``mean_squared_displacement``."""
+
+    def diffusion(self, start: float, stop: float) -> Diffusion:
+        """D = slope / 6, the slope that of the least-squares line through the values from ``start`` to ``stop``.
+
+        Einstein's relation (Allen & Tildesley 2017, eq. 2.117, doi:10.1093/oso/9780198803195.001.0001). It holds from
+        where the displacement has become linear in time; before that a slope is no diffusion coefficient. The error
+        is by block averages over time origins of the same slope.
+        """
+        first, last = self._lag("start", start), self._lag("stop", stop)
+        if last <= first:
+            raise InputError(f"diffusion: expected two lags or more from {start:g} to {stop:g}")
+        apart = self.times[first : last + 1] - self.times[first : last + 1].mean()
+        weights = np.zeros(last + 1)
+        weights[first:] = apart / (apart @ apart) / 6
+        return self._diffusion(weights, first)
+
+
+class VelocityAutocorrelation(_Correlation):
+    """<v(t0 + t) · v(t0)> in velocity²; see ``velocity_autocorrelation``."""
+
+    @property
+    def normalised(self) -> Floats:
+        """(lags,) over the value at 0."""
+        return self.values / self.values[0]
+
+    def diffusion(self, until: float) -> Diffusion:
+        """D = 1/3 of the integral from 0 to ``until``, by the trapezoidal rule.
+
+        Green & Kubo (Allen & Tildesley 2017, eq. 2.116, doi:10.1093/oso/9780198803195.001.0001). What lies beyond
+        ``until`` is left out; frames must be close enough for the function to look smooth. The error is by block
+        averages over time origins of the same integral.
+        """
+        last = self._lag("until", until)
+        if last < 1:
+            raise InputError(f"diffusion: until = {until:g} is not one frame's time")
+        weights = np.full(last + 1, self.times[1] / 3)
+        weights[[0, -1]] /= 2
+        return self._diffusion(weights, 0)
+
+
+def mean_squared_displacement(
+    source: Source,
+    times: ArrayLike | None = None,
+    lags: int | None = None,
+    *,
+    of: str | None = None,
+    remove_drift: bool = False,
+    masses: ArrayLike | None = None,
+    species: Sequence[str] | None = None,
+    frames: slice = slice(None),
+) -> MeanSquaredDisplacement:
+    """The mean squared displacement over all particles and all time origins, by fast Fourier transforms.
+
+    Allen & Tildesley 2017, section 8.4; in O(f log f) for f frames as Kneller et al. 1995, Comput. Phys. Commun. 91,
+    191, doi:10.1016/0010-4655(95)00048-K. Errors are by block averages over 64 stretches of time origins; displacements
+    over a time t are correlated over it, so a lag beyond about a tenth of the run has an infinite one.
+
+    Parameters
+    ----------
+    source : a run, open or by its path, or unwrapped positions (frames, n, 3)
+    times : (frames,) evenly spaced; with positions alone
+    lags : how many; default a quarter of the frames
+    of : the species to average over; default all particles
+    remove_drift : take displacements relative to the centre of mass of all particles
+    masses, species : (n,); with positions alone
+    frames : which, as a slice
+
+    Raises InputError for frames that are not evenly spaced.
+    """
+    found = vectors_of(source, "positions", frames, times=times, masses=masses, species=species)
+    return MeanSquaredDisplacement(*_correlation(found, lags, of, remove_drift, displacements=True))
+
+
+def velocity_autocorrelation(
+    source: Source,
+    times: ArrayLike | None = None,
+    lags: int | None = None,
+    *,
+    of: str | None = None,
+    remove_drift: bool = False,
+    masses: ArrayLike | None = None,
+    species: Sequence[str] | None = None,
+    frames: slice = slice(None),
+) -> VelocityAutocorrelation:
+    """The velocity autocorrelation function over all particles and all time origins, by fast Fourier transforms.
+
+    Allen & Tildesley 2017, section 8.4, doi:10.1093/oso/9780198803195.001.0001. Parameters as those of
+    ``mean_squared_displacement``, with velocities (frames, n, 3) for positions.
+    """
+    found = vectors_of(source, "velocities", frames, times=times, masses=masses, species=species)
+    return VelocityAutocorrelation(*_correlation(found, lags, of, remove_drift, displacements=False))
+
+
+def _correlation(
+    found: Vectors, lags: int | None, of: str | None, remove_drift: bool, displacements: bool
+) -> tuple[Floats, Floats, Floats, int, _Stretches]:
+    count = len(found)
+    step = found.spacing()
+    number = max(2, count // 4) if lags is None else lags
+    if not 1 <= number <= count:
+        raise InputError(f"lags: expected 1 to {count}, the number of frames, got {number}")
+    members = np.ones(found.particles, bool) if of is None else found.species == of
+    if not members.any():
+        raise InputError(f"of: there is no species {of!r}; known are {', '.join(sorted(set(found.species)))}")
+    drift = found.centre_of_mass()[:, None] if remove_drift else 0.0
+    starts = np.arange(0, count, -(-count // STRETCHES))
+    stops = np.append(starts[1:], count)
+    sums = np.zeros((len(starts), number))
+    for some, paths in found.paths():
+        paths = (paths - drift)[:, members[some]].reshape(count, -1).T
+        for row, (start, stop) in enumerate(zip(starts, stops, strict=True)):
+            sums[row] += _stretch(paths[:, start : stop + number - 1], stop - start, number, displacements)
+    later = np.arange(number)
+    terms = np.clip(count - later - starts[:, None], 0, (stops - starts)[:, None]) * int(members.sum())
+    stretches = _Stretches(sums, terms)
+    return step * later, stretches.mean(), stretches.errors(), count, stretches
+
+
+def _stretch(x: Floats, origins: int, lags: int, displacements: bool) -> Floats:
+    """(lags,) sums over series x (s, f) and their first ``origins`` points of x(t) x(t + m), or of the squared
+    difference, as far as there are points.
+
+    A difference is |x(t)|² + |x(t + m)|² - 2 x(t) x(t + m). What cancels there is least about each series' mean.
+    """
+    if displacements:
+        x = x - x.mean(axis=1, keepdims=True)
+    have = x.shape[1]
+    size = fft.next_fast_len(origins + lags, real=True)
+    early, all_ = fft.rfft(x[:, :origins], size), fft.rfft(x, size)
+    products = fft.irfft(np.einsum("sk,sk->k", early.conj(), all_), size)[:lags]
+    if not displacements:
+        return products
+    squares = np.concatenate([[0.0], np.cumsum(np.einsum("sf,sf->f", x, x))])
+    m = np.arange(lags)
+    ends = np.clip(have - m, 0, origins)  # of the origins that have a point m later
+    both = squares[ends] + squares[np.minimum(ends + m, have)] - squares[np.minimum(m, have)]
+    sums = np.where(ends > 0, both - 2 * products, 0.0)
+    sums[0] = 0.0  # and not rounding
+    return sums

@@ -1,0 +1,35 @@
+"""The force of a pair law at many distances at once, by the very code that the engine runs."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from kickdrift.forces import pair_kernel
+from kickdrift.forces.compiling import driver, jit
+from kickdrift.forces.pair_law import PairForce
+from kickdrift.forces.simd import WIDTH, as_lanes, load, store
+from kickdrift.forces.truncation import AtCutoff
+from kickdrift.state import Floats
+
+
+def force_over_r(force: PairForce, first: str, second: str, r2: Floats) -> Floats:
+    """-U'(r) / r between two species, truncated, at squared distances (m,) below the cutoff's."""
+    cls = force.Parameters
+    if "compiled_law" not in vars(cls):
+        cls.compiled_law = jit(cls.law)
+    law = cls(*(float(value) for value in force.pair_law(first, second)))
+    at_cutoff = AtCutoff(*(float(value) for value in law.law(float(force.cutoff or 0.0) ** 2)))
+    padded = np.full(-(-len(r2) // WIDTH) * WIDTH, 1.0)
+    padded[: len(r2)] = r2
+    found = np.empty_like(padded)
+    evaluate((law, at_cutoff, pair_kernel.truncation_of(force), None), padded, found)
+    return found[: len(r2)]
+
+
+@driver
+def evaluate(laws: Any, r2: Floats, found: Floats) -> None:
+    """found <- force over r at each r2, eight at a time."""
+    for k in range(0, r2.size, WIDTH):
+        store(found, k, as_lanes(pair_kernel.pair_terms(laws, 0, 0, load(r2, k))[1]))

@@ -1,0 +1,167 @@
+"""What the observables read: the frames of a run's file, or arrays, in pieces that fit in memory."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from kickdrift.box import Box
+from kickdrift.errors import InputError
+from kickdrift.state import Floats
+from kickdrift.trajectory import reader
+
+PIECE_BYTES = 64 * 2**20  # of positions or velocities that are in memory at once
+Quantity = Literal["positions", "velocities"]
+Source = reader.Run | str | os.PathLike[str] | ArrayLike
+
+
+@dataclass(frozen=True)
+class Vectors:
+    """Positions or velocities over time.
+
+    Attributes
+    ----------
+    what : "positions" or "velocities"
+    source : the open run, or an array (frames, n, 3)
+    chosen : the frames' numbers in the source
+    times : (frames,) float64, or None where an array came without
+    box : Box
+    masses : (n,)
+    species : (n,) names
+    """
+
+    what: Quantity
+    source: reader.Run | Floats
+    chosen: NDArray[np.int64]
+    times: Floats | None
+    box: Box
+    masses: Floats
+    species: NDArray[np.str_]
+
+    def __len__(self) -> int:
+        return len(self.chosen)
+
+    @property
+    def particles(self) -> int:
+        return len(self.masses)
+
+    def pieces(self) -> Iterator[Floats]:
+        """(k, n, 3) of some frames after the other, unwrapped."""
+        size = max(1, PIECE_BYTES // (24 * self.particles))
+        for start in range(0, len(self), size):
+            yield self._read(start, start + size, slice(None))
+
+    def each(self) -> Iterator[Floats]:
+        """(n, 3) of one frame after the other."""
+        for piece in self.pieces():
+            yield from piece
+
+    def paths(self) -> Iterator[tuple[slice, Floats]]:
+        """Which particles, and their (frames, k, 3) over all frames, unwrapped."""
+        size = max(1, PIECE_BYTES // (24 * len(self)))
+        for start in range(0, self.particles, size):
+            some = slice(start, min(start + size, self.particles))
+            yield some, self._read(0, len(self), some)
+
+    def centre_of_mass(self) -> Floats:
+        """(frames, 3) of all particles, or its velocity."""
+        weights = self.masses / self.masses.sum()
+        return np.concatenate([np.einsum("n,fnk->fk", weights, piece) for piece in self.pieces()])
+
+    def spacing(self) -> float:
+        """The time from each frame to the next; an InputError where they differ."""
+        if self.times is None:
+            raise InputError("times: needed for arrays, one for each frame")
+        if len(self) < 2:
+            raise InputError(f"{len(self)} frame: correlations in time need two or more")
+        gaps = np.diff(self.times)
+        step = float(gaps.mean())
+        wrong = np.flatnonzero(~(np.abs(gaps - gaps[0]) <= 1e-6 * abs(gaps[0])))
+        if wrong.size or step <= 0:
+            k = int(wrong[0]) if wrong.size else 0
+            raise InputError(
+                f"frames are not evenly spaced in time: {gaps[k]:.6g} after frame {self.chosen[k]}, {gaps[0]:.6g} "
+                "after the first; choose even ones with frames=slice(start, stop, step)"
+            )
+        return step
+
+    def _read(self, start: int, stop: int, particles: slice) -> Floats:
+        rows = self.chosen[start:stop]
+        if isinstance(self.source, reader.Run):
+            step = int(rows[1] - rows[0]) if len(rows) > 1 else 1
+            found = self.source.vectors(self.what, slice(int(rows[0]), int(rows[-1]) + 1, step), particles)
+        else:
+            found = self.source[rows, particles]
+        if not np.isfinite(found).all():
+            frame, particle = np.argwhere(~np.isfinite(found))[0][:2]
+            raise InputError(
+                f"{self.what}: particle {particle + (particles.start or 0)} of frame {rows[frame]} is not finite "
+                "(removed in the run?)"
+            )
+        return found
+
+
+def vectors_of(
+    source: Source,
+    what: Quantity,
+    frames: slice = slice(None),
+    *,
+    times: ArrayLike | None = None,
+    box: Box | Sequence[float] | None = None,
+    masses: ArrayLike | None = None,
+    species: Sequence[str] | None = None,
+) -> Vectors:
+    """The chosen frames of a run, open or by its path, or of an array (frames, n, 3) or (n, 3).
+
+    What an array comes with is given beside it: times, box, masses (default equal), species (default one, "A"); a run
+    has its own. A last frame that a run's end wrote nearer to the one before than the others are is left out where
+    ``frames`` does not choose.
+    """
+    if (frames.step or 1) < 1:
+        raise InputError(f"frames: expected a slice that goes forward, got a step of {frames.step}")
+    if isinstance(source, str | os.PathLike):
+        source = reader.open(source)  # closed when nobody refers to it any more
+    if isinstance(source, reader.Run):
+        if any(given is not None for given in (times, box, masses, species)):
+            raise InputError("times, box, masses, species: a run has its own; give them with arrays alone")
+        chosen = np.arange(len(source))[frames]
+        if frames == slice(None) and len(chosen) > 3 and np.ptp(gaps := np.diff(source.steps)) > 0:
+            chosen = chosen[:-1] if np.ptp(gaps[:-1]) == 0 and gaps[-1] < gaps[0] else chosen
+        names = np.array(source.species)[source.species_index]
+        found = Vectors(what, source, chosen, source.times[chosen], source.box, source.masses, names)
+    else:
+        found = _of_array(np.asarray(source, dtype=float), what, frames, times, box, masses, species)
+    if not len(found):
+        raise InputError(f"{what}: there is no frame among those chosen")
+    return found
+
+
+def _of_array(
+    array: Floats,
+    what: Quantity,
+    frames: slice,
+    times: ArrayLike | None,
+    box: Box | Sequence[float] | None,
+    masses: ArrayLike | None,
+    species: Sequence[str] | None,
+) -> Vectors:
+    array = array[np.newaxis] if array.ndim == 2 else array
+    if array.ndim != 3 or array.shape[2] != 3 or array.shape[1] < 1:
+        raise InputError(f"{what}: expected shape (frames, n, 3) with n >= 1, got {array.shape}")
+    chosen = np.arange(len(array))[frames]
+    n = array.shape[1]
+    clock = None if times is None else np.asarray(times, dtype=float)
+    if clock is not None and clock.shape != array.shape[:1]:
+        raise InputError(f"times: expected {len(array)}, one for each frame, got shape {clock.shape}")
+    m = np.ones(n) if masses is None else np.asarray(masses, dtype=float)
+    if m.shape != (n,):
+        raise InputError(f"masses: expected {n}, one for each particle, got shape {m.shape}")
+    names = np.full(n, "A") if species is None else np.array([str(name) for name in species])
+    if names.shape != (n,):
+        raise InputError(f"species: expected {n}, one for each particle, got {len(names)}")
+    return Vectors(what, array, chosen, None if clock is None else clock[chosen], Box.of(box), m, names)
