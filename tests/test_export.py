@@ -235,8 +235,17 @@ def test_pdb_refuses_what_its_columns_do_not_hold(path, monkeypatch):
     x[5, 1] = -1000.0
     system = System(x)
     write(path, system, [system.state])
-    with pytest.raises(InputError, match=r"particle 5: y = -1000 is beyond the columns of \.pdb"):
+    with pytest.raises(InputError, match=r"particle 5: y = -1000 is beyond the columns of \.pdb; export to"):
         kd.export(path, path.with_suffix(".pdb"))
+    for value, fits in ((-999.99949, False), (-999.999, True), (9999.9996, False), (9999.999, True)):
+        edge = System(np.full((1, 3), value))
+        write(path, edge, [edge.state])
+        if fits:
+            kd.export(path, path.with_suffix(".pdb"), overwrite=True)
+        else:
+            with pytest.raises(InputError, match=r"columns of \.pdb"):
+                kd.export(path, path.with_suffix(".pdb"), overwrite=True)
+    path.with_suffix(".pdb").unlink()
     many = System(np.zeros((100_000, 3)))
     write(path, many, [many.state])
     with pytest.raises(InputError, match=r"has 100,000 particles, and \.pdb has columns for 99,999"):

@@ -141,7 +141,8 @@ class Pdb(Target):
 
     def check(self, frame: Placed) -> None:
         super().check(frame)
-        _within(self, frame, (frame.positions <= self.LOWEST) | (frame.positions >= self.HIGHEST), "columns of .pdb")
+        x = frame.positions.astype("f4")  # as MDAnalysis sees them, which has the same limits
+        _within(self, frame, (x <= np.float32(self.LOWEST)) | (x > np.float32(self.HIGHEST)), "columns of .pdb")
 
     def announce(self, writer: Any, frame: Placed, done: int) -> None:
         if done > 1 and self.edges is not None:
@@ -244,7 +245,7 @@ def _within(target: Target, frame: Placed, beyond: NDArray[np.bool_], limit: str
     if beyond.any():
         particle, axis = np.unravel_index(int(beyond.argmax()), beyond.shape)
         value = frame.positions[particle, axis]
-        raise target.cannot(frame, int(particle), f"{'xyz'[axis]} = {value:.6g} is beyond the {limit}")
+        raise target.cannot(frame, int(particle), f"{'xyz'[axis]} = {value:.8g} is beyond the {limit}")
 
 
 @contextmanager
