@@ -12,6 +12,7 @@ from ase.build import bulk
 from ase.calculators.emt import EMT
 from ase.calculators.lj import LennardJones
 from ase.constraints import FixAtoms
+from ase.filters import FrechetCellFilter
 from ase.md.verlet import VelocityVerlet
 from ase.optimize import BFGS, FIRE
 from hypothesis import given, settings
@@ -139,6 +140,9 @@ def check_same(atoms: ase.Atoms, calculator: Calculator) -> None:
     np.testing.assert_allclose(atoms.get_forces(), other.get_forces(), rtol=0, atol=1e-12 * scale)
     size = np.abs(other.get_potential_energies()).sum()
     assert atoms.get_potential_energy() == pytest.approx(other.get_potential_energy(), rel=0, abs=1e-12 * size)
+    if atoms.pbc.all():
+        stress = other.get_stress()
+        np.testing.assert_allclose(atoms.get_stress(), stress, rtol=0, atol=1e-12 * np.abs(stress).max())
 
 
 @pytest.mark.parametrize("units", ["metal", "si"])
@@ -224,6 +228,18 @@ def test_ases_optimisers_find_the_minimum(optimiser):
     np.testing.assert_allclose(sides, 2 ** (1 / 6) * SIGMA, rtol=1e-5)
     shift = 4 * EPSILON * ((SIGMA / RC) ** 12 - (SIGMA / RC) ** 6)
     assert atoms.get_potential_energy() == pytest.approx(3 * (-EPSILON - shift), rel=1e-9)
+
+
+def test_ases_cell_optimisers_use_our_stress():
+    """The crystal's lattice constant comes to where ASE's own forces bring it."""
+    edges = []
+    for calculator in (LennardJones(epsilon=EPSILON, sigma=SIGMA, rc=RC), Calculator([ARGON])):
+        atoms = bulk("Ar", "fcc", a=5.2, cubic=True).repeat(4)
+        atoms.calc = calculator
+        assert BFGS(FrechetCellFilter(atoms, hydrostatic_strain=True), logfile=None).run(fmax=1e-4, steps=50)
+        edges.append(np.diagonal(atoms.cell))
+    np.testing.assert_allclose(*edges, rtol=1e-10)
+    assert edges[0] == pytest.approx(4 * 5.26, rel=0.01)  # argon's, near absolute zero
 
 
 # --- bad input ---
@@ -316,6 +332,10 @@ def test_a_calculation_that_fails_says_why():
         atoms.get_potential_energy()
     atoms.positions[3] += 2.0
     assert np.isfinite(atoms.get_potential_energy())
+    open_atoms = argon(periodic=False)
+    open_atoms.calc = atoms.calc
+    with pytest.raises(kd.InputError, match="pressure: needs a periodic box; an open one has no volume"):
+        open_atoms.get_stress()
     atoms.set_cell([12, 12, 12])
     with pytest.raises(kd.InputError, match="lennard-jones: box edge x is 12, shorter than twice the cutoff"):
         atoms.get_forces()

@@ -20,6 +20,7 @@ from ase.calculators.calculator import Calculator as AseCalculator
 from ase.calculators.calculator import all_changes
 from ase.calculators.lj import LennardJones as AseLennardJones
 from ase.data import atomic_numbers
+from ase.stress import full_3x3_to_voigt_6_stress
 
 from kickdrift.blow_up import nearest_pair
 from kickdrift.errors import InputError, RunError
@@ -174,8 +175,9 @@ def atoms_of(system: System, symbols: Mapping[str, str] | None = None, calculato
 class Calculator(AseCalculator):
     """An ASE calculator that runs forces of kickdrift: ``atoms.calc = Calculator([kd.LennardJones(cutoff=8.5)])``.
 
-    It gives ``energy`` in eV and ``forces`` (n, 3) in eV/angstrom. What is compiled for the forces and their pair lists
-    are kept from call to call, and made anew only where cell, elements or masses change.
+    It gives ``energy`` in eV, ``forces`` (n, 3) in eV/angstrom and, of a periodic cell, ``stress`` (xx, yy, zz, yz, xz,
+    xy) in eV/angstrom^3: minus the sum over pairs of r F, over the volume. What is compiled for the forces and their
+    pair lists are kept from call to call, and made anew only where cell, elements or masses change.
 
     Parameters
     ----------
@@ -193,7 +195,7 @@ class Calculator(AseCalculator):
         Where the forces are not finite.
     """
 
-    implemented_properties = ["energy", "free_energy", "forces"]  # noqa: RUF012
+    implemented_properties = ["energy", "free_energy", "forces", "stress"]  # noqa: RUF012
     nolabel = True
 
     def __init__(self, forces: Iterable[Any], units: str | UnitSystem = "metal", threads: int = 1) -> None:
@@ -232,3 +234,12 @@ class Calculator(AseCalculator):
         energy = measured.potential / self._scale.energy
         forces: Floats = (measured.accelerations * self._system.coherent_masses).T / self._scale.force
         self.results = {"energy": energy, "free_energy": energy, "forces": np.ascontiguousarray(forces)}
+        if "stress" in properties:
+            self.results["stress"] = self._stress(self._system, x.T)
+
+    def _stress(self, system: System, x: Floats) -> Floats:
+        """(6,) of particles that stand still at x, in Voigt's order."""
+        from kickdrift.analysis.pressure import instantaneous_pressure
+
+        pressure = instantaneous_pressure(system, x, np.zeros_like(x))
+        return -full_3x3_to_voigt_6_stress(pressure) / (self._scale.energy / self._scale.length**3)

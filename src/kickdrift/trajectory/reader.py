@@ -88,7 +88,7 @@ class Run(Frames):
         self.report: dict[str, Any] | None = json.loads(own["report"].asstr()[()]) if self.closed else None
         # What a kill left behind the last commit may be part of a row; it does not count.
         frames, samples = (int(rows) for rows in own["committed"][()])
-        super().__init__(self, range(frames))
+        super().__init__(None, range(frames))
         self._samples = samples
         self.half_written = max(0, particles["position/value"].shape[0] - frames)
         self.all_steps: NDArray[np.int64] = particles["position/step"][:frames]
@@ -117,16 +117,6 @@ class Run(Frames):
         """Every observable as an array (f,) or (f, …) at some frames."""
         group = self._file["observables"]
         return {name: group[name]["value"][frames] for name in group if len(self)}
-
-    def vectors(self, what: str, frames: slice, particles: slice = slice(None)) -> Floats:
-        """(f, n, 3) unwrapped "positions" or "velocities" of some frames and particles, read at once."""
-        name, factor = {
-            "positions": ("position", self._factors.length),
-            "velocities": ("velocity", self._factors.velocity),
-        }[what]
-        start, stop, step = frames.indices(len(self))
-        values: Floats = self._file[TRAJECTORY][name]["value"][start:stop:step, particles]
-        return values if factor == 1.0 else values / factor
 
     @property
     def observables(self) -> dict[str, Floats]:
