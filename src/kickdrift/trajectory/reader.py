@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from kickdrift.errors import InputError
 from kickdrift.state import Floats
+from kickdrift.trajectory.checkpoints import CHECKPOINTS, Table
 from kickdrift.trajectory.frames import EnergySeries, Frames, energies_of
 from kickdrift.trajectory.layout import SAMPLES, SCHEMA, TRAJECTORY, FileUnits, box_of
 from kickdrift.units import UnitSystem
@@ -110,13 +111,21 @@ class Run(Frames):
             "velocities": ("velocity", self._factors.velocity),
         }[what]
         start, stop, step = frames.indices(len(self))
-        values: Floats = self._file[TRAJECTORY][name]["value"][start:stop:step, particles]
+        stored = self._file[TRAJECTORY][name]["value"][start:stop:step, particles]
+        values: Floats = stored.astype(np.float64, copy=False)  # a file may hold float32
         return values if factor == 1.0 else values / factor
 
     def framed(self, frames: slice) -> dict[str, Floats]:
         """Every observable as an array (f,) or (f, …) at some frames."""
         group = self._file["observables"]
         return {name: group[name]["value"][frames] for name in group if len(self)}
+
+    @property
+    def exact(self) -> bool:
+        """Whether positions and velocities are those of the run to the last bit."""
+        return (
+            self._factors.length == self._factors.time == 1.0 and self._file[TRAJECTORY]["position/value"].dtype == "f8"
+        )
 
     @property
     def observables(self) -> dict[str, Floats]:
@@ -200,22 +209,26 @@ class Run(Frames):
         return self._file[SAMPLES][name][: self._samples]
 
     @property
+    def checkpoints(self) -> Table | None:
+        """What the run can be taken up again from; None in a file that has none."""
+        return Table(self._file, self.path) if CHECKPOINTS in self._file else None
+
+    @property
+    def plan(self) -> list[float]:
+        """The numbers of the `run_plan.Plan` of the last run into this file; empty where it is not known."""
+        numbers = self._file["kickdrift/plan"][()].tolist() if "kickdrift/plan" in self._file else [np.nan]
+        return [] if np.isnan(numbers[0]) else numbers
+
+    @property
     def initial_phase(self) -> Floats:
         """(2, 3, n) positions and velocities of the System that the run was given."""
         return self._file["kickdrift/system/phase"][()]
 
     def universe(self) -> Any:
         """An MDAnalysis Universe of this file, with names, types and masses; nominal units where the file's are."""
-        try:
-            import MDAnalysis
-        except ImportError:
-            raise InputError("universe() needs MDAnalysis: pip install kickdrift[mdanalysis]") from None
-        spacing = {"dt": float(self.times[1] - self.times[0]) * self._factors.time} if len(self) > 1 else {}
-        universe = MDAnalysis.Universe(str(self.path), to_guess=(), n_atoms=len(self.ids), **spacing)
-        types = [self.species[index] for index in self.species_index]
-        for attribute, values in (("names", self.names or types), ("types", types), ("masses", self.masses)):
-            universe.add_TopologyAttr(attribute, values)
-        return universe
+        from kickdrift.trajectory.universe import universe
+
+        return universe(self)
 
     def close(self) -> None:
         self._handle.close()
