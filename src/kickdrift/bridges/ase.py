@@ -1,8 +1,8 @@
 """ASE's Atoms and a System, each in its own units, and an ASE calculator that runs our forces.
 
-ASE's numbers are angstrom, eV and u, so that its unit of time is angstrom sqrt(u / eV), 10.18 fs. In the real unit
-systems (metal, si, astro) they are converted; in the reduced ones (lj, nbody) they are taken as they stand, as ASE's
-own Lennard-Jones examples do: an angstrom is one sigma, an eV one epsilon, a u one m and ASE's unit of time one tau.
+ASE's numbers are angstrom, eV and u, so that its unit of time is angstrom sqrt(u / eV), 10.18 fs. In ``metal`` and
+``si`` they are converted; in ``lj``, ``nbody`` and ``astro`` they are taken as they stand, as ASE's own Lennard-Jones
+examples do and as our files do: an angstrom is one sigma, an eV one epsilon, a u one m, ASE's unit of time one tau.
 
 Velocities are converted so that m v^2 is the same energy on both sides, with the constants of ``kickdrift.units``.
 ASE's fs comes from CODATA 2014, so times differ from those of ``ase.units`` by 5e-9, relative.
@@ -27,10 +27,11 @@ from kickdrift.errors import InputError, RunError
 from kickdrift.forces import LennardJones
 from kickdrift.state import Floats
 from kickdrift.system import System
+from kickdrift.trajectory.layout import FileUnits
 from kickdrift.units import UnitSystem, quantity, shown, unit_system
 
-KINDS, NAMES, RADII = "kinds", "names", "radii"  # arrays of Atoms for what ASE has no place for
-UNKNOWN = "X"  # ASE's symbol of what is no element
+NAMES, RADII = "names", "radii"  # arrays of Atoms for what ASE has no place for
+UNKNOWN = "X"  # ASE's symbol of what is no element; info["species"] then says what, by the atoms' tags
 SQUARE = 1e-12  # of a cell vector's length: what it may lean by, which is rounding
 
 
@@ -48,8 +49,8 @@ class Scale(NamedTuple):
 
     @classmethod
     def of(cls, units: UnitSystem) -> Scale:
-        """All 1 in the reduced systems."""
-        if units.reduced:
+        """All 1 where ASE does not know the units."""
+        if FileUnits.of(units).nominal:
             return cls(1.0, 1.0, 1.0, 1.0)
         given = {"length": "angstrom", "energy": "eV", "mass": "u"}
         length, energy, mass = (
@@ -79,8 +80,6 @@ def _system(atoms: Any, forces: Iterable[Any] | None, units: str | UnitSystem, s
     if stray.size:
         raise InputError(f"atoms: atom {stray[0]} has a momentum and no mass, so that its velocity is not known")
     velocities = np.divide(momenta, masses[:, None], out=np.zeros_like(momenta), where=masses[:, None] != 0)
-    if species is None:
-        species = arrays[KINDS].tolist() if KINDS in arrays else atoms.get_chemical_symbols()
     return System(
         atoms.positions * scale.length,
         velocities * scale.velocity,
@@ -88,11 +87,26 @@ def _system(atoms: Any, forces: Iterable[Any] | None, units: str | UnitSystem, s
         _box(atoms, scale),
         _forces_of(atoms, units, scale) if forces is None else forces,
         units,
-        list(species),
+        _species(atoms) if species is None else list(species),
         atoms.get_chemical_formula(),
-        names=arrays[NAMES].tolist() if NAMES in arrays else (),
+        names=_names(atoms),
         radii=arrays[RADII] * scale.length if RADII in arrays else None,
     )
+
+
+def _species(atoms: Any) -> list[str]:
+    """The chemical symbols; of atoms X, what an export or `atoms_of` has written beside them."""
+    symbols, known = atoms.get_chemical_symbols(), list(atoms.info.get("species", ()))
+    return [
+        str(known[tag]) if symbol == UNKNOWN and 0 <= tag < len(known) else symbol
+        for symbol, tag in zip(symbols, atoms.get_tags(), strict=True)
+    ]
+
+
+def _names(atoms: Any) -> list[str]:
+    """Of the bodies; an exported file has them in ``info``."""
+    names = list(atoms.arrays.get(NAMES, atoms.info.get(NAMES, ())))
+    return names if len(names) == len(atoms) else []
 
 
 def _box(atoms: Any, scale: Scale) -> list[float] | None:
@@ -161,8 +175,9 @@ def atoms_of(system: System, symbols: Mapping[str, str] | None = None, calculato
         cell=None if lengths is None else np.array(lengths) / scale.length,
         pbc=system.box.periodic,
     )
-    if any(symbol[kind] != kind for kind in system.species):
-        atoms.set_array(KINDS, np.array(kinds))
+    if UNKNOWN in symbol.values():
+        atoms.set_tags(system.species_index)
+        atoms.info["species"] = list(system.species)
     if system.names:
         atoms.set_array(NAMES, np.array(system.names))
     if system.radii is not None:
