@@ -89,7 +89,7 @@ class Run(Frames):
         self.report: dict[str, Any] | None = json.loads(own["report"].asstr()[()]) if self.closed else None
         # What a kill left behind the last commit may be part of a row; it does not count.
         frames, samples = (int(rows) for rows in own["committed"][()])
-        super().__init__(self, range(frames))
+        super().__init__(None, range(frames))
         self._samples = samples
         self.half_written = max(0, particles["position/value"].shape[0] - frames)
         self.all_steps: NDArray[np.int64] = particles["position/step"][:frames]
@@ -111,7 +111,8 @@ class Run(Frames):
             "velocities": ("velocity", self._factors.velocity),
         }[what]
         start, stop, step = frames.indices(len(self))
-        values: Floats = self._file[TRAJECTORY][name]["value"][start:stop:step, particles]
+        stored = self._file[TRAJECTORY][name]["value"][start:stop:step, particles]
+        values: Floats = stored.astype(np.float64, copy=False)  # a file may hold float32
         return values if factor == 1.0 else values / factor
 
     def framed(self, frames: slice) -> dict[str, Floats]:
