@@ -1,4 +1,4 @@
-"""Figures of a run's observables, one to a figure, with their standard errors."""
+"""Figures of a run's observables, one to a figure, with their standard errors below."""
 
 from __future__ import annotations
 
@@ -19,9 +19,11 @@ from kickdrift.trajectory import reader
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 WORK = 2e8  # n^2 times frames that g(r) and S(k) are averaged over: a few seconds
 FEWEST_FRAMES = 10  # of them, where a run has these
+FAINT = 0.02  # of a velocity's own square: correlations under that cannot be told from zero in the picture
 MOST_SPECIES = 3  # that get a line each, or one for each pair; of more, all particles are taken together
 
 
@@ -40,8 +42,8 @@ def plot_observable(
     """Draw "rdf", "msd", "vacf" or "structure-factor" of a run; returns the figure's path.
 
     Each species, or each pair of them, has a line of its own where there are few. Bands and bars are standard errors
-    by block averages; where the run is too short to tell one there is none. g(r) and S(k) are averages over no more
-    frames than take a few seconds, spread evenly, the first one left out.
+    by block averages, shown by themselves below; where the run is too short to tell one there is none. g(r) and S(k)
+    are averages over no more frames than take a few seconds, spread evenly, the first one left out.
     """
     target = checked_target(output, overwrite)
     measure, draw = KINDS[kind]
@@ -50,9 +52,10 @@ def plot_observable(
             raise InputError(f"{run.path}: holds no frame to draw")
         curves = measure(run)
         title = _title(run)
-        figure = new_figure(7.2, 4.8)
-        axes = new_axes(figure, (1, 1, 1))
+        figure = new_figure(7.2, 6.0)
+        axes = new_axes(figure, (4, 1, (1, 3)))
         draw(axes, curves, run)
+    _draw_errors(figure, axes, curves)
     if len(curves) > 1:
         axes.legend(loc="best", fontsize=9, frameon=True, framealpha=0.9, edgecolor=GRID)
     figure.suptitle(title, fontsize=11, color=INK)
@@ -87,7 +90,10 @@ def _displacements(run: reader.Run) -> list[Curve]:
 
 def _velocities(run: reader.Run) -> list[Curve]:
     found = ((name, velocity_autocorrelation(run, of=name)) for name in _each_species(run))
-    return [Curve(name or "", c.times, c.normalised, c.error / abs(c.values[0])) for name, c in found]
+    curves = [Curve(name or "", c.times, c.normalised, c.error / abs(c.values[0])) for name, c in found]
+    # Twice as far as there is something to see.
+    shown = min(2 * max(int(np.flatnonzero(abs(curve.y) > FAINT)[-1]) for curve in curves) + 2, len(curves[0].x))
+    return [Curve(c.label, c.x[:shown], c.y[:shown], c.error[:shown]) for c in curves]
 
 
 def _each_species(run: reader.Run) -> list[str | None]:
@@ -145,6 +151,20 @@ def _lines(axes: Axes, curves: list[Curve]) -> None:
         band = np.where(known, curve.error, 0.0)
         axes.fill_between(curve.x, curve.y - band, curve.y + band, where=known.tolist(), color=colour, alpha=0.3, lw=0)
         axes.plot(curve.x, curve.y, color=colour, linewidth=1.2, label=curve.label)
+
+
+def _draw_errors(figure: Figure, above: Axes, curves: list[Curve]) -> None:
+    """The errors alone, which are thinner than a line where a run is long."""
+    axes = new_axes(figure, (4, 1, 4))
+    axes.set_xscale(above.get_xscale())
+    axes.set_yscale("log")
+    for curve, colour in zip(curves, COLOURS, strict=False):
+        drawn = np.isfinite(curve.error) & (curve.error > 0)
+        axes.plot(curve.x[drawn], curve.error[drawn], ".", color=colour, markersize=3.0)
+    axes.set_xlim(above.get_xlim())
+    axes.set_xlabel(above.get_xlabel())
+    axes.set_ylabel("standard error")
+    above.set_xlabel("")
 
 
 def _name(axes: Axes, title: str, x: str, y: str) -> None:
