@@ -37,7 +37,9 @@ if TYPE_CHECKING:
     from kickdrift.state import State
     from kickdrift.system import System
     from kickdrift.systemfile import load
+    from kickdrift.trajectory.export import export
     from kickdrift.trajectory.reader import open
+    from kickdrift.trajectory.restart import resume
 
 __version__ = version("kickdrift")
 
@@ -68,6 +70,7 @@ _HOMES = {
     "State": "state",
     "System": "system",
     "UniformField": "forces",
+    "export": "trajectory.export",
     "load": "systemfile",
     "megno": "analysis.chaos",
     "open": "trajectory.reader",
@@ -75,6 +78,7 @@ _HOMES = {
     "register_splitting": "integrators.registration",
     "register_step": "integrators.registration",
     "register_tableau": "integrators.registration",
+    "resume": "trajectory.restart",
 }
 
 __all__ = [
@@ -105,6 +109,7 @@ __all__ = [
     "UniformField",
     "accelerations",
     "analysis",
+    "export",
     "integrators",
     "load",
     "megno",
@@ -113,6 +118,7 @@ __all__ = [
     "register_splitting",
     "register_step",
     "register_tableau",
+    "resume",
 ]
 
 

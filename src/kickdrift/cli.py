@@ -15,6 +15,7 @@ from kickdrift.outputs import refuse_outputs, write_json
 from kickdrift.printing import (
     ENGINES,
     LISTINGS,
+    counted,
     duration,
     print_benchmark,
     print_chaos,
@@ -28,6 +29,7 @@ from kickdrift.printing import (
 )
 
 if TYPE_CHECKING:
+    from kickdrift.report import Report
     from kickdrift.simulation import Simulation
 
 app = typer.Typer(
@@ -151,6 +153,47 @@ def run(
         report = sim.run(
             **length, every=every, interval=interval, output=output, overwrite=overwrite, progress=bar("running")
         )
+    show(report, sim, output, json_file, quiet)
+
+
+@app.command()
+def resume(
+    file: Annotated[Path, typer.Argument(metavar="FILE.h5md", help="The file of a run, finished or not.")],
+    steps: Annotated[
+        int | None, typer.Option(metavar="N", min=0, help="Go on to this step, counted from the run's start.")
+    ] = None,
+    time: Annotated[
+        float | None, typer.Option(metavar="T", help="Go on to this time since the run's start, instead of --steps.")
+    ] = None,
+    threads: Annotated[
+        int | None, typer.Option(metavar="K", min=1, help="Default: the run's; the results do not depend on it.")
+    ] = None,
+    json_file: JsonOption = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the JSON file.")] = False,
+    quiet: QuietOption = False,
+) -> None:
+    """Finish a run that was interrupted, or make it longer: the same bits as without the interruption."""
+    if steps is not None and time is not None:
+        raise InputError("give --steps or --time, not both")
+    refuse_outputs({"json": json_file}, overwrite)
+    from kickdrift.trajectory.restart import continued
+    from kickdrift.trajectory.restart import resume as taken_up
+
+    sim = taken_up(file, threads=threads)
+    if sim.plan is None:
+        raise InputError(f"{file}: does not say how far the run was to go; give --steps or --time")
+    sim.plan = continued(sim, steps, time)
+    if sim.plan.over(sim):
+        say(f"{file}: is finished, at step {sim.steps_done}; --steps or --time make it longer", quiet)
+        report = sim.report()
+    else:
+        with progress_bar(quiet) as bar:
+            report = sim.run(progress=bar("running"))
+    show(report, sim, file, json_file, quiet)
+
+
+def show(report: Report, sim: Simulation, output: Path | None, json_file: Path | None, quiet: bool) -> None:
+    """A run's warnings and report, printed and where it was asked for written."""
     for warning in report.warnings:
         say(f"warning: {warning}", quiet)
     try:
@@ -356,6 +399,34 @@ def plot(
         print(draw(file, target, overwrite=overwrite))
     else:
         raise InputError("give FILE.h5md, or --stability NAME for a figure of an integrator")
+
+
+@app.command()
+def export(
+    file: Annotated[Path, typer.Argument(metavar="FILE.h5md", help="A run's file.")],
+    output: Annotated[
+        Path,
+        typer.Argument(metavar="OUT", help="The suffix says what: dcd, xtc, trr, xyz, pdb, extxyz, traj."),
+    ],
+    unwrapped: Annotated[
+        bool, typer.Option("--unwrapped/--wrapped", help="Positions as the run has them, or inside the box.")
+    ] = False,
+    start: Annotated[int | None, typer.Option(metavar="A", help="First frame, from 0; negative from the end.")] = None,
+    stop: Annotated[int | None, typer.Option(metavar="B", help="The frame to end before.")] = None,
+    step: Annotated[int | None, typer.Option(metavar="C", min=1, help="Only every C-th frame.")] = None,
+    overwrite: OverwriteOption = False,
+    quiet: QuietOption = False,
+) -> None:
+    """Write a run's frames for other programs, and say what their format loses."""
+    from kickdrift.trajectory.export import export as write
+
+    with progress_bar(quiet) as bar:
+        done = write(
+            file, output, unwrapped=unwrapped, start=start, stop=stop, step=step, overwrite=overwrite,
+            progress=bar("exporting"),
+        )  # fmt: skip
+    say("; ".join([done.losses, *done.notes]), quiet)
+    print(f"{done.path}: {counted(done.frames, 'frame')} of {counted(done.particles, 'particle')}")
 
 
 @app.command()

@@ -34,7 +34,7 @@ class ParticleFlow:
         self.name = system.name
         self.halves = 2
         self.forces = BoundForces(system, threads, jumps=jumps)
-        self._looks = BoundForces(system, threads)  # with lists of its own: looking must not change the run's
+        self._aside = BoundForces(system, threads)  # with lists of its own: looking must not change the run's
         culprits = system.acting("velocity_dependent")
         self.not_separable = f"force {culprits[0]!r} depends on velocity" if culprits else None
 
@@ -60,6 +60,12 @@ class ParticleFlow:
     def begin(self, record: Record, y: Floats) -> None:
         """A record of conservation begins here."""
         record.begin(self.subject.coherent_masses, y)
+
+    @property
+    def _looks(self) -> BoundForces:
+        """Forces to look at, with lists that are made anew: what they give depends on nothing looked at before."""
+        self._aside.forget()
+        return self._aside
 
     def sample(self, y: Floats, time: float, steps: int) -> Sample:
         """All that is watched, at y."""
@@ -126,6 +132,7 @@ class ProblemFlow:
 
     def begin(self, record: Record, y: Floats) -> None:
         """Nothing but the samples is compared."""
+        record.begun = True
 
     def sample(self, y: Floats, time: float, steps: int) -> Sample:
         """The quantity that the problem says is conserved, at y."""

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from kickdrift.errors import RunError
 from kickdrift.forces.pair_law import PairForce
+from kickdrift.memory import Memory, by_value
 from kickdrift.state import Floats
 
 if TYPE_CHECKING:
@@ -66,8 +68,8 @@ class Sample:
     centre_of_mass: Floats | None = None
     centre_of_mass_velocity: Floats | None = None
 
-    def observables(self) -> dict[str, float | Floats]:
-        """By the names that a run's file uses."""
+    def observables(self, taken: bool = False) -> dict[str, float | Floats]:
+        """By the names that a run's file uses; with what events took out, if ``taken``."""
         kinetic, potential, total = self.energies
         values: dict[str, float | Floats] = {
             "kinetic_energy": kinetic,
@@ -78,11 +80,43 @@ class Sample:
             values |= {"momentum": self.momentum, "angular_momentum": self.angular_momentum}
         if self.centre_of_mass is not None:
             values["centre_of_mass"] = self.centre_of_mass
+        if self.centre_of_mass_velocity is not None:
+            values["centre_of_mass_velocity"] = self.centre_of_mass_velocity
         if not np.isnan(self.temperature):
             values["temperature"] = self.temperature
         if not np.isnan(self.pressure):
             values["pressure"] = self.pressure
+        if self.momentum is not None:
+            values["pairs"] = float(self.pairs)
+        if taken:
+            values |= {
+                "energy_taken": self.taken.energy,
+                "momentum_taken": self.taken.momentum * np.ones(3),
+                "angular_momentum_taken": self.taken.angular_momentum * np.ones(3),
+            }
         return values
+
+    @classmethod
+    def of(cls, step: int, time: float, values: Mapping[str, Any]) -> Sample:
+        """The Sample that had these ``observables``."""
+        energies = Energies(*(float(values[f"{kind}_energy"]) for kind in ("kinetic", "potential", "total")))
+        taken = NOTHING
+        lost = [values.get(f"{kind}_taken", 0.0) for kind in ("energy", "momentum", "angular_momentum")]
+        if any(np.any(each) for each in lost):
+            taken = Taken(float(lost[0]), lost[1], lost[2])
+        return cls(
+            step=step,
+            time=time,
+            energies=energies,
+            momentum=values.get("momentum"),
+            angular_momentum=values.get("angular_momentum"),
+            temperature=float(values.get("temperature", np.nan)),
+            pressure=float(values.get("pressure", np.nan)),
+            pairs=int(values.get("pairs", 0)),
+            taken=taken,
+            centre_of_mass=values.get("centre_of_mass"),
+            centre_of_mass_velocity=values.get("centre_of_mass_velocity"),
+        )
 
 
 def _lost(before: Floats | None, after: Floats | None) -> Floats | float:
@@ -134,6 +168,7 @@ class Record:
     """The samples of a run since conservation is counted from, and what it cost."""
 
     samples: list[Sample] = field(default_factory=list)
+    begun: bool = False  # whether the scales are known
     momentum_scale: float = 0.0  # sum of m |v| at the first sample
     angular_momentum_scale: float = 0.0  # sum of m |x × v| there
     steps: int = 0
@@ -157,14 +192,27 @@ class Record:
     def begin(self, masses: Floats, phase: Floats) -> None:
         """What momenta are compared with."""
         x, v = phase
+        self.begun = True
         self.momentum_scale = float(masses @ np.linalg.norm(v, axis=0))
         self.angular_momentum_scale = float(masses @ np.linalg.norm(np.cross(x.T, v.T), axis=1))
 
-    def add(self, sample: Sample) -> None:
-        """Keep a sample; one of the same step and time takes the last one's place."""
+    def memory(self) -> Memory:
+        """All but the samples, by value."""
+        kept = {key.name: by_value(getattr(self, key.name)) for key in fields(self) if key.name != "samples"}
+        return kept | {"taken": None if self.taken is NOTHING else kept["taken"]}
+
+    @classmethod
+    def recalled(cls, memory: Memory) -> Record:
+        """The record that had this memory; without samples."""
+        kept = by_value(memory)
+        return cls(**(kept | {"taken": NOTHING if kept["taken"] is None else Taken(*kept["taken"])}))
+
+    def add(self, sample: Sample) -> Sample:
+        """Keep a sample, with what was taken so far; one of the same step and time takes the last one's place."""
         if self.samples and (self.samples[-1].step, self.samples[-1].time) == (sample.step, sample.time):
             self.samples.pop()
         self.samples.append(sample if self.taken is NOTHING else replace(sample, taken=self.taken))
+        return self.samples[-1]
 
     def even(self) -> list[Sample]:
         """The longest stretch of samples an equal number of steps apart."""

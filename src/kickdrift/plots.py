@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from kickdrift import cache
+from kickdrift import cache, outputs
 from kickdrift.analysis.structure import radial_distribution
 from kickdrift.errors import InputError
 from kickdrift.state import Floats
@@ -206,14 +206,7 @@ def _thin(x: Floats, y: Floats) -> tuple[Floats, Floats]:
 
 
 def checked_target(output: str | os.PathLike[str], overwrite: bool) -> Path:
-    path = Path(output)
-    if path.suffix.lower() not in SUFFIXES:
-        raise InputError(f"{path}: a figure's name must end in {', '.join(SUFFIXES)}")
-    if not path.parent.is_dir():
-        raise InputError(f"{path}: there is no folder {path.parent}")
-    if path.exists() and not overwrite:
-        raise InputError(f"{path}: exists already; pass --overwrite (overwrite=True) to replace it")
-    return path
+    return outputs.checked_target(output, "a figure's name", SUFFIXES, overwrite)
 
 
 @contextmanager

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import astuple, dataclass
 from numbers import Real
 from typing import TYPE_CHECKING, Any
 
@@ -33,6 +34,17 @@ class Plan:
     every: int = 0
     interval: float = 0.0
     exact: bool = False
+
+    @property
+    def numbers(self) -> list[float]:
+        """The Plan as a run's file keeps it."""
+        return [float(value) for value in astuple(self)]
+
+    @classmethod
+    def of(cls, numbers: Sequence[float]) -> Plan:
+        """The Plan that has these ``numbers``."""
+        begin_step, begin_time, end_step, end_time, every, interval, exact = numbers
+        return cls(int(begin_step), begin_time, int(end_step), end_time, int(every), interval, bool(exact))
 
     def over(self, sim: Simulation) -> bool:
         """Whether the run has come to its end."""

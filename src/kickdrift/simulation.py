@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, nullcontext
+from dataclasses import asdict
 from time import perf_counter
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -15,13 +16,15 @@ from kickdrift.errors import InputError, RunError
 from kickdrift.events import checked_events
 from kickdrift.events.watching import WatchedStepper
 from kickdrift.flow import ParticleFlow, flow_of
+from kickdrift.forces.compiling import processor
 from kickdrift.forces.kernel import OK
 from kickdrift.integrators import integrator as method_named
 from kickdrift.integrators.stepping import STOPPED, Options, Stepper
 from kickdrift.interrupt import interruptible
+from kickdrift.memory import Memory
 from kickdrift.observers import Energies, Record, Sample
 from kickdrift.report import Report, report
-from kickdrift.run_plan import GLIMPSES, SAMPLES, plan_of, steps_to
+from kickdrift.run_plan import GLIMPSES, SAMPLES, Plan, plan_of, steps_to
 from kickdrift.state import Floats, read_only
 from kickdrift.system import System
 
@@ -91,15 +94,21 @@ class Simulation:
         if self.dt is None and self.method.needs_dt:
             raise InputError(f"dt is needed: system {system.name!r} names none in [run]")
         self.threads = threads
+        if isinstance(system, System):
+            system = system if events is None else system.watched(events)
+            watched: tuple[Event, ...] = system.events
+        else:
+            watched = checked_events(system, events or ())
         self._stepper: Stepper | WatchedStepper = self.stepper_for(system)
         self._watching: WatchedStepper | None = None
-        own = system.events if isinstance(system, System) else ()
-        if watched := checked_events(system, own if events is None else events):
+        if watched:
             self._stepper = self._watching = WatchedStepper(self, self._stepper, watched)
         self._watched = can_be_limited(self._flow, self.method)
         self._chunk = 1
         self._compiled = False
         self.running = False
+        self.output: str | None = None  # the file that `run` writes to unless told, of a run that was taken up again
+        self.plan: Plan | None = None  # what `run` goes on with where it is told nothing
         self._files: dict[str, tuple[str, int]] = {}  # files that this Simulation began: path -> run id, cadence
         self._every: int | None = None
         self.state = system.state
@@ -124,6 +133,43 @@ class Simulation:
         self._present: tuple[float, Floats] | None = None  # and y there, once it was looked at
         self.record = Record()
         self._points: list[Point] = []
+        self._last_good = self.state
+
+    def checkpoint(self) -> Memory:
+        """All that the rest of the run depends on, by value: arrays, numbers, texts, None, and lists and dicts of these
+        by text. ``restore`` takes it, in another process too, and what follows then has the bits of this run.
+
+        That is: the method and its options; the stepper's own memory (see the integrators' pages), pair lists
+        included; the present, where it lies inside a step; what events are under way, and the bodies that are left;
+        and the record but for its samples. It may be taken at any look, and changes nothing."""
+        return {
+            "step": self.steps_done,
+            "time": self.time,
+            "integrator": self.method.name,
+            "options": asdict(self.options),
+            "stepper": self._stepper.memory(),
+            "present": self._at,
+            "record": self.record.memory(),
+        }
+
+    def restore(self, checkpoint: Memory) -> None:
+        """Go on where ``checkpoint`` was taken, of a Simulation of the same system, method, options and events; the
+        number of threads may be another. The record's samples are left out: what is looked at from here on follows.
+
+        Raises InputError where method, options or bodies are others, and while a run goes on."""
+        if self.running:
+            raise InputError("restore: the Simulation runs")
+        own = {"integrator": self.method.name, **asdict(self.options)}
+        for key, value in {"integrator": checkpoint["integrator"], **checkpoint["options"]}.items():
+            if own.get(key) != value:
+                raise InputError(f"checkpoint: {key} is {value!r} there, and {own.get(key)!r} here")
+        there, here = checkpoint["stepper"]["y"].shape, self._stepper.y.shape
+        if there != here and not self._watching:
+            raise InputError(f"checkpoint: holds {there[-1]} particles or unknowns, and the system {here[-1]}")
+        self._stepper.recall(checkpoint["stepper"])
+        self._at, self._present = checkpoint["present"], None
+        self.record = Record.recalled(checkpoint["record"])
+        self._points = []
         self._last_good = self.state
 
     @property
@@ -219,15 +265,21 @@ class Simulation:
         Returns the Report. Raises InputError for arguments that make no sense, and RunError where the run blows up; the
         state is then that of the last sample.
         """
+        if output is None:
+            output = self.output
         own = self._files.get(os.path.abspath(output)) if output is not None else None
         seen = isinstance(self.system, System) or self.system.energy is not None or observe is not None
         samples = SAMPLES if seen else GLIMPSES
-        plan = plan_of(self, steps, until, every, interval, (own[1] if own else None) or self._every, samples)
+        if self.plan is not None and (steps, until, every, interval) == (None,) * 4:
+            plan = self.plan
+        else:
+            plan = plan_of(self, steps, until, every, interval, (own[1] if own else None) or self._every, samples)
+        self.plan = None
         self._every = every or self._every
         self._prepare()
         if self._watching:
             self._watching.stopped = ""
-        with self._busy() as interrupted, self._writer(output, plan.every, overwrite) as writer:
+        with self._busy() as interrupted, self._writer(output, plan, overwrite) as writer:
             if self._watching:
                 self._watching.writer = writer
                 if writer:
@@ -255,6 +307,24 @@ class Simulation:
         if interrupted():
             raise KeyboardInterrupt
         return self.report()
+
+    def go_to(self, step: int, time: float | None = None) -> None:
+        """Run to a step without a look; an adaptive method to a ``time`` inside the step that leads there."""
+        self._prepare()
+        horizon = np.inf if time is None else time
+        with self._busy() as interrupted:
+            while self.steps_done < step and not (interrupted() or self.stopped):
+                self._advance(min(self._chunk, step - self.steps_done), horizon=horizon)
+        if interrupted():
+            raise KeyboardInterrupt
+        if time is not None and self._stepper.time > time:
+            self._at = time
+        self._last_good = self.state
+
+    def continue_in(self, path: str, run_id: str, every: int, plan: Plan | None) -> None:
+        """Go on into a file that another Simulation of the same run began, by its plan unless told otherwise."""
+        self.output, self.plan, self._every = path, plan, every
+        self._files[path] = (run_id, every)
 
     def equilibrate(
         self,
@@ -384,14 +454,15 @@ class Simulation:
             sample = samples[-1] if known else self.sample()
         except RunError:
             self._fail(inside_step=False)
-        if not samples:
+        if not self.record.begun:
             self._flow.begin(self.record, self._now())
-        self.record.add(sample)
+        sample = self.record.add(sample)
         self._last_good = self.state
         if self._watched:
             self._points = [*self._points, (self.time, self._now().copy(), self._stepper.last_step)][-WATCHED_POINTS:]
         if writer:
-            writer.append(self._last_good, sample.observables())
+            acting = self._watching is not None and self._watching.acting
+            writer.append(self._last_good, sample.observables(taken=acting))
         if observe:
             observe(self)
 
@@ -406,7 +477,7 @@ class Simulation:
         if warning and warning not in self.record.warnings:
             self.record.warnings = [warning]
 
-    def _writer(self, output: Any, cadence: int, overwrite: bool) -> Any:
+    def _writer(self, output: Any, plan: Plan, overwrite: bool) -> Any:
         if output is None:
             return nullcontext()
         if not isinstance(self.system, System):
@@ -415,7 +486,7 @@ class Simulation:
 
         path = os.path.abspath(output)
         if path in self._files and not overwrite and os.path.exists(path):
-            return Writer.append_to(path, self._files[path][0])
+            return Writer.append_to(path, self._files[path][0], checkpoint=self.checkpoint, plan=plan.numbers)
         method = {
             "integrator": self.integrator,
             "order": self.method.order,
@@ -424,7 +495,12 @@ class Simulation:
             "seed": self.system.seed,
             "engine": "native",
             **self.options.extras(self.method.tunable),
+            "options": asdict(self.options),
+            "processor": processor(),
         }
-        writer = Writer(path, self.system, method=method, every=cadence, overwrite=overwrite)
-        self._files[path] = (writer.run_id, cadence)
+        writer = Writer(
+            path, self.system, method=method, every=plan.every, overwrite=overwrite, checkpoint=self.checkpoint,
+            plan=plan.numbers,
+        )  # fmt: skip
+        self._files[path] = (writer.run_id, plan.every)
         return writer

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kickdrift.box import Box
+from kickdrift.bridges import bridge
 from kickdrift.errors import InputError
 from kickdrift.events import Event, checked_events
 from kickdrift.state import Floats, State
@@ -174,6 +175,90 @@ class System:
         other = copy(self)
         object.__setattr__(other, "events", checked_events(self, events))
         return other
+
+    # --- to and from other programs ---
+
+    @classmethod
+    def from_ase(
+        cls,
+        atoms: Any,
+        forces: Iterable[Any] | None = None,
+        units: str | UnitSystem = "metal",
+        species: Iterable[str] | None = None,
+    ) -> System:
+        """The System of an ``ase.Atoms``: positions, velocities, masses, box, species.
+
+        Units are ASE's angstrom, eV and u, and its time angstrom sqrt(u / eV), converted to ``units``; in the reduced
+        ones (lj, nbody) ASE's numbers stand as they are, an angstrom for one sigma and an eV for one epsilon.
+
+        Parameters
+        ----------
+        atoms : ase.Atoms
+            Open, or periodic along all axes with an orthorhombic cell. Tags, charges and magnetic moments are not
+            taken. Arrays "kinds", "names" and "radii", which `to_ase` writes, are species, names and radii.
+        forces : iterable of forces, in ``units``; default those of the calculator that the atoms carry, if it is ASE's
+            LennardJones (shifted at its rc; not smooth) or kickdrift's
+        units : the name of a unit system
+        species : (n,) names, default the chemical symbols
+
+        Raises
+        ------
+        InputError
+            For a cell that leans, pbc along some axes only, constraints, another calculator, and numbers that are not
+            finite.
+        """
+        return bridge("ase", "System.from_ase").system_of(atoms, forces, units, species)
+
+    def to_ase(self, symbols: Mapping[str, str] | None = None, calculator: bool = True) -> Any:
+        """An ``ase.Atoms`` in ASE's units, positions unwrapped; the other way round from `from_ase`.
+
+        Parameters
+        ----------
+        symbols : {species: chemical symbol}; default the species itself where it is an element's, else ASE's "X", and
+            then the array "kinds" has the species
+        calculator : whether the atoms are to carry a calculator that runs this system's forces
+
+        Raises
+        ------
+        InputError
+            For an unknown symbol, a body without mass, and forces that a calculator cannot have.
+        """
+        return bridge("ase", "System.to_ase").atoms_of(self, symbols, calculator)
+
+    @classmethod
+    def from_rebound(cls, sim: Any, forces: Iterable[Any] | None = None) -> System:
+        """The System of a ``rebound.Simulation``, at its time: bodies, masses, radii, names, G, softening, to the bit.
+
+        Without units it is in ``nbody`` (plain numbers), with AU, yr, Msun in ``astro``, with m, s, kg in ``si``, with
+        others of rebound's in ``nbody`` with these units' names; G is the Simulation's own. leapfrog (order 2 and
+        4), whfast, saba and ias15 become the run's defaults, as far as both have their options; a UserWarning says what
+        was not taken.
+
+        Parameters
+        ----------
+        sim : rebound.Simulation
+        forces : iterable of forces; default its gravity
+
+        Raises
+        ------
+        InputError
+            For variational particles, boundaries, collisions, additional forces and other functions, test particles
+            with a mass, gravity by a tree, and numbers that are not finite.
+        """
+        return bridge("rebound", "System.from_rebound").system_of(sim, forces)
+
+    def to_rebound(self) -> Any:
+        """A ``rebound.Simulation`` of this system; the other way round from `from_rebound`.
+
+        Massless bodies at the end of the list are test particles there (``N_active``). A UserWarning says what was not
+        taken: events, and an integrator that rebound does not have.
+
+        Raises
+        ------
+        InputError
+            For a periodic box, forces other than `Gravity`, and units in which force is not m a (metal).
+        """
+        return bridge("rebound", "System.to_rebound").simulation_of(self)
 
     def acting(self, trait: str) -> list[str]:
         """The names of the forces that have a trait: "external" (it does not conserve momentum), "works" (nor energy),

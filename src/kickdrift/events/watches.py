@@ -13,6 +13,7 @@ from kickdrift.errors import RunError
 from kickdrift.events import Between, CloseApproach, Collision, Crossing, Escape, binding, index_of
 from kickdrift.events.encounters import CLOSEST, contacts, crossings, passages, unbound
 from kickdrift.forces.central import gravitational_constant
+from kickdrift.memory import Remembering
 from kickdrift.state import Floats
 from kickdrift.system import System
 
@@ -86,8 +87,10 @@ def approach(y: Floats, i: int, j: int) -> float:
     return float((y[0, :, i] - y[0, :, j]) @ (y[1, :, i] - y[1, :, j]))
 
 
-class Approaches:
+class Approaches(Remembering):
     """Passages of a `CloseApproach`."""
+
+    keeps = ("_closest_of",)
 
     def __init__(self, event: CloseApproach, system: System) -> None:
         self.event = event
@@ -157,8 +160,10 @@ class Approaches:
         return [self._entry(int(p), "going on") for p in np.flatnonzero(np.isfinite(self._closest_of[:, 0]))]
 
 
-class Contacts:
+class Contacts(Remembering):
     """Contacts of a `Collision`."""
+
+    keeps = ("radii", "_touching")
 
     def __init__(self, event: Collision, system: System) -> None:
         self.event = event
@@ -211,8 +216,10 @@ class Contacts:
         self._touching |= (self._pairs == np.array(bodies)[:, None]).all(axis=0)
 
 
-class Escapes:
+class Escapes(Remembering):
     """Bodies that meet an `Escape`."""
+
+    keeps = ("_known_ids", "_known")
 
     def __init__(self, event: Escape, system: System) -> None:
         self.event = event
@@ -223,7 +230,7 @@ class Escapes:
 
     def begin(self, system: System) -> None:
         """Watch these bodies, none of which has escaped."""
-        self._known_ids: set[int] = set()
+        self._known_ids: list[int] = []
         self.follow(system)
 
     def follow(self, system: System) -> None:
@@ -234,7 +241,7 @@ class Escapes:
         self._gm, self._softening2 = gravity * system.state.masses, float(law.softening) ** 2
         place = np.flatnonzero(ids == self._about) if self._about is not None else np.array([-1])
         self._place = int(place[0]) if place.size else -2  # whoever it was measured from is gone
-        self._known = np.isin(ids, list(self._known_ids))
+        self._known = np.isin(ids, self._known_ids)
         self._rows = np.zeros((len(system), 2))
 
     def scan(self, y0: Floats, t0: float, y1: Floats, t1: float, step: int) -> int:
@@ -252,12 +259,14 @@ class Escapes:
 
     def know(self, body: int) -> None:
         """It has been told of."""
-        self._known_ids.add(int(self._system.state.ids[body]))
+        self._known_ids.append(int(self._system.state.ids[body]))
         self._known[body] = True
 
 
-class Crossings:
+class Crossings(Remembering):
     """Zeros of scalars."""
+
+    keeps = ("_signs", "_last", "_fresh")
 
     def __init__(self, events: Sequence[Crossing], subject: System | Problem) -> None:
         self._events = events

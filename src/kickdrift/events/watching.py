@@ -9,7 +9,7 @@ adaptive run, which may lie inside a step, waits until the present has come ther
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -21,6 +21,7 @@ from kickdrift.events.watches import Act, Approaches, Contacts, Crossings, Escap
 from kickdrift.flow import flow_of
 from kickdrift.forces.kernel import OK
 from kickdrift.integrators.stepping import Counts
+from kickdrift.memory import Memory, by_value
 from kickdrift.state import Floats
 from kickdrift.system import System
 
@@ -42,14 +43,17 @@ class WatchedStepper:
     absorbed : of each body that left, by id, the id of the one that took it up, or ``NEVER_BACK``
     horizon : no look at the run before its next ``advance`` is later than this
     writer : where events go besides the Simulation's record
+    acting : whether any of the events may change what is conserved
     """
 
     def __init__(self, sim: Simulation, inner: Stepper, events: Sequence[Event]) -> None:
         self._sim, self.inner = sim, inner
+        self._first = sim.system  # with all its bodies
         self.stopped = ""
         self.horizon = np.inf
         self.absorbed: dict[int, int] = {}
         self.writer: Any = None
+        self.acting = any(getattr(event, "action", "log") in ("merge", "bounce", "remove") for event in events)
         self._spent = Counts()
         self._warned: list[str] = []
         subject: Any = sim.system
@@ -138,9 +142,76 @@ class WatchedStepper:
         y, t = self.inner.y, self.inner.time
         for watch in self._watches:
             if watch is not self._crossings:
+                known = watch.memory()
                 watch.scan(y, t, y, t, self.steps_done)
-                watch.begin(self._sim.system)
+                watch.recall(known)
         return status
+
+    # --- checkpoints ---
+
+    def memory(self) -> Memory:
+        """The method's own, and beside it what is under way: passages and contacts, what waits for the present to come
+        there, and the bodies that are left, where some have gone."""
+        act, span = self._act, self._span
+        events = {
+            "bodies": self._bodies(),
+            "watches": [watch.memory() for watch in self._watches],
+            "waiting": [[due, row] for due, row in self._waiting],
+            "act": act and {**act._asdict(), "event": self._acting.index(act.event)},
+            "span": act and span and {key: getattr(span, key) for key in ("y0", "t0", "y1", "t1", "step")},
+            "acts": self._acts,
+            "last_act": self._last_act,
+            "stopped": self.stopped,
+            "absorbed": [[gone, survivor] for gone, survivor in self.absorbed.items()],
+            "spent": asdict(self._spent),
+            "warned": self._warned,
+        }
+        return {**self.inner.memory(), "events": by_value(events)}
+
+    def recall(self, memory: Memory) -> None:
+        """See Stepper."""
+        events = by_value(memory["events"])
+        system = self._first if events["bodies"] is None else self._left(**events["bodies"])
+        if system is not self._sim.system:
+            self.inner = self._sim.stepper_for(system)
+            self._aside()
+        self.inner.recall(memory)
+        self.begin()
+        for watch, known in zip(self._watches, events["watches"], strict=True):
+            watch.recall(known)
+        self._waiting = [(due, row) for due, row in events["waiting"]]
+        if (act := events["act"]) is not None:
+            event, span = self._acting[act["event"]], events["span"]
+            self._act = Act(event, act["time"], tuple(act["bodies"]), act["distance"])
+            self._span = replace(self._span_of(*(span[key] for key in ("y0", "t0", "y1", "t1"))), step=span["step"])
+        self._acts, self._last_act, self.stopped = events["acts"], events["last_act"], events["stopped"]
+        self.absorbed = dict(events["absorbed"])
+        self._spent, self._warned = Counts(**events["spent"]), events["warned"]
+
+    @property
+    def _acting(self) -> list[Any]:
+        watches: list[Any] = [*self._contacts, *self._escapes]
+        return [watch.event for watch in watches]
+
+    def _bodies(self) -> Memory | None:
+        """Those that are left and how they began; None where all are."""
+        if self._system is self._first:
+            return None
+        state = self._system.state
+        return {"ids": state.ids, "masses": state.masses, "radii": self._system.radii, "phase": state.phase}
+
+    def _left(self, ids: Any, masses: Floats, radii: Floats | None, phase: Floats) -> System:
+        """The system that those bodies are left of."""
+        first: Any = self._first
+        state, keep = first.state, np.isin(first.state.ids, ids)
+        if not np.array_equal(state.ids[keep], ids):
+            raise InputError("checkpoint: holds bodies that the system has not")
+        everywhere, weights, sizes = state.phase.copy(), state.masses.copy(), None
+        everywhere[:, :, keep], weights[keep] = phase, masses
+        if radii is not None:
+            sizes = np.zeros(len(first))
+            sizes[keep] = radii
+        return first.remaining(keep, everywhere, weights, sizes)
 
     # --- the search ---
 

@@ -11,7 +11,7 @@ from kickdrift.errors import InputError
 from kickdrift.forces.clusters import BUILT, JUMPS_ALLOWED, OUTER_BUILDS, PRUNES
 from kickdrift.forces.evaluate import SLOTS, derivative, measure
 from kickdrift.forces.kernel import GROW, OK
-from kickdrift.forces.pair_kernel import PairKernel, grown
+from kickdrift.forces.pair_kernel import PairKernel, grown, memory, recalled
 from kickdrift.state import Floats
 
 
@@ -24,12 +24,17 @@ class Measured(NamedTuple):
     pairs: int  # that interact
 
 
-def check_threads(threads: int) -> None:
-    """Refuse more threads than numba has."""
+def most_threads() -> int:
+    """As many as numba has."""
     from numba import config
 
-    if not 1 <= threads <= config.NUMBA_NUM_THREADS:
-        raise InputError(f"threads must be 1 to {config.NUMBA_NUM_THREADS} here, got {threads}")
+    return int(config.NUMBA_NUM_THREADS)
+
+
+def check_threads(threads: int) -> None:
+    """Refuse more threads than numba has."""
+    if not 1 <= threads <= most_threads():
+        raise InputError(f"threads must be 1 to {most_threads()} here, got {threads}")
 
 
 class BoundForces:
@@ -78,6 +83,15 @@ class BoundForces:
         for force in self.forces:
             if isinstance(force, PairKernel):
                 force.pairs.counts[BUILT] = 0
+
+    def memory(self) -> list[dict[str, Any] | None]:
+        """What later sums depend on beside the state: of each force its pair list, None where it has none; copies."""
+        return [memory(force) if isinstance(force, PairKernel) else None for force in self.forces]
+
+    def recall(self, memory: list[dict[str, Any] | None]) -> None:
+        """Have the lists that had this memory."""
+        pairs = zip(self.forces, memory, strict=True)
+        self.forces = tuple(force if kept is None else recalled(force, kept) for force, kept in pairs)
 
     @property
     def list_builds(self) -> tuple[int, int]:

@@ -43,6 +43,7 @@ class ClusterList(NamedTuple):
     home: NDArray[np.int64]  # (clusters,) its column
     bounds: NDArray[np.float64]  # (6, clusters) lowest x y z, highest x y z
     grid: NDArray[np.float64]  # (4,) width of the columns along x and y, lowest corner
+    built_at: NDArray[np.float64]  # (3, n) positions when the list was made, as they came: what sorts alike again
     x: NDArray[np.float64]  # (3 slots,)
     outer_reference: NDArray[np.float64]  # (3 slots,) positions when the list was made
     inner_reference: NDArray[np.float64]
@@ -86,6 +87,7 @@ def cluster_list(n: int, box: Box, cutoff: float, room: int | None = None) -> Cl
         home=np.zeros(clusters, np.int64),
         bounds=np.zeros((6, clusters)),
         grid=np.zeros(4),
+        built_at=np.zeros((3, n)),
         x=aligned((3 * slots,)),
         outer_reference=aligned((3 * slots,)),
         inner_reference=aligned((3 * slots,)),

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from llvmlite.binding import get_host_cpu_name
 from numba import njit, types
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, _CacheLocator
 from numba.core.typing.templates import signature
@@ -35,6 +36,11 @@ inlined = njit(error_model="numpy", fastmath=FAST_MATH, nogil=True, forceinline=
 in_order = njit(error_model="numpy", fastmath={"nsz", "contract"}, nogil=True, forceinline=True)
 # Operation by operation as written, for what reassociation would undo.
 strict = njit(error_model="numpy", fastmath=False, nogil=True, forceinline=False)
+
+
+def processor() -> str:
+    """What kind of processor the code is compiled for, as LLVM calls it: the same bits are promised on one kind."""
+    return str(get_host_cpu_name())
 
 
 @intrinsic

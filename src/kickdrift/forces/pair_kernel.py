@@ -9,8 +9,10 @@ from numba import types
 from numba.extending import overload
 from numpy.typing import NDArray
 
+from kickdrift.errors import InputError
 from kickdrift.forces.chunks import Parallel, Serial, chunk_task, each_chunk
 from kickdrift.forces.clusters import (
+    BUILT,
     N_CLUSTERS,
     OUTER_BUILDS,
     ROOM_NEEDED,
@@ -22,9 +24,10 @@ from kickdrift.forces.clusters import (
     load_vector,
     store_vector,
 )
-from kickdrift.forces.compiling import jit, never_inline
+from kickdrift.forces.compiling import driver, jit, never_inline
+from kickdrift.forces.handle import handle
 from kickdrift.forces.kernel import OK, kernel
-from kickdrift.forces.pairlist import refresh, shift_particle
+from kickdrift.forces.pairlist import refresh, remake, shift_particle
 from kickdrift.forces.simd import (
     WIDTH,
     aligned,
@@ -306,7 +309,43 @@ def grown(bound: Any) -> Any:
     """The bound force with room in its list for what the last search found, where it had run out; else as it is."""
     if not isinstance(bound, PairKernel) or bound.pairs.counts[ROOM_NEEDED] <= bound.pairs.outer.shape[1]:
         return bound
-    room = int(1.3 * bound.pairs.counts[ROOM_NEEDED])
+    return with_room(bound, int(1.3 * bound.pairs.counts[ROOM_NEEDED]))
+
+
+def with_room(bound: PairKernel, room: int) -> PairKernel:
+    """The bound force with empty lists of so many entries a chunk."""
     chunks = bound.pairs.outer.shape[0]
     outer, inner = (np.empty((chunks, room), np.int32) for _ in range(2))
     return bound._replace(pairs=bound.pairs._replace(outer=outer, inner=inner))
+
+
+@driver
+def respread(force):
+    """After a list was made elsewhere: put each pair of species' numbers where their slots are."""
+    bound = handle(force)
+    spread(bound.tables, bound.pairs)
+
+
+def memory(bound: PairKernel) -> dict[str, Any]:
+    """What the order of sums depends on: the positions that the list was sorted and searched at and those that it was
+    last pruned at, which make it anew; and its room, since growing takes an evaluation more."""
+    pairs = bound.pairs
+    room = pairs.outer.shape[1]
+    if not pairs.counts[BUILT]:
+        return {"room": room, "built_at": None, "pruned_at": None}
+    return {"room": room, "built_at": pairs.built_at.copy(), "pruned_at": pairs.inner_reference.copy()}
+
+
+def recalled(bound: PairKernel, memory: dict[str, Any]) -> PairKernel:
+    """The bound force with the list that had this memory."""
+    bound = with_room(bound, memory["room"])
+    pairs = bound.pairs
+    pairs.counts[BUILT] = 0
+    if memory["built_at"] is None:
+        return bound
+    status = remake(pairs, Serial(bound.threads.chunks), memory["built_at"], memory["pruned_at"])
+    if status != OK:
+        raise InputError("checkpoint: the positions of its pair list make no list here")
+    if bound.tables is not None:
+        respread(bound)
+    return bound

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from kickdrift.forces.compiling import driver, jit
-from kickdrift.forces.evaluate import EVALUATIONS, SLOTS, fill_derivative
+from kickdrift.forces.evaluate import fill_derivative
 from kickdrift.forces.handle import handle
 from kickdrift.forces.kernel import GROW, OK, RAISED
 from kickdrift.integrators.loops import FRESH, REJECTED, STAGE, STEP, stage_state
@@ -19,16 +19,15 @@ from kickdrift.integrators.step_control import (
     rejected_factor,
     step_factor,
 )
-from kickdrift.integrators.stepping import STOPPED, Counts, Options
+from kickdrift.integrators.stepping import BEFORE, LAST, NEXT, STOPPED, TIME, ChosenSteps, Options
 from kickdrift.state import Floats
 
 if TYPE_CHECKING:
     from kickdrift.flow import Flow
     from kickdrift.integrators.runge_kutta import Tableau
 
-# Slots of the clock: the last step point, the step to try, the step that led there, the time it began at, the errors of
-# the last two steps, whether the last try failed.
-TIME, NEXT, LAST, BEFORE, ERROR, ERROR_BEFORE, REJECTED_LAST = range(7)
+# Further slots of the clock: the errors of the last two steps, whether the last try failed.
+ERROR, ERROR_BEFORE, REJECTED_LAST = range(4, 7)
 
 
 @jit
@@ -115,58 +114,35 @@ def adaptive_loop(forces, y, before, work, stages, errors, settings, numbers, cl
     return OK
 
 
-class AdaptiveStepper:
-    """An embedded pair under way."""
+class AdaptiveStepper(ChosenSteps):
+    """An embedded pair under way. A checkpoint holds its clock, which has the last errors, and the last step: where it
+    began, and its stages."""
+
+    keeps = (*ChosenSteps.keeps, "_before", "_stages")
 
     def __init__(self, flow: Flow, tableau: Tableau, options: Options) -> None:
-        self.rtol, self.atol = options.tolerances
+        super().__init__(flow, options)
         check_tolerances(self.rtol, self.atol)
-        self._flow, self._tableau, self._first = flow, tableau, options.dt
-        self._controller = controller(options.controller)
-        self._cursor = np.zeros(SLOTS, np.int64)
-        self._extra_evaluations = 0
-        self.trouble = ""
+        self._tableau, self._controller = tableau, controller(options.controller)
 
     def reset(self, y: Floats, time: float, steps: int) -> None:
-        self.y, self.steps_done = y, steps
+        self._begin(y, time, steps)
         self._before = y.copy()
         self._k_done: list[Floats] = []
         self._work = np.zeros((len(self._tableau.b) + 2, *y.shape))
-        self._clock = np.zeros(7)
-        self._clock[[TIME, BEFORE, ERROR, ERROR_BEFORE]] = time, time, FLOOR, FLOOR
-        self._cursor[STEP:REJECTED] = 0
-        self._flow.forces.forget()
+        self._clock[[ERROR, ERROR_BEFORE]] = FLOOR
 
     @property
-    def time(self) -> float:
-        return float(self._clock[TIME])
+    def _stages(self) -> Floats:
+        return self._work[1:]
 
-    @property
-    def last_step(self) -> float:
-        """How long the step that led here was; 0 before the first."""
-        return float(self._clock[LAST])
-
-    @property
-    def counts(self) -> Counts:
-        return Counts(int(self._cursor[EVALUATIONS]) + self._extra_evaluations, int(self._cursor[REJECTED]))
-
-    def advance(self, steps: int, until: float = np.inf) -> int:
-        if self._clock[NEXT] == 0.0 and steps:
-            self._clock[NEXT] = self._first or self._first_step()
-        self._cursor[STEP] = 0
+    def _go(self, until: float, steps: int) -> int:
         settings = np.array([self.rtol, self.atol, 1.0 / (self._tableau.error_order + 1)])
-        status = self._flow.forces.call(
+        self._k_done = []
+        return self._flow.forces.call(
             adaptive_loop, self.y, self._before, self._work, self._tableau.stages, self._tableau.error_rows, settings,
             self._controller.numbers, self._clock, until, steps, self._cursor,
         )  # fmt: skip
-        if self._cursor[STEP]:
-            self._k_done = []
-        self.steps_done += int(self._cursor[STEP])
-        if status == STOPPED:
-            self.trouble = (
-                f"the step fell to {self._clock[NEXT]:.3g}, which t = {self.time:.9g} can no longer tell from 0"
-            )
-        return status
 
     def _first_step(self) -> float:
         f = self._flow.derivative(self.time, self.y)
@@ -188,13 +164,13 @@ class AdaptiveStepper:
     def _dense_stages(self) -> Floats:
         """The derivatives of the last step's stages, those that only its interpolant needs included."""
         if self._tableau.extra and not self._k_done:
-            k = list(self._work[1:])
+            k = list(self._stages)
             begin, h = self._clock[BEFORE], self._clock[LAST]
             for row in self._tableau.extra:
                 y = self._before + h * np.tensordot(row, np.array(k), 1)
                 k.append(self._flow.derivative(begin + sum(row) * h, y))
             self._k_done = k
-        return np.array(self._k_done or self._work[1:])
+        return np.array(self._k_done or self._stages)
 
     def reached(self, inside_step: bool) -> tuple[Floats, Floats]:
         return (self._work[0], self.y[0]) if inside_step else (self.y, self._before[0])

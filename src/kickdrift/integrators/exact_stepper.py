@@ -19,6 +19,7 @@ from kickdrift.integrators.exact_list import AXIS, BUILT, CULPRIT, POSITION, ROO
 from kickdrift.integrators.exact_loop import FAR, ExactGravity, ExactPairs, SpeciesTables, exact_loop
 from kickdrift.integrators.loops import STEP
 from kickdrift.integrators.stepping import Options, Regular
+from kickdrift.memory import Memory
 from kickdrift.state import Floats
 
 if TYPE_CHECKING:
@@ -35,8 +36,16 @@ class ExactStepper(Regular):
     last bit, is ``lattice``.
 
     Its scales follow from the System as it was at its start (and, where nothing moves or pulls there, from dt): they
-    are the same in every process, and a lattice that is put in place brings its own along.
+    are the same in every process, and a lattice that is put in place brings its own along. A checkpoint holds the
+    lattice, its scales, and the half kicks there; no pair list, since whole numbers add up alike in any order.
     """
+
+    keeps = (
+        "_cursor", "_start", "_momentum",
+        "_particles.x", "_particles.images", "_particles.p", "_particles.kick", "_particles.spacing",
+    )  # fmt: skip
+    _lists = None
+    _flow: Any
 
     def __init__(self, flow: Any, options: Options) -> None:
         assert options.dt is not None
@@ -175,6 +184,12 @@ class ExactStepper(Regular):
             x += particles.images * np.array(self._flow.subject.box.lengths)[:, None]
         self.y = np.array([x, particles.p * (self._momentum / self._weights)])
 
+    def recall(self, memory: Memory) -> None:
+        """See Stepper; the scales come first, for the state may not fit into the start's."""
+        self._set_scales(np.array(memory["spacing"]), np.array(memory["momentum"]))
+        super().recall(memory)
+        self._show()
+
     @property
     def lattice(self) -> Lattice:
         """The state to the last bit; a copy."""
@@ -215,11 +230,11 @@ class ExactStepper(Regular):
         return self.dt if self.steps_done else 0.0
 
     def advance(self, steps: int, until: float = np.inf) -> int:
-        self._cursor[STEP] = 0
         while (status := exact_loop(self._forces, self._particles, steps, self._cursor)) == GROW:
             room = int(1.3 * self._particles.counts[ROOM_NEEDED])
             self._particles = self._particles._replace(partners=np.zeros(room, np.int32))
         self.steps_done += int(self._cursor[STEP])
+        self._cursor[STEP] = 0
         self._show()
         counts = self._particles.counts
         if counts[WHAT]:

@@ -17,7 +17,8 @@ from kickdrift.forces.kernel import BLOWN_UP, GROW, OK, RAISED
 from kickdrift.forces.simd import WIDTH, lane_max, load, minus, multiply_add, plus, select, splat, store
 from kickdrift.integrators.gauss_radau_step import TERMS, next_step
 from kickdrift.integrators.loops import FRESH, REJECTED, STEP
-from kickdrift.integrators.stepping import STOPPED
+from kickdrift.integrators.stepping import BEFORE, NEXT, STOPPED, TIME
+from kickdrift.integrators.stepping import LAST as STEP_LAST
 
 # Rows of the workspace, (ROWS, width): position and velocity at the step's start (y of a first-order problem in the
 # velocity's place), what rounding has lost of both, both at the start of the step before; the coefficients of this step
@@ -26,10 +27,9 @@ from kickdrift.integrators.stepping import STOPPED
 X, V, LOST_X, LOST_V, X_BEFORE, V_BEFORE = range(6)
 NOW, LAST, GUESS_LAST, GUESS, SCALE, ENDS = 6, 14, 22, 30, 38, 39
 ROWS = ENDS + TERMS
-# Slots of the clock: the last step point, what rounding lost of it, the step to try, the step that led there, the time
-# it began at, its length over that of the one before; how many steps in a row were too long, but the shortest there
-# are.
-TIME, LOST_TIME, NEXT, STEP_LAST, BEFORE, RATIO, SHORTEST = range(7)
+# Further slots of the clock: what rounding lost of the last step point, the last step's length over that of the one
+# before; how many steps in a row were too long, but the shortest there are.
+LOST_TIME, RATIO, SHORTEST = range(4, 7)
 MOST = 25  # iterations
 CONVERGED = 2.2e-16  # residual that another iteration would find, over the size of the accelerations
 ROUNDED = 1e-9  # a residual that stops shrinking below this is rounding; above, the iteration diverges

@@ -6,27 +6,24 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from kickdrift.forces.evaluate import EVALUATIONS, SLOTS
 from kickdrift.forces.simd import WIDTH, aligned
 from kickdrift.integrators.gauss_radau import STAGES, tables
 from kickdrift.integrators.gauss_radau_loop import (
-    BEFORE,
     CONVERGED,
+    GUESS,
     GUESS_LAST,
     LAST,
     MOST,
-    NEXT,
+    NOW,
     ROWS,
-    STEP_LAST,
-    TIME,
     V_BEFORE,
     X_BEFORE,
     V,
     X,
     gauss_radau_loop,
 )
-from kickdrift.integrators.loops import REJECTED, STEP
-from kickdrift.integrators.stepping import STOPPED, Counts, Options
+from kickdrift.integrators.stepping import BEFORE, ChosenSteps, Options
+from kickdrift.integrators.stepping import LAST as STEP_LAST
 from kickdrift.state import Floats
 
 if TYPE_CHECKING:
@@ -35,20 +32,20 @@ if TYPE_CHECKING:
 FIRST = 0.01  # of the time in which the first acceleration moves particles by their distance, or y' the unknowns by y
 
 
-class GaussRadauStepper:
-    """An integration with ``eta`` the length of steps over the shortest time scale (see ``gauss_radau_step``)."""
+class GaussRadauStepper(ChosenSteps):
+    """An integration with ``eta`` the length of steps over the shortest time scale (see ``gauss_radau_step``). A
+    checkpoint holds its clock, both ends of the last step and what rounding has lost of them, and that step's
+    polynomial, as found and as predicted."""
+
+    keeps = (*ChosenSteps.keeps, "_ends", "_polynomials")
 
     def __init__(self, flow: Flow, options: Options) -> None:
-        self.rtol, _ = options.tolerances
+        super().__init__(flow, options)
         self.eta = (5040.0 * self.rtol) ** (1.0 / 7.0)
-        self._flow, self._first = flow, options.dt
         self._velocities = flow.not_separable is not None
-        self._cursor = np.zeros(SLOTS, np.int64)
-        self._extra_evaluations = 0
-        self.trouble = ""
 
     def reset(self, y: Floats, time: float, steps: int) -> None:
-        self.y, self.steps_done = y, steps
+        self._begin(y, time, steps)
         halves, size = y.shape[0], y[0].size
         width = WIDTH * -(-size // WIDTH)
         self._work = aligned((ROWS, width))
@@ -57,38 +54,20 @@ class GaussRadauStepper:
             self._work[X, :size] = self._work[X_BEFORE, :size] = y[0].reshape(-1)
         self._flat = aligned((2, (halves - 1) * size + width))  # the trial state and its derivative
         self._trial, self._derivative = (row[: y.size].reshape(y.shape) for row in self._flat)
-        self._clock = np.zeros(7)
-        self._clock[[TIME, BEFORE]] = time
-        self._cursor[STEP:REJECTED] = 0
-        self._flow.forces.forget()
 
     @property
-    def time(self) -> float:
-        return float(self._clock[TIME])
+    def _ends(self) -> Floats:
+        return self._work[:NOW]
 
     @property
-    def last_step(self) -> float:
-        """How long the step that led here was; 0 before the first."""
-        return float(self._clock[STEP_LAST])
+    def _polynomials(self) -> Floats:
+        return self._work[LAST:GUESS]
 
-    @property
-    def counts(self) -> Counts:
-        return Counts(int(self._cursor[EVALUATIONS]) + self._extra_evaluations, int(self._cursor[REJECTED]))
-
-    def advance(self, steps: int, until: float = np.inf) -> int:
-        if self._clock[NEXT] == 0.0 and steps:
-            self._clock[NEXT] = self._first or self._first_step()
-        self._cursor[STEP] = 0
-        status = self._flow.forces.call(
+    def _go(self, until: float, steps: int) -> int:
+        return self._flow.forces.call(
             gauss_radau_loop, self.y, self._trial, self._flat[0], self._derivative, self._flat[1], self._work,
             tables(), self._velocities, self.eta, self._clock, until, steps, self._cursor,
         )  # fmt: skip
-        self.steps_done += int(self._cursor[STEP])
-        if status == STOPPED:
-            self.trouble = (
-                f"the step fell to {self._clock[NEXT]:.3g}, which t = {self.time:.9g} can no longer tell from 0"
-            )
-        return status
 
     def _first_step(self) -> float:
         """Short enough; the next ones are up to four times as long each."""

@@ -28,7 +28,7 @@ from kickdrift.integrators.hermite_loop import (
     hermite_start,
 )
 from kickdrift.integrators.loops import STEP
-from kickdrift.integrators.stepping import STOPPED, Counts, Options
+from kickdrift.integrators.stepping import STOPPED, Counts, Options, Resumable
 from kickdrift.state import Floats
 
 if TYPE_CHECKING:
@@ -37,10 +37,14 @@ if TYPE_CHECKING:
 FACTORIALS = np.array([1.0, 1.0, 2.0, 6.0, 24.0, 120.0])
 
 
-class HermiteStepper:
+class HermiteStepper(Resumable):
     """Every body has a Taylor series of five terms at its own time, good to the method's order as far as its next step
     and as far back as its last; ``y`` is what they all give at the last step point, and ``at`` what they give at
-    another time. Neither touches the series, so that looks change no bits."""
+    another time. Neither touches the series, so that looks change no bits. A checkpoint holds the series, times and
+    steps of all bodies, and the clock."""
+
+    keeps = ("_cursor", "_clock", "_begun", "_size", "_bodies.series", "_bodies.times", "_bodies.steps")
+    _lists = None
 
     def __init__(self, flow: Any, options: Options) -> None:
         system: System = flow.subject
@@ -68,10 +72,19 @@ class HermiteStepper:
         bodies.series[:] = 0.0
         bodies.series[: V + 1] = y
         bodies.times[:] = 0.0
-        self._bodies = bodies._replace(size=float(np.abs(y[0]).max()))
+        self._size = float(np.abs(y[0]).max())
         self._clock[:] = 0.0
         self._clock[START], self._clock[FIXED] = time, self._fixed
         self._begun = False
+
+    @property
+    def _size(self) -> float:
+        """The largest coordinate at the start."""
+        return self._bodies.size
+
+    @_size.setter
+    def _size(self, size: float) -> None:
+        self._bodies = self._bodies._replace(size=size)
 
     @property
     def time(self) -> float:
@@ -87,7 +100,6 @@ class HermiteStepper:
         return Counts(-(-int(self._cursor[EVALUATIONS]) // len(self._bodies.times)))
 
     def advance(self, steps: int, until: float = np.inf) -> int:
-        self._cursor[STEP] = 0
         if not self._begun:
             status = self._call(hermite_start, self._bodies, self._cursor)
             if status != OK:
@@ -101,6 +113,7 @@ class HermiteStepper:
         if self._cursor[STEP]:
             self.steps_done += int(self._cursor[STEP])
             self.y = self._series_at(self._clock[NOW])
+            self._cursor[STEP] = 0
         if status == STOPPED:
             body = int(self._bodies.due[0])
             least = self._bodies.steps[body] if self._individual else self._clock[NEXT]

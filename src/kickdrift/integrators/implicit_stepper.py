@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from kickdrift.flow import ParticleFlow
 from kickdrift.forces.kernel import OK
 from kickdrift.integrators.stepping import STOPPED, Options
 from kickdrift.integrators.stepwise import PythonStepper, check_unknowns, factored
+from kickdrift.memory import Memory
 from kickdrift.state import Floats
 
 if TYPE_CHECKING:
@@ -31,8 +33,11 @@ class ImplicitStepper(PythonStepper):
 
     Newton's matrix I - dt a x J is kept from step to step as long as it converges quickly, as are the stages, for the
     next guess: a run cut in pieces gives the same bits, and one that begins anew at a step point the same but for
-    rounding.
+    rounding. A checkpoint holds the stages, what compensated sums carry on, and in place of the matrix where J was
+    taken.
     """
+
+    keeps = (*PythonStepper.keeps, "_start", "_carry", "_stages", "_matrix_at")
 
     def __init__(self, flow: Flow, tableau: ImplicitTableau, options: Options) -> None:
         super().__init__(flow)
@@ -47,6 +52,15 @@ class ImplicitStepper(PythonStepper):
         self._carry = np.zeros_like(self.y)
         self._stages: Floats | None = None
         self._solve: Callable[[Floats], Floats] | None = None
+        self._matrix_at: Any = None  # the time and the y that its Jacobian is of
+
+    def recall(self, memory: Memory) -> None:
+        """See Stepper."""
+        super().recall(memory)
+        if self._matrix_at:
+            cost = replace(self._counts)
+            self._solve = self._newton_matrix(*self._matrix_at)
+            self._counts = cost
 
     def _step(self) -> int:
         z = self._find_stages()
@@ -88,14 +102,14 @@ class ImplicitStepper(PythonStepper):
             z, count = self._iterate(guess, self._simplified)
             if z is not None:
                 if count > SLOW:
-                    self._solve = None
+                    self._solve = self._matrix_at = None
                 return z
         self._solve = self._newton_matrix(self.time, self.y)
         z, count = self._iterate(guess, self._simplified)
         if z is None:
             z, count = self._iterate(nothing, self._newton, patient=True)
         if count > SLOW:
-            self._solve = None
+            self._solve = self._matrix_at = None
         return z
 
     def _iterate(
@@ -148,6 +162,7 @@ class ImplicitStepper(PythonStepper):
         return self._simplified(z, residual)
 
     def _newton_matrix(self, time: float, y: Floats) -> Callable[[Floats], Floats]:
+        self._matrix_at = [time, y.copy()]
         matrix = np.asarray(-np.kron(self.dt * self._tableau.matrix, self._jacobian(time, y)), dtype=float)
         np.einsum("ii->i", matrix)[...] += 1.0
         return factored(matrix)

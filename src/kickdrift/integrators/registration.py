@@ -52,7 +52,9 @@ class CompiledStep(Method):
 
         if flow.halves != 2:
             raise InputError(f"{self.name}: a compiled step needs positions and velocities; {flow.not_separable}")
-        return FixedStepper(flow, custom_loop, self.kind(0.0), lambda shape: np.zeros((3, *shape[1:])), options)
+        return FixedStepper(
+            flow, custom_loop, self.kind(0.0), lambda shape: np.zeros((3, *shape[1:])), options, kept=True
+        )
 
 
 def register_splitting(

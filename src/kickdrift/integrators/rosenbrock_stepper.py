@@ -23,7 +23,7 @@ from kickdrift.integrators.stepwise import PythonStepper, check_unknowns, factor
 from kickdrift.state import Floats
 
 if TYPE_CHECKING:
-    from kickdrift.flow import Flow
+    from kickdrift.flow import Derivative, Flow
     from kickdrift.integrators.rosenbrock import Rosenbrock
 
 
@@ -36,7 +36,10 @@ class Tangent(NamedTuple):
 
 
 class RosenbrockStepper(PythonStepper):
-    """An embedded Rosenbrock method. What it keeps from step to step: the next step, and the errors of the last two."""
+    """An embedded Rosenbrock method. What it keeps from step to step, and a checkpoint holds: the next step, and the
+    errors of the last two; and where the last step began."""
+
+    keeps = (*PythonStepper.keeps, "_next", "_errors", "_begun")
 
     def __init__(self, flow: Flow, tableau: Rosenbrock, options: Options) -> None:
         super().__init__(flow)
@@ -50,10 +53,10 @@ class RosenbrockStepper(PythonStepper):
 
     def _forget(self) -> None:
         self._next = 0.0
-        self._errors = FLOOR, FLOOR  # of the last step and the one before
+        self._errors = [FLOOR, FLOOR]  # of the last step and the one before
         self._begun = self.time
         self._bad: Floats | None = None  # where f was no number in the last try
-        self._tangent: Tangent | None = None  # where the last step began
+        self._tangent: Tangent | None = None  # where the last step began, as looks see it
 
     def _step(self) -> int:
         t, y, rejected = self.time, self.y, False
@@ -61,16 +64,16 @@ class RosenbrockStepper(PythonStepper):
         if not np.isfinite(f).all():
             return self._blow_up(f)
         h = self._next or self._first or first_step(self._f, t, y, f, self._tableau.error_order, self.rtol, self.atol)
-        tangent = Tangent(f, self._jacobian(t, y), self._by_time(t, y, f, h))
+        tangent = Tangent(f, self._jacobian(t, y), _by_time(self._f, t, y, f, h))
         if not np.isfinite(tangent.by_t).all():
             return self._blow_up(tangent.by_t)
         while h > 10.0 * np.spacing(abs(t)):
-            trial, error = self._try(t, y, h, tangent)
+            trial, error = self._try(self._f, t, y, h, tangent)
             if error <= 1.0:
                 factor = step_factor.py_func(self._numbers, self._exponent, error, *self._errors)
                 self._next = h * (min(1.0, factor) if rejected else factor)
-                self._errors = error, self._errors[0]
-                self._before, self.y, self._tangent = y, trial, tangent
+                self._errors = [error, self._errors[0]]
+                self._before, self.y, self._tangent = y, trial, None
                 self._begun, self.time, self.last_step = t, t + h, h
                 return OK
             h *= rejected_factor.py_func(self._numbers, self._exponent, error)
@@ -82,7 +85,7 @@ class RosenbrockStepper(PythonStepper):
         self.trouble = f"the step fell to {h:.3g}, which t = {t:.9g} can no longer tell from 0"
         return STOPPED
 
-    def _try(self, t: float, y: Floats, h: float, tangent: Tangent) -> tuple[Floats, float]:
+    def _try(self, derivative: Derivative, t: float, y: Floats, h: float, tangent: Tangent) -> tuple[Floats, float]:
         """A step of h from (t, y): where it leads, and its error over the tolerance, infinite where it has none."""
         method = self._tableau
         matrix = -tangent.by_y
@@ -92,7 +95,7 @@ class RosenbrockStepper(PythonStepper):
         u = np.zeros((len(method.m), *y.shape))
         for i, (alpha, gamma) in enumerate(zip(*method.sums, strict=True)):
             stage = y + np.tensordot(self._a[i, :i], u[:i], 1)
-            f = self._f(t + alpha * h, stage) if i else tangent.f
+            f = derivative(t + alpha * h, stage) if i else tangent.f
             right = f + np.tensordot(self._c[i, :i], u[:i], 1) / h + gamma * h * tangent.by_t
             if not np.isfinite(f).all():
                 self._bad = stage + f
@@ -105,19 +108,27 @@ class RosenbrockStepper(PythonStepper):
         error = scaled_error.py_func(*ends, np.ones((1, 1)), 1.0, estimate, self.rtol, self.atol)
         return trial, float(error) if np.isfinite(error) else np.inf
 
-    def _by_time(self, t: float, y: Floats, f: Floats, h: float) -> Floats:
-        """df/dt by central differences, over a short part of the step, for f may change with t as fast as that; by
-        forward ones at a start before which f is no number."""
-        apart = max(EPSILON ** (1 / 3) * h, 1000.0 * float(np.spacing(abs(t))))
-        after, before = t + apart, t - apart
-        ahead, behind = self._f(after, y), self._f(before, y)
-        if not np.isfinite(behind).all():
-            return (ahead - f) / (after - t)
-        return (ahead - behind) / (after - before)
-
     def at(self, time: float) -> Floats:
-        """By a step from the last step point, thrown away."""
-        if time == self.time or self._tangent is None:
+        """By a step from the last step point, thrown away; it depends on that point alone."""
+        if time == self.time or self.last_step == 0.0:
             return self.y.copy()
+        begin, y, derivative, bad = self._begun, self._before, self._flow.derivative, self._bad
         with np.errstate(all="ignore"):
-            return self._try(self._begun, self._before, time - self._begun, self._tangent)[0].copy()
+            if self._tangent is None:
+                f = derivative(begin, y)
+                by_time = _by_time(derivative, begin, y, f, self.last_step)
+                self._tangent = Tangent(f, self._flow.jacobian(begin, y), by_time)
+            found = self._try(derivative, begin, y, time - begin, self._tangent)[0].copy()
+        self._bad = bad
+        return found
+
+
+def _by_time(derivative: Derivative, t: float, y: Floats, f: Floats, h: float) -> Floats:
+    """df/dt by central differences, over a short part of the step, for f may change with t as fast as that; by forward
+    ones at a start before which f is no number."""
+    apart = max(EPSILON ** (1 / 3) * h, 1000.0 * float(np.spacing(abs(t))))
+    after, before = t + apart, t - apart
+    ahead, behind = derivative(after, y), derivative(before, y)
+    if not np.isfinite(behind).all():
+        return (ahead - f) / (after - t)
+    return (ahead - behind) / (after - before)

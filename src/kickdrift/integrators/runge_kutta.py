@@ -148,7 +148,12 @@ class Tableau(Method):
         from kickdrift.integrators.stepping import FixedStepper
 
         return FixedStepper(
-            flow, runge_kutta_loop, self.stages, lambda shape: np.zeros((len(self.b) + 1, *shape)), options
+            flow,
+            runge_kutta_loop,
+            self.stages,
+            lambda shape: np.zeros((len(self.b) + 1, *shape)),
+            options,
+            kept=False,
         )
 
 

@@ -79,7 +79,7 @@ class Splitting(Method):
         from kickdrift.integrators.loops import splitting_loop
         from kickdrift.integrators.stepping import FixedStepper
 
-        return FixedStepper(flow, splitting_loop, self.stages, lambda shape: np.zeros(shape[1:]), options)
+        return FixedStepper(flow, splitting_loop, self.stages, lambda shape: np.zeros(shape[1:]), options, kept=True)
 
 
 def palindrome(half: tuple[float, ...], middle: int = 1) -> tuple[float, ...]:

@@ -11,7 +11,7 @@ from kickdrift.forces.evaluate import EVALUATIONS, SLOTS, fill_accelerations
 from kickdrift.forces.handle import handle
 from kickdrift.forces.kernel import OK
 from kickdrift.integrators.loops import STAGE, STEP, add_scaled
-from kickdrift.integrators.stepping import STOPPED, Counts, Options
+from kickdrift.integrators.stepping import STOPPED, Counts, Options, Resumable
 from kickdrift.state import Floats
 
 if TYPE_CHECKING:
@@ -79,10 +79,12 @@ def step_density_loop(forces, y, before, a, clock, until, steps, cursor):
     return OK
 
 
-class StepDensityStepper:
+class StepDensityStepper(Resumable):
     """The density of steps belongs to the state, and follows from it only at a start. A ``reset`` to where this
     integration stands, with the velocities as they are or all negated, therefore keeps it, and goes on or back the way
-    it came."""
+    it came. A checkpoint holds its clock, which has the density and its scale, and where the last step began."""
+
+    keeps = ("_cursor", "_clock", "_extra_evaluations", "_scaled", "_start_of_step", "_last")
 
     def __init__(self, flow: Flow, options: Options) -> None:
         assert options.dt is not None
@@ -136,11 +138,11 @@ class StepDensityStepper:
     def advance(self, steps: int, until: float = np.inf) -> int:
         if self._clock[DENSITY] == 0.0 and steps:
             self._start()
-        self._cursor[STEP] = 0
         status = self._flow.forces.call(
             step_density_loop, self.y, self._start_of_step, self._a, self._clock, until, steps, self._cursor
         )
         self.steps_done += int(self._cursor[STEP])
+        self._cursor[STEP] = 0
         self._last = self.y.copy()
         if status == STOPPED:
             self.trouble = (
@@ -162,7 +164,6 @@ class StepDensityStepper:
         y[0] += first * y[1]
         y[1] += (first + second) * self._flow.derivative(begin + first, y)[-1]
         y[0] += second * y[1]
-        self._extra_evaluations += 1
         return y
 
     def reached(self, inside_step: bool) -> tuple[Floats, Floats]:

@@ -2,25 +2,31 @@
 
 A stepper has ``y`` and ``time``, its last step point, ``last_step``, the length of the step that led there (0 before
 an adaptive method's first), ``steps_done`` step points passed since the start, and ``counts``; ``advance`` takes steps,
-``at`` gives y between the last two step points without changing anything.
+``at`` gives y between the last two step points without changing anything. ``memory`` is what the next step's bits
+depend on, and ``recall`` puts a stepper that was made anew, in another process say, in that very state.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Collection
 from dataclasses import asdict, dataclass, fields, replace
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.forces.evaluate import EVALUATIONS, SLOTS
-from kickdrift.integrators.loops import STEP
+from kickdrift.integrators.loops import REJECTED, STEP
+from kickdrift.memory import Memory, Remembering
 from kickdrift.state import Floats
 
 if TYPE_CHECKING:
     from kickdrift.flow import Flow
+    from kickdrift.forces.bound import BoundForces
 
+# The first slots of the clock of a loop that chooses its steps: the last step point, the step to try, the step that led
+# there, the time it began at.
+TIME, NEXT, LAST, BEFORE = range(4)
 STOPPED = 3  # besides the forces' OK, GROW and BLOWN_UP: the method itself cannot go on, and ``trouble`` says why
 
 
@@ -98,8 +104,39 @@ class Stepper(Protocol):
     def reached(self, inside_step: bool) -> tuple[Floats, Floats]:
         """After a blow-up, inside a step or in the last one: the y that it reached, and the positions before."""
 
+    def memory(self) -> Memory:
+        """What the next step's bits depend on, at the last step point; copies."""
 
-class Regular:
+    def recall(self, memory: Memory) -> None:
+        """Be in the state of a stepper of the same method, options and bodies that had this memory."""
+
+
+class Resumable(Remembering):
+    """A stepper that remembers y, its step point, its forces' pair lists, and what else it ``keeps``."""
+
+    y: Floats
+    steps_done: int
+    _flow: Flow
+
+    @property
+    def _lists(self) -> BoundForces | None:
+        """The forces that the steps are made with, where their pair lists matter."""
+        return self._flow.forces
+
+    def memory(self: Any) -> Memory:
+        """See Stepper."""
+        point = {"y": self.y.copy(), "time": self.time, "steps_done": self.steps_done}
+        return {**point, **Remembering.memory(self), "forces": self._lists.memory() if self._lists else []}
+
+    def recall(self: Any, memory: Memory) -> None:
+        """See Stepper."""
+        self.reset(np.array(memory["y"]), memory["time"], memory["steps_done"])
+        Remembering.recall(self, memory)
+        if self._lists:
+            self._lists.recall(memory["forces"])
+
+
+class Regular(Resumable):
     """The clock of steps of one length: it counts them, so that the times do not depend on how a run is cut."""
 
     dt: float
@@ -126,13 +163,18 @@ class Regular:
 
 
 class FixedStepper(Regular):
-    """Steps of one length, by a compiled loop (see ``loops``) with a workspace of ``room`` arrays of y's ``shape``."""
+    """Steps of one length, by a compiled loop (see ``loops``) with a workspace of ``room`` arrays of y's ``shape``,
+    which goes over from step to step where ``kept``: a checkpoint then holds it. It always holds what compensated sums
+    carry on."""
 
     trouble = ""
+    keeps = ("_start", "_cursor", "_carry", "_carried")
 
-    def __init__(self, flow: Flow, loop: Any, stages: Floats, room: Callable[..., Floats], options: Options) -> None:
+    def __init__(
+        self, flow: Flow, loop: Any, stages: Floats, room: Callable[..., Floats], options: Options, kept: bool
+    ) -> None:
         assert options.dt is not None
-        self._flow, self._loop, self._stages, self.dt = flow, loop, stages, options.dt
+        self._flow, self._loop, self._stages, self.dt, self._kept = flow, loop, stages, options.dt, kept
         self._room, self._compensated = room, options.compensated
         self._cursor = np.zeros(SLOTS, np.int64)
 
@@ -146,15 +188,73 @@ class FixedStepper(Regular):
         self._flow.forces.forget()
 
     def advance(self, steps: int, until: float = np.inf) -> int:
-        self._cursor[STEP] = 0
         status = self._flow.forces.call(
             self._loop, self.y, self._carry, self._work, self._stages, self.dt, self._start, self.steps_done, steps,
             self._cursor,
         )  # fmt: skip
         self.steps_done += int(self._cursor[STEP])
+        self._cursor[STEP] = 0
         return status
+
+    @property
+    def _carried(self) -> Floats:
+        return self._work if self._kept else self._work[:0]
 
     def reached(self, inside_step: bool) -> tuple[Floats, Floats]:
         if inside_step and self._work.ndim > self.y.ndim:
             return self._work[0], self.y[0]  # y waits for the last stage
         return self.y, self.y[0] - self.dt * self.y[-1]
+
+
+class ChosenSteps(Resumable):
+    """Steps that a compiled loop chooses by their error; it keeps the clock."""
+
+    keeps: ClassVar[tuple[str, ...]] = ("_cursor", "_clock", "_extra_evaluations")
+
+    def __init__(self, flow: Flow, options: Options) -> None:
+        self.rtol, self.atol = options.tolerances
+        self._flow, self._first = flow, options.dt
+        self._cursor = np.zeros(SLOTS, np.int64)
+        self._clock = np.zeros(7)
+        self._extra_evaluations = 0
+        self.trouble = ""
+
+    def _begin(self, y: Floats, time: float, steps: int) -> None:
+        self.y, self.steps_done = y, steps
+        self._clock[:] = 0.0
+        self._clock[[TIME, BEFORE]] = time
+        self._cursor[STEP:REJECTED] = 0
+        self._flow.forces.forget()
+
+    @property
+    def time(self) -> float:
+        return float(self._clock[TIME])
+
+    @property
+    def last_step(self) -> float:
+        """How long the step that led here was; 0 before the first."""
+        return float(self._clock[LAST])
+
+    @property
+    def counts(self) -> Counts:
+        return Counts(int(self._cursor[EVALUATIONS]) + self._extra_evaluations, int(self._cursor[REJECTED]))
+
+    def _first_step(self) -> float:
+        """How long the first step is to be."""
+        raise NotImplementedError
+
+    def _go(self, until: float, steps: int) -> int:
+        """Run the loop; a status."""
+        raise NotImplementedError
+
+    def advance(self, steps: int, until: float = np.inf) -> int:
+        if self._clock[NEXT] == 0.0 and steps:
+            self._clock[NEXT] = self._first or self._first_step()
+        status = self._go(until, steps)
+        self.steps_done += int(self._cursor[STEP])
+        self._cursor[STEP] = 0
+        if status == STOPPED:
+            self.trouble = (
+                f"the step fell to {self._clock[NEXT]:.3g}, which t = {self.time:.9g} can no longer tell from 0"
+            )
+        return status

@@ -8,7 +8,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from scipy.linalg import LinAlgWarning, lu_factor, lu_solve
@@ -16,15 +16,21 @@ from scipy.linalg import LinAlgWarning, lu_factor, lu_solve
 from kickdrift.errors import InputError, RunError
 from kickdrift.flow import NEWTON_UNKNOWNS
 from kickdrift.forces.kernel import BLOWN_UP, OK
-from kickdrift.integrators.stepping import Counts
+from kickdrift.integrators.stepping import Counts, Resumable
 from kickdrift.state import Floats
 
 if TYPE_CHECKING:
     from kickdrift.flow import Flow
 
 
-class PythonStepper:
-    """Steps taken one by one; a method gives ``_step`` and what it forgets when it begins anew."""
+class PythonStepper(Resumable):
+    """Steps taken one by one; a method gives ``_step`` and what it forgets when it begins anew.
+
+    A checkpoint holds where the last step began, what the run cost, and what the method says besides."""
+
+    keeps: ClassVar[tuple[str, ...]] = (
+        "_counts.evaluations", "_counts.rejected", "_counts.jacobians", "last_step", "_before",
+    )  # fmt: skip
 
     def __init__(self, flow: Flow) -> None:
         self._flow = flow
@@ -74,11 +80,16 @@ class PythonStepper:
         self._counts.evaluations += 1
         return self._flow.forces.derivative(time, y)
 
+    def _f_aside(self, time: float, y: Floats) -> Floats:
+        """f(t, y), which depends on no evaluation before."""
+        self._counts.evaluations += 1
+        return self._flow.derivative(time, y)
+
     def _jacobian(self, time: float, y: Floats) -> Floats:
-        """(N, N) of the flattened y: what the problem gives, else differences."""
+        """(N, N) of the flattened y, which alone it depends on: what the problem gives, else differences."""
         self._counts.jacobians += 1
         try:
-            return self._flow.jacobian(time, y, self._f)
+            return self._flow.jacobian(time, y, self._f_aside)
         except (ArithmeticError, LookupError, TypeError, ValueError) as error:
             what = " ".join(str(error).split())
             raise RunError(

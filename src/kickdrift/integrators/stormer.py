@@ -41,7 +41,9 @@ class Stormer(Method):
         from kickdrift.integrators.loops import stormer_loop
         from kickdrift.integrators.stepping import FixedStepper
 
-        return FixedStepper(flow, stormer_loop, np.zeros((0, 0)), lambda shape: np.zeros((2, *shape[1:])), options)
+        return FixedStepper(
+            flow, stormer_loop, np.zeros((0, 0)), lambda shape: np.zeros((2, *shape[1:])), options, kept=True
+        )
 
 
 ROWS = (

@@ -45,18 +45,23 @@ FAR = 4.0  # what fills up the lanes circles so many times as far out as the far
 
 class WisdomHolmanStepper(Regular):
     """The run itself is held before the last drift of a step, which the next one's first is joined to; ``y`` is a copy
-    with that drift, and the corrector, done."""
+    with that drift, and the corrector, done. A checkpoint holds the orbits there, the centre of mass, what compensated
+    sums carry on, and what there is to warn of."""
 
     trouble = ""
+    keeps = (
+        "_cursor", "_start", "_under_way", "_corrected", "_shortest", "_hill",
+        "_bodies.orbit", "_bodies.carry", "_bodies.centre", "_bodies.first",
+    )  # fmt: skip
 
     def __init__(self, flow: Flow, table: Splitting, options: Options) -> None:
         assert options.dt is not None
         system: Any = flow.subject
         self._system, self.dt = system, options.dt
         self._jacobi, self._compensated = options.coordinates == JACOBI, options.compensated
-        self._others = BoundForces(
-            system.under(force for force in system.forces if not isinstance(force, Gravity)), flow.forces.threads
-        )
+        others = system.under(force for force in system.forces if not isinstance(force, Gravity))
+        self._others = BoundForces(others, flow.forces.threads)
+        self._looks = BoundForces(others, flow.forces.threads)  # for the corrector of what is looked at
         drift, kick = np.array(table.drift), np.array([*table.kick, 0.0])
         passed = np.cumsum(drift)
         begin = np.array([drift, kick, passed])
@@ -146,12 +151,22 @@ class WisdomHolmanStepper(Regular):
         self._cursor = np.zeros(SLOTS, np.int64)
         self._under_way = False
         self._corrected = not self._correct.size
+        self._others.forget()
         self._bodies.first[:] = np.nan
         self._enter(y)
         self._look_at_start()
 
-    def _call(self, bodies: Bodies, row: Floats, steps: int, cursor: Any) -> int:
-        return self._others.call(
+    @property
+    def _lists(self) -> BoundForces:
+        return self._others
+
+    @property
+    def _hill(self) -> Floats:
+        """Squared Hill radii at the start."""
+        return self._bodies.table[HILL]
+
+    def _call(self, bodies: Bodies, row: Floats, steps: int, cursor: Any, others: BoundForces | None = None) -> int:
+        return (others or self._others).call(
             wisdom_holman_loop, bodies, row, self.dt, self._start, self.steps_done, steps, cursor
         )  # fmt: skip
 
@@ -177,12 +192,14 @@ class WisdomHolmanStepper(Regular):
     def _synchronise(self) -> int:
         """``y`` <- the state at the step point; a status."""
         own = self._bodies
+        self._cursor[STEP:] = 0
+        self._looks.forget()
         bodies = own._replace(
             orbit=_copy(own.orbit), carry=_copy(own.carry), centre=own.centre.copy(), first=own.first.copy()
         )
         for row in (self._end, self._decorrect):
             if row.size:
-                status = self._call(bodies, row, 1, np.zeros(SLOTS, np.int64))
+                status = self._call(bodies, row, 1, np.zeros(SLOTS, np.int64), self._looks)
                 if status:
                     return status
         self.y = self._leave(bodies)

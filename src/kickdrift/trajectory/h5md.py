@@ -18,6 +18,8 @@ Layout (n particles, f frames, s samples)::
              /events            where there were any, e of them: time (e,), step (e,), ids (e, 2), distance (e,), energy
                                 taken out (e,), kind and done (e,) text, in true units; committed
              /report            JSON, written when a run ends
+             /plan (7,)         how far the last `Simulation.run` was to go, and how often it looks (`run_plan.Plan`)
+             /checkpoints       what a run is taken up again from (`kickdrift.trajectory.checkpoints`); committed
 
 Frames have n rows whatever happens: a body that another has absorbed is written at that one's place and velocity from
 then on, and one that was removed as NaN. Masses are those at the start.
@@ -33,7 +35,7 @@ import math
 import os
 import time
 import uuid
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -46,12 +48,15 @@ from kickdrift.errors import InputError, RunError
 from kickdrift.state import Floats, State
 from kickdrift.system import System
 from kickdrift.trajectory import creation, diskspace, reader
+from kickdrift.trajectory.checkpoints import Checkpoint, Stored, Table, encoded
 from kickdrift.trajectory.layout import EVENT_WIDTH, header_image, text
 from kickdrift.trajectory.record import to_json
 from kickdrift.trajectory.rows import EventRow, FrameRow, Rows, SampleRow
 
 FLUSH_BYTES = 8 * 2**20
 FLUSH_SECONDS = 10.0
+CHECKPOINT_SHARE = 0.25  # of what is written may be checkpoints, but for the first and the last of a run
+CHECKPOINT_SECONDS = 60.0  # after which there is one all the same
 _writing: set[tuple[int, int]] = set()  # device and inode; HDF5's lock does not hold between two writers in one process
 
 
@@ -68,6 +73,9 @@ class Writer:
     method : what the Simulation says of itself (integrator, dt, threads, seed, …), stored as JSON
     every : steps between samples, stored for a later continuation
     overwrite : replace a file of that name, once the new one stands
+    checkpoint : gives a `Checkpoint` of the state appended last, or before the first of the start; one is written into
+        the new file at once, then with some of the flushes, and when the file is closed
+    plan : how far the run is to go (`run_plan.Plan.numbers`)
 
     Attributes
     ----------
@@ -92,6 +100,8 @@ class Writer:
         flush_bytes: int = FLUSH_BYTES,
         flush_seconds: float = FLUSH_SECONDS,
         author: str = "N/A",
+        checkpoint: Callable[[], Checkpoint] | None = None,
+        plan: Sequence[float] = (),
     ) -> None:
         image = header_image(
             system,
@@ -100,8 +110,10 @@ class Writer:
             run_id=uuid.uuid4().hex,
             author=author,
             flush_frames=max(1, flush_bytes // (48 * len(system))),
+            plan=plan,
+            start=_stored(checkpoint()) if checkpoint else None,
         )
-        self._open(creation.create(Path(path), image, overwrite=overwrite), flush_bytes, flush_seconds)
+        self._open(creation.create(Path(path), image, overwrite=overwrite), flush_bytes, flush_seconds, checkpoint)
 
     @classmethod
     def append_to(
@@ -111,6 +123,8 @@ class Writer:
         *,
         flush_bytes: int = FLUSH_BYTES,
         flush_seconds: float = FLUSH_SECONDS,
+        checkpoint: Callable[[], Checkpoint] | None = None,
+        plan: Sequence[float] = (),
     ) -> Self:
         """Open a file to continue it; the InputError of a file that is not this run's names the other.
 
@@ -121,10 +135,20 @@ class Writer:
             if run.run_id != run_id:
                 raise InputError(f"{path}: is the file of another run; give another name, or overwrite it")
         writer = cls.__new__(cls)
-        writer._open(path, flush_bytes, flush_seconds)
+        writer._open(path, flush_bytes, flush_seconds, checkpoint)
+        if plan:
+            assert writer._file is not None
+            writer._file["kickdrift/plan"][...] = plan
+            writer._file.flush()
         return writer
 
-    def _open(self, path: Path, flush_bytes: int, flush_seconds: float) -> None:
+    def _open(
+        self,
+        path: Path,
+        flush_bytes: int,
+        flush_seconds: float,
+        checkpoint: Callable[[], Checkpoint] | None,
+    ) -> None:
         self.path, self.flush_bytes, self.flush_seconds = path, flush_bytes, flush_seconds
         self.report: dict[str, Any] | None = None
         self.absorbed: Mapping[int, int] = {}
@@ -139,6 +163,9 @@ class Writer:
         own = self._file["kickdrift"]
         self.run_id: str = own.attrs["run_id"]
         self._rows = Rows(self._file)
+        self._checkpoint, self._checkpoints = checkpoint, Table(self._file, path)
+        self._checkpoints.cut()
+        self._checkpointed_at, self._since_checkpoint, self._checkpoint_size = time.monotonic(), 0, 0
         own["closed"][0] = 0
         self._file.flush()
         self.last_sample, self.last_frame = self._rows.last_sample, self._rows.last_frame
@@ -202,21 +229,39 @@ class Writer:
         self._buffered = 0
         self._flushed_at = time.monotonic()
 
-    def flush(self) -> None:
-        """Bring everything appended so far to the file, where a kill cannot reach it."""
+    def flush(self, *, final: bool = False) -> None:
+        """Bring everything appended so far to the file, where a kill cannot reach it; ``final`` with a checkpoint."""
         if self._file is None:
             raise RunError(f"{self.path}: the file is closed")
         if self._failed:
             raise RunError(f"{self.path}: an earlier write failed; nothing more can be written")
-        if self._samples or self._frames or self._events:
-            self._reserve(self._file, self._rows.room(self._buffered, len(self._samples), len(self._events)))
+        self._since_checkpoint += self._buffered
+        stored = self._due(final)
+        if self._samples or self._frames or self._events or stored:
+            room = self._rows.room(self._buffered, len(self._samples), len(self._events))
+            self._reserve(self._file, room + (stored.room if stored else 0))
             try:
                 self._rows.add(self._frames, self._samples, self._events)
+                if stored:
+                    self._checkpoints.add(stored)
             except (OSError, RuntimeError) as error:
                 self._failed = True
                 raise RunError(f"{self.path}: writing failed: {error}") from None
             diskspace.release(self._descriptor, self._file.id.get_filesize())
         self._clear()
+
+    def _due(self, final: bool) -> Stored | None:
+        """A checkpoint of what was appended last, where it is time for one."""
+        steps, times = self._checkpoints.steps, self._checkpoints.times
+        last = (int(steps[-1]), float(times[-1])) if len(steps) else None
+        if self._checkpoint is None or self.last_sample is None or same(last, *self.last_sample):
+            return None
+        grown = CHECKPOINT_SHARE * self._since_checkpoint >= self._checkpoint_size
+        if not (final or grown or time.monotonic() - self._checkpointed_at >= CHECKPOINT_SECONDS):
+            return None
+        stored = _stored(self._checkpoint())
+        self._checkpointed_at, self._since_checkpoint, self._checkpoint_size = time.monotonic(), 0, stored.size
+        return stored
 
     def _reserve(self, file: h5py.File, size: int) -> None:
         """Make sure of the room for ``size`` more bytes, in the very file that is open."""
@@ -234,14 +279,15 @@ class Writer:
             kept = "holds no frame yet" if last is None else f"holds {frames} frames, up to step {last[0]}"
             raise RunError(f"{error}; the file is whole and {kept}") from None
 
-    def close(self) -> None:
-        """Flush, store the report if there is one, and close; a second call does nothing."""
+    def close(self, *, whole: bool = True) -> None:
+        """Flush, store the report if there is one, and close; a second call does nothing. A run that came to its end
+        is ``whole``: it is given a last checkpoint."""
         if self._file is None:
             return
         file = self._file
         try:
             if not self._failed:
-                self.flush()
+                self.flush(final=whole)
                 if self.report is not None:
                     self._put_report(file, to_json(self.report))
         finally:
@@ -265,10 +311,14 @@ class Writer:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         try:
-            self.close()
+            self.close(whole=error is None)
         except RunError:
             if error is None:  # else the first error is the one to tell
                 raise
+
+
+def _stored(checkpoint: Checkpoint) -> Stored:
+    return Stored(checkpoint["step"], checkpoint["time"], encoded(checkpoint))
 
 
 ROUNDING = 1e-12  # relative, of times that went through the file's units

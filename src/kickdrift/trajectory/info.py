@@ -9,6 +9,7 @@ from kickdrift.events import event_lines
 from kickdrift.trajectory.reader import Run, open
 
 _METHOD_FIRST = ("engine", "integrator", "dt", "threads", "seed")
+_METHOD_SHOWN = (*_METHOD_FIRST, "options")  # which say what the others say
 
 
 def info(path: str | os.PathLike[str]) -> dict[str, Any]:
@@ -44,6 +45,8 @@ def _summary(run: Run) -> dict[str, Any]:
         "steps": [int(run.sample_steps[0]), int(run.sample_steps[-1])] if len(run.sample_steps) else None,
         "time": [float(run.sample_times[0]), float(run.sample_times[-1])] if len(run.sample_times) else None,
         "observables": observables,
+        "checkpoints": [] if run.checkpoints is None else run.checkpoints.steps.tolist(),
+        "plan": run.plan,
         "closed": run.closed,
         "half_written_frames": run.half_written,
         "events": run.events,
@@ -65,7 +68,7 @@ def describe(found: dict[str, Any]) -> str:
         rows.append(("", f"other programs see 1 {units['length']} as 1 angstrom and 1 {units['time']} as 1 ps"))
     method = found["method"]
     rows += [(key, _short(method[key])) for key in _METHOD_FIRST if method.get(key) is not None]
-    rows += [(key, _short(value)) for key, value in method.items() if key not in _METHOD_FIRST and value is not None]
+    rows += [(k, _short(value)) for k, value in method.items() if k not in _METHOD_SHOWN and value is not None]
     rows.append(("frames", f"{found['frames']:,}, and {found['samples']:,} samples of the observables"))
     if found["time"]:
         first, last = found["time"]
@@ -76,6 +79,7 @@ def describe(found: dict[str, Any]) -> str:
         rows.append((name.replace("_", " "), f"{_short(ends['first'])} → {_short(ends['last'])}"))
     rows.append(("written by", f"kickdrift {found['kickdrift']}, {found['bytes']:,} bytes"))
     rows.append(("closed", _ending(found)))
+    rows.append(("checkpoints", _checkpoints(found["checkpoints"])))
     report = found["report"] or {}
     report = {key: value for key, value in report.items() if key != "events"}
     rows += [(f"report: {key.replace('_', ' ')}", _short(value)) for key, value in _flat(report)]
@@ -95,6 +99,12 @@ def _ending(found: dict[str, Any]) -> str:
     if found["half_written_frames"]:
         text += f"; {found['half_written_frames']} frames behind the last whole one were left half written"
     return text
+
+
+def _checkpoints(steps: list[int]) -> str:
+    if not steps:
+        return "none: the run cannot be taken up again, but a new one can begin at a frame"
+    return f"{len(steps)}, of step {steps[0]}" + (f" to {steps[-1]}" if len(steps) > 1 else "")
 
 
 def _flat(report: dict[str, Any], prefix: str = "") -> list[tuple[str, Any]]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import platform
+from collections.abc import Sequence
 from dataclasses import asdict
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any, NamedTuple
@@ -13,15 +14,18 @@ import numpy as np
 
 from kickdrift.box import Box
 from kickdrift.system import System
+from kickdrift.trajectory import checkpoints
+from kickdrift.trajectory.checkpoints import Stored
 from kickdrift.trajectory.record import record_of, to_json
 from kickdrift.units import DIMENSIONS, UnitSystem
 
-SCHEMA = 1
+SCHEMA = 2  # 1 had no checkpoints and no plan
 SUFFIX = ".h5md"
 TRAJECTORY = "particles/trajectory"
 SAMPLES = "kickdrift/samples"
 EVENTS = "kickdrift/events"
 KIND_BYTES, DONE_BYTES = 64, 160  # of an event's texts, which are cut there; fixed, so that rows survive a kill
+PLAN_NUMBERS = 7  # what `run_plan.Plan` has
 EVENT_WIDTH = 6 + (KIND_BYTES + DONE_BYTES) // 8  # of an event's row, in numbers of 8 bytes
 CHUNK_BYTES = 128 * 1024  # of positions or velocities; a chunk holds a few dozen frames of some of the particles
 SERIES_CHUNK = 512  # rows of a series with one row for each frame or sample
@@ -30,7 +34,8 @@ SERIES_CHUNK = 512  # rows of a series with one row for each frame or sample
 _ANGSTROM = {"angstrom": 1.0, "nm": 10.0, "m": 1e10}
 _PICOSECOND = {"ps": 1.0, "fs": 1e-3, "s": 1e12}
 _DIMENSION = dict.fromkeys(("kinetic_energy", "potential_energy", "total_energy"), "energy")
-_DIMENSION["centre_of_mass"] = "length"
+_DIMENSION |= {"centre_of_mass": "length", "centre_of_mass_velocity": "velocity", "energy_taken": "energy"}
+_DIMENSION |= {"momentum_taken": "momentum", "angular_momentum_taken": "angular momentum"}
 
 
 class FileUnits(NamedTuple):
@@ -114,7 +119,15 @@ def text(group: h5py.Group, name: str, value: str) -> None:
 
 
 def header_image(
-    system: System, *, method: dict[str, Any], every: int, run_id: str, author: str, flush_frames: int
+    system: System,
+    *,
+    method: dict[str, Any],
+    every: int,
+    run_id: str,
+    author: str,
+    flush_frames: int,
+    plan: Sequence[float] = (),
+    start: Stored | None = None,
 ) -> bytes:
     """The bytes of a file that holds everything but frames.
 
@@ -135,6 +148,7 @@ def header_image(
         own.attrs["every"] = every
         own.create_dataset("committed", data=np.zeros(2, dtype="i8"), track_times=False)  # frames, samples
         own.create_dataset("closed", data=np.zeros(1, dtype="i1"), track_times=False)
+        own.create_dataset("plan", data=np.array(plan or [np.nan] * PLAN_NUMBERS), track_times=False)
         _units(own.create_group("units"), system.units)
         text(own, "method", to_json(method))
         text(own, "versions", to_json(versions()))
@@ -142,6 +156,9 @@ def header_image(
         samples = file.create_group(SAMPLES)
         new_series(samples, "step", (), "i8")
         new_series(samples, "time", (), "f8")
+        checkpoints.new_table(file)
+        if start is not None:
+            checkpoints.Table(file, "").add(start)
         file.flush()
         return bytes(file.id.get_file_image())
 

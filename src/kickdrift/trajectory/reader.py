@@ -1,75 +1,34 @@
-"""Reading a run's file: `open` gives a Run, a sequence of frames that are read when they are asked for."""
+"""Reading a run's file: `open` gives a Run, the sequence of its frames."""
 
 from __future__ import annotations
 
 import json
 import os
-from collections.abc import Sequence
 from dataclasses import fields
 from pathlib import Path
 from types import TracebackType
-from typing import Any, NamedTuple, Self, overload
+from typing import TYPE_CHECKING, Any, Self
 
 import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from kickdrift.box import Box
 from kickdrift.errors import InputError
 from kickdrift.state import Floats
+from kickdrift.trajectory.checkpoints import CHECKPOINTS, Table
+from kickdrift.trajectory.frames import EnergySeries, Frames, energies_of
 from kickdrift.trajectory.layout import SAMPLES, SCHEMA, TRAJECTORY, FileUnits, box_of
 from kickdrift.units import UnitSystem
 
-
-class EnergySeries(NamedTuple):
-    """Energies at the times of the samples, each (s,), in the system's units."""
-
-    time: Floats
-    kinetic: Floats
-    potential: Floats
-    total: Floats
+if TYPE_CHECKING:
+    from kickdrift.system import System
 
 
-class Frame:
-    """One frame of a Run, read when asked; in the system's units."""
+class Run(Frames):
+    """A run's file, open for reading: a context manager, and the sequence of all its frames.
 
-    def __init__(self, run: Run, index: int) -> None:
-        self._run, self.index = run, index
-
-    def __repr__(self) -> str:
-        return f"<Frame {self.index}: step {self.step}, time {self.time:g}>"
-
-    @property
-    def step(self) -> int:
-        return int(self._run.steps[self.index])
-
-    @property
-    def time(self) -> float:
-        return float(self._run.times[self.index])
-
-    @property
-    def positions(self) -> Floats:
-        """(n, 3), unwrapped."""
-        return self._run._vectors("position", self.index, self._run._factors.length)
-
-    @property
-    def velocities(self) -> Floats:
-        """(n, 3)."""
-        return self._run._vectors("velocity", self.index, self._run._factors.velocity)
-
-    @property
-    def box(self) -> Box:
-        return self._run.box
-
-    def wrapped(self) -> Floats:
-        """(n, 3) positions inside the box."""
-        return self.box.wrap(self.positions)
-
-
-class Run(Sequence[Frame]):
-    """A run's file, open for reading: a context manager, and a sequence of frames.
-
-    Everything is in the system's own units, whatever unit the file names for the sake of other programs.
+    Everything is in the system's own units, whatever unit the file names for the sake of other programs. Observables
+    are those of the samples, which are at least as dense as the frames; ``run[:]`` has them at the frames.
 
     Attributes
     ----------
@@ -96,11 +55,11 @@ class Run(Sequence[Frame]):
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
         self.path = Path(path)
-        self._file = _open_file(self.path)
+        self._handle = _open_file(self.path)
         try:
             self._read_header()
         except (KeyError, OSError, RuntimeError, ValueError) as error:
-            self._file.close()
+            self.close()
             if isinstance(error, InputError):
                 raise
             raise InputError(f"{self.path}: damaged: {error}") from None
@@ -130,36 +89,20 @@ class Run(Sequence[Frame]):
         self.report: dict[str, Any] | None = json.loads(own["report"].asstr()[()]) if self.closed else None
         # What a kill left behind the last commit may be part of a row; it does not count.
         frames, samples = (int(rows) for rows in own["committed"][()])
-        self._frames, self._samples = frames, samples
+        super().__init__(self, range(frames))
+        self._samples = samples
         self.half_written = max(0, particles["position/value"].shape[0] - frames)
-        self.steps: NDArray[np.int64] = particles["position/step"][:frames]
-        self.times: Floats = particles["position/time"][:frames] / self._factors.time
+        self.all_steps: NDArray[np.int64] = particles["position/step"][:frames]
+        self.all_times: Floats = particles["position/time"][:frames] / self._factors.time
 
     def __repr__(self) -> str:
         return f"<Run {self.path}: {len(self)} frames of {len(self.ids)} particles>"
 
-    def __len__(self) -> int:
-        return self._frames
-
-    @overload
-    def __getitem__(self, index: int) -> Frame: ...
-    @overload
-    def __getitem__(self, index: slice) -> list[Frame]: ...
-    def __getitem__(self, index: int | slice) -> Frame | list[Frame]:
-        if isinstance(index, slice):
-            return [Frame(self, k) for k in range(*index.indices(len(self)))]
-        if not -len(self) <= index < len(self):
-            raise IndexError(f"frame {index} of {len(self)}")
-        return Frame(self, index % len(self))
-
-    def _vectors(self, name: str, index: int, factor: float) -> Floats:
-        values: Floats = self._file[TRAJECTORY][name]["value"][index]
-        return values if factor == 1.0 else values / factor
-
-    def path_of(self, particle: int) -> Floats:
-        """(frames, 3) unwrapped positions of the particle in that row."""
-        values: Floats = self._file[TRAJECTORY]["position/value"][: len(self), particle]
-        return values / self._factors.length
+    @property
+    def _file(self) -> h5py.File:
+        if not self._handle:
+            raise InputError(f"{self.path}: is closed; read it inside of its with block")
+        return self._handle
 
     def vectors(self, what: str, frames: slice, particles: slice = slice(None)) -> Floats:
         """(f, n, 3) unwrapped "positions" or "velocities" of some frames and particles, read at once."""
@@ -170,6 +113,18 @@ class Run(Sequence[Frame]):
         start, stop, step = frames.indices(len(self))
         values: Floats = self._file[TRAJECTORY][name]["value"][start:stop:step, particles]
         return values if factor == 1.0 else values / factor
+
+    def framed(self, frames: slice) -> dict[str, Floats]:
+        """Every observable as an array (f,) or (f, …) at some frames."""
+        group = self._file["observables"]
+        return {name: group[name]["value"][frames] for name in group if len(self)}
+
+    @property
+    def exact(self) -> bool:
+        """Whether positions and velocities are those of the run to the last bit."""
+        return (
+            self._factors.length == self._factors.time == 1.0 and self._file[TRAJECTORY]["position/value"].dtype == "f8"
+        )
 
     @property
     def observables(self) -> dict[str, Floats]:
@@ -220,14 +175,48 @@ class Run(Sequence[Frame]):
     @property
     def energies(self) -> EnergySeries:
         """Kinetic, potential and total energy at `sample_times`; an InputError if they were not written."""
-        found = self.observables
-        names = ("kinetic_energy", "potential_energy", "total_energy")
-        if missing := [name for name in names if name not in found]:
-            raise InputError(f"{self.path}: holds no {missing[0]}")
-        return EnergySeries(self.sample_times, *(found[name] for name in names))
+        return energies_of(self, self.sample_times, self.observables)
+
+    def to_pandas(self) -> Any:
+        """A pandas DataFrame: a row for each sample, with step, time and every observable (``momentum_x``, …).
+
+        Units are in ``attrs["units"]``, by column. An InputError where pandas is not installed.
+        """
+        from kickdrift.trajectory.tables import data_frame
+
+        return data_frame(self, self.sample_steps, self.sample_times, self.observables)
+
+    def to_xarray(self) -> Any:
+        """An xarray Dataset of all that was written over time, with units as attributes.
+
+        Positions and velocities (frame, particle, axis), masses and species (particle), and every observable
+        (sample, …) at the coordinates sample_step and sample_time. An InputError where xarray is not installed.
+        """
+        from kickdrift.trajectory.tables import dataset
+
+        series = {name: ("sample", values) for name, values in self.observables.items()}
+        clock = {"sample_step": self.sample_steps, "sample_time": self.sample_times}
+        return dataset(self, self, series, clock)
+
+    def system(self) -> System:
+        """The System that the run was given, from the file alone; ``run[k].system()`` is that at a frame."""
+        from kickdrift.trajectory.record import system_of
+
+        return system_of(self)
 
     def _sampled(self, name: str) -> NDArray:
         return self._file[SAMPLES][name][: self._samples]
+
+    @property
+    def checkpoints(self) -> Table | None:
+        """What the run can be taken up again from; None in a file that has none."""
+        return Table(self._file, self.path) if CHECKPOINTS in self._file else None
+
+    @property
+    def plan(self) -> list[float]:
+        """The numbers of the `run_plan.Plan` of the last run into this file; empty where it is not known."""
+        numbers = self._file["kickdrift/plan"][()].tolist() if "kickdrift/plan" in self._file else [np.nan]
+        return [] if np.isnan(numbers[0]) else numbers
 
     @property
     def initial_phase(self) -> Floats:
@@ -236,19 +225,12 @@ class Run(Sequence[Frame]):
 
     def universe(self) -> Any:
         """An MDAnalysis Universe of this file, with names, types and masses; nominal units where the file's are."""
-        try:
-            import MDAnalysis
-        except ImportError:
-            raise InputError("universe() needs MDAnalysis: pip install kickdrift[mdanalysis]") from None
-        spacing = {"dt": float(self.times[1] - self.times[0]) * self._factors.time} if len(self) > 1 else {}
-        universe = MDAnalysis.Universe(str(self.path), to_guess=(), n_atoms=len(self.ids), **spacing)
-        types = [self.species[index] for index in self.species_index]
-        for attribute, values in (("names", self.names or types), ("types", types), ("masses", self.masses)):
-            universe.add_TopologyAttr(attribute, values)
-        return universe
+        from kickdrift.trajectory.universe import universe
+
+        return universe(self)
 
     def close(self) -> None:
-        self._file.close()
+        self._handle.close()
 
     def __enter__(self) -> Self:
         return self

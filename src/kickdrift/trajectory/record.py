@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Mapping
-from dataclasses import asdict, fields, is_dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import fields, is_dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -74,11 +74,14 @@ def _described(thing: Any) -> dict[str, Any]:
     return {"type": type(thing).__name__, "module": type(thing).__module__, "parameters": thing}
 
 
-def system_of(run: Run, frame: int | None = None) -> System:
+def system_of(
+    run: Run, frame: int | None = None, *, forces: Iterable[Any] | None = None, events: Iterable[Event] | None = None
+) -> System:
     """The System that a run was given, or the same at one of the run's frames, at that frame's time.
 
     Forces that the file names by a class of the user's own are found where that class's module has been imported. An
-    InputError says what cannot be had from the file, and which frame has bodies that have merged or left.
+    InputError says what cannot be had from the file, and which frame has bodies that have merged or left. ``forces``
+    and ``events`` take the place of the file's.
     """
     record = run.system_record
     start = run.initial_phase
@@ -89,7 +92,7 @@ def system_of(run: Run, frame: int | None = None) -> System:
         start[1].T,
         run.masses,
         run.box,
-        [_force(given, str(run.path)) for given in record["forces"]],
+        [_force(given, str(run.path)) for given in record["forces"]] if forces is None else forces,
         run.units,
         species,
         record["name"],
@@ -100,7 +103,7 @@ def system_of(run: Run, frame: int | None = None) -> System:
         record["seed"],
         run.names,
         record.get("radii"),
-        [_event(given, str(run.path)) for given in record.get("events", ())],
+        [_event(given, str(run.path)) for given in record.get("events", ())] if events is None else events,
     )
     if frame is None:
         return system.at(start, record["time"], record["steps_done"], run.ids)
@@ -149,20 +152,18 @@ def _event(given: Mapping[str, Any], path: str) -> Event:
     return _EVENTS[given["type"]](**parameters)
 
 
-def differences(first: System, second: System) -> list[str]:
-    """What differs between two systems, in the words of a run's file; nothing where they are one."""
-    one, other = (json.loads(to_json(record_of(system) | _arrays(system))) for system in (first, second))
+def differences(system: System, run: Run) -> list[str]:
+    """What differs between a System and the one that a run was given; empty where the run is this System's."""
+    here, there = json.loads(to_json(record_of(system))), run.system_record
     skipped = {"name", "invariants", "run", "equilibration", "seed"}  # which do not change what the forces do
-    return [key for key in one if key not in skipped and one[key] != other[key]]
-
-
-def _arrays(system: System) -> dict[str, Any]:
-    state = system.state
-    return {
-        "positions": state.phase[0],
-        "velocities": state.phase[1],
-        "masses": state.masses,
-        "ids": state.ids,
-        "species of particles": system.species_index,
-        "unit system": asdict(system.units),
+    found = [key for key in here if key not in skipped and here[key] != there.get(key)]
+    state, species = system.state, [run.species[k] for k in run.species_index]
+    arrays = {
+        "positions": (state.phase[0], run.initial_phase[0]),
+        "velocities": (state.phase[1], run.initial_phase[1]),
+        "masses": (state.masses, run.masses),
+        "ids": (state.ids, run.ids),
+        "species of particles": ([system.species[k] for k in system.species_index], species),
     }
+    found += [key for key, (one, other) in arrays.items() if not np.array_equal(one, other)]
+    return found if system.units == run.units else [*found, "constants of the units"]

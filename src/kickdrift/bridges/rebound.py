@@ -1,0 +1,227 @@
+"""rebound's Simulation and a System: bodies, G and units, and the method where both have it.
+
+A Simulation without units has plain numbers, as ``nbody`` has; AU, yr and Msun are ``astro`` and m, s and kg ``si``;
+other units of rebound's keep their names in a reduced unit system. G is always the Simulation's own, to the bit: its
+39.4769264214 au^3/(msun yr^2) is 7.5e-12 less than that of ``astro``.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Iterable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import rebound
+from rebound.units import lengths_SI, masses_SI, times_SI
+
+from kickdrift.errors import InputError
+from kickdrift.forces import Gravity
+from kickdrift.forces.central import gravitational_constant
+from kickdrift.integrators.wisdom_holman import HELIOCENTRIC, JACOBI
+from kickdrift.state import Floats
+from kickdrift.system import RunDefaults, System
+from kickdrift.units import UNIT_SYSTEMS, UnitSystem
+
+ALL_ACTIVE = 2**64 - 1  # N_active where it was never set
+UNITS = {"astro": ("au", "yr", "msun"), "si": ("m", "s", "kg")}  # length, time, mass
+NEWTON = ("basic", "compensated", "jacobi", "mercurius")  # modules that sum the same forces in other ways
+COORDINATES = {"JACOBI": JACOBI, "DEMOCRATICHELIOCENTRIC": HELIOCENTRIC}
+SABA = {"2": "4,2", "3": "6,2", "4": "8,2", "10_4": "10,4", "8_6_4": "8,6,4", "10_6_4": "10,6,4"}
+LEAPFROGS = {2: "leapfrog-dkd", 4: "forest-ruth"}  # by order
+FUNCTIONS = ("additional_forces", "pre_timestep_modifications", "post_timestep_modifications")
+
+
+# --- from rebound ---
+
+
+def system_of(sim: Any, forces: Iterable[Any] | None = None) -> System:
+    """What `System.from_rebound` returns."""
+    if not isinstance(sim, rebound.Simulation):
+        raise InputError(f"sim: expected a rebound.Simulation, got {type(sim).__name__}")
+    _refuse(sim)
+    units, particles = _units(sim), list(sim.particles)
+    if not particles:
+        raise InputError("sim: has no particles")
+    table = np.array([(p.x, p.y, p.z, p.vx, p.vy, p.vz, p.m, p.r) for p in particles])
+    masses, radii = table[:, 6], table[:, 7]
+    _check_test_particles(sim, masses)
+    named = [p.name for p in particles]
+    names = [name or _number(i) for i, name in enumerate(named)] if any(named) else ()
+    run, untaken = _run(sim, masses)
+    system = System(
+        table[:, :3], table[:, 3:6], masses, None, _forces(sim, units) if forces is None else forces, units,
+        name="rebound", names=names, radii=radii if radii.any() else None, run=run,
+    )  # fmt: skip
+    untaken += [key for key in ("exit_max_distance", "exit_min_distance") if getattr(sim, key)]
+    _tell("from_rebound", untaken)
+    return system.at(system.state.phase, sim.t)
+
+
+def _number(i: int) -> str:
+    """What an unnamed body among named ones is called."""
+    return f"particle {i}"
+
+
+def _refuse(sim: Any) -> None:
+    """Raise an InputError for what would make the System move otherwise."""
+    if sim.N_var:
+        raise InputError(f"sim: has {sim.N_var} variational particles; kd.megno follows variations here")
+    for key in FUNCTIONS:
+        if getattr(sim, f"_{key}", None):
+            raise InputError(f"sim: has {key}, which only rebound can call; give forces of kickdrift in its place")
+    if sim._N_odes:
+        raise InputError("sim: has ODEs of its own, which have no equal here")
+    if sim.boundary != "none":
+        raise InputError(f"sim: boundary {sim.boundary!r} has no equal here; expected 'none'")
+    if sim.collision != "none":
+        raise InputError(
+            f"sim: what becomes of collisions ({sim.collision!r}) cannot be read from it; set sim.collision = 'none' "
+            "and give the run events=[kd.Collision(…)]"
+        )
+    if not math.isfinite(sim.t):
+        raise InputError(f"sim: t is {sim.t}; expected a finite time")
+    if not sim.is_synchronized:
+        raise InputError("sim: stands inside a step; call sim.synchronize() first")
+
+
+def _units(sim: Any) -> UnitSystem:
+    length, time, mass = (sim.units[key] for key in ("length", "time", "mass"))
+    if None in (length, time, mass):
+        return UNIT_SYSTEMS["nbody"]
+    for name, known in UNITS.items():
+        if (length, time, mass) == known:
+            return UNIT_SYSTEMS[name]
+    energy = f"{mass} {length}^2/{time}^2"
+    return UnitSystem("nbody", length, time, mass, energy, f"({energy})/k_B", 1.0, gravity=sim.G)
+
+
+def _check_test_particles(sim: Any, masses: Floats) -> None:
+    """Massless bodies are test particles here, whatever their place; others would pull."""
+    if sim.N_active >= len(masses):
+        return
+    pulling = np.flatnonzero(masses[sim.N_active :])
+    if pulling.size:
+        which = sim.N_active + int(pulling[0])
+        raise InputError(
+            f"sim: particle {which} is a test particle (N_active = {sim.N_active}) with mass {masses[which]:g}; those "
+            "here have none"
+        )
+
+
+def _forces(sim: Any, units: UnitSystem) -> tuple[Any, ...]:
+    if sim.gravity == "none":
+        return ()
+    if sim.gravity not in NEWTON:
+        raise InputError(f"sim: gravity {sim.gravity!r} has no equal here; give forces, say [kd.GravityTree()]")
+    return (Gravity(G=None if units.gravity == sim.G else sim.G, softening=sim.softening),)
+
+
+def _run(sim: Any, masses: Floats) -> tuple[RunDefaults, list[str]]:
+    """The method and its step, and what of it has no equal here."""
+    method, own = str(sim.integrator), sim.integrator
+    run = RunDefaults(dt=sim.dt)
+    central = int(np.argmax(masses)) == 0
+    if method == "leapfrog" and own.order in LEAPFROGS:
+        return replace(run, integrator=LEAPFROGS[own.order]), []
+    if method == "ias15" and own.epsilon > 0 and str(own.adaptive_mode) == "PRS23":
+        untaken = ["ias15's min_dt"] if own.min_dt else []
+        return replace(run, integrator="gauss-radau15", rtol=own.epsilon), untaken
+    plain = method == "whfast" and str(own.kernel) == "DEFAULT" and not own.corrector2
+    if plain and central and str(own.coordinates) in COORDINATES:
+        coordinates = COORDINATES[str(own.coordinates)]
+        return replace(run, integrator="wisdom-holman", coordinates=coordinates, corrector=own.corrector), []
+    if method == "saba" and central and str(own.type) in SABA:
+        return replace(run, integrator="saba", order=SABA[str(own.type)], coordinates=JACOBI), []
+    return RunDefaults(), [f"integrator {method!r} as it is set there, and its step"]
+
+
+def _tell(what: str, untaken: list[str]) -> None:
+    if untaken:
+        warnings.warn(f"{what}: not taken, having no equal: {'; '.join(untaken)}", stacklevel=4)
+
+
+# --- to rebound ---
+
+
+def simulation_of(system: System) -> Any:
+    """What `System.to_rebound` returns."""
+    gravity = _gravity(system)
+    if system.box.periodic:
+        raise InputError("to_rebound: the box is periodic, and rebound's boundaries are not ours")
+    if system.units.coherent_mass != 1.0:
+        raise InputError(f"to_rebound: rebound has no units like {system.units.name!r}, in which force is not m a")
+    sim, state = rebound.Simulation(), system.state
+    if (units := _rebound_units(system.units)) is not None:
+        sim.units = units
+    if gravity is None:
+        sim.gravity = "none"
+    else:
+        sim.G = gravitational_constant(gravity.name, gravity.G, system)
+        sim.softening = gravity.softening
+    radii = np.zeros(len(system)) if system.radii is None else system.radii
+    rows = np.column_stack([state.masses, state.positions, state.velocities, radii]).tolist()
+    for i, (m, x, y, z, vx, vy, vz, r) in enumerate(rows):
+        name = system.names[i] if system.names and system.names[i] != _number(i) else None
+        sim.add(m=m, x=x, y=y, z=z, vx=vx, vy=vy, vz=vz, r=r, name=name)
+    massive = int(np.count_nonzero(state.masses))
+    if massive < len(system) and state.masses[:massive].all():
+        sim.N_active = massive
+    sim.t = state.time
+    untaken = _set_method(sim, system) + [f"event {event.kind}" for event in system.events]
+    _tell("to_rebound", untaken)
+    return sim
+
+
+def _gravity(system: System) -> Gravity | None:
+    strange = [force.name for force in system.forces if not isinstance(force, Gravity)]
+    if strange:
+        raise InputError(f"to_rebound: rebound has no force {strange[0]!r}; only gravity goes there")
+    if len(system.forces) > 1:
+        raise InputError("to_rebound: the system has gravity twice")
+    return system.forces[0] if system.forces else None
+
+
+def _rebound_units(units: UnitSystem) -> tuple[str, str, str] | None:
+    """Length, time and mass by rebound's names; None where they are plain numbers."""
+    if units.name in UNITS:
+        return UNITS[units.name]
+    known = units.length in lengths_SI and units.time in times_SI and units.mass in masses_SI
+    return (units.length, units.time, units.mass) if known else None
+
+
+def _set_method(sim: Any, system: System) -> list[str]:
+    """Set the integrator where rebound has it; what it has no equal of."""
+    run, masses = system.run, system.state.masses
+    if run.dt is not None:
+        sim.dt = run.dt
+    central = int(np.argmax(masses)) == 0
+    if run.integrator is None:
+        return []
+    if run.integrator == "gauss-radau15":
+        sim.integrator = "ias15"
+        if run.rtol is not None:
+            sim.integrator.epsilon = run.rtol
+        return []
+    for order, name in LEAPFROGS.items():
+        if run.integrator == name:
+            sim.integrator = "leapfrog"
+            sim.integrator.order = order
+            return []
+    if run.integrator == "wisdom-holman" and central:
+        sim.integrator = "whfast"
+        sim.integrator.coordinates = _key(COORDINATES, run.coordinates or JACOBI)
+        sim.integrator.corrector = run.corrector or 0
+        return []
+    order_there = _key(SABA, run.order or "10,6,4")
+    if run.integrator == "saba" and central and order_there and run.coordinates in (None, JACOBI):
+        sim.integrator = "saba"
+        sim.integrator.type = order_there
+        return []
+    return [f"integrator {run.integrator!r} as it is set here"]
+
+
+def _key(table: dict[str, str], wanted: str) -> str:
+    return next((key for key, value in table.items() if value == wanted), "")

@@ -1,0 +1,129 @@
+"""The formats that a run can be exported to, and what each keeps of it: one table for the program and its page."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+
+class Format(NamedTuple):
+    """A format and how it keeps things; an empty text says that it loses them."""
+
+    suffix: str
+    used_by: str
+    package: str
+    positions: str
+    velocities: str = ""
+    box: str = ""
+    times: str = ""
+    steps: str = ""
+    masses: str = ""
+    names: str = ""
+    nominal_positions: str = ""  # where they are not kept as in real units
+    removed: str = ""  # bodies that were removed in the course of the run; refused where it is empty
+
+
+KEPT = ("positions", "velocities", "box", "times", "steps", "masses", "names")
+REMOVED_NAN = "as NaN"
+REMOVED_LEFT_OUT = "left out from then on"
+
+FORMATS: dict[str, Format] = {
+    format.suffix: format
+    for format in (
+        Format(
+            ".dcd",
+            "CHARMM, NAMD, LAMMPS, VMD",
+            "MDAnalysis",
+            positions="float32",
+            box="float64",
+            times="one spacing, float32",
+            steps="one spacing",
+            removed=REMOVED_NAN,
+        ),
+        Format(
+            ".xtc",
+            "GROMACS, VMD",
+            "MDAnalysis",
+            positions="multiples of 0.01 angstrom",
+            nominal_positions="multiples of 0.0001",
+            box="float32",
+            times="float32",
+            steps="int32",
+        ),
+        Format(
+            ".trr",
+            "GROMACS, VMD",
+            "MDAnalysis",
+            positions="float32",
+            velocities="float32",
+            box="float32",
+            times="float32",
+            steps="int32",
+            removed=REMOVED_NAN,
+        ),
+        Format(
+            ".xyz",
+            "almost everything",
+            "MDAnalysis",
+            positions="float32, 8 decimals",
+            times="in the comment line",
+            steps="in the comment line",
+            names="without spaces",
+            removed=REMOVED_NAN,
+        ),
+        Format(
+            ".pdb",
+            "viewers",
+            "MDAnalysis",
+            positions="3 decimals",
+            box="3 decimals",
+            names="first 4 letters",
+        ),
+        Format(
+            ".extxyz",
+            "ASE, OVITO",
+            "ASE",
+            positions="8 decimals",
+            velocities="8 decimals",
+            box="float64",
+            times="float64",
+            steps="int64",
+            masses="8 decimals",
+            names="in the comment line",
+            removed=REMOVED_LEFT_OUT,
+        ),
+        Format(
+            ".traj",
+            "ASE",
+            "ASE",
+            positions="float64",
+            velocities="float64, of bodies with a mass",
+            box="float64",
+            times="float64",
+            steps="int64",
+            masses="float64",
+            names="in info",
+            removed=REMOVED_LEFT_OUT,
+        ),
+    )
+}
+
+
+def losses(format: Format, nominal: bool) -> str:
+    """What an export to the format keeps and what it loses, as one line; ``nominal`` says which units the run has."""
+    ways = {what: getattr(format, what) for what in KEPT}
+    if nominal and format.nominal_positions:
+        ways["positions"] = format.nominal_positions
+    kept = [f"{what} ({how})" for what, how in ways.items() if how]
+    lost = [what for what, how in ways.items() if not how]
+    return f"{format.suffix} keeps {', '.join(kept)}; loses {', '.join([*lost, 'observables, events and restarts'])}"
+
+
+def table() -> list[list[str]]:
+    """The formats as rows of text: a heading, then one each; empty cells are what a format loses."""
+    rows = [["", "through", "read by", *KEPT, "removed bodies"]]
+    for format in FORMATS.values():
+        kept = [getattr(format, what) for what in KEPT]
+        if format.nominal_positions:
+            kept[0] += f"; {format.nominal_positions} in nominal units"
+        rows.append([format.suffix, format.package, format.used_by, *kept, format.removed or "refused"])
+    return rows

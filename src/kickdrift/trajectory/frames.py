@@ -1,0 +1,208 @@
+"""A frame of a run's file, and sequences of them: values that are read when they are asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, NamedTuple, overload
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kickdrift.box import Box
+from kickdrift.errors import InputError
+from kickdrift.observers import Energies
+from kickdrift.state import Floats, State
+
+if TYPE_CHECKING:
+    from kickdrift.system import System
+    from kickdrift.trajectory.reader import Run
+
+_ENERGIES = ("kinetic_energy", "potential_energy", "total_energy")
+
+
+class EnergySeries(NamedTuple):
+    """Energies at some times, each (s,), in the system's units."""
+
+    time: Floats
+    kinetic: Floats
+    potential: Floats
+    total: Floats
+
+
+@dataclass(frozen=True, repr=False)
+class Frame:
+    """One frame of a Run, read when asked; in the system's units."""
+
+    _run: Run
+    index: int
+
+    def __repr__(self) -> str:
+        return f"<Frame {self.index}: step {self.step}, time {self.time:g}>"
+
+    @property
+    def step(self) -> int:
+        return int(self._run.all_steps[self.index])
+
+    @property
+    def time(self) -> float:
+        return float(self._run.all_times[self.index])
+
+    @property
+    def positions(self) -> Floats:
+        """(n, 3), unwrapped."""
+        return self._alone.positions[0]
+
+    @property
+    def velocities(self) -> Floats:
+        """(n, 3)."""
+        return self._alone.velocities[0]
+
+    @property
+    def energies(self) -> Energies:
+        """Kinetic, potential and total energy."""
+        _, kinetic, potential, total = self._alone.energies
+        return Energies(float(kinetic[0]), float(potential[0]), float(total[0]))
+
+    @property
+    def box(self) -> Box:
+        return self._run.box
+
+    def wrapped(self) -> Floats:
+        """(n, 3) positions inside the box."""
+        return self.box.wrap(self.positions)
+
+    @property
+    def state(self) -> State:
+        """The State that a Simulation of the same bodies takes: ``sim.state = run[k].state``."""
+        phase = np.array([self.positions.T, self.velocities.T])
+        return State(phase, self._run.masses.copy(), self._run.ids.copy(), self.box, self.time, self.step)
+
+    def system(self) -> System:
+        """A System to start a new run with: the file's forces, units, masses, names, events and run defaults, and this
+        frame's positions, velocities and time; it has done no steps.
+
+        An InputError says what the file alone cannot give: a force of a module that is not loaded, or bodies that have
+        merged or left before this frame.
+        """
+        from kickdrift.trajectory.record import system_of
+
+        return system_of(self._run, self.index)
+
+    @property
+    def _alone(self) -> Frames:
+        return Frames(self._run, range(self.index, self.index + 1))
+
+
+class Frames(Sequence[Frame]):
+    """Some frames of a run, in the order of their numbers ``rows``; what is sliced from it is another.
+
+    Nothing is read before it is asked for: ``run[::100].positions`` reads every hundredth frame, at once.
+    """
+
+    def __init__(self, run: Run, rows: range) -> None:
+        self._run, self._rows = run, rows
+
+    def __repr__(self) -> str:
+        return f"<{len(self)} of {self._run!r}>"
+
+    def __len__(self) -> int:
+        return len(self._rows)
+
+    @overload
+    def __getitem__(self, index: int) -> Frame: ...
+    @overload
+    def __getitem__(self, index: slice) -> Frames: ...
+    def __getitem__(self, index: int | slice) -> Frame | Frames:
+        if isinstance(index, slice):
+            return Frames(self._run, self._rows[index])
+        if not -len(self) <= index < len(self):
+            raise IndexError(f"frame {index} of {len(self)}")
+        return Frame(self._run, self._rows[index])
+
+    @property
+    def steps(self) -> NDArray[np.int64]:
+        """(f,) of each frame."""
+        return self._run.all_steps[_slice(self._rows)]
+
+    @property
+    def times(self) -> Floats:
+        """(f,) of each frame."""
+        return self._run.all_times[_slice(self._rows)]
+
+    @property
+    def time(self) -> Floats:
+        """(f,) `times`, by the name that a frame has."""
+        return self.times
+
+    @property
+    def positions(self) -> Floats:
+        """(f, n, 3), unwrapped."""
+        return self._vectors("positions")
+
+    @property
+    def velocities(self) -> Floats:
+        """(f, n, 3)."""
+        return self._vectors("velocities")
+
+    def path_of(self, particle: int) -> Floats:
+        """(f, 3) unwrapped positions of the particle in that row; only these are read."""
+        n = len(self._run.ids)
+        if not 0 <= particle < n:
+            raise InputError(f"particle {particle}: expected a number from 0 to {n - 1}")
+        return self._vectors("positions", slice(particle, particle + 1))[:, 0]
+
+    @property
+    def observables(self) -> dict[str, Floats]:
+        """Every observable as an array (f,) or (f, …), at the frames."""
+        return {name: self._forth(values) for name, values in self._run.framed(_slice(_forward(self._rows))).items()}
+
+    @property
+    def energies(self) -> EnergySeries:
+        """Kinetic, potential and total energy at the frames; an InputError if they were not written."""
+        return energies_of(self._run, self.times, self.observables)
+
+    def to_pandas(self) -> Any:
+        """A pandas DataFrame: a row for each frame, with step, time and every observable (``momentum_x``, …).
+
+        Units are in ``attrs["units"]``, by column. An InputError where pandas is not installed.
+        """
+        from kickdrift.trajectory.tables import data_frame
+
+        return data_frame(self._run, self.steps, self.times, self.observables)
+
+    def to_xarray(self) -> Any:
+        """An xarray Dataset of the frames, with units as attributes.
+
+        Positions and velocities (frame, particle, axis), masses and species (particle), and every observable (frame, …)
+        at the coordinates step and time. An InputError where xarray is not installed.
+        """
+        from kickdrift.trajectory.tables import dataset
+
+        return dataset(self._run, self, {name: ("frame", values) for name, values in self.observables.items()})
+
+    def _vectors(self, what: str, particles: slice = slice(None)) -> Floats:
+        return self._forth(self._run.vectors(what, _slice(_forward(self._rows)), particles))
+
+    def _forth(self, values: Floats) -> Floats:
+        """What was read in ascending order, in this one's."""
+        return values[::-1] if self._rows.step < 0 else values
+
+
+def energies_of(run: Run, times: Floats, observables: dict[str, Floats]) -> EnergySeries:
+    """The energies among observables; an InputError if they are not there."""
+    if missing := [name for name in _ENERGIES if name not in observables]:
+        raise InputError(f"{run.path}: holds no {missing[0]}")
+    return EnergySeries(times, *(observables[name] for name in _ENERGIES))
+
+
+def _forward(rows: range) -> range:
+    """The same rows in ascending order: HDF5 reads no other."""
+    return rows if rows.step > 0 else rows[::-1]
+
+
+def _slice(rows: range) -> slice:
+    """What picks these rows of an array; a slice of its own counts a negative number from the end."""
+    if not rows:
+        return slice(0, 0)
+    return slice(rows.start, rows.stop if rows.stop >= 0 else None, rows.step)

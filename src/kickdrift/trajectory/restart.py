@@ -1,0 +1,173 @@
+"""A run taken up again from its file, to the very bits that it would have had.
+
+A checkpoint holds all that the next step depends on, so the run goes on from the last one before the step wanted; what
+lies between is run again without a look, which changes no bits and takes no longer however long the run has been.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Mapping
+from dataclasses import fields, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from kickdrift.errors import InputError
+from kickdrift.forces.bound import most_threads
+from kickdrift.forces.compiling import processor
+from kickdrift.integrators.stepping import Options
+from kickdrift.observers import Sample
+from kickdrift.run_plan import NEVER, Plan
+from kickdrift.simulation import Simulation
+from kickdrift.trajectory import reader
+from kickdrift.trajectory.h5md import before, same
+from kickdrift.trajectory.layout import versions
+from kickdrift.trajectory.reader import Run
+from kickdrift.trajectory.record import differences, system_of
+
+if TYPE_CHECKING:
+    from kickdrift.events import Event
+    from kickdrift.system import System
+
+
+def resume(
+    path: str | os.PathLike[str],
+    *,
+    step: int | None = None,
+    system: System | None = None,
+    events: Iterable[Event] | None = None,
+    threads: int | None = None,
+) -> Simulation:
+    """The Simulation of a run's file, where the file ends or at a ``step`` before.
+
+    It goes on to the same bits as the run that was not interrupted; that is promised for one version of kickdrift,
+    numba and llvmlite on one kind of processor, and the report warns where these differ. At the file's end it goes on
+    into the file: ``resume(path).run()`` finishes what the run was asked for, ``run(1000)`` takes 1000 steps more. From
+    a step before the end, any ``output`` is a new file.
+
+    Parameters
+    ----------
+    path : of a file that `Simulation.run` wrote, also of a run that was killed
+    step : a step from the file's first to its last, frame or not; default its end
+    system : that of the run, where its forces are of a class that is not imported; another one is an InputError
+    events : those of the run, where they have functions of the user's own
+    threads : default those of the run, or as many as there are; the bits do not depend on it
+
+    Raises
+    ------
+    InputError
+        Where there is no such file or step, or the file holds too little, and says what is missing.
+    """
+    with reader.open(path) as run:
+        sim = _simulation(run, system, events, threads)
+        end = step is None
+        steps, times = run.sample_steps, run.sample_times
+        last = (int(steps[-1]), float(times[-1])) if len(steps) else None
+        goal = _goal(run, step, last)
+        _restore(sim, run, goal)
+        sim.go_to(*goal)
+        _samples(sim, run, goal)
+        sim.record.warnings += _warnings(sim, run, goal)
+        if end:
+            path = os.path.abspath(path)
+            sim.continue_in(path, run.run_id, run.every, Plan.of(run.plan) if run.plan else None)
+    return sim
+
+
+def continued(sim: Simulation, steps: int | None, time: float | None) -> Plan:
+    """The plan of a resumed run with another end: so many steps, or so much time, since its step 0."""
+    plan = sim.plan
+    assert plan is not None
+    begin = sim.record.samples[0].time if sim.record.samples else sim.time
+    if time is not None and sim.method.chooses_steps:
+        if begin + time < sim.time:
+            raise InputError(f"{sim.output}: has come further than a time of {time:g}, to {sim.time - begin:.12g}")
+        return replace(plan, end_step=NEVER, end_time=begin + time)
+    if time is not None:
+        if begin + time < sim.time - 1e-6 * (sim.dt or 0.0):
+            raise InputError(f"{sim.output}: has come further than a time of {time:g}, to {sim.time - begin:.12g}")
+        steps = sim.steps_done + sim.steps_to(until=begin + time)
+    if steps is None:
+        return plan
+    if steps < sim.steps_done:
+        raise InputError(f"{sim.output}: has come further than step {steps}, to step {sim.steps_done}")
+    return replace(plan, end_step=steps, end_time=np.inf)
+
+
+def _simulation(run: Run, system: System | None, events: Iterable[Event] | None, threads: int | None) -> Simulation:
+    """As the file describes it, at its start."""
+    if not run.checkpoints or not run.checkpoints.rows:
+        raise InputError(
+            f"{run.path}: holds no checkpoint (kickdrift/checkpoints), which is what a run is taken up again from; "
+            f"a new one can begin at a frame"
+        )
+    if system is None:
+        system = system_of(run, events=events)
+    else:
+        system = system if events is None else system.watched(events)
+        if others := differences(system, run):
+            raise InputError(f"{run.path}: is the run of another system: {', '.join(others)} differ")
+    known_options = {each.name for each in fields(Options)}
+    options: Mapping[str, Any] = {k: v for k, v in run.method["options"].items() if k in known_options}
+    name = run.method["integrator"]
+    return Simulation(system, name, threads=threads or min(int(run.method["threads"]), most_threads()), **options)
+
+
+def _goal(run: Run, step: int | None, last: tuple[int, float] | None) -> tuple[int, float | None]:
+    """The step to go to, and the time inside it where that lies before its end."""
+    if step is None:
+        assert run.checkpoints is not None
+        return last or (int(run.checkpoints.steps[0]), None)
+    first = int(run.checkpoints.steps[0]) if run.checkpoints else 0
+    end = last[0] if last else first
+    if not first <= step <= end:
+        raise InputError(f"{run.path}: step {step} is not in it; it goes from step {first} to {end}")
+    return step, None
+
+
+def _restore(sim: Simulation, run: Run, goal: tuple[int, float | None]) -> None:
+    """Put the Simulation to the last checkpoint that does not lie behind the goal."""
+    table = run.checkpoints
+    assert table is not None
+    step, time = goal
+    reached = [
+        row for row, point in enumerate(zip(table.steps, table.times, strict=True)) if not _behind(*point, step, time)
+    ]
+    sim.restore(table[reached[-1]])
+
+
+def _behind(at: int, when: float, step: int, time: float | None) -> bool:
+    """Whether a point of the run lies behind the one to go to."""
+    return at > step or (at == step and time is not None and before(time, when))
+
+
+def _samples(sim: Simulation, run: Run, goal: tuple[int, float | None]) -> None:
+    """The record of the run so far: the file's samples."""
+    step, time = goal
+    found = run.observables
+    for k, (at, when) in enumerate(zip(run.sample_steps, run.sample_times, strict=True)):
+        if _behind(at, when, step, time):
+            break
+        values = {name: values[k] for name, values in found.items()}
+        sim.record.samples.append(Sample.of(int(at), float(when), values))
+
+
+def _warnings(sim: Simulation, run: Run, goal: tuple[int, float | None]) -> list[str]:
+    """Why the bits may not be the same, and where they are not."""
+    now = versions() | {"processor": processor()}
+    then = run.versions | {"processor": run.method.get("processor", "unknown")}
+    changed = [
+        f"{key} {then.get(key)} then, {now[key]} now"
+        for key in ("kickdrift", "numba", "llvmlite", "processor")
+        if then.get(key) != now[key]
+    ]
+    found = [f"the same bits are not promised: {'; '.join(changed)}"] if changed else []
+    frame = run[-1] if len(run) else None
+    if frame and frame.step == goal[0] and same((frame.step, frame.time), sim.steps_done, sim.time):
+        state = sim.state
+        if np.array_equal(state.ids, run.ids) and run.exact:
+            apart = float(np.abs(frame.positions - state.positions).max())
+            if apart:
+                found.append(f"the run goes on {apart:.3g} away from the file's last frame: it is not the same run")
+    return found

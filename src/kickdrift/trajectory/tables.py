@@ -1,0 +1,90 @@
+"""What a run's file holds as a pandas DataFrame or an xarray Dataset, with units."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from importlib import import_module
+from itertools import product
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kickdrift.errors import InputError
+from kickdrift.state import Floats
+from kickdrift.trajectory.layout import observable_unit
+
+if TYPE_CHECKING:
+    from kickdrift.trajectory.frames import Frames
+    from kickdrift.trajectory.reader import Run
+
+AXES = ("x", "y", "z")
+
+
+def data_frame(run: Run, steps: NDArray[np.int64], times: Floats, observables: Mapping[str, Floats]) -> Any:
+    """A pandas DataFrame with a row for each time; an observable of several numbers takes a column for each."""
+    pandas = _library("pandas", "to_pandas()")
+    columns: dict[str, NDArray] = {"step": steps, "time": times}
+    units = {"step": "", "time": run.units.unit("time")}
+    for name, values in observables.items():
+        shape = values.shape[1:]
+        labels = ["_".join(map(_part, place, shape)) for place in product(*map(range, shape))]
+        for label, column in zip(labels, values.reshape(len(values), len(labels)).T, strict=True):
+            key = f"{name}_{label}" if label else name
+            columns[key], units[key] = column, observable_unit(name, run.units)
+    table = pandas.DataFrame(columns)
+    table.attrs["units"] = units
+    return table
+
+
+def _part(k: int, size: int) -> str:
+    return AXES[k] if size == len(AXES) else str(k)
+
+
+def dataset(
+    run: Run,
+    frames: Frames,
+    observables: Mapping[str, tuple[str, Floats]],
+    samples: Mapping[str, NDArray] | None = None,
+) -> Any:
+    """An xarray Dataset of frames, with observables over the dimension that each names, and coordinates of samples."""
+    xarray = _library("xarray", "to_xarray()")
+    unit = run.units.unit
+    per_particle = ("frame", "particle", "axis")
+    data: dict[str, Any] = {
+        "positions": (per_particle, frames.positions, {"units": unit("length")}),
+        "velocities": (per_particle, frames.velocities, {"units": unit("velocity")}),
+        "masses": ("particle", run.masses, {"units": unit("mass")}),
+        "species": ("particle", np.array(run.species)[run.species_index]),
+    }
+    if run.names:
+        data["names"] = ("particle", np.array(run.names))
+    for name, (dimension, values) in observables.items():
+        others = ("axis" if size == len(AXES) else f"{name}_{k}" for k, size in enumerate(values.shape[1:]))
+        if values.ndim > 2:  # a tensor has its own
+            others = (f"{name}_{k}" for k in range(values.ndim - 1))
+        data[name] = ((dimension, *others), values, {"units": observable_unit(name, run.units)})
+    clock = {"units": unit("time")}
+    coordinates: dict[str, Any] = {
+        "step": ("frame", frames.steps),
+        "time": ("frame", frames.times, clock),
+        "particle": run.ids,
+        "axis": list(AXES),
+    }
+    for name, row in (samples or {}).items():
+        coordinates[name] = ("sample", row, clock if name.endswith("time") else {})
+    attributes = {
+        "path": str(run.path),
+        "run_id": run.run_id,
+        "unit_system": run.units.name,
+        "integrator": str(run.method.get("integrator", "")),
+        "box": list(run.box.lengths or ()),
+    }
+    return xarray.Dataset(data, coordinates, attributes)
+
+
+def _library(name: str, asked: str) -> Any:
+    try:
+        return import_module(name)
+    except ImportError:
+        raise InputError(f"{asked} needs {name}: pip install kickdrift[tables]") from None

@@ -1,0 +1,92 @@
+"""What other programs call the particles of a run's file, and the MDAnalysis Universe of it."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Container
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from scipy import constants
+
+from kickdrift.errors import InputError
+from kickdrift.state import Floats
+from kickdrift.trajectory.layout import FileUnits
+
+if TYPE_CHECKING:
+    from kickdrift.trajectory.reader import Run
+
+EVEN = 1e-6  # of the time between frames; what rounding does to their times is far below
+_ATOMIC = {"u": 1.0, "kg": 1 / constants.atomic_mass}
+
+
+def mdanalysis(what: str) -> Any:
+    """The package; an InputError says how to get it."""
+    try:
+        import MDAnalysis
+    except ImportError:
+        raise InputError(f"{what} needs MDAnalysis: pip install kickdrift[mdanalysis]") from None
+    return MDAnalysis
+
+
+def universe(run: Run) -> Any:
+    """The MDAnalysis Universe of a run's file, which it reads by itself: float32, unwrapped, in angstrom and ps.
+
+    Nominal units stay nominal: a sigma is an angstrom there, and a tau a ps. Atoms have the bodies' names (else their
+    species), types, masses (in u where units are real), ids and, where every species is one, elements. The trajectory's
+    ``dt`` is the mean time between frames, and a warning says so where they are not evenly spaced; of a single frame
+    it is the time to the next one that the run would have written. A body that was removed is NaN from then on.
+    """
+    MDAnalysis = mdanalysis("universe()")
+    if not len(run):
+        raise InputError(f"{run.path}: holds no frame")
+    dt, even = spacing(run)
+    if not even:
+        warnings.warn(
+            f"{run.path}: frames are not evenly spaced; dt is their mean, and each has its own time", stacklevel=3
+        )
+    found = MDAnalysis.Universe(str(run.path), to_guess=(), n_atoms=len(run.ids), dt=dt)
+    label(found, run)
+    return found
+
+
+def label(universe: Any, run: Run) -> None:
+    """Give a Universe's atoms what the file knows of its particles."""
+    from MDAnalysis.guesser.tables import SYMB2Z
+
+    types = species(run)
+    attributes = {"names": list(run.names) or types, "types": types, "masses": atomic_masses(run), "ids": run.ids}
+    if elements := chemical_symbols(run, SYMB2Z):
+        attributes["elements"] = elements
+    for attribute, values in attributes.items():
+        universe.add_TopologyAttr(attribute, values)
+
+
+def species(run: Run) -> list[str]:
+    """The species of every particle."""
+    return [run.species[index] for index in run.species_index]
+
+
+def chemical_symbols(run: Run, known: Container[str]) -> list[str]:
+    """The species where each is a chemical element and units are real ones, else nothing."""
+    return species(run) if not run.nominal_units and all(each in known for each in run.species) else []
+
+
+def atomic_masses(run: Run) -> Floats:
+    """(n,) masses in u; as they are where the file's unit of mass is none that u can be said in."""
+    return run.masses * _ATOMIC.get(run.units.mass, 1.0)
+
+
+def spacing(run: Run, frames: range | None = None) -> tuple[float, bool]:
+    """Time between frames in the file's ps, and whether it is the same between all of them.
+
+    The mean of those frames; of a single one, what the run's step and cadence say, else 1.
+    """
+    times = run.times if frames is None else run.times[np.asarray(frames)]
+    if len(times) < 2:
+        dt = run.method.get("dt")
+        step = float(dt) if isinstance(dt, float | int) and dt > 0 else None
+        return (run.every * step * FileUnits.of(run.units).time if step else 1.0), True
+    mean = float(times[-1] - times[0]) / (len(times) - 1)
+    even = bool(np.all(np.abs(np.diff(times) - mean) <= EVEN * mean))
+    return mean * FileUnits.of(run.units).time, even

@@ -1,0 +1,536 @@
+"""Exports and Universes, read back with MDAnalysis and ASE and compared with the states that were written."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy import constants
+
+import kickdrift as kd
+from kickdrift.cli import main
+from kickdrift.errors import InputError
+from kickdrift.state import State
+from kickdrift.system import System
+from kickdrift.trajectory import formats, to_mdanalysis
+from kickdrift.trajectory.h5md import Writer
+
+ase_io = pytest.importorskip("ase.io")
+MDAnalysis = pytest.importorskip("MDAnalysis")
+pytestmark = [  # MDAnalysis', of its own readers
+    pytest.mark.filterwarnings("ignore:DCDReader currently makes:DeprecationWarning"),
+    pytest.mark.filterwarnings("ignore:Reader has no dt information:UserWarning"),
+    pytest.mark.filterwarnings("ignore:1 A\\^3 CRYST1 record:UserWarning"),
+    pytest.mark.filterwarnings("ignore:Unit cell dimensions not found:UserWarning"),
+    pytest.mark.filterwarnings("ignore:Element information is missing:UserWarning"),
+]
+
+METHOD = {"integrator": "velocity-verlet", "dt": 0.005}
+EVERY, FRAMES, N = 20, 5, 12
+ANGSTROM = {"si": 1e10}  # of a unit of length, as the file's other units say; 1 for the rest
+PS = {"si": 1e12}
+ATOMIC = {"si": 1 / constants.atomic_mass}
+UNITS = ("lj", "nbody", "astro", "metal", "si")
+READ_BY_MDANALYSIS = tuple(suffix for suffix, format in formats.FORMATS.items() if format.package == "MDAnalysis")
+READ_BY_ASE = tuple(suffix for suffix, format in formats.FORMATS.items() if format.package == "ASE")
+
+
+def make_system(units: str, n: int = N, spread: float = 20.0) -> System:
+    """Of argon's size in real units, and with bodies that have names where there are stars."""
+    rng = np.random.default_rng(3)
+    length, time = 1 / ANGSTROM.get(units, 1.0), 1 / PS.get(units, 1.0)
+    stars = units in ("nbody", "astro")
+    return System(
+        rng.uniform(-spread, spread, (n, 3)) * length,
+        rng.normal(size=(n, 3)) * length / time,
+        masses=(np.arange(n) % 3 + 1.0) * 20 / ATOMIC.get(units, 1.0),
+        box=None if stars else np.array([15.0, 16.0, 17.5]) * length,
+        units=units,
+        species=["Ar", "Kr", "Ar"] * (n // 3) if units in ("metal", "si") else ["A", "Bb", "A"] * (n // 3),
+        names=[f"body {k}" for k in range(n)] if stars else (),
+    )
+
+
+def states(system: System, steps=range(0, EVERY * FRAMES, EVERY)) -> list[State]:
+    """Of free particles, at 0.005 of the run's own (or of a ps, in si) a step."""
+    s, dt = system.state, 0.005 / PS.get(system.units.name, 1.0)
+    return [
+        State(np.array([s.phase[0] + s.phase[1] * k * dt, s.phase[1]]), s.masses, s.ids, s.box, k * dt, k)
+        for k in steps
+    ]
+
+
+def write(path: Path, system: System, of: list[State] | None = None, **absorbed) -> list[State]:
+    of = states(system) if of is None else of
+    method = METHOD | {"dt": METHOD["dt"] / PS.get(system.units.name, 1.0)}
+    with Writer(path, system, method=method, every=EVERY, overwrite=True) as writer:
+        writer.absorbed = absorbed.get("absorbed", {})
+        for state in of:
+            writer.append(state, {})
+    return of
+
+
+@pytest.fixture
+def path(tmp_path) -> Path:
+    return tmp_path / "run.h5md"
+
+
+def without(state: State, particle: int) -> State:
+    keep = np.arange(len(state)) != particle
+    return State(state.phase[:, :, keep], state.masses[keep], state.ids[keep], state.box, state.time, state.steps_done)
+
+
+# -- the Universe
+
+
+@pytest.mark.parametrize("units", UNITS)
+def test_universe_has_all_that_the_file_knows(path, units):
+    system = make_system(units)
+    written = write(path, system)
+    with kd.open(path) as run:
+        universe = run.universe()
+    trajectory, atoms = universe.trajectory, universe.atoms
+    length, time = ANGSTROM.get(units, 1.0), PS.get(units, 1.0)
+    assert (len(trajectory), len(atoms)) == (FRAMES, N)
+    assert trajectory.dt == pytest.approx(0.1, rel=1e-12)
+    assert trajectory.totaltime == pytest.approx(0.1 * (FRAMES - 1), rel=1e-12)
+    for ts, state in zip(trajectory, written, strict=True):
+        np.testing.assert_allclose(atoms.positions, state.positions * length, rtol=1e-7)
+        np.testing.assert_allclose(atoms.velocities, state.velocities * length / time, rtol=1e-7)
+        assert ts.time == pytest.approx(state.time * time, rel=1e-12)
+        assert ts.data["step"] == state.steps_done
+        if system.box.periodic:
+            np.testing.assert_allclose(ts.dimensions, [15, 16, 17.5, 90, 90, 90], rtol=1e-7)
+        else:
+            assert ts.dimensions is None
+    assert list(atoms.types) == [system.species[k] for k in system.species_index]
+    assert list(atoms.names) == (list(system.names) or list(atoms.types))
+    np.testing.assert_allclose(atoms.masses, (np.arange(N) % 3 + 1.0) * 20, rtol=1e-12)
+    np.testing.assert_array_equal(atoms.ids, system.state.ids)
+    assert hasattr(atoms, "elements") == (units in ("metal", "si"))
+    assert universe.select_atoms("type Kr or type Bb").n_atoms == N // 3
+    trajectory.close()
+
+
+def test_mdanalysis_alone_reads_the_same(path):
+    written = write(path, make_system("metal"))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # it guesses types and masses, and says that it cannot
+        universe = MDAnalysis.Universe(str(path))
+    for ts, state in zip(universe.trajectory, written, strict=True):
+        np.testing.assert_allclose(ts.positions, state.positions, rtol=1e-7)
+        assert ts.time == pytest.approx(state.time, rel=1e-12)
+    # All but the time between frames, which it reads from no H5MD file; times of frames are the file's.
+    assert universe.trajectory.dt == 1.0
+    universe.trajectory.close()
+
+
+def test_one_frame_has_the_time_step_that_the_run_would_have_had(path):
+    system = make_system("si")
+    write(path, system, states(system)[:1])
+    with kd.open(path) as run:
+        universe = run.universe()
+    assert universe.trajectory.dt == pytest.approx(EVERY * 0.005, rel=1e-12)
+    universe.trajectory.close()
+
+
+def test_uneven_frames_are_said_and_keep_their_times(path):
+    system = make_system("lj")
+    written = write(path, system, states(system, (0, 20, 40, 70)))
+    with kd.open(path) as run, pytest.warns(UserWarning, match="not evenly spaced; dt is their mean"):
+        universe = run.universe()
+    assert universe.trajectory.totaltime == pytest.approx(0.35)
+    assert [ts.time for ts in universe.trajectory] == [state.time for state in written]
+    universe.trajectory.close()
+
+
+def test_a_removed_body_is_nan_in_the_universe(path):
+    system = make_system("nbody")
+    first, last = states(system, (0, 20))
+    write(path, system, [first, without(last, 4)], absorbed={4: -1})
+    with kd.open(path) as run:
+        universe = run.universe()
+    universe.trajectory[1]
+    there = np.isfinite(universe.atoms.positions).all(axis=1)
+    assert np.flatnonzero(~there).tolist() == [4]
+    assert list(universe.atoms[~there].names) == ["body 4"]
+    np.testing.assert_allclose(universe.atoms[there].positions, without(last, 4).positions, rtol=1e-6)
+    universe.trajectory.close()
+
+
+def test_a_file_without_frames_is_refused(path):
+    write(path, make_system("lj"), [])
+    with kd.open(path) as run, pytest.raises(InputError, match=r"run\.h5md: holds no frame"):
+        run.universe()
+    with pytest.raises(InputError, match=r"run\.h5md: holds no frame"):
+        kd.export(path, path.with_suffix(".xyz"))
+
+
+# -- exports, read by the programs that they are for
+
+
+@pytest.mark.parametrize("unwrapped", [False, True])
+@pytest.mark.parametrize("units", UNITS)
+@pytest.mark.parametrize("suffix", READ_BY_MDANALYSIS)
+def test_mdanalysis_reads_what_was_exported(path, suffix, units, unwrapped):
+    system = make_system(units)
+    written = write(path, system)[1::2]
+    target = path.with_suffix(suffix)
+    done = kd.export(path, target, unwrapped=unwrapped, start=1, step=2)
+    assert (done.path, done.frames, done.particles) == (target, len(written), N)
+    nominal = units in ("lj", "nbody", "astro")
+    off = {".xtc": 1e-4 if nominal else 1e-2, ".pdb": 5.1e-4}.get(suffix, 2e-6)
+    length, time = ANGSTROM.get(units, 1.0), PS.get(units, 1.0)
+    with MDAnalysis.coordinates.core.reader(str(target), n_atoms=N) as found:
+        assert len(found) == len(written)
+        for ts, state in zip(found, written, strict=True):
+            x = state.positions if unwrapped else state.wrapped()
+            np.testing.assert_allclose(ts.positions, x * length, rtol=0, atol=off)
+            if suffix == ".trr":
+                np.testing.assert_allclose(ts.velocities, state.velocities * length / time, rtol=3e-7)
+            else:
+                assert not ts.has_velocities
+            if suffix in (".dcd", ".xtc", ".trr"):
+                assert ts.time == pytest.approx(state.time * time, rel=3e-7)
+            if suffix in (".xtc", ".trr"):
+                assert ts.data["step"] == state.steps_done
+            if system.box.periodic and suffix != ".xyz":
+                np.testing.assert_allclose(ts.dimensions, [15, 16, 17.5, 90, 90, 90], rtol=1e-6)
+            else:
+                assert ts.dimensions is None
+    assert sorted(each.name for each in path.parent.iterdir() if "offsets" not in each.name) == sorted(
+        [path.name, target.name]
+    )
+    if suffix in (".xyz", ".pdb"):
+        names = list(MDAnalysis.Universe(str(target), to_guess=()).atoms.names)
+        assert names[:3] == {
+            (".xyz", True): ["body_0", "body_1", "body_2"], (".pdb", True): ["body"] * 3,
+            (".xyz", False): [system.species[k] for k in system.species_index[:3]],
+            (".pdb", False): [system.species[k] for k in system.species_index[:3]],
+        }[suffix, bool(system.names)]  # fmt: skip
+
+
+@pytest.mark.parametrize("unwrapped", [False, True])
+@pytest.mark.parametrize("units", UNITS)
+@pytest.mark.parametrize("suffix", READ_BY_ASE)
+def test_ase_reads_what_was_exported(path, suffix, units, unwrapped):
+    from ase.units import eV, fs, kg
+
+    system = make_system(units)
+    written = write(path, system)[:-1]
+    kd.export(path, path.with_suffix(suffix), unwrapped=unwrapped, stop=-1)
+    found = ase_io.read(path.with_suffix(suffix), ":")
+    assert len(found) == len(written)
+    nominal = units in ("lj", "nbody", "astro")
+    length, time = ANGSTROM.get(units, 1.0), PS.get(units, 1.0)
+    exact = suffix == ".traj"
+    for atoms, state in zip(found, written, strict=True):
+        x = state.positions if unwrapped else state.wrapped()
+        np.testing.assert_allclose(atoms.positions, x * length, rtol=1e-14, atol=1e-13 if exact else 5.1e-9)
+        v = state.velocities * length / time  # angstrom/ps; in nominal units the numbers stay
+        if not nominal:
+            kinetic = 0.5 * np.sum(state.masses[:, None] * state.velocities**2)  # in the run's units: u angstrom^2/ps^2
+            joule = kinetic * (1.0 if units == "si" else constants.atomic_mass * 1e4)
+            assert atoms.get_kinetic_energy() / eV == pytest.approx(joule / constants.e, rel=1e-7)
+            v = v / (1000 * fs)
+        else:
+            assert atoms.get_kinetic_energy() == pytest.approx(
+                0.5 * np.sum(state.masses[:, None] * state.velocities**2), rel=1e-8
+            )
+        np.testing.assert_allclose(atoms.get_velocities(), v, rtol=1e-12, atol=0 if exact else 1e-8)
+        np.testing.assert_allclose(
+            atoms.get_masses(), system.state.masses * (kg if units == "si" else 1), rtol=1e-7 if not exact else 1e-6
+        )
+        assert atoms.info["time"] == pytest.approx(state.time * time, rel=1e-12)
+        assert atoms.info["time_unit"] == (system.units.time if nominal else "ps")
+        assert atoms.info["step"] == state.steps_done
+        assert list(atoms.get_tags()) == system.species_index.tolist()
+        assert atoms.info["species"] == list(system.species)
+        assert atoms.info.get("names", []) == list(system.names)
+        assert list(atoms.symbols[:2]) == (["X", "X"] if nominal else ["Ar", "Kr"])
+        assert list(atoms.pbc) == [system.box.periodic] * 3
+        if system.box.periodic:
+            np.testing.assert_allclose(atoms.cell.lengths(), [15, 16, 17.5], rtol=1e-14)
+        if suffix == ".extxyz":
+            np.testing.assert_allclose(atoms.arrays["velocities"], state.velocities * length / time, atol=5.1e-9)
+
+
+@pytest.mark.parametrize("suffix", [".dcd", ".trr", ".xyz"])
+def test_a_removed_body_is_nan_where_the_format_has_a_place_for_each(path, suffix):
+    system = make_system("nbody")
+    first, last = states(system, (0, 20))
+    write(path, system, [first, without(last, 4)], absorbed={4: -1})
+    done = kd.export(path, path.with_suffix(suffix))
+    assert any("removed are NaN" in note for note in done.notes)
+    with MDAnalysis.coordinates.core.reader(str(path.with_suffix(suffix))) as found:
+        assert np.flatnonzero(np.isnan(found[1].positions).any(axis=1)).tolist() == [4]
+
+
+@pytest.mark.parametrize("suffix", READ_BY_ASE)
+def test_a_removed_body_is_left_out_for_ase(path, suffix):
+    system = make_system("nbody")
+    first, last = states(system, (0, 20))
+    write(path, system, [first, without(last, 4)], absorbed={4: -1})
+    done = kd.export(path, path.with_suffix(suffix))
+    assert any("removed are left out" in note for note in done.notes)
+    before, after = ase_io.read(path.with_suffix(suffix), ":")
+    assert (len(before), len(after)) == (N, N - 1)
+    assert "body 4" in before.info["names"]
+    assert "body 4" not in after.info["names"]
+    assert list(after.info["ids"]) == [k for k in range(N) if k != 4]
+    np.testing.assert_allclose(after.positions, without(last, 4).positions, atol=1e-8)
+
+
+@pytest.mark.parametrize("suffix", [".xtc", ".pdb"])
+def test_a_removed_body_is_refused_where_there_is_no_nan(path, suffix):
+    system = make_system("nbody")
+    first, last = states(system, (0, 20))
+    write(path, system, [first, without(last, 4)], absorbed={4: -1})
+    with pytest.raises(InputError, match=r"frame 1 \(step 20\): body 4 was removed.*--stop 1 ends before"):
+        kd.export(path, path.with_suffix(suffix))
+    assert [each.name for each in path.parent.iterdir()] == ["run.h5md"]
+    kd.export(path, path.with_suffix(suffix), stop=1)
+
+
+# -- precision and limits
+
+
+def test_xtc_of_reduced_units_is_near(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("xtc")
+
+    @settings(max_examples=40, deadline=None)
+    @given(seed=st.integers(0, 2**32 - 1), n=st.integers(1, 60), spread=st.floats(1e-3, 250))
+    def holds(seed, n, spread):
+        x = np.random.default_rng(seed).uniform(-spread, spread, (n, 3))
+        system = System(x, box=(12.0, 9.0, 400.0))
+        write(folder / "run.h5md", system, [system.state])
+        for unwrapped in (False, True):
+            kd.export(folder / "run.h5md", folder / "run.xtc", unwrapped=unwrapped, overwrite=True)
+            with MDAnalysis.lib.formats.libmdaxdr.XTCFile(str(folder / "run.xtc")) as file:
+                found = file.read().x.astype(float) * 10
+            assert np.abs(found - (x if unwrapped else system.box.wrap(x))).max() <= 1e-4
+
+    holds()
+
+
+def test_xtc_too_coarse_for_a_far_particle_is_refused(path):
+    x = np.zeros((30, 3))
+    x[17] = 0, 3000.03, 0  # float32, in which XTC is computed, has steps of 2.4e-4 there
+    system = System(x, box=(10.0, 10.0, 10.0))
+    write(path, system, [system.state])
+    target = path.with_suffix(".xtc")
+    with pytest.raises(InputError, match=r"frame 0 \(step 0\): particle 17: is off by .* more than 0.0001; without"):
+        kd.export(path, target, unwrapped=True)
+    assert not target.exists()
+    kd.export(path, target)
+
+
+@pytest.mark.parametrize("there", [3e5, -3e5])
+def test_xtc_beyond_32_bits_is_refused(path, there):
+    x = np.zeros((30, 3))
+    x[5, 2] = there
+    system = System(x)
+    write(path, system, [system.state])
+    with pytest.raises(InputError, match=r"particle 5: z = -?300000 is beyond the 32-bit integers of \.xtc; export to"):
+        kd.export(path, path.with_suffix(".xtc"), unwrapped=True)
+    kd.export(path, path.with_suffix(".trr"), unwrapped=True)
+
+
+def test_xtc_spread_beyond_32_bits_is_refused(path):
+    """libxdrfile packs differences from the lowest coordinate, which must fit too."""
+    x = np.zeros((30, 3))
+    x[5, 2], x[7, 2] = 1.5e5, -1.5e5
+    system = System(x)
+    write(path, system, [system.state])
+    with pytest.raises(InputError, match="beyond the 32-bit integers"):
+        kd.export(path, path.with_suffix(".xtc"))
+
+
+def test_pdb_refuses_what_its_columns_do_not_hold(path, monkeypatch):
+    x = np.zeros((30, 3))
+    x[5, 1] = -1000.0
+    system = System(x)
+    write(path, system, [system.state])
+    with pytest.raises(InputError, match=r"particle 5: y = -1000 is beyond the columns of \.pdb"):
+        kd.export(path, path.with_suffix(".pdb"))
+    many = System(np.zeros((100_000, 3)))
+    write(path, many, [many.state])
+    with pytest.raises(InputError, match=r"has 100,000 particles, and a \.pdb has columns for 99,999"):
+        kd.export(path, path.with_suffix(".pdb"))
+    wide = System(np.zeros((3, 3)), box=(1e5, 10, 10))
+    write(path, wide, [wide.state])
+    with pytest.raises(InputError, match="edge of 100000"):
+        kd.export(path, path.with_suffix(".pdb"))
+    system = make_system("lj")
+    write(path, system)
+    monkeypatch.setattr(to_mdanalysis, "PDB_MODELS", 2)
+    with pytest.raises(InputError, match=r"5 frames, and a \.pdb numbers 2; --step 3 takes fewer"):
+        kd.export(path, path.with_suffix(".pdb"))
+    kd.export(path, path.with_suffix(".pdb"), step=3)
+
+
+def test_dcd_says_that_frames_are_uneven(path):
+    system = make_system("lj")
+    write(path, system, states(system, (0, 20, 40, 70)))
+    done = kd.export(path, path.with_suffix(".dcd"))
+    assert any("not evenly spaced" in note for note in done.notes)
+    even = kd.export(path, path.with_suffix(".dcd"), stop=3, overwrite=True)
+    assert not any("spaced" in note for note in even.notes)
+
+
+def test_dcd_whose_first_time_is_no_whole_step(path):
+    system = make_system("lj")
+    late = [
+        State(s.phase, s.masses, s.ids, s.box, s.time + 0.0123, s.steps_done) for s in states(system)
+    ]  # as after an equilibration
+    write(path, system, late)
+    done = kd.export(path, path.with_suffix(".dcd"))
+    assert any("since the first frame" in note for note in done.notes)
+    with MDAnalysis.coordinates.core.reader(str(path.with_suffix(".dcd"))) as found:
+        assert [ts.time for ts in found] == pytest.approx(0.1 * np.arange(FRAMES), abs=1e-6)
+
+
+@pytest.mark.parametrize("suffix", [".xtc", ".trr"])
+def test_steps_beyond_32_bits_become_frame_numbers(path, suffix):
+    system = make_system("lj")
+    write(path, system, [State(s.phase, s.masses, s.ids, s.box, s.time, s.steps_done * 10**9) for s in states(system)])
+    done = kd.export(path, path.with_suffix(suffix))
+    assert any("beyond 32 bits" in note for note in done.notes)
+    with MDAnalysis.coordinates.core.reader(str(path.with_suffix(suffix))) as found:
+        assert [ts.data["step"] for ts in found] == list(range(FRAMES))
+
+
+# -- files and words
+
+
+@pytest.mark.parametrize("suffix", formats.FORMATS)
+def test_nothing_is_overwritten_unasked(path, suffix):
+    write(path, make_system("lj"))
+    target = path.with_suffix(suffix)
+    target.write_text("precious")
+    with pytest.raises(InputError, match="exists already; pass --overwrite"):
+        kd.export(path, target)
+    assert target.read_text() == "precious"
+    with pytest.raises(InputError, match="no such file"):
+        kd.export(path.with_name("none.h5md"), target, overwrite=True)
+    assert target.read_text() == "precious"
+    kd.export(path, target, overwrite=True)
+    assert target.read_bytes()[:8] != b"precious"
+    assert sorted(each.name for each in path.parent.iterdir()) == sorted(["run.h5md", target.name])
+
+
+@pytest.mark.parametrize("suffix", formats.FORMATS)
+def test_a_stopped_export_leaves_nothing(path, suffix):
+    write(path, make_system("lj"))
+
+    def stop(done, of):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        kd.export(path, path.with_suffix(suffix), progress=stop)
+    assert [each.name for each in path.parent.iterdir()] == ["run.h5md"]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="needs a limit on the size of files")
+def test_a_full_disk_leaves_nothing(path):
+    """A limit on the size of files stands for the disk: writes beyond it fail in the same way."""
+    write(path, make_system("lj", n=900))
+    code = """
+import resource, signal, sys
+import kickdrift as kd
+from kickdrift.trajectory.formats import FORMATS
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+resource.setrlimit(resource.RLIMIT_FSIZE, (7000, 7000))
+for suffix in FORMATS:
+    try:
+        kd.export(sys.argv[1], sys.argv[1].replace(".h5md", suffix))
+    except kd.RunError as error:
+        print(error)
+"""
+    done = subprocess.run([sys.executable, "-c", code, path], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert len(done.stdout.splitlines()) == len(formats.FORMATS)
+    assert [each.name for each in path.parent.iterdir()] == ["run.h5md"]
+
+
+@pytest.mark.parametrize(
+    ("output", "options", "message"),
+    [
+        ("out.foo", {}, r"the name of an export must end in \.dcd, \.xtc"),
+        ("out", {}, "must end in"),
+        ("out.h5md", {}, "must end in"),
+        ("nowhere/out.xyz", {}, "there is no folder"),
+        ("out.xyz", {"start": 5}, "has 5 frames, none of them in start:stop"),
+        ("out.xyz", {"step": 0}, "step: expected a whole number"),
+        ("out.xyz", {"step": -1}, "step: expected a whole number"),
+    ],
+)
+def test_bad_input(path, output, options, message):
+    write(path, make_system("lj"))
+    with pytest.raises(InputError, match=message):
+        kd.export(path, path.parent / output, **options)
+    assert [each.name for each in path.parent.iterdir()] == ["run.h5md"]
+
+
+@pytest.mark.parametrize(
+    ("package", "suffix", "extra"),
+    [("MDAnalysis", ".dcd", "mdanalysis"), ("ase", ".traj", "ase"), ("ase", ".extxyz", "ase")],
+)
+def test_a_missing_package_is_named(path, monkeypatch, package, suffix, extra):
+    write(path, make_system("lj"))
+    for name in [each for each in sys.modules if each.split(".")[0] == package]:
+        monkeypatch.setitem(sys.modules, name, None)
+    monkeypatch.setitem(sys.modules, package, None)
+    with pytest.raises(InputError, match=rf"{suffix} needs .*: pip install kickdrift\[{extra}\]"):
+        kd.export(path, path.with_suffix(suffix))
+
+
+@pytest.mark.parametrize("suffix", formats.FORMATS)
+def test_the_command_says_once_what_is_lost(path, suffix, monkeypatch, capsys):
+    write(path, make_system("lj"))
+    monkeypatch.chdir(path.parent)
+
+    def run(*options: str) -> int:
+        monkeypatch.setattr(sys, "argv", ["kickdrift", "export", path.name, f"out{suffix}", *options])
+        with pytest.raises(SystemExit) as stop:
+            main()
+        return stop.value.code
+
+    assert run("--step", "2") == 0
+    told = capsys.readouterr()
+    assert told.out == f"out{suffix}: 3 frames of 12 particles\n"
+    (line,) = told.err.splitlines()
+    assert line.startswith(formats.losses(formats.FORMATS[suffix], nominal=True))
+    assert "positions are inside the box; sigma and tau stand as angstrom and ps" in line
+    assert run() == 2
+    told = capsys.readouterr()
+    assert (told.out, len(told.err.splitlines())) == ("", 1)
+    assert run("--overwrite", "--quiet", "--unwrapped", "--start", "-1") == 0
+    assert capsys.readouterr() == (f"out{suffix}: 1 frame of 12 particles\n", "")
+
+
+def test_progress_goes_to_the_end(path):
+    write(path, make_system("lj"))
+    seen = []
+    kd.export(path, path.with_suffix(".trr"), progress=lambda done, of: seen.append((done, of)))
+    assert seen == [(k, FRAMES) for k in range(1, FRAMES + 1)]
+
+
+def test_blocks_of_frames_are_read_in_order(path, monkeypatch):
+    from kickdrift.trajectory import export
+
+    system = make_system("lj", n=3)
+    written = write(path, system, states(system, range(0, 101)))
+    monkeypatch.setattr(export, "BLOCK_FRAMES", 7)
+    for step in (1, 3, 9):
+        kd.export(path, path.with_suffix(".traj"), unwrapped=True, start=2, step=step, overwrite=True)
+        found = ase_io.read(path.with_suffix(".traj"), ":")
+        assert [atoms.info["step"] for atoms in found] == list(range(2, 101, step))
+        for atoms, state in zip(found, written[2::step], strict=True):
+            np.testing.assert_array_equal(atoms.positions, state.positions)
