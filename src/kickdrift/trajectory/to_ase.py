@@ -58,7 +58,7 @@ class AtomsOf:
 
         run = chosen.run
         self.run, self.scale, self.notes = run, Scale.of(run.units), list[str]()
-        if run.units.reduced:
+        if run.nominal_units:
             units = run.units
             self.notes.append(f"{units.length}, {units.mass} and {units.energy} stand as angstrom, u and eV")
         self.symbols = np.array([kind if kind in atomic_numbers else UNKNOWN for kind in species(run)])
