@@ -59,6 +59,11 @@ class Frame:
         return self._alone.velocities[0]
 
     @property
+    def forces(self) -> Floats:
+        """(n, 3); an InputError where the run did not write them."""
+        return self._alone.forces[0]
+
+    @property
     def energies(self) -> Energies:
         """Kinetic, potential and total energy."""
         _, kinetic, potential, total = self._alone.energies
@@ -149,6 +154,11 @@ class Frames(Sequence[Frame]):
     def velocities(self) -> Floats:
         """(f, n, 3)."""
         return self._vectors("velocities")
+
+    @property
+    def forces(self) -> Floats:
+        """(f, n, 3); an InputError where the run did not write them."""
+        return self._vectors("forces")
 
     def path_of(self, particle: int) -> Floats:
         """(f, 3) unwrapped positions of the particle in that row; only these are read."""
