@@ -10,6 +10,7 @@ from scipy import constants
 from kickdrift.state import State
 from kickdrift.system import System
 from kickdrift.trajectory.h5md import Writer
+from kickdrift.trajectory.options import FileOptions
 
 METHOD = {"integrator": "velocity-verlet", "dt": 0.005}
 EVERY, FRAMES, N = 20, 5, 12
@@ -45,12 +46,12 @@ def states(system: System, steps=range(0, EVERY * FRAMES, EVERY)) -> list[State]
 
 
 def write(
-    path: Path, system: System, of: list[State] | None = None, absorbed: dict[int, int] | None = None
+    path: Path, system: System, of: list[State] | None = None, absorbed: dict[int, int] | None = None, **options
 ) -> list[State]:
-    """Write the states (by default those of `states`) and return them."""
+    """Write the states (by default those of `states`) with those FileOptions, and return them."""
     of = states(system) if of is None else of
     method = METHOD | {"dt": METHOD["dt"] / PS.get(system.units.name, 1.0)}
-    with Writer(path, system, method=method, every=EVERY, overwrite=True) as writer:
+    with Writer(path, system, method=method, every=EVERY, overwrite=True, options=FileOptions(**options)) as writer:
         writer.absorbed = absorbed or {}
         for state in of:
             writer.append(state, {})

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 import warnings
 from pathlib import Path
 
@@ -66,6 +67,21 @@ def test_mdanalysis_alone_reads_the_same(path):
         assert ts.time == pytest.approx(state.time, rel=1e-12)
     # All but the time between frames, which it reads from no H5MD file; times of frames are the file's.
     assert universe.trajectory.dt == 1.0
+    universe.trajectory.close()
+
+
+@pytest.mark.parametrize("units", ["metal", "si"])
+def test_positions_inside_the_box_are_unwrapped(path, units):
+    """Where a run wrote images, the file has positions inside the box."""
+    written = write(path, make_system(units), write=("images",), precision="float32")
+    with kd.open(path) as run:
+        universe = run.universe()
+    for _ in range(2):  # also a second time through
+        for ts, state in zip(universe.trajectory, written, strict=True):
+            np.testing.assert_allclose(ts.positions, state.positions * ANGSTROM.get(units, 1.0), rtol=0, atol=4e-6)
+    again = pickle.loads(pickle.dumps(universe))
+    np.testing.assert_array_equal(again.trajectory[2].positions, universe.trajectory[2].positions)
+    again.trajectory.close()
     universe.trajectory.close()
 
 

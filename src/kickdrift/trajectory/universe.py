@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Container
+from collections.abc import Container, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import h5py
 import numpy as np
 from scipy import constants
 
 from kickdrift.errors import InputError
 from kickdrift.state import Floats
-from kickdrift.trajectory.layout import FileUnits
+from kickdrift.trajectory.layout import TRAJECTORY, FileUnits
 
 if TYPE_CHECKING:
     from kickdrift.trajectory.reader import Run
@@ -47,7 +49,21 @@ def universe(run: Run) -> Any:
         )
     found = MDAnalysis.Universe(str(run.path), to_guess=(), n_atoms=len(run.ids), dt=dt)
     label(found, run)
+    if "images" in run.options.write and run.box.lengths is not None:
+        found.trajectory.add_transformations(Unwrapping(run.path, run.box.lengths, FileUnits.of(run.units).length))
     return found
+
+
+class Unwrapping:
+    """A transformation for MDAnalysis: positions that the file has inside the box go back to where they are."""
+
+    def __init__(self, path: Path, lengths: Sequence[float], factor: float) -> None:
+        self.path, self.edges = path.absolute(), np.array(lengths) * factor
+
+    def __call__(self, ts: Any) -> Any:
+        with h5py.File(self.path, "r", locking="best-effort") as file:  # cheap: MDAnalysis has it open
+            ts.positions = ts.positions + file[TRAJECTORY]["image/value"][ts.frame] * self.edges
+        return ts
 
 
 def label(universe: Any, run: Run) -> None:
