@@ -208,7 +208,7 @@ class Writer:
             self._samples.append(SampleRow(step, state.time, values))
             self._buffered += 16 + sum(value.nbytes for value in values.values())
             self.last_sample = step, state.time
-        if self._buffered >= self.flush_bytes or time.monotonic() - self._flushed_at >= self.flush_seconds:
+        if self._buffered >= self.flush_bytes or self._waited:
             self.flush()
 
     def append_event(self, event: Mapping[str, Any]) -> None:
@@ -249,16 +249,28 @@ class Writer:
         self._buffered = 0
         self._flushed_at = time.monotonic()
 
+    @property
+    def _waited(self) -> bool:
+        return time.monotonic() - self._flushed_at >= self.flush_seconds
+
+    def flush_if_due(self) -> None:
+        """Flush where something has waited for as long as it may; between the looks of a run, without a checkpoint."""
+        if self._samples and self._waited:
+            self._flush(lambda: None)
+
     def flush(self, *, final: bool = False) -> None:
         """Bring everything appended so far to the file, where a kill cannot reach it; ``final`` with a checkpoint.
 
         Ctrl-C waits for it."""
+        self._flush(lambda: self._due(final))
+
+    def _flush(self, checkpoint: Callable[[], Stored | None]) -> None:
         self._check_open()
         if self._out.failed:
             raise RunError(f"{self.path}: an earlier write failed; nothing more can be written")
         with interruptible() as interrupted:
             self._since_checkpoint += self._buffered
-            stored = self._due(final)
+            stored = checkpoint()
             if self._samples or self._frames or self._events or stored:
                 self._write(lambda: self._add(stored))
             self._clear()

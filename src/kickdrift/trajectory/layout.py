@@ -124,7 +124,6 @@ def _events(file: h5py.File) -> None:
         new_series(group, name, (), "f8")
     new_series(group, "kind", (), f"S{KIND_BYTES}")
     new_series(group, "done", (), f"S{DONE_BYTES}")
-    group.create_dataset("committed", data=np.zeros(1, dtype="i8"), track_times=False)
 
 
 def _text(group: h5py.Group, name: str, value: str) -> None:
@@ -149,6 +148,8 @@ def header_image(
     It is made in memory and written by plain file I/O, since a full disk is then an ordinary exception.
     """
     with h5py.File(f"{run_id}.image", "w", driver="core", backing_store=False, libver="earliest") as file:
+        # First, and so inside one page, as it must be to change in one write.
+        committed = file.create_dataset(None, data=np.zeros(3, dtype="i8"), track_times=False)
         _particles(file, system, flush_frames, options)
         h5md = file.create_group("h5md")
         h5md.attrs["version"] = np.array([1, 1], dtype="i4")
@@ -162,7 +163,7 @@ def header_image(
         own.attrs["run_id"] = run_id
         own.attrs["every"] = every
         own.attrs["compress"] = options.compress
-        own.create_dataset("committed", data=np.zeros(2, dtype="i8"), track_times=False)  # frames, samples
+        own["committed"] = committed  # frames, samples, events
         own.create_dataset("closed", data=np.zeros(1, dtype="i1"), track_times=False)
         own.create_dataset("plan", data=np.array(plan or [np.nan] * PLAN_NUMBERS), track_times=False)
         _units(own.create_group("units"), system.units)

@@ -29,10 +29,11 @@ def rewritten(file: h5py.File, path: Path, *, compress: bool) -> Path:
         storage = PagedFile(part)
         try:
             with h5py.File(storage, "w", libver="earliest", **ALIGNMENT) as copy:
-                names = ("step", "value")  # which begin in the first page: see `layout`
-                items = [file[f"particles/trajectory/position/{name}"] for name in names]
+                # What must begin in the first page: see `layout`.
+                names = ("kickdrift/committed", *(f"particles/trajectory/position/{key}" for key in ("step", "value")))
+                items = [file[name] for name in names]
                 filters = _FILTERS if compress else {}
-                first = {_address(item): _empty(item, None, copy, filters) for item in items}
+                first = {_address(item): _like(item, None, copy, filters) for item in items}
                 _copy(file, copy, {}, first, filters, storage)
             storage.commit()
         finally:
@@ -48,8 +49,10 @@ def _address(item: Any) -> int:
     return int(h5py.h5o.get_info(item.id).addr)
 
 
-def _empty(item: h5py.Dataset, name: str | None, group: h5py.Group, filters: dict[str, Any]) -> h5py.Dataset:
-    """A dataset of the same kind without rows."""
+def _like(item: h5py.Dataset, name: str | None, group: h5py.Group, filters: dict[str, Any]) -> h5py.Dataset:
+    """A copy of a dataset, without rows where it can grow."""
+    if item.chunks is None:
+        return group.create_dataset(name, data=item[()], dtype=item.dtype, track_times=False)
     return group.create_dataset(
         name, (0, *item.shape[1:]), item.dtype, maxshape=item.maxshape, chunks=item.chunks, fillvalue=item.fillvalue,
         track_times=False, **filters,
@@ -72,17 +75,15 @@ def _copy(
             continue
         if isinstance(item, h5py.Group):
             _copy(item, target.create_group(name), made, first, filters, storage)
-        elif item.chunks is None:
-            source.copy(item, target, name)
         else:
             if address in first:
                 target[name] = first[address]
             else:
-                _empty(item, name, target, filters)
-            _copy_rows(item, target[name], storage)
-        if isinstance(item, h5py.Group) or item.chunks:
-            for key in item.attrs:
-                target[name].attrs.create(key, item.attrs[key], dtype=item.attrs.get_id(key).dtype)
+                _like(item, name, target, filters)
+            if item.chunks:
+                _copy_rows(item, target[name], storage)
+        for key in item.attrs:
+            target[name].attrs.create(key, item.attrs[key], dtype=item.attrs.get_id(key).dtype)
         made[address] = f"{target.name}/{name}"
 
 

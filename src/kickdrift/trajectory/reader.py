@@ -17,7 +17,7 @@ from kickdrift.errors import InputError
 from kickdrift.state import Floats
 from kickdrift.trajectory.checkpoints import CHECKPOINTS, Table
 from kickdrift.trajectory.frames import EnergySeries, Frames, energies_of
-from kickdrift.trajectory.layout import SAMPLES, SCHEMA, TRAJECTORY, FileUnits, box_of
+from kickdrift.trajectory.layout import EVENTS, SAMPLES, SCHEMA, TRAJECTORY, FileUnits, box_of
 from kickdrift.trajectory.options import FileOptions
 from kickdrift.units import UnitSystem
 
@@ -101,7 +101,7 @@ class Run(Frames):
         self.closed = bool(own["closed"][0])
         self.report: dict[str, Any] | None = json.loads(own["report"][()].tobytes()) if self.closed else None
         # What a kill left behind the last commit may be part of a row; it does not count.
-        frames, samples = (int(rows) for rows in own["committed"][()])
+        frames, samples, self._events = (int(rows) for rows in own["committed"][()])
         super().__init__(None, range(frames))
         self._samples = samples
         self.half_written = max(0, particles["position/value"].shape[0] - frames)
@@ -158,27 +158,23 @@ class Run(Frames):
         """What `Simulation.events` of the run had: kind, time, step, bodies, ids, distance, energy, done.
 
         Close approaches that had not ended with the run come last."""
-        own = self._file["kickdrift"]
         found: list[dict[str, Any]] = []
-        if "events" in own:
-            table = own["events"]
-            rows = int(table["committed"][0])
-            columns = {name: table[name][:rows].tolist() for name in table if name != "committed"}
-            for k in range(rows):
-                row = {name: values[k] for name, values in columns.items()}
-                ids = [each for each in row["ids"] if each >= 0]
-                found.append(
-                    {
-                        "kind": row["kind"].decode(errors="ignore"),
-                        "time": row["time"],
-                        "step": row["step"],
-                        "bodies": [self._body(each) for each in ids],
-                        "ids": ids,
-                        "distance": None if np.isnan(row["distance"]) else row["distance"],
-                        "energy": None if np.isnan(row["energy"]) else row["energy"],
-                        "done": row["done"].decode(errors="ignore"),
-                    }
-                )
+        columns = {name: data[: self._events].tolist() for name, data in self._file[EVENTS].items()}
+        for k in range(self._events):
+            row = {name: values[k] for name, values in columns.items()}
+            ids = [each for each in row["ids"] if each >= 0]
+            found.append(
+                {
+                    "kind": row["kind"].decode(errors="ignore"),
+                    "time": row["time"],
+                    "step": row["step"],
+                    "bodies": [self._body(each) for each in ids],
+                    "ids": ids,
+                    "distance": None if np.isnan(row["distance"]) else row["distance"],
+                    "energy": None if np.isnan(row["energy"]) else row["energy"],
+                    "done": row["done"].decode(errors="ignore"),
+                }
+            )
         return found + list((self.report or {}).get("events", ()))
 
     def _body(self, id_: int) -> str:

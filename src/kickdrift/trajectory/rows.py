@@ -86,8 +86,7 @@ class Rows:
         self._units = reader.unit_system_of(own)
         self._factors = FileUnits.of(self._units)
         self.ids: NDArray[np.int64] = file[TRAJECTORY]["id"][()]
-        self.frames, self.samples = (int(rows) for rows in own["committed"][()])
-        self.events = int(file[EVENTS]["committed"][0])
+        self.frames, self.samples, self.events = (int(rows) for rows in own["committed"][()])
         names = [name for name in file[SAMPLES] if name not in ("step", "time")]
         self.shapes: dict[str, tuple[int, ...]] = {name: file[SAMPLES][name].shape[1:] for name in names}
         self._shapes_known = self.samples > 0 or bool(self.shapes)
@@ -108,8 +107,8 @@ class Rows:
         per_frame += [f"observables/{name}" for name in file["observables"]]
         grown = [*((name, self.frames) for name in per_frame if name in file), (SAMPLES, self.samples)]
         for group, rows in [*grown, (EVENTS, self.events)]:
-            for name, data in file[group].items():
-                if name != "committed" and data.shape[0] > rows:
+            for data in file[group].values():
+                if data.shape[0] > rows:
                     data.resize(rows, axis=0)
                     found = True
         return found
@@ -160,12 +159,10 @@ class Rows:
         self._put(f"{TRAJECTORY}/position/step", self.frames, [row.step for row in frames])
         self._put(f"{TRAJECTORY}/position/value", self.frames, [each * factors.length for each in positions])
         self._out.commit()
-        total = self.frames + len(frames), self.samples + len(samples)
-        file["kickdrift/committed"][...] = total
-        file[f"{EVENTS}/committed"][0] = self.events + len(events)
+        total = self.frames + len(frames), self.samples + len(samples), self.events + len(events)
+        file["kickdrift/committed"][...] = total  # in one page: the three are of one moment
         self._out.commit()
-        self.frames, self.samples = total
-        self.events += len(events)
+        self.frames, self.samples, self.events = total
 
     def check(self, observables: Mapping[str, NDArray[np.float64]]) -> str | None:
         """What is wrong with these observables, if anything; the first ones say what the others must be."""
