@@ -10,12 +10,19 @@ import numpy as np
 import kickdrift as kd
 
 README = Path(__file__).parents[1] / "README.md"
+BRIDGES = README.parent / "docs" / "bridges.md"
+
+
+def run_python_of(page: Path) -> dict:
+    """Run a page's blocks of Python, one after the other; the names that they leave."""
+    blocks = re.findall(r"```python\n(.*?)```", page.read_text(encoding="utf-8"), flags=re.DOTALL)
+    names: dict = {"__name__": page.stem.lower()}
+    exec(compile("\n".join(blocks), str(page), "exec"), names)
+    return names
 
 
 def test_the_python_of_the_readme_runs(capsys):
-    blocks = re.findall(r"```python\n(.*?)```", README.read_text(encoding="utf-8"), flags=re.DOTALL)
-    names: dict = {"__name__": "readme"}
-    exec(compile("\n".join(blocks), str(README), "exec"), names)
+    names = run_python_of(README)
     report = names["report"]
     assert capsys.readouterr().out.startswith(str(report.energy.rms_relative_error))
     assert report.energy.verdict == "bounded"
@@ -31,3 +38,10 @@ def test_the_system_of_the_page_on_orbits_loads(tmp_path):
     np.testing.assert_allclose(system.radii[:3] * 149597870.7, [600000.0, 70000.0, 0.0], rtol=1e-12)  # AU in km
     assert len(system.events) == 4
     assert np.abs(system.state.masses @ system.state.positions).max() < 1e-15
+
+
+def test_the_python_of_the_page_on_bridges_runs(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    names = run_python_of(BRIDGES)
+    assert names["some"].times.tolist() == [0.04, 0.12, 0.2]
+    assert len(names["table"]) == len(names["run"]) == 11

@@ -61,6 +61,10 @@ class Figures(StrEnum):
 
     orbits = "orbits"
     energies = "energies"
+    rdf = "rdf"
+    msd = "msd"
+    vacf = "vacf"
+    structure_factor = "structure-factor"
 
 
 class Lists(StrEnum):
@@ -395,8 +399,8 @@ def plot(
     ] = None,
     overwrite: OverwriteOption = False,
 ) -> None:
-    """Draw a run (its bodies' orbits and elements; or energies, error, temperature and radial distribution function),
-    or where integrators are stable."""
+    """Draw a run (its bodies' orbits and elements; or energies, error, temperature and radial distribution function;
+    or one observable with error bars), or where integrators are stable."""
     if stability and (file or kind):
         raise InputError("give FILE.h5md or --stability, not both")
     if stability:
@@ -408,9 +412,15 @@ def plot(
         from kickdrift.plots import plot_run
         from kickdrift.plots_orbits import has_orbits, plot_orbits
 
+        target = output or file.with_suffix(".png")
+        if kind not in (None, Figures.orbits, Figures.energies):
+            from kickdrift.plots_observables import plot_observable
+
+            print(plot_observable(file, str(kind), target, overwrite=overwrite))
+            return
         orbits = kind is Figures.orbits or (kind is None and has_orbits(file))
         draw = plot_orbits if orbits else plot_run
-        print(draw(file, output or file.with_suffix(".png"), overwrite=overwrite))
+        print(draw(file, target, overwrite=overwrite))
     else:
         raise InputError("give FILE.h5md, or --stability NAME for a figure of an integrator")
 

@@ -219,7 +219,7 @@ def _correlation(
     later = np.arange(number)
     terms = np.clip(count - later - starts[:, None], 0, (stops - starts)[:, None]) * int(members.sum())
     stretches = _Stretches(sums, terms)
-    return step * later, stretches.mean(), stretches.errors(), count, stretches
+    return step * later.astype(np.float64), stretches.mean(), stretches.errors(), count, stretches
 
 
 def _stretch(x: Floats, origins: int, lags: int, displacements: bool) -> Floats:

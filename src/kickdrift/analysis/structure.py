@@ -118,7 +118,7 @@ def structure_factor(
     source : a run, open or by its path, or positions (n, 3) or (frames, n, 3), wrapped or not
     box : three edge lengths, or a periodic Box; with positions alone
     k_max : largest |k|; default 3π over the mean distance (V/n)^(1/3), beyond the first peak of a liquid
-    width : of the shells; default 2π over the longest edge
+    width : of the shells; default π over the longest edge
     vectors : (m, 3) whole numbers a, b, c; each is then a shell of its own, in the order given
     frames : which, as a slice
     """
@@ -166,7 +166,7 @@ def _shells(
     """Half of the vectors (m, 3) up to k_max, of each k and -k one; the shell of each; how many shells."""
     mean_distance = (found.box.volume / found.particles) ** (1 / 3)
     largest = REACH * 2 * math.pi / mean_distance if k_max is None else float(k_max)
-    step = float(unit.min()) if width is None else float(width)
+    step = float(unit.min()) / 2 if width is None else float(width)
     if not (math.isfinite(largest) and largest >= unit.min()):
         raise InputError(f"structure_factor: k_max = {largest:g} is below the smallest wave vector, {unit.min():g}")
     if not (math.isfinite(step) and step > 0):

@@ -105,8 +105,13 @@ class Frames(Sequence[Frame]):
     Nothing is read before it is asked for: ``run[::100].positions`` reads every hundredth frame, at once.
     """
 
-    def __init__(self, run: Run, rows: range) -> None:
-        self._run, self._rows = run, rows
+    def __init__(self, of: Run | None, rows: range) -> None:
+        self._of, self._rows = of, rows
+
+    @property
+    def _run(self) -> Run:
+        """A Run is its own: it keeps no reference to itself, so that its file closes when nobody has it any more."""
+        return self if self._of is None else self._of  # type: ignore[return-value]
 
     def __repr__(self) -> str:
         return f"<{len(self)} of {self._run!r}>"

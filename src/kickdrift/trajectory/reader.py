@@ -102,7 +102,7 @@ class Run(Frames):
         self.report: dict[str, Any] | None = json.loads(own["report"][()].tobytes()) if self.closed else None
         # What a kill left behind the last commit may be part of a row; it does not count.
         frames, samples, self._events = (int(rows) for rows in own["committed"][()])
-        super().__init__(self, range(frames))
+        super().__init__(None, range(frames))
         self._samples = samples
         self.half_written = {
             "frames": max(0, particles["position/value"].shape[0] - frames),
