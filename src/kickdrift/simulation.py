@@ -306,12 +306,13 @@ class Simulation:
             if not looked:
                 self._look(writer, observe)
             self._warn()
+            found = self.report()
             if writer:
-                writer.report = self.report().as_json()
+                writer.report = found.as_json()
                 writer.report["events"] = self.going_on()  # the others stand in the file already
         if interrupted():
             raise KeyboardInterrupt
-        return self.report()
+        return found
 
     def go_to(self, step: int, time: float | None = None) -> None:
         """Run to a step without a look; an adaptive method to a ``time`` inside the step that leads there."""

@@ -7,6 +7,7 @@ import json
 import platform
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
+from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any, NamedTuple
 
@@ -87,6 +88,7 @@ def frame_chunk(n: int, flush_frames: int, row_bytes: int = 24) -> tuple[int, in
     return frames, max(1, min(n, CHUNK_BYTES // (row_bytes * frames))), 3
 
 
+@cache
 def versions() -> dict[str, str]:
     """Versions of the packages that decide a run's bits, and the kind of machine; nothing is imported for it."""
     found = {"python": platform.python_version(), "machine": platform.machine()}

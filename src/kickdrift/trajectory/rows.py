@@ -73,6 +73,8 @@ class Rows:
         Rows that are whole.
     shapes : dict of name -> shape
         Of the observables; empty until the first sample.
+    complete : bool
+        Whether the file has a dataset for each of them; else `make_observables` comes first.
     ids : (n,) int64
         The order of the particles in every frame.
     write : tuple of str
@@ -89,6 +91,7 @@ class Rows:
         self.frames, self.samples, self.events = (int(rows) for rows in own["committed"][()])
         names = [name for name in file[SAMPLES] if name not in ("step", "time")]
         self.shapes: dict[str, tuple[int, ...]] = {name: file[SAMPLES][name].shape[1:] for name in names}
+        self.complete = True
         self._shapes_known = self.samples > 0 or bool(self.shapes)
         extras = {"forces": "force", "images": "image"}
         self.write = tuple(name for name, group in extras.items() if f"{TRAJECTORY}/{group}" in file)
@@ -171,14 +174,10 @@ class Rows:
             return f"observables: {min(clash)!r} is a reserved name"
         if not self._shapes_known:
             self.shapes, self._shapes_known = shapes, True
+            self.complete = not shapes
         if shapes != self.shapes:
             return f"observables: expected {self.shapes} as before, got {shapes}"
         return None
-
-    @property
-    def complete(self) -> bool:
-        """Whether there is a dataset for each observable."""
-        return all(f"{SAMPLES}/{name}" in self._file for name in self.shapes)
 
     def make_observables(self, file: h5py.File) -> None:
         """Datasets for the observables, in a copy of the file: see `h5md.Writer.extend`."""
@@ -189,6 +188,7 @@ class Rows:
                 new_series(group, key, shape, "f8").attrs["unit"] = unit
             for key in ("step", "time"):
                 element[key] = file[f"{TRAJECTORY}/position/{key}"]
+        self.complete = True
 
     def _put(self, name: str, start: int, rows: Sequence[ArrayLike]) -> None:
         if rows:
