@@ -6,8 +6,8 @@ is written at that one's place and velocity from then on, and one that was remov
 
 from __future__ import annotations
 
-import math
 import os
+import signal
 import time
 import uuid
 from collections.abc import Callable, Mapping, Sequence
@@ -23,19 +23,18 @@ from kickdrift.interrupt import interruptible
 from kickdrift.state import Floats, State
 from kickdrift.system import System
 from kickdrift.trajectory import creation, packing, reader
-from kickdrift.trajectory.checkpoints import Checkpoint, Stored, Table, encoded
+from kickdrift.trajectory.cadence import Cadence
+from kickdrift.trajectory.checkpoints import Checkpoint, Stored, Table
 from kickdrift.trajectory.layout import EVENT_WIDTH, header_image
 from kickdrift.trajectory.openfile import OpenFile, refuse_second
 from kickdrift.trajectory.options import FileOptions
 from kickdrift.trajectory.record import to_json
-from kickdrift.trajectory.rows import EventRow, FrameRow, Rows, SampleRow
+from kickdrift.trajectory.rows import EventRow, FrameRow, Rows, SampleRow, before, same
 
 if TYPE_CHECKING:
     import h5py
 
 FLUSH_BYTES = 8 * 2**20
-CHECKPOINT_SHARE = 0.25  # of what is written may be checkpoints, but for the first and the last of a run
-CHECKPOINT_SECONDS = 60.0  # after which there is one all the same
 
 
 class Writer:
@@ -93,7 +92,7 @@ class Writer:
             flush_frames=max(1, flush_bytes // (48 * len(system))),
             options=options,
             plan=plan,
-            start=_stored(checkpoint()) if checkpoint else None,
+            start=Cadence(checkpoint).take(),
         )
         self._open(creation.create(Path(path), image, overwrite=overwrite), flush_bytes, options.flush, checkpoint)
 
@@ -139,8 +138,7 @@ class Writer:
         self.path, self.flush_bytes, self.flush_seconds = path, flush_bytes, flush_seconds
         self.report: dict[str, Any] | None = None
         self.absorbed: Mapping[int, int] = {}
-        self._checkpoint = checkpoint
-        self._checkpointed_at, self._since_checkpoint, self._checkpoint_size = time.monotonic(), 0, 0
+        self._cadence = Cadence(checkpoint)
         self._out = OpenFile(path, flush_bytes + 2 * 2**20)
         self._closed = False
         self._rows = Rows(self._out)
@@ -262,39 +260,25 @@ class Writer:
         """Bring everything appended so far to the file, where a kill cannot reach it; ``final`` with a checkpoint.
 
         Ctrl-C waits for it."""
-        self._flush(lambda: self._due(final))
+        self._flush(lambda: self._cadence.due(Table(self._out.h5, self.path), self.last_sample, final))
 
     def _flush(self, checkpoint: Callable[[], Stored | None]) -> None:
         self._check_open()
         if self._out.failed:
             raise RunError(f"{self.path}: an earlier write failed; nothing more can be written")
         with interruptible() as interrupted:
-            self._since_checkpoint += self._buffered
+            self._cadence.written += self._buffered
             stored = checkpoint()
             if self._samples or self._frames or self._events or stored:
                 self._write(lambda: self._add(stored))
             self._clear()
-        if interrupted():
-            raise KeyboardInterrupt
+        if interrupted():  # now whoever else waits for it may have it
+            signal.raise_signal(signal.SIGINT)
 
     def _add(self, stored: Stored | None) -> None:
         self._rows.add(self._frames, self._samples, self._events)
         if stored:
             Table(self._out.h5, self.path).add(stored, self._out.commit)
-
-    def _due(self, final: bool) -> Stored | None:
-        """A checkpoint of what was appended last, where it is time for one."""
-        if self._checkpoint is None or self.last_sample is None:
-            return None
-        table = Table(self._out.h5, self.path)
-        if table.rows and same((int(table.steps[-1]), float(table.times[-1])), *self.last_sample):
-            return None
-        grown = CHECKPOINT_SHARE * self._since_checkpoint >= self._checkpoint_size
-        if not (final or grown or time.monotonic() - self._checkpointed_at >= CHECKPOINT_SECONDS):
-            return None
-        stored = _stored(self._checkpoint())
-        self._checkpointed_at, self._since_checkpoint, self._checkpoint_size = time.monotonic(), 0, stored.size
-        return stored
 
     def close(self, *, whole: bool = True) -> None:
         """Flush, store the report if there is one, and close; a second call does nothing. A run that came to its end
@@ -333,20 +317,3 @@ class Writer:
         except RunError:
             if error is None:  # else the first error is the one to tell
                 raise
-
-
-def _stored(checkpoint: Checkpoint) -> Stored:
-    return Stored(checkpoint["step"], checkpoint["time"], encoded(checkpoint))
-
-
-ROUNDING = 1e-12  # relative, of times that went through the file's units
-
-
-def same(point: tuple[int, float] | None, step: int, time: float) -> bool:
-    """Whether a (step, time) is the one given; an adaptive run may look at several times inside one step."""
-    return point is not None and point[0] == step and math.isclose(point[1], time, rel_tol=ROUNDING)
-
-
-def before(time: float, other: float) -> bool:
-    """Whether a time lies before another by more than rounding."""
-    return time < other and not math.isclose(time, other, rel_tol=ROUNDING)

@@ -21,10 +21,10 @@ from kickdrift.observers import Sample
 from kickdrift.run_plan import NEVER, Plan
 from kickdrift.simulation import Simulation
 from kickdrift.trajectory import reader
-from kickdrift.trajectory.h5md import before, same
 from kickdrift.trajectory.layout import versions
 from kickdrift.trajectory.reader import Run
 from kickdrift.trajectory.record import differences, system_of
+from kickdrift.trajectory.rows import before, same
 
 if TYPE_CHECKING:
     from kickdrift.events import Event

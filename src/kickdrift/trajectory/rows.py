@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -200,3 +201,16 @@ class Rows:
 def images_of(positions: Floats, within: Floats, box: Box) -> NDArray[np.int32]:
     """How many edges lie between positions (n, 3) and the same inside the box; 0 for bodies that are gone."""
     return np.nan_to_num(np.rint((positions - within) / np.array(box.lengths))).astype(np.int32)
+
+
+ROUNDING = 1e-12  # relative, of times that went through the file's units
+
+
+def same(point: tuple[int, float] | None, step: int, time: float) -> bool:
+    """Whether a (step, time) is the one given; an adaptive run may look at several times inside one step."""
+    return point is not None and point[0] == step and math.isclose(point[1], time, rel_tol=ROUNDING)
+
+
+def before(time: float, other: float) -> bool:
+    """Whether a time lies before another by more than rounding."""
+    return time < other and not math.isclose(time, other, rel_tol=ROUNDING)
