@@ -70,7 +70,7 @@ def test_elements_over_time_are_those_of_the_orbits(run):
 
 def test_elements_as_a_table(run):
     found, table = of.orbits(run), of.orbital_elements(run)
-    assert table.dtype.names == ("time", "body", *found.elements._fields)
+    assert table.dtype.names == ("time", "body", "a", *found.elements._fields)
     assert table.shape == (60 * 2,)
     np.testing.assert_array_equal(table["body"], ["b", "c"] * 60)
     np.testing.assert_array_equal(table["time"], np.repeat(found.times, 2))
