@@ -73,12 +73,12 @@ def analysed(path: Path) -> Found:
         length = round(RAHMAN_TIME / step)
         pieces = [
             kd.analysis.mean_squared_displacement(
-                run, lags=round(SHORT[1] / step) + 1, frames=slice(start, start + length)
+                run[start : start + length], lags=round(SHORT[1] / step) + 1
             ).diffusion(*SHORT)
             for start in range(0, len(run) - length, length)
         ]
-        rdf = kd.analysis.radial_distribution(run, r_max=10.0, bins=200, frames=slice(None, None, RDF_EVERY))
-        stress = kd.analysis.pressure_tensor(run, frames=slice(None, None, STRESS_EVERY))
+        rdf = kd.analysis.radial_distribution(run[::RDF_EVERY], r_max=10.0, bins=200)
+        stress = kd.analysis.pressure_tensor(run[::STRESS_EVERY])
         heat = run.units.boltzmann * temperature
         return Found(
             temperature,
