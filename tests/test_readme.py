@@ -22,7 +22,8 @@ def run_python_of(page: Path) -> dict:
     return names
 
 
-def test_the_python_of_the_readme_runs(capsys):
+def test_the_python_of_the_readme_runs(capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     names = run_python_of(README)
     report = names["report"]
     assert capsys.readouterr().out.startswith(str(report.energy.rms_relative_error))
