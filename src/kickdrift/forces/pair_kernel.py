@@ -46,6 +46,9 @@ if TYPE_CHECKING:
     from kickdrift.system import System
 
 
+THIN = 1e-3  # of the cutoff: a skin for rounding
+
+
 class Tables(NamedTuple):
     """Numbers per pair of species, spread over the slots: ``law[k, species of i, slot of j]`` for the k-th
     parameter."""
@@ -310,6 +313,16 @@ def grown(bound: Any) -> Any:
     if not isinstance(bound, PairKernel) or bound.pairs.counts[ROOM_NEEDED] <= bound.pairs.outer.shape[1]:
         return bound
     return with_room(bound, int(1.3 * bound.pairs.counts[ROOM_NEEDED]))
+
+
+def thinned(bound: Any) -> Any:
+    """The bound force with a list for one set of positions: its skins are for rounding, and for differences of
+    Jacobians, alone."""
+    if not isinstance(bound, PairKernel):
+        return bound
+    pairs = bound.pairs
+    skin = min(THIN * pairs.cutoff, pairs.inner_skin)
+    return bound._replace(pairs=pairs._replace(inner_skin=skin, outer_skin=skin))
 
 
 def with_room(bound: PairKernel, room: int) -> PairKernel:

@@ -34,7 +34,7 @@ FORMATS: dict[str, Format] = {
             "CHARMM, NAMD, LAMMPS, VMD",
             "MDAnalysis",
             positions="float32",
-            box="float64",
+            box="float32",
             times="one spacing, float32",
             steps="one spacing",
             removed=REMOVED_NAN,

@@ -40,7 +40,7 @@ def universe(run: Run) -> Any:
     MDAnalysis = mdanalysis("universe()")
     if not len(run):
         raise InputError(f"{run.path}: holds no frame")
-    dt, even = spacing(run)
+    dt, even = spacing(run, run.times)
     if not even:
         warnings.warn(
             f"{run.path}: frames are not evenly spaced; dt is their mean, and each has its own time", stacklevel=3
@@ -77,16 +77,16 @@ def atomic_masses(run: Run) -> Floats:
     return run.masses * _ATOMIC.get(run.units.mass, 1.0)
 
 
-def spacing(run: Run, frames: range | None = None) -> tuple[float, bool]:
-    """Time between frames in the file's ps, and whether it is the same between all of them.
+def spacing(run: Run, times: Floats) -> tuple[float, bool]:
+    """Time between frames at those times, in the file's ps, and whether it is the same between all of them.
 
-    The mean of those frames; of a single one, what the run's step and cadence say, else 1.
+    The mean where it is not; of a single frame, what the run's step and cadence say, else 1.
     """
-    times = run.times if frames is None else run.times[np.asarray(frames)]
+    factor = FileUnits.of(run.units).time
     if len(times) < 2:
         dt = run.method.get("dt")
         step = float(dt) if isinstance(dt, float | int) and dt > 0 else None
-        return (run.every * step * FileUnits.of(run.units).time if step else 1.0), True
+        return (run.every * step * factor if step else 1.0), True
     mean = float(times[-1] - times[0]) / (len(times) - 1)
     even = bool(np.all(np.abs(np.diff(times) - mean) <= EVEN * mean))
-    return mean * FileUnits.of(run.units).time, even
+    return mean * factor, even
