@@ -6,6 +6,7 @@ import os
 from typing import Any
 
 from kickdrift.events import event_lines
+from kickdrift.printing import counted
 from kickdrift.trajectory.reader import Run, open
 
 _METHOD_FIRST = ("engine", "integrator", "dt", "threads", "seed")
@@ -48,7 +49,7 @@ def _summary(run: Run) -> dict[str, Any]:
         "checkpoints": [] if run.checkpoints is None else run.checkpoints.steps.tolist(),
         "plan": run.plan,
         "closed": run.closed,
-        "half_written_frames": run.half_written,
+        "half_written": run.half_written,
         "precision": run.options.precision,
         "write": list(run.options.write),
         "compressed": run.packed,
@@ -110,8 +111,11 @@ def _ending(found: dict[str, Any]) -> str:
     if found["closed"]:
         return "properly, with a report"
     text = "not properly: the run did not finish, and there is no report"
-    if found["half_written_frames"]:
-        text += f"; {found['half_written_frames']} frames behind the last whole one were left half written"
+    left = [counted(count, name.removesuffix("s")) for name, count in found["half_written"].items() if count]
+    if left:
+        *first, last = left
+        names = f"{', '.join(first)} and {last}" if first else last
+        text += f"; behind the last whole ones, {names} were left half written"
     return text
 
 

@@ -104,7 +104,11 @@ class Run(Frames):
         frames, samples, self._events = (int(rows) for rows in own["committed"][()])
         super().__init__(None, range(frames))
         self._samples = samples
-        self.half_written = max(0, particles["position/value"].shape[0] - frames)
+        self.half_written = {
+            "frames": max(0, particles["position/value"].shape[0] - frames),
+            "samples": max(0, own["samples/step"].shape[0] - samples),
+            "events": max(0, own["events/step"].shape[0] - self._events),
+        }
         self.all_steps: NDArray[np.int64] = particles["position/step"][:frames]
         self.all_times: Floats = particles["position/time"][:frames] / self._factors.time
 
@@ -298,7 +302,9 @@ def _check_kind(path: Path, file: h5py.File) -> None:
         )
     schema = int(file["kickdrift"].attrs["schema"])
     if schema > SCHEMA:
-        raise InputError(f"{path}: was written by a newer kickdrift (schema {schema}; this one reads up to {SCHEMA})")
+        raise InputError(f"{path}: was written by a newer kickdrift (schema {schema}; this one reads {SCHEMA})")
+    if schema < SCHEMA:
+        raise InputError(f"{path}: was written by an older kickdrift (schema {schema}; this one reads {SCHEMA})")
 
 
 def open(path: str | os.PathLike[str]) -> Run:
