@@ -26,6 +26,7 @@ from kickdrift.forces.bound import BoundForces
 from kickdrift.forces.pair_kernel import with_room
 from kickdrift.integrators import INTEGRATORS, integrator
 from kickdrift.integrators.step_control import CONTROLLERS
+from kickdrift.trajectory.checkpoints import decoded, encoded
 
 METHODS = [name for name, method in INTEGRATORS.items() if method.name == name]
 CLOCKS = {"wall_seconds": 0.0, "compile_seconds": 0.0}  # of a record: what no two runs share
@@ -74,17 +75,8 @@ def subjects(name: str, **options: Any) -> list[Callable[..., kd.Simulation]]:
 
 
 def through_bytes(value: Any) -> Any:
-    """What a file gives back of a checkpoint; nothing else than plain values may stand in one."""
-    if isinstance(value, dict):
-        assert all(type(key) is str for key in value)
-        return {key: through_bytes(each) for key, each in value.items()}
-    if isinstance(value, list):
-        return [through_bytes(each) for each in value]
-    if isinstance(value, np.ndarray):
-        assert value.dtype.kind in "biufc"
-        return np.frombuffer(value.tobytes(), value.dtype).reshape(value.shape).copy()
-    assert value is None or type(value) in (bool, int, float, str), repr(value)
-    return value
+    """What a file gives back of (a part of) a checkpoint."""
+    return decoded(encoded({"value": value}))["value"]
 
 
 def differences(one: Any, other: Any, path: str = "") -> list[str]:
