@@ -1,4 +1,4 @@
-"""The README's Python runs as it stands there, and the system file of the page on orbits loads."""
+"""The Python of the README and of the pages runs as it stands there; the system file of the page on orbits loads."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import re
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 import kickdrift as kd
 
@@ -21,7 +22,8 @@ def run_python_of(page: Path) -> dict:
     return names
 
 
-def test_the_python_of_the_readme_runs(capsys):
+def test_the_python_of_the_readme_runs(capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     names = run_python_of(README)
     report = names["report"]
     assert capsys.readouterr().out.startswith(str(report.energy.rms_relative_error))
@@ -45,3 +47,15 @@ def test_the_python_of_the_page_on_bridges_runs(tmp_path, monkeypatch):
     names = run_python_of(BRIDGES)
     assert names["some"].times.tolist() == [0.04, 0.12, 0.2]
     assert len(names["table"]) == len(names["run"]) == 11
+
+
+def test_the_python_of_the_page_on_observables_runs(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    names = run_python_of(README.parent / "docs" / "observables.md")
+    einstein, green_kubo = names["einstein"], names["green_kubo"]
+    # The fluid at T* = 0.9, rho* = 0.8442, whose error a run of ten units of time only just has.
+    assert einstein.value == pytest.approx(green_kubo.value, abs=4 * (einstein.error + green_kubo.error))
+    assert np.isfinite(einstein.error)
+    assert names["p"].pressure == pytest.approx(float(names["mean"].value), abs=5 * names["p"].pressure_error)
+    assert names["rdf"].g.max() > 2.5
+    assert names["s"].s.max() > 2.0

@@ -73,13 +73,13 @@ def _rdf(run: reader.Run) -> list[Curve]:
     for pair in pairs:
         if pair and pair[0] == pair[1] and counts[run.species.index(pair[0])] < 2:
             continue
-        found = radial_distribution(run, pair=pair, frames=_spread(run))
+        found = radial_distribution(run[_spread(run)], pair=pair)
         curves.append(Curve("–".join(pair or ()), found.r, found.g, found.error))
     return curves
 
 
 def _structure_factor(run: reader.Run) -> list[Curve]:
-    found = structure_factor(run, frames=_spread(run))
+    found = structure_factor(run[_spread(run)])
     return [Curve("", found.k, found.s, found.error)]
 
 

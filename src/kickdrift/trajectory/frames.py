@@ -131,6 +131,16 @@ class Frames(Sequence[Frame]):
         return Frame(self._run, self._rows[index])
 
     @property
+    def run(self) -> Run:
+        """The Run that they are of."""
+        return self._run
+
+    @property
+    def rows(self) -> range:
+        """Their numbers in it."""
+        return self._rows
+
+    @property
     def steps(self) -> NDArray[np.int64]:
         """(f,) of each frame."""
         return self._run.all_steps[_slice(self._rows)]
