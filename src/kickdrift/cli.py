@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -53,6 +54,9 @@ JsonOption = Annotated[
 OverwriteOption = Annotated[bool, typer.Option("--overwrite", help="Replace files that exist.")]
 ThreadsOption = Annotated[int, typer.Option(metavar="K", min=1, help="Threads; the results do not depend on it.")]
 QuietOption = Annotated[bool, typer.Option("--quiet", help="Nothing on standard error but errors.")]
+FlushOption = Annotated[
+    float | None, typer.Option(metavar="SECONDS", help="Of frames that a kill costs at most (default 10).")
+]
 INTERRUPTED = 130
 
 
@@ -123,9 +127,7 @@ def run(
     ] = None,
     output: Annotated[Path | None, typer.Option(metavar="FILE.h5md", help="Write the trajectory.")] = None,
     overwrite: OverwriteOption = False,
-    flush: Annotated[
-        float | None, typer.Option(metavar="SECONDS", help="Of frames that a kill costs at most (default 10).")
-    ] = None,
+    flush: FlushOption = None,
     precision: Annotated[
         str | None, typer.Option(metavar="NAME", help="Of the frames: float64 (default), float32.")
     ] = None,
@@ -149,7 +151,7 @@ def run(
         raise InputError("give --steps or --time, not both")
     refuse_outputs({"output": output, "json": json_file}, overwrite)
     given = {"flush": flush, "precision": precision, "compress": compress or None}
-    file = file_options(output, given | {"write": None if write is None else tuple(write.split(","))})
+    file = file_options(output, given | {"write": write and tuple(each.strip() for each in write.split(","))})
     chosen = load(system, seed)
 
     from kickdrift.simulation import Simulation
@@ -192,6 +194,7 @@ def resume(
     threads: Annotated[
         int | None, typer.Option(metavar="K", min=1, help="Default: the run's; the results do not depend on it.")
     ] = None,
+    flush: FlushOption = None,
     json_file: JsonOption = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the JSON file.")] = False,
     quiet: QuietOption = False,
@@ -204,6 +207,12 @@ def resume(
     from kickdrift.trajectory.restart import resume as taken_up
 
     sim = taken_up(file, threads=threads)
+    options = None
+    if flush is not None:
+        from kickdrift.trajectory.reader import open as opened
+
+        with opened(file) as run:
+            options = replace(run.options, flush=flush)
     if sim.plan is None:
         raise InputError(f"{file}: does not say how far the run was to go; give --steps or --time")
     sim.plan = continued(sim, steps, time)
@@ -212,7 +221,8 @@ def resume(
         report = sim.report()
     else:
         with progress_bar(quiet) as bar:
-            report = sim.run(progress=bar("running"))
+            say(f"{file}: goes on from step {sim.steps_done}", quiet)
+            report = sim.run(progress=bar("running"), file=options)
     show(report, sim, file, json_file, quiet)
 
 

@@ -34,9 +34,10 @@ class Cadence:
         self._at, self.written, self._size = time.monotonic(), 0, stored.size
         return stored
 
-    def due(self, table: Table, last: tuple[int, float] | None, final: bool) -> Stored | None:
-        """One of the ``last`` sample, where it is time for it and the file has it not."""
-        if last is None or (table.rows and same((int(table.steps[-1]), float(table.times[-1])), *last)):
+    def due(self, table: Table, last: tuple[int, float] | None, final: bool, anew: bool) -> Stored | None:
+        """One of the ``last`` sample, where it is time for it and the file has it not; ``anew`` where it has another
+        of the same step, of a run whose state was replaced."""
+        if last is None or (not anew and table.rows and same((int(table.steps[-1]), float(table.times[-1])), *last)):
             return None
         if final or SHARE * self.written >= self._size or time.monotonic() - self._at >= SECONDS:
             return self.take()

@@ -106,11 +106,12 @@ class Writer:
         flush_bytes: int = FLUSH_BYTES,
         checkpoint: Callable[[], Checkpoint] | None = None,
         plan: Sequence[float] = (),
+        at: tuple[int, float] | None = None,
     ) -> Self:
         """Open a file to continue it; the InputError of a file that is not this run's names the other.
 
         Rows that a kill left half written are cut off. A file stays as it was begun: of ``options``, ``flush`` alone
-        may differ.
+        may differ. The next sample is ``at`` that step and time: a file that has come further is refused as it is.
         """
         path = Path(path)
         if path.exists():
@@ -118,6 +119,8 @@ class Writer:
         with reader.open(path) as run:
             if run.run_id != run_id:
                 raise InputError(f"{path}: is the file of another run; give another name, or overwrite it")
+            if at and len(run.sample_steps) and _behind(at, (int(run.sample_steps[-1]), float(run.sample_times[-1]))):
+                raise InputError(f"{path}: ends at step {run.sample_steps[-1]}; step {at[0]} cannot follow it")
             for key in ("precision", "compress", "write"):
                 if options and getattr(options, key) != getattr(run.options, key):
                     raise InputError(f"{path}: was begun with {key}={getattr(run.options, key)!r}, and that stays")
@@ -152,6 +155,7 @@ class Writer:
         self._out.commit()
         self.run_id: str = own.attrs["run_id"]
         self.last_sample, self.last_frame = self._rows.last_sample, self._rows.last_frame
+        self._seen: list[EventRow] = []
         self._clear()
 
     def extend(self, make: Callable[[h5py.File], None]) -> None:
@@ -186,12 +190,15 @@ class Writer:
         self._check_open()
         step, values = state.steps_done, {name: np.array(v, "f8") for name, v in (observables or {}).items()}
         last = self.last_sample
-        if last is not None and (step < last[0] or (step == last[0] and before(state.time, last[1]))):
+        if last is not None and _behind((step, state.time), last):
             raise InputError(f"{self.path}: ends at step {last[0]}; step {step} cannot follow it")
         if wrong := self._rows.check(values):
             raise InputError(wrong)
         if not self._rows.complete:
             self.extend(self._rows.make_observables)
+        self._events += self._seen  # what lay behind a look would be found again by whoever resumes from it
+        self._buffered += 8 * EVENT_WIDTH * len(self._seen)
+        self._seen = []
         if frame and not same(self.last_frame, step, state.time):
             vectors = [state.positions, state.velocities]
             if "forces" in self.writes:
@@ -210,9 +217,8 @@ class Writer:
             self.flush()
 
     def append_event(self, event: Mapping[str, Any]) -> None:
-        """Add an entry of `Simulation.events`; it is written with the rows of the next flush."""
-        self._events.append(EventRow.of(event))
-        self._buffered += 8 * EVENT_WIDTH
+        """Add an entry of `Simulation.events`; it belongs to the next sample, and is written with that."""
+        self._seen.append(EventRow.of(event))
 
     @property
     def writes(self) -> tuple[str, ...]:
@@ -256,11 +262,12 @@ class Writer:
         if self._samples and self._waited:
             self._flush(lambda: None)
 
-    def flush(self, *, final: bool = False) -> None:
-        """Bring everything appended so far to the file, where a kill cannot reach it; ``final`` with a checkpoint.
+    def flush(self, *, final: bool = False, anew: bool = False) -> None:
+        """Bring everything appended so far to the file, where a kill cannot reach it; ``final`` with a checkpoint,
+        ``anew`` although there is one of that step already.
 
         Ctrl-C waits for it."""
-        self._flush(lambda: self._cadence.due(Table(self._out.h5, self.path), self.last_sample, final))
+        self._flush(lambda: self._cadence.due(Table(self._out.h5, self.path), self.last_sample, final, anew))
 
     def _flush(self, checkpoint: Callable[[], Stored | None]) -> None:
         self._check_open()
@@ -317,3 +324,8 @@ class Writer:
         except RunError:
             if error is None:  # else the first error is the one to tell
                 raise
+
+
+def _behind(point: tuple[int, float], last: tuple[int, float]) -> bool:
+    """Whether a (step, time) lies before the last one."""
+    return point[0] < last[0] or (point[0] == last[0] and before(point[1], last[1]))

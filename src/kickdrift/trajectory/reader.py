@@ -17,7 +17,7 @@ from kickdrift.errors import InputError
 from kickdrift.state import Floats
 from kickdrift.trajectory.checkpoints import CHECKPOINTS, Table
 from kickdrift.trajectory.frames import EnergySeries, Frames, energies_of
-from kickdrift.trajectory.layout import EVENTS, SAMPLES, SCHEMA, TRAJECTORY, FileUnits, box_of
+from kickdrift.trajectory.layout import EVENTS, SAMPLES, SCHEMA, TRAJECTORY, FileUnits, box_of, system_hash
 from kickdrift.trajectory.options import FileOptions
 from kickdrift.units import UnitSystem
 
@@ -144,6 +144,11 @@ class Run(Frames):
         """Every observable as an array (f,) or (f, …) at some frames."""
         group = self._file["observables"]
         return {name: group[name]["value"][frames] for name in group if len(self)}
+
+    @property
+    def unchanged(self) -> bool:
+        """Whether the system in the file is the one that its run began with, by its hash."""
+        return bool(self._file["kickdrift/system"].attrs.get("sha256") == system_hash(self._file))
 
     @property
     def exact(self) -> bool:
