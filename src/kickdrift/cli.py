@@ -466,6 +466,8 @@ def export(
 @app.command()
 def info(file: Annotated[str, typer.Argument(metavar="FILE", help="A run's file, or a system file or name.")]) -> None:
     """Say what a run's file holds, or check a system file without running it."""
+    if Path(file).suffix == ".h5md" and not os.path.exists(file):
+        raise InputError(f"{file}: no such file")
     if Path(file).suffix == ".toml" or not os.path.exists(file):
         from kickdrift.systemfile import load
 
