@@ -203,20 +203,17 @@ def resume(
     if steps is not None and time is not None:
         raise InputError("give --steps or --time, not both")
     refuse_outputs({"json": json_file}, overwrite)
+    from kickdrift.trajectory.reader import open as opened
     from kickdrift.trajectory.restart import continued
     from kickdrift.trajectory.restart import resume as taken_up
 
     sim = taken_up(file, threads=threads)
-    options = None
-    if flush is not None:
-        from kickdrift.trajectory.reader import open as opened
-
-        with opened(file) as run:
-            options = replace(run.options, flush=flush)
+    with opened(file) as run:
+        options, closed = None if flush is None else replace(run.options, flush=flush), run.closed
     if sim.plan is None:
         raise InputError(f"{file}: does not say how far the run was to go; give --steps or --time")
     sim.plan = continued(sim, steps, time)
-    if sim.plan.over(sim):
+    if sim.plan.over(sim) and closed:
         say(f"{file}: is finished, at step {sim.steps_done}; --steps or --time make it longer", quiet)
         report = sim.report()
     else:
