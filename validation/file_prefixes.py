@@ -290,6 +290,8 @@ def claims(frames: int, plain: bool) -> Iterator[Claim]:
             recorder = resumed(first, at, path, 3)
             more, wrong = failures(recorder.writes, copy, checks)
             places, lost = places + more, lost + sum(wrong.values())
+            for text, number in wrong.most_common(2):
+                print(f"  {number:6} times {text}", file=sys.stderr)
         text = f"{order}, taken up after each of 40 kills: places, of {places}, that lose a frame"
         yield claim(text, lost, "0", not lost, "the same, of the files that the kills left")
 
