@@ -85,7 +85,8 @@ def frame_chunk(n: int, flush_frames: int, row_bytes: int = 24) -> tuple[int, in
     """
     frames = max(32, CHUNK_BYTES // (row_bytes * n))
     frames = max(1, min(frames, flush_frames, CHUNK_BYTES // row_bytes))
-    return frames, max(1, min(n, CHUNK_BYTES // (row_bytes * frames))), 3
+    chunks = -(-n // max(1, CHUNK_BYTES // (row_bytes * frames)))
+    return frames, -(-n // chunks), 3  # so that the last one is not mostly empty
 
 
 @cache
