@@ -260,12 +260,12 @@ def test_the_command_line_takes_the_options(path):
 def test_an_interrupt_inside_a_flush_ends_the_run_cleanly(path, monkeypatch):
     commit, pressed = storage.PagedFile.commit, []
 
-    def interrupted(self):
+    def interrupted(self, **how):
         with h5py.File(path, "r", locking=False) as file:
             if not pressed and file["kickdrift/committed"][0] == 3:
                 pressed.append(True)
                 signal.raise_signal(signal.SIGINT)
-        commit(self)
+        commit(self, **how)
 
     monkeypatch.setattr(storage.PagedFile, "commit", interrupted)
     sim = kd.Simulation(kd.System([[0.5, 0, 0]], forces=[kd.HarmonicTrap(2.0)]), dt=0.01)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from importlib.util import find_spec
+
 import file_prefixes
 import h5py
 import numpy as np
@@ -43,13 +45,17 @@ def test_mdanalysis_finds_no_frame_that_is_not_whole(recorder, tmp_path):
     assert places > 50
 
 
+@pytest.mark.filterwarnings("ignore:there is no reference attributes:UserWarning")
 def test_what_a_kill_leaves_is_continued(recorder, tmp_path):
     """Of every write of the last flush and of the close: what half-written rows leave, another kill may meet."""
+    checks = {check_h5py: 1, check_kickdrift: 10}
+    if find_spec("MDAnalysis"):
+        checks[check_mdanalysis] = 4
     recorder.run(range(8))
     last = len(recorder.writes) - 1
     for at in range(last - 24, last, 6):
         again = resumed(recorder.writes, at, tmp_path / "again.h5md", 2)
-        places, wrong = failures(again.writes, tmp_path / "copy.h5md", {check_h5py: 1, check_kickdrift: 10})
+        places, wrong = failures(again.writes, tmp_path / "copy.h5md", checks)
         assert not wrong
         assert places > 30
 

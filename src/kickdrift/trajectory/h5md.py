@@ -148,7 +148,7 @@ class Writer:
         if packing.is_packed(self._out.h5):
             self._write(lambda: self._out.replace(packing.rewritten(self._out.h5, path, compress=False)))
         if self._rows.cut() | Table(self._out.h5, path).cut():
-            self._out.commit()
+            self._out.commit(cut=True)
             self._out.reopen()
         own = self._out.h5["kickdrift"]
         own["closed"][0] = 0

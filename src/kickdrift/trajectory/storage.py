@@ -16,6 +16,9 @@ The order of a commit, and why each beginning of it holds all that an earlier co
 5. All else, from the end of the file to its beginning: rows behind the last whole one in chunks that have room, then
    the object headers with the number of rows. Headers come first in the file.
 
+Where rows are taken away, headers come before indices, from the file's beginning on; where the file becomes shorter,
+the superblock comes last.
+
 A file that a kill leaves between two of these can be read, but HDF5 must not add to an index of which one part is new
 and the other old: it loses entries. So whoever opens the file to write finishes the commit from the journal first.
 
@@ -127,12 +130,13 @@ class PagedFile:
 
     # --- what the writer calls ---
 
-    def commit(self) -> None:
-        """Bring to the disk what HDF5 has written; call it right after ``h5py.File.flush``.
+    def commit(self, *, cut: bool = False) -> None:
+        """Bring to the disk what HDF5 has written; call it right after ``h5py.File.flush``. ``cut`` says that rows were
+        taken away.
 
         Where the disk is too full for what is new, the OSError comes before anything that counts has changed.
         """
-        fresh, placed = self._pieces()
+        fresh, placed = self._pieces(cut)
         end = max(self._end, self._size)
         try:
             for offset, data in fresh:
@@ -177,7 +181,7 @@ class PagedFile:
         self._pages.clear()
         self._raw.close()
 
-    def _pieces(self) -> tuple[list[tuple[int, bytes]], list[tuple[int, bytes]]]:
+    def _pieces(self, cut: bool) -> tuple[list[tuple[int, bytes]], list[tuple[int, bytes]]]:
         """What lies behind the end, and what changes before it, each in the order of a commit."""
         fresh: list[tuple[int, bytearray]] = []
         placed: list[tuple[tuple[int, ...], int, bytes]] = []
@@ -185,7 +189,7 @@ class PagedFile:
             start, data = page * PAGE, self._pages[page]
             known = min(max(self._end - start, 0), PAGE)
             if known:
-                placed += _changes(start, self._read(start, known), data[:known], self._size < self._end)
+                placed += _changes(start, self._read(start, known), data[:known], cut, self._size < self._end)
             if new := data[known : max(self._size - start, 0)]:
                 if fresh and fresh[-1][0] + len(fresh[-1][1]) == start + known:
                     fresh[-1][1].extend(new)
@@ -214,7 +218,9 @@ class PagedFile:
         self._on_disk = size
 
 
-def _changes(start: int, old: bytes, new: bytearray, shrinks: bool) -> list[tuple[tuple[int, ...], int, bytes]]:
+def _changes(
+    start: int, old: bytes, new: bytearray, cut: bool, shrinks: bool
+) -> list[tuple[tuple[int, ...], int, bytes]]:
     """The pieces of a page that differ, each with its rank in the order of a commit and where it goes."""
     found = []
     for low, high in ((0, _SUPERBLOCK), (_SUPERBLOCK, len(new))) if start == 0 else ((0, len(new)),):
@@ -223,11 +229,11 @@ def _changes(start: int, old: bytes, new: bytearray, shrinks: bool) -> list[tupl
             continue
         first, last = low + int(differing[0]), low + int(differing[-1])
         if start == low == 0:
-            rank: tuple[int, ...] = (3,) if shrinks else (0,)  # the journal is where the first one on disk says
+            rank: tuple[int, ...] = (3 if shrinks else 0,)  # the journal is where the one on the disk says
         elif new.startswith(_CHUNK_INDEX):
-            rank = (1, -new[len(_CHUNK_INDEX)], start)
+            rank = (2 if cut else 1, -new[len(_CHUNK_INDEX)], start)
         else:
-            rank = (2, -start)
+            rank = (1, start) if cut else (2, -start)
         found.append((rank, start + first, bytes(new[first : last + 1])))
     return found
 
