@@ -241,3 +241,17 @@ def test_the_file_for_mdanalysis_tests_is_its_reference(script, tmp_path):
         np.testing.assert_allclose(ts.velocities, 2**frame * first / 10, rtol=1e-7)
         assert ts.time == frame
     universe.trajectory.close()
+
+
+# --- planted faults ---
+
+
+def test_each_fault_has_one_place(script):
+    """Else what is planted is not what is said."""
+    package = Path(kd.__file__).parent
+    faults = script("planted.py").FAULTS
+    assert len({fault.name for fault in faults}) == len(faults) == 10
+    assert sum(fault.small for fault in faults) == 3
+    for fault in faults:
+        assert (package / fault.file).read_text(encoding="utf-8").count(fault.text) == 1, fault.name
+        assert fault.wrong != fault.text
