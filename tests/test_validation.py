@@ -39,7 +39,7 @@ def script(monkeypatch):
 
     before = set(sys.modules)
     yield load
-    for name in ("claims", "melt"):
+    for name in ("claim", "melt"):
         if name not in before:
             sys.modules.pop(name, None)
 
@@ -90,7 +90,7 @@ def test_nist_claims_hold(script):
 
 
 def test_a_failed_claim_is_exit_status_one(script, capsys):
-    claims = script("claims.py")
+    claims = script("claim.py")
     good, bad = (claims.claim("x", 1.0, "at most 1", holds, "y") for holds in (True, False))
     skipped = claims.not_run("z", "at least 3", "peer", "pip install peer")
     assert claims.show([good, skipped]) == 0

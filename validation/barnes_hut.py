@@ -19,7 +19,7 @@ from math import log
 from time import process_time
 
 import numpy as np
-from claims import Claim, claim, show, where
+from claim import Claim, claim, show, where
 
 import kickdrift as kd
 from kickdrift.forces.bound import BoundForces

@@ -19,7 +19,7 @@ from importlib.util import find_spec
 from typing import Any, NamedTuple
 
 import numpy as np
-from claims import Claim, claim, not_run, show, where
+from claim import Claim, claim, not_run, show, where
 
 import kickdrift as kd
 from kickdrift.analysis.chaos import verdict

@@ -39,7 +39,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from claims import Claim, claim, show, where
+from claim import Claim, claim, show, where
 
 import kickdrift as kd
 from kickdrift.builders import lattice, maxwell_boltzmann

@@ -19,7 +19,7 @@ from importlib.util import find_spec
 from time import perf_counter
 
 import numpy as np
-from claims import Claim, claim, not_run, show, where
+from claim import Claim, claim, not_run, show, where
 from problems import kepler
 
 import kickdrift as kd

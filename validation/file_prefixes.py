@@ -27,7 +27,7 @@ from unittest import mock
 
 import h5py
 import numpy as np
-from claims import Claim, claim, show, where
+from claim import Claim, claim, show, where
 
 from kickdrift.state import State
 from kickdrift.system import System

@@ -26,7 +26,7 @@ from time import perf_counter
 from typing import Any
 
 import numpy as np
-from claims import Claim, claim, not_run, show, where
+from claim import Claim, claim, not_run, show, where
 
 import kickdrift as kd
 from kickdrift.odes import arenstorf

@@ -19,7 +19,7 @@ from pathlib import Path
 from time import perf_counter
 
 import numpy as np
-from claims import Claim, claim, show, where
+from claim import Claim, claim, show, where
 from problems import kepler
 
 import kickdrift as kd

@@ -21,7 +21,7 @@ from time import perf_counter
 from typing import NamedTuple
 from urllib.parse import quote
 
-from claims import Claim, claim, show, where
+from claim import Claim, claim, show, where
 from measures import (
     COMES_BACK,
     NOT_SYMPLECTIC,

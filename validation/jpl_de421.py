@@ -21,7 +21,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
-from claims import Claim, claim, show, where
+from claim import Claim, claim, show, where
 
 import kickdrift as kd
 from kickdrift.units import AU

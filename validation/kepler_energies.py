@@ -18,7 +18,7 @@ from time import perf_counter
 from typing import NamedTuple
 
 import numpy as np
-from claims import Claim, claim, show, where
+from claim import Claim, claim, show, where
 
 import kickdrift as kd
 from kickdrift.integrators import integrator

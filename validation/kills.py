@@ -29,7 +29,7 @@ from typing import Any
 
 import h5py
 import numpy as np
-from claims import Claim, claim, show, where
+from claim import Claim, claim, show, where
 
 import kickdrift as kd
 

@@ -19,7 +19,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from claims import Claim, claim, not_run, show, where
+from claim import Claim, claim, not_run, show, where
 from scipy import constants
 
 import kickdrift as kd

@@ -15,7 +15,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
-from claims import Claim, claim, show
+from claim import Claim, claim, show
 
 import kickdrift as kd
 

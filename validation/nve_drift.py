@@ -17,7 +17,7 @@ from multiprocessing import get_context
 from time import perf_counter
 
 import numpy as np
-from claims import Claim, claim, show, where
+from claim import Claim, claim, show, where
 
 import kickdrift as kd
 from kickdrift.builders import lattice, maxwell_boltzmann

@@ -22,7 +22,7 @@ from math import ulp
 from typing import NamedTuple
 
 import mpmath as mp
-from claims import Claim, claim, show
+from claim import Claim, claim, show
 
 from kickdrift.integrators.splitting import ROWS
 

@@ -16,7 +16,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from claims import Claim, claim, show, where
+from claim import Claim, claim, show, where
 
 import kickdrift as kd
 from kickdrift.analysis.recommendation import Choice, recommendation

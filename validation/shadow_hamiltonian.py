@@ -12,7 +12,7 @@ import argparse
 import sys
 
 import numpy as np
-from claims import Claim, claim, show, where
+from claim import Claim, claim, show, where
 
 from kickdrift.analysis.shadow import ShadowRun, pendulum_potential, shadow_run
 from kickdrift.odes import pendulum

@@ -13,7 +13,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
-from claims import Claim, claim, not_run, show
+from claim import Claim, claim, not_run, show
 
 import kickdrift as kd
 from kickdrift.coordinates import to_barycentric

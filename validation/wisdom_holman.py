@@ -16,7 +16,7 @@ import sys
 from typing import Any
 
 import numpy as np
-from claims import Claim, claim, not_run, show, where
+from claim import Claim, claim, not_run, show, where
 from exact_reversal import solar_system
 
 import kickdrift as kd
