@@ -1,9 +1,9 @@
 """What every validation script gives: claims with their bounds, printed as a table.
 
-A script has ``claims(long=False, figures=None)``, which returns or yields Claims: the short set, or with ``long`` all of
-them. One that draws saves PNG files in the folder ``figures``, where it is given one; one that does not may leave that
-argument out. The script ends with ``sys.exit(main(claims, __doc__))`` and has a row in registry.py. What it prints is
-for whoever runs it alone.
+A script has ``claims(long=False, figures=None)``, which returns or yields Claims: the short set, or with ``long`` all
+of them. One that draws saves PNG files in the folder ``figures``, where it is given one; one that does not may leave
+that argument out. The script ends with ``sys.exit(main(claims, __doc__))`` and has a row in registry.py. What it prints
+is for whoever runs it alone.
 """
 
 from __future__ import annotations

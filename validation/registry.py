@@ -22,8 +22,7 @@ class Script(NamedTuple):
     @property
     def group(self) -> str:
         """Name of the folder inside validation/, "" for none: all of its scripts can be asked for by it."""
-        folder = Path(self.file).parent.name
-        return folder
+        return Path(self.file).parent.name
 
 
 SCRIPTS = (

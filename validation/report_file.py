@@ -37,7 +37,9 @@ def target(given: Path | None, whole: bool) -> Path:
     except FileNotFoundError:
         is_ours = False
         if any((path.parent / "figures").glob("*.png")):
-            raise InputError(f"--report {path}: the figures beside it are of no report; choose another folder") from None
+            raise InputError(
+                f"--report {path}: the figures beside it are of no report; choose another folder"
+            ) from None
     except (OSError, UnicodeDecodeError):
         is_ours = False
     if path.exists() and not is_ours:
@@ -71,10 +73,10 @@ def _summary(found: Sequence[Outcome], long: bool, seconds: float, jobs: int) ->
     lines = [
         "# Validation",
         "",
-        f"**{counted(total.total(), 'claim')}: {total['pass']} pass, {total['fail']} fail, {total['not run']} not run.**",
+        f"**{counted(total.total(), 'claim')}: {', '.join(f'{total[each]} {each}' for each in SIGNS)}.**",
         "",
-        "Each line is a claim: what was measured here, the bound that it must keep, and where the truth, or the other side"
-        f" of the comparison, comes from. Made by `kickdrift validate{' --long' if long else ''}`, which makes it anew.",
+        "Each line is a claim: what was measured here, the bound that it must keep, and where the truth, or the other side",
+        f"of the comparison, comes from. Made by `kickdrift validate{' --long' if long else ''}`, which makes it anew.",
         "",
         "| | |",
         "| --- | --- |",

@@ -88,8 +88,8 @@ def outcomes(
 ) -> Iterator[Outcome]:
     """Each script's outcome as it ends, ``jobs`` at a time and the slowest first.
 
-    ``tell`` hears of every script that begins (with None) and of every claim. Figures go to folders of ``scratch``. What
-    takes more than ``limit`` seconds is ended. All processes are ended when the iteration is.
+    ``tell`` hears of every script that begins (with None) and of every claim. Figures go to folders of ``scratch``.
+    What takes more than ``limit`` seconds is ended. All processes are ended when the iteration is.
     """
     waiting = deque(sorted(scripts, key=lambda script: -script.seconds))
     running: dict[Script, _Running] = {}
