@@ -1,0 +1,230 @@
+"""`kickdrift validate`: what it runs, says and writes, with small scripts in place of the real ones."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import faults
+import pytest
+import report_file
+import runner
+from planted import FAULTS
+from registry import SCRIPTS, Script
+
+import kickdrift as kd
+from kickdrift.errors import InputError
+
+VALIDATION = Path(__file__).parents[1] / "validation"
+GOOD = """
+from claim import claim, not_run
+def claims(long=False, figures=None):
+    print("a table of its own")
+    yield claim("a | b", 1.0, "at most 1", True, "x < y")
+    if long:
+        yield claim("only in the long set", 2, "2", True, "y")
+    (figures / "good.png").write_bytes(b"png")
+"""
+BAD = """
+import numpy as np
+from claim import claim
+def claims(long=False):
+    return [claim("a number of NumPy", np.float64(3.0), "under 2", np.bool_(False), "y")]
+"""
+CRASH = """
+from claim import claim
+def claims(long=False):
+    yield claim("first", 0, "0", True, "y")
+    raise ValueError("no such thing")
+"""
+ABSENT = "import peer_that_nobody_has\n"
+HANGS = """
+import time
+def claims(long=False):
+    time.sleep(600)
+    yield
+"""
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """A folder of scripts, beside it the place to work in."""
+    place = tmp_path / "validation"
+    place.mkdir()
+    for name in ("child.py", "claim.py"):
+        shutil.copy(VALIDATION / name, place / name)
+    texts = {"good": GOOD, "bad": BAD, "crash": CRASH, "absent_peer": ABSENT, "hangs": HANGS, "none": "claims = list\n"}
+    for name, text in texts.items():
+        (place / f"{name}.py").write_text(text, encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    return place
+
+
+def scripts(*names: str) -> list[Script]:
+    peers = {"absent-peer": ("peer_that_nobody_has",)}
+    return [Script(f"{name.replace('-', '_')}.py", f"what {name} shows", 1.0, peers.get(name, ())) for name in names]
+
+
+def validated(folder, *names, **options) -> tuple[int, str]:
+    """The exit status and the report."""
+    report = folder.parent / "report" / "REPORT.md"
+    status = runner.validate(scripts=scripts(*names), folder=folder, report=report, quiet=True, **options)
+    return status, report.read_text(encoding="utf-8")
+
+
+def test_what_passes_is_exit_status_zero_and_a_report(folder, capfd):
+    status, report = validated(folder, "good", "absent-peer")
+    assert status == 0
+    assert "**2 claims: 1 pass, 0 fail, 1 not run.**" in report
+    assert "| a \\| b | 1 | at most 1 | x &lt; y | pass |" in report
+    assert "only in the long set" not in report
+    assert "![good](figures/good.png)" in report
+    assert (folder.parent / "report" / "figures" / "good.png").read_bytes() == b"png"
+    assert "pip install" in report
+    assert f"| kickdrift | {kd.__version__} |" in report
+    for name in ("numba", "numpy", "scipy", "h5py", "rebound"):
+        assert f"| {name} |" in report
+    printed = capfd.readouterr().out
+    assert "2 claims: 1 pass, 1 not run" in printed
+    assert "a table of its own" not in printed
+
+
+def test_the_long_set(folder):
+    status, report = validated(folder, "good", long=True)
+    assert status == 0
+    assert "only in the long set" in report
+    assert "| set | long |" in report
+
+
+def test_a_claim_that_fails_is_exit_status_one(folder, capfd):
+    status, report = validated(folder, "good", "bad")
+    assert status == 1
+    assert "| a number of NumPy | 3 | under 2 | y | **fail** |" in report
+    assert "fail: bad: a number of NumPy: 3, bound under 2" in capfd.readouterr().out
+
+
+def test_a_script_that_stops_is_a_claim_that_fails(folder):
+    status, report = validated(folder, "crash", "none")
+    assert status == 1
+    assert "| first | 0 | 0 | y | pass |" in report
+    assert "crash.py runs to its end | exit status 1: ValueError: no such thing | no error" in report
+    assert "none.py runs to its end" in report
+
+
+def test_a_peer_that_is_no_peer_of_the_script_is_a_failure(folder):
+    (outcome,) = runner.outcomes([Script("absent_peer.py", "x")], folder.parent / "scratch", folder=folder)
+    assert outcome.claims[0]["verdict"] == "fail"
+
+
+def test_what_takes_too_long_is_ended(folder):
+    began = time.monotonic()
+    (outcome,) = runner.outcomes(scripts("hangs"), folder.parent / "scratch", folder=folder, limit=3.0)
+    assert time.monotonic() - began < 60
+    assert outcome.claims[0]["verdict"] == "fail"
+    assert outcome.claims[0]["bound"] == "within 3 s"
+
+
+def test_a_report_takes_the_place_of_a_report_and_of_nothing_else(folder):
+    status, _ = validated(folder, "good")
+    assert status == 0
+    assert validated(folder, "bad")[0] == 1
+    report = folder.parent / "report" / "REPORT.md"
+    report.write_text("my own notes\n", encoding="utf-8")
+    with pytest.raises(InputError, match="is not replaced"):
+        validated(folder, "good")
+    assert report.read_text(encoding="utf-8") == "my own notes\n"
+    report.unlink()
+    with pytest.raises(InputError, match="figures beside it are of no report"):
+        validated(folder, "good")
+
+
+def test_where_the_report_goes(folder):
+    assert report_file.target(None, whole=True) == VALIDATION / "REPORT.md"
+    assert report_file.target(None, whole=False) == Path("validation-report") / "REPORT.md"
+    (folder.parent / "file").write_text("")
+    with pytest.raises(InputError, match=r"--report file/REPORT\.md"):
+        report_file.target(Path("file/REPORT.md"), whole=True)
+
+
+def test_names():
+    assert [s.name for s in runner.chosen(["nist_lj.py", "validation/nve_drift.py"])] == ["nist-lj", "nve-drift"]
+    assert "argon-rahman" not in {s.name for s in runner.chosen([])}
+    assert {s.name for s in runner.chosen([], long=True)} == {s.name for s in SCRIPTS}
+    assert [s.name for s in runner.chosen(["claims"], scripts=[Script("claims/a.py", ""), Script("b.py", "")])] == ["a"]
+    with pytest.raises(InputError, match="did you mean nist-lj"):
+        runner.chosen(["nist-jl"])
+
+
+def test_an_unknown_name_is_exit_status_two(tmp_path):
+    words = [sys.executable, str(VALIDATION)]  # as python -m validation
+    done = subprocess.run([*words, "nist-jl"], capture_output=True, text=True, cwd=tmp_path, check=False)
+    assert done.returncode == 2
+    assert "did you mean nist-lj" in done.stderr
+    assert done.stderr.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.skipif(os.name == "nt", reason="signals")
+def test_interrupted_it_ends_its_children(folder):
+    program = (
+        "import sys; sys.path.insert(0, sys.argv[1])\n"
+        "import runner\nfrom pathlib import Path\nfrom registry import Script\n"
+        "rows = [Script('hangs.py', 'x')]\n"
+        "try:\n    runner.validate(scripts=rows, folder=Path(sys.argv[2]), report=Path('r/REPORT.md'), quiet=True)\n"
+        "except KeyboardInterrupt:\n    sys.exit(130)\n"
+    )
+    words = [sys.executable, "-c", program, str(VALIDATION), str(folder)]
+    with subprocess.Popen(words, cwd=folder.parent, start_new_session=True) as process:
+        child = None
+        for _ in range(600):
+            time.sleep(0.1)
+            found = Path(f"/proc/{process.pid}/task/{process.pid}/children")
+            child = found.read_text().split() if found.exists() else None
+            if child:
+                break
+        assert child
+        time.sleep(1.0)
+        os.kill(process.pid, signal.SIGINT)
+        assert process.wait(timeout=60) == 130
+    assert not Path(f"/proc/{child[0]}").exists()
+    assert not (folder.parent / "r" / "REPORT.md").exists()
+
+
+# --- faults ---
+
+
+def test_a_fault_is_planted_in_a_copy_and_nowhere_else(tmp_path):
+    package = Path(kd.__file__).parent
+    before = {path: path.read_bytes() for path in package.rglob("*.py")}
+    copy = faults.copied(tmp_path, FAULTS[0])
+    assert copy == tmp_path / "validation"
+    there = tmp_path / "src" / "kickdrift"
+    differ = [path for path, text in before.items() if (there / path.relative_to(package)).read_bytes() != text]
+    assert [path.relative_to(package).as_posix() for path in differ] == [FAULTS[0].file]
+    assert FAULTS[0].wrong in (there / FAULTS[0].file).read_text(encoding="utf-8")
+    assert {path: path.read_bytes() for path in package.rglob("*.py")} == before
+    assert (tmp_path / "systems" / "lj-1000.toml").is_file()
+
+
+def test_the_order_has_every_short_script_once():
+    names = [script.name for script in faults.in_order()]
+    assert names[: len(faults.FIRST)] == list(faults.FIRST)
+    assert sorted(names) == sorted(script.name for script in SCRIPTS if not script.long_only)
+
+
+def test_the_first_claim_that_fails_ends_the_search(folder, monkeypatch):
+    from threading import Event
+
+    monkeypatch.setattr(faults, "copied", lambda place, fault: folder)
+    found = faults.tried(None, scripts("good", "bad", "hangs"), Event())
+    assert (found.script, found.passed) == ("bad", 1)
+    assert found.claim is not None
+    assert "caught" in faults.line("x", "y", found)
+    found = faults.tried(None, scripts("good"), Event())
+    assert found.claim is None
+    assert "no claim of 1 failed" in faults.line("x", "y", found)
