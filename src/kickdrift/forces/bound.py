@@ -21,7 +21,7 @@ class Measured(NamedTuple):
     accelerations: Floats  # (3, n)
     potential: float
     virial: float  # sum over pairs of r . F
-    pairs: int  # that interact
+    pairs: int | None  # that interact, where that is known
 
 
 def most_threads() -> int:

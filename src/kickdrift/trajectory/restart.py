@@ -120,7 +120,10 @@ def _simulation(run: Run, system: System | None, events: Iterable[Event] | None,
     known_options = {each.name for each in fields(Options)}
     options: Mapping[str, Any] = {k: v for k, v in run.method["options"].items() if k in known_options}
     name = run.method["integrator"]
-    return Simulation(system, name, threads=threads or min(int(run.method["threads"]), most_threads()), **options)
+    return Simulation(
+        system, name, threads=threads or min(int(run.method["threads"]), most_threads()),
+        engine=run.method["engine"], processes=int(run.method.get("processes", 1)), **options,
+    )  # fmt: skip
 
 
 def _goal(run: Run, step: int | None, last: tuple[int, float] | None) -> tuple[int, float | None]:
