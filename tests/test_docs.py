@@ -78,6 +78,6 @@ def test_the_site_is_built(tmp_path):
     for name, words in {
         "api.html": "momentum_error",
         "command-line.html": "--integrator",
-        "index.html": "kickdrift run",
+        "index.html": "Lennard-Jones",
     }.items():
         assert words in (site / name).read_text(encoding="utf-8")
