@@ -43,6 +43,10 @@ def fraction(text: str) -> Decimal:
     return Decimal(over) / Decimal(under or "1")
 
 
+def fractions(*texts: str) -> list[Decimal]:
+    return [fraction(text) for text in texts]
+
+
 def times(p: Matrix, q: Matrix) -> Matrix:
     return [[sum((p[i][k] * q[k][j] for k in range(2)), Decimal(0)) for j in range(2)] for i in range(2)]
 
@@ -94,7 +98,7 @@ def splitting_step(name: str, dt: Decimal) -> tuple[Matrix, str] | None:
         "velocity-verlet": lambda: (split([half, half], [one], "kick", dt), leapfrog),
         "leapfrog-dkd": lambda: (split([one], [half, half], "drift", dt), leapfrog),
         "ruth3": lambda: (
-            split([fraction(w) for w in ("7/24", "3/4", "-1/24")], [fraction(w) for w in ("2/3", "-2/3", "1")], "kick", dt),
+            split(fractions("7/24", "3/4", "-1/24"), fractions("2/3", "-2/3", "1"), "kick", dt),
             "Ruth 1983, doi:10.1109/TNS.1983.4332919",
         ),
         "yoshida4": lambda: (jumps(triple, dt), "1 / (2 - 2^(1/3))"),
