@@ -38,7 +38,8 @@ BENCH = 32_000  # particles of in.lj
 SKIN = 0.3
 COLUMNS = ("PotEng", "KinEng", "Temp", "Press")
 FIRST = 20  # steps in which rounding has not grown
-SAME = 1e-12  # relative: sums over up to 10^6 pairs in two orders
+SAME = 1e-12  # relative, with numbers summed in another order
+ADDED = 1e-11  # of PotEng: LAMMPS adds up to 10^6 pairs' energies one by one; on a lattice equal ones round one way
 FACTOR = 10.0  # between two differences that began as rounding
 PAIRS = 4
 SOURCE = "LAMMPS, lj/cut, `neigh_modify every 1 delay 0 check yes`"
@@ -154,9 +155,9 @@ def bench() -> list[Claim]:
         ("PotEng", ours[0], them[0], energy), ("Press", ours[3], them[3], pressure)
     ):  # fmt: skip
         for reference, wanted in ((SOURCE, lammps), ("sum over the neighbours of one site", lattice_sum)):
-            off = abs(value / wanted - 1.0)
+            off, bound = abs(value / wanted - 1.0), ADDED if (name, reference) == ("PotEng", SOURCE) else SAME
             text = f"in.lj, {BENCH} particles, step 0: {name} {value:.7f}, relative difference"
-            rows.append(claim(text, off, f"at most {SAME:g}", off <= SAME, reference))
+            rows.append(claim(text, off, f"at most {bound:g}", off <= bound, reference))
     return rows
 
 
@@ -181,13 +182,13 @@ def melting() -> list[Claim]:
     rows, scale = [], np.abs(them).max(axis=0)
     for k, name in enumerate(COLUMNS):
         off = np.abs(us - them)[:, k] / scale[k]
-        early, bound = float(off[: FIRST + 1].max()), SAME
+        early, bound = float(off[: FIRST + 1].max()), ADDED if name == "PotEng" else SAME
         text = f"melt, {MELT} particles: {name} of steps 0 to {FIRST}, largest relative difference"
         rows.append(claim(text, early, f"at most {bound:g}", early <= bound, SOURCE))
         late = float(off.max())
-        bound = max(SAME, FACTOR * float(np.abs(us - shifted)[:, k].max() / scale[k]))
+        bound = max(bound, FACTOR * float(np.abs(us - shifted)[:, k].max() / scale[k]))
         text = f"melt, {MELT} particles: {name} of steps 0 to {MELT_STEPS}, largest relative difference"
-        reference = f"{SOURCE}; {FACTOR:g} times ours from a start one rounding away, or {SAME:g}"
+        reference = f"{SOURCE}; {FACTOR:g} times ours from a start one rounding away, or that"
         rows.append(claim(text, late, f"at most {bound:.1e}", late <= bound, reference))
     return rows
 
