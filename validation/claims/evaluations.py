@@ -165,8 +165,8 @@ def matches() -> list[Claim]:
     """What they reach with the same number of evaluations; "match" is to half a power of ten."""
     return article(
         "Forest-Ruth and Yoshida … match RK4/RK8",
-        "In order they do. At equal cost on a smooth orbit Forest-Ruth is twice as far off as RK4, but keeps the energy, "
-        "which RK4 does not; Yoshida 8, whose steps go back and forth, is far behind an embedded RK8.",
+        "In order they do. At equal cost on a smooth orbit Forest-Ruth is twice as far off as RK4, but keeps the "
+        "energy, which RK4 does not; Yoshida 8, whose steps go back and forth, is far behind an embedded RK8.",
         power("forest-ruth", PERIOD / 400, 4),
         power("yoshida8", PERIOD / 80, 8),
         *fourth(),

@@ -125,9 +125,7 @@ def wins() -> list[Claim]:
     met = abs(explicit / near_by - 1) <= 0.02
     bound = f"the same estimate to t = 40, {near_by:.5g}, is the {explicit} measured to 2 %"
     times, years = far / implicit, far / 1e6 / A_YEAR
-    longer.append(
-        Reading("Robertson to 1e11, extrapolated", times, 1e3 <= times <= 1e6, bound, met, THEORY, "times")
-    )
+    longer.append(Reading("Robertson to 1e11, extrapolated", times, 1e3 <= times <= 1e6, bound, met, THEORY, "times"))
     ends.append(
         Reading(
             "Robertson to 1e11, extrapolated, at 10^6 steps a second", years, years > 1, bound, met, THEORY, "years"
@@ -189,8 +187,8 @@ def begins() -> list[Claim]:
     """Where stiffness does."""
     return article(
         "stiffness begins near a ratio of 10^3",
-        "It begins where stability asks for more steps, ratio x t / 3.3, than accuracy does: the earlier, the longer the "
-        "time and the lower the accuracy. The ratio alone does not say.",
+        "It begins where stability asks for more steps, ratio x t / 3.3, than accuracy does: the earlier, the longer "
+        "the time and the lower the accuracy. The ratio alone does not say.",
         crossing(10.0, 1e-6),
         crossing(10.0, 1e-3),
         crossing(1.0, 1e-6),
