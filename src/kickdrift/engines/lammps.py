@@ -99,8 +99,8 @@ class LammpsSession(Session):
             raise
         except Exception as error:  # LAMMPS' own and those of the processes
             self.close()
-            text = " ".join(str(error).split())
-            raise Trouble(f"LAMMPS: {text.removeprefix('ERROR: ')}") from None
+            text = " ".join(str(error).split()).removeprefix("ERROR: ")
+            raise Trouble(f"LAMMPS: {text.split(' For more information')[0]}") from None
 
     def advance(self, steps: int, until: float) -> int:
         self._ask("run", steps)

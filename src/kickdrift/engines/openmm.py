@@ -22,8 +22,9 @@ from kickdrift.forces.central import gravitational_constant
 from kickdrift.state import Floats
 from kickdrift.system import System
 
-LENNARD_JONES = "4*e*((l/(s*r))^12 - (l/(s*r))^6) - shift; e=epsilon(kind1,kind2); l=sigma(kind1,kind2)"
-SHIFT = "; shift=4*e*((l/cutoff)^12 - (l/cutoff)^6)"
+LENNARD_JONES = "4*e*((l/(s*r))^12 - (l/(s*r))^6)"
+SHIFT = " - 4*e*((l/cutoff)^12 - (l/cutoff)^6)"
+MIXTURE = "; e=epsilon(kind1,kind2); l=sigma(kind1,kind2)"
 GRAVITY = "-G*m1*m2/sqrt((s*r)^2 + softening^2)"
 
 
@@ -102,8 +103,8 @@ def _plain(quantity: Any) -> Any:
 def _lennard_jones(system: System, force: Any) -> Any:
     import openmm
 
-    shift = SHIFT if force.truncation == "shift" else "; shift=0"
-    made = openmm.CustomNonbondedForce(LENNARD_JONES + shift)
+    shift = SHIFT if force.truncation == "shift" else ""
+    made = openmm.CustomNonbondedForce(LENNARD_JONES + shift + MIXTURE)
     laws = [[force.pair_law(a, b) for a in system.species] for b in system.species]
     count = len(system.species)
     for key in ("epsilon", "sigma"):
