@@ -96,7 +96,8 @@ class Engine:
         if reason := self.refusal(job):
             alone = replace(job, threads=1, processes=1)
             others = [name for name, other in ENGINES.items() if other is not self and other.refusal(alone) is None]
-            able = f"; {' and '.join(others)} can" if others[1:] else f"; only {others[0]} can" if others else ""
+            *first, last = others or [""]
+            able = f"; {', '.join(first)} and {last} can" if first else f"; only {last} can" if last else ""
             raise InputError(f"engine {self.name!r}: {reason}{able}")
         missing = [package for package in self.needs if _version(package) is None]
         if missing:

@@ -6,9 +6,11 @@ LAMMPS' units "lj" have no constants, so the system's own numbers stand in them 
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from kickdrift.engines.lammps_world import Model, World
 from kickdrift.engines.lennard_jones import only_lennard_jones, small_units
@@ -19,6 +21,7 @@ from kickdrift.state import Floats
 
 MOST_TYPES = 100  # particles of one species may differ in mass; LAMMPS has a table of types, each with each
 IMAGES = 1024  # LAMMPS counts edges crossed in ten bits
+MOST_BLIND = 10**6  # steps without a look at these
 
 
 def refusal(job: Job) -> str | None:
@@ -74,16 +77,17 @@ class LammpsSession(Session):
         self._world: Any = None
 
     def reset(self, phase: Floats, time: float) -> None:
-        if self._world is None:
-            self._world = self._begun()
         box, x = self.job.system.box, phase[0].T
         wrapped = box.wrap(x)
         edges = np.array(box.lengths or (1.0, 1.0, 1.0))
         self._crossed = np.round((x - wrapped) / edges) if box.periodic else np.zeros_like(x)
         self._seen = np.zeros(x.shape, np.int32)
         self._ask("reset", self._model, wrapped, np.ascontiguousarray(phase[1].T))
+        self._kinetic = self._ask("kinetic_energy")
+        self._count(self._seen)
 
     def _begun(self) -> Any:
+        """LAMMPS, and as many processes as were asked for."""
         if self.job.processes == 1:
             return World()
         from kickdrift.engines.lammps_processes import Processes
@@ -93,6 +97,7 @@ class LammpsSession(Session):
     def _ask(self, what: str, *arguments: Any) -> Any:
         """LAMMPS' answer; Trouble where it stopped, and then the next ``reset`` begins another."""
         try:
+            self._world = self._world or self._begun()
             return getattr(self._world, what)(*arguments)
         except KickdriftError:
             self.close()
@@ -103,19 +108,39 @@ class LammpsSession(Session):
             raise Trouble(f"LAMMPS: {text.split(' For more information')[0]}") from None
 
     def advance(self, steps: int, until: float) -> int:
-        self._ask("run", steps)
+        left = steps
+        while left:
+            part = min(left, self._blind_steps)
+            self._ask("run", part)
+            left -= part
+            self._blind_steps -= part
+            self._kinetic = self._ask("kinetic_energy")
+            if not self._blind_steps and self.finite():
+                self._count(self._ask("images"))
         return steps
 
     def finite(self) -> bool:
-        return bool(self._ask("finite"))
+        return math.isfinite(self._kinetic)
+
+    def _count(self, images: NDArray[np.int32]) -> None:
+        """Add what edges were crossed, and say how many steps may pass until this has to be done again: in these not
+        even a particle with twice the speed that all the kinetic energy would give the lightest one goes half way
+        around LAMMPS' counter."""
+        crossed = images - self._seen
+        self._crossed += (crossed + IMAGES // 2) % IMAGES - IMAGES // 2
+        self._seen = images
+        if self._model.lengths is None or not self._kinetic:
+            self._blind_steps = MOST_BLIND
+            return
+        fastest = 2.0 * math.sqrt(2.0 * self._kinetic / min(self._model.masses))
+        way = IMAGES // 2 * min(self._model.lengths)
+        self._blind_steps = max(1, int(min(way / (fastest * self._model.dt), MOST_BLIND)))
 
     def phase(self) -> Floats:
         x, v, images = self._ask("state")
-        if self.job.system.box.lengths is not None:
-            crossed = images - self._seen
-            self._crossed += (crossed + IMAGES // 2) % IMAGES - IMAGES // 2
-            self._seen = images
-            x = x + self._crossed * np.array(self.job.system.box.lengths)
+        self._count(images)
+        if self._model.lengths is not None:
+            x = x + self._crossed * np.array(self._model.lengths)
         return np.array([x.T, v.T])
 
     def measure(self, time: float) -> Measured | None:

@@ -34,7 +34,7 @@ class Processes:
 
     def __init__(self, count: int) -> None:
         self.count = count
-        folder = Path(tempfile.mkdtemp(prefix="kickdrift-"))
+        self.folder = folder = Path(tempfile.mkdtemp(prefix="kickdrift-"))
         self._said = (folder / "said").open("w+")
         with socket.socket(socket.AF_UNIX) as listening:
             listening.bind(str(folder / "socket"))
@@ -122,9 +122,13 @@ class Processes:
         """See World."""
         self._all("run", steps)
 
-    def finite(self) -> bool:
+    def kinetic_energy(self) -> float:
         """See World."""
-        return bool(self._all("finite"))
+        return float(self._all("kinetic_energy"))
+
+    def images(self) -> Any:
+        """See World."""
+        return self._all("images")
 
     def state(self) -> Any:
         """See World."""

@@ -95,13 +95,17 @@ class World:
         """Take steps. Nothing is set up again, so that the lists do not depend on how a run is cut."""
         self.lmp.command(f"run {steps} pre no post no")
 
-    def finite(self) -> bool:
-        """Whether positions and velocities are numbers; LAMMPS stops at positions that are none."""
-        return bool(np.isfinite(self.lmp.extract_compute("thermo_temp", 0, 0)))
+    def kinetic_energy(self) -> float:
+        """Of all particles; LAMMPS stops by itself at positions that are no numbers."""
+        return float(self.lmp.get_thermo("ke"))
+
+    def images(self) -> NDArray[np.int32]:
+        """(n, 3) counts of edges crossed, modulo 1024."""
+        return self._gathered("image", integer=True)
 
     def state(self) -> tuple[Floats, Floats, NDArray[np.int32]]:
-        """(n, 3) positions inside the box, velocities, and counts of edges crossed, modulo 1024."""
-        return self._gathered("x"), self._gathered("v"), self._gathered("image", integer=True)
+        """(n, 3) positions inside the box, velocities, and ``images``."""
+        return self._gathered("x"), self._gathered("v"), self.images()
 
     def measure(self) -> tuple[Floats, float, float]:
         """(n, 3) forces, potential energy, and the virial's part of the pressure."""
