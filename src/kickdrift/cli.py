@@ -160,8 +160,8 @@ def run(
     from kickdrift.simulation import Simulation
 
     sim = Simulation(
-        chosen, integrator, dt, threads, engine=engine, processes=processes, rtol=rtol, atol=atol, compensated=compensated, coordinates=coordinates,
-        corrector=corrector, order=order, eta=eta, scheme=scheme,
+        chosen, integrator, dt, threads, engine=engine, processes=processes, rtol=rtol, atol=atol,
+        compensated=compensated, coordinates=coordinates, corrector=corrector, order=order, eta=eta, scheme=scheme,
     )  # fmt: skip
     length = run_length(sim, system, steps, time)
     with progress_bar(quiet) as bar:

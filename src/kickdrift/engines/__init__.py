@@ -6,8 +6,8 @@ parameter, than it was asked for. What runs, looks, writes and reports is the sa
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING, Any
@@ -94,8 +94,10 @@ class Engine:
     def check(self, job: Job) -> None:
         """An InputError where it cannot run that, which names the engines that can; or where it is not installed."""
         if reason := self.refusal(job):
-            others = [name for name, other in ENGINES.items() if other is not self and other.refusal(job) is None]
-            able = f"; {' and '.join(others)} can" if others[1:] else f"; only {others[0]} can" if others else ""
+            alone = replace(job, threads=1, processes=1)
+            others = [name for name, other in ENGINES.items() if other is not self and other.refusal(alone) is None]
+            *first, last = others or [""]
+            able = f"; {', '.join(first)} and {last} can" if first else f"; only {last} can" if last else ""
             raise InputError(f"engine {self.name!r}: {reason}{able}")
         missing = [package for package in self.needs if _version(package) is None]
         if missing:
@@ -156,6 +158,3 @@ def engine(name: str) -> Engine:
 def engines() -> list[str]:
     """The names of all engines, installed or not."""
     return list(ENGINES)
-
-
-Refusal = Callable[["Job"], str | None]

@@ -15,7 +15,7 @@ def only_lennard_jones(system: System, truncations: Collection[str]) -> str | No
         return f"force {strange[0]!r}: it runs lennard-jones"
     if len(system.forces) != 1:
         return f"it runs one force lennard-jones, and {system.name!r} has {len(system.forces) or 'none'}"
-    truncation = system.forces[0].truncation  # type: ignore[attr-defined]
+    truncation = system.forces[0].truncation
     if truncation not in truncations:
         return f"truncation {truncation!r}: it has {' and '.join(repr(each) for each in truncations)}"
     return None

@@ -121,6 +121,8 @@ class EngineStepper:
     particles, half a step or a polynomial), so that a run that is taken up again need not have the same bits.
     """
 
+    _known: Floats | None  # y, where it was asked for since the last step
+
     def __init__(self, flow: EngineFlow, engine: Engine, job: Job) -> None:
         self._job, self._dt = job, 0.0 if job.method.chooses_steps else (job.options.dt or 0.0)
         self._session: Session = engine.module.session(job)
@@ -133,7 +135,10 @@ class EngineStepper:
     @property
     def y(self) -> Floats:
         if self._known is None:
-            self._known = self._last = self._session.phase()
+            try:
+                self._known = self._last = self._session.phase()
+            except Trouble as trouble:
+                raise self._stopped(trouble) from None
         return self._known
 
     @property
@@ -152,7 +157,7 @@ class EngineStepper:
         return Counts(self._evaluations)
 
     def reset(self, y: Floats, time: float, steps: int) -> None:
-        self._known: Floats | None = y
+        self._known = y
         self._last = y
         self.trouble = ""
         self.steps_done = steps
@@ -176,7 +181,7 @@ class EngineStepper:
             session = self._told()
             taken = session.advance(steps, until)
             if not session.finite():
-                raise Trouble(f"positions or velocities are no longer finite, {taken} steps later at most")
+                raise Trouble("positions or velocities are no longer finite")
         except Trouble as trouble:
             self.trouble, self._known = str(trouble), self._last
             return STOPPED
@@ -194,8 +199,12 @@ class EngineStepper:
         try:
             return self._told().measure(time)
         except Trouble as trouble:
-            self.trouble, self._known = str(trouble), self._last
-            raise RunError(f"step {self.steps_done} (t = {time:g}): {trouble}") from None
+            raise self._stopped(trouble) from None
+
+    def _stopped(self, trouble: Trouble) -> RunError:
+        """The program ended while it was looked at."""
+        self.trouble, self._known = str(trouble), self._last
+        return RunError(f"step {self.steps_done}: {trouble}")
 
     def reached(self, inside_step: bool) -> tuple[Floats, Floats]:
         return self.y, self.y[0]
@@ -218,7 +227,7 @@ class EngineStepper:
         self._session.hint, self._evaluations = memory["hint"], memory["evaluations"]
 
 
-def begin(engine: Engine, job: Job) -> tuple[EngineFlow, EngineStepper]:
+def begin(engine: Engine, job: Job) -> tuple[EngineFlow, Any]:
     """The flow and the stepper of a System on another program."""
     flow = EngineFlow(job.system)
     return flow, EngineStepper(flow, engine, job)
