@@ -74,7 +74,7 @@ def test_a_simulation_with_a_g_of_its_own_comes_back():
     ],
 )
 def test_units_are_ours_where_we_have_them(units, name, length, force):
-    """G is rebound's: for AU, yr and Msun 7.5e-12 less than that of DE421's G M of the Sun."""
+    """G is rebound's: for AU, yr and Msun 7.5e-12 more than that of DE421's G M of the Sun."""
     system = kd.System.from_rebound(planets(units))
     assert (system.units.name, system.units.length) == (name, length)
     assert system.forces == (force,)

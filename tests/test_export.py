@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
-import warnings
 from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from run_files import ANGSTROM, FRAMES, PS, UNITS, N, make_system, states, without, write
 from scipy import constants
 
 import kickdrift as kd
@@ -19,7 +20,6 @@ from kickdrift.errors import InputError
 from kickdrift.state import State
 from kickdrift.system import System
 from kickdrift.trajectory import formats, to_mdanalysis
-from kickdrift.trajectory.h5md import Writer
 
 ase_io = pytest.importorskip("ase.io")
 MDAnalysis = pytest.importorskip("MDAnalysis")
@@ -31,145 +31,15 @@ pytestmark = [  # MDAnalysis', of its own readers
     pytest.mark.filterwarnings("ignore:Element information is missing:UserWarning"),
 ]
 
-METHOD = {"integrator": "velocity-verlet", "dt": 0.005}
-EVERY, FRAMES, N = 20, 5, 12
-ANGSTROM = {"si": 1e10}  # of a unit of length, as the file's other units say; 1 for the rest
-PS = {"si": 1e12}
-ATOMIC = {"si": 1 / constants.atomic_mass}
-UNITS = ("lj", "nbody", "astro", "metal", "si")
+PAGE = (Path(__file__).parents[1] / "docs" / "export.md").read_text(encoding="utf-8")
+FLOAT32 = 3 * 2.0**-24  # three roundings: to float32, and to TRR's nm and back
 READ_BY_MDANALYSIS = tuple(suffix for suffix, format in formats.FORMATS.items() if format.package == "MDAnalysis")
 READ_BY_ASE = tuple(suffix for suffix, format in formats.FORMATS.items() if format.package == "ASE")
-
-
-def make_system(units: str, n: int = N, spread: float = 20.0) -> System:
-    """Of argon's size in real units, and with bodies that have names where there are stars."""
-    rng = np.random.default_rng(3)
-    length, time = 1 / ANGSTROM.get(units, 1.0), 1 / PS.get(units, 1.0)
-    stars = units in ("nbody", "astro")
-    return System(
-        rng.uniform(-spread, spread, (n, 3)) * length,
-        rng.normal(size=(n, 3)) * length / time,
-        masses=(np.arange(n) % 3 + 1.0) * 20 / ATOMIC.get(units, 1.0),
-        box=None if stars else np.array([15.0, 16.0, 17.5]) * length,
-        units=units,
-        species=["Ar", "Kr", "Ar"] * (n // 3) if units in ("metal", "si") else ["A", "Bb", "A"] * (n // 3),
-        names=[f"body {k}" for k in range(n)] if stars else (),
-    )
-
-
-def states(system: System, steps=range(0, EVERY * FRAMES, EVERY)) -> list[State]:
-    """Of free particles, at 0.005 of the run's own (or of a ps, in si) a step."""
-    s, dt = system.state, 0.005 / PS.get(system.units.name, 1.0)
-    return [
-        State(np.array([s.phase[0] + s.phase[1] * k * dt, s.phase[1]]), s.masses, s.ids, s.box, k * dt, k)
-        for k in steps
-    ]
-
-
-def write(path: Path, system: System, of: list[State] | None = None, **absorbed) -> list[State]:
-    of = states(system) if of is None else of
-    method = METHOD | {"dt": METHOD["dt"] / PS.get(system.units.name, 1.0)}
-    with Writer(path, system, method=method, every=EVERY, overwrite=True) as writer:
-        writer.absorbed = absorbed.get("absorbed", {})
-        for state in of:
-            writer.append(state, {})
-    return of
 
 
 @pytest.fixture
 def path(tmp_path) -> Path:
     return tmp_path / "run.h5md"
-
-
-def without(state: State, particle: int) -> State:
-    keep = np.arange(len(state)) != particle
-    return State(state.phase[:, :, keep], state.masses[keep], state.ids[keep], state.box, state.time, state.steps_done)
-
-
-# -- the Universe
-
-
-@pytest.mark.parametrize("units", UNITS)
-def test_universe_has_all_that_the_file_knows(path, units):
-    system = make_system(units)
-    written = write(path, system)
-    with kd.open(path) as run:
-        universe = run.universe()
-    trajectory, atoms = universe.trajectory, universe.atoms
-    length, time = ANGSTROM.get(units, 1.0), PS.get(units, 1.0)
-    assert (len(trajectory), len(atoms)) == (FRAMES, N)
-    assert trajectory.dt == pytest.approx(0.1, rel=1e-12)
-    assert trajectory.totaltime == pytest.approx(0.1 * (FRAMES - 1), rel=1e-12)
-    for ts, state in zip(trajectory, written, strict=True):
-        np.testing.assert_allclose(atoms.positions, state.positions * length, rtol=1e-7)
-        np.testing.assert_allclose(atoms.velocities, state.velocities * length / time, rtol=1e-7)
-        assert ts.time == pytest.approx(state.time * time, rel=1e-12)
-        assert ts.data["step"] == state.steps_done
-        if system.box.periodic:
-            np.testing.assert_allclose(ts.dimensions, [15, 16, 17.5, 90, 90, 90], rtol=1e-7)
-        else:
-            assert ts.dimensions is None
-    assert list(atoms.types) == [system.species[k] for k in system.species_index]
-    assert list(atoms.names) == (list(system.names) or list(atoms.types))
-    np.testing.assert_allclose(atoms.masses, (np.arange(N) % 3 + 1.0) * 20, rtol=1e-12)
-    np.testing.assert_array_equal(atoms.ids, system.state.ids)
-    assert hasattr(atoms, "elements") == (units in ("metal", "si"))
-    assert universe.select_atoms("type Kr or type Bb").n_atoms == N // 3
-    trajectory.close()
-
-
-def test_mdanalysis_alone_reads_the_same(path):
-    written = write(path, make_system("metal"))
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # it guesses types and masses, and says that it cannot
-        universe = MDAnalysis.Universe(str(path))
-    for ts, state in zip(universe.trajectory, written, strict=True):
-        np.testing.assert_allclose(ts.positions, state.positions, rtol=1e-7)
-        assert ts.time == pytest.approx(state.time, rel=1e-12)
-    # All but the time between frames, which it reads from no H5MD file; times of frames are the file's.
-    assert universe.trajectory.dt == 1.0
-    universe.trajectory.close()
-
-
-def test_one_frame_has_the_time_step_that_the_run_would_have_had(path):
-    system = make_system("si")
-    write(path, system, states(system)[:1])
-    with kd.open(path) as run:
-        universe = run.universe()
-    assert universe.trajectory.dt == pytest.approx(EVERY * 0.005, rel=1e-12)
-    universe.trajectory.close()
-
-
-def test_uneven_frames_are_said_and_keep_their_times(path):
-    system = make_system("lj")
-    written = write(path, system, states(system, (0, 20, 40, 70)))
-    with kd.open(path) as run, pytest.warns(UserWarning, match="not evenly spaced; dt is their mean"):
-        universe = run.universe()
-    assert universe.trajectory.totaltime == pytest.approx(0.35)
-    assert [ts.time for ts in universe.trajectory] == [state.time for state in written]
-    universe.trajectory.close()
-
-
-def test_a_removed_body_is_nan_in_the_universe(path):
-    system = make_system("nbody")
-    first, last = states(system, (0, 20))
-    write(path, system, [first, without(last, 4)], absorbed={4: -1})
-    with kd.open(path) as run:
-        universe = run.universe()
-    universe.trajectory[1]
-    there = np.isfinite(universe.atoms.positions).all(axis=1)
-    assert np.flatnonzero(~there).tolist() == [4]
-    assert list(universe.atoms[~there].names) == ["body 4"]
-    np.testing.assert_allclose(universe.atoms[there].positions, without(last, 4).positions, rtol=1e-6)
-    universe.trajectory.close()
-
-
-def test_a_file_without_frames_is_refused(path):
-    write(path, make_system("lj"), [])
-    with kd.open(path) as run, pytest.raises(InputError, match=r"run\.h5md: holds no frame"):
-        run.universe()
-    with pytest.raises(InputError, match=r"run\.h5md: holds no frame"):
-        kd.export(path, path.with_suffix(".xyz"))
 
 
 # -- exports, read by the programs that they are for
@@ -185,15 +55,15 @@ def test_mdanalysis_reads_what_was_exported(path, suffix, units, unwrapped):
     done = kd.export(path, target, unwrapped=unwrapped, start=1, step=2)
     assert (done.path, done.frames, done.particles) == (target, len(written), N)
     nominal = units in ("lj", "nbody", "astro")
-    off = {".xtc": 1e-4 if nominal else 1e-2, ".pdb": 5.1e-4}.get(suffix, 2e-6)
+    off = {".xtc": 1e-4 if nominal else 1e-2, ".pdb": 5.1e-4}.get(suffix, 0)
     length, time = ANGSTROM.get(units, 1.0), PS.get(units, 1.0)
     with MDAnalysis.coordinates.core.reader(str(target), n_atoms=N) as found:
         assert len(found) == len(written)
         for ts, state in zip(found, written, strict=True):
             x = state.positions if unwrapped else state.wrapped()
-            np.testing.assert_allclose(ts.positions, x * length, rtol=0, atol=off)
+            np.testing.assert_allclose(ts.positions, x * length, rtol=0 if off else FLOAT32, atol=off or 5.1e-9)
             if suffix == ".trr":
-                np.testing.assert_allclose(ts.velocities, state.velocities * length / time, rtol=3e-7)
+                np.testing.assert_allclose(ts.velocities, state.velocities * length / time, rtol=FLOAT32)
             else:
                 assert not ts.has_velocities
             if suffix in (".dcd", ".xtc", ".trr"):
@@ -220,45 +90,54 @@ def test_mdanalysis_reads_what_was_exported(path, suffix, units, unwrapped):
 @pytest.mark.parametrize("units", UNITS)
 @pytest.mark.parametrize("suffix", READ_BY_ASE)
 def test_ase_reads_what_was_exported(path, suffix, units, unwrapped):
-    from ase.units import eV, fs, kg
+    from ase.units import eV, kg, m
+    from ase.units import s as second
 
     system = make_system(units)
     written = write(path, system)[:-1]
     kd.export(path, path.with_suffix(suffix), unwrapped=unwrapped, stop=-1)
     found = ase_io.read(path.with_suffix(suffix), ":")
     assert len(found) == len(written)
-    nominal = units in ("lj", "nbody", "astro")
-    length, time = ANGSTROM.get(units, 1.0), PS.get(units, 1.0)
+    # Of a unit of length, time and mass: in ASE's, by ASE's own constants. Nominal numbers stay as they are.
+    length, time, mass = {
+        "metal": (1e-10 * m, 1e-12 * second, constants.atomic_mass * kg),
+        "si": (m, second, kg),
+    }.get(units, (1.0, 1.0, 1.0))
     exact = suffix == ".traj"
+    rounded = {"rtol": 1e-13 if exact else 1e-12, "atol": 0 if exact else 5.1e-9}
     for atoms, state in zip(found, written, strict=True):
         x = state.positions if unwrapped else state.wrapped()
-        np.testing.assert_allclose(atoms.positions, x * length, rtol=1e-14, atol=1e-13 if exact else 5.1e-9)
-        v = state.velocities * length / time  # angstrom/ps; in nominal units the numbers stay
-        if not nominal:
-            kinetic = 0.5 * np.sum(state.masses[:, None] * state.velocities**2)  # in the run's units: u angstrom^2/ps^2
-            joule = kinetic * (1.0 if units == "si" else constants.atomic_mass * 1e4)
-            assert atoms.get_kinetic_energy() / eV == pytest.approx(joule / constants.e, rel=1e-7)
-            v = v / (1000 * fs)
-        else:
-            assert atoms.get_kinetic_energy() == pytest.approx(
-                0.5 * np.sum(state.masses[:, None] * state.velocities**2), rel=1e-8
-            )
-        np.testing.assert_allclose(atoms.get_velocities(), v, rtol=1e-12, atol=0 if exact else 1e-8)
-        np.testing.assert_allclose(
-            atoms.get_masses(), system.state.masses * (kg if units == "si" else 1), rtol=1e-7 if not exact else 1e-6
-        )
-        assert atoms.info["time"] == pytest.approx(state.time * time, rel=1e-12)
-        assert atoms.info["time_unit"] == (system.units.time if nominal else "ps")
+        np.testing.assert_allclose(atoms.positions, x * length, rtol=1e-14, atol=rounded["atol"])
+        # ASE's constants are CODATA's of 2014, which makes 5e-9 of a time.
+        np.testing.assert_allclose(atoms.get_velocities(), state.velocities * length / time, rtol=2e-8, atol=1e-8)
+        np.testing.assert_allclose(atoms.get_masses(), state.masses * mass, rtol=1e-7)
+        energy = 0.5 * np.sum(state.masses[:, None] * state.velocities**2) * mass * (length / time) ** 2
+        assert atoms.get_kinetic_energy() / eV == pytest.approx(energy, rel=1e-6)
+        assert (atoms.info["time"], atoms.info["time_unit"]) == (state.time, system.units.time)
         assert atoms.info["step"] == state.steps_done
         assert list(atoms.get_tags()) == system.species_index.tolist()
         assert atoms.info["species"] == list(system.species)
         assert atoms.info.get("names", []) == list(system.names)
-        assert list(atoms.symbols[:2]) == (["X", "X"] if nominal else ["Ar", "Kr"])
+        assert list(atoms.symbols[:2]) == (["Ar", "Kr"] if units in ("metal", "si") else ["X", "X"])
         assert list(atoms.pbc) == [system.box.periodic] * 3
         if system.box.periodic:
             np.testing.assert_allclose(atoms.cell.lengths(), [15, 16, 17.5], rtol=1e-14)
-        if suffix == ".extxyz":
-            np.testing.assert_allclose(atoms.arrays["velocities"], state.velocities * length / time, atol=5.1e-9)
+        if not exact:
+            np.testing.assert_allclose(atoms.arrays["velocities"], atoms.get_velocities(), atol=1e-8)
+
+
+@pytest.mark.parametrize("units", UNITS)
+def test_ase_makes_the_system_of_a_frame_again(path, units):
+    """What `System.from_ase` reads of an export is the run's own."""
+    system = make_system(units)
+    written = write(path, system)
+    kd.export(path, path.with_suffix(".traj"), unwrapped=True)
+    again = System.from_ase(ase_io.read(path.with_suffix(".traj"), 2), forces=[], units=units)
+    np.testing.assert_allclose(again.state.positions, written[2].positions, rtol=1e-14)
+    np.testing.assert_allclose(again.state.velocities, written[2].velocities, rtol=1e-14)
+    np.testing.assert_allclose(again.state.masses, written[2].masses, rtol=1e-14)
+    assert (again.species, again.names) == (system.species, system.names)
+    np.testing.assert_array_equal(again.species_index, system.species_index)
 
 
 @pytest.mark.parametrize("suffix", [".dcd", ".trr", ".xyz"])
@@ -267,7 +146,7 @@ def test_a_removed_body_is_nan_where_the_format_has_a_place_for_each(path, suffi
     first, last = states(system, (0, 20))
     write(path, system, [first, without(last, 4)], absorbed={4: -1})
     done = kd.export(path, path.with_suffix(suffix))
-    assert any("removed are NaN" in note for note in done.notes)
+    assert any("removed are kept as NaN" in note for note in done.notes)
     with MDAnalysis.coordinates.core.reader(str(path.with_suffix(suffix))) as found:
         assert np.flatnonzero(np.isnan(found[1].positions).any(axis=1)).tolist() == [4]
 
@@ -357,11 +236,20 @@ def test_pdb_refuses_what_its_columns_do_not_hold(path, monkeypatch):
     x[5, 1] = -1000.0
     system = System(x)
     write(path, system, [system.state])
-    with pytest.raises(InputError, match=r"particle 5: y = -1000 is beyond the columns of \.pdb"):
+    with pytest.raises(InputError, match=r"particle 5: y = -1000 is beyond the columns of \.pdb; export to"):
         kd.export(path, path.with_suffix(".pdb"))
+    for value, fits in ((-999.99949, False), (-999.999, True), (9999.9996, False), (9999.999, True)):
+        edge = System(np.full((1, 3), value))
+        write(path, edge, [edge.state])
+        if fits:
+            kd.export(path, path.with_suffix(".pdb"), overwrite=True)
+        else:
+            with pytest.raises(InputError, match=r"columns of \.pdb"):
+                kd.export(path, path.with_suffix(".pdb"), overwrite=True)
+    path.with_suffix(".pdb").unlink()
     many = System(np.zeros((100_000, 3)))
     write(path, many, [many.state])
-    with pytest.raises(InputError, match=r"has 100,000 particles, and a \.pdb has columns for 99,999"):
+    with pytest.raises(InputError, match=r"has 100,000 particles, and \.pdb has columns for 99,999"):
         kd.export(path, path.with_suffix(".pdb"))
     wide = System(np.zeros((3, 3)), box=(1e5, 10, 10))
     write(path, wide, [wide.state])
@@ -369,8 +257,8 @@ def test_pdb_refuses_what_its_columns_do_not_hold(path, monkeypatch):
         kd.export(path, path.with_suffix(".pdb"))
     system = make_system("lj")
     write(path, system)
-    monkeypatch.setattr(to_mdanalysis, "PDB_MODELS", 2)
-    with pytest.raises(InputError, match=r"5 frames, and a \.pdb numbers 2; --step 3 takes fewer"):
+    monkeypatch.setattr(to_mdanalysis.Pdb, "MODELS", 2)
+    with pytest.raises(InputError, match=r"5 frames, and \.pdb numbers 2; try --step 3"):
         kd.export(path, path.with_suffix(".pdb"))
     kd.export(path, path.with_suffix(".pdb"), step=3)
 
@@ -507,12 +395,28 @@ def test_the_command_says_once_what_is_lost(path, suffix, monkeypatch, capsys):
     assert told.out == f"out{suffix}: 3 frames of 12 particles\n"
     (line,) = told.err.splitlines()
     assert line.startswith(formats.losses(formats.FORMATS[suffix], nominal=True))
-    assert "positions are inside the box; sigma and tau stand as angstrom and ps" in line
+    units = "sigma, m and epsilon stand as angstrom, u and eV" if suffix in READ_BY_ASE else "sigma and tau stand as"
+    assert f"positions are inside the box; {units}" in line
     assert run() == 2
     told = capsys.readouterr()
     assert (told.out, len(told.err.splitlines())) == ("", 1)
     assert run("--overwrite", "--quiet", "--unwrapped", "--start", "-1") == 0
     assert capsys.readouterr() == (f"out{suffix}: 1 frame of 12 particles\n", "")
+
+
+@pytest.mark.parametrize("suffix", [".trr", ".traj"])
+def test_stored_images_and_compression_change_nothing(path, suffix):
+    written = write(path, make_system("lj"), write=("images",), compress=True)
+    for unwrapped in (True, False):
+        target = path.with_name(f"{unwrapped}{suffix}")
+        kd.export(path, target, unwrapped=unwrapped)
+        if suffix == ".traj":
+            found = [atoms.positions for atoms in ase_io.read(target, ":")]
+        else:
+            with MDAnalysis.coordinates.core.reader(str(target)) as reader:
+                found = [ts.positions.copy() for ts in reader]
+        for x, state in zip(found, written, strict=True):
+            np.testing.assert_allclose(x, state.positions if unwrapped else state.wrapped(), rtol=FLOAT32)
 
 
 def test_progress_goes_to_the_end(path):
@@ -534,3 +438,24 @@ def test_blocks_of_frames_are_read_in_order(path, monkeypatch):
         assert [atoms.info["step"] for atoms in found] == list(range(2, 101, step))
         for atoms, state in zip(found, written[2::step], strict=True):
             np.testing.assert_array_equal(atoms.positions, state.positions)
+
+
+# -- the page
+
+
+def test_the_page_shows_the_table_of_formats():
+    shown = [[cell.strip() for cell in line.split("|")[1:-1]] for line in PAGE.splitlines() if line.startswith("|")]
+    heading, _, *rows = shown
+    assert [heading, *rows] == formats.table()
+
+
+def test_the_python_of_the_page_runs(path, monkeypatch, capsys):
+    monkeypatch.chdir(path.parent)
+    write(path, make_system("lj"))
+    blocks = re.findall(r"```python\n(.*?)```", PAGE, flags=re.DOTALL)
+    names: dict = {"__name__": "page"}
+    exec(compile("\n".join(blocks), "docs/export.md", "exec"), names)
+    names["universe"].trajectory.close()
+    shown = capsys.readouterr().out.splitlines()
+    assert shown[0] == "5 frames, 0.1 from one to the next"
+    assert shown[-1] == f"3 frames; {formats.losses(formats.FORMATS['.trr'], nominal=True)}"

@@ -68,6 +68,17 @@ def test_elements_over_time_are_those_of_the_orbits(run):
         assert np.array_equal(of.orbits(opened, "heliocentric").elements.e, found.elements.e)
 
 
+def test_elements_as_a_table(run):
+    found, table = of.orbits(run), of.orbital_elements(run)
+    assert table.dtype.names == ("time", "body", "a", *found.elements._fields)
+    assert table.shape == (60 * 2,)
+    np.testing.assert_array_equal(table["body"], ["b", "c"] * 60)
+    np.testing.assert_array_equal(table["time"], np.repeat(found.times, 2))
+    np.testing.assert_array_equal(table["a"][table["body"] == "c"], found.elements.a[:, 1])
+    np.testing.assert_allclose(table["e"][table["body"] == "b"], 0.1, rtol=1e-9)
+    assert of.orbital_elements(run, "heliocentric", "invariable", most_frames=7).shape == (7 * 2,)
+
+
 def test_the_invariable_plane_is_that_of_the_angular_momentum(tmp_path):
     system = load("solar-system")
     s = system.state

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import weakref
 from pathlib import Path
 
 import h5py
@@ -264,3 +265,13 @@ def test_a_frames_state_is_taken_by_a_simulation(tmp_path):
         sim.run(20)
         np.testing.assert_array_equal(sim.state.phase, first.state.phase)
     assert third.time == pytest.approx(first.time, rel=1e-15)
+
+
+def test_a_run_that_nobody_has_any_more_is_gone_and_so_closed(file):
+    """At once, without the garbage collector: it and its slices make no circle."""
+    run = kd.open(file[0])
+    alive, part = weakref.ref(run), run[2:]
+    del run
+    part[0].positions
+    del part
+    assert alive() is None

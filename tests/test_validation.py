@@ -228,3 +228,16 @@ def test_leading_terms_in_rational_numbers(script):
     sim = kd.Simulation(kepler(eccentricity=0.0), "rk4", dt=0.05)
     gained = sim.run(1).energy.final + 0.5
     assert gained == pytest.approx(float(c) * 0.05**exponent, rel=0.01)
+
+
+@pytest.mark.filterwarnings("ignore::UserWarning")  # MDAnalysis guesses masses, and says so
+def test_the_file_for_mdanalysis_tests_is_its_reference(script, tmp_path):
+    MDAnalysis = pytest.importorskip("MDAnalysis")
+    script("mdanalysis_readers.py").write(tmp_path / "run.h5md")
+    universe = MDAnalysis.Universe(str(tmp_path / "run.h5md"))
+    first = np.arange(15.0).reshape(5, 3)
+    for frame, ts in enumerate(universe.trajectory):
+        np.testing.assert_array_equal(ts.positions, 2**frame * first)
+        np.testing.assert_allclose(ts.velocities, 2**frame * first / 10, rtol=1e-7)
+        assert ts.time == frame
+    universe.trajectory.close()

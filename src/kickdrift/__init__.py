@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from kickdrift.system import System
     from kickdrift.systemfile import load
     from kickdrift.trajectory.export import export
+    from kickdrift.trajectory.options import FileOptions
     from kickdrift.trajectory.reader import open
     from kickdrift.trajectory.restart import resume
 
@@ -53,6 +54,7 @@ _HOMES = {
     "DrivenField": "forces",
     "Energies": "observers",
     "Escape": "events",
+    "FileOptions": "trajectory.options",
     "Gravity": "forces",
     "GravityTree": "forces",
     "HarmonicTrap": "forces",
@@ -90,6 +92,7 @@ __all__ = [
     "DrivenField",
     "Energies",
     "Escape",
+    "FileOptions",
     "Gravity",
     "GravityTree",
     "HarmonicTrap",

@@ -31,6 +31,7 @@ from kickdrift.printing import (
 if TYPE_CHECKING:
     from kickdrift.report import Report
     from kickdrift.simulation import Simulation
+    from kickdrift.trajectory.options import FileOptions
 
 app = typer.Typer(
     name="kickdrift",
@@ -60,6 +61,10 @@ class Figures(StrEnum):
 
     orbits = "orbits"
     energies = "energies"
+    rdf = "rdf"
+    msd = "msd"
+    vacf = "vacf"
+    structure_factor = "structure-factor"
 
 
 class Lists(StrEnum):
@@ -118,6 +123,16 @@ def run(
     ] = None,
     output: Annotated[Path | None, typer.Option(metavar="FILE.h5md", help="Write the trajectory.")] = None,
     overwrite: OverwriteOption = False,
+    flush: Annotated[
+        float | None, typer.Option(metavar="SECONDS", help="Of frames that a kill costs at most (default 10).")
+    ] = None,
+    precision: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Of the frames: float64 (default), float32.")
+    ] = None,
+    compress: Annotated[bool, typer.Option("--compress", help="Compress the file at the end; lossless.")] = False,
+    write: Annotated[
+        str | None, typer.Option(metavar="NAMES", help="What else frames hold: forces, images, or forces,images.")
+    ] = None,
     seed: Annotated[int | None, typer.Option(metavar="S", min=0, help="Seed of the drawn velocities.")] = None,
     threads: ThreadsOption = 1,
     engine: Annotated[str, typer.Option(metavar="NAME", help="See: kickdrift list engines.")] = "native",
@@ -133,6 +148,8 @@ def run(
     if steps is not None and time is not None:
         raise InputError("give --steps or --time, not both")
     refuse_outputs({"output": output, "json": json_file}, overwrite)
+    given = {"flush": flush, "precision": precision, "compress": compress or None}
+    file = file_options(output, given | {"write": None if write is None else tuple(write.split(","))})
     chosen = load(system, seed)
 
     from kickdrift.simulation import Simulation
@@ -147,9 +164,20 @@ def run(
             wanted = chosen.equilibration
             sim.equilibrate(wanted.temperature, wanted.time, wanted.interval, bar("equilibrating"))
         report = sim.run(
-            **length, every=every, interval=interval, output=output, overwrite=overwrite, progress=bar("running")
-        )
+            **length, every=every, interval=interval, output=output, overwrite=overwrite, file=file,
+            progress=bar("running"),
+        )  # fmt: skip
     show(report, sim, output, json_file, quiet)
+
+
+def file_options(output: Path | None, given: dict[str, Any]) -> FileOptions | None:
+    """How the output is written; None where no option says so."""
+    from kickdrift.trajectory.options import FileOptions
+
+    asked = {key: value for key, value in given.items() if value is not None}
+    if asked and output is None:
+        raise InputError(f"--{next(iter(asked))}: says how --output is written; give that too")
+    return FileOptions(**asked) if asked else None
 
 
 @app.command()
@@ -371,8 +399,8 @@ def plot(
     ] = None,
     overwrite: OverwriteOption = False,
 ) -> None:
-    """Draw a run (its bodies' orbits and elements; or energies, error, temperature and radial distribution function),
-    or where integrators are stable."""
+    """Draw a run (its bodies' orbits and elements; or energies, error, temperature and radial distribution function;
+    or one observable with error bars), or where integrators are stable."""
     if stability and (file or kind):
         raise InputError("give FILE.h5md or --stability, not both")
     if stability:
@@ -384,9 +412,15 @@ def plot(
         from kickdrift.plots import plot_run
         from kickdrift.plots_orbits import has_orbits, plot_orbits
 
+        target = output or file.with_suffix(".png")
+        if kind not in (None, Figures.orbits, Figures.energies):
+            from kickdrift.plots_observables import plot_observable
+
+            print(plot_observable(file, str(kind), target, overwrite=overwrite))
+            return
         orbits = kind is Figures.orbits or (kind is None and has_orbits(file))
         draw = plot_orbits if orbits else plot_run
-        print(draw(file, output or file.with_suffix(".png"), overwrite=overwrite))
+        print(draw(file, target, overwrite=overwrite))
     else:
         raise InputError("give FILE.h5md, or --stability NAME for a figure of an integrator")
 

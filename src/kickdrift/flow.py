@@ -34,7 +34,9 @@ class ParticleFlow:
         self.name = system.name
         self.halves = 2
         self.forces = BoundForces(system, threads, jumps=jumps)
-        self._aside = BoundForces(system, threads)  # with lists of its own: looking must not change the run's
+        self._aside = BoundForces(
+            system, threads, thin=True
+        )  # with lists of its own: looking must not change the run's
         culprits = system.acting("velocity_dependent")
         self.not_separable = f"force {culprits[0]!r} depends on velocity" if culprits else None
 
@@ -87,9 +89,11 @@ class ParticleFlow:
         """f(t, y), without touching the run's own pair lists."""
         return self._looks.derivative(time, y)
 
-    def jacobian(self, time: float, y: Floats, f: Derivative | None = None) -> Floats:
-        """df_i / dy_j of the flattened y by central differences (of ``f``, where a run has its own); (N, N)."""
-        return difference_jacobian(f or self.derivative, time, y)
+    analytic = False  # the Jacobian
+
+    def jacobian(self, time: float, y: Floats) -> Floats:
+        """df_i / dy_j of the flattened y by central differences; (N, N)."""
+        return difference_jacobian(self._looks.derivative, time, y)
 
     def explain(self, y: Floats, before: Floats, good: Floats, step: int, time: float, good_step: int) -> str:
         """One line on what blew up; ``before`` (3, n) is where the particles stood a step before y."""
@@ -155,10 +159,15 @@ class ProblemFlow:
         """f(t, y)."""
         return self.forces.derivative(time, y)
 
-    def jacobian(self, time: float, y: Floats, f: Derivative | None = None) -> Floats:
+    @property
+    def analytic(self) -> bool:
+        """Whether the problem gives its Jacobian."""
+        return self.subject.jacobian is not None
+
+    def jacobian(self, time: float, y: Floats) -> Floats:
         """df_i / dy_j, analytic where the problem gives it; (n, n)."""
         if self.subject.jacobian is None:
-            return difference_jacobian(f or self.derivative, time, y)
+            return difference_jacobian(self.derivative, time, y)
         value = np.asarray(self.subject.jacobian(time, y.reshape(-1).copy()), dtype=float)
         return value.reshape(len(self.subject), -1)
 

@@ -235,7 +235,7 @@ def new_figure(width: float, height: float) -> Figure:
     return figure
 
 
-def new_axes(figure: Figure, place: tuple[int, int, int], sharey: Axes | None = None) -> Axes:
+def new_axes(figure: Figure, place: tuple[int, int, int | tuple[int, int]], sharey: Axes | None = None) -> Axes:
     axes = figure.add_subplot(*place, sharey=sharey)
     axes.set_facecolor("white")
     axes.grid(True, color=GRID, linewidth=0.6)

@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from kickdrift.integrators.exact import Lattice
     from kickdrift.problem import Problem
     from kickdrift.trajectory.h5md import Writer
+    from kickdrift.trajectory.options import FileOptions
 
 CHUNK_SECONDS = 0.1  # how long compiled code runs before Python looks for Ctrl-C
 
@@ -251,6 +252,7 @@ class Simulation:
         interval: float | None = None,
         output: str | os.PathLike[str] | None = None,
         overwrite: bool = False,
+        file: FileOptions | None = None,
         observe: Observer | None = None,
         progress: Callable[[int, int], Any] | None = None,
     ) -> Report:
@@ -258,7 +260,8 @@ class Simulation:
 
         Every ``every`` steps (counted from step 0), at the start and at the end the energies are sampled, a frame goes
         to ``output`` (a new .h5md file, or one that this Simulation began) and ``observe(sim)`` is called. An adaptive
-        run may ask for that at every ``interval`` of time instead; the steps do not change by it.
+        run may ask for that at every ``interval`` of time instead; the steps do not change by it. ``file`` says how the
+        output is written: how often it is flushed, its precision, compression, forces and images.
         ``progress(done, of)`` is called now and then. Ctrl-C ends the run cleanly with a KeyboardInterrupt: what was
         done stays done, and the file is whole.
 
@@ -279,7 +282,7 @@ class Simulation:
         self._prepare()
         if self._watching:
             self._watching.stopped = ""
-        with self._busy() as interrupted, self._writer(output, plan, overwrite) as writer:
+        with self._busy() as interrupted, self._writer(output, plan, overwrite, file) as writer:
             if self._watching:
                 self._watching.writer = writer
                 if writer:
@@ -296,6 +299,8 @@ class Simulation:
                 looked = self.steps_done == stop or self._stepper.time >= stop_time
                 if looked:
                     self._look(writer, observe)
+                elif writer:
+                    writer.flush_if_due()
                 if progress:
                     progress(*plan.progress(self))
             if not looked:
@@ -462,7 +467,8 @@ class Simulation:
             self._points = [*self._points, (self.time, self._now().copy(), self._stepper.last_step)][-WATCHED_POINTS:]
         if writer:
             acting = self._watching is not None and self._watching.acting
-            writer.append(self._last_good, sample.observables(taken=acting))
+            forces = self.forces() if "forces" in writer.writes else None
+            writer.append(self._last_good, sample.observables(taken=acting), forces=forces)
         if observe:
             observe(self)
 
@@ -477,8 +483,10 @@ class Simulation:
         if warning and warning not in self.record.warnings:
             self.record.warnings = [warning]
 
-    def _writer(self, output: Any, plan: Plan, overwrite: bool) -> Any:
+    def _writer(self, output: Any, plan: Plan, overwrite: bool, options: FileOptions | None) -> Any:
         if output is None:
+            if options is not None:
+                raise InputError("file: says how output is written, and there is none")
             return nullcontext()
         if not isinstance(self.system, System):
             raise InputError("output: a run's file holds particles, and a Problem has none; use observe")
@@ -486,7 +494,9 @@ class Simulation:
 
         path = os.path.abspath(output)
         if path in self._files and not overwrite and os.path.exists(path):
-            return Writer.append_to(path, self._files[path][0], checkpoint=self.checkpoint, plan=plan.numbers)
+            return Writer.append_to(
+                path, self._files[path][0], options=options, checkpoint=self.checkpoint, plan=plan.numbers
+            )
         method = {
             "integrator": self.integrator,
             "order": self.method.order,
@@ -499,8 +509,8 @@ class Simulation:
             "processor": processor(),
         }
         writer = Writer(
-            path, self.system, method=method, every=plan.every, overwrite=overwrite, checkpoint=self.checkpoint,
-            plan=plan.numbers,
+            path, self.system, method=method, every=plan.every, overwrite=overwrite, options=options,
+            checkpoint=self.checkpoint, plan=plan.numbers,
         )  # fmt: skip
         self._files[path] = (writer.run_id, plan.every)
         return writer

@@ -188,14 +188,14 @@ class System:
     ) -> System:
         """The System of an ``ase.Atoms``: positions, velocities, masses, box, species.
 
-        Units are ASE's angstrom, eV and u, and its time angstrom sqrt(u / eV), converted to ``units``; in the reduced
-        ones (lj, nbody) ASE's numbers stand as they are, an angstrom for one sigma and an eV for one epsilon.
+        Units are ASE's angstrom, eV, u, and its time angstrom sqrt(u / eV), converted to ``units``; in those that ASE
+        does not know (lj, nbody, astro) its numbers stand as they are: an angstrom is one sigma, an eV one epsilon.
 
         Parameters
         ----------
         atoms : ase.Atoms
             Open, or periodic along all axes with an orthorhombic cell. Tags, charges and magnetic moments are not
-            taken. Arrays "kinds", "names" and "radii", which `to_ase` writes, are species, names and radii.
+            taken, but for what `to_ase` and exported files say by them: species, and in the arrays "names" and "radii".
         forces : iterable of forces, in ``units``; default those of the calculator that the atoms carry, if it is ASE's
             LennardJones (shifted at its rc; not smooth) or kickdrift's
         units : the name of a unit system
@@ -215,7 +215,7 @@ class System:
         Parameters
         ----------
         symbols : {species: chemical symbol}; default the species itself where it is an element's, else ASE's "X", and
-            then the array "kinds" has the species
+            then the tags number those in ``info["species"]``
         calculator : whether the atoms are to carry a calculator that runs this system's forces
 
         Raises

@@ -10,13 +10,14 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from kickdrift.analysis.blocks import block_average
-    from kickdrift.analysis.motion import mean_squared_displacement, velocity_autocorrelation
+    from kickdrift.analysis.motion import Diffusion, mean_squared_displacement, velocity_autocorrelation
     from kickdrift.analysis.orbits import orbital_elements
     from kickdrift.analysis.pressure import pressure_tensor
     from kickdrift.analysis.structure import radial_distribution, structure_factor
 
 # No name here may be that of a module beside it: loading that module would put it in the function's place.
 _HOMES = {
+    "Diffusion": "motion",
     "block_average": "blocks",
     "mean_squared_displacement": "motion",
     "orbital_elements": "orbits",
@@ -27,6 +28,7 @@ _HOMES = {
 }
 
 __all__ = [
+    "Diffusion",
     "block_average",
     "mean_squared_displacement",
     "orbital_elements",

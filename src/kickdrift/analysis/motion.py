@@ -153,7 +153,6 @@ def mean_squared_displacement(
     remove_drift: bool = False,
     masses: ArrayLike | None = None,
     species: Sequence[str] | None = None,
-    frames: slice = slice(None),
 ) -> MeanSquaredDisplacement:
     """The mean squared displacement over all particles and all time origins, by fast Fourier transforms.
 
@@ -163,17 +162,16 @@ def mean_squared_displacement(
 
     Parameters
     ----------
-    source : a run, open or by its path, or unwrapped positions (frames, n, 3)
+    source : a run, open or by its path, or some of its frames, ``run[100::10]``; or unwrapped positions (frames, n, 3)
     times : (frames,) evenly spaced; with positions alone
     lags : how many; default a quarter of the frames
     of : the species to average over; default all particles
     remove_drift : take displacements relative to the centre of mass of all particles
     masses, species : (n,); with positions alone
-    frames : which, as a slice
 
     Raises InputError for frames that are not evenly spaced.
     """
-    found = vectors_of(source, "positions", frames, times=times, masses=masses, species=species)
+    found = vectors_of(source, "positions", times=times, masses=masses, species=species)
     return MeanSquaredDisplacement(*_correlation(found, lags, of, remove_drift, displacements=True))
 
 
@@ -186,14 +184,13 @@ def velocity_autocorrelation(
     remove_drift: bool = False,
     masses: ArrayLike | None = None,
     species: Sequence[str] | None = None,
-    frames: slice = slice(None),
 ) -> VelocityAutocorrelation:
     """The velocity autocorrelation function over all particles and all time origins, by fast Fourier transforms.
 
     Allen & Tildesley 2017, section 8.4, doi:10.1093/oso/9780198803195.001.0001. Parameters as those of
     ``mean_squared_displacement``, with velocities (frames, n, 3) for positions.
     """
-    found = vectors_of(source, "velocities", frames, times=times, masses=masses, species=species)
+    found = vectors_of(source, "velocities", times=times, masses=masses, species=species)
     return VelocityAutocorrelation(*_correlation(found, lags, of, remove_drift, displacements=False))
 
 
@@ -219,7 +216,7 @@ def _correlation(
     later = np.arange(number)
     terms = np.clip(count - later - starts[:, None], 0, (stops - starts)[:, None]) * int(members.sum())
     stretches = _Stretches(sums, terms)
-    return step * later, stretches.mean(), stretches.errors(), count, stretches
+    return step * later.astype(np.float64), stretches.mean(), stretches.errors(), count, stretches
 
 
 def _stretch(x: Floats, origins: int, lags: int, displacements: bool) -> Floats:

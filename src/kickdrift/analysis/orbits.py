@@ -79,18 +79,18 @@ def orbital_elements(
     plane: str = "file",
     most_frames: int | None = None,
 ) -> NDArray[np.void]:
-    """``orbits`` as a table: a structured array (frames x bodies,) whose columns are ``time``, ``body`` (a name) and
-    the elements by their names, body by body within a frame. A body that is gone has nan.
+    """``orbits`` as a table: a structured array (frames x bodies,) whose columns are ``time``, ``body`` (a name),
+    the semi-major axis ``a`` and the elements by their names, body by body within a frame. A body that is gone has nan.
 
     ``pandas.DataFrame(orbital_elements(run))`` is the same as a data frame. Parameters and errors as of ``orbits``.
     """
     found = orbits(run, frame, plane, most_frames)
     width = max(len(name) for name in found.names)
-    columns = [("time", "f8"), ("body", f"U{width}"), *((name, "f8") for name in Elements._fields)]
+    columns = [("time", "f8"), ("body", f"U{width}"), *((name, "f8") for name in ("a", *Elements._fields))]
     table = np.empty((len(found.times), len(found.names)), dtype=columns)
     table["time"], table["body"] = found.times[:, None], np.array(found.names)
-    for name, values in found.elements._asdict().items():
-        table[name] = values
+    for name in ("a", *Elements._fields):
+        table[name] = getattr(found.elements, name)
     return table.ravel()
 
 

@@ -18,6 +18,7 @@ from kickdrift.forces.pair_law import PairForce
 from kickdrift.state import Floats
 from kickdrift.system import System
 from kickdrift.trajectory import reader
+from kickdrift.trajectory.frames import Frames
 from kickdrift.trajectory.record import system_of
 
 
@@ -37,9 +38,7 @@ class PressureTensor(NamedTuple):
     pressure_error: float
 
 
-def pressure_tensor(
-    run: reader.Run | str | os.PathLike[str], system: System | None = None, *, frames: slice = slice(None)
-) -> PressureTensor:
+def pressure_tensor(run: Frames | str | os.PathLike[str], system: System | None = None) -> PressureTensor:
     """P = (sum of m v v + sum over pairs of r F) / V at the frames of a run in a periodic box.
 
     Allen & Tildesley 2017, eqs. 2.60 and 2.67, doi:10.1093/oso/9780198803195.001.0001, with velocities as they are, so
@@ -49,14 +48,13 @@ def pressure_tensor(
 
     Parameters
     ----------
-    run : open, or by its path
+    run : open or by its path, or some of its frames, ``run[::10]``
     system : whose forces act; default the run's own, from the file
-    frames : which, as a slice
 
     Raises InputError for an open box, or where a force is neither between pairs nor a field.
     """
-    positions = vectors_of(run, "positions", frames)
-    velocities = vectors_of(run, "velocities", frames)
+    positions = vectors_of(run, "positions")
+    velocities = vectors_of(run, "velocities")
     assert isinstance(positions.source, reader.Run)
     assert positions.times is not None
     system = system_of(positions.source) if system is None else system

@@ -96,8 +96,7 @@ def _stiffness(flow: Flow, time: float, y: Floats, step: float | None) -> Stiffn
     if not np.isfinite(jacobian).all():
         raise InputError(f"stiffness: the Jacobian at t = {time:.6g} is not finite")
     eigenvalues = np.sort_complex(np.linalg.eigvals(jacobian))
-    differences = isinstance(flow, ParticleFlow) or flow.subject.jacobian is None
-    error = DIFFERENCES if differences else 10 * float(np.finfo(float).eps)
+    error = 10 * float(np.finfo(float).eps) if flow.analytic else DIFFERENCES
     return Stiffness(time, eigenvalues, error * float(np.linalg.norm(jacobian, 2)), step)
 
 

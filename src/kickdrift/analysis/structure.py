@@ -49,7 +49,6 @@ def radial_distribution(
     *,
     pair: tuple[str, str] | None = None,
     species: Sequence[str] | None = None,
-    frames: slice = slice(None),
 ) -> RadialDistribution:
     """The radial distribution function g(r) of particles in a periodic box, averaged over frames.
 
@@ -60,17 +59,17 @@ def radial_distribution(
 
     Parameters
     ----------
-    source : a run, open or by its path, or positions (n, 3) or (frames, n, 3), wrapped or not
+    source : a run, open or by its path, or some of its frames, ``run[100::10]``; or positions (n, 3) or (frames, n, 3),
+        wrapped or not
     box : three edge lengths, or a periodic Box; with positions alone
     r_max : largest distance, by default half the shortest edge, which it cannot pass
     bins : number of bins of equal width between 0 and r_max
     pair : two species, of which the first looks at the second; default all particles, whatever they are
     species : (n,) names; with positions alone
-    frames : which, as a slice
 
     Raises InputError for an open box, an r_max beyond half the shortest edge, or a species that is not there.
     """
-    found = vectors_of(source, "positions", frames, box=box, species=species)
+    found = vectors_of(source, "positions", box=box, species=species)
     lengths = _lengths(found, "radial_distribution")
     if bins < 1:
         raise InputError(f"radial_distribution: expected one bin or more, got {bins}")
@@ -104,7 +103,6 @@ def structure_factor(
     width: float | None = None,
     *,
     vectors: ArrayLike | None = None,
-    frames: slice = slice(None),
 ) -> StructureFactor:
     """The static structure factor S(k) = <|sum of exp(-i k·r)|²> / n on the wave vectors that fit a periodic box.
 
@@ -115,14 +113,14 @@ def structure_factor(
 
     Parameters
     ----------
-    source : a run, open or by its path, or positions (n, 3) or (frames, n, 3), wrapped or not
+    source : a run, open or by its path, or some of its frames, ``run[100::10]``; or positions (n, 3) or (frames, n, 3),
+        wrapped or not
     box : three edge lengths, or a periodic Box; with positions alone
     k_max : largest |k|; default 3π over the mean distance (V/n)^(1/3), beyond the first peak of a liquid
-    width : of the shells; default 2π over the longest edge
+    width : of the shells; default π over the longest edge
     vectors : (m, 3) whole numbers a, b, c; each is then a shell of its own, in the order given
-    frames : which, as a slice
     """
-    found = vectors_of(source, "positions", frames, box=box)
+    found = vectors_of(source, "positions", box=box)
     unit = 2 * np.pi / np.array(_lengths(found, "structure_factor"))
     if vectors is None:
         wanted, shell, shells = _shells(found, unit, k_max, width)
@@ -166,7 +164,7 @@ def _shells(
     """Half of the vectors (m, 3) up to k_max, of each k and -k one; the shell of each; how many shells."""
     mean_distance = (found.box.volume / found.particles) ** (1 / 3)
     largest = REACH * 2 * math.pi / mean_distance if k_max is None else float(k_max)
-    step = float(unit.min()) if width is None else float(width)
+    step = float(unit.min()) / 2 if width is None else float(width)
     if not (math.isfinite(largest) and largest >= unit.min()):
         raise InputError(f"structure_factor: k_max = {largest:g} is below the smallest wave vector, {unit.min():g}")
     if not (math.isfinite(step) and step > 0):

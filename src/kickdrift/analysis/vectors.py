@@ -14,10 +14,11 @@ from kickdrift.box import Box
 from kickdrift.errors import InputError
 from kickdrift.state import Floats
 from kickdrift.trajectory import reader
+from kickdrift.trajectory.frames import Frames
 
 PIECE_BYTES = 64 * 2**20  # of positions or velocities that are in memory at once
 Quantity = Literal["positions", "velocities"]
-Source = reader.Run | str | os.PathLike[str] | ArrayLike
+Source = Frames | str | os.PathLike[str] | ArrayLike
 
 
 @dataclass(frozen=True)
@@ -86,7 +87,7 @@ class Vectors:
             k = int(wrong[0]) if wrong.size else 0
             raise InputError(
                 f"frames are not evenly spaced in time: {gaps[k]:.6g} after frame {self.chosen[k]}, {gaps[0]:.6g} "
-                "after the first; choose even ones with frames=slice(start, stop, step)"
+                "after the first; choose even ones, as run[start:stop:step]"
             )
         return step
 
@@ -109,33 +110,33 @@ class Vectors:
 def vectors_of(
     source: Source,
     what: Quantity,
-    frames: slice = slice(None),
     *,
     times: ArrayLike | None = None,
     box: Box | Sequence[float] | None = None,
     masses: ArrayLike | None = None,
     species: Sequence[str] | None = None,
 ) -> Vectors:
-    """The chosen frames of a run, open or by its path, or of an array (frames, n, 3) or (n, 3).
+    """Those of a run, open or by its path, of some of its frames (``run[100::10]``), or of an array (frames, n, 3) or
+    (n, 3).
 
     What an array comes with is given beside it: times, box, masses (default equal), species (default one, "A"); a run
-    has its own. A last frame that a run's end wrote nearer to the one before than the others are is left out where
-    ``frames`` does not choose.
+    has its own. Of a whole run a last frame that its end wrote nearer to the one before than the others are is left
+    out.
     """
-    if (frames.step or 1) < 1:
-        raise InputError(f"frames: expected a slice that goes forward, got a step of {frames.step}")
     if isinstance(source, str | os.PathLike):
         source = reader.open(source)  # closed when nobody refers to it any more
-    if isinstance(source, reader.Run):
+    if isinstance(source, Frames):
         if any(given is not None for given in (times, box, masses, species)):
             raise InputError("times, box, masses, species: a run has its own; give them with arrays alone")
-        chosen = np.arange(len(source))[frames]
-        if frames == slice(None) and len(chosen) > 3 and np.ptp(gaps := np.diff(source.steps)) > 0:
+        run, chosen = source.run, np.array(source.rows, dtype=np.int64)
+        if source.rows.step < 0:
+            raise InputError("frames: expected a slice of the run that goes forward")
+        if source is run and len(chosen) > 3 and np.ptp(gaps := np.diff(run.steps)) > 0:
             chosen = chosen[:-1] if np.ptp(gaps[:-1]) == 0 and gaps[-1] < gaps[0] else chosen
-        names = np.array(source.species)[source.species_index]
-        found = Vectors(what, source, chosen, source.times[chosen], source.box, source.masses, names)
+        names = np.array(run.species)[run.species_index]
+        found = Vectors(what, run, chosen, run.times[chosen], run.box, run.masses, names)
     else:
-        found = _of_array(np.asarray(source, dtype=float), what, frames, times, box, masses, species)
+        found = _of_array(np.asarray(source, dtype=float), what, times, box, masses, species)
     if not len(found):
         raise InputError(f"{what}: there is no frame among those chosen")
     return found
@@ -144,7 +145,6 @@ def vectors_of(
 def _of_array(
     array: Floats,
     what: Quantity,
-    frames: slice,
     times: ArrayLike | None,
     box: Box | Sequence[float] | None,
     masses: ArrayLike | None,
@@ -153,7 +153,7 @@ def _of_array(
     array = array[np.newaxis] if array.ndim == 2 else array
     if array.ndim != 3 or array.shape[2] != 3 or array.shape[1] < 1:
         raise InputError(f"{what}: expected shape (frames, n, 3) with n >= 1, got {array.shape}")
-    chosen = np.arange(len(array))[frames]
+    chosen = np.arange(len(array))
     n = array.shape[1]
     clock = None if times is None else np.asarray(times, dtype=float)
     if clock is not None and clock.shape != array.shape[:1]:
@@ -164,4 +164,4 @@ def _of_array(
     names = np.full(n, "A") if species is None else np.array([str(name) for name in species])
     if names.shape != (n,):
         raise InputError(f"species: expected {n}, one for each particle, got {len(names)}")
-    return Vectors(what, array, chosen, None if clock is None else clock[chosen], Box.of(box), m, names)
+    return Vectors(what, array, chosen, clock, Box.of(box), m, names)

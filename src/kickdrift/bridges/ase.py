@@ -1,8 +1,8 @@
 """ASE's Atoms and a System, each in its own units, and an ASE calculator that runs our forces.
 
-ASE's numbers are angstrom, eV and u, so that its unit of time is angstrom sqrt(u / eV), 10.18 fs. In the real unit
-systems (metal, si, astro) they are converted; in the reduced ones (lj, nbody) they are taken as they stand, as ASE's
-own Lennard-Jones examples do: an angstrom is one sigma, an eV one epsilon, a u one m and ASE's unit of time one tau.
+ASE's numbers are angstrom, eV and u, so that its unit of time is angstrom sqrt(u / eV), 10.18 fs. In ``metal`` and
+``si`` they are converted; in ``lj``, ``nbody`` and ``astro`` they are taken as they stand, as ASE's own Lennard-Jones
+examples do and as our files do: an angstrom is one sigma, an eV one epsilon, a u one m, ASE's unit of time one tau.
 
 Velocities are converted so that m v^2 is the same energy on both sides, with the constants of ``kickdrift.units``.
 ASE's fs comes from CODATA 2014, so times differ from those of ``ase.units`` by 5e-9, relative.
@@ -20,16 +20,18 @@ from ase.calculators.calculator import Calculator as AseCalculator
 from ase.calculators.calculator import all_changes
 from ase.calculators.lj import LennardJones as AseLennardJones
 from ase.data import atomic_numbers
+from ase.stress import full_3x3_to_voigt_6_stress
 
 from kickdrift.blow_up import nearest_pair
 from kickdrift.errors import InputError, RunError
 from kickdrift.forces import LennardJones
 from kickdrift.state import Floats
 from kickdrift.system import System
+from kickdrift.trajectory.layout import FileUnits
 from kickdrift.units import UnitSystem, quantity, shown, unit_system
 
-KINDS, NAMES, RADII = "kinds", "names", "radii"  # arrays of Atoms for what ASE has no place for
-UNKNOWN = "X"  # ASE's symbol of what is no element
+NAMES, RADII = "names", "radii"  # arrays of Atoms for what ASE has no place for
+UNKNOWN = "X"  # ASE's symbol of what is no element; info["species"] then says what, by the atoms' tags
 SQUARE = 1e-12  # of a cell vector's length: what it may lean by, which is rounding
 
 
@@ -47,8 +49,8 @@ class Scale(NamedTuple):
 
     @classmethod
     def of(cls, units: UnitSystem) -> Scale:
-        """All 1 in the reduced systems."""
-        if units.reduced:
+        """All 1 where ASE does not know the units."""
+        if FileUnits.of(units).nominal:
             return cls(1.0, 1.0, 1.0, 1.0)
         given = {"length": "angstrom", "energy": "eV", "mass": "u"}
         length, energy, mass = (
@@ -78,8 +80,6 @@ def _system(atoms: Any, forces: Iterable[Any] | None, units: str | UnitSystem, s
     if stray.size:
         raise InputError(f"atoms: atom {stray[0]} has a momentum and no mass, so that its velocity is not known")
     velocities = np.divide(momenta, masses[:, None], out=np.zeros_like(momenta), where=masses[:, None] != 0)
-    if species is None:
-        species = arrays[KINDS].tolist() if KINDS in arrays else atoms.get_chemical_symbols()
     return System(
         atoms.positions * scale.length,
         velocities * scale.velocity,
@@ -87,11 +87,26 @@ def _system(atoms: Any, forces: Iterable[Any] | None, units: str | UnitSystem, s
         _box(atoms, scale),
         _forces_of(atoms, units, scale) if forces is None else forces,
         units,
-        list(species),
+        _species(atoms) if species is None else list(species),
         atoms.get_chemical_formula(),
-        names=arrays[NAMES].tolist() if NAMES in arrays else (),
+        names=_names(atoms),
         radii=arrays[RADII] * scale.length if RADII in arrays else None,
     )
+
+
+def _species(atoms: Any) -> list[str]:
+    """The chemical symbols; of atoms X, what an export or `atoms_of` has written beside them."""
+    symbols, known = atoms.get_chemical_symbols(), list(atoms.info.get("species", ()))
+    return [
+        str(known[tag]) if symbol == UNKNOWN and 0 <= tag < len(known) else symbol
+        for symbol, tag in zip(symbols, atoms.get_tags(), strict=True)
+    ]
+
+
+def _names(atoms: Any) -> list[str]:
+    """Of the bodies; an exported file has them in ``info``."""
+    names = list(atoms.arrays.get(NAMES, atoms.info.get(NAMES, ())))
+    return names if len(names) == len(atoms) else []
 
 
 def _box(atoms: Any, scale: Scale) -> list[float] | None:
@@ -160,8 +175,9 @@ def atoms_of(system: System, symbols: Mapping[str, str] | None = None, calculato
         cell=None if lengths is None else np.array(lengths) / scale.length,
         pbc=system.box.periodic,
     )
-    if any(symbol[kind] != kind for kind in system.species):
-        atoms.set_array(KINDS, np.array(kinds))
+    if UNKNOWN in symbol.values():
+        atoms.set_tags(system.species_index)
+        atoms.info["species"] = list(system.species)
     if system.names:
         atoms.set_array(NAMES, np.array(system.names))
     if system.radii is not None:
@@ -174,8 +190,9 @@ def atoms_of(system: System, symbols: Mapping[str, str] | None = None, calculato
 class Calculator(AseCalculator):
     """An ASE calculator that runs forces of kickdrift: ``atoms.calc = Calculator([kd.LennardJones(cutoff=8.5)])``.
 
-    It gives ``energy`` in eV and ``forces`` (n, 3) in eV/angstrom. What is compiled for the forces and their pair lists
-    are kept from call to call, and made anew only where cell, elements or masses change.
+    It gives ``energy`` in eV, ``forces`` (n, 3) in eV/angstrom and, of a periodic cell, ``stress`` (xx, yy, zz, yz, xz,
+    xy) in eV/angstrom^3: minus the sum over pairs of r F, over the volume. What is compiled for the forces and their
+    pair lists are kept from call to call, and made anew only where cell, elements or masses change.
 
     Parameters
     ----------
@@ -193,7 +210,7 @@ class Calculator(AseCalculator):
         Where the forces are not finite.
     """
 
-    implemented_properties = ["energy", "free_energy", "forces"]  # noqa: RUF012
+    implemented_properties = ["energy", "free_energy", "forces", "stress"]  # noqa: RUF012
     nolabel = True
 
     def __init__(self, forces: Iterable[Any], units: str | UnitSystem = "metal", threads: int = 1) -> None:
@@ -232,3 +249,12 @@ class Calculator(AseCalculator):
         energy = measured.potential / self._scale.energy
         forces: Floats = (measured.accelerations * self._system.coherent_masses).T / self._scale.force
         self.results = {"energy": energy, "free_energy": energy, "forces": np.ascontiguousarray(forces)}
+        if "stress" in properties:
+            self.results["stress"] = self._stress(self._system, x.T)
+
+    def _stress(self, system: System, x: Floats) -> Floats:
+        """(6,) of particles that stand still at x, in Voigt's order."""
+        from kickdrift.analysis.pressure import instantaneous_pressure
+
+        pressure = instantaneous_pressure(system, x, np.zeros_like(x))
+        return -full_3x3_to_voigt_6_stress(pressure) / (self._scale.energy / self._scale.length**3)

@@ -2,7 +2,7 @@
 
 A Simulation without units has plain numbers, as ``nbody`` has; AU, yr and Msun are ``astro`` and m, s and kg ``si``;
 other units of rebound's keep their names in a reduced unit system. G is always the Simulation's own, to the bit: its
-39.4769264214 au^3/(msun yr^2) is 7.5e-12 less than that of ``astro``.
+39.4769264214 au^3/(msun yr^2) is 7.5e-12 more than that of ``astro``.
 """
 
 from __future__ import annotations

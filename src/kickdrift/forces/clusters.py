@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.box import Box
-from kickdrift.forces.compiling import jit
+from kickdrift.forces.compiling import jit, strict
 from kickdrift.forces.simd import WIDTH, aligned, lane_max, lane_sum, load, select, splat, store
 
 # slots of `ClusterList.counts`
@@ -101,9 +101,10 @@ def cluster_list(n: int, box: Box, cutoff: float, room: int | None = None) -> Cl
     )
 
 
-@jit
+@strict
 def sort(pairs, x):
-    """Columns, order in z (ids break ties), clusters, padding, and each cluster's bounding box."""
+    """Columns, order in z (ids break ties), clusters, padding, and each cluster's bounding box; operation by operation,
+    so that particles on an edge stand in the same column wherever this was compiled."""
     n = pairs.order.size
     order, column, first, offset = pairs.order, pairs.column, pairs.column_clusters, pairs.offset
     low, extent = wrap(pairs, x)
@@ -139,7 +140,7 @@ def sort(pairs, x):
     pairs.counts[N_CLUSTERS] = cluster
 
 
-@jit
+@strict
 def wrap(pairs, x):
     """The whole edges to take off each position; the lowest corner and the extent of what is left."""
     n, offset = x.shape[1], pairs.offset
@@ -158,7 +159,7 @@ def wrap(pairs, x):
     return low, extent
 
 
-@jit
+@strict
 def columns(n, extent):
     """Numbers of columns along x and y: about as wide as a cluster of eight is high, and no more than clusters."""
     width = (extent[0] * extent[1] * extent[2] * WIDTH / n) ** (1.0 / 3.0)

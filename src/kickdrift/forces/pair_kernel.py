@@ -50,6 +50,9 @@ if TYPE_CHECKING:
     from kickdrift.system import System
 
 
+THIN = 1e-3  # of the cutoff: a skin for rounding
+
+
 class Tables(NamedTuple):
     """Numbers per pair of species, spread over the slots: ``law[k, species of i, slot of j]`` for the k-th
     parameter."""
@@ -120,6 +123,10 @@ class PairKernel(_Addresses):
     def pairs(self) -> ClusterList:
         """The list."""
         return self.parts.pairs
+
+    def with_list(self, **changes: Any) -> PairKernel:
+        """The same force with these parts of its list changed."""
+        return PairKernel.of(self.parts._replace(pairs=self.pairs._replace(**changes)))
 
     def remake(self, built_at: Floats, pruned_at: Floats) -> int:
         """Make the list that was made at positions ``built_at`` (3, n) and last pruned where its ``inner_reference``
@@ -440,11 +447,21 @@ def grown(bound: Any) -> Any:
     return with_room(bound, int(1.3 * pairs.counts[ROOM_NEEDED]))
 
 
+def thinned(bound: Any) -> Any:
+    """The bound force with a list for one set of positions: its skins are for rounding, and for differences of
+    Jacobians, alone."""
+    if not isinstance(bound, PairKernel):
+        return bound
+    pairs = bound.pairs
+    skin = min(THIN * pairs.cutoff, pairs.inner_skin)
+    return bound.with_list(inner_skin=skin, outer_skin=skin)
+
+
 def with_room(bound: PairKernel, room: int) -> PairKernel:
     """The bound force with empty lists of so many entries a chunk."""
     pairs = bound.pairs
     outer, inner = (np.empty((len(pairs.made), room), np.int32) for _ in range(2))
-    return PairKernel.of(bound.parts._replace(pairs=pairs._replace(outer=outer, inner=inner)))
+    return bound.with_list(outer=outer, inner=inner)
 
 
 def memory(bound: PairKernel) -> dict[str, Any]:

@@ -11,7 +11,6 @@ import numpy as np
 from scipy import integrate
 from scipy.linalg import LinAlgError
 
-from kickdrift.flow import ParticleFlow
 from kickdrift.forces.kernel import BLOWN_UP, OK
 from kickdrift.integrators.step_control import check_tolerances
 from kickdrift.integrators.stepping import STOPPED, Counts, Options
@@ -53,7 +52,7 @@ class SciPyStepper(PythonStepper):
         check_tolerances(self.rtol, self.atol)
         check_unknowns(method.name, flow)
         self._method, self._first = method, options.dt
-        self._analytic = not isinstance(flow, ParticleFlow) and flow.subject.jacobian is not None
+        self._analytic = flow.analytic
         self._jacobians_before = 0
 
     def _forget(self) -> None:

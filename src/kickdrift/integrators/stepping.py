@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from kickdrift.forces.evaluate import EVALUATIONS, SLOTS
 from kickdrift.integrators.loops import REJECTED, STEP
-from kickdrift.memory import Memory, Remembering
+from kickdrift.memory import Memory, Remembering, by_value
 from kickdrift.state import Floats
 
 if TYPE_CHECKING:
@@ -125,7 +125,7 @@ class Resumable(Remembering):
 
     def memory(self: Any) -> Memory:
         """See Stepper."""
-        point = {"y": self.y.copy(), "time": self.time, "steps_done": self.steps_done}
+        point = {"y": by_value(self.y), "time": by_value(self.time), "steps_done": self.steps_done}
         return {**point, **Remembering.memory(self), "forces": self._lists.memory() if self._lists else []}
 
     def recall(self: Any, memory: Memory) -> None:

@@ -61,7 +61,7 @@ class WisdomHolmanStepper(Regular):
         self._jacobi, self._compensated = options.coordinates == JACOBI, options.compensated
         others = system.under(force for force in system.forces if not isinstance(force, Gravity))
         self._others = BoundForces(others, flow.forces.threads)
-        self._looks = BoundForces(others, flow.forces.threads)  # for the corrector of what is looked at
+        self._looks = BoundForces(others, flow.forces.threads, thin=True)  # for the corrector of what is looked at
         drift, kick = np.array(table.drift), np.array([*table.kick, 0.0])
         passed = np.cumsum(drift)
         begin = np.array([drift, kick, passed])

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import json
 import zlib
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import h5py
@@ -37,12 +38,6 @@ class Stored(NamedTuple):
     def size(self) -> int:
         """The bytes that it takes in a file, tables left out."""
         return len(self.data) + ROW_BYTES
-
-    @property
-    def room(self) -> int:
-        """The most bytes that it can take: whole chunks, and HDF5's tables."""
-        chunks = len(self.data) // BYTES_CHUNK + 2
-        return chunks * (BYTES_CHUNK + 128) + 2 * ROWS_CHUNK * ROW_BYTES
 
 
 def encoded(checkpoint: Checkpoint) -> bytes:
@@ -123,8 +118,9 @@ class Table:
             raise InputError(f"{self._path}: damaged: the checkpoint of step {self._group['step'][row]} has changed")
         return decoded(data)
 
-    def add(self, stored: Stored) -> None:
-        """Write one more and flush. Doing it again after an interrupt does no harm."""
+    def add(self, stored: Stored, commit: Callable[[], None]) -> None:
+        """Write one more; ``commit`` brings to the disk what was written so far. Doing it again after an interrupt does
+        no harm."""
         group, row = self._group, self.rows
         begin = int(group["end"][row - 1]) if row else 0
         end = begin + len(stored.data)
@@ -133,19 +129,21 @@ class Table:
         group["data"][begin:end] = np.frombuffer(stored.data, "u1")
         group["end"][row], group["crc32"][row] = end, zlib.crc32(stored.data)
         group["step"][row], group["time"][row] = stored.step, stored.time
-        group.file.flush()
+        commit()
         group["committed"][0] = row + 1
-        group.file.flush()
+        commit()
         self.rows += 1
 
-    def cut(self) -> None:
-        """Drop what a kill left behind the last whole one."""
-        group = self._group
+    def cut(self) -> bool:
+        """Drop what a kill left behind the last whole one; whether there was any. See `Rows.cut`."""
+        group, found = self._group, False
         size = int(group["end"][self.rows - 1]) if self.rows else 0
         for name in ("data", "end", "step", "time", "crc32"):
             wanted = size if name == "data" else self.rows
             if group[name].shape[0] > wanted:
                 group[name].resize(wanted, axis=0)
+                found = True
+        return found
 
 
 def new_table(file: h5py.File) -> None:

@@ -6,10 +6,9 @@ import contextlib
 import os
 from pathlib import Path
 
-import h5py
-
 from kickdrift.errors import InputError
 from kickdrift.trajectory.layout import SUFFIX
+from kickdrift.trajectory.storage import PagedFile, in_use
 
 
 def create(path: Path, image: bytes, *, overwrite: bool) -> Path:
@@ -24,8 +23,8 @@ def create(path: Path, image: bytes, *, overwrite: bool) -> Path:
     if path.exists():
         if not overwrite:
             raise InputError(f"{path}: exists already; pass --overwrite (overwrite=True) to replace it")
-        open_to_write(path, cache_bytes=0, only_try=True)
-    temporary = folder / f".{path.name}.{os.getpid()}.part"
+        _refuse_in_use(path)
+    temporary = part_of(path)
     try:
         temporary.write_bytes(image)
         if overwrite:
@@ -42,6 +41,20 @@ def create(path: Path, image: bytes, *, overwrite: bool) -> Path:
     return path
 
 
+def part_of(path: Path) -> Path:
+    """Where a file of that name comes into being."""
+    return path.with_name(f".{path.name}.{os.getpid()}.part")
+
+
+def _refuse_in_use(path: Path) -> None:
+    try:
+        PagedFile(path).close()
+    except BlockingIOError:
+        raise in_use(path) from None
+    except OSError:  # no permission to write to it, say: whether it can be replaced is the folder's affair
+        pass
+
+
 def _link(temporary: Path, path: Path) -> None:
     """Give the file its name unless another has it, in one act where the file system has hard links."""
     try:
@@ -52,22 +65,3 @@ def _link(temporary: Path, path: Path) -> None:
         if path.exists():
             raise FileExistsError from None
         os.replace(temporary, path)
-
-
-def open_to_write(path: Path, *, cache_bytes: int, only_try: bool = False) -> h5py.File:
-    """The file, open and locked; an InputError if another program has it. ``only_try`` closes it again at once."""
-    try:
-        file = h5py.File(path, "r+", libver="earliest", locking="best-effort", rdcc_nbytes=cache_bytes)
-    except BlockingIOError:
-        raise in_use(path) from None
-    except OSError as error:
-        if only_try:  # not HDF5, or broken: nothing that a run could be writing to
-            return None
-        raise InputError(f"{path}: cannot be opened for writing: {error}") from None
-    if only_try:
-        file.close()
-    return file
-
-
-def in_use(path: Path) -> InputError:
-    return InputError(f"{path}: is open in another program or run; it cannot be written to until that lets go")

@@ -15,8 +15,6 @@ from kickdrift.outputs import checked_target, written_whole
 from kickdrift.state import Floats
 from kickdrift.trajectory import reader
 from kickdrift.trajectory.formats import FORMATS, losses
-from kickdrift.trajectory.layout import TRAJECTORY, FileUnits
-from kickdrift.trajectory.universe import spacing
 
 BLOCK_FRAMES, BLOCK_BYTES = 32, 64 * 2**20  # read at once: the frames of a chunk, unless they are large
 _WRITERS = {"MDAnalysis": "to_mdanalysis", "ASE": "to_ase"}
@@ -32,25 +30,15 @@ class Exported(NamedTuple):
     notes: tuple[str, ...]
 
 
-class Stored(NamedTuple):
-    """A frame as the file has it, in angstrom and ps, which in nominal units stand for the run's own."""
-
-    number: int
-    step: int
-    time: float
-    positions: Floats
-    velocities: Floats
-
-
-class Frames:
-    """The frames of a run that were chosen, in order; can be gone through more than once.
+class Chosen:
+    """The frames of a run that are to be exported, in order; can be gone through more than once.
 
     Attributes
     ----------
     run : Run
-    indices : range
-    dt, even : time between frames in ps, the mean where it is not even
-    edges : (3,) of the box in angstrom, or None
+    frames : Frames
+    first, every : int
+        The number of the first frame, and from one to the next.
     unwrapped : bool
     """
 
@@ -58,37 +46,39 @@ class Frames:
         if step is not None and step < 1:
             raise InputError(f"step: expected a whole number of frames, 1 or more, got {step}")
         self.run, self.unwrapped = run, unwrapped
-        self.indices = range(*slice(start, stop, step).indices(len(run)))
-        if not self.indices:
+        self.first, _, self.every = slice(start, stop, step).indices(len(run))
+        self.frames = run[start:stop:step]
+        if not self.frames:
             which = "holds no frame" if not len(run) else f"has {len(run)} frames, none of them in start:stop"
             raise InputError(f"{run.path}: {which}")
-        self.units = FileUnits.of(run.units)
-        self.dt, self.even = spacing(run, self.indices)
-        self.edges = None if run.box.lengths is None else np.array(run.box.lengths) * self.units.length
 
     def __len__(self) -> int:
-        return len(self.indices)
+        return len(self.frames)
 
-    def __iter__(self) -> Iterator[Stored]:
-        run, file = self.run, self.run._file[TRAJECTORY]
-        block = max(1, min(BLOCK_FRAMES // self.indices.step, BLOCK_BYTES // (48 * len(run.ids))))
-        for first in range(0, len(self), block):
-            part = self.indices[first : first + block]
-            rows = slice(part.start, part[-1] + 1, part.step)
-            x, v = (np.asarray(file[name]["value"][rows], "f8") for name in ("position", "velocity"))
-            for k, index in enumerate(part):
-                time = float(run.times[index]) * self.units.time
-                yield Stored(index, int(run.steps[index]), time, self._placed(x[k]), v[k])
+    def __iter__(self) -> Iterator[Placed]:
+        size = max(1, min(BLOCK_FRAMES // self.every, BLOCK_BYTES // (48 * len(self.run.ids))))
+        for start in range(0, len(self), size):
+            block = self.frames[start : start + size]
+            x, v = (np.asarray(each, "f8") for each in (block.positions, block.velocities))
+            for k in range(len(block)):
+                place = x[k] if self.unwrapped else self.run.box.wrap(x[k])
+                number = self.first + (start + k) * self.every
+                yield Placed(number, int(block.steps[k]), float(block.times[k]), place, v[k])
 
-    def _placed(self, positions: Floats) -> Floats:
-        if self.unwrapped or self.edges is None:
-            return positions
-        return type(self.run.box)(tuple(self.edges)).wrap(positions)
-
-    def who(self, frame: Stored, particle: int) -> str:
+    def who(self, frame: Placed, particle: int) -> str:
         """Of a particle that an error is about: the frame, its step, and which one it is."""
         body = self.run._body(int(self.run.ids[particle]))
         return f"frame {frame.number} (step {frame.step}): {body}"
+
+
+class Placed(NamedTuple):
+    """A frame in the run's units, its particles inside the box or not, as was asked for."""
+
+    number: int
+    step: int
+    time: float
+    positions: Floats
+    velocities: Floats
 
 
 def export(
@@ -104,8 +94,9 @@ def export(
 ) -> Exported:
     """Write frames of a run's file in another format, which the suffix names: .dcd, .xtc, .trr, .xyz, .pdb, .extxyz, …
 
-    Lengths are in angstrom and times in ps (in ASE's formats: its own units, with times in ps); a run in nominal units
-    keeps its numbers. XTC is read back: no position is off by more than 1e-4 in nominal units, or 0.01 angstrom.
+    Through MDAnalysis lengths are in angstrom and times in ps, and where the file's units are nominal, numbers are the
+    run's; through ASE they are in ASE's units, as `System.to_ase` has them, with times in the run's. XTC is read back:
+    no position is off by more than 1e-4 in nominal units, or 0.01 angstrom.
 
     Parameters
     ----------
@@ -126,10 +117,8 @@ def export(
     format = FORMATS[target.suffix.lower()]
     write = import_module(f"kickdrift.trajectory.{_WRITERS[format.package]}").write
     with reader.open(path) as run, written_whole(target, overwrite=overwrite) as part:
-        frames = Frames(run, start, stop, step, unwrapped)
+        frames = Chosen(run, start, stop, step, unwrapped)
         notes = write(frames, part, format, progress or (lambda done, of: None))
-        if run.nominal_units:
-            notes = [f"{run.units.length} and {run.units.time} stand as angstrom and ps", *notes]
         if run.box.periodic and not unwrapped:
             notes = ["positions are inside the box", *notes]
         return Exported(target, len(frames), len(run.ids), losses(format, run.nominal_units), tuple(notes))

@@ -23,6 +23,7 @@ class Format(NamedTuple):
 
 
 KEPT = ("positions", "velocities", "box", "times", "steps", "masses", "names")
+LOST_BY_ALL = "forces, observables, events and restarts"
 REMOVED_NAN = "as NaN"
 REMOVED_LEFT_OUT = "left out from then on"
 
@@ -34,7 +35,7 @@ FORMATS: dict[str, Format] = {
             "CHARMM, NAMD, LAMMPS, VMD",
             "MDAnalysis",
             positions="float32",
-            box="float64",
+            box="float32",
             times="one spacing, float32",
             steps="one spacing",
             removed=REMOVED_NAN,
@@ -115,7 +116,7 @@ def losses(format: Format, nominal: bool) -> str:
         ways["positions"] = format.nominal_positions
     kept = [f"{what} ({how})" for what, how in ways.items() if how]
     lost = [what for what, how in ways.items() if not how]
-    return f"{format.suffix} keeps {', '.join(kept)}; loses {', '.join([*lost, 'observables, events and restarts'])}"
+    return f"{format.suffix} keeps {', '.join(kept)}; loses {', '.join([*lost, LOST_BY_ALL])}"
 
 
 def table() -> list[list[str]]:

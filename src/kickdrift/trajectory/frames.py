@@ -59,6 +59,11 @@ class Frame:
         return self._alone.velocities[0]
 
     @property
+    def forces(self) -> Floats:
+        """(n, 3); an InputError where the run did not write them."""
+        return self._alone.forces[0]
+
+    @property
     def energies(self) -> Energies:
         """Kinetic, potential and total energy."""
         _, kinetic, potential, total = self._alone.energies
@@ -100,8 +105,13 @@ class Frames(Sequence[Frame]):
     Nothing is read before it is asked for: ``run[::100].positions`` reads every hundredth frame, at once.
     """
 
-    def __init__(self, run: Run, rows: range) -> None:
-        self._run, self._rows = run, rows
+    def __init__(self, of: Run | None, rows: range) -> None:
+        self._of, self._rows = of, rows
+
+    @property
+    def _run(self) -> Run:
+        """A Run is its own: it keeps no reference to itself, so that its file closes when nobody has it any more."""
+        return self if self._of is None else self._of  # type: ignore[return-value]
 
     def __repr__(self) -> str:
         return f"<{len(self)} of {self._run!r}>"
@@ -119,6 +129,16 @@ class Frames(Sequence[Frame]):
         if not -len(self) <= index < len(self):
             raise IndexError(f"frame {index} of {len(self)}")
         return Frame(self._run, self._rows[index])
+
+    @property
+    def run(self) -> Run:
+        """The Run that they are of."""
+        return self._run
+
+    @property
+    def rows(self) -> range:
+        """Their numbers in it."""
+        return self._rows
 
     @property
     def steps(self) -> NDArray[np.int64]:
@@ -144,6 +164,11 @@ class Frames(Sequence[Frame]):
     def velocities(self) -> Floats:
         """(f, n, 3)."""
         return self._vectors("velocities")
+
+    @property
+    def forces(self) -> Floats:
+        """(f, n, 3); an InputError where the run did not write them."""
+        return self._vectors("forces")
 
     def path_of(self, particle: int) -> Floats:
         """(f, 3) unwrapped positions of the particle in that row; only these are read."""

@@ -49,6 +49,10 @@ def _summary(run: Run) -> dict[str, Any]:
         "plan": run.plan,
         "closed": run.closed,
         "half_written_frames": run.half_written,
+        "precision": run.options.precision,
+        "write": list(run.options.write),
+        "compressed": run.packed,
+        "compress": run.options.compress,
         "events": run.events,
         "report": run.report,
     }
@@ -77,6 +81,7 @@ def describe(found: dict[str, Any]) -> str:
         )
     for name, ends in found["observables"].items():
         rows.append((name.replace("_", " "), f"{_short(ends['first'])} → {_short(ends['last'])}"))
+    rows.append(("", _form(found)))
     rows.append(("written by", f"kickdrift {found['kickdrift']}, {found['bytes']:,} bytes"))
     rows.append(("closed", _ending(found)))
     rows.append(("checkpoints", _checkpoints(found["checkpoints"])))
@@ -90,6 +95,15 @@ def describe(found: dict[str, Any]) -> str:
 
 def _box(lengths: list[float] | None, unit: str) -> str:
     return "open" if lengths is None else " × ".join(f"{length:.6g}" for length in lengths) + f" {unit}, periodic"
+
+
+def _form(found: dict[str, Any]) -> str:
+    """What the frames are, and in what form."""
+    vectors = ", ".join(["positions", "velocities", *found["write"]])
+    text = f"{vectors} in {found['precision']}"
+    if found["compressed"]:
+        return text + ", compressed"
+    return text + (", not compressed, since the run did not finish" if found["compress"] else "")
 
 
 def _ending(found: dict[str, Any]) -> str:

@@ -1,21 +1,25 @@
-"""Names, units, chunk shapes and the first bytes of a run's file; `kickdrift.trajectory.h5md` describes the whole."""
+"""Names, units, chunk shapes and the first bytes of a run's file; ``docs/file-format.md`` describes the whole."""
 
 from __future__ import annotations
 
+import hashlib
 import json
 import platform
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any, NamedTuple
 
 import h5py
 import numpy as np
+from scipy import constants
 
 from kickdrift.box import Box
+from kickdrift.errors import InputError
 from kickdrift.system import System
 from kickdrift.trajectory import checkpoints
 from kickdrift.trajectory.checkpoints import Stored
+from kickdrift.trajectory.options import FileOptions
 from kickdrift.trajectory.record import record_of, to_json
 from kickdrift.units import DIMENSIONS, UnitSystem
 
@@ -33,13 +37,16 @@ SERIES_CHUNK = 512  # rows of a series with one row for each frame or sample
 # Units that are lengths and times to MDAnalysis, in its own angstrom and ps.
 _ANGSTROM = {"angstrom": 1.0, "nm": 10.0, "m": 1e10}
 _PICOSECOND = {"ps": 1.0, "fs": 1e-3, "s": 1e12}
+# Forces by units of energy and length, as MDAnalysis spells them.
+_KJ_PER_MOL = "kJ mol-1 Angstrom-1"
+_FORCE = {("eV", "angstrom"): (constants.e * constants.N_A / 1000, _KJ_PER_MOL), ("J", "m"): (1.0, "Newton")}
 _DIMENSION = dict.fromkeys(("kinetic_energy", "potential_energy", "total_energy"), "energy")
 _DIMENSION |= {"centre_of_mass": "length", "centre_of_mass_velocity": "velocity", "energy_taken": "energy"}
 _DIMENSION |= {"momentum_taken": "momentum", "angular_momentum_taken": "angular momentum"}
 
 
 class FileUnits(NamedTuple):
-    """What stored positions and times are multiplied by; both are exactly 1 but for ``si``.
+    """What stored positions, times and forces were multiplied by; for length and time exactly 1 but for ``si``.
 
     ``nominal`` is true where a length unit is written as one angstrom and a time unit as one ps for want of anything
     better, as in reduced units.
@@ -48,6 +55,8 @@ class FileUnits(NamedTuple):
     length: float
     time: float
     nominal: bool
+    force: float = 1.0
+    force_unit: str = _KJ_PER_MOL
 
     @property
     def velocity(self) -> float:
@@ -58,7 +67,7 @@ class FileUnits(NamedTuple):
         length, time = _ANGSTROM.get(units.length.lower()), _PICOSECOND.get(units.time.lower())
         if length is None or time is None:
             return cls(1.0, 1.0, True)
-        return cls(length, time, False)
+        return cls(length, time, False, *_FORCE.get((units.energy, units.length), ()))
 
 
 def observable_unit(name: str, units: UnitSystem) -> str:
@@ -67,15 +76,15 @@ def observable_unit(name: str, units: UnitSystem) -> str:
     return units.unit(dimension) if dimension in DIMENSIONS else ""
 
 
-def frame_chunk(n: int, flush_frames: int) -> tuple[int, int, int]:
-    """Chunk shape of (frames, n, 3) float64 values.
+def frame_chunk(n: int, flush_frames: int, row_bytes: int = 24) -> tuple[int, int, int]:
+    """Chunk shape of (frames, n, 3) values, ``row_bytes`` for each particle and frame.
 
     Enough frames that one particle's path is cheap, but no more than are written at once, and as few particles as
     make up CHUNK_BYTES, so that one frame is cheap too.
     """
-    frames = max(32, CHUNK_BYTES // (24 * n))
-    frames = max(1, min(frames, flush_frames, CHUNK_BYTES // 24))
-    return frames, max(1, min(n, CHUNK_BYTES // (24 * frames))), 3
+    frames = max(32, CHUNK_BYTES // (row_bytes * n))
+    frames = max(1, min(frames, flush_frames, CHUNK_BYTES // row_bytes))
+    return frames, max(1, min(n, CHUNK_BYTES // (row_bytes * frames))), 3
 
 
 def versions() -> dict[str, str]:
@@ -90,17 +99,24 @@ def versions() -> dict[str, str]:
 
 
 def new_series(
-    group: h5py.Group, name: str, shape: tuple[int, ...], dtype: str, rows: int = SERIES_CHUNK
+    group: h5py.Group,
+    name: str | None,
+    shape: tuple[int, ...],
+    dtype: str,
+    rows: int | None = None,
+    chunk: Sequence[int] | None = None,
 ) -> h5py.Dataset:
-    """An empty dataset that grows along its first axis; rows that were never written read as NaN."""
-    fill = np.nan if dtype == "f8" else None
+    """An empty dataset that grows along its first axis; numbers that were never written read as NaN. Without a name it
+    is in the file, and to be found once it is given one."""
+    fill = np.nan if dtype in ("f4", "f8") else None
+    chunks = (rows or SERIES_CHUNK, *(shape if chunk is None else chunk))
     return group.create_dataset(
-        name, (0, *shape), dtype, maxshape=(None, *shape), chunks=(rows, *shape), fillvalue=fill, track_times=False
+        name, (0, *shape), dtype, maxshape=(None, *shape), chunks=chunks, fillvalue=fill, track_times=False
     )
 
 
-def new_events(file: h5py.File) -> None:
-    """The table of events, made when there is a first one."""
+def _events(file: h5py.File) -> None:
+    """The table of events, empty."""
     group = file.create_group(EVENTS)
     new_series(group, "step", (), "i8")
     new_series(group, "ids", (2,), "i8")
@@ -108,13 +124,10 @@ def new_events(file: h5py.File) -> None:
         new_series(group, name, (), "f8")
     new_series(group, "kind", (), f"S{KIND_BYTES}")
     new_series(group, "done", (), f"S{DONE_BYTES}")
-    group.create_dataset("committed", data=np.zeros(1, dtype="i8"), track_times=False)
 
 
-def text(group: h5py.Group, name: str, value: str) -> None:
+def _text(group: h5py.Group, name: str, value: str) -> None:
     """A scalar string; a dataset, since HDF5's first format allows an attribute 64 kB only."""
-    if name in group:
-        del group[name]
     group.create_dataset(name, data=value, dtype=h5py.string_dtype(), track_times=False)
 
 
@@ -126,6 +139,7 @@ def header_image(
     run_id: str,
     author: str,
     flush_frames: int,
+    options: FileOptions,
     plan: Sequence[float] = (),
     start: Stored | None = None,
 ) -> bytes:
@@ -134,49 +148,64 @@ def header_image(
     It is made in memory and written by plain file I/O, since a full disk is then an ordinary exception.
     """
     with h5py.File(f"{run_id}.image", "w", driver="core", backing_store=False, libver="earliest") as file:
+        # First, and so inside one page, as it must be to change in one write.
+        committed = file.create_dataset(None, data=np.zeros(3, dtype="i8"), track_times=False)
+        _particles(file, system, flush_frames, options)
         h5md = file.create_group("h5md")
         h5md.attrs["version"] = np.array([1, 1], dtype="i4")
         h5md.create_group("author").attrs["name"] = author
         creator = h5md.create_group("creator")
         creator.attrs["name"] = "kickdrift"
         creator.attrs["version"] = versions()["kickdrift"]
-        _particles(file.create_group(TRAJECTORY), system, flush_frames)
         file.create_group("observables")
         own = file.create_group("kickdrift")
         own.attrs["schema"] = SCHEMA
         own.attrs["run_id"] = run_id
         own.attrs["every"] = every
-        own.create_dataset("committed", data=np.zeros(2, dtype="i8"), track_times=False)  # frames, samples
+        own.attrs["compress"] = options.compress
+        own["committed"] = committed  # frames, samples, events
         own.create_dataset("closed", data=np.zeros(1, dtype="i1"), track_times=False)
         own.create_dataset("plan", data=np.array(plan or [np.nan] * PLAN_NUMBERS), track_times=False)
         _units(own.create_group("units"), system.units)
-        text(own, "method", to_json(method))
-        text(own, "versions", to_json(versions()))
+        _text(own, "method", to_json(method))
+        _text(own, "versions", to_json(versions()))
+        new_series(own, "report", (), "u1", rows=CHUNK_BYTES // 8)
         _system(own.create_group("system"), system)
         samples = file.create_group(SAMPLES)
         new_series(samples, "step", (), "i8")
         new_series(samples, "time", (), "f8")
+        _events(file)
         checkpoints.new_table(file)
         if start is not None:
-            checkpoints.Table(file, "").add(start)
+            checkpoints.Table(file, "").add(start, file.flush)
         file.flush()
         return bytes(file.id.get_file_image())
 
 
-def _particles(group: h5py.Group, system: System, flush_frames: int) -> None:
+def _particles(file: h5py.File, system: System, flush_frames: int, options: FileOptions) -> None:
     n = len(system)
-    chunk = frame_chunk(n, flush_frames)
+    # Both begin in the file's first page, so that they grow in one write: MDAnalysis counts frames by the one and ends
+    # a loop by the other.
+    first = {"step": new_series(file, None, (), "i8"), "position": _vectors(file, n, options.dtype, flush_frames)}
+    group = file.create_group(TRAJECTORY)
     position = group.create_group("position")
-    step = new_series(position, "step", (), "i8")
-    time = new_series(position, "time", (), "f8")
-    time.attrs["unit"] = "ps"
-    velocity = group.create_group("velocity")
-    for element, unit in ((position, "Angstrom"), (velocity, "Angstrom ps-1")):
-        value = element.create_dataset(
-            "value", (0, n, 3), "f8", maxshape=(None, n, 3), chunks=chunk, fillvalue=np.nan, track_times=False
-        )
-        value.attrs["unit"] = unit
-    velocity["step"], velocity["time"] = step, time  # hard links: one clock for everything that a frame holds
+    position["step"], position["value"] = first["step"], first["position"]
+    clock = {"step": first["step"], "time": new_series(position, "time", (), "f8")}
+    clock["time"].attrs["unit"] = "ps"
+    vectors = {"position": ("Angstrom", options.dtype), "velocity": ("Angstrom ps-1", options.dtype)}
+    if "forces" in options.write:
+        vectors["force"] = FileUnits.of(system.units).force_unit, options.dtype
+    if "images" in options.write:
+        if not system.box.periodic:
+            raise InputError("write: images are for a periodic box, and this one is open")
+        vectors["image"] = "", "i4"
+    for name, (unit, dtype) in vectors.items():
+        element = group.require_group(name)
+        if "value" not in element:
+            element["value"] = _vectors(file, n, dtype, flush_frames)
+        if unit:
+            element["value"].attrs["unit"] = unit
+        _link(element, clock)
     box = group.create_group("box")
     box.attrs["dimension"] = 3
     box.attrs["boundary"] = np.array([b"periodic" if system.box.periodic else b"none"] * 3)
@@ -184,13 +213,26 @@ def _particles(group: h5py.Group, system: System, flush_frames: int) -> None:
         # One row for each frame although the box is fixed: MDAnalysis reads no other form.
         edges = box.create_group("edges")
         new_series(edges, "value", (3,), "f8").attrs["unit"] = "Angstrom"
-        edges["step"], edges["time"] = step, time
+        _link(edges, clock)
     names = {name: index for index, name in enumerate(system.species)}
     kind = h5py.enum_dtype(names, basetype="i4")
     group.create_dataset("species", data=system.species_index.astype("i4"), dtype=kind, track_times=False)
     mass = group.create_dataset("mass", data=system.state.masses, track_times=False)
     mass.attrs["unit"] = system.units.mass
     group.create_dataset("id", data=system.state.ids, track_times=False)
+
+
+def _vectors(file: h5py.File, n: int, dtype: str, flush_frames: int) -> h5py.Dataset:
+    """(f, n, 3), without a name."""
+    rows, *rest = frame_chunk(n, flush_frames, 3 * np.dtype(dtype).itemsize)
+    return new_series(file, None, (n, 3), dtype, rows, rest)
+
+
+def _link(element: h5py.Group, clock: Mapping[str, h5py.Dataset]) -> None:
+    """Hard links: one clock for everything that a frame holds."""
+    for key, series in clock.items():
+        if key not in element:
+            element[key] = series
 
 
 def _units(group: h5py.Group, units: UnitSystem) -> None:
@@ -201,12 +243,35 @@ def _units(group: h5py.Group, units: UnitSystem) -> None:
     group.attrs["nominal"] = factors.nominal
     group.attrs["length_factor"] = factors.length
     group.attrs["time_factor"] = factors.time
+    group.attrs["force_factor"] = factors.force
 
 
 def _system(group: h5py.Group, system: System) -> None:
-    text(group, "source", system.source)
-    text(group, "record", to_json(record_of(system)))
+    _text(group, "source", system.source)
+    _text(group, "record", to_json(record_of(system)))
     group.create_dataset("phase", data=system.state.phase, track_times=False)
+    group.attrs["sha256"] = system_hash(group.file)
+
+
+def system_hash(file: h5py.File) -> str:
+    """SHA-256, in hexadecimal digits, of what a file says that its run was given.
+
+    In this order: the text of ``kickdrift/system/record``, UTF-8; the bytes, little-endian, of
+    ``kickdrift/system/phase`` (float64), and of ``mass`` (float64), ``id`` (int64) and ``species`` (int32) of the
+    particles.
+    ``kickdrift/system`` carries it as the attribute ``sha256`` from the file's beginning on.
+    """
+    own, particles = file["kickdrift/system"], file[TRAJECTORY]
+    found = hashlib.sha256(own["record"].asstr()[()].encode())
+    arrays = (
+        (own["phase"], "<f8"),
+        (particles["mass"], "<f8"),
+        (particles["id"], "<i8"),
+        (particles["species"], "<i4"),
+    )
+    for data, dtype in arrays:
+        found.update(data[()].astype(dtype).tobytes())
+    return found.hexdigest()
 
 
 def box_of(group: h5py.Group) -> Box:

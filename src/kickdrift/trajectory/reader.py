@@ -17,7 +17,8 @@ from kickdrift.errors import InputError
 from kickdrift.state import Floats
 from kickdrift.trajectory.checkpoints import CHECKPOINTS, Table
 from kickdrift.trajectory.frames import EnergySeries, Frames, energies_of
-from kickdrift.trajectory.layout import SAMPLES, SCHEMA, TRAJECTORY, FileUnits, box_of
+from kickdrift.trajectory.layout import EVENTS, SAMPLES, SCHEMA, TRAJECTORY, FileUnits, box_of
+from kickdrift.trajectory.options import FileOptions
 from kickdrift.units import UnitSystem
 
 if TYPE_CHECKING:
@@ -49,6 +50,10 @@ class Run(Frames):
     system_source : str
         The text of the system file, empty where there was none.
     system_record, method, versions : dict
+    options : FileOptions
+        How the file is written; of ``flush`` it says nothing.
+    packed : bool
+        Whether frames are compressed, as they are once a run that was asked for it has ended.
     report : dict or None
         What the run reported at its end; None if it did not reach it.
     """
@@ -85,11 +90,19 @@ class Run(Frames):
         self.names: tuple[str, ...] = tuple(self.system_record.get("names", ()))
         self.method: dict[str, Any] = json.loads(own["method"].asstr()[()])
         self.versions: dict[str, str] = json.loads(own["versions"].asstr()[()])
+        extras = {"forces": "force", "images": "image"}
+        dtype = particles["position/value"].dtype
+        self.options = FileOptions(
+            precision="float32" if dtype == np.float32 else "float64",
+            compress=bool(own.attrs["compress"]),
+            write=tuple(name for name, group in extras.items() if group in particles),
+        )
+        self.packed = particles["position/value"].compression is not None
         self.closed = bool(own["closed"][0])
-        self.report: dict[str, Any] | None = json.loads(own["report"].asstr()[()]) if self.closed else None
+        self.report: dict[str, Any] | None = json.loads(own["report"][()].tobytes()) if self.closed else None
         # What a kill left behind the last commit may be part of a row; it does not count.
-        frames, samples = (int(rows) for rows in own["committed"][()])
-        super().__init__(self, range(frames))
+        frames, samples, self._events = (int(rows) for rows in own["committed"][()])
+        super().__init__(None, range(frames))
         self._samples = samples
         self.half_written = max(0, particles["position/value"].shape[0] - frames)
         self.all_steps: NDArray[np.int64] = particles["position/step"][:frames]
@@ -105,14 +118,23 @@ class Run(Frames):
         return self._handle
 
     def vectors(self, what: str, frames: slice, particles: slice = slice(None)) -> Floats:
-        """(f, n, 3) unwrapped "positions" or "velocities" of some frames and particles, read at once."""
+        """(f, n, 3) unwrapped "positions", "velocities" or "forces" of some frames and particles, read at once; an
+        InputError for forces that the run did not write."""
         name, factor = {
             "positions": ("position", self._factors.length),
             "velocities": ("velocity", self._factors.velocity),
+            "forces": ("force", self._factors.force),
         }[what]
+        group = self._file[TRAJECTORY]
+        if name not in group:
+            raise InputError(f"{self.path}: holds no {what}; a run writes them where it is asked to")
         start, stop, step = frames.indices(len(self))
-        values: Floats = self._file[TRAJECTORY][name]["value"][start:stop:step, particles]
-        return values if factor == 1.0 else values / factor
+        values: Floats = group[name]["value"][start:stop:step, particles].astype(np.float64, copy=False)
+        if factor != 1.0:
+            values = values / factor
+        if what == "positions" and self.box.lengths and "images" in self.options.write:
+            values += group["image/value"][start:stop:step, particles] * np.array(self.box.lengths)
+        return values
 
     def framed(self, frames: slice) -> dict[str, Floats]:
         """Every observable as an array (f,) or (f, …) at some frames."""
@@ -122,9 +144,8 @@ class Run(Frames):
     @property
     def exact(self) -> bool:
         """Whether positions and velocities are those of the run to the last bit."""
-        return (
-            self._factors.length == self._factors.time == 1.0 and self._file[TRAJECTORY]["position/value"].dtype == "f8"
-        )
+        real = self._factors.length == self._factors.time == 1.0
+        return real and self.options.precision == "float64" and "images" not in self.options.write
 
     @property
     def observables(self) -> dict[str, Floats]:
@@ -137,27 +158,23 @@ class Run(Frames):
         """What `Simulation.events` of the run had: kind, time, step, bodies, ids, distance, energy, done.
 
         Close approaches that had not ended with the run come last."""
-        own = self._file["kickdrift"]
         found: list[dict[str, Any]] = []
-        if "events" in own:
-            table = own["events"]
-            rows = int(table["committed"][0])
-            columns = {name: table[name][:rows].tolist() for name in table if name != "committed"}
-            for k in range(rows):
-                row = {name: values[k] for name, values in columns.items()}
-                ids = [each for each in row["ids"] if each >= 0]
-                found.append(
-                    {
-                        "kind": row["kind"].decode(errors="ignore"),
-                        "time": row["time"],
-                        "step": row["step"],
-                        "bodies": [self._body(each) for each in ids],
-                        "ids": ids,
-                        "distance": None if np.isnan(row["distance"]) else row["distance"],
-                        "energy": None if np.isnan(row["energy"]) else row["energy"],
-                        "done": row["done"].decode(errors="ignore"),
-                    }
-                )
+        columns = {name: data[: self._events].tolist() for name, data in self._file[EVENTS].items()}
+        for k in range(self._events):
+            row = {name: values[k] for name, values in columns.items()}
+            ids = [each for each in row["ids"] if each >= 0]
+            found.append(
+                {
+                    "kind": row["kind"].decode(errors="ignore"),
+                    "time": row["time"],
+                    "step": row["step"],
+                    "bodies": [self._body(each) for each in ids],
+                    "ids": ids,
+                    "distance": None if np.isnan(row["distance"]) else row["distance"],
+                    "energy": None if np.isnan(row["energy"]) else row["energy"],
+                    "done": row["done"].decode(errors="ignore"),
+                }
+            )
         return found + list((self.report or {}).get("events", ()))
 
     def _body(self, id_: int) -> str:

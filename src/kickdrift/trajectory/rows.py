@@ -9,21 +9,18 @@ import h5py
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from kickdrift.box import Box
 from kickdrift.state import Floats
 from kickdrift.trajectory import reader
 from kickdrift.trajectory.layout import (
-    EVENT_WIDTH,
     EVENTS,
     SAMPLES,
-    SERIES_CHUNK,
     TRAJECTORY,
     FileUnits,
-    new_events,
     new_series,
     observable_unit,
 )
-
-_MARGIN = 256 * 1024  # for HDF5's own tables, over and above the rows
+from kickdrift.trajectory.openfile import OpenFile
 
 Observables = dict[str, NDArray[np.float64]]
 
@@ -37,14 +34,15 @@ class SampleRow(NamedTuple):
 
 
 class FrameRow(NamedTuple):
-    """Positions and velocities (n, 3) at one time, in the system's units, with the observables there."""
+    """Positions, velocities and forces (n, 3) at one time, in the system's units, with the observables there."""
 
     step: int
     time: float
     positions: Floats
     velocities: Floats
-    box: tuple[float, float, float] | None
+    box: Box
     observables: Observables
+    forces: Floats | None = None
 
 
 class EventRow(NamedTuple):
@@ -77,32 +75,43 @@ class Rows:
         Of the observables; empty until the first sample.
     ids : (n,) int64
         The order of the particles in every frame.
+    write : tuple of str
+        Which of "forces" and "images" the frames have.
     """
 
-    def __init__(self, file: h5py.File) -> None:
-        self._file = file
+    def __init__(self, out: OpenFile) -> None:
+        self._out = out
+        file = self._file
         own = file["kickdrift"]
         self._units = reader.unit_system_of(own)
         self._factors = FileUnits.of(self._units)
         self.ids: NDArray[np.int64] = file[TRAJECTORY]["id"][()]
-        self.frames, self.samples = (int(rows) for rows in own["committed"][()])
-        self.events = int(file[EVENTS]["committed"][0]) if EVENTS in file else 0
+        self.frames, self.samples, self.events = (int(rows) for rows in own["committed"][()])
         names = [name for name in file[SAMPLES] if name not in ("step", "time")]
         self.shapes: dict[str, tuple[int, ...]] = {name: file[SAMPLES][name].shape[1:] for name in names}
-        self._shapes_known = self.samples > 0
-        self._cut()
+        self._shapes_known = self.samples > 0 or bool(self.shapes)
+        extras = {"forces": "force", "images": "image"}
+        self.write = tuple(name for name, group in extras.items() if f"{TRAJECTORY}/{group}" in file)
 
-    def _cut(self) -> None:
-        """Take away what was left half written."""
-        file = self._file
-        per_frame = [f"{TRAJECTORY}/position", f"{TRAJECTORY}/velocity", f"{TRAJECTORY}/box/edges"]
+    @property
+    def _file(self) -> h5py.File:
+        return self._out.h5
+
+    def cut(self) -> bool:
+        """Take away what was left half written; whether there was any.
+
+        Chunks become free by it, and HDF5 would put new ones there: commit and open the file anew, which forgets them.
+        """
+        file, found = self._file, False
+        per_frame = [*(f"{TRAJECTORY}/{name}" for name in ("position", "velocity", "force", "image", "box/edges"))]
         per_frame += [f"observables/{name}" for name in file["observables"]]
         grown = [*((name, self.frames) for name in per_frame if name in file), (SAMPLES, self.samples)]
-        grown += [(EVENTS, self.events)] if EVENTS in file else []
-        for group, rows in grown:
-            for name, data in file[group].items():
-                if name != "committed" and data.shape[0] > rows:
+        for group, rows in [*grown, (EVENTS, self.events)]:
+            for data in file[group].values():
+                if data.shape[0] > rows:
                     data.resize(rows, axis=0)
+                    found = True
+        return found
 
     @property
     def last_frame(self) -> tuple[int, float] | None:
@@ -118,19 +127,9 @@ class Rows:
     def _last(self, group: h5py.Group, rows: int, factor: float) -> tuple[int, float] | None:
         return (int(group["step"][rows - 1]), float(group["time"][rows - 1]) / factor) if rows else None
 
-    def room(self, size: int, samples: int, events: int) -> int:
-        """The most bytes that ``size`` bytes of rows can take: rounded up to whole chunks, and HDF5's tables."""
-        frames, particles, _ = self._file[f"{TRAJECTORY}/position/value"].chunks
-        chunk = frames * particles * 24
-        row = chunk * -(-len(self.ids) // particles)
-        columns = 8 + 2 * sum(int(np.prod(shape, dtype=int)) for shape in self.shapes.values())
-        chunks = columns * (samples // SERIES_CHUNK + 2) + (EVENT_WIDTH * (events // SERIES_CHUNK + 2) if events else 0)
-        return size + 2 * row + chunks * SERIES_CHUNK * 8 + 128 * (size // chunk + chunks) + _MARGIN
-
     def add(self, frames: Sequence[FrameRow], samples: Sequence[SampleRow], events: Sequence[EventRow] = ()) -> None:
-        """Write the rows and flush. Doing it again after an interrupt does no harm."""
+        """Write the rows and bring them to the disk. Doing it again after an interrupt does no harm."""
         file, factors = self._file, self._factors
-        self._new_observables()
         self._put(f"{SAMPLES}/step", self.samples, [row.step for row in samples])
         self._put(f"{SAMPLES}/time", self.samples, [row.time for row in samples])
         for name in self.shapes:
@@ -138,35 +137,32 @@ class Rows:
             self._put(f"observables/{name}/value", self.frames, [row.observables[name] for row in frames])
         self._put(f"{TRAJECTORY}/position/time", self.frames, [row.time * factors.time for row in frames])
         self._put(f"{TRAJECTORY}/velocity/value", self.frames, [row.velocities * factors.velocity for row in frames])
+        if "forces" in self.write:
+            forces = [row.forces * factors.force for row in frames if row.forces is not None]
+            self._put(f"{TRAJECTORY}/force/value", self.frames, forces)
+        positions = [row.positions for row in frames]
+        if "images" in self.write:
+            inside = [row.box.wrap(row.positions) for row in frames]
+            images = [images_of(row.positions, within, row.box) for row, within in zip(frames, inside, strict=True)]
+            self._put(f"{TRAJECTORY}/image/value", self.frames, images)
+            positions = inside
         if f"{TRAJECTORY}/box/edges" in file:
-            edges = [np.array(row.box) * factors.length for row in frames]
+            edges = [np.array(row.box.lengths) * factors.length for row in frames]
             self._put(f"{TRAJECTORY}/box/edges/value", self.frames, edges)
-        file.flush()
-        # Positions and their steps grow last and in a flush of their own: MDAnalysis counts frames by the first and
-        # ends a loop by the second, so that it finds everything else there after a kill.
-        self._put(f"{TRAJECTORY}/position/step", self.frames, [row.step for row in frames])
-        self._put(f"{TRAJECTORY}/position/value", self.frames, [row.positions * factors.length for row in frames])
-        file.flush()
-        total = self.frames + len(frames), self.samples + len(samples)
-        file["kickdrift/committed"][...] = total
-        file.flush()
-        self.frames, self.samples = total
-        self._add_events(events)
-
-    def _add_events(self, events: Sequence[EventRow]) -> None:
-        if not events:
-            return
-        file = self._file
-        if EVENTS not in file:
-            new_events(file)
         for name in EventRow._fields:
             values = [getattr(row, name) for row in events]
             texts = name in ("kind", "done")
             self._put(f"{EVENTS}/{name}", self.events, [text.encode() for text in values] if texts else values)
-        file.flush()
-        file[EVENTS]["committed"][0] = self.events + len(events)
-        file.flush()
-        self.events += len(events)
+        self._out.commit()
+        # Positions and their steps grow last and in one write: MDAnalysis counts frames by the first and ends a loop by
+        # the second, and so finds everything else there after a kill.
+        self._put(f"{TRAJECTORY}/position/step", self.frames, [row.step for row in frames])
+        self._put(f"{TRAJECTORY}/position/value", self.frames, [each * factors.length for each in positions])
+        self._out.commit()
+        total = self.frames + len(frames), self.samples + len(samples), self.events + len(events)
+        file["kickdrift/committed"][...] = total  # in one page: the three are of one moment
+        self._out.commit()
+        self.frames, self.samples, self.events = total
 
     def check(self, observables: Mapping[str, NDArray[np.float64]]) -> str | None:
         """What is wrong with these observables, if anything; the first ones say what the others must be."""
@@ -179,20 +175,28 @@ class Rows:
             return f"observables: expected {self.shapes} as before, got {shapes}"
         return None
 
-    def _new_observables(self) -> None:
-        file = self._file
+    @property
+    def complete(self) -> bool:
+        """Whether there is a dataset for each observable."""
+        return all(f"{SAMPLES}/{name}" in self._file for name in self.shapes)
+
+    def make_observables(self, file: h5py.File) -> None:
+        """Datasets for the observables, in a copy of the file: see `h5md.Writer.extend`."""
         for name, shape in self.shapes.items():
             unit = observable_unit(name, self._units)
-            element = file["observables"].require_group(name)
+            element = file["observables"].create_group(name)
             for group, key in ((file[SAMPLES], name), (element, "value")):
-                if key not in group:
-                    new_series(group, key, shape, "f8").attrs["unit"] = unit
+                new_series(group, key, shape, "f8").attrs["unit"] = unit
             for key in ("step", "time"):
-                if key not in element:
-                    element[key] = file[f"{TRAJECTORY}/position/{key}"]
+                element[key] = file[f"{TRAJECTORY}/position/{key}"]
 
     def _put(self, name: str, start: int, rows: Sequence[ArrayLike]) -> None:
         if rows:
             data = self._file[name]
             data.resize(start + len(rows), axis=0)
             data[start:] = np.asarray(rows)
+
+
+def images_of(positions: Floats, within: Floats, box: Box) -> NDArray[np.int32]:
+    """How many edges lie between positions (n, 3) and the same inside the box; 0 for bodies that are gone."""
+    return np.nan_to_num(np.rint((positions - within) / np.array(box.lengths))).astype(np.int32)

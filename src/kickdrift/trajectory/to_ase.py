@@ -10,20 +10,19 @@ from typing import Any
 import numpy as np
 
 from kickdrift.errors import InputError
-from kickdrift.state import Floats
-from kickdrift.trajectory.export import Frames, Stored
-from kickdrift.trajectory.formats import Format
-from kickdrift.trajectory.universe import atomic_masses, chemical_symbols
+from kickdrift.trajectory.export import Chosen, Placed
+from kickdrift.trajectory.formats import REMOVED_LEFT_OUT, Format
+from kickdrift.trajectory.universe import species
 
 
-def write(frames: Frames, path: Path, format: Format, progress: Callable[[int, int], None]) -> list[str]:
+def write(chosen: Chosen, path: Path, format: Format, progress: Callable[[int, int], None]) -> list[str]:
     """Write the frames; returns what had to be given up."""
     try:
         from ase.io.extxyz import write_extxyz
         from ase.io.trajectory import TrajectoryWriter
     except ImportError:
         raise InputError(f"{format.suffix} needs ASE: pip install kickdrift[ase]") from None
-    atoms_of = AtomsOf(frames)
+    atoms_of = AtomsOf(chosen)
     with ExitStack() as stack:
         if format.suffix == ".traj":
             put = stack.enter_context(TrajectoryWriter(str(path))).write
@@ -31,56 +30,67 @@ def write(frames: Frames, path: Path, format: Format, progress: Callable[[int, i
             file = stack.enter_context(path.open("w", encoding="utf-8"))
 
             def put(atoms: Any) -> None:
-                atoms.arrays["velocities"] = atoms_of.velocities  # momenta alone would lose those of small masses
+                atoms.arrays["velocities"] = atoms_of.velocities  # 8 decimals of a small mass's momentum tell little
                 write_extxyz(file, [atoms])
 
-        for done, frame in enumerate(frames, 1):
+        for done, frame in enumerate(chosen, 1):
             put(atoms_of(frame))
-            progress(done, len(frames))
-    return ["bodies that were removed are left out from then on"] if atoms_of.gone else []
+            progress(done, len(chosen))
+    return atoms_of.notes
 
 
 class AtomsOf:
-    """Makes Atoms of frames, in ASE's units (angstrom, eV, u, and the time that follows from them).
+    """Makes Atoms of frames, in ASE's units, as `System.to_ase` does.
 
-    Nominal units keep their numbers, which makes their energies, masses and times agree as ASE's do. Species are the
-    tags, and chemical symbols where each is one, else X. ``info`` has step, time (in ps, or the run's unit), time_unit,
-    species, names where there are any, and the ids where bodies are missing.
+    Species are the tags, and chemical symbols where they are some, else X. ``info`` has step, time and time_unit (the
+    run's), species, names where there are any, and the ids where bodies are missing.
 
     Attributes
     ----------
-    velocities : (n, 3) of the last frame, in angstrom/ps or the run's units
-    gone : whether bodies were missing in any frame
+    velocities : (n, 3) of the last frame, in ASE's units
+    notes : what had to be given up
     """
 
-    def __init__(self, frames: Frames) -> None:
+    def __init__(self, chosen: Chosen) -> None:
         from ase.data import atomic_numbers
 
-        self.frames, self.gone = frames, False
-        run = frames.run
-        self.symbols = np.array(chemical_symbols(run, atomic_numbers) or ["X"] * len(run.ids))
-        self.masses = atomic_masses(run)
+        from kickdrift.bridges.ase import UNKNOWN, Scale
 
-    def __call__(self, frame: Stored) -> Any:
-        from ase import Atoms, units
+        run = chosen.run
+        self.run, self.scale, self.notes = run, Scale.of(run.units), list[str]()
+        if run.nominal_units:
+            units = run.units
+            self.notes.append(f"{units.length}, {units.mass} and {units.energy} stand as angstrom, u and eV")
+        self.symbols = np.array([kind if kind in atomic_numbers else UNKNOWN for kind in species(run)])
+        self.masses = run.masses / self.scale.mass
+        self.cell = None if run.box.lengths is None else np.array(run.box.lengths) / self.scale.length
 
-        run, edges = self.frames.run, self.frames.edges
+    def __call__(self, frame: Placed) -> Any:
+        from ase import Atoms
+
+        run = self.run
         there = np.isfinite(frame.positions).all(axis=1)
-        self.velocities: Floats = frame.velocities[there]
+        self.velocities = frame.velocities[there] / self.scale.velocity
         atoms = Atoms(
             self.symbols[there],
-            positions=frame.positions[there],
+            positions=frame.positions[there] / self.scale.length,
             masses=self.masses[there],
             tags=run.species_index[there],
-            cell=edges,
-            pbc=edges is not None,
+            cell=self.cell,
+            pbc=self.cell is not None,
         )
-        atoms.set_velocities(self.velocities / (1.0 if self.frames.units.nominal else 1000 * units.fs))
-        time_unit = run.units.time if self.frames.units.nominal else "ps"
-        atoms.info = {"step": frame.step, "time": frame.time, "time_unit": time_unit, "species": list(run.species)}
+        atoms.set_velocities(self.velocities)
+        atoms.info = {
+            "step": frame.step,
+            "time": frame.time,
+            "time_unit": run.units.time,
+            "species": list(run.species),
+        }
         if run.names:
             atoms.info["names"] = np.array(run.names)[there].tolist()
         if not there.all():
             atoms.info["ids"] = run.ids[there].tolist()
-            self.gone = True
+            note = f"bodies that were removed are {REMOVED_LEFT_OUT}"
+            if note not in self.notes:
+                self.notes.append(note)
         return atoms

@@ -1,4 +1,4 @@
-"""Frames of a run through MDAnalysis' writers: DCD, XTC, TRR, XYZ and PDB."""
+"""Frames of a run through MDAnalysis' writers: DCD, XTC, TRR, XYZ and PDB, each with what it can hold."""
 
 from __future__ import annotations
 
@@ -9,17 +9,189 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from kickdrift.errors import InputError, RunError
-from kickdrift.trajectory.export import Frames, Stored
-from kickdrift.trajectory.formats import Format
-from kickdrift.trajectory.universe import label, mdanalysis
+from kickdrift.trajectory.export import Chosen, Placed
+from kickdrift.trajectory.formats import REMOVED_NAN, Format
+from kickdrift.trajectory.layout import FileUnits
+from kickdrift.trajectory.universe import label, mdanalysis, spacing
 
 INT32 = 2**31 - 1
-XTC_LARGEST = INT32 - 2  # of what XTC's coordinates are in its grid; libxdrfile refuses more
-XYZ_DECIMALS = 8
-PDB_ATOMS, PDB_MODELS, PDB_EDGE = 99_999, 9_999, 99_999.9995  # what 5, 4 and 9.3 columns hold
-PDB_LOWEST, PDB_HIGHEST = -999.9995, 9_999.9995  # what 8.3 columns hold
+
+
+def write(chosen: Chosen, path: Path, format: Format, progress: Callable[[int, int], None]) -> list[str]:
+    """Write the frames; returns what had to be given up."""
+    MDAnalysis = mdanalysis(format.suffix)
+    target = _TARGETS[format.suffix](chosen, format)
+    n = len(chosen.run.ids)
+    universe = MDAnalysis.Universe.empty(n, trajectory=True, velocities=bool(format.velocities))
+    label(universe, chosen.run)
+    target.rename(universe.atoms)
+    kind = format.suffix[1:].upper()
+    with _closing(MDAnalysis.Writer(str(path), n, format=kind, **target.options)) as writer:
+        for done, frame in enumerate(chosen, 1):
+            stored = target.stored(frame)
+            target.check(stored)
+            target.set(universe, stored)
+            target.announce(writer, stored, done)
+            writer.write(universe.atoms)
+            progress(done, len(chosen))
+    if not target.whole(path):
+        raise RunError("the export did not come out whole; is the disk full?")
+    return target.notes
+
+
+class Target:
+    """A format: what its writer is told, what it refuses and what it gives up.
+
+    Attributes
+    ----------
+    options : of MDAnalysis' writer
+    notes : what this run has to give up in it
+    edges : (3,) of the box in angstrom, or None
+    """
+
+    def __init__(self, chosen: Chosen, format: Format) -> None:
+        run = chosen.run
+        self.chosen, self.format, self.run = chosen, format, run
+        self.units = FileUnits.of(run.units)
+        self.edges = None if run.box.lengths is None else np.array(run.box.lengths) * self.units.length
+        self.options: dict[str, Any] = {}
+        self.notes: list[str] = []
+        if self.units.nominal:
+            self.notes.append(f"{run.units.length} and {run.units.time} stand as angstrom and ps")
+
+    def rename(self, atoms: Any) -> None:
+        """Give the atoms names that the format can hold."""
+
+    def stored(self, frame: Placed) -> Placed:
+        """The frame in angstrom and ps."""
+        units = self.units
+        x, v = frame.positions * units.length, frame.velocities * units.velocity
+        return frame._replace(time=frame.time * units.time, positions=x, velocities=v)
+
+    def check(self, frame: Placed) -> None:
+        """An InputError where the format cannot hold the frame."""
+        gone = ~np.isfinite(frame.positions).all(axis=1)
+        if not gone.any():
+            return
+        if not self.format.removed:
+            raise InputError(
+                f"{self.chosen.who(frame, int(gone.argmax()))} was removed, and {self.format.suffix} must have a place "
+                f"for it; --stop {frame.number} ends before, and .extxyz leaves it out"
+            )
+        note = f"bodies that were removed are kept {REMOVED_NAN}"
+        if note not in self.notes:
+            self.notes.append(note)
+
+    def set(self, universe: Any, frame: Placed) -> None:
+        """Make the frame the universe's only one."""
+        ts = universe.trajectory.ts
+        ts.frame, ts.time, ts.data["step"] = frame.number, frame.time, frame.step
+        ts.dimensions = None if self.edges is None else [*self.edges, 90, 90, 90]
+        ts.positions = frame.positions
+        if ts.has_velocities:
+            ts.velocities = frame.velocities
+
+    def announce(self, writer: Any, frame: Placed, done: int) -> None:
+        """What is written before the frame."""
+
+    def whole(self, path: Path) -> bool:
+        """Whether all frames are there."""
+        return True
+
+    def cannot(self, frame: Placed, particle: int, why: str) -> InputError:
+        inside = self.chosen.unwrapped and self.edges is not None
+        advice = "without --unwrapped it lies inside the box" if inside else "export to .trr or .dcd"
+        return InputError(f"{self.chosen.who(frame, particle)}: {why}; {advice}")
+
+
+class Xyz(Target):
+    """Its comment line has step and time."""
+
+    def __init__(self, chosen: Chosen, format: Format) -> None:
+        super().__init__(chosen, format)
+        self.options = {"precision": 8}
+
+    def rename(self, atoms: Any) -> None:
+        atoms.names = ["_".join(name.split()) for name in atoms.names]
+
+    def announce(self, writer: Any, frame: Placed, done: int) -> None:
+        writer.remark = f"step {frame.step} time {frame.time!r}"
+
+
+class Pdb(Target):
+    """Columns: 5 for atoms, 4 for frames, 8.3 for coordinates, 9.3 for the box."""
+
+    ATOMS, MODELS, EDGE = 99_999, 9_999, 99_999.9995
+    LOWEST, HIGHEST = -999.9995, 9_999.9995
+
+    def __init__(self, chosen: Chosen, format: Format) -> None:
+        super().__init__(chosen, format)
+        self.options = {"multiframe": True, "bonds": None}
+        path, n = self.run.path, len(self.run.ids)
+        if n > self.ATOMS:
+            raise InputError(f"{path}: has {n:,} particles, and .pdb has columns for {self.ATOMS:,}; .dcd has no limit")
+        if len(chosen) > self.MODELS:
+            every = -(-len(chosen) // self.MODELS) * chosen.every
+            raise InputError(f"{path}: {len(chosen):,} frames, and .pdb numbers {self.MODELS:,}; try --step {every}")
+        if self.edges is not None and self.edges.max() >= self.EDGE:
+            raise InputError(f"{path}: the box has an edge of {self.edges.max():g}; .pdb has columns up to 99999.999")
+
+    def check(self, frame: Placed) -> None:
+        super().check(frame)
+        x = frame.positions.astype("f4")  # as MDAnalysis sees them, which has the same limits
+        _within(self, frame, (x <= np.float32(self.LOWEST)) | (x > np.float32(self.HIGHEST)), "columns of .pdb")
+
+    def announce(self, writer: Any, frame: Placed, done: int) -> None:
+        if done > 1 and self.edges is not None:
+            writer.CRYST1([*self.edges, 90, 90, 90])  # MDAnalysis' reader looks for one a frame, or finds none
+
+
+class Dcd(Target):
+    """The step of the first frame, the steps from one to the next, and the time that takes: one for all."""
+
+    def __init__(self, chosen: Chosen, format: Format) -> None:
+        super().__init__(chosen, format)
+        steps, times = chosen.frames.steps, chosen.frames.times
+        dt, even = spacing(self.run, times)
+        gaps = np.diff(steps)
+        every = int(gaps[0]) if len(gaps) and gaps[0] > 0 and np.all(gaps == gaps[0]) else 1
+        first = float(times[0]) * self.units.time / dt  # in frames
+        start = round(first * every)
+        if not even:
+            self.notes.append("DCD has one time step: the mean of these frames, which are not evenly spaced")
+        if not 0 <= start <= INT32 or every > INT32 or abs(start / every - first) > 1e-6 * max(1.0, first):
+            start, every = 0, min(every, INT32)
+            self.notes.append("DCD starts at a whole step: its times are those since the first frame")
+        self.options = {"dt": dt, "nsavc": every, "istart": start, "remarks": f"kickdrift: {self.run.path.name}"}
+
+    def whole(self, path: Path) -> bool:
+        from MDAnalysis.lib.formats.libdcd import DCDFile
+
+        with DCDFile(str(path)) as file:
+            return len(file) == len(self.chosen)
+
+
+class Trr(Target):
+    """Steps of 32 bits."""
+
+    def __init__(self, chosen: Chosen, format: Format) -> None:
+        super().__init__(chosen, format)
+        self._steps_fit = int(chosen.frames.steps[-1]) <= INT32
+        if not self._steps_fit:
+            self.notes.append("steps are beyond 32 bits: the frames' numbers stand instead")
+
+    def stored(self, frame: Placed) -> Placed:
+        found = super().stored(frame)
+        return found if self._steps_fit else found._replace(step=frame.number)
+
+    def whole(self, path: Path) -> bool:
+        from MDAnalysis.lib.formats.libmdaxdr import TRRFile
+
+        with TRRFile(str(path)) as file:
+            return len(file) == len(self.chosen)
 
 
 class Grid(NamedTuple):
@@ -29,152 +201,55 @@ class Grid(NamedTuple):
     tolerance: float
 
 
-# GROMACS' own for real units. In nominal ones half of the grid is 5e-5, which leaves as much for the roundings of
-# float32, in which libxdrfile computes.
-REAL, NOMINAL = Grid(3, 1e-2), Grid(5, 1e-4)
+class Xtc(Trr):
+    """Whole numbers of 32 bits; libxdrfile makes them in float32."""
+
+    # GROMACS' own choice for real units. In nominal ones half of the grid is 5e-5, which leaves as much for float32.
+    REAL, NOMINAL = Grid(3, 1e-2), Grid(5, 1e-4)
+    LARGEST = INT32 - 2  # libxdrfile's
+
+    def __init__(self, chosen: Chosen, format: Format) -> None:
+        super().__init__(chosen, format)
+        self.grid = self.NOMINAL if self.units.nominal else self.REAL
+        self.options = {"precision": self.grid.decimals}
+
+    def check(self, frame: Placed) -> None:
+        super().check(frame)
+        scaled = frame.positions * 10.0 ** (self.grid.decimals - 1)
+        size = np.abs(scaled)
+        apart = np.ptp(scaled, axis=0) >= self.LARGEST  # it packs differences from the lowest
+        _within(self, frame, (size >= self.LARGEST) | (apart & (size == size.max(axis=0))), "32-bit integers of .xtc")
+
+    def whole(self, path: Path) -> bool:
+        """An InputError where a position came out too far from where it is."""
+        from MDAnalysis.lib.formats.libmdaxdr import XTCFile
+
+        read = 0
+        with XTCFile(str(path)) as file:
+            for frame, found in zip(self.chosen, file, strict=False):
+                stored = self.stored(frame)
+                off = np.abs(found.x.astype(float) * 10 - stored.positions).max(axis=1)
+                worst = int(off.argmax())
+                if off[worst] > self.grid.tolerance:
+                    why = f"is off by {off[worst]:.2g} in .xtc, more than {self.grid.tolerance:g}"
+                    raise self.cannot(frame, worst, why)
+                read += 1
+        return read == len(self.chosen)
 
 
-def write(frames: Frames, path: Path, format: Format, progress: Callable[[int, int], None]) -> list[str]:
-    """Write the frames; returns what had to be given up."""
-    MDAnalysis = mdanalysis(format.suffix)
-    kind = format.suffix[1:].upper()
-    _check_numbers(frames, kind)
-    options, notes = _options(frames, kind)
-    universe = MDAnalysis.Universe.empty(len(frames.run.ids), trajectory=True, velocities=bool(format.velocities))
-    label(universe, frames.run)
-    if kind == "XYZ":
-        universe.atoms.names = ["_".join(name.split()) for name in universe.atoms.names]
-    gone = False
-    with _writer(MDAnalysis.Writer(str(path), len(frames.run.ids), format=kind, **options)) as writer:
-        for done, frame in enumerate(frames, 1):
-            gone |= _check(frames, frame, kind)
-            _set(universe, frames, frame)
-            writer.remark = f"step {frame.step} time {frame.time!r}"  # XYZ's comment line; the others know none
-            if kind == "PDB" and done > 1 and frames.edges is not None:
-                writer.CRYST1(universe.dimensions)  # MDAnalysis' reader finds one for each frame or none
-            writer.write(universe.atoms)
-            progress(done, len(frames))
-    _read_back(frames, path, kind)
-    return [*notes, *(["bodies that were removed are NaN from then on"] if gone else [])]
+_TARGETS: dict[str, type[Target]] = {".dcd": Dcd, ".xtc": Xtc, ".trr": Trr, ".xyz": Xyz, ".pdb": Pdb}
 
 
-def _check_numbers(frames: Frames, kind: str) -> None:
-    """Of PDB, whose columns have an end."""
-    if kind != "PDB":
-        return
-    path, n = frames.run.path, len(frames.run.ids)
-    if n > PDB_ATOMS:
-        raise InputError(f"{path}: has {n:,} particles, and a .pdb has columns for {PDB_ATOMS:,}; .dcd has no limit")
-    if len(frames) > PDB_MODELS:
-        fewer = -(-len(frames) // PDB_MODELS) * frames.indices.step
-        raise InputError(
-            f"{path}: {len(frames):,} frames, and a .pdb numbers {PDB_MODELS:,}; --step {fewer} takes fewer"
-        )
-    if frames.edges is not None and frames.edges.max() >= PDB_EDGE:
-        raise InputError(f"{path}: the box has an edge of {frames.edges.max():g}, and a .pdb has columns up to 99,999")
-
-
-def _options(frames: Frames, kind: str) -> tuple[dict[str, Any], list[str]]:
-    """What the writer is told, and what that gives up."""
-    run, indices = frames.run, frames.indices
-    if kind == "XTC":
-        return {"precision": _grid(frames).decimals}, _steps_note(frames)
-    if kind == "XYZ":
-        return {"precision": XYZ_DECIMALS}, []
-    if kind == "PDB":
-        return {"multiframe": True, "bonds": None}, []
-    if kind == "TRR":
-        return {}, _steps_note(frames)
-    # DCD has the step of the first frame, the steps between frames and the length of one.
-    first = float(run.times[indices[0]]) * frames.units.time / frames.dt
-    steps = np.diff(run.steps[np.asarray(indices)])
-    every = int(steps[0]) if len(steps) and steps[0] > 0 and np.all(steps == steps[0]) else 1
-    start = round(first * every)
-    notes = [] if frames.even else ["DCD has one time step: the mean of these frames, which are not evenly spaced"]
-    if not 0 <= start <= INT32 or every > INT32 or abs(start / every - first) > 1e-6 * max(1.0, first):
-        start = 0
-        notes.append("DCD starts at a whole step: its times are those since the first frame")
-    return {"dt": frames.dt, "nsavc": every, "istart": start, "remarks": f"kickdrift: {run.path.name}"}, notes
-
-
-def _steps_note(frames: Frames) -> list[str]:
-    too_long = frames.run.steps[frames.indices[-1]] > INT32
-    return ["steps are beyond 32 bits: the frames' numbers stand instead"] if too_long else []
-
-
-def _grid(frames: Frames) -> Grid:
-    return NOMINAL if frames.units.nominal else REAL
-
-
-def _set(universe: Any, frames: Frames, frame: Stored) -> None:
-    """Make the frame the universe's only one."""
-    ts = universe.trajectory.ts
-    ts.frame, ts.time = frame.number, frame.time
-    if frames.run.steps[frames.indices[-1]] <= INT32:
-        ts.data["step"] = frame.step
-    ts.dimensions = None if frames.edges is None else [*frames.edges, 90, 90, 90]
-    ts.positions = frame.positions
-    if ts.has_velocities:
-        ts.velocities = frame.velocities
-
-
-def _check(frames: Frames, frame: Stored, kind: str) -> bool:
-    """Whether bodies are gone; an InputError where the format cannot hold this frame."""
-    x = frame.positions
-    gone = ~np.isfinite(x).all(axis=1)
-    if kind not in ("PDB", "XTC"):
-        return bool(gone.any())
-    suffix = f".{kind.lower()}"
-    if gone.any():
-        raise InputError(
-            f"{frames.who(frame, int(gone.argmax()))} was removed, and {suffix} must have a place for it; "
-            f"--stop {frame.number} ends before, and .extxyz leaves it out"
-        )
-    if kind == "PDB":
-        beyond = (x <= PDB_LOWEST) | (x >= PDB_HIGHEST)
-        limit = "the columns of .pdb, -999.999 to 9999.999"
-    else:
-        scaled = x * 10.0 ** (_grid(frames).decimals - 1)
-        size = np.abs(scaled)  # and libxdrfile packs differences from the lowest
-        beyond = (size >= XTC_LARGEST) | ((np.ptp(scaled, axis=0) >= XTC_LARGEST) & (size == size.max(axis=0)))
-        limit = "the 32-bit integers of .xtc"
+def _within(target: Target, frame: Placed, beyond: NDArray[np.bool_], limit: str) -> None:
+    """An InputError that names the first coordinate beyond a limit, if any is."""
     if beyond.any():
         particle, axis = np.unravel_index(int(beyond.argmax()), beyond.shape)
-        raise _cannot(frames, frame, int(particle), f"{'xyz'[axis]} = {x[particle, axis]:.6g} is beyond {limit}")
-    return False
-
-
-def _cannot(frames: Frames, frame: Stored, particle: int, why: str) -> InputError:
-    inside = frames.unwrapped and frames.edges is not None
-    advice = "without --unwrapped it lies inside the box" if inside else "export to .trr or .dcd"
-    return InputError(f"{frames.who(frame, particle)}: {why}; {advice}")
-
-
-def _read_back(frames: Frames, path: Path, kind: str) -> None:
-    """Make sure that the binary formats are complete, and that XTC's positions are near enough."""
-    from MDAnalysis.lib.formats import libdcd, libmdaxdr
-
-    if kind not in ("DCD", "TRR", "XTC"):
-        return
-    with {"DCD": libdcd.DCDFile, "TRR": libmdaxdr.TRRFile, "XTC": libmdaxdr.XTCFile}[kind](str(path)) as file:
-        if kind != "XTC":
-            whole = len(file) == len(frames)
-        else:
-            tolerance, count = _grid(frames).tolerance, 0
-            for frame, found in zip(frames, file, strict=False):
-                count += 1
-                off = np.abs(found.x.astype(float) * 10 - frame.positions).max(axis=1)
-                worst = int(off.argmax())
-                if off[worst] > tolerance:
-                    why = f"is off by {off[worst]:.2g} in .xtc, more than {tolerance:g}"
-                    raise _cannot(frames, frame, worst, why)
-            whole = count == len(frames)
-    if not whole:
-        raise RunError("the export did not come out whole; is the disk full?")
+        value = frame.positions[particle, axis]
+        raise target.cannot(frame, int(particle), f"{'xyz'[axis]} = {value:.8g} is beyond the {limit}")
 
 
 @contextmanager
-def _writer(writer: Any) -> Iterator[Any]:
+def _closing(writer: Any) -> Iterator[Any]:
     """A writer that is closed at the end, once, and without its warnings of a missing box and of columns unknown."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Container
+from collections.abc import Container, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import h5py
 import numpy as np
 from scipy import constants
 
 from kickdrift.errors import InputError
 from kickdrift.state import Floats
-from kickdrift.trajectory.layout import FileUnits
+from kickdrift.trajectory.layout import TRAJECTORY, FileUnits
 
 if TYPE_CHECKING:
     from kickdrift.trajectory.reader import Run
@@ -40,14 +42,28 @@ def universe(run: Run) -> Any:
     MDAnalysis = mdanalysis("universe()")
     if not len(run):
         raise InputError(f"{run.path}: holds no frame")
-    dt, even = spacing(run)
+    dt, even = spacing(run, run.times)
     if not even:
         warnings.warn(
             f"{run.path}: frames are not evenly spaced; dt is their mean, and each has its own time", stacklevel=3
         )
     found = MDAnalysis.Universe(str(run.path), to_guess=(), n_atoms=len(run.ids), dt=dt)
     label(found, run)
+    if "images" in run.options.write and run.box.lengths is not None:
+        found.trajectory.add_transformations(Unwrapping(run.path, run.box.lengths, FileUnits.of(run.units).length))
     return found
+
+
+class Unwrapping:
+    """A transformation for MDAnalysis: positions that the file has inside the box go back to where they are."""
+
+    def __init__(self, path: Path, lengths: Sequence[float], factor: float) -> None:
+        self.path, self.edges = path.absolute(), np.array(lengths) * factor
+
+    def __call__(self, ts: Any) -> Any:
+        with h5py.File(self.path, "r", locking="best-effort") as file:  # cheap: MDAnalysis has it open
+            ts.positions = ts.positions + file[TRAJECTORY]["image/value"][ts.frame] * self.edges
+        return ts
 
 
 def label(universe: Any, run: Run) -> None:
@@ -77,16 +93,16 @@ def atomic_masses(run: Run) -> Floats:
     return run.masses * _ATOMIC.get(run.units.mass, 1.0)
 
 
-def spacing(run: Run, frames: range | None = None) -> tuple[float, bool]:
-    """Time between frames in the file's ps, and whether it is the same between all of them.
+def spacing(run: Run, times: Floats) -> tuple[float, bool]:
+    """Time between frames at those times, in the file's ps, and whether it is the same between all of them.
 
-    The mean of those frames; of a single one, what the run's step and cadence say, else 1.
+    The mean where it is not; of a single frame, what the run's step and cadence say, else 1.
     """
-    times = run.times if frames is None else run.times[np.asarray(frames)]
+    factor = FileUnits.of(run.units).time
     if len(times) < 2:
         dt = run.method.get("dt")
         step = float(dt) if isinstance(dt, float | int) and dt > 0 else None
-        return (run.every * step * FileUnits.of(run.units).time if step else 1.0), True
+        return (run.every * step * factor if step else 1.0), True
     mean = float(times[-1] - times[0]) / (len(times) - 1)
     even = bool(np.all(np.abs(np.diff(times) - mean) <= EVEN * mean))
-    return mean * FileUnits.of(run.units).time, even
+    return mean * factor, even

@@ -1,0 +1,98 @@
+"""A whole run's file written anew, compressed or not: chunks that change size cannot be replaced safely in place."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+import h5py
+
+from kickdrift.trajectory import creation
+from kickdrift.trajectory.storage import ALIGNMENT, PagedFile
+
+_FILTERS = {"compression": "gzip", "compression_opts": 4, "shuffle": True}
+_COMMIT_BYTES = 8 * 2**20
+
+
+def is_packed(file: h5py.File) -> bool:
+    """Whether the file's frames are compressed."""
+    return file["particles/trajectory/position/value"].compression is not None
+
+
+def rewritten(file: h5py.File, path: Path, *, compress: bool) -> Path:
+    """A copy of an open file beside ``path``, every growing dataset compressed or every one plain; an OSError leaves
+    nothing. The caller gives it its name."""
+    part = creation.part_of(path)
+    part.write_bytes(b"")
+    try:
+        storage = PagedFile(part)
+        try:
+            with h5py.File(storage, "w", libver="earliest", **ALIGNMENT) as copy:
+                # What must begin in the first page: see `layout`.
+                names = ("kickdrift/committed", *(f"particles/trajectory/position/{key}" for key in ("step", "value")))
+                items = [file[name] for name in names]
+                filters = _FILTERS if compress else {}
+                first = {_address(item): _like(item, None, copy, filters) for item in items}
+                _copy(file, copy, {}, first, filters, storage)
+            storage.commit()
+        finally:
+            storage.close()
+    except BaseException:
+        part.unlink(missing_ok=True)
+        raise
+    os.chmod(part, path.stat().st_mode)
+    return part
+
+
+def _address(item: Any) -> int:
+    return int(h5py.h5o.get_info(item.id).addr)
+
+
+def _like(item: h5py.Dataset, name: str | None, group: h5py.Group, filters: dict[str, Any]) -> h5py.Dataset:
+    """A copy of a dataset, without rows where it can grow."""
+    if item.chunks is None:
+        return group.create_dataset(name, data=item[()], dtype=item.dtype, track_times=False)
+    return group.create_dataset(
+        name, (0, *item.shape[1:]), item.dtype, maxshape=item.maxshape, chunks=item.chunks, fillvalue=item.fillvalue,
+        track_times=False, **filters,
+    )  # fmt: skip
+
+
+def _copy(
+    source: h5py.Group,
+    target: h5py.Group,
+    made: dict[int, str],
+    first: dict[int, h5py.Dataset],
+    filters: dict[str, Any],
+    storage: PagedFile,
+) -> None:
+    """Everything inside a group; objects with several names keep them, and ``first`` are there already, without."""
+    for name, item in source.items():
+        address = _address(item)
+        if address in made:
+            target[name] = target.file[made[address]]
+            continue
+        if isinstance(item, h5py.Group):
+            _copy(item, target.create_group(name), made, first, filters, storage)
+        else:
+            if address in first:
+                target[name] = first[address]
+            else:
+                _like(item, name, target, filters)
+            if item.chunks:
+                _copy_rows(item, target[name], storage)
+        for key in item.attrs:
+            target[name].attrs.create(key, item.attrs[key], dtype=item.attrs.get_id(key).dtype)
+        made[address] = f"{target.name}/{name}"
+
+
+def _copy_rows(item: h5py.Dataset, new: h5py.Dataset, storage: PagedFile) -> None:
+    """A few megabytes at a time, in whole chunks."""
+    row = max(1, item.dtype.itemsize * int(item.size // max(1, item.shape[0])))
+    block = item.chunks[0] * max(1, _COMMIT_BYTES // (row * item.chunks[0]))
+    new.resize(item.shape[0], axis=0)
+    for start in range(0, item.shape[0], block):
+        new[start : start + block] = item[start : start + block]
+        new.file.flush()
+        storage.commit()

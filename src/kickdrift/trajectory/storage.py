@@ -1,0 +1,244 @@
+"""The file under HDF5. What HDF5 writes waits in memory for `PagedFile.commit`, which brings it to the disk in an order
+of which every beginning is a whole file.
+
+HDF5 itself writes in an order that is not: its superblock, which says where the file ends, comes last, and a node of a
+full index is cut in half before its other half can be found. A kill between two such writes leaves frames that were
+long since written and that no program can reach. And where a write fails, as on a full disk, HDF5 crashes at close;
+here it never meets one.
+
+The order of a commit, and why each beginning of it holds all that an earlier commit brought:
+
+1. What lies behind the end that the superblock on the disk names. Nothing points there yet.
+2. The superblock. The file is longer now, and holds nothing new.
+3. Nodes of the chunk indices (B-trees), the upper ones first. A node that splits has given the second half of its
+   entries to a new node, written in 1; once the node above names that one, the first may lose them.
+4. All else, from the end of the file to its beginning: rows behind the last whole one in chunks that have room, then
+   the object headers with the number of rows. Headers come first in the file.
+
+Every such write lies inside one page of 4096 bytes, and a kill does not cut those: index nodes, 2 to 4 kB each, begin
+on a page (`ALIGNMENT`). New objects and links would break the order, since a group's table of names is sorted in place:
+`h5md.Writer.extend` makes them in a copy. The format: HDF5 File Format Specification 3.0, II.A (superblock version 0),
+III.A.1 (version 1 B-trees).
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import shutil
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from kickdrift.errors import InputError, RunError
+
+try:
+    import fcntl
+except ImportError:  # Windows, where HDF5 locks nothing either
+    fcntl = None  # type: ignore[assignment]
+
+PAGE = 4096
+ALIGNMENT = {"alignment_threshold": 2048, "alignment_interval": PAGE}  # below the smallest index node, 2096 bytes
+_SUPERBLOCK = 96
+_END = slice(40, 48)  # of the superblock: where the file ends
+_CHUNK_INDEX = b"TREE\x01"  # how a node begins, and its level is the byte after
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+
+
+class PagedFile:
+    """A file for h5py's file-object driver, locked against other programs as long as it is open.
+
+    ``BlockingIOError`` where another program has it; `commit` alone changes the disk, and may raise an OSError.
+    """
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        self._raw = open(path, "r+b", buffering=0)  # noqa: SIM115
+        try:
+            _lock(self._raw)
+        except BaseException:
+            self._raw.close()
+            raise
+        self._size = self._on_disk = os.fstat(self._raw.fileno()).st_size
+        self._at = 0
+        self._pages: dict[int, bytearray] = {}
+        self._end = int.from_bytes(self._read(0, _SUPERBLOCK)[_END], "little")
+
+    def key(self) -> tuple[int, int]:
+        """Device and inode."""
+        status = os.fstat(self._raw.fileno())
+        return status.st_dev, status.st_ino
+
+    # --- what h5py calls ---
+
+    def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
+        self._at = offset + {os.SEEK_SET: 0, os.SEEK_CUR: self._at, os.SEEK_END: self._size}[whence]
+        return self._at
+
+    def tell(self) -> int:
+        return self._at
+
+    def read(self, size: int = -1) -> bytes:
+        found = bytearray(self._size - self._at if size < 0 else size)
+        self.readinto(found)
+        return bytes(found)
+
+    def readinto(self, buffer: Any) -> int:
+        view = memoryview(buffer).cast("B")
+        begin, end = self._at, self._at + len(view)
+        view[:] = self._read(begin, len(view))
+        for page in range(begin // PAGE, -(-end // PAGE)):
+            if page in self._pages:
+                start = page * PAGE
+                low, high = max(begin, start), min(end, start + PAGE)
+                view[low - begin : high - begin] = self._pages[page][low - start : high - start]
+        self._at = end
+        return len(view)
+
+    def write(self, data: Any) -> int:
+        view = memoryview(data).cast("B")
+        done = 0
+        while done < len(view):
+            page, offset = divmod(self._at, PAGE)
+            piece = view[done : done + PAGE - offset]
+            if page not in self._pages:
+                whole = len(piece) == PAGE
+                self._pages[page] = bytearray(PAGE) if whole else bytearray(self._read(page * PAGE, PAGE))
+            self._pages[page][offset : offset + len(piece)] = piece
+            self._at += len(piece)
+            done += len(piece)
+        self._size = max(self._size, self._at)
+        return len(view)
+
+    def truncate(self, size: int | None = None) -> int:
+        self._size = self._at if size is None else size
+        for page in [page for page in self._pages if page * PAGE >= self._size]:
+            del self._pages[page]
+        return self._size
+
+    def flush(self) -> None:
+        """Nothing: HDF5 must not be the one who meets a disk that is full."""
+
+    # --- what the writer calls ---
+
+    def commit(self) -> None:
+        """Bring to the disk what HDF5 has written; call it right after ``h5py.File.flush``.
+
+        Where the disk is too full for what is new, the OSError comes before anything that counts has changed.
+        """
+        fresh, placed = self._pieces()
+        try:
+            for offset, data in fresh:
+                self._put(offset, data)
+            if self._on_disk < self._size:
+                self._resize(self._size)
+        except OSError:
+            self._resize(max(self._end, 0))
+            raise
+        for _, offset, data in sorted(placed, key=lambda piece: piece[0]):
+            self._put(offset, data)
+        if self._size < self._on_disk:
+            self._resize(self._size)
+        self._pages.clear()
+        self._end = int.from_bytes(self._read(0, _SUPERBLOCK)[_END], "little")
+
+    def close(self) -> None:
+        """Let go of the file; what was not committed is forgotten."""
+        self._pages.clear()
+        self._raw.close()
+
+    def _pieces(self) -> tuple[list[tuple[int, bytes]], list[tuple[tuple[int, ...], int, bytes]]]:
+        """What lies behind the end, in order; and what changes before it, each piece with its rank."""
+        fresh: list[tuple[int, bytearray]] = []
+        placed: list[tuple[tuple[int, ...], int, bytes]] = []
+        for page in sorted(self._pages):
+            start, data = page * PAGE, self._pages[page]
+            known = min(max(self._end - start, 0), PAGE)
+            if known:
+                placed += _changes(start, self._read(start, known), data[:known])
+            if new := data[known : max(self._size - start, 0)]:
+                if fresh and fresh[-1][0] + len(fresh[-1][1]) == start + known:
+                    fresh[-1][1].extend(new)
+                else:
+                    fresh.append((start + known, bytearray(new)))
+        return [(offset, bytes(data)) for offset, data in fresh], placed
+
+    def _read(self, offset: int, size: int) -> bytes:
+        """From the disk; zeros behind its end."""
+        self._raw.seek(offset)
+        found = b""
+        while len(found) < size and (more := self._raw.read(size - len(found))):
+            found += more
+        return found.ljust(size, b"\0")
+
+    def _put(self, offset: int, data: bytes) -> None:
+        self._raw.seek(offset)
+        view = memoryview(data)
+        while view:
+            view = view[self._raw.write(view) :]
+        self._on_disk = max(self._on_disk, offset + len(data))
+
+    def _resize(self, size: int) -> None:
+        self._raw.truncate(size)
+        self._on_disk = size
+
+
+def _changes(start: int, old: bytes, new: bytearray) -> list[tuple[tuple[int, ...], int, bytes]]:
+    """The pieces of a page that differ, each with its rank in the order of a commit and where it goes."""
+    found = []
+    for low, high in ((0, _SUPERBLOCK), (_SUPERBLOCK, len(new))) if start == 0 else ((0, len(new)),):
+        differing = np.flatnonzero(np.frombuffer(old, "u1")[low:high] != np.frombuffer(new, "u1")[low:high])
+        if not differing.size:
+            continue
+        first, last = low + int(differing[0]), low + int(differing[-1])
+        if start == low == 0:
+            rank: tuple[int, ...] = (0,)
+        elif new.startswith(_CHUNK_INDEX):
+            rank = (1, -new[len(_CHUNK_INDEX)], start)
+        else:
+            rank = (2, -start)
+        found.append((rank, start + first, bytes(new[first : last + 1])))
+    return found
+
+
+def _lock(raw: Any) -> None:
+    """The lock that HDF5 itself takes and looks for; some file systems have none."""
+    if fcntl is None:
+        return
+    try:
+        fcntl.flock(raw.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        raise
+    except OSError:
+        pass
+
+
+def open_to_write(path: Path, *, cache_bytes: int = 2**20) -> tuple[PagedFile, h5py.File]:
+    """The file, open and locked; an InputError where another program has it, or where it is no HDF5 file."""
+    try:
+        storage = PagedFile(path)
+    except BlockingIOError:
+        raise in_use(path) from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be opened for writing: {(error.strerror or str(error)).lower()}") from None
+    try:
+        return storage, h5py.File(storage, "r+", libver="earliest", rdcc_nbytes=cache_bytes, **ALIGNMENT)
+    except OSError as error:
+        storage.close()
+        raise InputError(f"{path}: cannot be opened for writing: {error}") from None
+
+
+def in_use(path: Path) -> InputError:
+    return InputError(f"{path}: is open in another program or run; it cannot be written to until that lets go")
+
+
+def write_error(path: Path, error: OSError) -> RunError:
+    """Why a commit failed, in one line."""
+    if error.errno in _FULL:
+        return RunError(f"{path}: disk full: no room for the next frames, {free_bytes(path):,} bytes free")
+    return RunError(f"{path}: writing failed: {(error.strerror or str(error)).lower()}")
+
+
+def free_bytes(path: Path) -> int:
+    return shutil.disk_usage(path.parent).free

@@ -1,0 +1,64 @@
+"""Files of free particles in five unit systems, written without running anything."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from scipy import constants
+
+from kickdrift.state import State
+from kickdrift.system import System
+from kickdrift.trajectory.h5md import Writer
+from kickdrift.trajectory.options import FileOptions
+
+METHOD = {"integrator": "velocity-verlet", "dt": 0.005}
+EVERY, FRAMES, N = 20, 5, 12
+ANGSTROM = {"si": 1e10}  # of a unit of length, as the file's other units say; 1 for the rest
+PS = {"si": 1e12}
+ATOMIC = {"si": 1 / constants.atomic_mass}
+UNITS = ("lj", "nbody", "astro", "metal", "si")
+
+
+def make_system(units: str, n: int = N, spread: float = 20.0) -> System:
+    """Of argon's size in real units, and with bodies that have names where there are stars."""
+    rng = np.random.default_rng(3)
+    length, time = 1 / ANGSTROM.get(units, 1.0), 1 / PS.get(units, 1.0)
+    stars = units in ("nbody", "astro")
+    return System(
+        rng.uniform(-spread, spread, (n, 3)) * length,
+        rng.normal(size=(n, 3)) * length / time,
+        masses=(np.arange(n) % 3 + 1.0) * 20 / ATOMIC.get(units, 1.0),
+        box=None if stars else np.array([15.0, 16.0, 17.5]) * length,
+        units=units,
+        species=["Ar", "Kr", "Ar"] * (n // 3) if units in ("metal", "si") else ["A", "Bb", "A"] * (n // 3),
+        names=[f"body {k}" for k in range(n)] if stars else (),
+    )
+
+
+def states(system: System, steps=range(0, EVERY * FRAMES, EVERY)) -> list[State]:
+    """Of free particles, at 0.005 of the run's own (or of a ps, in si) a step."""
+    s, dt = system.state, 0.005 / PS.get(system.units.name, 1.0)
+    return [
+        State(np.array([s.phase[0] + s.phase[1] * k * dt, s.phase[1]]), s.masses, s.ids, s.box, k * dt, k)
+        for k in steps
+    ]
+
+
+def write(
+    path: Path, system: System, of: list[State] | None = None, absorbed: dict[int, int] | None = None, **options
+) -> list[State]:
+    """Write the states (by default those of `states`) with those FileOptions, and return them."""
+    of = states(system) if of is None else of
+    method = METHOD | {"dt": METHOD["dt"] / PS.get(system.units.name, 1.0)}
+    with Writer(path, system, method=method, every=EVERY, overwrite=True, options=FileOptions(**options)) as writer:
+        writer.absorbed = absorbed or {}
+        for state in of:
+            writer.append(state, {})
+    return of
+
+
+def without(state: State, particle: int) -> State:
+    """The state after a body was removed."""
+    keep = np.arange(len(state)) != particle
+    return State(state.phase[:, :, keep], state.masses[keep], state.ids[keep], state.box, state.time, state.steps_done)

@@ -1,0 +1,109 @@
+"""Wherever a kill falls between two writes to a run's file, or inside one: all that was flushed can be read."""
+
+from __future__ import annotations
+
+import file_prefixes
+import h5py
+import numpy as np
+import pytest
+from file_prefixes import Recorder, check_h5py, check_kickdrift, check_mdanalysis, failures, resumed
+
+from kickdrift.trajectory import storage
+from kickdrift.trajectory.options import FileOptions
+
+
+@pytest.fixture(autouse=True)
+def small():
+    with file_prefixes.small_chunks():
+        yield
+
+
+@pytest.fixture
+def recorder(tmp_path):
+    return Recorder(tmp_path / "run.h5md")
+
+
+def test_every_beginning_of_the_writes_is_a_whole_file(recorder, tmp_path):
+    """Ten chunks a frame: the chunks' index, 64 entries in a node, splits with the seventh frame."""
+    recorder.run(range(8))
+    recorder.run(range(8, 10))
+    places, wrong = failures(recorder.writes, tmp_path / "copy.h5md", {check_h5py: 1, check_kickdrift: 5})
+    assert not wrong
+    assert places > 250
+    with h5py.File(recorder.path) as file:
+        assert file["particles/trajectory/position/value"].id.get_num_chunks() == 100
+
+
+@pytest.mark.filterwarnings("ignore:there is no reference attributes:UserWarning")
+def test_mdanalysis_finds_no_frame_that_is_not_whole(recorder, tmp_path):
+    pytest.importorskip("MDAnalysis")
+    recorder.run(range(3), FileOptions(write=("forces", "images")))
+    places, wrong = failures(recorder.writes, tmp_path / "copy.h5md", {check_mdanalysis: 2})
+    assert not wrong
+    assert places > 50
+
+
+def test_what_a_kill_leaves_is_continued(recorder, tmp_path):
+    """Of every write of the last flush and of the close: what half-written rows leave, another kill may meet."""
+    recorder.run(range(8))
+    last = len(recorder.writes) - 1
+    for at in range(last - 24, last, 6):
+        again = resumed(recorder.writes, at, tmp_path / "again.h5md", 2)
+        places, wrong = failures(again.writes, tmp_path / "copy.h5md", {check_h5py: 1, check_kickdrift: 10})
+        assert not wrong
+        assert places > 30
+
+
+def test_hdf5s_own_order_would_lose_frames(recorder, tmp_path):
+    """What the order is for; and that this test sees it."""
+    with file_prefixes.hdf5s_own_order():
+        recorder.run(range(8))
+    _, wrong = failures(recorder.writes, tmp_path / "copy.h5md", {check_h5py: 1})
+    assert wrong
+
+
+def test_index_nodes_lie_in_one_page(recorder):
+    """Else a kill could cut one: a page is what the system writes whole."""
+    recorder.run(range(8))
+    data = recorder.path.read_bytes()
+    places = [k for k in range(len(data)) if data.startswith(b"TREE\x01", k)]
+    assert len(places) > 20
+    assert not [place for place in places if place % storage.PAGE]
+
+
+@pytest.mark.parametrize("compress", [False, True])
+def test_what_is_counted_in_one_write_is_in_the_first_page(recorder, compress):
+    recorder.run(range(1), FileOptions(compress=compress))
+    with h5py.File(recorder.path) as file:
+        group = file["particles/trajectory/position"]
+        assert file["kickdrift/committed"].id.get_offset() < storage.PAGE - 24
+        assert all(h5py.h5o.get_info(group[name].id).addr < storage.PAGE - 512 for name in ("step", "value"))
+
+
+def test_a_paged_file_is_a_file(tmp_path):
+    """Reads see what was written, the disk only what was committed, as of a plain buffer."""
+    path = tmp_path / "x"
+    rng = np.random.default_rng(1)
+    truth = bytearray(rng.bytes(20_000))
+    truth[40:48] = len(truth).to_bytes(8, "little")
+    path.write_bytes(truth)
+    file = storage.PagedFile(path)
+    for _ in range(200):
+        offset, size = int(rng.integers(48, 30_000)), int(rng.integers(1, 9000))
+        data = rng.bytes(size)
+        truth.extend(bytes(max(0, offset + size - len(truth))))
+        truth[offset : offset + size] = data
+        file.seek(offset)
+        file.write(data)
+        begin, length = int(rng.integers(0, 20_000)), int(rng.integers(1, 9000))
+        file.seek(begin)
+        assert file.read(length)[: len(truth) - begin] == truth[begin : begin + length]
+    assert path.stat().st_size == 20_000
+    file.commit()
+    assert path.read_bytes() == truth
+    file.truncate(10_000)
+    assert file.seek(0, 2) == 10_000
+    assert path.stat().st_size == len(truth)
+    file.commit()
+    file.close()
+    assert path.read_bytes() == truth[:10_000]

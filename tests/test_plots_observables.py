@@ -1,0 +1,109 @@
+"""Figures of observables: what is drawn is what was computed, with its errors, species by species."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import kickdrift as kd
+from kickdrift import plots_observables as of
+from kickdrift.analysis import mean_squared_displacement, radial_distribution
+from kickdrift.cli import app
+from kickdrift.errors import InputError
+from kickdrift.state import State
+from kickdrift.trajectory.h5md import Writer
+
+
+def write(path, frames=200, species=None, box=(6.0, 6.0, 6.0)):
+    """A gas of walkers whose velocities forget themselves in a few frames."""
+    rng = np.random.default_rng(2)
+    x, v = rng.uniform(0, 6, (30, 3)), rng.normal(size=(30, 3))
+    system = kd.System(x, v, box=box, species=species, name="walkers")
+    s = system.state
+    with Writer(path, system, method={"integrator": "none", "dt": 0.01}, every=10) as writer:
+        for k in range(frames):
+            v = 0.5 * v + rng.normal(size=v.shape)
+            x = x + 0.1 * v
+            writer.append(State(np.array([x.T, v.T]), s.masses, s.ids, s.box, 0.1 * k, 10 * k), {})
+    return path
+
+
+@pytest.fixture
+def drawn(monkeypatch):
+    """The figures that were saved."""
+    figures = []
+    save = of.save_figure
+
+    def keep(figure, target):
+        figures.append(figure)
+        return save(figure, target)
+
+    monkeypatch.setattr(of, "save_figure", keep)
+    return figures
+
+
+@pytest.mark.parametrize("kind", list(of.KINDS))
+def test_every_kind_is_a_picture_with_its_errors(tmp_path, drawn, kind):
+    path, target = write(tmp_path / "run.h5md"), tmp_path / "figure.png"
+    assert of.plot_observable(path, kind, target) == target
+    assert target.read_bytes().startswith(b"\x89PNG")
+    above, below = drawn[0].axes
+    assert below.get_ylabel() == "standard error"
+    assert len(below.lines[0].get_xdata()) > 3
+    assert above.collections, "bars or a band"
+    assert below.get_xlim() == above.get_xlim()
+    assert "walkers" in drawn[0].get_suptitle()
+
+
+def test_lines_are_the_observables(tmp_path, drawn):
+    path = write(tmp_path / "run.h5md")
+    of.plot_observable(path, "msd", tmp_path / "msd.png")
+    found = mean_squared_displacement(path)
+    above, below = drawn[0].axes
+    np.testing.assert_array_equal(above.lines[0].get_ydata(), found.values[1:])
+    known = np.isfinite(found.error) & (found.error > 0)
+    np.testing.assert_array_equal(below.lines[0].get_ydata(), found.error[known])
+    assert not known[-1], "the longest lags have none"
+    of.plot_observable(path, "rdf", tmp_path / "rdf.png")
+    with kd.open(path) as run:
+        rdf = radial_distribution(run[1:])
+    np.testing.assert_array_equal(drawn[1].axes[0].lines[-1].get_ydata(), rdf.g)
+
+
+def test_species_have_lines_of_their_own(tmp_path, drawn):
+    path = write(tmp_path / "run.h5md", species=["Ar" if k % 3 else "Kr" for k in range(30)])
+    for kind, labels in (("rdf", ["Kr–Kr", "Kr–Ar", "Ar–Ar"]), ("vacf", ["Kr", "Ar"])):
+        of.plot_observable(path, kind, tmp_path / f"{kind}.png")
+        assert [text.get_text() for text in drawn[-1].axes[0].get_legend().get_texts()] == labels
+
+
+def test_few_frames_have_no_errors(tmp_path, drawn):
+    path = write(tmp_path / "run.h5md", frames=3)
+    for kind in of.KINDS:
+        of.plot_observable(path, kind, tmp_path / f"{kind}.png")
+    assert len(drawn) == len(of.KINDS)
+
+
+def test_frames_are_spread_and_bounded(tmp_path, monkeypatch):
+    monkeypatch.setattr(of, "WORK", 30**2 * 20)
+    with kd.open(write(tmp_path / "run.h5md")) as run:
+        chosen = np.arange(len(run))[of._spread(run)]
+    assert len(chosen) == 20
+    assert (chosen[0], chosen[-1]) == (9, 199)
+
+
+def test_on_the_command_line(tmp_path):
+    path = write(tmp_path / "run.h5md")
+    done = CliRunner().invoke(app, ["plot", str(path), "--kind", "vacf"])
+    assert (done.exit_code, done.output.strip()) == (0, str(tmp_path / "run.png"))
+
+
+def test_bad_input(tmp_path):
+    path = write(tmp_path / "run.h5md", box=None)
+    with pytest.raises(InputError, match="needs a periodic box"):
+        of.plot_observable(path, "rdf", tmp_path / "rdf.png")
+    with pytest.raises(InputError, match=r"must end in \.png"):
+        of.plot_observable(path, "msd", tmp_path / "msd.gif")
+    with pytest.raises(InputError, match="holds no frame"):
+        of.plot_observable(write(tmp_path / "empty.h5md", frames=0), "msd", tmp_path / "msd.png")

@@ -1,0 +1,288 @@
+"""Contract tests over the registries: a run goes on from a checkpoint, and in pieces, and looked at, to the same bits.
+
+A method or a force that is registered is tested by that. A checkpoint goes through bytes before it is put back, as
+through a file, and into a Simulation that has never run.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from problems import pendulum
+from test_integrators import liquid
+
+import kickdrift as kd
+from kickdrift.errors import InputError
+from kickdrift.forces import FORCES
+from kickdrift.forces.bound import BoundForces
+from kickdrift.forces.pair_kernel import with_room
+from kickdrift.integrators import INTEGRATORS, integrator
+from kickdrift.integrators.step_control import CONTROLLERS
+
+METHODS = [name for name, method in INTEGRATORS.items() if method.name == name]
+CLOCKS = {"wall_seconds": 0.0, "compile_seconds": 0.0}  # of a record: what no two runs share
+
+
+def planets() -> kd.System:
+    """A star, two planets that meet, and a massless body."""
+    r = np.array([1.0, 1.6, 2.3])
+    x = np.concatenate([np.zeros((1, 3)), np.stack([r, 0.1 * r, 0.02 * r], axis=1)])
+    v = np.concatenate([np.zeros((1, 3)), np.stack([-0.1 / r**0.5, 1.0 / r**0.5, 0.03 * r], axis=1)])
+    return kd.System(
+        x, v, masses=[1.0, 1e-3, 5e-4, 0.0], forces=[kd.Gravity()], units="nbody", names=["S", "A", "B", "c"]
+    )
+
+
+def small_liquid() -> kd.System:
+    return liquid(27, 1.5)
+
+
+def choices(name: str) -> list[dict[str, Any]]:
+    """The method as it comes, and with each value of each of its options that has names."""
+    method = integrator(name)
+    known: dict[str, tuple[Any, ...]] = dict(method.choices)
+    known |= {"compensated": (True,)} if "compensated" in method.tunable else {}
+    known |= {"controller": tuple(CONTROLLERS)} if "controller" in method.tunable else {}
+    return [{}, *({key: value} for key, values in known.items() for value in values[-3:] if value is not None)]
+
+
+def subjects(name: str, **options: Any) -> list[Callable[..., kd.Simulation]]:
+    """What makes Simulations with a method: of each kind of subject, those that it takes."""
+    found = []
+    for subject, dt in ((small_liquid, 0.004), (planets, 0.02), (pendulum, 0.05)):
+
+        def make(subject=subject, dt=dt, **more) -> kd.Simulation:
+            method = integrator(name)
+            step = {"dt": dt} if method.needs_dt and "scheme" not in options else {}
+            tolerance = {"rtol": 1e-6} if "rtol" in method.tunable else {}
+            return kd.Simulation(subject(), name, **(tolerance | step | options | more))
+
+        try:
+            make()
+        except InputError:
+            continue
+        found.append(make)
+    return found
+
+
+def through_bytes(value: Any) -> Any:
+    """What a file gives back of a checkpoint; nothing else than plain values may stand in one."""
+    if isinstance(value, dict):
+        assert all(type(key) is str for key in value)
+        return {key: through_bytes(each) for key, each in value.items()}
+    if isinstance(value, list):
+        return [through_bytes(each) for each in value]
+    if isinstance(value, np.ndarray):
+        assert value.dtype.kind in "biufc"
+        return np.frombuffer(value.tobytes(), value.dtype).reshape(value.shape).copy()
+    assert value is None or type(value) in (bool, int, float, str), repr(value)
+    return value
+
+
+def differences(one: Any, other: Any, path: str = "") -> list[str]:
+    """Where two checkpoints differ in a bit."""
+    if type(one) is not type(other):
+        return [f"{path}: {one!r:.60} and {other!r:.60}"]
+    if isinstance(one, dict):
+        assert one.keys() == other.keys(), path
+        return [line for key in one for line in differences(one[key], other[key], f"{path}/{key}")]
+    if isinstance(one, list):
+        assert len(one) == len(other), path
+        pairs = enumerate(zip(one, other, strict=True))
+        return [line for k, (a, b) in pairs for line in differences(a, b, f"{path}/{k}")]
+    if isinstance(one, np.ndarray):
+        same = one.shape == other.shape and one.dtype == other.dtype and one.tobytes() == other.tobytes()
+        return [] if same else [f"{path}: {one!r:.60} and {other!r:.60}"]
+    return [] if one == other or (one != one and other != other) else [f"{path}: {one!r} and {other!r}"]
+
+
+def kept(sim: kd.Simulation) -> dict[str, Any]:
+    """The checkpoint, as a file holds it."""
+    return through_bytes(sim.checkpoint())
+
+
+def but_for_clocks(checkpoint: dict[str, Any]) -> dict[str, Any]:
+    return checkpoint | {"record": checkpoint["record"] | CLOCKS}
+
+
+def bits(sim: kd.Simulation) -> bytes:
+    state = sim.state
+    return (state.phase if isinstance(sim.system, kd.System) else state.y).tobytes()
+
+
+def assert_goes_on(make: Callable[..., kd.Simulation], first: Callable, then: Callable) -> kd.Simulation:
+    """A run with a checkpoint between ``first`` and ``then`` goes on from that in a new Simulation as it does itself,
+    and as it would have without one; the run."""
+    whole, other, alone = make(), make(), make()
+    first(whole)
+    checkpoint = kept(whole)
+    other.restore(checkpoint)
+    assert differences(checkpoint, kept(other)) == []
+    assert bits(other) == bits(whole)
+    for sim in (whole, other):
+        then(sim)
+    assert bits(other) == bits(whole)
+    assert other.time == whole.time
+    assert differences(but_for_clocks(kept(whole)), but_for_clocks(kept(other))) == []
+    first(alone)
+    then(alone)
+    assert bits(alone) == bits(whole)
+    return whole
+
+
+# --- every method ---
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_a_run_goes_on_from_a_checkpoint(name):
+    """With a pair list that is pruned before and after, and not there; a method that chooses its steps also from within
+    a step."""
+    for options in choices(name):
+        for make in subjects(name, **options):
+            builds = []
+
+            def first(sim, builds=builds):
+                sim.run(30, every=11)
+                if sim.method.chooses_steps:
+                    sim.run(until=sim.time + 2.6 * sim._stepper.last_step)
+                    assert sim.checkpoint()["present"] is not None
+                builds.append(sim._flow.forces.list_builds)
+
+            whole = assert_goes_on(make, first, lambda sim: sim.run(31, every=7))
+            if builds[0][1] > 1:
+                assert whole._flow.forces.list_builds[1] > builds[0][1]
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_pieces_and_looks_change_no_bit(name):
+    for make in subjects(name):
+        whole, pieces = make(), make()
+        whole.run(40)
+        if whole.method.chooses_steps:
+            whole.run(until=1.3 * whole.time)
+        end, steps = whole.time, whole.steps_done
+
+        def look(sim):
+            sim.energy()
+            sim.checkpoint()
+            if isinstance(sim.system, kd.System):
+                sim.forces()
+
+        for k in range(1, 11):
+            if whole.method.chooses_steps:
+                pieces.run(until=end if k == 10 else k / 10 * end, interval=end / 37, observe=look)
+            else:
+                pieces.run(steps // 10, every=3, observe=look)
+        assert (pieces.time, pieces.steps_done) == (end, steps)
+        assert bits(pieces) == bits(whole)
+        assert differences(whole.checkpoint()["stepper"], pieces.checkpoint()["stepper"]) == []
+
+
+# --- every force ---
+
+EXAMPLES: dict[str, dict[str, Any]] = {
+    "lennard-jones": {"cutoff": 2.5, "truncation": "shift", "species": {"A": {}, "B": {"sigma": 0.9}}},
+    "gravity": {"softening": 0.1, "G": 1e-4},
+    "gravity-tree": {"softening": 0.1, "G": 1e-4},
+    "relativity-1pn": {"c": 100.0, "G": 1e-4},
+    "j2": {"j2": 0.1, "radius": 0.1, "G": 1e-4},
+    "springs": {"pairs": [[0, 1], [5, 3]], "stiffness": 2.0, "length": 0.5},
+    "uniform-field": {"acceleration": (0.0, 0.1, 0.0)},
+    "driven-field": {"amplitude": (0.3, 0.0, 0.1), "frequency": 3.0},
+}
+
+
+def example(cls: Any) -> Any:
+    """One of a force: what it needs to be told is 0.1 where nothing is said above."""
+    required = [key for key, each in inspect.signature(cls).parameters.items() if each.default is each.empty]
+    return cls(**(dict.fromkeys(required, 0.1) | EXAMPLES.get(cls.name, {})))
+
+
+@pytest.mark.parametrize("name", FORCES)
+def test_forces_remember_what_their_sums_depend_on(name):
+    """Along a given path: what a force gives after its memory was put back is what it gives without that."""
+    rng = np.random.default_rng(8)
+    x = 1.2 * np.indices((8, 8, 8)).reshape(3, -1) + rng.uniform(-0.1, 0.1, (3, 512))
+    species, masses = ["A" if k % 3 else "B" for k in range(512)], np.where(np.arange(512) == 200, 30.0, 1.0)
+    system = kd.System(x.T, masses=masses, units="nbody", species=species, forces=[example(FORCES[name])])
+    v = rng.normal(size=x.shape)
+
+    def along(bound: BoundForces, steps: range) -> list[Any]:
+        found = [bound.measure(0.1 * k, np.array([x + 0.01 * k * v, v])) for k in steps]
+        return [each and (each.accelerations.tobytes(), *each[1:]) for each in found]
+
+    whole, other = BoundForces(system), BoundForces(system)
+    along(whole, range(30))
+    other.recall(through_bytes(whole.memory()))
+    assert differences(whole.memory(), other.memory()) == []
+    measured = along(whole, range(30, 60))
+    assert measured == along(other, range(30, 60))
+    assert None not in measured
+    assert differences(whole.memory(), other.memory()) == []
+
+
+# --- lists ---
+
+
+def test_the_order_of_sums_is_what_a_state_alone_does_not_hold():
+    """The test of the tests: without the pair lists, a run from the same state has other bits."""
+    whole, anew = (kd.Simulation(liquid(512, 2.5), "velocity-verlet", dt=0.004) for _ in range(2))
+    whole.run(30)
+    anew.state = whole.state
+    for sim in (whole, anew):
+        sim.run(50)
+    assert bits(anew) != bits(whole)
+    np.testing.assert_allclose(anew.state.positions, whole.state.positions, atol=1e-9)
+
+
+def test_lists_that_have_grown():
+    """Room that a list had to be given is there again: to grow takes an evaluation."""
+
+    def make() -> kd.Simulation:
+        sim = kd.Simulation(liquid(512, 2.5), "velocity-verlet", dt=0.004)
+        sim._flow.forces.forces = tuple(with_room(force, 500) for force in sim._flow.forces.forces)
+        return sim
+
+    whole = assert_goes_on(make, lambda sim: sim.run(3), lambda sim: sim.run(40))
+    assert whole.checkpoint()["stepper"]["forces"][0]["room"] > 500
+
+
+# --- thermal starts ---
+
+
+def test_a_thermal_start_brought_to_a_temperature(tmp_path):
+    path = tmp_path / "thermal.toml"
+    path.write_text(THERMAL)
+
+    def make() -> kd.Simulation:
+        return kd.Simulation(kd.load(path), "velocity-verlet", compensated=True)
+
+    def first(sim):
+        sim.equilibrate(0.9, 0.2)
+        sim.run(61)
+
+    assert_goes_on(make, first, lambda sim: sim.run(45, every=9))
+
+
+THERMAL = """
+units = "lj"
+[particles]
+lattice = "fcc"
+count = 256
+density = 0.8
+[velocities]
+temperature = 1.2
+seed = 5
+[box]
+periodic = true
+[[force]]
+type = "lennard-jones"
+cutoff = 2.5
+truncation = "shift"
+[run]
+dt = 0.004
+"""
