@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import os
 import re
 import sys
 from pathlib import Path
 from types import ModuleType
+
+# Before NumPy is loaded: two test processes whose BLAS threads wait for each other take many times as long.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 PAGE = Path(__file__).parents[1] / "docs" / "your-own-integrator.md"
 

@@ -628,13 +628,16 @@ def test_a_file_without_its_end_has_its_events(tmp_path):
         ]
 
 
-def test_a_file_begun_after_a_merger_has_the_bodies_that_are_left(tmp_path):
+def test_a_file_begun_after_a_merger_has_all_bodies(tmp_path):
+    """As one has that was begun before it: the run goes on from either."""
     sim = kd.Simulation(loaded(FILE))
     sim.run(9)
     sim.run(5, output=tmp_path / "run.h5md", every=1)
     with kd.open(tmp_path / "run.h5md") as run:
-        assert run.ids.tolist() == [0, 2]
-        assert run.names == ("A", "C")
+        assert run.ids.tolist() == [0, 1, 2]
+        assert run.names == ("A", "B", "C")
+        for frame in run:
+            np.testing.assert_array_equal(frame.positions[1], frame.positions[0])
 
 
 def test_the_command_line_prints_and_writes_them(tmp_path, capsys, monkeypatch):

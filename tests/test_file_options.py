@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import subprocess
 import sys
 
@@ -12,7 +13,7 @@ import pytest
 import kickdrift as kd
 from kickdrift.errors import InputError
 from kickdrift.state import State
-from kickdrift.trajectory import reader
+from kickdrift.trajectory import reader, storage
 from kickdrift.trajectory.h5md import Writer
 from kickdrift.trajectory.info import describe, info
 from kickdrift.trajectory.layout import system_hash
@@ -254,3 +255,24 @@ def test_the_command_line_takes_the_options(path):
         assert done.returncode == 2
         assert message in done.stderr
         assert done.stderr.count("\n") == 1
+
+
+def test_an_interrupt_inside_a_flush_ends_the_run_cleanly(path, monkeypatch):
+    commit, pressed = storage.PagedFile.commit, []
+
+    def interrupted(self, **how):
+        with h5py.File(path, "r", locking=False) as file:
+            if not pressed and file["kickdrift/committed"][0] == 3:
+                pressed.append(True)
+                signal.raise_signal(signal.SIGINT)
+        commit(self, **how)
+
+    monkeypatch.setattr(storage.PagedFile, "commit", interrupted)
+    sim = kd.Simulation(kd.System([[0.5, 0, 0]], forces=[kd.HarmonicTrap(2.0)]), dt=0.01)
+    with pytest.raises(KeyboardInterrupt):
+        sim.run(1000, every=1, output=path, file=kd.FileOptions(flush=1e-9))
+    assert pressed
+    with kd.open(path) as run:
+        assert run.closed
+        assert run.steps.tolist() == list(range(sim.steps_done + 1))
+        assert len(run) < 20

@@ -333,9 +333,9 @@ def test_append_to_cuts_what_a_kill_left(path):
         file["kickdrift/samples/time"].resize(9, axis=0)
     with reader.open(path) as run:
         assert len(run) == 3
-        assert run.half_written == 2
+        assert run.half_written == {"frames": 2, "samples": 0, "events": 0}
         assert len(run.sample_times) == 5
-    assert "2 frames behind the last whole one" in describe(info(path))
+    assert "2 frames were left half written" in describe(info(path))
     with Writer.append_to(path, run_id) as writer:
         writer.append(make_state(system, 60), sample(60))
     with h5py.File(path) as file:

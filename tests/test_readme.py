@@ -1,4 +1,4 @@
-"""The README's Python runs as it stands there, as does that of the page on observables; the page on orbits loads."""
+"""The Python of the README and of the pages runs as it stands there; the system file of the page on orbits loads."""
 
 from __future__ import annotations
 
@@ -22,7 +22,8 @@ def run_python_of(page: Path) -> dict:
     return names
 
 
-def test_the_python_of_the_readme_runs(capsys):
+def test_the_python_of_the_readme_runs(capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     names = run_python_of(README)
     report = names["report"]
     assert capsys.readouterr().out.startswith(str(report.energy.rms_relative_error))
@@ -49,11 +50,8 @@ def test_the_python_of_the_page_on_bridges_runs(tmp_path, monkeypatch):
 
 
 def test_the_python_of_the_page_on_observables_runs(tmp_path, monkeypatch):
-    page = README.parent / "docs" / "observables.md"
-    (code,) = re.findall(r"```python\n(.*?)```", page.read_text(encoding="utf-8"), flags=re.DOTALL)
     monkeypatch.chdir(tmp_path)
-    names: dict = {}
-    exec(compile(code, str(page), "exec"), names)
+    names = run_python_of(README.parent / "docs" / "observables.md")
     einstein, green_kubo = names["einstein"], names["green_kubo"]
     # The fluid at T* = 0.9, rho* = 0.8442, whose error a run of ten units of time only just has.
     assert einstein.value == pytest.approx(green_kubo.value, abs=4 * (einstein.error + green_kubo.error))

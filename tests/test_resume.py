@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import importlib
+import linecache
+import sys
+from dataclasses import replace
+
 import h5py
 import numpy as np
 import pytest
@@ -9,8 +14,11 @@ from test_integrators import liquid
 
 import kickdrift as kd
 from kickdrift.errors import InputError
-from kickdrift.trajectory import restart
+from kickdrift.trajectory import cadence, restart
 from kickdrift.trajectory.checkpoints import decoded, encoded
+from kickdrift.trajectory.h5md import Writer
+from kickdrift.trajectory.info import describe, info
+from kickdrift.trajectory.record import changed_sources, system_of
 
 
 class Stopped(Exception):
@@ -105,9 +113,13 @@ def test_any_step_of_a_file(tmp_path):
 
 
 def test_the_cost_does_not_depend_on_the_length(tmp_path, monkeypatch):
-    """A run that ended well is taken up without a step, and one that was cut from its last checkpoint on."""
-    path = tmp_path / "a.h5md"
+    """Steps are taken from the last checkpoint on, which are no further apart in a longer run."""
+    monkeypatch.setattr(cadence, "SHARE", 1e-9)
+    monkeypatch.setattr(cadence, "SECONDS", 1e9)
+    path, longer = tmp_path / "a.h5md", tmp_path / "b.h5md"
     kd.Simulation(liquid(), dt=0.004).run(300, every=10, output=path)
+    monkeypatch.setattr(cadence, "SHARE", 1e9)
+    kd.Simulation(liquid(), dt=0.004).run(600, every=10, output=longer, file=kd.FileOptions(flush=1e-9))
     taken = []
     advance = kd.Simulation._advance
     monkeypatch.setattr(
@@ -116,7 +128,11 @@ def test_the_cost_does_not_depend_on_the_length(tmp_path, monkeypatch):
     kd.resume(path)
     assert taken == []
     kd.resume(path, step=299)
-    assert sum(steps for steps, *_ in taken) == 299  # no flush between: the only one before it is the first
+    assert sum(steps for steps, *_ in taken) == 299  # a short run, with no flush between its start and its end
+    for step in (99, 599):
+        taken.clear()
+        kd.resume(longer, step=step)
+        assert sum(steps for steps, *_ in taken) == 9
 
 
 def test_it_goes_on_into_the_file_with_the_same_cadence(tmp_path):
@@ -194,7 +210,7 @@ def test_a_frame_that_was_changed_is_noticed(path):
     with h5py.File(path, "r+") as file:
         file["particles/trajectory/position/value"][-1, 3, 0] += 1e-9
     (warning,) = kd.resume(path).record.warnings
-    assert "1e-09 away from the file's last frame" in warning
+    assert "1e-09 away from the file's frame there" in warning
 
 
 def test_a_checkpoint_that_was_changed_is_refused(path):
@@ -228,3 +244,167 @@ def test_bytes_hold_everything_that_may_be_in_a_checkpoint():
     for bad in ({"a": object()}, {1: 2}, {"array": 3}):
         with pytest.raises(TypeError):
             encoded(bad)
+
+
+# --- what happened to the run before ---
+
+
+def test_a_state_that_was_replaced(tmp_path):
+    sim, path = kd.Simulation(liquid(), dt=0.004), tmp_path / "a.h5md"
+    sim.run(100, every=20, output=path)
+    sim.state = replace(sim.state, phase=sim.state.phase * [[[1.0]], [[-1.0]]])
+    sim.run(100, output=path)
+    resumed = kd.resume(path, step=150)
+    resumed.run(50)
+    assert resumed.state.phase.tobytes() == sim.state.phase.tobytes()
+
+
+def test_a_lattice_that_was_turned_around(tmp_path):
+    sim, path = kd.Simulation(liquid(), "leapfrog-exact", dt=0.004), tmp_path / "a.h5md"
+    sim.run(40, every=20, output=path)
+    sim.lattice = sim.lattice.reversed()
+    sim.run(40, output=path)
+    resumed = kd.resume(path, step=50)
+    resumed.run(30)
+    assert resumed.state.phase.tobytes() == sim.state.phase.tobytes()
+
+
+def test_a_run_that_an_event_stopped_and_that_went_on(tmp_path):
+    path = tmp_path / "a.h5md"
+    sim = kd.Simulation(trio().watched([kd.Collision(0.05, action="stop")]), "velocity-verlet", dt=0.002)
+    sim.run(700, every=50, output=path)
+    assert sim.stopped
+    stopped_at = sim.steps_done
+    assert kd.resume(path).stopped == sim.stopped
+    sim.run(700, output=path)
+    resumed = kd.resume(path, step=stopped_at + 80)
+    assert resumed.steps_done == stopped_at + 80
+    resumed.run(620)
+    assert resumed.state.phase.tobytes() == sim.state.phase.tobytes()
+
+
+def test_events_behind_the_last_look_are_written_once(tmp_path):
+    path, system = tmp_path / "a.h5md", trio().watched([kd.Crossing.pericentre(1, 0), kd.Crossing.apocentre(1, 0)])
+    system = system.at(system.state.phase * [[[1.0]], [[2.0]]], 0.0)
+
+    def killed(done, of):
+        if len(sim.events) >= 3:
+            raise Stopped
+
+    sim = kd.Simulation(system, "velocity-verlet", dt=0.002)
+    with pytest.raises(Stopped):
+        sim.run(9000, every=9000, output=path, progress=killed, file=kd.FileOptions(flush=1e-9))
+    with kd.open(path) as run:
+        assert run.events == []
+    resumed = kd.resume(path)
+    resumed.run()
+    with kd.open(path) as run:
+        times = [event["time"] for event in run.events]
+    assert len(times) == len(set(times)) == len(resumed.events) >= 3
+
+
+def test_a_file_is_left_as_it_is_by_who_has_fallen_behind(tmp_path):
+    sim, path = kd.Simulation(liquid(), dt=0.004), tmp_path / "a.h5md"
+    sim.run(20, every=10, output=path)
+    kd.resume(path).run(20)
+    before = path.read_bytes()
+    with pytest.raises(InputError, match="ends at step 40; step 20 cannot follow it"):
+        sim.run(10, output=path)
+    assert path.read_bytes() == before
+
+
+def test_a_system_that_was_changed_in_the_file_is_refused(path):
+    with h5py.File(path, "r+") as file:
+        file["particles/trajectory/mass"][0] *= 2
+    with pytest.raises(InputError, match="its system was changed after the run began"):
+        kd.resume(path)
+    assert "was changed after the run began" in describe(info(path))
+
+
+def test_a_law_that_was_edited_is_named(tmp_path, monkeypatch):
+    law = """
+from typing import NamedTuple
+import kickdrift as kd
+
+@kd.pair_law
+class Mine(NamedTuple):
+    k: float = 1.0
+    def law(p, r2):
+        return p.k * (4.0 - r2) ** 2, 4.0 * p.k * (4.0 - r2)
+"""
+    for text, expected in ((law, []), (law.replace("p.k * (4.0 - r2) ** 2", "1.0 * p.k * (4.0 - r2) ** 2"), ["Mine"])):
+        (tmp_path / "somebodys_law.py").write_text(text)
+        monkeypatch.syspath_prepend(tmp_path)
+        monkeypatch.delitem(sys.modules, "somebodys_law", raising=False)
+        importlib.invalidate_caches()
+        linecache.clearcache()
+        module = importlib.import_module("somebodys_law")
+        system = kd.System(np.eye(3), box=(9.0,) * 3, forces=[module.Mine(cutoff=2.0)])
+        path = tmp_path / "a.h5md"
+        if not path.exists():
+            with Writer(path, system, method={}, every=1):
+                pass
+        with kd.open(path) as run:
+            assert changed_sources(system_of(run), run) == expected
+
+
+def test_a_file_that_was_begun_after_a_merger(tmp_path):
+    system = trio(names=["star", "planet", "rock"]).watched(
+        [kd.Collision(0.05), kd.CloseApproach(2.5, ["planet", "rock"])]
+    )
+    sim, path = kd.Simulation(system, "velocity-verlet", dt=0.002), tmp_path / "a.h5md"
+    sim.run(800)
+    assert len(sim.state) == 2
+    sim.run(100, every=20, output=path)
+    resumed = kd.resume(path, step=850)
+    resumed.run(50)
+    assert resumed.state.phase.tobytes() == sim.state.phase.tobytes()
+
+
+def test_time_counts_from_step_0(tmp_path):
+    sim, path = kd.Simulation(liquid(), dt=0.01), tmp_path / "a.h5md"
+    sim.run(100)
+    sim.run(50, every=50, output=path)
+    resumed = kd.resume(path)
+    assert restart.continued(resumed, None, 2.5).end_step == 250
+    assert restart.continued(resumed, 300, None).end_step == 300
+
+
+def test_an_interval_is_kept(tmp_path):
+    sim, path = kd.Simulation(trio(), "dop853"), tmp_path / "a.h5md"
+    sim.run(until=1.0, interval=0.25, output=path)
+    kd.resume(path).run(until=2.0)
+    with kd.open(path) as run:
+        assert run.times == pytest.approx(np.arange(0.0, 2.01, 0.25))
+
+
+def test_a_function_of_ones_own_with_a_system_of_ones_own(tmp_path):
+    crossing = kd.Crossing(lambda t, x, v: t - 0.01, "a time")
+    system, path = trio().watched([crossing]), tmp_path / "a.h5md"
+    kd.Simulation(system, "velocity-verlet", dt=0.002).run(20, every=10, output=path)
+    assert kd.resume(path, system=system, events=[crossing]).steps_done == 20
+
+
+def test_the_file_that_a_run_goes_on_into_is_not_lost(path):
+    resumed = kd.resume(path)
+    with pytest.raises(InputError, match="is what this run goes on into; give another output"):
+        resumed.run(10, overwrite=True)
+    path.rename(path.with_name("b.h5md"))
+    with pytest.raises(InputError, match="is gone, and this run goes on into it"):
+        resumed.run(10)
+    assert not path.exists()
+
+
+def test_a_link_stays_one(tmp_path, path):
+    link = tmp_path / "link.h5md"
+    link.symlink_to(path)
+    kd.resume(link).run(10)
+    assert link.is_symlink()
+    with kd.open(path) as run:
+        assert run.steps[-1] == 30
+
+
+@pytest.mark.parametrize("step", [1.5, "x", True])
+def test_a_step_is_a_whole_number(path, step):
+    with pytest.raises(InputError, match="step: expected a whole number"):
+        kd.resume(path, step=step)

@@ -97,10 +97,18 @@ def test_one_frame_has_the_time_step_that_the_run_would_have_had(path):
 def test_uneven_frames_are_said_and_keep_their_times(path):
     system = make_system("lj")
     written = write(path, system, states(system, (0, 20, 40, 70)))
-    with kd.open(path) as run, pytest.warns(UserWarning, match="not evenly spaced; dt is their mean"):
+    with kd.open(path) as run, pytest.warns(UserWarning, match="not evenly spaced; dt is 0.116"):
         universe = run.universe()
     assert universe.trajectory.totaltime == pytest.approx(0.35)
     assert [ts.time for ts in universe.trajectory] == [state.time for state in written]
+    universe.trajectory.close()
+
+
+def test_an_end_off_the_grid_leaves_the_time_step(path):
+    system = make_system("lj")
+    write(path, system, states(system, (0, 20, 40, 45)))
+    with kd.open(path) as run, pytest.warns(UserWarning, match="not evenly spaced; dt is 0.1 ps"):
+        universe = run.universe()
     universe.trajectory.close()
 
 

@@ -1,6 +1,6 @@
 """Is a run's file whole wherever a kill falls between two writes to it?
 
-    python validation/file_prefixes.py [--frames 230] [--plain]
+    python validation/file_prefixes.py [--frames 70] [--plain]
 
 Every write that a run makes to its file is recorded: the first flush, ordinary ones in which the index of the frames'
 chunks grows to three levels, events, the report, the close, the same file taken up again, and taken up after a kill.
@@ -66,9 +66,9 @@ def append(writer: Writer, start: System, step: int) -> None:
 
 
 @contextmanager
-def small_chunks() -> Iterator[None]:
-    """Chunks of ten particles of one frame, and of two rows of a series."""
-    with mock.patch.object(layout, "CHUNK_BYTES", 240), mock.patch.object(layout, "SERIES_CHUNK", 2):
+def small_chunks(particles: int = 10) -> Iterator[None]:
+    """Chunks of a few particles of one frame, and of two rows of a series."""
+    with mock.patch.object(layout, "CHUNK_BYTES", 24 * particles), mock.patch.object(layout, "SERIES_CHUNK", 2):
         yield
 
 
@@ -265,11 +265,11 @@ def claims(frames: int, plain: bool) -> Iterator[Claim]:
     """One for each kind of file, and one for all that was resumed."""
     order = "HDF5's order" if plain else "kickdrift's order"
     checks: Checks = {check_h5py: 1, check_kickdrift: 5, check_mdanalysis: 20}
-    with tempfile.TemporaryDirectory() as folder, small_chunks(), hdf5s_own_order() if plain else nullcontext():
+    with tempfile.TemporaryDirectory() as folder, small_chunks(3), hdf5s_own_order() if plain else nullcontext():
         path, copy = Path(folder) / "run.h5md", Path(folder) / "copy.h5md"
         kinds = {
             "float64": (frames, FileOptions()),
-            "float32, forces, images, compressed": (40, FileOptions(10, "float32", True, ("forces", "images"))),
+            "float32, forces, images, compressed": (15, FileOptions(10, "float32", True, ("forces", "images"))),
         }
         for kind, (length, options) in kinds.items():
             recorder = Recorder(path)
@@ -282,11 +282,16 @@ def claims(frames: int, plain: bool) -> Iterator[Claim]:
             yield claim(text, sum(wrong.values()), "0", not wrong, "every write, cut at pages of 4096 bytes")
             if kind == "float64":
                 first = recorder.writes
+                with h5py.File(path) as file:
+                    chunks = file["particles/trajectory/position/value"].id.get_num_chunks()
+                print(f"  {chunks:,} chunks; an index node has up to 64 entries")
         places = lost = 0
         for at in range(len(first) - 200, len(first) - 1, 5):
             recorder = resumed(first, at, path, 3)
             more, wrong = failures(recorder.writes, copy, checks)
             places, lost = places + more, lost + sum(wrong.values())
+            for text, number in wrong.most_common(2):
+                print(f"  {number:6} times {text}", file=sys.stderr)
         text = f"{order}, taken up after each of 40 kills: places, of {places}, that lose a frame"
         yield claim(text, lost, "0", not lost, "the same, of the files that the kills left")
 
@@ -294,7 +299,7 @@ def claims(frames: int, plain: bool) -> Iterator[Claim]:
 def main() -> int:
     """The exit status: 1 where a place loses a frame."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--frames", type=int, default=230)
+    parser.add_argument("--frames", type=int, default=70)
     parser.add_argument("--plain", action="store_true", help="leave the order to HDF5, for comparison")
     given = parser.parse_args()
     warnings.simplefilter("ignore")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -53,6 +54,9 @@ JsonOption = Annotated[
 OverwriteOption = Annotated[bool, typer.Option("--overwrite", help="Replace files that exist.")]
 ThreadsOption = Annotated[int, typer.Option(metavar="K", min=1, help="Threads; the results do not depend on it.")]
 QuietOption = Annotated[bool, typer.Option("--quiet", help="Nothing on standard error but errors.")]
+FlushOption = Annotated[
+    float | None, typer.Option(metavar="SECONDS", help="Of frames that a kill costs at most (default 10).")
+]
 INTERRUPTED = 130
 
 
@@ -123,9 +127,7 @@ def run(
     ] = None,
     output: Annotated[Path | None, typer.Option(metavar="FILE.h5md", help="Write the trajectory.")] = None,
     overwrite: OverwriteOption = False,
-    flush: Annotated[
-        float | None, typer.Option(metavar="SECONDS", help="Of frames that a kill costs at most (default 10).")
-    ] = None,
+    flush: FlushOption = None,
     precision: Annotated[
         str | None, typer.Option(metavar="NAME", help="Of the frames: float64 (default), float32.")
     ] = None,
@@ -149,7 +151,7 @@ def run(
         raise InputError("give --steps or --time, not both")
     refuse_outputs({"output": output, "json": json_file}, overwrite)
     given = {"flush": flush, "precision": precision, "compress": compress or None}
-    file = file_options(output, given | {"write": None if write is None else tuple(write.split(","))})
+    file = file_options(output, given | {"write": write and tuple(each.strip() for each in write.split(","))})
     chosen = load(system, seed)
 
     from kickdrift.simulation import Simulation
@@ -192,6 +194,7 @@ def resume(
     threads: Annotated[
         int | None, typer.Option(metavar="K", min=1, help="Default: the run's; the results do not depend on it.")
     ] = None,
+    flush: FlushOption = None,
     json_file: JsonOption = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the JSON file.")] = False,
     quiet: QuietOption = False,
@@ -200,19 +203,23 @@ def resume(
     if steps is not None and time is not None:
         raise InputError("give --steps or --time, not both")
     refuse_outputs({"json": json_file}, overwrite)
+    from kickdrift.trajectory.reader import open as opened
     from kickdrift.trajectory.restart import continued
     from kickdrift.trajectory.restart import resume as taken_up
 
     sim = taken_up(file, threads=threads)
+    with opened(file) as run:
+        options, closed = None if flush is None else replace(run.options, flush=flush), run.closed
     if sim.plan is None:
         raise InputError(f"{file}: does not say how far the run was to go; give --steps or --time")
     sim.plan = continued(sim, steps, time)
-    if sim.plan.over(sim):
+    if sim.plan.over(sim) and closed:
         say(f"{file}: is finished, at step {sim.steps_done}; --steps or --time make it longer", quiet)
         report = sim.report()
     else:
         with progress_bar(quiet) as bar:
-            report = sim.run(progress=bar("running"))
+            say(f"{file}: goes on from step {sim.steps_done}", quiet)
+            report = sim.run(progress=bar("running"), file=options)
     show(report, sim, file, json_file, quiet)
 
 
@@ -456,6 +463,8 @@ def export(
 @app.command()
 def info(file: Annotated[str, typer.Argument(metavar="FILE", help="A run's file, or a system file or name.")]) -> None:
     """Say what a run's file holds, or check a system file without running it."""
+    if Path(file).suffix == ".h5md" and not os.path.exists(file):
+        raise InputError(f"{file}: no such file")
     if Path(file).suffix == ".toml" or not os.path.exists(file):
         from kickdrift.systemfile import load
 

@@ -112,6 +112,7 @@ class Simulation:
         self.plan: Plan | None = None  # what `run` goes on with where it is told nothing
         self._files: dict[str, tuple[str, int]] = {}  # files that this Simulation began: path -> run id, cadence
         self._every: int | None = None
+        self._interval: float | None = None
         self.state = system.state
 
     # --- state ---
@@ -133,6 +134,7 @@ class Simulation:
         self._at: float | None = None  # the present, where it lies before the stepper's last step point
         self._present: tuple[float, Floats] | None = None  # and y there, once it was looked at
         self.record = Record()
+        self._replaced = True  # a file that goes on with this cannot be replayed from what it has
         self._points: list[Point] = []
         self._last_good = self.state
 
@@ -170,6 +172,7 @@ class Simulation:
         self._stepper.recall(checkpoint["stepper"])
         self._at, self._present = checkpoint["present"], None
         self.record = Record.recalled(checkpoint["record"])
+        self._replaced = True
         self._points = []
         self._last_good = self.state
 
@@ -186,6 +189,7 @@ class Simulation:
         self._exact().lattice = lattice
         if self._watching:
             self._watching.begin()
+        self._replaced = True
         self.record = Record()
         self._last_good = self.state
 
@@ -270,15 +274,21 @@ class Simulation:
         """
         if output is None:
             output = self.output
-        own = self._files.get(os.path.abspath(output)) if output is not None else None
+            if output and (overwrite or not os.path.exists(output)):
+                why = "is what this run goes on into" if overwrite else "is gone, and this run goes on into it"
+                raise InputError(f"{output}: {why}; give another output")
+        own = self._files.get(os.path.realpath(output)) if output is not None else None
         seen = isinstance(self.system, System) or self.system.energy is not None or observe is not None
         samples = SAMPLES if seen else GLIMPSES
         if self.plan is not None and (steps, until, every, interval) == (None,) * 4:
             plan = self.plan
         else:
+            if self.method.chooses_steps and (steps, every, interval) == (None,) * 3:
+                interval = self._interval
             plan = plan_of(self, steps, until, every, interval, (own[1] if own else None) or self._every, samples)
         self.plan = None
         self._every = every or self._every
+        self._interval = None if every else interval or self._interval
         self._prepare()
         if self._watching:
             self._watching.stopped = ""
@@ -288,6 +298,9 @@ class Simulation:
                 if writer:
                     writer.absorbed = self._watching.absorbed
             self._look(writer, observe, again=False)
+            if writer and self._replaced:
+                writer.flush(final=True, anew=True)
+            self._replaced = False if writer else self._replaced
             began = perf_counter()
             spent_before = self.record.wall_seconds
             looked = True
@@ -306,19 +319,22 @@ class Simulation:
             if not looked:
                 self._look(writer, observe)
             self._warn()
+            found = self.report()
             if writer:
-                writer.report = self.report().as_json()
+                writer.report = found.as_json()
                 writer.report["events"] = self.going_on()  # the others stand in the file already
         if interrupted():
             raise KeyboardInterrupt
-        return self.report()
+        return found
 
     def go_to(self, step: int, time: float | None = None) -> None:
         """Run to a step without a look; an adaptive method to a ``time`` inside the step that leads there."""
         self._prepare()
         horizon = np.inf if time is None else time
         with self._busy() as interrupted:
-            while self.steps_done < step and not (interrupted() or self.stopped):
+            while self.steps_done < step and not interrupted():
+                if self._watching:
+                    self._watching.stopped = ""  # a run that an event ended, and that was continued
                 self._advance(min(self._chunk, step - self.steps_done), horizon=horizon)
         if interrupted():
             raise KeyboardInterrupt
@@ -329,6 +345,8 @@ class Simulation:
     def continue_in(self, path: str, run_id: str, every: int, plan: Plan | None) -> None:
         """Go on into a file that another Simulation of the same run began, by its plan unless told otherwise."""
         self.output, self.plan, self._every = path, plan, every
+        self._interval = plan.interval if plan and plan.exact and plan.interval else None
+        self._replaced = False
         self._files[path] = (run_id, every)
 
     def equilibrate(
@@ -412,6 +430,7 @@ class Simulation:
             message = self._flow.explain(reached, before, good, step, time, last.steps_done)
         self.record.steps -= stepper.steps_done - last.steps_done
         self.record.events = [event for event in self.record.events if event["time"] <= last.time]
+        self._replaced = True
         stepper.reset(good, last.time, last.steps_done)
         self._at = None
         raised = self._flow.raised
@@ -492,11 +511,12 @@ class Simulation:
             raise InputError("output: a run's file holds particles, and a Problem has none; use observe")
         from kickdrift.trajectory.h5md import Writer
 
-        path = os.path.abspath(output)
+        path = os.path.realpath(output)
         if path in self._files and not overwrite and os.path.exists(path):
             return Writer.append_to(
-                path, self._files[path][0], options=options, checkpoint=self.checkpoint, plan=plan.numbers
-            )
+                path, self._files[path][0], options=options, checkpoint=self.checkpoint, plan=plan.numbers,
+                at=(self.steps_done, self.time),
+            )  # fmt: skip
         method = {
             "integrator": self.integrator,
             "order": self.method.order,
@@ -508,8 +528,10 @@ class Simulation:
             "options": asdict(self.options),
             "processor": processor(),
         }
+        self._replaced = False  # a new file begins with a checkpoint
+        system = self._watching.first if self._watching else self.system  # with the bodies that have left
         writer = Writer(
-            path, self.system, method=method, every=plan.every, overwrite=overwrite, options=options,
+            path, system, method=method, every=plan.every, overwrite=overwrite, options=options,
             checkpoint=self.checkpoint, plan=plan.numbers,
         )  # fmt: skip
         self._files[path] = (writer.run_id, plan.every)

@@ -84,6 +84,8 @@ def orbital_elements(
 
     ``pandas.DataFrame(orbital_elements(run))`` is the same as a data frame. Parameters and errors as of ``orbits``.
     """
+    if not isinstance(run, reader.Run | str | os.PathLike):
+        raise InputError("orbital_elements: takes a whole run or its path; most_frames thins it out")
     found = orbits(run, frame, plane, most_frames)
     width = max(len(name) for name in found.names)
     columns = [("time", "f8"), ("body", f"U{width}"), *((name, "f8") for name in ("a", *Elements._fields))]

@@ -120,8 +120,7 @@ def vectors_of(
     (n, 3).
 
     What an array comes with is given beside it: times, box, masses (default equal), species (default one, "A"); a run
-    has its own. Of a whole run a last frame that its end wrote nearer to the one before than the others are is left
-    out.
+    has its own. Of a whole run of uneven frames, those that an end of it put off the grid of its cadence are left out.
     """
     if isinstance(source, str | os.PathLike):
         source = reader.open(source)  # closed when nobody refers to it any more
@@ -131,8 +130,10 @@ def vectors_of(
         run, chosen = source.run, np.array(source.rows, dtype=np.int64)
         if source.rows.step < 0:
             raise InputError("frames: expected a slice of the run that goes forward")
-        if source is run and len(chosen) > 3 and np.ptp(gaps := np.diff(run.steps)) > 0:
-            chosen = chosen[:-1] if np.ptp(gaps[:-1]) == 0 and gaps[-1] < gaps[0] else chosen
+        if source is run and len(chosen) > 3 and np.ptp(np.diff(run.steps)) > 0:
+            on_grid = run.steps % run.every == 0 if run.every else np.ones(len(run), bool)
+            if np.count_nonzero(on_grid) > 2:
+                chosen = chosen[on_grid]
         names = np.array(run.species)[run.species_index]
         found = Vectors(what, run, chosen, run.times[chosen], run.box, run.masses, names)
     else:

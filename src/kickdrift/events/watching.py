@@ -42,13 +42,14 @@ class WatchedStepper:
     stopped : what ended the run, "" where nothing did; whoever runs on clears it
     absorbed : of each body that left, by id, the id of the one that took it up, or ``NEVER_BACK``
     horizon : no look at the run before its next ``advance`` is later than this
+    first : the system with all its bodies, those that have left too
     writer : where events go besides the Simulation's record
     acting : whether any of the events may change what is conserved
     """
 
     def __init__(self, sim: Simulation, inner: Stepper, events: Sequence[Event]) -> None:
         self._sim, self.inner = sim, inner
-        self._first = sim.system  # with all its bodies
+        self.first = sim.system  # with all its bodies
         self.stopped = ""
         self.horizon = np.inf
         self.absorbed: dict[int, int] = {}
@@ -171,7 +172,7 @@ class WatchedStepper:
     def recall(self, memory: Memory) -> None:
         """See Stepper."""
         events = by_value(memory["events"])
-        system = self._first if events["bodies"] is None else self._left(**events["bodies"])
+        system = self.first if events["bodies"] is None else self._left(**events["bodies"])
         if system is not self._sim.system:
             self.inner = self._sim.stepper_for(system)
             self._aside()
@@ -195,14 +196,14 @@ class WatchedStepper:
 
     def _bodies(self) -> Memory | None:
         """Those that are left and how they began; None where all are."""
-        if self._system is self._first:
+        if self._system is self.first:
             return None
         state = self._system.state
         return {"ids": state.ids, "masses": state.masses, "radii": self._system.radii, "phase": state.phase}
 
     def _left(self, ids: Any, masses: Floats, radii: Floats | None, phase: Floats) -> System:
         """The system that those bodies are left of."""
-        first: Any = self._first
+        first: Any = self.first
         state, keep = first.state, np.isin(first.state.ids, ids)
         if not np.array_equal(state.ids[keep], ids):
             raise InputError("checkpoint: holds bodies that the system has not")

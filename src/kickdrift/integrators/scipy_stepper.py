@@ -91,6 +91,8 @@ class SciPyStepper(PythonStepper):
         """See Stepper."""
         keeps = SOLVER_KEEPS[self._method.solver]
         solver = None if self._solver is None else {key: by_value(attrgetter(key)(self._solver)) for key in keeps}
+        if solver and "D" in solver:
+            solver["D"] = solver["D"][: solver["order"] + 2]  # BDF fills the further rows before it reads them
         return {**super().memory(), "solver": solver}
 
     def recall(self, memory: Memory) -> None:
@@ -101,7 +103,10 @@ class SciPyStepper(PythonStepper):
         cost = replace(self._counts)
         self._solver = solver = self._begin(self.time, self.y, 1.0)
         for key, value in memory["solver"].items():
-            put_back(solver, key, value)
+            if key == "D":
+                solver.D[: len(value)] = value
+            else:
+                put_back(solver, key, value)
         if self._method.solver == "Radau":
             solver.sol = solver._compute_dense_output()
         if self._method.solver == "LSODA":

@@ -6,8 +6,8 @@ is written at that one's place and velocity from then on, and one that was remov
 
 from __future__ import annotations
 
-import math
 import os
+import signal
 import time
 import uuid
 from collections.abc import Callable, Mapping, Sequence
@@ -23,19 +23,18 @@ from kickdrift.interrupt import interruptible
 from kickdrift.state import Floats, State
 from kickdrift.system import System
 from kickdrift.trajectory import creation, packing, reader
-from kickdrift.trajectory.checkpoints import Checkpoint, Stored, Table, encoded
+from kickdrift.trajectory.cadence import Cadence
+from kickdrift.trajectory.checkpoints import Checkpoint, Stored, Table
 from kickdrift.trajectory.layout import EVENT_WIDTH, header_image
 from kickdrift.trajectory.openfile import OpenFile, refuse_second
 from kickdrift.trajectory.options import FileOptions
 from kickdrift.trajectory.record import to_json
-from kickdrift.trajectory.rows import EventRow, FrameRow, Rows, SampleRow
+from kickdrift.trajectory.rows import EventRow, FrameRow, Rows, SampleRow, before, same
 
 if TYPE_CHECKING:
     import h5py
 
 FLUSH_BYTES = 8 * 2**20
-CHECKPOINT_SHARE = 0.25  # of what is written may be checkpoints, but for the first and the last of a run
-CHECKPOINT_SECONDS = 60.0  # after which there is one all the same
 
 
 class Writer:
@@ -93,7 +92,7 @@ class Writer:
             flush_frames=max(1, flush_bytes // (48 * len(system))),
             options=options,
             plan=plan,
-            start=_stored(checkpoint()) if checkpoint else None,
+            start=Cadence(checkpoint).take(),
         )
         self._open(creation.create(Path(path), image, overwrite=overwrite), flush_bytes, options.flush, checkpoint)
 
@@ -107,11 +106,12 @@ class Writer:
         flush_bytes: int = FLUSH_BYTES,
         checkpoint: Callable[[], Checkpoint] | None = None,
         plan: Sequence[float] = (),
+        at: tuple[int, float] | None = None,
     ) -> Self:
         """Open a file to continue it; the InputError of a file that is not this run's names the other.
 
         Rows that a kill left half written are cut off. A file stays as it was begun: of ``options``, ``flush`` alone
-        may differ.
+        may differ. The next sample is ``at`` that step and time: a file that has come further is refused as it is.
         """
         path = Path(path)
         if path.exists():
@@ -119,6 +119,8 @@ class Writer:
         with reader.open(path) as run:
             if run.run_id != run_id:
                 raise InputError(f"{path}: is the file of another run; give another name, or overwrite it")
+            if at and len(run.sample_steps) and _behind(at, (int(run.sample_steps[-1]), float(run.sample_times[-1]))):
+                raise InputError(f"{path}: ends at step {run.sample_steps[-1]}; step {at[0]} cannot follow it")
             for key in ("precision", "compress", "write"):
                 if options and getattr(options, key) != getattr(run.options, key):
                     raise InputError(f"{path}: was begun with {key}={getattr(run.options, key)!r}, and that stays")
@@ -139,21 +141,21 @@ class Writer:
         self.path, self.flush_bytes, self.flush_seconds = path, flush_bytes, flush_seconds
         self.report: dict[str, Any] | None = None
         self.absorbed: Mapping[int, int] = {}
-        self._checkpoint = checkpoint
-        self._checkpointed_at, self._since_checkpoint, self._checkpoint_size = time.monotonic(), 0, 0
+        self._cadence = Cadence(checkpoint)
         self._out = OpenFile(path, flush_bytes + 2 * 2**20)
         self._closed = False
         self._rows = Rows(self._out)
         if packing.is_packed(self._out.h5):
             self._write(lambda: self._out.replace(packing.rewritten(self._out.h5, path, compress=False)))
         if self._rows.cut() | Table(self._out.h5, path).cut():
-            self._out.commit()
+            self._out.commit(cut=True)
             self._out.reopen()
         own = self._out.h5["kickdrift"]
         own["closed"][0] = 0
         self._out.commit()
         self.run_id: str = own.attrs["run_id"]
         self.last_sample, self.last_frame = self._rows.last_sample, self._rows.last_frame
+        self._seen: list[EventRow] = []
         self._clear()
 
     def extend(self, make: Callable[[h5py.File], None]) -> None:
@@ -188,12 +190,15 @@ class Writer:
         self._check_open()
         step, values = state.steps_done, {name: np.array(v, "f8") for name, v in (observables or {}).items()}
         last = self.last_sample
-        if last is not None and (step < last[0] or (step == last[0] and before(state.time, last[1]))):
+        if last is not None and _behind((step, state.time), last):
             raise InputError(f"{self.path}: ends at step {last[0]}; step {step} cannot follow it")
         if wrong := self._rows.check(values):
             raise InputError(wrong)
         if not self._rows.complete:
             self.extend(self._rows.make_observables)
+        self._events += self._seen  # what lay behind a look would be found again by whoever resumes from it
+        self._buffered += 8 * EVENT_WIDTH * len(self._seen)
+        self._seen = []
         if frame and not same(self.last_frame, step, state.time):
             vectors = [state.positions, state.velocities]
             if "forces" in self.writes:
@@ -212,9 +217,8 @@ class Writer:
             self.flush()
 
     def append_event(self, event: Mapping[str, Any]) -> None:
-        """Add an entry of `Simulation.events`; it is written with the rows of the next flush."""
-        self._events.append(EventRow.of(event))
-        self._buffered += 8 * EVENT_WIDTH
+        """Add an entry of `Simulation.events`; it belongs to the next sample, and is written with that."""
+        self._seen.append(EventRow.of(event))
 
     @property
     def writes(self) -> tuple[str, ...]:
@@ -258,43 +262,30 @@ class Writer:
         if self._samples and self._waited:
             self._flush(lambda: None)
 
-    def flush(self, *, final: bool = False) -> None:
-        """Bring everything appended so far to the file, where a kill cannot reach it; ``final`` with a checkpoint.
+    def flush(self, *, final: bool = False, anew: bool = False) -> None:
+        """Bring everything appended so far to the file, where a kill cannot reach it; ``final`` with a checkpoint,
+        ``anew`` although there is one of that step already.
 
         Ctrl-C waits for it."""
-        self._flush(lambda: self._due(final))
+        self._flush(lambda: self._cadence.due(Table(self._out.h5, self.path), self.last_sample, final, anew))
 
     def _flush(self, checkpoint: Callable[[], Stored | None]) -> None:
         self._check_open()
         if self._out.failed:
             raise RunError(f"{self.path}: an earlier write failed; nothing more can be written")
         with interruptible() as interrupted:
-            self._since_checkpoint += self._buffered
+            self._cadence.written += self._buffered
             stored = checkpoint()
             if self._samples or self._frames or self._events or stored:
                 self._write(lambda: self._add(stored))
             self._clear()
-        if interrupted():
-            raise KeyboardInterrupt
+        if interrupted():  # now whoever else waits for it may have it
+            signal.raise_signal(signal.SIGINT)
 
     def _add(self, stored: Stored | None) -> None:
         self._rows.add(self._frames, self._samples, self._events)
         if stored:
             Table(self._out.h5, self.path).add(stored, self._out.commit)
-
-    def _due(self, final: bool) -> Stored | None:
-        """A checkpoint of what was appended last, where it is time for one."""
-        if self._checkpoint is None or self.last_sample is None:
-            return None
-        table = Table(self._out.h5, self.path)
-        if table.rows and same((int(table.steps[-1]), float(table.times[-1])), *self.last_sample):
-            return None
-        grown = CHECKPOINT_SHARE * self._since_checkpoint >= self._checkpoint_size
-        if not (final or grown or time.monotonic() - self._checkpointed_at >= CHECKPOINT_SECONDS):
-            return None
-        stored = _stored(self._checkpoint())
-        self._checkpointed_at, self._since_checkpoint, self._checkpoint_size = time.monotonic(), 0, stored.size
-        return stored
 
     def close(self, *, whole: bool = True) -> None:
         """Flush, store the report if there is one, and close; a second call does nothing. A run that came to its end
@@ -335,18 +326,6 @@ class Writer:
                 raise
 
 
-def _stored(checkpoint: Checkpoint) -> Stored:
-    return Stored(checkpoint["step"], checkpoint["time"], encoded(checkpoint))
-
-
-ROUNDING = 1e-12  # relative, of times that went through the file's units
-
-
-def same(point: tuple[int, float] | None, step: int, time: float) -> bool:
-    """Whether a (step, time) is the one given; an adaptive run may look at several times inside one step."""
-    return point is not None and point[0] == step and math.isclose(point[1], time, rel_tol=ROUNDING)
-
-
-def before(time: float, other: float) -> bool:
-    """Whether a time lies before another by more than rounding."""
-    return time < other and not math.isclose(time, other, rel_tol=ROUNDING)
+def _behind(point: tuple[int, float], last: tuple[int, float]) -> bool:
+    """Whether a (step, time) lies before the last one."""
+    return point[0] < last[0] or (point[0] == last[0] and before(point[1], last[1]))

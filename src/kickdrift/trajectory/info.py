@@ -6,6 +6,8 @@ import os
 from typing import Any
 
 from kickdrift.events import event_lines
+from kickdrift.printing import counted
+from kickdrift.run_plan import NEVER
 from kickdrift.trajectory.reader import Run, open
 
 _METHOD_FIRST = ("engine", "integrator", "dt", "threads", "seed")
@@ -47,8 +49,10 @@ def _summary(run: Run) -> dict[str, Any]:
         "observables": observables,
         "checkpoints": [] if run.checkpoints is None else run.checkpoints.steps.tolist(),
         "plan": run.plan,
+        "unchanged": run.unchanged,
+        "stopped": (run.report or {}).get("stopped", ""),
         "closed": run.closed,
-        "half_written_frames": run.half_written,
+        "half_written": run.half_written,
         "precision": run.options.precision,
         "write": list(run.options.write),
         "compressed": run.packed,
@@ -84,6 +88,10 @@ def describe(found: dict[str, Any]) -> str:
     rows.append(("", _form(found)))
     rows.append(("written by", f"kickdrift {found['kickdrift']}, {found['bytes']:,} bytes"))
     rows.append(("closed", _ending(found)))
+    if goal := _goal(found):
+        rows.append(("", f"{goal}; kickdrift resume goes on"))
+    if not found["unchanged"]:
+        rows.append(("system", "was changed after the run began, by its hash: the run cannot go on"))
     rows.append(("checkpoints", _checkpoints(found["checkpoints"])))
     report = found["report"] or {}
     report = {key: value for key, value in report.items() if key != "events"}
@@ -99,8 +107,8 @@ def _box(lengths: list[float] | None, unit: str) -> str:
 
 def _form(found: dict[str, Any]) -> str:
     """What the frames are, and in what form."""
-    vectors = ", ".join(["positions", "velocities", *found["write"]])
-    text = f"{vectors} in {found['precision']}"
+    vectors = ", ".join(["positions", "velocities", *(name for name in found["write"] if name != "images")])
+    text = f"{vectors} in {found['precision']}" + (", images in int32" if "images" in found["write"] else "")
     if found["compressed"]:
         return text + ", compressed"
     return text + (", not compressed, since the run did not finish" if found["compress"] else "")
@@ -110,9 +118,25 @@ def _ending(found: dict[str, Any]) -> str:
     if found["closed"]:
         return "properly, with a report"
     text = "not properly: the run did not finish, and there is no report"
-    if found["half_written_frames"]:
-        text += f"; {found['half_written_frames']} frames behind the last whole one were left half written"
+    left = [counted(count, name.removesuffix("s")) for name, count in found["half_written"].items() if count]
+    if left:
+        *first, last = left
+        names = f"{', '.join(first)} and {last}" if first else last
+        text += f"; behind the last whole ones, {names} were left half written"
     return text
+
+
+def _goal(found: dict[str, Any]) -> str:
+    """How far the run was to go, where it has not come there."""
+    if not found["plan"] or not found["steps"]:
+        return ""
+    _, _, end_step, end_time, *_ = found["plan"]
+    step, time = found["steps"][1], found["time"][1]
+    if step >= end_step or time >= end_time or found["stopped"]:
+        return ""
+    if end_step < NEVER:
+        return f"step {step} of {int(end_step)}"
+    return f"time {time:.9g} of {end_time:.9g} {found['units']['time']}"
 
 
 def _checkpoints(steps: list[int]) -> str:

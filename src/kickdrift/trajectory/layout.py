@@ -7,6 +7,7 @@ import json
 import platform
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
+from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any, NamedTuple
 
@@ -84,9 +85,11 @@ def frame_chunk(n: int, flush_frames: int, row_bytes: int = 24) -> tuple[int, in
     """
     frames = max(32, CHUNK_BYTES // (row_bytes * n))
     frames = max(1, min(frames, flush_frames, CHUNK_BYTES // row_bytes))
-    return frames, max(1, min(n, CHUNK_BYTES // (row_bytes * frames))), 3
+    chunks = -(-n // max(1, CHUNK_BYTES // (row_bytes * frames)))
+    return frames, -(-n // chunks), 3  # so that the last one is not mostly empty
 
 
+@cache
 def versions() -> dict[str, str]:
     """Versions of the packages that decide a run's bits, and the kind of machine; nothing is imported for it."""
     found = {"python": platform.python_version(), "machine": platform.machine()}

@@ -39,10 +39,10 @@ class OpenFile:
         self._storage, self.h5 = open_to_write(self.path, cache_bytes=self._cache_bytes)
         _writing.add(self._key)
 
-    def commit(self) -> None:
+    def commit(self, *, cut: bool = False) -> None:
         """Bring what was written to the disk; the OSError of a full one leaves the file as it was."""
         self.h5.flush()
-        self._storage.commit()
+        self._storage.commit(cut=cut)
 
     def close(self) -> None:
         """Let go of the file as the last commit left it."""

@@ -17,7 +17,7 @@ from kickdrift.errors import InputError
 from kickdrift.state import Floats
 from kickdrift.trajectory.checkpoints import CHECKPOINTS, Table
 from kickdrift.trajectory.frames import EnergySeries, Frames, energies_of
-from kickdrift.trajectory.layout import EVENTS, SAMPLES, SCHEMA, TRAJECTORY, FileUnits, box_of
+from kickdrift.trajectory.layout import EVENTS, SAMPLES, SCHEMA, TRAJECTORY, FileUnits, box_of, system_hash
 from kickdrift.trajectory.options import FileOptions
 from kickdrift.units import UnitSystem
 
@@ -104,7 +104,11 @@ class Run(Frames):
         frames, samples, self._events = (int(rows) for rows in own["committed"][()])
         super().__init__(None, range(frames))
         self._samples = samples
-        self.half_written = max(0, particles["position/value"].shape[0] - frames)
+        self.half_written = {
+            "frames": max(0, particles["position/value"].shape[0] - frames),
+            "samples": max(0, own["samples/step"].shape[0] - samples),
+            "events": max(0, own["events/step"].shape[0] - self._events),
+        }
         self.all_steps: NDArray[np.int64] = particles["position/step"][:frames]
         self.all_times: Floats = particles["position/time"][:frames] / self._factors.time
 
@@ -140,6 +144,11 @@ class Run(Frames):
         """Every observable as an array (f,) or (f, …) at some frames."""
         group = self._file["observables"]
         return {name: group[name]["value"][frames] for name in group if len(self)}
+
+    @property
+    def unchanged(self) -> bool:
+        """Whether the system in the file is the one that its run began with, by its hash."""
+        return bool(self._file["kickdrift/system"].attrs.get("sha256") == system_hash(self._file))
 
     @property
     def exact(self) -> bool:
@@ -298,7 +307,9 @@ def _check_kind(path: Path, file: h5py.File) -> None:
         )
     schema = int(file["kickdrift"].attrs["schema"])
     if schema > SCHEMA:
-        raise InputError(f"{path}: was written by a newer kickdrift (schema {schema}; this one reads up to {SCHEMA})")
+        raise InputError(f"{path}: was written by a newer kickdrift (schema {schema}; this one reads {SCHEMA})")
+    if schema < SCHEMA:
+        raise InputError(f"{path}: was written by an older kickdrift (schema {schema}; this one reads {SCHEMA})")
 
 
 def open(path: str | os.PathLike[str]) -> Run:

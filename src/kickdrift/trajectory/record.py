@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import inspect
 import json
 import sys
 from collections.abc import Iterable, Mapping
@@ -46,7 +48,7 @@ def _plain(value: Any) -> Any:
         return value.item()
     if value is None or isinstance(value, (bool, int, float, str)):
         return value
-    return str(value)
+    return f"{value.__module__}.{value.__qualname__}" if callable(value) else str(value)
 
 
 def record_of(system: System) -> dict[str, Any]:
@@ -71,7 +73,29 @@ def record_of(system: System) -> dict[str, Any]:
 
 
 def _described(thing: Any) -> dict[str, Any]:
-    return {"type": type(thing).__name__, "module": type(thing).__module__, "parameters": thing}
+    found = {"type": type(thing).__name__, "module": type(thing).__module__, "parameters": thing}
+    return found | ({"source": source} if (source := _source_hash(thing)) else {})
+
+
+def _source_hash(thing: Any) -> str:
+    """SHA-256 of the functions that a class of the user's own is made of; "" of kickdrift's, and where Python has no
+    source."""
+    cls = getattr(type(thing), "Parameters", type(thing))
+    own = [each for each in vars(cls).values() if inspect.isfunction(each) and each.__module__ == cls.__module__]
+    if cls.__module__.startswith("kickdrift."):
+        return ""
+    try:
+        sources = [inspect.getsource(each) for each in [*own, *getattr(cls, "kernel_sources", ())]]
+    except (OSError, TypeError):
+        return ""
+    return hashlib.sha256("".join(sources).encode()).hexdigest() if sources else ""
+
+
+def changed_sources(system: System, run: Run) -> list[str]:
+    """The forces of the user's own whose source is not what it was when the run began."""
+    then = [force.get("source", "") for force in run.system_record["forces"]]
+    pairs = zip(system.forces, then, strict=True)
+    return [type(force).__name__ for force, source in pairs if source != _source_hash(force)]
 
 
 def system_of(
@@ -154,8 +178,10 @@ def _event(given: Mapping[str, Any], path: str) -> Event:
 
 def differences(system: System, run: Run) -> list[str]:
     """What differs between a System and the one that a run was given; empty where the run is this System's."""
-    here, there = json.loads(to_json(record_of(system))), run.system_record
+    here, there = json.loads(to_json(record_of(system))), dict(run.system_record)
     skipped = {"name", "invariants", "run", "equilibration", "seed"}  # which do not change what the forces do
+    for record in (here, there):
+        record["forces"] = [{k: v for k, v in force.items() if k != "source"} for force in record["forces"]]
     found = [key for key in here if key not in skipped and here[key] != there.get(key)]
     state, species = system.state, [run.species[k] for k in run.species_index]
     arrays = {

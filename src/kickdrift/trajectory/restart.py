@@ -21,10 +21,10 @@ from kickdrift.observers import Sample
 from kickdrift.run_plan import NEVER, Plan
 from kickdrift.simulation import Simulation
 from kickdrift.trajectory import reader
-from kickdrift.trajectory.h5md import before, same
 from kickdrift.trajectory.layout import versions
 from kickdrift.trajectory.reader import Run
-from kickdrift.trajectory.record import differences, system_of
+from kickdrift.trajectory.record import changed_sources, differences, system_of
+from kickdrift.trajectory.rows import before, same
 
 if TYPE_CHECKING:
     from kickdrift.events import Event
@@ -59,6 +59,8 @@ def resume(
     InputError
         Where there is no such file or step, or the file holds too little, and says what is missing.
     """
+    if step is not None and (isinstance(step, bool) or not isinstance(step, int | np.integer)):
+        raise InputError(f"step: expected a whole number, got {step!r}")
     with reader.open(path) as run:
         sim = _simulation(run, system, events, threads)
         end = step is None
@@ -70,7 +72,7 @@ def resume(
         _samples(sim, run, goal)
         sim.record.warnings += _warnings(sim, run, goal)
         if end:
-            path = os.path.abspath(path)
+            path = os.path.realpath(path)
             sim.continue_in(path, run.run_id, run.every, Plan.of(run.plan) if run.plan else None)
     return sim
 
@@ -80,6 +82,8 @@ def continued(sim: Simulation, steps: int | None, time: float | None) -> Plan:
     plan = sim.plan
     assert plan is not None
     begin = sim.record.samples[0].time if sim.record.samples else sim.time
+    if sim.dt is not None and not sim.method.chooses_steps:
+        begin = sim.time - sim.steps_done * sim.dt
     if time is not None and sim.method.chooses_steps:
         if begin + time < sim.time:
             raise InputError(f"{sim.output}: has come further than a time of {time:g}, to {sim.time - begin:.12g}")
@@ -102,11 +106,16 @@ def _simulation(run: Run, system: System | None, events: Iterable[Event] | None,
             f"{run.path}: holds no checkpoint (kickdrift/checkpoints), which is what a run is taken up again from; "
             f"a new one can begin at a frame"
         )
+    if not run.unchanged:
+        raise InputError(
+            f"{run.path}: its system was changed after the run began (kickdrift/system, masses, ids or "
+            "species), so that it cannot go on"
+        )
     if system is None:
         system = system_of(run, events=events)
     else:
         system = system if events is None else system.watched(events)
-        if others := differences(system, run):
+        if others := [key for key in differences(system, run) if key != "events" or events is None]:
             raise InputError(f"{run.path}: is the run of another system: {', '.join(others)} differ")
     known_options = {each.name for each in fields(Options)}
     options: Mapping[str, Any] = {k: v for k, v in run.method["options"].items() if k in known_options}
@@ -163,11 +172,13 @@ def _warnings(sim: Simulation, run: Run, goal: tuple[int, float | None]) -> list
         if then.get(key) != now[key]
     ]
     found = [f"the same bits are not promised: {'; '.join(changed)}"] if changed else []
-    frame = run[-1] if len(run) else None
-    if frame and frame.step == goal[0] and same((frame.step, frame.time), sim.steps_done, sim.time):
+    found += [f"{name}: its source has changed since the run began" for name in changed_sources(sim.system, run)]
+    there = np.flatnonzero(run.steps == goal[0])
+    frame = run[int(there[-1])] if there.size else None
+    if frame and same((frame.step, frame.time), sim.steps_done, sim.time):
         state = sim.state
         if np.array_equal(state.ids, run.ids) and run.exact:
             apart = float(np.abs(frame.positions - state.positions).max())
             if apart:
-                found.append(f"the run goes on {apart:.3g} away from the file's last frame: it is not the same run")
+                found.append(f"the run goes on {apart:.3g} away from the file's frame there: it is not the same run")
     return found

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -73,6 +74,8 @@ class Rows:
         Rows that are whole.
     shapes : dict of name -> shape
         Of the observables; empty until the first sample.
+    complete : bool
+        Whether the file has a dataset for each of them; else `make_observables` comes first.
     ids : (n,) int64
         The order of the particles in every frame.
     write : tuple of str
@@ -89,6 +92,7 @@ class Rows:
         self.frames, self.samples, self.events = (int(rows) for rows in own["committed"][()])
         names = [name for name in file[SAMPLES] if name not in ("step", "time")]
         self.shapes: dict[str, tuple[int, ...]] = {name: file[SAMPLES][name].shape[1:] for name in names}
+        self.complete = True
         self._shapes_known = self.samples > 0 or bool(self.shapes)
         extras = {"forces": "force", "images": "image"}
         self.write = tuple(name for name, group in extras.items() if f"{TRAJECTORY}/{group}" in file)
@@ -171,14 +175,10 @@ class Rows:
             return f"observables: {min(clash)!r} is a reserved name"
         if not self._shapes_known:
             self.shapes, self._shapes_known = shapes, True
+            self.complete = not shapes
         if shapes != self.shapes:
             return f"observables: expected {self.shapes} as before, got {shapes}"
         return None
-
-    @property
-    def complete(self) -> bool:
-        """Whether there is a dataset for each observable."""
-        return all(f"{SAMPLES}/{name}" in self._file for name in self.shapes)
 
     def make_observables(self, file: h5py.File) -> None:
         """Datasets for the observables, in a copy of the file: see `h5md.Writer.extend`."""
@@ -189,6 +189,7 @@ class Rows:
                 new_series(group, key, shape, "f8").attrs["unit"] = unit
             for key in ("step", "time"):
                 element[key] = file[f"{TRAJECTORY}/position/{key}"]
+        self.complete = True
 
     def _put(self, name: str, start: int, rows: Sequence[ArrayLike]) -> None:
         if rows:
@@ -200,3 +201,16 @@ class Rows:
 def images_of(positions: Floats, within: Floats, box: Box) -> NDArray[np.int32]:
     """How many edges lie between positions (n, 3) and the same inside the box; 0 for bodies that are gone."""
     return np.nan_to_num(np.rint((positions - within) / np.array(box.lengths))).astype(np.int32)
+
+
+ROUNDING = 1e-12  # relative, of times that went through the file's units
+
+
+def same(point: tuple[int, float] | None, step: int, time: float) -> bool:
+    """Whether a (step, time) is the one given; an adaptive run may look at several times inside one step."""
+    return point is not None and point[0] == step and math.isclose(point[1], time, rel_tol=ROUNDING)
+
+
+def before(time: float, other: float) -> bool:
+    """Whether a time lies before another by more than rounding."""
+    return time < other and not math.isclose(time, other, rel_tol=ROUNDING)

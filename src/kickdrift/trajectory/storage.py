@@ -9,16 +9,23 @@ here it never meets one.
 The order of a commit, and why each beginning of it holds all that an earlier commit brought:
 
 1. What lies behind the end that the superblock on the disk names. Nothing points there yet.
-2. The superblock. The file is longer now, and holds nothing new.
-3. Nodes of the chunk indices (B-trees), the upper ones first. A node that splits has given the second half of its
+2. Behind all that, a journal of what is to change in place; it is cut off when the commit is done.
+3. The superblock. The file is longer now, and holds nothing new.
+4. Nodes of the chunk indices (B-trees), the upper ones first. A node that splits has given the second half of its
    entries to a new node, written in 1; once the node above names that one, the first may lose them.
-4. All else, from the end of the file to its beginning: rows behind the last whole one in chunks that have room, then
+5. All else, from the end of the file to its beginning: rows behind the last whole one in chunks that have room, then
    the object headers with the number of rows. Headers come first in the file.
 
-Every such write lies inside one page of 4096 bytes, and a kill does not cut those: index nodes, 2 to 4 kB each, begin
-on a page (`ALIGNMENT`). New objects and links would break the order, since a group's table of names is sorted in place:
-`h5md.Writer.extend` makes them in a copy. The format: HDF5 File Format Specification 3.0, II.A (superblock version 0),
-III.A.1 (version 1 B-trees).
+Where rows are taken away, headers come before indices, from the file's beginning on; where the file becomes shorter,
+the superblock comes last.
+
+A file that a kill leaves between two of these can be read, but HDF5 must not add to an index of which one part is new
+and the other old: it loses entries. So whoever opens the file to write finishes the commit from the journal first.
+
+Every write from 3 on lies inside one page of 4096 bytes, and a kill does not cut those: index nodes, 2 to 4 kB each,
+begin on a page (`ALIGNMENT`). New objects and links would break the order, since a group's table of names is sorted in
+place: `OpenFile.extend` makes them in a copy. The format: HDF5 File Format Specification 3.0, II.A (superblock version
+0), III.A.1 (version 1 B-trees).
 """
 
 from __future__ import annotations
@@ -26,6 +33,7 @@ from __future__ import annotations
 import errno
 import os
 import shutil
+import zlib
 from pathlib import Path
 from typing import Any
 
@@ -43,6 +51,9 @@ PAGE = 4096
 ALIGNMENT = {"alignment_threshold": 2048, "alignment_interval": PAGE}  # below the smallest index node, 2096 bytes
 _SUPERBLOCK = 96
 _END = slice(40, 48)  # of the superblock: where the file ends
+_SIGNATURE = b"\x89HDF\r\n\x1a\n"
+_JOURNAL = b"kd redo\0"  # how one begins; its length, its CRC-32 (int64 each) and the pieces follow
+_HEAD = len(_JOURNAL) + 16
 _CHUNK_INDEX = b"TREE\x01"  # how a node begins, and its level is the byte after
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
@@ -60,15 +71,12 @@ class PagedFile:
         except BaseException:
             self._raw.close()
             raise
-        self._size = self._on_disk = os.fstat(self._raw.fileno()).st_size
+        self._on_disk = os.fstat(self._raw.fileno()).st_size
+        self._end = self._end_on_disk()
+        self._finish()
+        self._size = self._on_disk
         self._at = 0
         self._pages: dict[int, bytearray] = {}
-        self._end = int.from_bytes(self._read(0, _SUPERBLOCK)[_END], "little")
-
-    def key(self) -> tuple[int, int]:
-        """Device and inode."""
-        status = os.fstat(self._raw.fileno())
-        return status.st_dev, status.st_ino
 
     # --- what h5py calls ---
 
@@ -122,47 +130,73 @@ class PagedFile:
 
     # --- what the writer calls ---
 
-    def commit(self) -> None:
-        """Bring to the disk what HDF5 has written; call it right after ``h5py.File.flush``.
+    def commit(self, *, cut: bool = False) -> None:
+        """Bring to the disk what HDF5 has written; call it right after ``h5py.File.flush``. ``cut`` says that rows were
+        taken away.
 
         Where the disk is too full for what is new, the OSError comes before anything that counts has changed.
         """
-        fresh, placed = self._pieces()
+        fresh, placed = self._pieces(cut)
+        end = max(self._end, self._size)
         try:
             for offset, data in fresh:
                 self._put(offset, data)
             if self._on_disk < self._size:
                 self._resize(self._size)
+            if len(placed) > 1:
+                self._put(end, _journal(placed))
         except OSError:
-            self._resize(max(self._end, 0))
+            self._resize(self._end)
             raise
-        for _, offset, data in sorted(placed, key=lambda piece: piece[0]):
-            self._put(offset, data)
-        if self._size < self._on_disk:
-            self._resize(self._size)
+        self._place(placed)
         self._pages.clear()
-        self._end = int.from_bytes(self._read(0, _SUPERBLOCK)[_END], "little")
+
+    def _place(self, pieces: list[tuple[int, bytes]]) -> None:
+        """Change what is there already, and cut off what lies behind the file's end."""
+        for offset, data in pieces:
+            self._put(offset, data)
+        self._end = self._end_on_disk()
+        if self._end < self._on_disk:
+            self._resize(self._end)
+
+    def _finish(self) -> None:
+        """The rest of a commit that a kill cut short, where it had come as far as its journal."""
+        if self._read(0, len(_SIGNATURE)) != _SIGNATURE:
+            return
+        head = self._read(self._end, _HEAD)
+        if not head.startswith(_JOURNAL):
+            return
+        size, check = (int.from_bytes(head[k : k + 8], "little") for k in (8, 16))
+        if self._end + _HEAD + size > self._on_disk:
+            return
+        data = self._read(self._end + _HEAD, size)
+        if zlib.crc32(data) == check:
+            self._place(_journalled(data))
+
+    def _end_on_disk(self) -> int:
+        return int.from_bytes(self._read(0, _SUPERBLOCK)[_END], "little")
 
     def close(self) -> None:
         """Let go of the file; what was not committed is forgotten."""
         self._pages.clear()
         self._raw.close()
 
-    def _pieces(self) -> tuple[list[tuple[int, bytes]], list[tuple[tuple[int, ...], int, bytes]]]:
-        """What lies behind the end, in order; and what changes before it, each piece with its rank."""
+    def _pieces(self, cut: bool) -> tuple[list[tuple[int, bytes]], list[tuple[int, bytes]]]:
+        """What lies behind the end, and what changes before it, each in the order of a commit."""
         fresh: list[tuple[int, bytearray]] = []
         placed: list[tuple[tuple[int, ...], int, bytes]] = []
         for page in sorted(self._pages):
             start, data = page * PAGE, self._pages[page]
             known = min(max(self._end - start, 0), PAGE)
             if known:
-                placed += _changes(start, self._read(start, known), data[:known])
+                placed += _changes(start, self._read(start, known), data[:known], cut, self._size < self._end)
             if new := data[known : max(self._size - start, 0)]:
                 if fresh and fresh[-1][0] + len(fresh[-1][1]) == start + known:
                     fresh[-1][1].extend(new)
                 else:
                     fresh.append((start + known, bytearray(new)))
-        return [(offset, bytes(data)) for offset, data in fresh], placed
+        placed.sort(key=lambda piece: piece[0])
+        return [(offset, bytes(data)) for offset, data in fresh], [(offset, data) for _, offset, data in placed]
 
     def _read(self, offset: int, size: int) -> bytes:
         """From the disk; zeros behind its end."""
@@ -184,7 +218,9 @@ class PagedFile:
         self._on_disk = size
 
 
-def _changes(start: int, old: bytes, new: bytearray) -> list[tuple[tuple[int, ...], int, bytes]]:
+def _changes(
+    start: int, old: bytes, new: bytearray, cut: bool, shrinks: bool
+) -> list[tuple[tuple[int, ...], int, bytes]]:
     """The pieces of a page that differ, each with its rank in the order of a commit and where it goes."""
     found = []
     for low, high in ((0, _SUPERBLOCK), (_SUPERBLOCK, len(new))) if start == 0 else ((0, len(new)),):
@@ -193,13 +229,33 @@ def _changes(start: int, old: bytes, new: bytearray) -> list[tuple[tuple[int, ..
             continue
         first, last = low + int(differing[0]), low + int(differing[-1])
         if start == low == 0:
-            rank: tuple[int, ...] = (0,)
+            rank: tuple[int, ...] = (3 if shrinks else 0,)  # the journal is where the one on the disk says
         elif new.startswith(_CHUNK_INDEX):
-            rank = (1, -new[len(_CHUNK_INDEX)], start)
+            rank = (2 if cut else 1, -new[len(_CHUNK_INDEX)], start)
         else:
-            rank = (2, -start)
+            rank = (1, start) if cut else (2, -start)
         found.append((rank, start + first, bytes(new[first : last + 1])))
     return found
+
+
+def _journal(pieces: list[tuple[int, bytes]]) -> bytes:
+    """See `_JOURNAL`; a piece is its place, its size (int64 each) and its bytes."""
+    data = b"".join(b"".join((_int64(offset), _int64(len(piece)), piece)) for offset, piece in pieces)
+    return _JOURNAL + _int64(len(data)) + _int64(zlib.crc32(data)) + data
+
+
+def _journalled(data: bytes) -> list[tuple[int, bytes]]:
+    """The pieces that `_journal` was given."""
+    pieces, at = [], 0
+    while at < len(data):
+        offset, size = (int.from_bytes(data[k : k + 8], "little") for k in (at, at + 8))
+        pieces.append((offset, data[at + 16 : at + 16 + size]))
+        at += 16 + size
+    return pieces
+
+
+def _int64(number: int) -> bytes:
+    return number.to_bytes(8, "little")
 
 
 def _lock(raw: Any) -> None:

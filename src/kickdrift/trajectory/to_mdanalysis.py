@@ -161,7 +161,7 @@ class Dcd(Target):
         first = float(times[0]) * self.units.time / dt  # in frames
         start = round(first * every)
         if not even:
-            self.notes.append("DCD has one time step: the mean of these frames, which are not evenly spaced")
+            self.notes.append("DCD has one time step, and these frames are not evenly spaced")
         if not 0 <= start <= INT32 or every > INT32 or abs(start / every - first) > 1e-6 * max(1.0, first):
             start, every = 0, min(every, INT32)
             self.notes.append("DCD starts at a whole step: its times are those since the first frame")

@@ -36,8 +36,8 @@ def universe(run: Run) -> Any:
 
     Nominal units stay nominal: a sigma is an angstrom there, and a tau a ps. Atoms have the bodies' names (else their
     species), types, masses (in u where units are real), ids and, where every species is one, elements. The trajectory's
-    ``dt`` is the mean time between frames, and a warning says so where they are not evenly spaced; of a single frame
-    it is the time to the next one that the run would have written. A body that was removed is NaN from then on.
+    ``dt`` is the time between frames, and a warning says so where they are not evenly spaced; of a single frame it is
+    the time to the next one that the run would have written. A body that was removed is NaN from then on.
     """
     MDAnalysis = mdanalysis("universe()")
     if not len(run):
@@ -45,7 +45,7 @@ def universe(run: Run) -> Any:
     dt, even = spacing(run, run.times)
     if not even:
         warnings.warn(
-            f"{run.path}: frames are not evenly spaced; dt is their mean, and each has its own time", stacklevel=3
+            f"{run.path}: frames are not evenly spaced; dt is {dt:g} ps, and each has its own time", stacklevel=3
         )
     found = MDAnalysis.Universe(str(run.path), to_guess=(), n_atoms=len(run.ids), dt=dt)
     label(found, run)
@@ -96,13 +96,18 @@ def atomic_masses(run: Run) -> Floats:
 def spacing(run: Run, times: Floats) -> tuple[float, bool]:
     """Time between frames at those times, in the file's ps, and whether it is the same between all of them.
 
-    The mean where it is not; of a single frame, what the run's step and cadence say, else 1.
+    Where it is not: that between all but the last, where a run's end put this nearer; else the mean. Of a single frame,
+    what the run's step and cadence say, else 1.
     """
     factor = FileUnits.of(run.units).time
     if len(times) < 2:
         dt = run.method.get("dt")
         step = float(dt) if isinstance(dt, float | int) and dt > 0 else None
         return (run.every * step * factor if step else 1.0), True
-    mean = float(times[-1] - times[0]) / (len(times) - 1)
-    even = bool(np.all(np.abs(np.diff(times) - mean) <= EVEN * mean))
-    return mean * factor, even
+    gaps = np.diff(times)
+    mean = float(gaps.mean())
+    if np.all(np.abs(gaps - mean) <= EVEN * mean):
+        return mean * factor, True
+    if len(gaps) > 1 and gaps[-1] < gaps[0] and np.all(np.abs(gaps[:-1] - gaps[0]) <= EVEN * gaps[0]):
+        mean = float(gaps[0])
+    return mean * factor, False

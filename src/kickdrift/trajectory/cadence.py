@@ -1,0 +1,44 @@
+"""When a run's checkpoints are taken."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+from kickdrift.trajectory.checkpoints import Checkpoint, Stored, Table, encoded
+from kickdrift.trajectory.rows import same
+
+SHARE = 0.25  # of what is written may be checkpoints, but for the first and the last of a run
+SECONDS = 60.0  # after which there is one all the same
+
+
+class Cadence:
+    """Takes checkpoints of a run as it is written.
+
+    Attributes
+    ----------
+    written : int
+        Bytes of rows since the last checkpoint.
+    """
+
+    def __init__(self, checkpoint: Callable[[], Checkpoint] | None) -> None:
+        self._checkpoint = checkpoint
+        self._at, self.written, self._size = time.monotonic(), 0, 0
+
+    def take(self) -> Stored | None:
+        """One of the present; None of a run that has none."""
+        if self._checkpoint is None:
+            return None
+        found = self._checkpoint()
+        stored = Stored(int(found["step"]), float(found["time"]), encoded(found))
+        self._at, self.written, self._size = time.monotonic(), 0, stored.size
+        return stored
+
+    def due(self, table: Table, last: tuple[int, float] | None, final: bool, anew: bool) -> Stored | None:
+        """One of the ``last`` sample, where it is time for it and the file has it not; ``anew`` where it has another
+        of the same step, of a run whose state was replaced."""
+        if last is None or (not anew and table.rows and same((int(table.steps[-1]), float(table.times[-1])), *last)):
+            return None
+        if final or SHARE * self.written >= self._size or time.monotonic() - self._at >= SECONDS:
+            return self.take()
+        return None
