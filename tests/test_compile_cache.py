@@ -23,9 +23,9 @@ compiling.folder = lambda: Path(sys.argv[1])
 from kickdrift.forces.bound import BoundForces
 from kickdrift.system import System
 
-def measure(force):
+def measure(force, threads=1):
     system = System([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]], forces=[force])
-    measured = BoundForces(system).measure(0.0, system.state.phase)
+    measured = BoundForces(system, threads).measure(0.0, system.state.phase)
     print(measured.potential, measured.accelerations[2, 1])
 """
 LAW = """
@@ -92,6 +92,19 @@ def test_a_law_in_a_script(workshop):
     assert workshop.run() == ([13.5, -6.0], 2)
     workshop.write("script.py", MEASURE, LAW, call)
     assert workshop.run() == ([1.5, -6.0], 0)
+
+
+def test_laws_that_different_processes_compiled(workshop, monkeypatch):
+    """Each process counts its functions anew, so that they are alike in name but for the law: both in one process."""
+    monkeypatch.setenv("PYTHONHASHSEED", "0")  # the order of numba's flags is in the names too
+    monkeypatch.setenv("NUMBA_NUM_THREADS", "2")
+    call = "measure(Quartic(k=3.0, cutoff=2.0, truncation={0!r}), threads=2)"
+    shift, cut = call.format("shift"), call.format("cut")
+    for each in (shift, cut):
+        workshop.write("script.py", MEASURE, LAW, each)
+        workshop.run()
+    workshop.write("script.py", MEASURE, LAW, shift, cut)
+    assert workshop.run() == ([1.5 - 24.0, -6.0, 1.5, -6.0], 0)
 
 
 def test_a_kernel_in_a_module(workshop):

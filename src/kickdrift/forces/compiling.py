@@ -194,13 +194,27 @@ class _CallbackCache(_DriverCache):
         self._kind = kind
 
     def _folder(self, sig: Any) -> _FolderCache:
-        return self._named(*sorted({fingerprint(cls) for cls in foreign_classes(self._kind)}), str(self._kind))
+        return self._named(described_type(self._kind))
+
+
+def described_type(kind: types.Type) -> str:
+    """A type as text: its name, and the sources of the user's classes in it."""
+    return str(kind) + "".join(sorted({fingerprint(cls) for cls in foreign_classes(kind)}))
+
+
+def named_for(function: Callable[..., Any], *what: str) -> Callable[..., Any]:
+    """Name a function of plain numbers for what it is made around. Machine code from the disk is linked by names, which
+    numba tells apart by argument types and by a count that begins anew in each process: of two such functions that two
+    processes made, a third would call one for both."""
+    function.__qualname__ += "_" + hashlib.sha256("\0".join(what).encode()).hexdigest()[:16]
+    return function
 
 
 def callback(function: Callable[..., Any], of: Any, kind: types.Type) -> Any:
     """Compile a function with the signature ``of`` plain numbers and pointers, which code that knows its ``address``
     calls; ``kind`` is the type that it is made around, and its machine code is kept on disk for each."""
     options = {"nopython": True, "error_model": "numpy", "fastmath": FAST_MATH}
+    named_for(function, described_type(kind))
     made: Any = CFunc(function, (of.args, of.return_type), {}, options)
     made._cache = _CallbackCache(function, kind)
     made.compile()

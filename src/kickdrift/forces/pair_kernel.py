@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from llvmlite import ir
 from numba import carray, get_num_threads, typeof, types
+from numba.core.errors import TypingError
 from numba.extending import intrinsic, overload
 from numpy.typing import NDArray
 
@@ -144,6 +145,8 @@ _SIGNATURE = types.int64(types.intp, types.int64, types.int64, _NUMBERS, _NUMBER
 def call_pairs(typingctx, compute, work, what, x, a, sums):
     """Call the ``compute`` of a pair force: positions (3, n), and what is done with the other two arrays depends on
     what it is asked for; a status."""
+    if any(array.layout != "C" for array in (x, a, sums)):
+        raise TypingError("a pair force takes contiguous arrays")
 
     def codegen(context, builder, sig, args):
         whole, number = ir.IntType(64), ir.DoubleType().as_pointer()
