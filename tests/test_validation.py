@@ -39,7 +39,7 @@ def script(monkeypatch):
 
     before = set(sys.modules)
     yield load
-    for name in ("claims", "melt"):
+    for name in ("claim", "melt"):
         if name not in before:
             sys.modules.pop(name, None)
 
@@ -90,7 +90,7 @@ def test_nist_claims_hold(script):
 
 
 def test_a_failed_claim_is_exit_status_one(script, capsys):
-    claims = script("claims.py")
+    claims = script("claim.py")
     good, bad = (claims.claim("x", 1.0, "at most 1", holds, "y") for holds in (True, False))
     skipped = claims.not_run("z", "at least 3", "peer", "pip install peer")
     assert claims.show([good, skipped]) == 0
@@ -241,3 +241,17 @@ def test_the_file_for_mdanalysis_tests_is_its_reference(script, tmp_path):
         np.testing.assert_allclose(ts.velocities, 2**frame * first / 10, rtol=1e-7)
         assert ts.time == frame
     universe.trajectory.close()
+
+
+# --- planted faults ---
+
+
+def test_each_fault_has_one_place(script):
+    """Else what is planted is not what is said."""
+    package = Path(kd.__file__).parent
+    faults = script("planted.py").FAULTS
+    assert len({fault.name for fault in faults}) == len(faults) == 10
+    assert sum(fault.small for fault in faults) == 3
+    for fault in faults:
+        assert (package / fault.file).read_text(encoding="utf-8").count(fault.text) == 1, fault.name
+        assert fault.wrong != fault.text

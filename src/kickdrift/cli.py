@@ -57,6 +57,7 @@ FlushOption = Annotated[
     float | None, typer.Option(metavar="SECONDS", help="Of frames that a kill costs at most (default 10).")
 ]
 INTERRUPTED = 130
+VALIDATION: Path | None = None  # folder of the validation's scripts, where it is not that which came with the package
 
 
 class Figures(StrEnum):
@@ -476,6 +477,34 @@ def info(file: Annotated[str, typer.Argument(metavar="FILE", help="A run's file,
     from kickdrift.trajectory.info import info as found
 
     print(describe(found(file)))
+
+
+@app.command()
+def validate(
+    names: Annotated[
+        list[str] | None, typer.Argument(metavar="NAME", help="Scripts, or a group of them; default all. See --list.")
+    ] = None,
+    long: Annotated[bool, typer.Option("--long", help="All claims, not those that take minutes in all.")] = False,
+    jobs: Annotated[int, typer.Option(metavar="K", min=1, help="Scripts to run at a time.")] = 2,
+    report: Annotated[
+        Path | None, typer.Option(metavar="FILE.md", help="Where the report goes, its figures in a folder beside it.")
+    ] = None,
+    listing: Annotated[bool, typer.Option("--list", help="List the scripts, run none.")] = False,
+    quiet: QuietOption = False,
+) -> None:
+    """Compare kickdrift with programs and data that others made, and write a report; exit status 1 if a claim fails."""
+    here = Path(__file__).parent
+    folders = [here.parents[1] / "validation", here / "validation"]  # of a checkout, of an installed package
+    folder = VALIDATION or next((each for each in folders if (each / "runner.py").is_file()), None)
+    if folder is None:
+        raise InputError("validate: this copy of kickdrift came without the folder validation")
+    sys.path.insert(0, str(folder))
+    import runner  # type: ignore[import-not-found]
+
+    if listing:
+        runner.listed()
+        return
+    raise typer.Exit(runner.validate(names or (), long, jobs, report, quiet))
 
 
 @app.command("list")

@@ -22,7 +22,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from claims import Claim, claim, not_run, show, where
+from claim import Claim, claim, not_run, show, where
 from gauss_radau import INSTALL, NAME, ias15, ours, rebounds, shifted
 
 import kickdrift as kd

@@ -20,7 +20,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from claims import Claim, claim, not_run, show, where
+from claim import Claim, claim, not_run, show, where
 from melt import CUTOFF, again, melt, turns
 
 import kickdrift as kd

@@ -27,7 +27,7 @@ from scipy.integrate import solve_ivp
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from claims import Claim, claim, show, where
+from claim import Claim, claim, show, where
 
 import kickdrift as kd
 from kickdrift.odes import ODES

@@ -3,12 +3,12 @@
     python validation/performance/trajectory.py [--steps 40000] [--turns 3]
 
 `lj-1000`, a frame every 100 steps. Write cost: processor time spent in the writer (making the file, every sample and
-frame, flushes with their checkpoints, closing it), over that of the run without a file: of the same Simulation, in turns
-(A B B A …), the median over the turns; beside it what the whole run takes longer, which on a machine with other work is
-mostly noise. Sizes: 1000 frames of one run in every form of our file, and through MDAnalysis' writers as DCD and XTC
-(which keep no velocities, and float32 and 0.01 Angstrom of positions), and TRR (float32, both).
-Reading: one frame in the middle, and one particle's path through
-all frames, medians; DCD, XTC and TRR through MDAnalysis. The files lie in the system's cache.
+frame, flushes with their checkpoints, closing it), over that of the run without a file: of the same Simulation, in
+turns (A B B A …), the median over the turns; beside it what the whole run takes longer, which on a machine with other
+work is mostly noise. Sizes: 1000 frames of one run in every form of our file, and through MDAnalysis' writers as DCD
+and XTC (which keep no velocities, and float32 and 0.01 Angstrom of positions), and TRR (float32, both). Reading: one
+frame in the middle, and one particle's path through all frames, medians; DCD, XTC and TRR through MDAnalysis. The files
+lie in the system's cache.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from claims import Claim, claim, show, where
+from claim import Claim, claim, show, where
 
 import kickdrift as kd
 from kickdrift.trajectory.h5md import Writer

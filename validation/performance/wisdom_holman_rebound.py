@@ -19,7 +19,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from claims import Claim, claim, not_run, show, where
+from claim import Claim, claim, not_run, show, where
 from exact_reversal import solar_system
 from wisdom_holman import COORDINATES, MERCURY, NEEDED, energy, theirs, whfast
 
