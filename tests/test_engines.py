@@ -330,7 +330,7 @@ def test_mpi_is_missing(monkeypatch):
     with pytest.raises(ImportError, match="mpiexec is missing: pip install"):
         lammps_library.mpiexec()
     for processes in (1, 2):
-        with pytest.raises(kd.InputError, match="engine 'lammps': MPI.* is missing"):
+        with pytest.raises(kd.InputError, match=r"engine 'lammps': MPI.* is missing"):
             kd.Simulation(liquid(), engine="lammps", dt=0.002, processes=processes).run(1)
 
 
