@@ -105,6 +105,9 @@ class LammpsSession(Session):
             self.close()
             text = " ".join(str(error).split()).removeprefix("ERROR: ")
             raise Trouble(f"LAMMPS: {text.split(' For more information')[0]}") from None
+        except BaseException:  # Ctrl-C for a second time
+            self.close()
+            raise
 
     def advance(self, steps: int, until: float) -> int:
         left = steps
