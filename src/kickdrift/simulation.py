@@ -94,7 +94,7 @@ class Simulation:
         self._engine = engine_named(engine)
         default = "velocity-verlet" if isinstance(system, System) else "dormand-prince45"
         named = integrator if integrator is not None else system.run.integrator
-        self.integrator = self._engine.method_name(named) or default
+        self.integrator = default if named is None else self._engine.method_name(named)
         self.method = method_named(self.integrator)
         asked = Options(dt, rtol, atol, controller, compensated, iteration, coordinates, corrector, order, eta, scheme)
         self.options = self.method.checked(asked.or_else(system.run), asked)

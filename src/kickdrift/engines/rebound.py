@@ -91,6 +91,12 @@ class ReboundSession(Session):
         return float(self._sim.t)
 
     def advance(self, steps: int, until: float) -> int:
+        try:
+            return self._advanced(steps, until)
+        except RuntimeError as error:  # rebound's messages
+            raise Trouble(f"rebound: {' '.join(str(error).split())}") from None
+
+    def _advanced(self, steps: int, until: float) -> int:
         sim, taken = self._sim, 0
         if self.job.method.name != ADAPTIVE:
             sim.steps(steps)
