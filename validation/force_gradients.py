@@ -34,7 +34,7 @@ from kickdrift.forces.pair_law import TRUNCATIONS, PairForce
 
 EDGE, LATTICE, H = 6.0, 3, 2e-3
 CLEAR = 0.01  # what no pair's distance is nearer than to the cutoff, or to where a switch begins
-SLOPE = 1e-8  # relative; rounding over the smallest h is 1e-10 of the energy
+SLOPE = 1e-10  # relative: rounding of the energy over the smallest h, and what h^6 leaves, are 1e-12
 MIXTURE = {"A": {"epsilon": 1.0, "sigma": 1.0}, "B": {"epsilon": 0.5, "sigma": 0.88}}  # Kob & Andersen's sizes
 HOT, STEPS, PARTICLES = 1.7, 300, 512  # times the velocities of T* = 1.33
 OPEN: dict[str, Callable[[], Any]] = {  # forces of open space
