@@ -28,15 +28,19 @@ class Script(NamedTuple):
 SCRIPTS = (
     # Lennard-Jones and liquids
     Script("nist_lj.py", "NIST's Lennard-Jones configurations: energies, virials, long-range corrections"),
+    Script("pair_forces.py", "forces are the energy's gradient, pressures its slope, and lists are complete"),
     Script("nve_drift.py", "a liquid at constant energy keeps it"),
     Script("equation_of_state.py", "pressure and energy of the Lennard-Jones fluid by two equations of state and NIST"),
     Script("argon_rahman.py", "liquid argon beside Rahman's of 1964: diffusion, radial distribution", long_only=True),
     # integrators
     Script("integrators.py", "order, symplectic form, way back, stability and cost of every integrator"),
+    Script("unit_systems.py", "constants and conversions beside ASE's and the SI", peers=("ase",)),
+    Script("butcher_tableaus.py", "Runge-Kutta rows keep their order conditions, and are SciPy's"),
     Script("polish_splittings.py", "weights of the splittings solve their order conditions", peers=("mpmath",)),
     Script("shadow_hamiltonian.py", "velocity Verlet conserves a modified Hamiltonian"),
     Script("kepler_energies.py", "energy of a circular orbit over thousands of periods, by five methods"),
     Script("exact_reversal.py", "leapfrog-exact comes back to the same bits"),
+    Script("kepler_flow.py", "one step of wisdom-holman without masses is exact, on every conic"),
     Script("wisdom_holman.py", "wisdom-holman is the map that WHFast is; correctors, saba", peers=("rebound",)),
     Script("gauss_radau.py", "gauss-radau15 beside IAS15 and binary128; Brouwer's law", peers=("rebound",)),
     Script("hermite.py", "hermite4 in shared and block steps: clusters, Kepler, Burrau's problem"),
