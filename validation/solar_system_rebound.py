@@ -4,9 +4,9 @@
 
 The Sun and eight planets (JPL DE421 at J2000, the Earth with the Moon) as point masses under Newton's law.
 wisdom-holman and WHFast (Jacobi coordinates, no corrector) take the same step, a hundredth of Mercury's period;
-gauss-radau15 and IAS15 run with their defaults. Two programs that do the same still part: roundings push each planet along its orbit, by
-a way that grows as t^1.5. How far that is shows rebound against itself, from starts one rounding away. --long goes on
-to 10^5 years. rebound 5: Rein & Liu 2012, doi:10.1051/0004-6361/201118085; Rein & Tamayo 2015,
+gauss-radau15 and IAS15 run with their defaults. Two programs that do the same still part: roundings push each planet
+along its orbit, by a way that grows as t^1.5. How far that is shows rebound against itself, from starts one rounding
+away. --long goes on to 10^5 years. rebound 5: Rein & Liu 2012, doi:10.1051/0004-6361/201118085; Rein & Tamayo 2015,
 doi:10.1093/mnras/stv1257; Rein & Spiegel 2015, doi:10.1093/mnras/stu2164.
 """
 
