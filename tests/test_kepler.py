@@ -98,6 +98,15 @@ def test_near_radial_orbits(speed):
         assert (errors_and_rounding(1.0, dt, x, v) < 2.0).all()
 
 
+@pytest.mark.parametrize("t", [0.7, 2.2, 60.0, -1e4])
+@pytest.mark.parametrize("e", [1.001, 1.01])
+def test_hyperbolas_that_are_left_far_behind_in_one_step(e, t):
+    """From a pericentre near the star the first guess lies where exp(X) is huge, or more than a number can be."""
+    b = math.sqrt(e * e - 1.0)
+    x, v = np.array([e - 1.0, 0.0, 0.0]), np.array([0.0, b / (e - 1.0), 0.0])  # a = -1
+    assert (errors_and_rounding(1.0, t, x, v) < 2.0).all()
+
+
 @pytest.mark.parametrize("t", [0.1, 2.0, 7.0, -4.0])
 def test_ellipse_against_keplers_equation(t):
     x, v = kepler(0.0, 0.3)

@@ -1,6 +1,6 @@
 """Liquid argon beside Rahman's (1964): self-diffusion, and the first peak of the radial distribution function.
 
-    python validation/argon_rahman.py [--replicas 2] [--time 200] [--keep FOLDER]
+    python validation/argon_rahman.py
 
 Rahman, Phys. Rev. 136, A405 (1964), doi:10.1103/PhysRev.136.A405, ran 864 atoms at 94.4 K and found D = 2.43e-5 cm^2/s
 and the first maximum of g(r) at 3.7 angstrom; both are also quoted, beside a repetition with LAMMPS that gave 2.47e-5,
@@ -20,7 +20,6 @@ Rahman's D is of the same box.
 
 from __future__ import annotations
 
-import argparse
 import math
 import sys
 import tempfile
@@ -28,7 +27,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from claim import Claim, claim, show, where
+from claim import Claim, claim, main
 
 import kickdrift as kd
 
@@ -37,6 +36,7 @@ WANTED = 94.4
 EVERY = 4  # steps of 10 fs: velocities lose their memory over some 20 of them
 RAHMAN_D, RAHMAN_PEAK, RAHMAN_HEIGHT = 2.43, 3.7, (2.7, 3.1)  # 1e-5 cm^2/s, angstrom
 RAHMAN_TIME = 10.0  # ps
+REPLICAS, TIME = 2, 200.0  # runs at each temperature, two or more; ps
 EINSTEIN, GREEN_KUBO = (2.0, 6.0), 4.0  # ps
 SHORT = (1.0, 2.4)  # ps, of the slope of a piece as long as his run
 CM2_S = 10.0  # angstrom^2/ps in 1e-5 cm^2/s
@@ -119,18 +119,17 @@ def at_wanted(temperatures: np.ndarray, values: np.ndarray) -> tuple[float, floa
     return float(value), math.sqrt(noise * (1 / len(values) + apart.mean() ** 2 / spread)), float(slope)
 
 
-def study(replicas: int = 2, time: float = 200.0, keep: Path | None = None) -> list[Claim]:
-    """All runs, printed as they come, and the claims."""
-    print(f"{len(TEMPERATURES) * replicas} runs of {time:g} ps; {where()}")
+def claims(long: bool = False) -> list[Claim]:
+    """All runs, printed as they come, and the claims; there is no short set."""
+    print(f"{len(TEMPERATURES) * REPLICAS} runs of {TIME:g} ps")
     found: list[Found] = []
     with tempfile.TemporaryDirectory() as scratch:
-        for k, temperature in enumerate(TEMPERATURES * replicas):
-            path = (keep or Path(scratch)) / f"argon-{k}.h5md"
-            simulate(temperature, k, time, path)
+        for k, temperature in enumerate(TEMPERATURES * REPLICAS):
+            path = Path(scratch) / f"argon-{k}.h5md"
+            simulate(temperature, k, TIME, path)
             f = analysed(path)
             found.append(f)
-            if keep is None:
-                path.unlink()
+            path.unlink()
             position, height = peak(f.g)
             einstein, kubo = (f"{CM2_S * d.value:.3f} ({CM2_S * d.error:.3f})" for d in (f.einstein, f.green_kubo))
             print(
@@ -212,20 +211,5 @@ def judged(found: list[Found]) -> list[Claim]:
     return rows
 
 
-def claims() -> list[Claim]:
-    """The full study."""
-    return study()
-
-
-def main() -> int:
-    """Run with the given options and print the claims."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--replicas", type=int, default=2, help="at each temperature, two or more")
-    parser.add_argument("--time", type=float, default=200.0, help="ps, of each run")
-    parser.add_argument("--keep", type=Path, help="a folder for the runs' files, 200 MB each")
-    given = parser.parse_args()
-    return show(study(given.replicas, given.time, given.keep))
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(main(claims, __doc__))

@@ -1,6 +1,6 @@
 """The tree's forces against the direct sum, and its time and memory against the number of particles.
 
-    python validation/barnes_hut.py [--largest 1000000] [--sample 1000]
+    python validation/barnes_hut.py [--long]
 
 ``accuracy`` claims that 99 % of the particles have |a - a_direct| / |a_direct| within it. The direct sum is NumPy's,
 for a random sample of the particles. Shapes: a Plummer sphere; a uniform cube; two Plummer spheres a thousand scale
@@ -11,7 +11,6 @@ Time is the processor's, on one thread: the least of some evaluations. Memory is
 
 from __future__ import annotations
 
-import argparse
 import resource
 import sys
 from collections.abc import Callable
@@ -19,12 +18,12 @@ from math import log
 from time import process_time
 
 import numpy as np
-from claim import Claim, claim, show, where
+from claim import Claim, claim, main
 
 import kickdrift as kd
 from kickdrift.forces.bound import BoundForces
 
-SIZES = (10**4, 10**5, 10**6)
+SHORT, LONG = (10**4, 10**5), (10**4, 10**5, 10**6)
 ACCURACIES = (1e-2, 1e-3, 1e-4)
 SAMPLE = 1000
 SHARE = 0.99  # of the particles that are within the accuracy
@@ -83,9 +82,10 @@ def evaluated(x: np.ndarray, masses: np.ndarray, force: object, repeats: int) ->
     return derivative[1], min(times)
 
 
-def study(sizes: tuple[int, ...] = SIZES, sample: int = SAMPLE) -> list[Claim]:
-    """Print the tables, and judge."""
-    print(f"{where()}\nerrors over the accuracy asked; processor time of one evaluation, one thread\n")
+def claims(long: bool = False) -> list[Claim]:
+    """Print the tables, and judge; time and memory in the long set only."""
+    sizes = LONG if long else SHORT
+    print("errors over the accuracy asked; processor time of one evaluation, one thread\n")
     print("| shape            |       n | accuracy | mean  | 50 %  | 99 %  | largest |  seconds |")
     print("| ---              |     --- | ---      | ---   | ---   | ---   | ---     |      --- |")
     rng, rows, seconds = np.random.default_rng(1), [], {}
@@ -94,7 +94,7 @@ def study(sizes: tuple[int, ...] = SIZES, sample: int = SAMPLE) -> list[Claim]:
         worst = dict.fromkeys(ACCURACIES, 0.0)
         for n in sizes:
             x, masses = shape(n, rng), np.full(n, 1.0 / n)
-            chosen = np.sort(rng.choice(n, min(sample, n), replace=False))
+            chosen = np.sort(rng.choice(n, min(SAMPLE, n), replace=False))
             exact = direct_sum(x, masses, chosen)
             for accuracy in ACCURACIES:
                 a, seconds[name, n, accuracy] = evaluated(x, masses, kd.GravityTree(accuracy), 3 if n < 10**6 else 1)
@@ -110,7 +110,7 @@ def study(sizes: tuple[int, ...] = SIZES, sample: int = SAMPLE) -> list[Claim]:
             text = f"{name}: 99 % of the errors at accuracy {accuracy:g} are under this much of it"
             rows.append(claim(text, value, "at most 1", value <= 1.0, DIRECT))
     print()
-    return [*rows, *growth_claims(seconds, sizes), *memory_claims(sizes)]
+    return [*rows, *growth_claims(seconds, sizes), *memory_claims(sizes)] if long else rows
 
 
 def growth_claims(seconds: dict[tuple[str, int, float], float], sizes: tuple[int, ...]) -> list[Claim]:
@@ -135,19 +135,5 @@ def memory_claims(sizes: tuple[int, ...]) -> list[Claim]:
     return [claim(text, peak, f"at most {MEMORY:g}", peak <= MEMORY, "the system's account of the process")]
 
 
-def claims() -> list[Claim]:
-    """The full study."""
-    return study()
-
-
-def main() -> int:
-    """Run with the given options and print the claims."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--largest", type=int, default=SIZES[-1])
-    parser.add_argument("--sample", type=int, default=SAMPLE)
-    given = parser.parse_args()
-    return show(study((*(n for n in SIZES if n < given.largest), given.largest), given.sample))
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(main(claims, __doc__))

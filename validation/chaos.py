@@ -1,6 +1,6 @@
 """Regular or chaotic: do MEGNO's verdicts agree with those of another program?
 
-    python validation/chaos.py [--cases 6]
+    python validation/chaos.py [--long]
 
 Two planets (Jupiter, and Saturn moved to other orbits), asteroids in Jupiter's reach as massless particles, and the
 figure-eight, each with one deviation of ours (dop853) and three of rebound's (WHFast; IAS15 where there are encounters
@@ -11,15 +11,13 @@ the secular motion of planets takes that long. Besides, the exponent of Lagrange
 
 from __future__ import annotations
 
-import argparse
 import math
 import sys
 from collections.abc import Callable
-from importlib.util import find_spec
 from typing import Any, NamedTuple
 
 import numpy as np
-from claim import Claim, claim, not_run, show, where
+from claim import Claim, claim, main, not_run
 
 import kickdrift as kd
 from kickdrift.analysis.chaos import verdict
@@ -164,29 +162,16 @@ def triangle() -> list[Claim]:
     return [claim(text, error, "at most 1e-3", error < 1e-3, "1 / sqrt 2 of the angular velocity")]
 
 
-def study(count: int | None = None) -> list[Claim]:
+def claims(long: bool = False) -> list[Claim]:
+    """Of all cases, or of the quick ones."""
     rows = triangle()
     try:
         import rebound
     except ImportError:
-        return [*rows, not_run("verdicts", "as many agree", REFERENCE, "pip install rebound")]
+        return [*rows, not_run("cases with another verdict", "none", REFERENCE)]
     print(f"{'case':28} {'years':>8}  {'ours':>8} {'verdict':10} {'rebound, three seeds':28}  {'verdict':10} energy")
-    return [*rows, *judged(compared(rebound, cases()[:count]))]
-
-
-def claims() -> list[Claim]:
-    """The full study."""
-    return study()
-
-
-def main() -> int:
-    """Print the table and the claims."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--cases", type=int, help="the first so many")
-    found = study(parser.parse_args().cases)
-    print(where(*(name for name in ("rebound",) if find_spec(name))))
-    return show(found)
+    return [*rows, *judged(compared(rebound, cases()))]
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(main(claims, __doc__))

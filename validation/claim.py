@@ -1,13 +1,27 @@
-"""What every validation script gives: claims with their bounds, printed as a table."""
+"""What every validation script gives: claims with their bounds, printed as a table.
+
+A script has ``claims(long=False, figures=None)``, which returns or yields Claims: the short set, or with ``long`` all
+of them. One that draws saves PNG files in the folder ``figures``, where it is given one; one that does not may leave
+that argument out. The script ends with ``sys.exit(main(claims, __doc__))`` and has a row in registry.py. What it prints
+is for whoever runs it alone.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import argparse
+import inspect
+from collections.abc import Callable, Iterable
 from importlib.metadata import version
+from importlib.util import find_spec
+from pathlib import Path
 
 from kickdrift.bench import processor
 
 Claim = dict[str, object]
+Claims = Callable[..., Iterable[Claim]]
+
+CHECKOUT = (Path(__file__).parents[1] / "pyproject.toml").is_file()
+INSTALL = f"pip install '{'.' if CHECKOUT else 'kickdrift'}[validation]'"
 
 
 def claim(text: str, value: object, bound: str, holds: bool, reference: str) -> Claim:
@@ -16,15 +30,34 @@ def claim(text: str, value: object, bound: str, holds: bool, reference: str) -> 
     return {"claim": text, "value": value, "bound": bound, "reference": reference, "verdict": verdict}
 
 
-def not_run(text: str, bound: str, reference: str, needs: str) -> Claim:
+def not_run(text: str, bound: str, reference: str, needs: str = INSTALL) -> Claim:
     """A claim that could not be tried here; ``needs`` is the line that changes that."""
     return {"claim": text, "value": needs, "bound": bound, "reference": reference, "verdict": "not run"}
+
+
+def of(claims: Claims, long: bool = False, figures: Path | None = None) -> Iterable[Claim]:
+    """What a script's ``claims`` gives."""
+    draws = {"figures": figures} if "figures" in inspect.signature(claims).parameters else {}
+    return claims(long=long, **draws)
+
+
+def main(claims: Claims, doc: str | None) -> int:
+    """Run a script by itself: print its claims; the exit status, 1 where one failed."""
+    lines = (doc or "").strip().splitlines() or [""]
+    parser = argparse.ArgumentParser(description=lines[0])
+    parser.add_argument("--long", action="store_true", help="all claims, not the short set")
+    parser.add_argument("--figures", type=Path, metavar="FOLDER", help="draw the script's figures there, if it has any")
+    given = parser.parse_args()
+    if given.figures:
+        given.figures.mkdir(parents=True, exist_ok=True)
+    print(where("numpy", "scipy"), flush=True)
+    return show(of(claims, given.long, given.figures))
 
 
 def show(claims: Iterable[Claim]) -> int:
     """Print the claims; the exit status, 1 where one failed."""
     rows = [
-        (str(row["verdict"]), str(row["claim"]), _text(row["value"]), str(row["bound"]), str(row["reference"]))
+        (str(row["verdict"]), str(row["claim"]), text_of(row["value"]), str(row["bound"]), str(row["reference"]))
         for row in claims
     ]
     table = [("verdict", "claim", "value", "bound", "reference"), *rows]
@@ -35,9 +68,11 @@ def show(claims: Iterable[Claim]) -> int:
 
 
 def where(*packages: str) -> str:
-    """The processor, and the versions of kickdrift, numba and ``packages``."""
-    return f"{processor()}; " + ", ".join(f"{name} {version(name)}" for name in ("kickdrift", "numba", *packages))
+    """The processor, and the versions of kickdrift, numba and those of ``packages`` that are installed."""
+    found = [name for name in ("kickdrift", "numba", *packages) if find_spec(name)]
+    return f"{processor()}; " + ", ".join(f"{name} {version(name)}" for name in found)
 
 
-def _text(value: object) -> str:
+def text_of(value: object) -> str:
+    """A value as tables show it."""
     return f"{value:.4g}" if isinstance(value, float) else str(value)

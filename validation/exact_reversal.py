@@ -1,6 +1,6 @@
-"""Does leapfrog-exact come back to the very same bits, over a million steps and in another process?
+"""Does leapfrog-exact come back to the very same bits, over 20,000 steps or a million, and in another process?
 
-    python validation/exact_reversal.py [--steps 1000000] [--systems lj-1000,solar-system] [--keep FOLDER]
+    python validation/exact_reversal.py [--long]
 
 Two systems: lj-1000 (a simple cubic lattice of 1000 Lennard-Jones particles that melts, dt* = 0.005) and the Sun with
 eight planets (JPL DE421 at J2000, the Earth with the Moon; dt = 0.004 years, 60 steps to an orbit of Mercury). Each leg
@@ -10,22 +10,21 @@ second one those of the first one's end, momenta negated.
 
 from __future__ import annotations
 
-import argparse
 import json
-import subprocess
 import sys
+from multiprocessing import get_context
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import perf_counter, process_time
 
 import numpy as np
-from claim import Claim, claim, show, where
+from claim import Claim, claim, main
 
 import kickdrift as kd
 from kickdrift.integrators.exact import Lattice
 
 DATA = Path(__file__).parent / "data" / "solar-system" / "de421.json"
-STEPS, YEAR = 1_000_000, 365.25
+SHORT, LONG, YEAR = 20_000, 1_000_000, 365.25
 DT = {"lj-1000": 0.005, "solar-system": 0.004}
 
 
@@ -65,13 +64,13 @@ def leg(name: str, begin: Path, end: Path, steps: int) -> None:
     np.savez(end, **sim.lattice._asdict())
 
 
-def study(steps: int = STEPS, systems: tuple[str, ...] = tuple(DT), keep: Path | None = None) -> list[Claim]:
+def claims(long: bool = False) -> list[Claim]:
     """There and back for each system."""
     rows: list[Claim] = []
+    steps = LONG if long else SHORT
     with TemporaryDirectory() as folder:
-        place = keep or Path(folder)
-        place.mkdir(parents=True, exist_ok=True)
-        for name in systems:
+        place = Path(folder)
+        for name in DT:
             first = kd.Simulation(start(name), "leapfrog-exact", dt=DT[name]).lattice
             files = [place / f"{name}-{k}.npz" for k in ("start", "there", "turned", "back")]
             np.savez(files[0], **first._asdict())
@@ -103,29 +102,12 @@ def judge(name: str, steps: int, first: Lattice, there: Lattice, back: Lattice) 
 
 
 def _in_new_process(name: str, begin: Path, end: Path, steps: int) -> None:
-    words = [sys.executable, __file__, "--leg", name, str(begin), str(end), "--steps", str(steps)]
-    subprocess.run(words, check=True)
-
-
-def claims() -> list[Claim]:
-    """The full study."""
-    return study()
-
-
-def main() -> int:
-    """Run with the given options and print the claims."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--steps", type=int, default=STEPS)
-    parser.add_argument("--systems", default=",".join(DT), help="names, with commas")
-    parser.add_argument("--keep", type=Path, help="a folder for the lattices of both ends")
-    parser.add_argument("--leg", nargs=3, metavar=("NAME", "BEGIN", "END"), help=argparse.SUPPRESS)
-    given = parser.parse_args()
-    if given.leg:
-        leg(given.leg[0], Path(given.leg[1]), Path(given.leg[2]), given.steps)
-        return 0
-    print(where())
-    return show(study(given.steps, tuple(given.systems.split(",")), given.keep))
+    process = get_context("spawn").Process(target=leg, args=(name, begin, end, steps))
+    process.start()
+    process.join()
+    if process.exitcode:
+        raise RuntimeError(f"{name}: the process of {steps} steps ended with {process.exitcode}")
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(main(claims, __doc__))

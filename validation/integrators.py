@@ -1,7 +1,6 @@
 """Every integrator of the registry measured against what its row states.
 
-    python validation/integrators.py            (a minute and a half of one core)
-    python validation/integrators.py --methods rk4 yoshida6
+    python validation/integrators.py
     python validation/integrators.py --docs docs/integrators.md     (writes the table of methods there)
 
 Fixed steps: the slope of the error on a pendulum, Kepler's problem (e = 0.3), Henon and Heiles' problem and a driven
@@ -12,7 +11,6 @@ its coefficients say. Methods that choose their steps: the power of the toleranc
 
 from __future__ import annotations
 
-import argparse
 import math
 import re
 import sys
@@ -21,7 +19,7 @@ from time import perf_counter
 from typing import NamedTuple
 from urllib.parse import quote
 
-from claim import Claim, claim, show, where
+from claim import Claim, claim, main
 from measures import (
     COMES_BACK,
     NOT_SYMPLECTIC,
@@ -37,6 +35,7 @@ from measures import (
     symplecticity_error,
     tolerance_slope,
 )
+from pages import put
 from problems import SOLVED, kepler_orbit, measured, pendulum
 
 import kickdrift as kd
@@ -196,7 +195,7 @@ def study(names: list[str] | None = None) -> list[Claim]:
     """Measure the methods of those names, all that ship by default, print what was found, and judge."""
     names = shipped() if names is None else [integrator(name).name for name in names]
     began = perf_counter()
-    print(f"{where('scipy')}\n\n{FIXED_TITLE}\n")
+    print(f"{FIXED_TITLE}\n")
     with_fixed_steps = set(fixed())
     rows = fixed_table([name for name in names if name in with_fixed_steps])
     print(f"\n{ADAPTIVE_TITLE}\n")
@@ -300,27 +299,16 @@ def linked(doi: re.Match[str]) -> str:
 
 def write_docs(page: Path) -> None:
     """Put the table between its markers."""
-    before, rest = page.read_text(encoding="utf-8").split(BEGIN)
-    after = rest.split(END)[1]
-    page.write_text(f"{before}{BEGIN}\n\n{docs_table()}\n\n{END}{after}", encoding="utf-8")
+    put(page, BEGIN, END, docs_table())
 
 
-def claims() -> list[Claim]:
+def claims(long: bool = False) -> list[Claim]:
     """All methods that ship."""
     return study()
 
 
-def main() -> int:
-    """Measure and print the claims, or write the page's table."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--methods", nargs="+", metavar="NAME", help="default: all that ship")
-    parser.add_argument("--docs", type=Path, metavar="PAGE", help="write the table of methods into a page")
-    given = parser.parse_args()
-    if given.docs:
-        write_docs(given.docs)
-        return 0
-    return show(study(given.methods))
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    if sys.argv[1:2] == ["--docs"]:
+        write_docs(Path(sys.argv[2]))
+    else:
+        sys.exit(main(claims, __doc__))

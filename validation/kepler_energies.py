@@ -1,6 +1,6 @@
-"""The energy of a planet on a circular orbit over 10,000 periods, for five methods at the same step, as a figure.
+"""The energy of a planet on a circular orbit over 1000 periods or 10,000, for five methods at the same step.
 
-    python validation/kepler_energies.py [--periods 10000] [--output kepler_energies.png] [--overwrite]
+    python validation/kepler_energies.py [--long] [--figures FOLDER]
 
 G M = 1, semi-major axis 1, dt = 0.01: a period is 628 steps. Forward Euler spirals out, RK4 in, each as the leading
 power of dt in its energy error says, which is worked out here in rational numbers from the tableau; what a symplectic
@@ -9,7 +9,6 @@ method gets wrong stays as it is (Hairer, Lubich & Wanner 2006, IX.8, doi:10.100
 
 from __future__ import annotations
 
-import argparse
 import math
 import sys
 from fractions import Fraction
@@ -18,15 +17,15 @@ from time import perf_counter
 from typing import NamedTuple
 
 import numpy as np
-from claim import Claim, claim, show, where
+from claim import Claim, claim, main
 
 import kickdrift as kd
 from kickdrift.integrators import integrator
 from kickdrift.integrators.runge_kutta import Tableau
 from kickdrift.odes import kepler
-from kickdrift.plots import COLOURS, INK, checked_target, new_axes, new_figure, save_figure
+from kickdrift.plots import COLOURS, INK, new_axes, new_figure, save_figure
 
-PERIODS, DT = 10_000, 0.01
+SHORT, LONG, DT = 1000, 10_000, 0.01
 EVERY = 389  # steps between samples, the golden section of a period: they come at ever other places of the orbit
 COMPENSATED = ", compensated"  # summation
 METHODS = {
@@ -137,11 +136,10 @@ def leading(method: str) -> tuple[int, Fraction]:
 # --- the study ---
 
 
-def study(periods: float = PERIODS, output: Path | None = None, overwrite: bool = False) -> list[Claim]:
+def study(periods: float, figures: Path | None = None) -> list[Claim]:
     """Run every method, print a line for each, draw them, and judge."""
-    target = None if output is None else checked_target(output, overwrite)
     problem = kepler(eccentricity=0.0)
-    print(f"circular orbit, dt = {DT:g}, {periods:g} periods of {2 * math.pi / DT:.1f} steps; {where()}\n")
+    print(f"circular orbit, dt = {DT:g}, {periods:g} periods of {2 * math.pi / DT:.1f} steps\n")
     print(f"| {'method':21} | error at the end | largest   | last tenth / first | slope per period | seconds |")
     print(f"| {'---':21} | ---              | ---       | ---                | ---              | ---     |")
     found = {}
@@ -154,8 +152,8 @@ def study(periods: float = PERIODS, output: Path | None = None, overwrite: bool 
             flush=True,
         )
     print()
-    if target:
-        print(draw(found, target))
+    if figures:
+        draw(found, figures / "kepler_energies.png")
     return judged(found, periods)
 
 
@@ -240,20 +238,10 @@ def draw(found: dict[str, Energies], target: Path) -> Path:
     return save_figure(figure, target)
 
 
-def claims() -> list[Claim]:
-    """The full study, without the figure."""
-    return study()
-
-
-def main() -> int:
-    """Run with the given options and print the claims."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--periods", type=float, default=PERIODS)
-    parser.add_argument("--output", type=Path, default=Path("kepler_energies.png"), help="of the figure")
-    parser.add_argument("--overwrite", action="store_true")
-    given = parser.parse_args()
-    return show(study(given.periods, given.output, given.overwrite))
+def claims(long: bool = False, figures: Path | None = None) -> list[Claim]:
+    """Of a tenth of the periods, or of all."""
+    return study(LONG if long else SHORT, figures)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(main(claims, __doc__))

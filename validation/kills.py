@@ -1,6 +1,6 @@
 """Does a run that is killed at any moment leave a file that opens and goes on to the same bits?
 
-    python validation/kills.py [--kills 200] [--seed 1]
+    python validation/kills.py [--long]
 
 A child process runs a small liquid into a file, a flush for every frame, and is killed by SIGKILL: while its file is
 being made, between flushes, inside a flush, and while the file is being closed. The child says through a byte of shared
@@ -14,7 +14,6 @@ A kill while the file is being made may come before there is one; that is counte
 
 from __future__ import annotations
 
-import argparse
 import mmap
 import multiprocessing
 import os
@@ -29,13 +28,14 @@ from typing import Any
 
 import h5py
 import numpy as np
-from claim import Claim, claim, show, where
+from claim import Claim, claim, main
 
 import kickdrift as kd
 
 PHASES = ("starting", "creation", "running", "flush", "close", "over")
 STEPS, EVERY, CELLS, PAUSE = 1600, 20, 6, 2e-3
-LEAST_INSIDE = 20
+SHORT, LONG, SEED = 40, 200, 1  # kills
+LEAST_INSIDE = 20  # of the long set
 SHARE = {"creation": 0.2, "running": 0.25, "flush": 0.4, "close": 0.15}
 
 
@@ -134,9 +134,9 @@ def same_beginning(path: Path, truth: kd.trajectory.reader.Run) -> int:  # type:
         return len(found)
 
 
-def claims(kills: int, seed: int) -> Iterator[Claim]:
+def claims(long: bool = False) -> Iterator[Claim]:
     """Counts of what the kills left."""
-    rng = np.random.default_rng(seed)
+    rng, kills = np.random.default_rng(SEED), LONG if long else SHORT
     phases = [phase for phase, share in SHARE.items() for _ in range(round(share * kills))]
     died: Counter[str] = Counter()
     opened = resumed = none = frames = 0
@@ -167,7 +167,7 @@ def claims(kills: int, seed: int) -> Iterator[Claim]:
     for text, count in wrong.most_common(5):
         print(f"  {count} times {text}", file=sys.stderr)
     inside = died["flush"]
-    least = round(LEAST_INSIDE * min(1.0, kills / 200))
+    least = LEAST_INSIDE * kills // LONG
     yield claim("kills inside a flush", inside, f"at least {least}", inside >= least, "the child's own word")
     files = sum(died.values()) - none
     yield claim(f"files that open, of {files}", opened, f"all {files}", opened == files, "the run that was not killed")
@@ -175,15 +175,5 @@ def claims(kills: int, seed: int) -> Iterator[Claim]:
     yield claim(text, resumed, f"all {files}", resumed == files, "the run that was not killed")
 
 
-def main() -> int:
-    """The exit status: 1 where a file or a bit was lost."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--kills", type=int, default=200)
-    parser.add_argument("--seed", type=int, default=1)
-    given = parser.parse_args()
-    print(where("h5py") + f", HDF5 {h5py.version.hdf5_version}; {given.kills} kills")
-    return show(claims(given.kills, given.seed))
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(main(claims, __doc__))

@@ -26,11 +26,11 @@ sys.path.append(str(Path(__file__).parent / "performance"))
 
 from claim import Claim, claim, not_run, show, where
 from lennard_jones import apart, draw, frames_of, nudged
-from lj_lammps import INSTALL, lammps_class
 from melt import CUTOFF, DENSITY, DT
 
 import kickdrift as kd
 from kickdrift.builders import lattice
+from kickdrift.engines.lammps_library import INSTALL, lammps_class
 
 MELT, HOT, SEED, MELT_STEPS = 4000, 3.0, 87287, 250
 SMALL, WARM, STEPS = 1000, 1.44, 1000
@@ -227,7 +227,7 @@ def claims(long: bool = False, figures: Path | None = None) -> list[Claim]:
     """The same with and without ``long``; ``figures`` is a folder for the figure."""
     try:
         lammps_class()
-    except (ImportError, OSError):
+    except ImportError:
         return [not_run("thermo of the melt, and positions", "rounding, and what chaos makes of it", SOURCE, INSTALL)]
     print(where("lammps", "mpich"))
     return [*bench(), *melting(), *positions(figures)]

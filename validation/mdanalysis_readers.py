@@ -19,7 +19,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from claim import Claim, claim, not_run, show, where
+from claim import Claim, claim, main, not_run
 from scipy import constants
 
 import kickdrift as kd
@@ -105,10 +105,10 @@ def outcomes(name: str) -> dict[str, list[str]]:
     return found.of
 
 
-def claims() -> list[Claim]:
+def claims(long: bool = False) -> list[Claim]:
     texts = ("reader tests on a file of ours, reference as it is", "… reference with our box")
     if not find_spec("MDAnalysisTests"):
-        return [not_run(text, "", REFERENCE, "pip install MDAnalysisTests") for text in texts]
+        return [not_run(text, "all but three pass", REFERENCE) for text in texts]
     whole, ours = outcomes("TestAsItIs"), outcomes("TestAsARunCanBe")
     failed = {each.split("[")[0] for each in whole["failed"]}
     for name, cause in EXCEPTIONS.items():
@@ -125,10 +125,5 @@ def claims() -> list[Claim]:
     return rows
 
 
-def main() -> int:
-    print(where("MDAnalysis", "h5py"))
-    return show(claims())
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(main(claims, __doc__))

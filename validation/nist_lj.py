@@ -15,7 +15,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
-from claim import Claim, claim, show
+from claim import Claim, claim, main
 
 import kickdrift as kd
 
@@ -44,7 +44,7 @@ def matches(value: float, printed: float, digits: int = 5) -> bool:
     return float(f"{value:.{digits - 1}e}") == printed
 
 
-def claims() -> list[Claim]:
+def claims(long: bool = False) -> list[Claim]:
     """One entry for each published number, and one for the worst deviation from the recomputed ones."""
     rows: list[Claim] = []
     worst = 0.0
@@ -70,4 +70,4 @@ def claims() -> list[Claim]:
 
 
 if __name__ == "__main__":
-    sys.exit(show(claims()))
+    sys.exit(main(claims, __doc__))

@@ -1,6 +1,6 @@
 """Splitting coefficients carried from the digits in print to full double precision, and the package's held to them.
 
-    python validation/polish_splittings.py        (needs mpmath: pip install "kickdrift[validation]")
+    python validation/polish_splittings.py        (needs mpmath)
 
 Newton's method at 50 digits on the order conditions, each correction the one of least norm: where a method has more
 weights than conditions, those that its authors chose freely stay as printed. A closed form is evaluated as it stands.
@@ -22,7 +22,7 @@ from math import ulp
 from typing import NamedTuple
 
 import mpmath as mp
-from claim import Claim, claim, show
+from claim import Claim, claim, main
 
 from kickdrift.integrators.splitting import ROWS
 
@@ -180,7 +180,7 @@ METHODS = {
 }  # fmt: skip
 
 
-def claims() -> list[Claim]:
+def claims(long: bool = False) -> list[Claim]:
     """Two entries for each row of the package; the digits are printed on the way."""
     found: list[Claim] = []
     for row in ROWS:
@@ -208,4 +208,4 @@ def claims() -> list[Claim]:
 
 
 if __name__ == "__main__":
-    sys.exit(show(claims()))
+    sys.exit(main(claims, __doc__))

@@ -1,6 +1,6 @@
 """Does velocity Verlet conserve a modified Hamiltonian, and to which power of the step?
 
-    python validation/shadow_hamiltonian.py [--figure shadow.png]
+    python validation/shadow_hamiltonian.py [--figures FOLDER]
 
 The pendulum let go at 2 rad, over 50 units of time: H oscillates by dt^2, H + dt^2 H2 by dt^4 and
 H + dt^2 H2 + dt^4 H4 by dt^6 (Hairer, Lubich & Wanner 2006, IX.3; Skeel & Hardy 2001, 10.1137/S1064827599350204).
@@ -8,11 +8,11 @@ H + dt^2 H2 + dt^4 H4 by dt^6 (Hairer, Lubich & Wanner 2006, IX.3; Skeel & Hardy
 
 from __future__ import annotations
 
-import argparse
 import sys
+from pathlib import Path
 
 import numpy as np
-from claim import Claim, claim, show, where
+from claim import Claim, claim, main
 
 from kickdrift.analysis.shadow import ShadowRun, pendulum_potential, shadow_run
 from kickdrift.odes import pendulum
@@ -29,10 +29,13 @@ def runs() -> list[ShadowRun]:
     return [shadow_run(problem, pendulum_potential(), dt, LENGTH) for dt in STEPS]
 
 
-def claims(found: list[ShadowRun] | None = None) -> list[Claim]:
+def claims(long: bool = False, figures: Path | None = None) -> list[Claim]:
     """The three slopes, and how much flatter the shadow is at dt = 0.1."""
-    found = found or runs()
-    print(f"pendulum, 2 rad, {LENGTH:g} units of time; {where()}")
+    found = runs()
+    if figures:
+        drawn = next(run for run in found if run.dt == 0.2)
+        plot_shadow(drawn, found, str(figures / "shadow_hamiltonian.png"), overwrite=True)
+    print(f"pendulum, 2 rad, {LENGTH:g} units of time")
     print(f"{'dt':>6} {'H':>10} {'order 2':>10} {'order 4':>10}")
     for run in found:
         print(f"{run.dt:6g} " + " ".join(f"{run.oscillation(order):10.2e}" for order in (0, 2, 4)))
@@ -49,17 +52,5 @@ def claims(found: list[ShadowRun] | None = None) -> list[Claim]:
     return rows
 
 
-def main() -> int:
-    """Run, draw the figure if asked, and print the claims."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--figure", help="name of a figure to write")
-    given = parser.parse_args()
-    found = runs()
-    rows = claims(found)
-    if given.figure:
-        print(plot_shadow(next(run for run in found if run.dt == 0.2), found, given.figure, overwrite=True))
-    return show(rows)
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(main(claims, __doc__))

@@ -2,7 +2,7 @@
 
     python validation/solar_system_from_jpl.py [--date 2000-01-01T12:00] [--moon] [--output FILE.toml] [--overwrite]
 
-Without --output the two shipped files are compared with the ephemeris; needs kickdrift[ephemeris].
+Without --output the two shipped files are compared with the ephemeris; needs jplephem and de421.
 """
 
 from __future__ import annotations
@@ -100,7 +100,7 @@ def sums(text: str) -> tuple[float, np.ndarray]:
     return energy, (m[:, None] * np.cross(x, v)).sum(axis=0)
 
 
-def claims() -> list[Claim]:
+def claims(long: bool = False) -> list[Claim]:
     """The shipped files hold what the ephemeris says."""
     rows = []
     for name, bodies in (("solar-system", SOLAR_SYSTEM), ("solar-system-moon", APART)):
@@ -108,7 +108,8 @@ def claims() -> list[Claim]:
         try:
             found = ephemeris_states("2000-01-01T12:00", bodies)
         except InputError as error:
-            rows.append(not_run(text, bound, SOURCE, str(error)))
+            print(error)
+            rows.append(not_run(text, bound, SOURCE))
             continue
         system = kd.load(name)
         assert isinstance(system, kd.System)

@@ -1,6 +1,6 @@
 """Is wisdom-holman the map that rebound's WHFast is, with its errors, and are its correctors and saba what they say?
 
-    python validation/wisdom_holman.py [--steps 1000000]
+    python validation/wisdom_holman.py [--long]
 
 The Sun and eight planets (JPL DE421 at J2000, the Earth with the Moon), in Jacobi and democratic heliocentric
 coordinates, without a corrector; both programs get the same numbers and the same step, a hundredth and a tenth of
@@ -11,20 +11,19 @@ doi:10.1051/0004-6361/201118085; Rein & Tamayo 2015, doi:10.1093/mnras/stv1257.
 
 from __future__ import annotations
 
-import argparse
 import sys
 from typing import Any
 
 import numpy as np
-from claim import Claim, claim, not_run, show, where
+from claim import INSTALL, Claim, claim, main, not_run
 from exact_reversal import solar_system
 
 import kickdrift as kd
 
 MERCURY = 0.2408467  # years
 COORDINATES = {"jacobi": "jacobi", "democratic-heliocentric": "democraticheliocentric"}
-STEPS = 1_000_000
-NEEDED = "pip install rebound==5.2.2"
+SHORT, LONG = 100_000, 1_000_000  # steps of the comparison of energies
+NEEDED = INSTALL
 L = np.longdouble
 
 
@@ -166,29 +165,15 @@ def orders(system: kd.System) -> list[Claim]:
     return rows
 
 
-def study(steps: int = STEPS) -> list[Claim]:
+def claims(long: bool = False) -> list[Claim]:
     """All of it; what needs rebound is not run where it is not installed."""
     system = solar_system()
     try:
         import rebound  # noqa: F401
     except ImportError:
         return [not_run("the same positions as WHFast", "at most 1e-11", "rebound", NEEDED), *orders(system)]
-    return [*trajectories(system), *curves(system, steps), *orders(system)]
-
-
-def claims() -> list[Claim]:
-    """The full study."""
-    return study()
-
-
-def main() -> int:
-    """Run with the given options and print the claims."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--steps", type=int, default=STEPS, help="of the comparison of energies")
-    given = parser.parse_args()
-    print(where())
-    return show(study(given.steps))
+    return [*trajectories(system), *curves(system, LONG if long else SHORT), *orders(system)]
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(main(claims, __doc__))

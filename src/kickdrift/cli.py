@@ -14,7 +14,6 @@ import typer
 from kickdrift.errors import InputError, KickdriftError
 from kickdrift.outputs import refuse_outputs, write_json
 from kickdrift.printing import (
-    ENGINES,
     LISTINGS,
     counted,
     duration,
@@ -58,6 +57,7 @@ FlushOption = Annotated[
     float | None, typer.Option(metavar="SECONDS", help="Of frames that a kill costs at most (default 10).")
 ]
 INTERRUPTED = 130
+VALIDATION: Path | None = None  # folder of the validation's scripts, where it is not that which came with the package
 
 
 class Figures(StrEnum):
@@ -138,15 +138,18 @@ def run(
     seed: Annotated[int | None, typer.Option(metavar="S", min=0, help="Seed of the drawn velocities.")] = None,
     threads: ThreadsOption = 1,
     engine: Annotated[str, typer.Option(metavar="NAME", help="See: kickdrift list engines.")] = "native",
+    processes: Annotated[
+        int, typer.Option(metavar="N", min=1, help="Processes, of an engine that runs on several: lammps.")
+    ] = 1,
     json_file: JsonOption = None,
     quiet: QuietOption = False,
 ) -> None:
     """Run a system and say how well it conserved energy and momentum."""
+    from kickdrift.engines import engine as engine_named
     from kickdrift.system import System
     from kickdrift.systemfile import load
 
-    if engine not in ENGINES:
-        raise InputError(f"--engine {engine!r} is not one of {', '.join(ENGINES)}")
+    engine_named(engine)
     if steps is not None and time is not None:
         raise InputError("give --steps or --time, not both")
     refuse_outputs({"output": output, "json": json_file}, overwrite)
@@ -157,8 +160,8 @@ def run(
     from kickdrift.simulation import Simulation
 
     sim = Simulation(
-        chosen, integrator, dt, threads, rtol=rtol, atol=atol, compensated=compensated, coordinates=coordinates,
-        corrector=corrector, order=order, eta=eta, scheme=scheme,
+        chosen, integrator, dt, threads, engine=engine, processes=processes, rtol=rtol, atol=atol,
+        compensated=compensated, coordinates=coordinates, corrector=corrector, order=order, eta=eta, scheme=scheme,
     )  # fmt: skip
     length = run_length(sim, system, steps, time)
     with progress_bar(quiet) as bar:
@@ -474,6 +477,34 @@ def info(file: Annotated[str, typer.Argument(metavar="FILE", help="A run's file,
     from kickdrift.trajectory.info import info as found
 
     print(describe(found(file)))
+
+
+@app.command()
+def validate(
+    names: Annotated[
+        list[str] | None, typer.Argument(metavar="NAME", help="Scripts, or a group of them; default all. See --list.")
+    ] = None,
+    long: Annotated[bool, typer.Option("--long", help="All claims, not those that take minutes in all.")] = False,
+    jobs: Annotated[int, typer.Option(metavar="K", min=1, help="Scripts to run at a time.")] = 2,
+    report: Annotated[
+        Path | None, typer.Option(metavar="FILE.md", help="Where the report goes, its figures in a folder beside it.")
+    ] = None,
+    listing: Annotated[bool, typer.Option("--list", help="List the scripts, run none.")] = False,
+    quiet: QuietOption = False,
+) -> None:
+    """Compare kickdrift with programs and data that others made, and write a report; exit status 1 if a claim fails."""
+    here = Path(__file__).parent
+    folders = [here.parents[1] / "validation", here / "validation"]  # of a checkout, of an installed package
+    folder = VALIDATION or next((each for each in folders if (each / "runner.py").is_file()), None)
+    if folder is None:
+        raise InputError("validate: this copy of kickdrift came without the folder validation")
+    sys.path.insert(0, str(folder))
+    import runner  # type: ignore[import-not-found]
+
+    if listing:
+        runner.listed()
+        return
+    raise typer.Exit(runner.validate(names or (), long, jobs, report, quiet))
 
 
 @app.command("list")

@@ -188,9 +188,9 @@ def one_solution(gm, beta, r0, eta, zeta, dt):
     elif not x < high:
         x = 0.5 * high
     g = one_g(beta, x)
-    for _ in range(TRIES_ONE):
+    for k in range(1, TRIES_ONE + 1):
         excess = r0 * x + eta * g.g2 + zeta * g.g3 - dt
-        if excess > 0.0 or not np.isfinite(excess):
+        if not excess <= 0.0:  # nan, too, where it overflowed; np.isfinite of a sum that may be reassociated misses it
             high = x
         else:
             low = x
@@ -200,7 +200,8 @@ def one_solution(gm, beta, r0, eta, zeta, dt):
         if high < np.inf and high - low <= 4e-16 * high:
             return g
         x += laguerre(r0, eta, zeta, dt, x, g)
-        if not low < x < high:
+        # Far out on a hyperbola the left side is an exponential, which Laguerre's method comes down by 5/3 a try.
+        if not low < x < high or (k % 8 == 0 and high < np.inf):
             x = 0.5 * (low + high) if high < np.inf else 2.0 * max(low, dt / r0)
         g = one_g(beta, x)
     return g

@@ -1,0 +1,59 @@
+"""Every validation script: what it shows, the peers that it compares with, and about how long its short set takes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import NamedTuple
+
+
+class Script(NamedTuple):
+    """A file of this folder, or of claims/, with a function ``claims`` (claim.py says which)."""
+
+    file: str
+    shows: str
+    seconds: float = 30.0  # of the short set with one core to itself and nothing compiled
+    peers: tuple[str, ...] = ()  # packages that it imports and that kickdrift does without
+    long_only: bool = False  # no short set
+
+    @property
+    def name(self) -> str:
+        return Path(self.file).stem.replace("_", "-")
+
+    @property
+    def group(self) -> str:
+        """Name of the folder inside validation/, "" for none: all of its scripts can be asked for by it."""
+        return Path(self.file).parent.name
+
+
+SCRIPTS = (
+    # Lennard-Jones and liquids
+    Script("nist_lj.py", "NIST's Lennard-Jones configurations: energies, virials, long-range corrections"),
+    Script("pair_forces.py", "forces are the energy's gradient, pressures its slope, and lists are complete"),
+    Script("nve_drift.py", "a liquid at constant energy keeps it"),
+    Script("equation_of_state.py", "pressure and energy of the Lennard-Jones fluid by two equations of state and NIST"),
+    Script("argon_rahman.py", "liquid argon beside Rahman's of 1964: diffusion, radial distribution", long_only=True),
+    # integrators
+    Script("integrators.py", "order, symplectic form, way back, stability and cost of every integrator"),
+    Script("unit_systems.py", "constants and conversions beside ASE's and the SI", peers=("ase",)),
+    Script("butcher_tableaus.py", "Runge-Kutta rows keep their order conditions, and are SciPy's"),
+    Script("polish_splittings.py", "weights of the splittings solve their order conditions", peers=("mpmath",)),
+    Script("shadow_hamiltonian.py", "velocity Verlet conserves a modified Hamiltonian"),
+    Script("kepler_energies.py", "energy of a circular orbit over thousands of periods, by five methods"),
+    Script("exact_reversal.py", "leapfrog-exact comes back to the same bits"),
+    Script("kepler_flow.py", "one step of wisdom-holman without masses is exact, on every conic"),
+    Script("wisdom_holman.py", "wisdom-holman is the map that WHFast is; correctors, saba", peers=("rebound",)),
+    Script("gauss_radau.py", "gauss-radau15 beside IAS15 and binary128; Brouwer's law", peers=("rebound",)),
+    Script("hermite.py", "hermite4 in shared and block steps: clusters, Kepler, Burrau's problem"),
+    Script("recommendation.py", "runs that `compare --accuracy` recommends meet the error asked for"),
+    # bodies
+    Script("jpl_de421.py", "planets beside JPL's DE421, with Newton's law and the Sun's 1PN term"),
+    Script("solar_system_from_jpl.py", "the solar systems that ship are DE421's", peers=("jplephem", "de421")),
+    Script("barnes_hut.py", "the tree's forces beside the direct sum; time and memory"),
+    Script("events.py", "events beside closed forms; what collisions conserve", peers=("rebound",)),
+    Script("chaos.py", "verdicts on chaos beside rebound's; Lagrange's triangle", peers=("rebound",)),
+    # statistics and files
+    Script("drift_statistics.py", "verdicts on drift and their intervals, on series of known slope"),
+    Script("mdanalysis_readers.py", "MDAnalysis' tests of its reader, on our files", peers=("MDAnalysisTests",)),
+    Script("file_prefixes.py", "no frame is lost wherever a kill falls between two writes", peers=("MDAnalysis",)),
+    Script("kills.py", "runs that are killed leave files that go on to the same bits"),
+)

@@ -1,0 +1,130 @@
+"""The report of a validation: what was claimed, measured and found, and with what, as one page of Markdown."""
+
+from __future__ import annotations
+
+import os
+import platform
+import shutil
+from collections import Counter
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from claim import CHECKOUT, Claim, text_of
+from registry import SCRIPTS
+
+from kickdrift.bench import processor
+from kickdrift.errors import InputError
+from kickdrift.printing import counted, duration
+
+if TYPE_CHECKING:
+    from runner import Outcome
+
+HERE = Path(__file__).parent
+MARK = "<!-- written by `kickdrift validate`: not to be edited -->"
+OURS = ("kickdrift", "numpy", "numba", "scipy", "h5py", "matplotlib")
+SIGNS = {"pass": "pass", "fail": "**fail**", "not run": "not run"}
+
+
+def target(given: Path | None, whole: bool) -> Path:
+    """Where the report goes: what was asked for; else REPORT.md in this folder for a whole run in a checkout, and in
+    ./validation-report otherwise. A file, or figures, that are no report's are never replaced (InputError)."""
+    path = given or (HERE if whole and CHECKOUT else Path("validation-report")) / "REPORT.md"
+    try:
+        is_ours = path.read_text(encoding="utf-8").startswith(MARK)
+    except FileNotFoundError:
+        is_ours = False
+        if any((path.parent / "figures").glob("*.png")):
+            raise InputError(
+                f"--report {path}: the figures beside it are of no report; choose another folder"
+            ) from None
+    except (OSError, UnicodeDecodeError):
+        is_ours = False
+    if path.exists() and not is_ours:
+        raise InputError(f"--report {path}: exists and is no report of kickdrift validate; it is not replaced")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"--report {path}: {(error.strerror or str(error)).lower()}") from None
+    if not os.access(path.parent, os.W_OK):
+        raise InputError(f"--report {path}: {path.parent} cannot be written to")
+    return path
+
+
+def write(path: Path, found: Sequence[Outcome], *, long: bool, seconds: float, jobs: int) -> None:
+    """Write the report whole, its figures into the folder ``figures`` beside it."""
+    folder = path.parent / "figures"
+    for outcome in found:
+        for figure in outcome.figures:
+            folder.mkdir(exist_ok=True)
+            shutil.copyfile(figure, folder / figure.name)
+    text = "\n".join([MARK, "", *_summary(found, long, seconds, jobs), *_sections(found)]) + "\n"
+    unfinished = path.with_name(f".{path.name}.{os.getpid()}")
+    unfinished.write_text(text, encoding="utf-8")
+    unfinished.replace(path)
+
+
+def _summary(found: Sequence[Outcome], long: bool, seconds: float, jobs: int) -> list[str]:
+    total = sum((outcome.count() for outcome in found), Counter[str]())
+    now = datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC")
+    machine = f"{processor()}, {counted(os.cpu_count() or 1, 'core')}, {platform.system()} {platform.machine()}"
+    lines = [
+        "# Validation",
+        "",
+        f"**{counted(total.total(), 'claim')}: {', '.join(f'{total[each]} {each}' for each in SIGNS)}.**",
+        "",
+        "Each line is a claim: what was measured here, the bound that it must keep, and where the truth, or the other",
+        f"side of the comparison, comes from. Made by `kickdrift validate{' --long' if long else ''}`, which makes it anew.",
+        "",
+        "| | |",
+        "| --- | --- |",
+        f"| date | {now} |",
+        f"| machine | {machine} |",
+        f"| set | {'long' if long else 'short'} |",
+        f"| time | {duration(seconds)}, {counted(jobs, 'script')} at a time |",
+        f"| python | {platform.python_version()} |",
+        *(f"| {name} | {_version(name)} |" for name in (*OURS, *_peers())),
+        "",
+        "| script | shows | claims | pass | fail | not run | seconds |",
+        "| --- | --- | ---: | ---: | ---: | ---: | ---: |",
+    ]
+    for outcome in found:
+        count, script = outcome.count(), outcome.script
+        numbers = (count.total(), count["pass"], count["fail"], count["not run"], f"{outcome.seconds:.0f}")
+        shows = script.shows[0].upper() + script.shows[1:]
+        lines.append(f"| [{script.name}](#{script.name}) | {_cell(shows)} | {' | '.join(map(str, numbers))} |")
+    return lines
+
+
+def _sections(found: Sequence[Outcome]) -> list[str]:
+    lines = []
+    for outcome in found:
+        script = outcome.script
+        lines += ["", f"## {script.name}", "", f"{script.shows[0].upper()}{script.shows[1:]} (`{script.file}`)."]
+        lines += ["", "| claim | value | bound | reference | verdict |", "| --- | --- | --- | --- | --- |"]
+        lines += [_row(row) for row in outcome.claims]
+        lines += [line for figure in outcome.figures for line in ("", f"![{figure.stem}](figures/{figure.name})")]
+    return lines
+
+
+def _row(row: Claim) -> str:
+    texts = (row["claim"], text_of(row["value"]), row["bound"], row["reference"])
+    return f"| {' | '.join(_cell(str(text)) for text in texts)} | {SIGNS[str(row['verdict'])]} |"
+
+
+def _cell(text: str) -> str:
+    """Text that cannot end a table's cell."""
+    return " ".join(text.split()).replace("|", "\\|").replace("<", "&lt;")
+
+
+def _peers() -> list[str]:
+    return sorted({peer for script in SCRIPTS for peer in script.peers}, key=str.lower)
+
+
+def _version(name: str) -> str:
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return "not installed"
