@@ -14,11 +14,10 @@ from __future__ import annotations
 import math
 import sys
 from importlib.util import find_spec
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-from claim import Claim, claim, not_run, show, where
+from claim import Claim, claim, main, not_run
 
 import kickdrift as kd
 
@@ -35,7 +34,6 @@ CONICS = {  # pericentre distance and speed there
 TIMES = (0.01, 0.3, 1.0, 2.0, 2.7, 3.5, 5.0, 9.0, 40.0, 300.0)
 ROUNDINGS = 5.0  # of the start
 DIGITS = 40
-INSTALL = "pip install 'kickdrift[validation]'"
 RATE = 1e-6  # G M / (c^2 a) is 2.6e-8, and the ellipse that fits at pericentre is off by some tens of that
 
 
@@ -106,7 +104,7 @@ def kepler() -> list[Claim]:
     """The conics."""
     text = "two bodies after a time, on circle, ellipses, parabola and hyperbolas"
     if find_spec("mpmath") is None:
-        return [not_run(text, f"{ROUNDINGS:g} roundings", "classical anomalies", INSTALL)]
+        return [not_run(text, f"{ROUNDINGS:g} roundings", "classical anomalies")]
     import mpmath
 
     rows = []
@@ -239,11 +237,10 @@ def perihelion() -> list[Claim]:
     return rows
 
 
-def claims(long: bool = False, figures: Path | None = None) -> list[Claim]:
-    """The same with and without ``long``; no figure."""
-    print(where())
+def claims(long: bool = False) -> list[Claim]:
+    """The same with and without ``long``."""
     return [*kepler(), *free(), *atoms(), *perihelion()]
 
 
 if __name__ == "__main__":
-    sys.exit(show(claims()))
+    sys.exit(main(claims, __doc__))

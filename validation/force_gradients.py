@@ -5,7 +5,7 @@
 Energies and forces are compiled apart, so that each can be held against the other: energies of positions moved to and
 fro along a random direction, Richardson's extrapolation of three differences (error h^6), against -F . d, for every
 force of the registry; energies of a box that is stretched against the virial. No pair crosses the cutoff on the way,
-where a plain cut would jump.
+where a plain cut would jump. Pair forces are of a mixture here; pair_forces.py has one species.
 
 Forces of a run come out of its positions, a_n = (x_n+1 - 2 x_n + x_n-1) / dt^2 under velocity Verlet. They are held
 against direct sums over all pairs in NumPy at every step of a hot fluid, in which a pair list that is refreshed late
@@ -24,7 +24,7 @@ import numpy as np
 
 sys.path.append(str(Path(__file__).parent / "performance"))
 
-from claim import Claim, claim, show, where
+from claim import Claim, claim, main
 from lennard_jones import direct, frames_of
 from melt import CUTOFF, DENSITY, DT, melt
 
@@ -99,19 +99,17 @@ def stretched(force: Any, x: np.ndarray) -> float:
 
 
 def gradients() -> list[Claim]:
-    """Every force of the registry, every truncation of the pair laws."""
+    """Every force of the registry, every truncation of the pair laws between two species."""
     x, rows, bound = places(), [], f"at most {SLOPE:g}"
     pair_forces = [force for force in FORCES.values() if isinstance(force, type) and issubclass(force, PairForce)]
     for kind in pair_forces:
         for truncation in TRUNCATIONS:
-            for mixed in (None, MIXTURE):
-                force = kind(cutoff=CUTOFF, truncation=truncation, species=mixed)
-                name = f"{kind.name}, {truncation}{', mixture' if mixed else ''}"
-                off = gradient(force, x, EDGE)
-                rows.append(claim(f"{name}: force, relative difference", off, bound, off <= SLOPE, DIFFERENCES))
-                off = stretched(force, x)
-                text = f"{name}: virial, relative difference"
-                rows.append(claim(text, off, bound, off <= SLOPE, "energy of a stretched box"))
+            force, name = kind(cutoff=CUTOFF, truncation=truncation, species=MIXTURE), f"{kind.name}, {truncation}"
+            off = gradient(force, x, EDGE)
+            rows.append(claim(f"{name}, mixture: force, relative difference", off, bound, off <= SLOPE, DIFFERENCES))
+            off = stretched(force, x)
+            text = f"{name}, mixture: virial, relative difference"
+            rows.append(claim(text, off, bound, off <= SLOPE, "energy of a stretched box"))
     for name, make in OPEN.items():
         off = gradient(make(), 0.5 * x, None)
         rows.append(claim(f"{name}: force, relative difference", off, bound, off <= SLOPE, DIFFERENCES))
@@ -166,13 +164,12 @@ def pair_list() -> list[Claim]:
     return [claim(text, off, f"at most {bound:.1g}", off <= bound, reference)]
 
 
-def claims(long: bool = False, figures: Path | None = None) -> list[Claim]:
-    """The same with and without ``long``; no figure."""
-    print(where())
+def claims(long: bool = False) -> list[Claim]:
+    """The same with and without ``long``."""
     for name, why in NOT_GRADIENTS.items():
         print(f"not looked at: {name}: {why}")
     return [*gradients(), *tails(), *pair_list()]
 
 
 if __name__ == "__main__":
-    sys.exit(show(claims()))
+    sys.exit(main(claims, __doc__))

@@ -15,14 +15,13 @@ t = 40. --long adds the 11 decades of ROBER.
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from claim import Claim, claim, show, where
+from claim import Claim, claim, main
 from scipy.integrate import solve_ivp
 
 import kickdrift as kd
@@ -167,18 +166,10 @@ def backward_euler() -> list[Claim]:
     return [claim(text, order, "1 within 0.1", abs(order - 1) <= 0.1, "SciPy's Radau at rtol 1e-12")]
 
 
-def claims(long: bool = False, figures: Path | None = None) -> list[Claim]:
-    """``long`` adds ROBER at each decade; no figure."""
-    print(where("scipy"))
+def claims(long: bool = False) -> list[Claim]:
+    """``long`` adds ROBER at each decade."""
     return [*dense(), *published(), *stiff(long), *backward_euler()]
 
 
-def main() -> int:
-    """Run with the given options and print the claims."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--long", action="store_true", help="ROBER at each decade as well")
-    return show(claims(parser.parse_args().long))
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(main(claims, __doc__))

@@ -18,7 +18,6 @@ Energies and forces are compared at the same positions, which leaves chaos out.
 
 from __future__ import annotations
 
-import argparse
 import sys
 from importlib.util import find_spec
 from pathlib import Path
@@ -29,7 +28,7 @@ import numpy as np
 
 sys.path.append(str(Path(__file__).parent / "performance"))
 
-from claim import Claim, claim, not_run, show, where
+from claim import Claim, claim, main, not_run
 from lennard_jones import apart, direct, draw, frames_of, nudged, rate, tangent
 from melt import CUTOFF, DT, melt
 
@@ -41,7 +40,6 @@ FRAMES = (0, 1, 10, 100, 1000)
 SIGMAS = 4.0  # of one pair's rate, from eight
 FACTOR = 10.0  # between the sizes of two such differences; their logarithms scatter by 0.3
 SAME = 1e-12  # relative
-INSTALL = "pip install 'kickdrift[ase]'"
 SOURCE = "ASE's LennardJones and VelocityVerlet"
 
 
@@ -119,8 +117,7 @@ def growth(curves: dict[str, np.ndarray], own: list[np.ndarray], ours: np.ndarra
 def study(long: bool, figures: Path | None) -> list[Claim]:
     """All of it."""
     if find_spec("ase") is None:
-        return [not_run("positions after 1, 10, 100, 1000 steps", "rounding times exp(lambda t)", SOURCE, INSTALL)]
-    print(where("ase"))
+        return [not_run("positions after 1, 10, 100, 1000 steps", "rounding times exp(lambda t)", SOURCE)]
     state = (melted := melt(PARTICLES, MELT)).state
     system = kd.System(state.positions, state.velocities, box=melted.system.box, forces=melted.system.forces)
     x, edges = np.array(system.state.positions), np.array(system.box.lengths)
@@ -150,14 +147,5 @@ def claims(long: bool = False, figures: Path | None = None) -> list[Claim]:
     return study(long, figures)
 
 
-def main() -> int:
-    """Run with the given options and print the claims."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--long", action="store_true", help="ASE against itself as well")
-    parser.add_argument("--figures", type=Path, help="a folder for the figure")
-    given = parser.parse_args()
-    return show(claims(given.long, given.figures))
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(main(claims, __doc__))

@@ -15,7 +15,6 @@ energy and virial of the lattice of 32,000 particles, which are a sum over the n
 
 from __future__ import annotations
 
-import argparse
 import sys
 from pathlib import Path
 from typing import NamedTuple
@@ -24,13 +23,13 @@ import numpy as np
 
 sys.path.append(str(Path(__file__).parent / "performance"))
 
-from claim import Claim, claim, not_run, show, where
+from claim import Claim, claim, main, not_run
 from lennard_jones import apart, draw, frames_of, nudged
 from melt import CUTOFF, DENSITY, DT
 
 import kickdrift as kd
 from kickdrift.builders import lattice
-from kickdrift.engines.lammps_library import INSTALL, lammps_class
+from kickdrift.engines.lammps_library import lammps_class
 
 MELT, HOT, SEED, MELT_STEPS = 4000, 3.0, 87287, 250
 SMALL, WARM, STEPS = 1000, 1.44, 1000
@@ -228,17 +227,9 @@ def claims(long: bool = False, figures: Path | None = None) -> list[Claim]:
     try:
         lammps_class()
     except ImportError:
-        return [not_run("thermo of the melt, and positions", "rounding, and what chaos makes of it", SOURCE, INSTALL)]
-    print(where("lammps", "mpich"))
+        return [not_run("thermo of the melt, and positions", "rounding, and what chaos makes of it", SOURCE)]
     return [*bench(), *melting(), *positions(figures)]
 
 
-def main() -> int:
-    """Print the claims."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--figures", type=Path, help="a folder for the figure")
-    return show(claims(figures=parser.parse_args().figures))
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(main(claims, __doc__))

@@ -15,10 +15,9 @@ import math
 import sys
 from collections.abc import Sequence
 from decimal import Decimal, localcontext
-from pathlib import Path
 
 import numpy as np
-from claim import Claim, claim, show, where
+from claim import Claim, claim, main
 
 import kickdrift as kd
 from kickdrift.integrators import integrator
@@ -180,9 +179,8 @@ def worst(off: dict[str, float]) -> str:
     return max(off, key=lambda name: off[name])
 
 
-def claims(long: bool = False, figures: Path | None = None) -> list[Claim]:
-    """The same with and without ``long``; no figure."""
-    print(where())
+def claims(long: bool = False) -> list[Claim]:
+    """The same with and without ``long``."""
     rows, subject = [], two_oscillators()
     single: dict[str, float] = {}
     after: dict[str, float] = {}
@@ -263,4 +261,4 @@ def phase(subject: kd.Problem) -> list[Claim]:
 
 
 if __name__ == "__main__":
-    sys.exit(show(claims()))
+    sys.exit(main(claims, __doc__))

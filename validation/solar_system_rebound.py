@@ -4,15 +4,14 @@
 
 The Sun and eight planets (JPL DE421 at J2000, the Earth with the Moon) as point masses under Newton's law.
 wisdom-holman and WHFast (Jacobi coordinates, no corrector) take the same step, a hundredth of Mercury's period;
-gauss-radau15 and IAS15 run with their defaults. Two programs that do the same still part: roundings push each planet along its orbit, by
-a way that grows as t^1.5. How far that is shows rebound against itself, from starts one rounding away. --long goes on
-to 10^5 years. rebound 5: Rein & Liu 2012, doi:10.1051/0004-6361/201118085; Rein & Tamayo 2015,
+gauss-radau15 and IAS15 run with their defaults. Two programs that do the same still part: roundings push each planet
+along its orbit, by a way that grows as t^1.5. How far that is shows rebound against itself, from starts one rounding
+away. --long goes on to 10^5 years. rebound 5: Rein & Liu 2012, doi:10.1051/0004-6361/201118085; Rein & Tamayo 2015,
 doi:10.1093/mnras/stv1257; Rein & Spiegel 2015, doi:10.1093/mnras/stu2164.
 """
 
 from __future__ import annotations
 
-import argparse
 import sys
 from importlib.util import find_spec
 from pathlib import Path
@@ -20,10 +19,10 @@ from time import perf_counter
 from typing import Any
 
 import numpy as np
-from claim import Claim, claim, not_run, show, where
+from claim import Claim, claim, main, not_run
 from exact_reversal import solar_system
 from gauss_radau import ias15
-from wisdom_holman import MERCURY, NEEDED, energy, theirs, whfast
+from wisdom_holman import MERCURY, energy, theirs, whfast
 
 import kickdrift as kd
 
@@ -155,20 +154,10 @@ def draw(target: Path, name: str, years: float, distance: np.ndarray, rounding: 
 def claims(long: bool = False, figures: Path | None = None) -> list[Claim]:
     """A thousand years; ``long`` 10^5. ``figures`` is a folder for the figures."""
     if find_spec("rebound") is None:
-        return [not_run("planets beside rebound's", f"at most {FACTOR:g} times rounding", "rebound", NEEDED)]
-    print(where("rebound"))
+        return [not_run("planets beside rebound's", f"at most {FACTOR:g} times rounding", "rebound")]
     system, years = solar_system(), LONG_YEARS if long else YEARS
     return [row for name in PAIRS for row in compare(system, name, years, figures)]
 
 
-def main() -> int:
-    """Run with the given options and print the claims."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--long", action="store_true", help="10^5 years")
-    parser.add_argument("--figures", type=Path, help="a folder for the figures")
-    given = parser.parse_args()
-    return show(claims(given.long, given.figures))
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(main(claims, __doc__))
