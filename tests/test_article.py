@@ -44,7 +44,7 @@ def test_every_script_has_claims(load):
 
 
 def test_oscillator(load):
-    rows = load("oscillator").claims()
+    rows = load("unit_oscillator").claims()
     assert failed(rows) == []
     assert words(rows, "halves").startswith("holds if the method is of first order")
     assert words(rows, "0.5 %") == "holds if a unit of time stands for a period"
@@ -54,7 +54,7 @@ def test_oscillator(load):
 
 def test_a_method_that_is_wrong_fails(load, monkeypatch):
     """A weight of leapfrog off by one in a million."""
-    module, method = load("oscillator"), INTEGRATORS["velocity-verlet"]
+    module, method = load("unit_oscillator"), INTEGRATORS["velocity-verlet"]
     wrong = replace(method, kick=(0.5 - 1e-6, 0.5 + 1e-6))
     monkeypatch.setitem(INTEGRATORS, "velocity-verlet", wrong)
     assert [row["reading"] for row in module.halving() if row["verdict"] == "fail"] == [
@@ -138,7 +138,7 @@ def test_what_is_printed(load, capsys, monkeypatch, tmp_path):
     module = load("article")
     reading = module.near("a|b", 2.0, True, 3.0, 1e-3, "theory")
     monkeypatch.setattr(sys, "argv", ["x", "--figures", str(tmp_path / "new")])
-    assert module.main("What.", lambda long, figures: module.article("so", "because", reading)) == 1
+    assert module.main(lambda long, figures: module.article("so", "because", reading), "What.") == 1
     printed = capsys.readouterr().out
     assert re.search(
         r"said +“so”\nverdict +holds\nwhy +because\n +yes +a\|b +2 +fail: 3 to 1e-03 of it \(theory\)", printed

@@ -63,6 +63,15 @@ SCRIPTS = (
     Script("barnes_hut.py", "the tree's forces beside the direct sum; time and memory"),
     Script("events.py", "events beside closed forms; what collisions conserve", peers=("rebound",)),
     Script("chaos.py", "verdicts on chaos beside rebound's; Lagrange's triangle", peers=("rebound",)),
+    # what textbooks and web guides say
+    Script("claims/unit_oscillator.py", "the article: half the step, forward Euler's amplitude, RK4 against Euler"),
+    Script("claims/orbits.py", "the article: the energy after 10,000 orbits with both Eulers and RK4", 40),
+    Script("claims/liquid.py", "the article: 1000 Lennard-Jones particles with leapfrog and RK4", 70),
+    Script("claims/reversal.py", "the article: leapfrog's way back"),
+    Script("claims/long_runs.py", "the article: leapfrog's drift after 10^9 steps"),
+    Script("claims/evaluations.py", "the article: evaluations a step, and what they buy"),
+    Script("claims/stiff.py", "the article: explicit and implicit methods on stiff problems", 60),
+    Script("claims/tolerance.py", "the article: rtol below 1e-12"),
     # statistics and files
     Script("drift_statistics.py", "verdicts on drift and their intervals, on series of known slope"),
     Script("mdanalysis_readers.py", "MDAnalysis' tests of its reader, on our files", peers=("MDAnalysisTests",)),

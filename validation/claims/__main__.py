@@ -12,13 +12,13 @@ import evaluations
 import liquid
 import long_runs
 import orbits
-import oscillator
 import reversal
 import stiff
 import tolerance
+import unit_oscillator
 from article import Claim, main
 
-STUDIES = (oscillator, orbits, liquid, reversal, long_runs, evaluations, stiff, tolerance)
+STUDIES = (unit_oscillator, orbits, liquid, reversal, long_runs, evaluations, stiff, tolerance)
 
 
 def claims(long: bool = False, figures: Path | None = None) -> list[Claim]:
@@ -27,4 +27,4 @@ def claims(long: bool = False, figures: Path | None = None) -> list[Claim]:
 
 
 if __name__ == "__main__":
-    sys.exit(main(__doc__, claims))
+    sys.exit(main(claims, __doc__))

@@ -58,7 +58,7 @@ def article(said: str, why: str, *readings: Reading) -> list[Claim]:
     else:
         words = "holds if " + "; or ".join(agreeing) if agreeing else "does not hold"
     return [
-        claim(f"“{said}”, read as {r.text}", r.shown, r.bound, r.met, r.reference)
+        claim(f"“{said}” {'holds' if r.agrees else 'does not hold'}: {r.text}", r.shown, r.bound, r.met, r.reference)
         | {"said": said, "reading": r.text, "measured": r.shown, "agrees": r.agrees, "words": words, "why": why}
         for r in readings
     ]
@@ -113,8 +113,8 @@ def markdown(rows: Iterable[Claim]) -> str:
     return "\n".join(lines)
 
 
-def main(doc: str | None, study: Study) -> int:
-    """Run a study with what the command line gives, and print it; exit status 1 where a measurement failed."""
+def main(study: Study, doc: str | None) -> int:
+    """Run a script by itself and print the article's table; the exit status, 1 where a measurement failed."""
     parser = argparse.ArgumentParser(description=(doc or "").split("\n")[0])
     parser.add_argument("--long", action="store_true", help="also what takes more than a minute")
     parser.add_argument("--figures", type=Path, help="a folder for them")

@@ -203,4 +203,4 @@ def claims(long: bool = False, figures: Path | None = None) -> list[Claim]:
 
 
 if __name__ == "__main__":
-    sys.exit(main(__doc__, claims))
+    sys.exit(main(claims, __doc__))

@@ -1,6 +1,6 @@
 """The article on the unit oscillator: what halving a step brings, how fast forward Euler grows, and RK4 against it.
 
-    python validation/claims/oscillator.py
+    python validation/claims/unit_oscillator.py
 
 x'' = -x and, for the last, y' = -y. On both a step of any of these methods is a matrix, R(dt A); its powers are the
 reference, worked out here by NumPy alone (Hairer & Wanner 1996, IV.2, doi:10.1007/978-3-642-05221-7).
@@ -178,4 +178,4 @@ def claims(long: bool = False, figures: Path | None = None) -> list[Claim]:
 
 
 if __name__ == "__main__":
-    sys.exit(main(__doc__, claims))
+    sys.exit(main(claims, __doc__))
