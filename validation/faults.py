@@ -15,9 +15,10 @@ import shutil
 import sys
 import tempfile
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, as_completed
 from contextlib import closing
 from pathlib import Path
+from threading import Event
 from time import monotonic
 from typing import NamedTuple
 
@@ -31,8 +32,8 @@ from kickdrift.printing import duration
 
 # What is quick, and each with as few loops to compile as may be; then all that has a short set, the quickest first.
 FIRST = (
-    "unit-systems", "polish-splittings", "butcher-tableaus", "shadow-hamiltonian", "kepler-flow", "jpl-de421", "nist-lj",
-    "pair-forces",
+    "unit-systems", "polish-splittings", "butcher-tableaus", "shadow-hamiltonian", "kepler-flow", "jpl-de421",
+    "nist-lj", "pair-forces",
 )  # fmt: skip
 PACKAGE = Path(kickdrift.__file__).parent
 
@@ -73,7 +74,7 @@ def copied(place: Path, fault: Fault | None, package: Path = PACKAGE, scripts: P
     return place / "validation"
 
 
-def tried(fault: Fault | None, scripts: Sequence[Script]) -> Verdict:
+def tried(fault: Fault | None, scripts: Sequence[Script], stop: Event) -> Verdict:
     """Run the scripts in a copy with the fault until a claim fails."""
     began, passed, name, failed = monotonic(), 0, "", None
 
@@ -86,11 +87,10 @@ def tried(fault: Fault | None, scripts: Sequence[Script]) -> Verdict:
 
     with tempfile.TemporaryDirectory(prefix="kickdrift-fault-") as place:
         folder = copied(Path(place), fault)
-        environment = {"PYTHONPATH": str(Path(place) / "src"), "PYTHONDONTWRITEBYTECODE": "1"}
+        environment = {"PYTHONPATH": str(Path(place) / "src")}
         for script in scripts:
-            runs = outcomes(
-                [script], Path(place) / "figures", jobs=1, folder=folder, environment=environment, tell=tell
-            )
+            scratch = Path(place) / "figures"
+            runs = outcomes([script], scratch, folder=folder, environment=environment, tell=tell, stop=stop)
             try:
                 with closing(runs):
                     for _ in runs:
@@ -118,13 +118,25 @@ def main() -> int:
     given = parser.parse_args()
     faults = [] if given.control else [fault for fault in FAULTS if given.only is None or fault.name in given.only]
     began, scripts, missed = monotonic(), in_order(), 0
-    used = 0
-    with ThreadPoolExecutor(given.jobs) as pool:
-        for fault, found in zip(faults, pool.map(lambda fault: tried(fault, scripts), faults), strict=True):
-            print(line(fault.name, fault.what, found), flush=True)
-            missed += found.claim is None
-            used = max(used, next((k + 1 for k, s in enumerate(scripts) if s.name == found.script), len(scripts)))
-    control = tried(None, scripts[:used] if faults else scripts)
+    used, stop = 0, Event()
+    try:
+        with ThreadPoolExecutor(given.jobs) as pool:
+            runs = {pool.submit(tried, fault, scripts, stop): fault for fault in faults}
+            try:
+                for run in as_completed(runs):
+                    fault, found = runs[run], run.result()
+                    print(line(fault.name, fault.what, found), flush=True)
+                    missed += found.claim is None
+                    names = [script.name for script in scripts]
+                    used = max(used, names.index(found.script) + 1 if found.claim else len(scripts))
+            except BaseException:
+                stop.set()
+                pool.shutdown(cancel_futures=True)
+                raise
+        control = tried(None, scripts[:used] if faults else scripts, stop)
+    except KeyboardInterrupt:
+        print("faults.py: interrupted", file=sys.stderr)
+        return 130
     print(line("(none)", "the same scripts without a fault", control))
     print(f"{len(faults) - missed} of {len(faults)} faults caught, {duration(monotonic() - began)}")
     return int(missed > 0 or control.claim is not None)

@@ -36,7 +36,7 @@ from kickdrift.trajectory import layout, openfile, reader, storage
 from kickdrift.trajectory.h5md import Writer
 from kickdrift.trajectory.options import FileOptions
 
-SHORT, LONG = (30, 6), (70, 40)  # frames, kills that are resumed
+SHORT, LONG = (20, 2), (70, 40)  # frames, kills that are resumed
 N = 100
 EDGE = 10.0
 Checks = dict[Callable[[Path, int], None], int]  # each, and at every how many-th place it looks

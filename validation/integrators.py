@@ -14,8 +14,8 @@ from __future__ import annotations
 import math
 import re
 import sys
+from collections.abc import Iterator
 from pathlib import Path
-from time import perf_counter
 from typing import NamedTuple
 from urllib.parse import quote
 
@@ -37,6 +37,7 @@ from measures import (
 )
 from pages import put
 from problems import SOLVED, kepler_orbit, measured, pendulum
+from registry import SCRIPTS
 
 import kickdrift as kd
 from kickdrift.errors import RunError
@@ -44,14 +45,25 @@ from kickdrift.integrators import INTEGRATORS, Method, integrator
 from kickdrift.integrators.registration import REGISTERED
 from kickdrift.integrators.splitting import ALIASES
 
+# Methods that take particles alone, or steps of their own making, each in a script of its own.
+ELSEWHERE = {
+    "leapfrog-exact": "exact-reversal", "leapfrog-adaptive": "adaptive-leapfrog", "hermite4": "hermite",
+    "wisdom-holman": "wisdom-holman", "saba": "wisdom-holman", "gauss-radau15": "gauss-radau",
+}  # fmt: skip
 STABLE = 0.01  # relative
 PROPORTIONAL = 0.2
 FAR = 100.0  # omega dt up to which a method without a bound is tried
 FIXED_TITLE = """Fixed steps: slopes of the error; largest of J^T S J - S; what 1000 steps there and back leave on the
 pendulum and on Kepler's problem; stable steps from the coefficients, each with where growth is measured; evaluations of
 the force per step"""
+FIXED_WIDTHS = (19, 5, *[8] * 4, 10, *[8] * 2, *[7] * 5)
+FIXED_HEADS = (
+    "method", "order", "pendulum", "kepler", "h-heiles", "driven", "symplectic", "back: p", "back: k", "ω dt", "grows",
+    "-λ dt", "grows", "evals",
+)  # fmt: skip
 LADDER = f"{TOLERANCES[0]:g} to {TOLERANCES[-1]:g}"
 ADAPTIVE_TITLE = f"Chosen steps: slopes of the error against rtol = atol, {LADDER}; stable steps from the coefficients"
+ADAPTIVE_WIDTHS = (19, 5, *[8] * len(SOLVED), 8, 8)
 BEGIN, END = "<!-- methods: validation/integrators.py --docs writes them -->", "<!-- end of methods -->"
 HAIRER = "Hairer, Lubich & Wanner 2006, doi:10.1007/3-540-30666-8"
 STABILITY = "Hairer & Wanner 1996, IV.2; Blanes, Casas & Murua 2008"
@@ -144,44 +156,32 @@ def text_of_found(bound: float | None, found: float | None) -> str:
     return f"{found:.4f}" if found is not None else f"> {FAR:g}"
 
 
-def fixed_table(names: list[str]) -> dict[str, Fixed]:
-    """Measure, and print a row for each on the way."""
-    widths = (19, 5, *[8] * 4, 10, *[8] * 2, *[7] * 5)
-    heads = (
-        "method", "order", "pendulum", "kepler", "h-heiles", "driven", "symplectic", "back: p", "back: k", "ω dt",
-        "grows", "-λ dt", "grows", "evals",
+def fixed_row(name: str, row: Fixed) -> None:
+    """Print what was found of a method."""
+    bounds = [
+        text
+        for bound, found in zip(row.stable, row.blow_up, strict=True)
+        for text in (text_of(bound), text_of_found(bound, found))
+    ]
+    line(
+        (
+            name, str(integrator(name).order), *(f"{s:.3f}" for s in row.slopes), f"{row.symplecticity:.1e}",
+            *(f"{e:.1e}" for e in row.reversal), *bounds, f"{row.evaluations:g}",
+        ),
+        FIXED_WIDTHS,
     )  # fmt: skip
-    line(heads, widths)
-    line(["---"] * len(widths), widths)
-    rows = {}
-    for name in names:
-        rows[name] = row = measure(name)
-        bounds = [
-            text
-            for bound, found in zip(row.stable, row.blow_up, strict=True)
-            for text in (text_of(bound), text_of_found(bound, found))
-        ]
-        line(
-            (
-                name, str(integrator(name).order), *(f"{s:.3f}" for s in row.slopes), f"{row.symplecticity:.1e}",
-                *(f"{e:.1e}" for e in row.reversal), *bounds, f"{row.evaluations:g}",
-            ),
-            widths,
-        )  # fmt: skip
-    return rows
 
 
-def adaptive_table(names: list[str]) -> dict[str, list[float]]:
-    """The same of those that choose their steps."""
-    widths = (19, 5, *[8] * len(SOLVED), 8, 8)
-    line(("method", "order", *SOLVED, "ω dt", "-λ dt"), widths)
+def adaptive_row(name: str, slopes: list[float]) -> None:
+    """The same of one that chooses its steps."""
+    bounds = [text_of(bound) for bound in stable_steps(integrator(name))]
+    line((name, str(integrator(name).order), *(f"{s:.3f}" for s in slopes), *bounds), ADAPTIVE_WIDTHS)
+
+
+def heads(title: str, names: tuple[str, ...], widths: tuple[int, ...]) -> None:
+    print(f"\n{title}\n")
+    line(names, widths)
     line(["---"] * len(widths), widths)
-    rows = {}
-    for name in names:
-        rows[name] = [tolerance_slope(name, problem) for problem in SOLVED]
-        bounds = [text_of(bound) for bound in stable_steps(integrator(name))]
-        line((name, str(integrator(name).order), *(f"{s:.3f}" for s in rows[name]), *bounds), widths)
-    return rows
 
 
 def line(cells, widths) -> None:
@@ -191,73 +191,71 @@ def line(cells, widths) -> None:
 # --- judging ---
 
 
-def study(names: list[str] | None = None) -> list[Claim]:
+def study(names: list[str] | None = None) -> Iterator[Claim]:
     """Measure the methods of those names, all that ship by default, print what was found, and judge."""
     names = shipped() if names is None else [integrator(name).name for name in names]
-    began = perf_counter()
-    print(f"{FIXED_TITLE}\n")
+    heads(FIXED_TITLE, FIXED_HEADS, FIXED_WIDTHS)
     with_fixed_steps = set(fixed())
-    rows = fixed_table([name for name in names if name in with_fixed_steps])
-    print(f"\n{ADAPTIVE_TITLE}\n")
-    tolerances = adaptive_table([name for name in names if "atol" in integrator(name).tunable])
-    print(f"\n{perf_counter() - began:.0f} s\n")
-    return [*fixed_claims(rows), *adaptive_claims(tolerances)]
+    for name in names:
+        if name in with_fixed_steps:
+            row = measure(name)
+            fixed_row(name, row)
+            yield from fixed_claims(name, row)
+    heads(ADAPTIVE_TITLE, ("method", "order", *SOLVED, "ω dt", "-λ dt"), ADAPTIVE_WIDTHS)
+    for name in names:
+        if "atol" in integrator(name).tunable:
+            slopes = [tolerance_slope(name, problem) for problem in SOLVED]
+            adaptive_row(name, slopes)
+            yield from adaptive_claims(name, slopes)
 
 
-def fixed_claims(rows: dict[str, Fixed]) -> list[Claim]:
-    """Of all methods together, each with the worst."""
-    if not rows:
-        return []
-    found: list[Claim] = []
-
-    def worst(text: str, values: dict[str, float], bound: float, reference: str, least: bool = False) -> None:
-        if values:
-            name = (min if least else max)(values, key=lambda key: values[key])
-            holds = values[name] > bound if least else values[name] < bound
-            which = f"{'smallest' if least else 'largest'} of {len(values)}: {name}"
-            bounds = f"{'over' if least else 'under'} {bound:g}"
-            found.append(claim(f"{text}, {which}", values[name], bounds, holds, reference))
-
-    def of(kind: str, is_so: bool = True) -> dict[str, Fixed]:
-        return {name: row for name, row in rows.items() if getattr(integrator(name), kind) is is_so}
-
-    order = {name: integrator(name).order for name in rows}
-    solutions = "closed forms, and DOP853 at 1e-13"
-    worst("slope below the order stated", {n: order[n] - min(row.slopes) for n, row in rows.items()}, ORDER, solutions)
-    near = {n: sum(abs(s - order[n]) <= ORDER for s in row.slopes) for n, row in rows.items()}
-    least = min(near, key=lambda name: near[name])
-    text = f"problems of 4 with the order stated, to {ORDER:g}, fewest of {len(near)}: {least}"
-    found.append(claim(text, near[least], "at least 2", near[least] >= 2, solutions))
-    form = f"{HAIRER}, VI.2"
-    worst("symplectic form", {n: row.symplecticity for n, row in of("symplectic").items()}, SYMPLECTIC, form)
-    if "rk4" in rows:
-        worst("symplectic form, the same step", {"rk4": rows["rk4"].symplecticity}, NOT_SYMPLECTIC, form, least=True)
-    others = {n: row.symplecticity for n, row in of("symplectic", False).items()}
-    worst("symplectic form, methods that do not keep it", others, SYMPLECTIC, form, least=True)
-    back = {n: max(row.reversal) for n, row in of("reversible").items()}
-    worst("1000 steps there and back", back, COMES_BACK, f"{HAIRER}, V.1")
-    off = [n for n, row in rows.items() if not all(map(agrees, row.stable, row.blow_up))]
-    text = f"methods of {len(rows)} that do not grow where their coefficients say"
-    found.append(claim(text, ", ".join(off) or "none", f"none, to {STABLE:.0%}", not off, STABILITY))
-    stated = {n: integrator(n).evaluations for n in rows if integrator(n).evaluations}
-    off = [n for n, count in stated.items() if rows[n].evaluations != count]
-    text = f"methods of {len(stated)} with other force evaluations a step than stated"
-    found.append(claim(text, ", ".join(off) or "none", "none", not off, "the registry"))
-    return found
+def fixed_claims(name: str, row: Fixed) -> Iterator[Claim]:
+    """Of a method of fixed steps."""
+    method = integrator(name)
+    found, order = ", ".join(f"{s:.3f}" for s in row.slopes), method.order
+    near = sum(abs(s - order) <= ORDER for s in row.slopes)
+    bound = f"over {order - ORDER:g}, two within {ORDER:g}"
+    holds = min(row.slopes) > order - ORDER and near >= 2
+    text = f"{name}: order {order}: slopes of the error on pendulum, Kepler, Henon-Heiles, driven"
+    yield claim(text, found, bound, holds, "closed forms, and DOP853 at 1e-13")
+    form, size = f"{HAIRER}, VI.2", row.symplecticity
+    if method.symplectic:
+        text = f"{name}: symplectic: ten steps leave of the form"
+        yield claim(text, size, f"under {SYMPLECTIC:g}", size < SYMPLECTIC, form)
+    else:
+        least = NOT_SYMPLECTIC if name == "rk4" else SYMPLECTIC
+        yield claim(f"{name}: not symplectic: ten steps leave of the form", size, f"over {least:g}", size > least, form)
+    if method.reversible:
+        text, back = f"{name}: reversible: 1000 steps there and back leave", max(row.reversal)
+        yield claim(text, back, f"under {COMES_BACK:g}", back < COMES_BACK, f"{HAIRER}, V.1")
+    bounds = list(zip(row.stable, row.blow_up, strict=True))
+    grows = " and ".join(text_of_found(*pair) for pair in bounds)
+    wanted = f"{' and '.join(text_of(bound) for bound, _ in bounds)}, to {STABLE:.0%}"
+    text = f"{name}: grows from ω dt and -λ dt of"
+    yield claim(text, grows, wanted, all(agrees(*pair) for pair in bounds), f"its coefficients; {STABILITY}")
+    if method.evaluations:
+        text, count = f"{name}: force evaluations a step", row.evaluations
+        yield claim(text, count, f"{method.evaluations}", count == method.evaluations, "the registry")
 
 
-def adaptive_claims(rows: dict[str, list[float]]) -> list[Claim]:
+def adaptive_claims(name: str, slopes: list[float]) -> Iterator[Claim]:
     """Of kickdrift's own methods: SciPy's steps are SciPy's business. On two problems, for on an orbit the part of the
     error that grows with time may change its sign from one tolerance to another (rosenbrock's does, near 1e-8)."""
-    own = {name: slopes for name, slopes in rows.items() if integrator(name).family != "SciPy"}
-    if not own:
-        return []
-    near = {name: sum(abs(s - 1.0) <= PROPORTIONAL for s in slopes) for name, slopes in own.items()}
-    name = min(near, key=lambda key: near[key])
-    power = f"problems of {len(SOLVED)} with the error as the tolerance, its power 1 to {PROPORTIONAL:g}"
-    text = f"{power}, fewest of {len(near)}: {name}"
-    reference = "error per step, local extrapolation: Hairer, Norsett & Wanner 1993, II.4"
-    return [claim(text, near[name], "at least 2", near[name] >= 2, reference)]
+    if integrator(name).family != "SciPy":
+        near = sum(abs(s - 1.0) <= PROPORTIONAL for s in slopes)
+        text = f"{name}: powers of the tolerance that the error grows with, on {', '.join(SOLVED)}"
+        value, bound = ", ".join(f"{s:.3f}" for s in slopes), f"1 to {PROPORTIONAL:g}, on two or more"
+        reference = "error per step, local extrapolation: Hairer, Norsett & Wanner 1993, II.4"
+        yield claim(text, value, bound, near >= 2, reference)
+
+
+def coverage() -> Claim:
+    """That no method of the registry is left out."""
+    here = {name for name in shipped() if name in fixed() or "atol" in integrator(name).tunable}
+    names = {script.name for script in SCRIPTS}
+    left = [name for name in shipped() if name not in here and ELSEWHERE.get(name) not in names]
+    text = f"methods of {len(shipped())} that no script measures; elsewhere {', '.join(sorted(ELSEWHERE))}"
+    return claim(text, ", ".join(left) or "none", "none", not left, "the registry")
 
 
 # --- the page ---
@@ -302,9 +300,10 @@ def write_docs(page: Path) -> None:
     put(page, BEGIN, END, docs_table())
 
 
-def claims(long: bool = False) -> list[Claim]:
+def claims(long: bool = False) -> Iterator[Claim]:
     """All methods that ship."""
-    return study()
+    yield coverage()
+    yield from study()
 
 
 if __name__ == "__main__":

@@ -34,7 +34,7 @@ import kickdrift as kd
 
 PHASES = ("starting", "creation", "running", "flush", "close", "over")
 STEPS, EVERY, CELLS, PAUSE = 1600, 20, 6, 2e-3
-SHORT, LONG, SEED = 40, 200, 1  # kills
+SHORT, LONG, SEED = 20, 200, 1  # kills
 LEAST_INSIDE = 20  # of the long set
 SHARE = {"creation": 0.2, "running": 0.25, "flush": 0.4, "close": 0.15}
 

@@ -4,8 +4,8 @@
 
 A perturbed crystal of Lennard-Jones particles with each truncation, its cutoff between two shells of neighbours, so
 that the energy is smooth: what the forces say along random directions, and the virial about a change of the box,
-against differences of the energy, to the sixth order. Then a hot liquid under way: at every few steps the forces that the list
-of neighbours gives against a direct sum over all pairs in NumPy, written from the formula.
+against differences of the energy, to the sixth order. Then a hot liquid under way: at every few steps the forces that
+the list of neighbours gives against a direct sum over all pairs in NumPy, written from the formula.
 """
 
 from __future__ import annotations

@@ -15,7 +15,7 @@ from contextlib import closing
 from difflib import get_close_matches
 from pathlib import Path
 from queue import Empty, Queue
-from threading import Thread
+from threading import Event, Thread
 from time import monotonic
 from typing import IO, Any, NamedTuple
 
@@ -85,17 +85,19 @@ def outcomes(
     limit: float | None = None,
     environment: Mapping[str, str] | None = None,
     tell: Callable[[Script, Claim | None], None] = lambda script, row: None,
+    stop: Event | None = None,
 ) -> Iterator[Outcome]:
     """Each script's outcome as it ends, ``jobs`` at a time and the slowest first.
 
     ``tell`` hears of every script that begins (with None) and of every claim. Figures go to folders of ``scratch``.
-    What takes more than ``limit`` seconds is ended. All processes are ended when the iteration is.
+    What takes more than ``limit`` seconds is ended. All processes are ended when the iteration is, or once ``stop`` is
+    set.
     """
     waiting = deque(sorted(scripts, key=lambda script: -script.seconds))
     running: dict[Script, _Running] = {}
     heard: Queue[tuple[Script, str | None]] = Queue()
     try:
-        while waiting or running:
+        while (waiting or running) and not (stop and stop.is_set()):
             while waiting and len(running) < jobs:
                 script = waiting.popleft()
                 running[script] = _start(script, folder, scratch, long, environment, heard)
