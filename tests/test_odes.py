@@ -37,8 +37,12 @@ TIGHT = {
 }
 
 
+FOLDERS = [Path(__file__).parents[1] / "validation" / "data" / name for name in ("nbody", "ode")]
+DATA = {path.stem: path for folder in FOLDERS for path in folder.glob("*.json")}
+
+
 def reference(file):
-    return json.loads((Path(__file__).parent / "data" / f"{file}.json").read_text(encoding="utf-8"))
+    return json.loads(DATA[file].read_text(encoding="utf-8"))
 
 
 def solved(problem, time, integrator="dop853", rtol=1e-13, atol=1e-13, **given):

@@ -35,6 +35,7 @@ from measures import (
     symplecticity_error,
     tolerance_slope,
 )
+from pages import put
 from problems import SOLVED, kepler_orbit, measured, pendulum
 from registry import SCRIPTS
 
@@ -296,9 +297,7 @@ def linked(doi: re.Match[str]) -> str:
 
 def write_docs(page: Path) -> None:
     """Put the table between its markers."""
-    before, rest = page.read_text(encoding="utf-8").split(BEGIN)
-    after = rest.split(END)[1]
-    page.write_text(f"{before}{BEGIN}\n\n{docs_table()}\n\n{END}{after}", encoding="utf-8")
+    put(page, BEGIN, END, docs_table())
 
 
 def claims(long: bool = False) -> Iterator[Claim]:

@@ -46,9 +46,9 @@ def adaptive() -> list[str]:
     return [name for name, method in INTEGRATORS.items() if method.name == name and method.adaptive]
 
 
-def made(subject: kd.Problem | kd.System, name: str, dt: float) -> kd.Simulation:
-    """A Simulation that sums as carefully as the method can."""
-    return kd.Simulation(subject, name, dt=dt, compensated="compensated" in integrator(name).tunable)
+def made(subject: kd.Problem | kd.System, name: str, dt: float, careful: bool = True) -> kd.Simulation:
+    """A Simulation that sums as carefully as the method can, unless told otherwise."""
+    return kd.Simulation(subject, name, dt=dt, compensated=careful and "compensated" in integrator(name).tunable)
 
 
 # --- order ---
@@ -84,9 +84,9 @@ def slope(name: str, problem: str) -> float:
 # --- reversibility ---
 
 
-def reversal_error(name: str, subject: kd.Problem | kd.System, dt: float, steps: int) -> float:
+def reversal_error(name: str, subject: kd.Problem | kd.System, dt: float, steps: int, careful: bool = True) -> float:
     """What is left of a run after its velocities are negated and as many steps more."""
-    sim = made(subject, name, dt)
+    sim = made(subject, name, dt, careful)
     start = sim.state
     sim.run(steps, every=steps)
     sim.state = negated(sim.state)

@@ -9,7 +9,8 @@ from importlib import import_module
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
-# Not lazy: loading the room of that name later would put the module in the function's place.
+# Not lazy: loading the rooms of those names later would put the modules in the functions' places.
+from kickdrift.engines import engines
 from kickdrift.integrators import integrators
 
 if TYPE_CHECKING:
@@ -112,6 +113,7 @@ __all__ = [
     "UniformField",
     "accelerations",
     "analysis",
+    "engines",
     "export",
     "integrators",
     "load",

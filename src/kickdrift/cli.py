@@ -14,7 +14,6 @@ import typer
 from kickdrift.errors import InputError, KickdriftError
 from kickdrift.outputs import refuse_outputs, write_json
 from kickdrift.printing import (
-    ENGINES,
     LISTINGS,
     counted,
     duration,
@@ -139,15 +138,18 @@ def run(
     seed: Annotated[int | None, typer.Option(metavar="S", min=0, help="Seed of the drawn velocities.")] = None,
     threads: ThreadsOption = 1,
     engine: Annotated[str, typer.Option(metavar="NAME", help="See: kickdrift list engines.")] = "native",
+    processes: Annotated[
+        int, typer.Option(metavar="N", min=1, help="Processes, of an engine that runs on several: lammps.")
+    ] = 1,
     json_file: JsonOption = None,
     quiet: QuietOption = False,
 ) -> None:
     """Run a system and say how well it conserved energy and momentum."""
+    from kickdrift.engines import engine as engine_named
     from kickdrift.system import System
     from kickdrift.systemfile import load
 
-    if engine not in ENGINES:
-        raise InputError(f"--engine {engine!r} is not one of {', '.join(ENGINES)}")
+    engine_named(engine)
     if steps is not None and time is not None:
         raise InputError("give --steps or --time, not both")
     refuse_outputs({"output": output, "json": json_file}, overwrite)
@@ -158,8 +160,8 @@ def run(
     from kickdrift.simulation import Simulation
 
     sim = Simulation(
-        chosen, integrator, dt, threads, rtol=rtol, atol=atol, compensated=compensated, coordinates=coordinates,
-        corrector=corrector, order=order, eta=eta, scheme=scheme,
+        chosen, integrator, dt, threads, engine=engine, processes=processes, rtol=rtol, atol=atol,
+        compensated=compensated, coordinates=coordinates, corrector=corrector, order=order, eta=eta, scheme=scheme,
     )  # fmt: skip
     length = run_length(sim, system, steps, time)
     with progress_bar(quiet) as bar:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from kickdrift.engines import NATIVE
 from kickdrift.errors import InputError
 from kickdrift.observers import kinetic_energy
 from kickdrift.state import State
@@ -35,7 +36,9 @@ def equilibrate(
     if not sim.method.rescalable:
         from kickdrift.simulation import Simulation
 
-        other = Simulation(sim.system, "velocity-verlet", sim.system.run.dt, sim.threads)
+        other = Simulation(
+            sim.system, "velocity-verlet", sim.system.run.dt, sim.threads, engine=sim.engine, processes=sim.processes
+        )
         other.equilibrate(temperature, time, interval, progress)
         sim.state = other.state
         return
@@ -69,10 +72,13 @@ def _restart(sim: Simulation) -> None:
 
 
 def _rescale(sim: Simulation, masses: Any, kinetic: float) -> None:
-    velocities = sim._stepper.y[1]
+    stepper = sim._stepper
+    velocities = stepper.y[1]
     now = kinetic_energy(masses, velocities)
     if now == 0:
         raise InputError(
             "equilibrate: all velocities are zero, so none can be rescaled; give [velocities] a temperature"
         )
     velocities *= np.sqrt(kinetic / now)
+    if sim.engine != NATIVE:
+        stepper.reset(stepper.y, stepper.time, stepper.steps_done)  # which tells the program

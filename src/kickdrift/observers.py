@@ -50,7 +50,7 @@ class Sample:
     temperature : 2 K / (g k_B), g = 3 N - 3; nan without particles that collide (no pair force) or degrees of freedom
     pressure : (2 K + W) / (3 V), W the virial, sum of r . F over pairs (Allen & Tildesley 2017, eq. 2.60); nan in open
     space
-    pairs : pairs of particles within the forces' range
+    pairs : pairs of particles within the forces' range; None where another engine does not say
     centre_of_mass, centre_of_mass_velocity : (3,) sum of m x and of m v over that of m; None for a Problem and without
     a mass
     taken : Taken
@@ -63,7 +63,7 @@ class Sample:
     angular_momentum: Floats | None = None
     temperature: float = float("nan")
     pressure: float = float("nan")
-    pairs: int = 0
+    pairs: int | None = 0
     taken: Taken = NOTHING
     centre_of_mass: Floats | None = None
     centre_of_mass_velocity: Floats | None = None
@@ -86,7 +86,7 @@ class Sample:
             values["temperature"] = self.temperature
         if not np.isnan(self.pressure):
             values["pressure"] = self.pressure
-        if self.momentum is not None:
+        if self.momentum is not None and self.pairs is not None:
             values["pairs"] = float(self.pairs)
         if taken:
             values |= {
@@ -112,7 +112,7 @@ class Sample:
             angular_momentum=values.get("angular_momentum"),
             temperature=float(values.get("temperature", np.nan)),
             pressure=float(values.get("pressure", np.nan)),
-            pairs=int(values.get("pairs", 0)),
+            pairs=int(values["pairs"]) if "pairs" in values else None,
             taken=taken,
             centre_of_mass=values.get("centre_of_mass"),
             centre_of_mass_velocity=values.get("centre_of_mass_velocity"),

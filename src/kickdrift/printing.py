@@ -76,12 +76,20 @@ def list_systems() -> tuple[list[str], list[list[str]]]:
     return ["name", "units", "title"], [[each.name, each.units, each.title] for each in found]
 
 
-ENGINES = {"native": "kickdrift's own compiled kernels"}
+def list_engines() -> tuple[list[str], list[list[str]]]:
+    """Every engine, and what is installed of it."""
+    from kickdrift.engines import ENGINES
+
+    return ["name", "version", "runs"], [
+        [name, each.version or f"not installed: {each.install}", each.runs] for name, each in ENGINES.items()
+    ]
+
+
 LISTINGS: dict[str, Callable[[], tuple[list[str], list[list[str]]]]] = {
     "integrators": list_integrators,
     "forces": list_forces,
     "systems": list_systems,
-    "engines": lambda: (["name", "what"], [[name, what] for name, what in ENGINES.items()]),
+    "engines": list_engines,
 }
 
 
@@ -103,6 +111,9 @@ def print_report(report: Report, sim: Simulation, output: Path | None) -> None:
         for key, value in chosen.items()
         if value is not None
     ]
+    if report.engine != "native":
+        where = f" in {report.processes} processes" if report.processes > 1 else ""
+        lines.append(("engine", f"{report.engine} {report.engine_version}{where}"))
     lines.append(("integrator", ", ".join([report.integrator, *said])))
     rejected = f" ({report.rejected_steps:,} rejected)" if report.rejected_steps else ""
     lines.append(("length", f"{report.steps:,} steps{rejected}, {report.time:g}{time_unit}"))
@@ -125,10 +136,13 @@ def print_report(report: Report, sim: Simulation, output: Path | None) -> None:
         lines.append(("temperature", f"{report.temperature:.5g} {units.temperature} (mean)"))
     if units and report.pressure is not None:
         lines.append(("pressure", f"{report.pressure:.5g} {units.energy}/{units.length}^3 (mean)"))
-    evaluations = f"{report.force_evaluations:,} evaluations, " if not units or report.dt is None else ""
+    shown = report.force_evaluations is not None and (not units or report.dt is None)
+    evaluations = f"{report.force_evaluations:,} evaluations, " if shown else ""
     per_pair = f", {report.ns_per_pair:.1f} ns per pair" if report.ns_per_pair else ""
-    threads = counted(report.threads, "thread")
-    lines.append(("speed", f"{evaluations}{report.steps_per_second:,.0f} steps/s on {threads}{per_pair}"))
+    where = counted(report.threads, "thread") if report.processes == 1 else f"{report.processes} processes"
+    rate = report.steps_per_second
+    speed = f"{rate:,.0f}" if rate >= 10 or not rate else f"{rate:.2g}"
+    lines.append(("speed", f"{evaluations}{speed} steps/s on {where}{per_pair}"))
     if report.energy_taken is not None:
         lines.append(("energy taken", f"{report.energy_taken:.8g}{unit} by collisions and bodies that left"))
     if report.stopped:
@@ -245,7 +259,7 @@ def print_table(title: str | None, columns: list[str], rows: list[list[str]]) ->
     from rich.console import Console
     from rich.table import Table
 
-    console = Console(width=None if sys.stdout.isatty() else 200)
+    console = Console(width=None if sys.stdout.isatty() else 200, markup=False)
     table = Table(*columns, title=title, title_justify="left", box=box.SIMPLE_HEAD)
     for row in rows:
         table.add_row(*row)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from kickdrift.analysis.drift import drift, energy_error
+from kickdrift.engines import NATIVE
 from kickdrift.observers import NOTHING, Record, Sample
 from kickdrift.state import Floats
 from kickdrift.system import System
@@ -57,6 +58,7 @@ class Report:
 
     system: str
     engine: str
+    engine_version: str | None
     integrator: str
     particles: int | None
     units: str | None
@@ -69,8 +71,9 @@ class Report:
     time: float
     seed: int | None
     threads: int
+    processes: int
     samples: int
-    force_evaluations: int
+    force_evaluations: int | None
     jacobian_evaluations: int
     wall_seconds: float
     compile_seconds: float
@@ -108,12 +111,15 @@ def report(sim: Simulation) -> Report:
     record, system = sim.record, sim.system
     samples = record.samples
     of_particles = isinstance(system, System)
-    work = record.force_evaluations * sum(s.pairs for s in samples) / len(samples)
+    counted = sim.engine == NATIVE or sim.method.evaluations > 0  # else another program chose how many
+    pairs = [s.pairs for s in samples if s.pairs is not None]
+    work = record.force_evaluations * sum(pairs) / len(pairs) if pairs else 0.0
     options = sim.options.extras(sim.method.tunable)
     rtol, atol = options.pop("rtol", None), options.pop("atol", None)
     return Report(
         system=system.name,
-        engine="native",
+        engine=sim.engine,
+        engine_version=sim.engine_version,
         integrator=sim.integrator,
         particles=len(system) if of_particles else None,
         units=system.units.name if isinstance(system, System) else None,
@@ -126,8 +132,9 @@ def report(sim: Simulation) -> Report:
         time=samples[-1].time - samples[0].time if sim.method.chooses_steps else record.steps * (sim.dt or 0.0),
         seed=system.seed if isinstance(system, System) else None,
         threads=sim.threads,
+        processes=sim.processes,
         samples=len(samples),
-        force_evaluations=record.force_evaluations,
+        force_evaluations=record.force_evaluations if counted else None,
         jacobian_evaluations=record.jacobian_evaluations,
         wall_seconds=record.wall_seconds,
         compile_seconds=record.compile_seconds,

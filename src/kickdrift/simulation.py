@@ -12,10 +12,12 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import numpy as np
 
 from kickdrift.analysis.stiffness import WATCHED_POINTS, WATCHED_STEPS, Point, can_be_limited, stability_warning
+from kickdrift.engines import engine as engine_named
+from kickdrift.engines.session import Job, begin
 from kickdrift.errors import InputError, RunError
 from kickdrift.events import checked_events
 from kickdrift.events.watching import WatchedStepper
-from kickdrift.flow import ParticleFlow, flow_of
+from kickdrift.flow import Flow, ParticleFlow, flow_of
 from kickdrift.forces.compiling import processor
 from kickdrift.forces.kernel import OK
 from kickdrift.integrators import integrator as method_named
@@ -24,7 +26,7 @@ from kickdrift.interrupt import interruptible
 from kickdrift.memory import Memory
 from kickdrift.observers import Energies, Record, Sample
 from kickdrift.report import Report, report
-from kickdrift.run_plan import GLIMPSES, SAMPLES, Plan, plan_of, steps_to
+from kickdrift.run_plan import GLIMPSES, SAMPLES, Plan, plan_of, steps_to, whole_number
 from kickdrift.state import Floats, read_only
 from kickdrift.system import System
 
@@ -50,6 +52,8 @@ class Simulation:
         and "dormand-prince45" for a Problem
     dt : step in the system's unit of time; default the system file's. For an adaptive method the first step, optional
     threads : of the forces; the results do not depend on it, bit by bit
+    engine : the program that runs it, see ``kickdrift.engines()``: "native", or another that is installed
+    processes : of an engine that runs on several ("lammps")
     rtol, atol : relative and absolute error allowed per step by an adaptive method; default the system file's, else
         1e-8 and 1e-10. gauss-radau15 takes rtol alone, which sets its steps, 1e-9 by default
     controller : how an adaptive method sets its step: "i", "pi" (default) or "pid"
@@ -61,7 +65,7 @@ class Simulation:
     Raises
     ------
     InputError
-        Where an argument makes no sense.
+        Where an argument makes no sense, and where the engine cannot run that, or is not installed.
     """
 
     def __init__(
@@ -71,6 +75,8 @@ class Simulation:
         dt: float | None = None,
         threads: int = 1,
         *,
+        engine: str = "native",
+        processes: int = 1,
         rtol: float | None = None,
         atol: float | None = None,
         controller: str | None = None,
@@ -85,9 +91,10 @@ class Simulation:
     ) -> None:
         if not hasattr(system, "run"):
             raise InputError(f"a Simulation takes a System or a Problem, got {type(system).__name__}")
+        self._engine = engine_named(engine)
         default = "velocity-verlet" if isinstance(system, System) else "dormand-prince45"
         named = integrator if integrator is not None else system.run.integrator
-        self.integrator = default if named is None else named
+        self.integrator = default if named is None else self._engine.method_name(named)
         self.method = method_named(self.integrator)
         asked = Options(dt, rtol, atol, controller, compensated, iteration, coordinates, corrector, order, eta, scheme)
         self.options = self.method.checked(asked.or_else(system.run), asked)
@@ -95,11 +102,14 @@ class Simulation:
         if self.dt is None and self.method.needs_dt:
             raise InputError(f"dt is needed: system {system.name!r} names none in [run]")
         self.threads = threads
+        self.processes = whole_number("processes", processes, 1)
         if isinstance(system, System):
             system = system if events is None else system.watched(events)
             watched: tuple[Event, ...] = system.events
         else:
             watched = checked_events(system, events or ())
+        if self._engine.foreign or self.processes > 1:
+            self._engine.check(self._job(system))
         self._stepper: Stepper | WatchedStepper = self.stepper_for(system)
         self._watching: WatchedStepper | None = None
         if watched:
@@ -406,7 +416,7 @@ class Simulation:
         self.record.force_evaluations += after.evaluations - counts.evaluations
         self.record.jacobian_evaluations += after.jacobians - counts.jacobians
         self.record.rejected_steps += after.rejected - counts.rejected
-        if status != OK or not np.isfinite(stepper.y).all():
+        if status != OK or not (self._engine.foreign or np.isfinite(stepper.y).all()):  # the others look themselves
             self._fail(inside_step=status != OK, stopped=status == STOPPED)
         if stepper.steps_done == before:
             return
@@ -452,6 +462,10 @@ class Simulation:
     def stepper_for(self, system: Any) -> Stepper:
         """The method's stepper for these bodies, which are the Simulation's from now on."""
         self.system = system
+        self._flow: Flow
+        if self._engine.foreign:
+            self._flow, stepper = begin(self._engine, self._job(system))
+            return stepper
         self._flow = flow_of(system, self.threads, jumps=self.method.trial_steps)
         if self.method.separable and self._flow.not_separable:
             raise InputError(
@@ -459,6 +473,19 @@ class Simulation:
                 f"{self._flow.not_separable}; Runge-Kutta methods do not"
             )
         return self.method.stepper(self._flow, self.options)
+
+    def _job(self, system: Any) -> Job:
+        return Job(system, self.method, self.integrator, self.options, self.threads, self.processes)
+
+    @property
+    def engine(self) -> str:
+        """The name of the program that runs it."""
+        return self._engine.name
+
+    @property
+    def engine_version(self) -> str | None:
+        """Its version."""
+        return self._engine.version
 
     def bodies_changed(self) -> None:
         """An event acted: there is no going back behind it."""
@@ -477,7 +504,7 @@ class Simulation:
         try:
             sample = samples[-1] if known else self.sample()
         except RunError:
-            self._fail(inside_step=False)
+            self._fail(inside_step=False, stopped=self._engine.foreign and bool(self._stepper.trouble))
         if not self.record.begun:
             self._flow.begin(self.record, self._now())
         sample = self.record.add(sample)
@@ -523,7 +550,9 @@ class Simulation:
             "dt": self.dt,
             "threads": self.threads,
             "seed": self.system.seed,
-            "engine": "native",
+            "engine": self.engine,
+            "engine_version": self.engine_version,
+            "processes": self.processes,
             **self.options.extras(self.method.tunable),
             "options": asdict(self.options),
             "processor": processor(),

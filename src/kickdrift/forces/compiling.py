@@ -19,6 +19,7 @@ import numpy as np
 from llvmlite.binding import get_host_cpu_name
 from numba import njit, types
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, _CacheLocator
+from numba.core.ccallback import CFunc
 from numba.core.typing.templates import signature
 from numba.extending import intrinsic
 
@@ -157,7 +158,10 @@ class _DriverCache:
     def _folder(self, sig: Any) -> _FolderCache:
         args = sig if isinstance(sig, tuple) else sig.args
         foreign = sorted({fingerprint(cls) for kind in args for cls in foreign_classes(kind)})
-        name = hashlib.sha256("".join([sources_hash(), *foreign]).encode()).hexdigest()[:16]
+        return self._named(*foreign)
+
+    def _named(self, *what: str) -> _FolderCache:
+        name = hashlib.sha256("".join([sources_hash(), *what]).encode()).hexdigest()[:16]
         if name not in self._folders:
             self._folders[name] = _FolderCache(self._py_func, name)
         return self._folders[name]
@@ -180,6 +184,41 @@ class _DriverCache:
     def disable(self) -> None: ...
 
     def flush(self) -> None: ...
+
+
+class _CallbackCache(_DriverCache):
+    """The cache of a function of plain numbers that is made around a type: a folder for each type."""
+
+    def __init__(self, py_func: Callable[..., Any], kind: types.Type) -> None:
+        super().__init__(py_func)
+        self._kind = kind
+
+    def _folder(self, sig: Any) -> _FolderCache:
+        return self._named(described_type(self._kind))
+
+
+def described_type(kind: types.Type) -> str:
+    """A type as text: its name, and the sources of the user's classes in it."""
+    return str(kind) + "".join(sorted({fingerprint(cls) for cls in foreign_classes(kind)}))
+
+
+def named_for(function: Callable[..., Any], *what: str) -> Callable[..., Any]:
+    """Name a function of plain numbers for what it is made around. Machine code from the disk is linked by names, which
+    numba tells apart by argument types and by a count that begins anew in each process: of two such functions that two
+    processes made, a third would call one for both."""
+    function.__qualname__ += "_" + hashlib.sha256("\0".join(what).encode()).hexdigest()[:16]
+    return function
+
+
+def callback(function: Callable[..., Any], of: Any, kind: types.Type) -> Any:
+    """Compile a function with the signature ``of`` plain numbers and pointers, which code that knows its ``address``
+    calls; ``kind`` is the type that it is made around, and its machine code is kept on disk for each."""
+    options = {"nopython": True, "error_model": "numpy", "fastmath": FAST_MATH}
+    named_for(function, described_type(kind))
+    made: Any = CFunc(function, (of.args, of.return_type), {}, options)
+    made._cache = _CallbackCache(function, kind)
+    made.compile()
+    return made
 
 
 def driver(function: Callable[..., Any]) -> Any:

@@ -14,6 +14,7 @@ from llvmlite import ir
 from numba import types
 from numba.core import cgutils
 from numba.core.imputils import impl_ret_borrowed
+from numba.core.registry import cpu_target
 from numba.core.typing.templates import AttributeTemplate, infer_getattr
 from numba.extending import intrinsic, lower_getattr_generic, models, register_model
 
@@ -123,6 +124,24 @@ def address(typingctx, of):
         return builder.ptrtoint(args[0], context.get_value_type(types.intp))
 
     return types.intp(of), codegen
+
+
+@intrinsic
+def keep_at(typingctx, number, value):
+    """Copy a value to memory at an address, for `handle_at` to find there; it keeps nothing alive."""
+
+    def codegen(context, builder, sig, args):
+        kind = context.get_value_type(value)
+        builder.store(args[1], builder.inttoptr(args[0], kind.as_pointer()))
+        return context.get_dummy_value()
+
+    return types.void(types.intp, value), codegen
+
+
+def size_of(kind: types.Type) -> int:
+    """How many bytes `keep_at` needs."""
+    context = cpu_target.target_context
+    return int(context.get_abi_sizeof(context.get_value_type(kind)))
 
 
 def handle_at(kind: Handle) -> Any:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numba import types
-from numba.extending import overload
+from llvmlite import ir
+from numba import carray, get_num_threads, typeof, types
+from numba.core.errors import TypingError
+from numba.extending import intrinsic, overload
 from numpy.typing import NDArray
 
 from kickdrift.errors import InputError
@@ -21,13 +24,14 @@ from kickdrift.forces.clusters import (
     ClusterList,
     chunk_clusters,
     cluster_list,
+    copy,
     load_vector,
     store_vector,
 )
-from kickdrift.forces.compiling import driver, jit, never_inline
-from kickdrift.forces.handle import handle
+from kickdrift.forces.compiling import callback, driver, jit, never_inline
+from kickdrift.forces.handle import Handle, handle_at, keep_at, size_of
 from kickdrift.forces.kernel import OK, kernel
-from kickdrift.forces.pairlist import refresh, remake, shift_particle
+from kickdrift.forces.pairlist import prune, refresh, shift_particle
 from kickdrift.forces.simd import (
     WIDTH,
     aligned,
@@ -40,6 +44,7 @@ from kickdrift.forces.simd import (
     splat,
 )
 from kickdrift.forces.truncation import AtCutoff, Cut, ForceShift, Shift, Switch, truncated
+from kickdrift.state import Floats
 
 if TYPE_CHECKING:
     from kickdrift.forces.pair_law import PairForce
@@ -61,7 +66,7 @@ class Tables(NamedTuple):
     row: NDArray[np.int64]  # (slots,) the species in a slot
 
 
-class PairKernel(NamedTuple):
+class PairWork(NamedTuple):
     """A pair law bound to a System."""
 
     law: Any  # the law's NamedTuple of parameters (of the first pair of species, where there are several)
@@ -76,8 +81,129 @@ class PairKernel(NamedTuple):
     threads: Serial | Parallel
 
 
+class _Addresses(NamedTuple):
+    compute: int
+    work: int
+
+
+class PairKernel(_Addresses):
+    """A pair force as the loops know it: two addresses, so that they are compiled once for all laws, truncations and
+    mixtures, and `compute` once for each.
+
+    Attributes
+    ----------
+    compute : of the machine code; 0 until it is `ready`
+    work : of the PairWork in memory
+    parts : PairWork
+    """
+
+    parts: PairWork
+
+    @classmethod
+    def of(cls, parts: PairWork) -> PairKernel:
+        """The force with these parts; nothing is compiled yet."""
+        made = cls(0, 0)
+        made.parts = parts
+        return made
+
+    def ready(self) -> PairKernel:
+        """The same with its machine code, compiled if need be; the parts live as long as it does."""
+        if self.compute:
+            return self
+        get_num_threads()  # starts numba's threads: machine code from the disk refers to them
+        kind = typeof(self.parts)
+        if kind not in _COMPUTE:
+            _COMPUTE[kind] = callback(compute_for(kind), _SIGNATURE, kind)
+        memory = np.zeros(size_of(kind), np.uint8)
+        keep(memory.ctypes.data, self.parts)
+        made = PairKernel(_COMPUTE[kind].address, memory.ctypes.data)
+        made.parts, made._memory = self.parts, memory  # type: ignore[attr-defined]
+        return made
+
+    @property
+    def pairs(self) -> ClusterList:
+        """The list."""
+        return self.parts.pairs
+
+    def with_list(self, **changes: Any) -> PairKernel:
+        """The same force with these parts of its list changed."""
+        return PairKernel.of(self.parts._replace(pairs=self.pairs._replace(**changes)))
+
+    def remake(self, built_at: Floats, pruned_at: Floats) -> int:
+        """Make the list that was made at positions ``built_at`` (3, n) and last pruned where its ``inner_reference``
+        was ``pruned_at``; a status."""
+        return ask(self.compute, self.work, REMAKE, built_at, pruned_at, np.zeros(1))
+
+
+FORCES, FORCES_AND_SUMS, REMAKE = range(3)  # what `compute` is asked for
+_COMPUTE: dict[Any, Any] = {}  # by the type of PairWork
+_NUMBERS = types.CPointer(types.float64)
+_SIGNATURE = types.int64(types.intp, types.int64, types.int64, _NUMBERS, _NUMBERS, _NUMBERS)
+
+
+@intrinsic
+def call_pairs(typingctx, compute, work, what, x, a, sums):
+    """Call the ``compute`` of a pair force: positions (3, n), and what is done with the other two arrays depends on
+    what it is asked for; a status."""
+    if any(array.layout != "C" for array in (x, a, sums)):
+        raise TypingError("a pair force takes contiguous arrays")
+
+    def codegen(context, builder, sig, args):
+        whole, number = ir.IntType(64), ir.DoubleType().as_pointer()
+        kind = ir.FunctionType(whole, [whole, whole, whole, number, number, number])
+        arrays = [context.make_array(sig.args[k])(context, builder, args[k]) for k in (3, 4, 5)]
+        n = builder.extract_value(arrays[0].shape, 1)
+        pointer = builder.inttoptr(args[0], kind.as_pointer())
+        return builder.call(pointer, [args[1], args[2], n, *(array.data for array in arrays)])
+
+    return types.int64(compute, work, types.int64, x, a, sums), codegen
+
+
+@driver
+def ask(compute, work, what, x, a, sums):
+    return call_pairs(compute, work, what, x, a, sums)
+
+
+@driver
+def keep(number, parts):
+    keep_at(number, parts)
+
+
 @kernel(PairKernel)
 def pair_forces(force, t, x, v, a, sums):
+    if sums is None:
+        return call_pairs(force.compute, force.work, FORCES, x, a, a)
+    return call_pairs(force.compute, force.work, FORCES_AND_SUMS, x, a, sums)
+
+
+def compute_for(kind: types.Type) -> Callable[..., int]:
+    """All that is done with a PairWork of that type, as a function to be compiled for its address."""
+    restore = handle_at(Handle(kind))
+
+    def compute(work, what, n, x, a, sums):
+        force = restore(work)
+        if what == REMAKE:
+            return remake(force, carray(x, (3, n)), carray(a, force.pairs.x.shape))
+        return add_forces(force, what == FORCES_AND_SUMS, carray(x, (3, n)), carray(a, (3, n)), carray(sums, (3,)))
+
+    return compute
+
+
+@jit
+def remake(force, built_at, pruned_at):
+    pairs = force.pairs
+    pairs.counts[BUILT] = 0
+    status = refresh(pairs, built_at, force.threads)
+    if status == OK:
+        copy(pruned_at, pairs.x)
+        prune(pairs, force.threads)
+        spread(force.tables, pairs)
+    return status
+
+
+@jit
+def add_forces(force, wanted, x, a, sums):
+    """a <- a + the accelerations (3, n); where ``wanted`` sums <- sums + energy, virial, pairs; a status."""
     pairs, threads = force.pairs, force.threads
     builds = pairs.counts[OUTER_BUILDS]
     status = refresh(pairs, x, threads)
@@ -85,7 +211,7 @@ def pair_forces(force, t, x, v, a, sums):
         return status
     if pairs.counts[OUTER_BUILDS] != builds:
         spread(force.tables, pairs)
-    if sums is None:
+    if not wanted:
         each_chunk(force, threads, "chunk_forces")
     else:
         each_chunk(force, threads, "chunk_forces_and_sums")
@@ -283,7 +409,7 @@ def bind(force: PairForce, system: System, threads: int) -> PairKernel:
             row=np.zeros(slots, np.int64),
         )
     chunks = pairs.force.shape[0]
-    return PairKernel(
+    work = PairWork(
         law=cls(*(float(value) for value in laws[0][0])),
         at_cutoff=at_cutoff[0][0],
         tables=tables,
@@ -295,6 +421,7 @@ def bind(force: PairForce, system: System, threads: int) -> PairKernel:
         pairs=pairs,
         threads=Parallel(chunks) if threads > 1 else Serial(chunks),
     )
+    return PairKernel.of(work)
 
 
 def truncation_of(force: PairForce) -> Any:
@@ -308,11 +435,19 @@ def truncation_of(force: PairForce) -> Any:
     }[force.truncation]
 
 
+def ready(bound: Any) -> Any:
+    """The bound force with its machine code, where it has its own."""
+    return bound.ready() if isinstance(bound, PairKernel) else bound
+
+
 def grown(bound: Any) -> Any:
     """The bound force with room in its list for what the last search found, where it had run out; else as it is."""
-    if not isinstance(bound, PairKernel) or bound.pairs.counts[ROOM_NEEDED] <= bound.pairs.outer.shape[1]:
+    if not isinstance(bound, PairKernel):
         return bound
-    return with_room(bound, int(1.3 * bound.pairs.counts[ROOM_NEEDED]))
+    pairs = bound.pairs
+    if pairs.counts[ROOM_NEEDED] <= pairs.outer.shape[1]:
+        return bound
+    return with_room(bound, int(1.3 * pairs.counts[ROOM_NEEDED]))
 
 
 def thinned(bound: Any) -> Any:
@@ -322,21 +457,14 @@ def thinned(bound: Any) -> Any:
         return bound
     pairs = bound.pairs
     skin = min(THIN * pairs.cutoff, pairs.inner_skin)
-    return bound._replace(pairs=pairs._replace(inner_skin=skin, outer_skin=skin))
+    return bound.with_list(inner_skin=skin, outer_skin=skin)
 
 
 def with_room(bound: PairKernel, room: int) -> PairKernel:
     """The bound force with empty lists of so many entries a chunk."""
-    chunks = bound.pairs.outer.shape[0]
-    outer, inner = (np.empty((chunks, room), np.int32) for _ in range(2))
-    return bound._replace(pairs=bound.pairs._replace(outer=outer, inner=inner))
-
-
-@driver
-def respread(force):
-    """After a list was made elsewhere: put each pair of species' numbers where their slots are."""
-    bound = handle(force)
-    spread(bound.tables, bound.pairs)
+    pairs = bound.pairs
+    outer, inner = (np.empty((len(pairs.made), room), np.int32) for _ in range(2))
+    return bound.with_list(outer=outer, inner=inner)
 
 
 def memory(bound: PairKernel) -> dict[str, Any]:
@@ -351,14 +479,8 @@ def memory(bound: PairKernel) -> dict[str, Any]:
 
 def recalled(bound: PairKernel, memory: dict[str, Any]) -> PairKernel:
     """The bound force with the list that had this memory."""
-    bound = with_room(bound, memory["room"])
-    pairs = bound.pairs
-    pairs.counts[BUILT] = 0
-    if memory["built_at"] is None:
-        return bound
-    status = remake(pairs, Serial(bound.threads.chunks), memory["built_at"], memory["pruned_at"])
-    if status != OK:
+    bound = with_room(bound, memory["room"]).ready()
+    bound.pairs.counts[BUILT] = 0
+    if memory["built_at"] is not None and bound.remake(memory["built_at"], memory["pruned_at"]) != OK:
         raise InputError("checkpoint: the positions of its pair list make no list here")
-    if bound.tables is not None:
-        respread(bound)
     return bound

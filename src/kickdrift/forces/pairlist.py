@@ -32,8 +32,7 @@ from kickdrift.forces.clusters import (
     load_vector,
     sort,
 )
-from kickdrift.forces.compiling import driver, jit, never_inline
-from kickdrift.forces.handle import handle
+from kickdrift.forces.compiling import jit, never_inline
 from kickdrift.forces.kernel import BLOWN_UP, GROW, OK
 from kickdrift.forces.simd import WIDTH, any_lane, flat, load, mask_bits, select, splat, store
 
@@ -70,19 +69,6 @@ def refresh(pairs, x, threads):
     prune(pairs, threads)
     counts[BUILT] = 1
     return OK
-
-
-@driver
-def remake(pairs, threads, built_at, pruned_at):
-    """The list that was made at positions ``built_at`` (3, n) and last pruned where its ``inner_reference`` was
-    ``pruned_at``."""
-    anew = handle(pairs)
-    anew.counts[BUILT] = 0
-    status = refresh(anew, built_at, threads)
-    if status == OK:
-        copy(pruned_at, anew.x)
-        prune(anew, threads)
-    return status
 
 
 @jit

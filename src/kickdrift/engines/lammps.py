@@ -1,0 +1,158 @@
+"""LAMMPS: its lj/cut, moved by fix nve, in this process or in several that mpiexec starts.
+
+LAMMPS' units "lj" have no constants, so the system's own numbers stand in them whatever its units, with coherent masses
+(see ``session``). Energy and virial are tallied by LAMMPS at the end of each ``run`` command.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kickdrift.engines.lammps_world import Model, World
+from kickdrift.engines.lennard_jones import only_lennard_jones, small_units
+from kickdrift.engines.session import Job, Session, Trouble
+from kickdrift.errors import InputError
+from kickdrift.forces.bound import Measured
+from kickdrift.state import Floats
+
+MOST_TYPES = 100  # particles of one species may differ in mass; LAMMPS has a table of types, each with each
+IMAGES = 1024  # LAMMPS counts edges crossed in ten bits
+MOST_BLIND = 10**6  # steps without a look at these
+
+
+def refusal(job: Job) -> str | None:
+    """See Engine."""
+    system = job.system
+    if reason := only_lennard_jones(system, ("cut", "shift")) or small_units(system):
+        return reason
+    if (count := len(_kinds(job)[0])) > MOST_TYPES:
+        return f"masses: {count} types of particles that differ in mass or species, and {MOST_TYPES} is the most"
+    return None
+
+
+def session(job: Job) -> Session:
+    """See Engine."""
+    return LammpsSession(job)
+
+
+def _kinds(job: Job) -> tuple[np.ndarray, np.ndarray]:
+    """(kinds, 2) species and mass of each kind of particles, and (n,) which of these each is."""
+    both = np.column_stack([job.system.species_index, job.system.coherent_masses])
+    kinds, which = np.unique(both, axis=0, return_inverse=True)
+    return kinds, which.reshape(-1)
+
+
+def model_of(job: Job) -> Model:
+    """What LAMMPS is told."""
+    system, dt = job.system, job.options.dt
+    assert dt is not None
+    force: Any = system.forces[0]
+    kinds, which = _kinds(job)
+    species = [system.species[int(k)] for k in kinds[:, 0]]
+    laws = [
+        (i + 1, j + 1, force.pair_law(species[i], species[j])) for i in range(len(kinds)) for j in range(i, len(kinds))
+    ]
+    return Model(
+        lengths=system.box.lengths,
+        types=(which + 1).astype(np.int32),
+        masses=tuple(kinds[:, 1].tolist()),
+        pairs=tuple((i, j, float(law.epsilon), float(law.sigma)) for i, j, law in laws),
+        cutoff=float(force.cutoff),
+        shifted=force.truncation == "shift",
+        tail=force.tail,
+        dt=dt,
+    )
+
+
+class LammpsSession(Session):
+    """LAMMPS in this process or in several; what it keeps is where particles are outside of the box."""
+
+    def __init__(self, job: Job) -> None:
+        super().__init__(job)
+        self._model = model_of(job)
+        self._world: Any = None
+
+    def reset(self, phase: Floats, time: float) -> None:
+        box, x = self.job.system.box, phase[0].T
+        wrapped = box.wrap(x)
+        edges = np.array(box.lengths or (1.0, 1.0, 1.0))
+        self._crossed = np.round((x - wrapped) / edges) if box.periodic else np.zeros_like(x)
+        self._seen = np.zeros(x.shape, np.int32)
+        self._ask("reset", self._model, wrapped, np.ascontiguousarray(phase[1].T))
+        self._kinetic = self._ask("kinetic_energy")
+        self._count(self._seen)
+
+    def _begun(self) -> Any:
+        """LAMMPS, and as many processes as were asked for."""
+        if self.job.processes == 1:
+            return World()
+        from kickdrift.engines.lammps_processes import Processes
+
+        return Processes(self.job.processes)
+
+    def _ask(self, what: str, *arguments: Any) -> Any:
+        """LAMMPS' answer; Trouble where it stopped, and then the next ``reset`` begins another."""
+        try:
+            self._world = self._world or self._begun()
+            return getattr(self._world, what)(*arguments)
+        except ImportError as error:
+            raise InputError(f"engine 'lammps': {error}") from None
+        except Exception as error:  # LAMMPS' own and those of the processes
+            self.close()
+            text = " ".join(str(error).split()).removeprefix("ERROR: ")
+            raise Trouble(f"LAMMPS: {text.split(' For more information')[0]}") from None
+        except BaseException:  # Ctrl-C for a second time
+            self.close()
+            raise
+
+    def advance(self, steps: int, until: float) -> int:
+        left = steps
+        while left:
+            part = min(left, self._blind_steps)
+            self._ask("run", part)
+            left -= part
+            self._blind_steps -= part
+            self._kinetic = self._ask("kinetic_energy")
+            if not self._blind_steps and self.finite():
+                self._count(self._ask("images"))
+        return steps
+
+    def finite(self) -> bool:
+        return math.isfinite(self._kinetic)
+
+    def _count(self, images: NDArray[np.int32]) -> None:
+        """Add what edges were crossed, and say how many steps may pass until this has to be done again: in these not
+        even a particle with twice the speed that all the kinetic energy would give the lightest one goes half way
+        around LAMMPS' counter."""
+        crossed = images - self._seen
+        self._crossed += (crossed + IMAGES // 2) % IMAGES - IMAGES // 2
+        self._seen = images
+        if self._model.lengths is None or not self._kinetic:
+            self._blind_steps = MOST_BLIND
+            return
+        fastest = 2.0 * math.sqrt(2.0 * self._kinetic / min(self._model.masses))
+        way = IMAGES // 2 * min(self._model.lengths)
+        self._blind_steps = max(1, int(min(way / (fastest * self._model.dt), MOST_BLIND)))
+
+    def phase(self) -> Floats:
+        x, v, images = self._ask("state")
+        self._count(images)
+        if self._model.lengths is not None:
+            x = x + self._crossed * np.array(self._model.lengths)
+        return np.array([x.T, v.T])
+
+    def measure(self, time: float) -> Measured | None:
+        forces, energy, pressure = self._ask("measure")
+        if not np.isfinite(forces).all() or not np.isfinite(energy):
+            return None
+        virial = 3.0 * pressure * self.job.system.box.volume if self.job.system.box.periodic else np.nan
+        return Measured(np.ascontiguousarray(forces.T) / self.job.system.coherent_masses, energy, virial, None)
+
+    def close(self) -> None:
+        if self._world is not None:
+            self._world.close()
+            self._world = None

@@ -1,0 +1,153 @@
+"""LAMMPS in several processes: mpiexec starts them, each runs ``lammps_worker`` and hears the same commands.
+
+They connect to a socket in a folder that only this user can enter. They are in a session of their own, so that Ctrl-C
+reaches this process alone, which ends them; and they end where this process does.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import weakref
+from multiprocessing.connection import Connection, wait
+from pathlib import Path
+from time import monotonic
+from typing import Any
+
+import kickdrift
+from kickdrift.engines.lammps_library import mpiexec
+
+SOCKET = "KICKDRIFT_LAMMPS_SOCKET"  # tells the workers where
+START_SECONDS = 120.0  # for all to come up
+POLL_SECONDS = 0.5
+END_SECONDS = 5.0
+
+
+class Processes:
+    """The methods of ``lammps_world.World``, on all processes at once; the first one's answers."""
+
+    def __init__(self, count: int) -> None:
+        self.count, program = count, mpiexec()
+        self.folder = folder = Path(tempfile.mkdtemp(prefix="kickdrift-"))
+        self._said = (folder / "said").open("w+")
+        with socket.socket(socket.AF_UNIX) as listening:
+            listening.bind(str(folder / "socket"))
+            listening.listen(count)
+            listening.settimeout(POLL_SECONDS)
+            path = os.pathsep.join([str(Path(kickdrift.__file__).parents[1]), os.environ.get("PYTHONPATH", "")])
+            environment = {k: v for k, v in os.environ.items() if not k.startswith(("PMI_", "HYDRA_"))}
+            environment |= {SOCKET: str(folder / "socket"), "PYTHONPATH": path, "OMP_NUM_THREADS": "1"}
+            self._process = subprocess.Popen(
+                [program, "-n", str(count), sys.executable, "-m", "kickdrift.engines.lammps_worker"],
+                stdin=subprocess.DEVNULL, stdout=self._said, stderr=self._said, env=environment, start_new_session=True,
+            )  # fmt: skip
+            self._connections: list[Connection] = []
+            self.close = weakref.finalize(self, _end, self._process, self._connections, self._said, folder)
+            try:
+                self._accept(listening)
+                ranks = dict(zip(self._answers(), self._connections, strict=True))
+                self._connections[:] = [ranks[rank] for rank in sorted(ranks)]
+            except BaseException:
+                self.close()
+                raise
+
+    def _accept(self, listening: socket.socket) -> None:
+        """Have a connection to each."""
+        began = monotonic()
+        while len(self._connections) < self.count:
+            with contextlib.suppress(TimeoutError):
+                connection, _ = listening.accept()
+                connection.setblocking(True)
+                self._connections.append(Connection(connection.detach()))
+            if self._process.poll() is not None:
+                raise RuntimeError(f"mpiexec ended with status {self._process.returncode}{self._last_words()}")
+            if monotonic() - began > START_SECONDS:
+                came = len(self._connections)
+                raise RuntimeError(f"{came} of {self.count} processes came up in {START_SECONDS:g} s")
+
+    def _last_words(self) -> str:
+        """What a process said of its end."""
+        self._said.flush()
+        self._said.seek(0)
+        lines = [line.strip() for line in self._said.read().splitlines()]
+        telling = [line for line in lines if "rror" in line]
+        return f": {telling[-1]}" if telling else ""
+
+    def _all(self, what: str, *arguments: Any) -> Any:
+        try:
+            for rank, connection in enumerate(self._connections):
+                try:
+                    connection.send((what, arguments))
+                except OSError:
+                    raise self._died(rank) from None
+            return self._answers()[0]
+        except BaseException:
+            self.close()
+            raise
+
+    def _answers(self) -> list[Any]:
+        """Of each connection; an error that one reports, or its end, is raised at once, for the others may wait for it
+        for ever."""
+        answers: dict[int, Any] = {}
+        while len(answers) < len(self._connections):
+            waiting = {c: rank for rank, c in enumerate(self._connections) if rank not in answers}
+            ready = set(wait(list(waiting), POLL_SECONDS))
+            for connection, rank in waiting.items():
+                if connection not in ready:
+                    continue
+                try:
+                    error, answers[rank] = connection.recv()
+                except (EOFError, OSError):
+                    raise self._died(rank) from None
+                if error:
+                    raise RuntimeError(error)
+        return [answers[rank] for rank in range(len(self._connections))]
+
+    def _died(self, rank: int) -> RuntimeError:
+        return RuntimeError(f"process {rank} of {self.count} died{self._last_words()}")
+
+    # --- World's methods ---
+
+    def reset(self, *arguments: Any) -> None:
+        """See World."""
+        self._all("reset", *arguments)
+
+    def run(self, steps: int) -> None:
+        """See World."""
+        self._all("run", steps)
+
+    def kinetic_energy(self) -> float:
+        """See World."""
+        return float(self._all("kinetic_energy"))
+
+    def images(self) -> Any:
+        """See World."""
+        return self._all("images")
+
+    def state(self) -> Any:
+        """See World."""
+        return self._all("state")
+
+    def measure(self) -> Any:
+        """See World."""
+        return self._all("measure")
+
+
+def _end(process: subprocess.Popen, connections: list[Connection], said: Any, folder: Path) -> None:
+    """Let the processes go, and kill those that do not."""
+    for connection in connections:
+        connection.close()  # which each takes for its end, once it is done with what it does
+    for act in (lambda: None, process.terminate, lambda: os.killpg(process.pid, signal.SIGKILL)):
+        with contextlib.suppress(ProcessLookupError):
+            act()
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            process.wait(END_SECONDS)
+            break
+    said.close()
+    shutil.rmtree(folder, ignore_errors=True)

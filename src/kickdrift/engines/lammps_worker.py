@@ -1,0 +1,51 @@
+"""One of LAMMPS' processes, which ``lammps_processes`` has mpiexec start.
+
+It does what it is told, and answers with an error in words or None, and with the result, which the first process alone
+sends.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import socket
+from multiprocessing.connection import Connection
+from pathlib import Path
+
+from kickdrift.engines.lammps_world import World
+
+SOCKET = "KICKDRIFT_LAMMPS_SOCKET"
+
+
+def main() -> None:
+    """Serve until the other side is gone."""
+    connected = socket.socket(socket.AF_UNIX)
+    connected.connect(os.environ[SOCKET])
+    orders = Connection(connected.detach())
+    try:
+        world = World()
+        rank = world.rank
+    except Exception as error:
+        orders.send((str(error), None))
+        return
+    orders.send((None, rank))
+    while True:
+        try:
+            what, arguments = orders.recv()
+        except (EOFError, OSError):
+            break
+        try:
+            result = getattr(world, what)(*arguments)
+            orders.send((None, result if rank == 0 else None))
+        except OSError:
+            break
+        except Exception as error:  # LAMMPS'
+            orders.send((str(error), None))
+    world.close()
+    world.lmp.finalize()
+    if rank == 0:  # for one who was killed cannot
+        shutil.rmtree(Path(os.environ[SOCKET]).parent, ignore_errors=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,138 @@
+"""OpenMM: a CustomNonbondedForce, moved by velocity Verlet as a CustomIntegrator, on the Reference platform.
+
+That platform computes in float64; the others round forces to float32, and are not taken. OpenMM's units (nm, ps, u,
+kJ/mol) are coherent and the formulas given to it have no constants but the system's own, so the system's numbers stand
+in them as they are: 1 sigma is 1 nm, 1 epsilon is 1 kJ/mol.
+
+OpenMM gives no virial. It gives the derivative of its energy by a parameter: with U(s r) for U(r), -dU/ds at s = 1 is
+the sum of r . F over pairs, and OpenMM's own derivative of the formula.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from kickdrift.engines.lennard_jones import only_lennard_jones, small_units
+from kickdrift.engines.session import Job, Session, Trouble
+from kickdrift.forces import Gravity
+from kickdrift.forces.bound import Measured
+from kickdrift.forces.central import gravitational_constant
+from kickdrift.state import Floats
+from kickdrift.system import System
+
+LENNARD_JONES = "4*e*((l/(s*r))^12 - (l/(s*r))^6)"
+SHIFT = " - 4*e*((l/cutoff)^12 - (l/cutoff)^6)"
+MIXTURE = "; e=epsilon(kind1,kind2); l=sigma(kind1,kind2)"
+GRAVITY = "-G*m1*m2/sqrt((s*r)^2 + softening^2)"
+
+
+def refusal(job: Job) -> str | None:
+    """See Engine."""
+    system, masses = job.system, job.system.state.masses
+    if not all(masses):
+        still = system.body(int(np.argmin(masses)))
+        return f"masses: {still} has none, and OpenMM holds such particles still"
+    if [type(force) for force in system.forces] == [Gravity]:
+        return None
+    if reason := only_lennard_jones(system, ("cut", "shift")) or small_units(system):
+        return reason
+    if system.forces[0].tail:
+        return "tail: it has no such correction of a force of this kind"
+    return None
+
+
+def session(job: Job) -> Session:
+    """See Engine."""
+    return OpenmmSession(job)
+
+
+class OpenmmSession(Session):
+    """A Context of OpenMM's."""
+
+    def reset(self, phase: Floats, time: float) -> None:
+        import openmm
+
+        system, dt = self.job.system, self.job.options.dt
+        assert dt is not None
+        force: Any = system.forces[0]
+        made = openmm.System()
+        for mass in system.coherent_masses.tolist():
+            made.addParticle(mass)
+        if system.box.lengths is not None:
+            x, y, z = system.box.lengths
+            made.setDefaultPeriodicBoxVectors((x, 0, 0), (0, y, 0), (0, 0, z))
+        made.addForce(_gravity(system, force) if isinstance(force, Gravity) else _lennard_jones(system, force))
+        verlet = openmm.CustomIntegrator(dt)
+        verlet.addComputePerDof("v", "v + 0.5*dt*f/m")
+        verlet.addComputePerDof("x", "x + dt*v")
+        verlet.addComputePerDof("v", "v + 0.5*dt*f/m")
+        self._verlet = verlet
+        self._context = openmm.Context(made, verlet, openmm.Platform.getPlatformByName("Reference"))
+        self._context.setPositions(phase[0].T)
+        self._context.setVelocities(phase[1].T)
+
+    def advance(self, steps: int, until: float) -> int:
+        import openmm
+
+        try:
+            self._verlet.step(steps)
+        except openmm.OpenMMException as error:
+            raise Trouble(f"OpenMM: {' '.join(str(error).split())}") from None
+        return steps
+
+    def phase(self) -> Floats:
+        state = self._context.getState(positions=True, velocities=True)
+        return np.array([_plain(state.getPositions(asNumpy=True)).T, _plain(state.getVelocities(asNumpy=True)).T])
+
+    def measure(self, time: float) -> Measured | None:
+        state = self._context.getState(energy=True, forces=True, parameterDerivatives=True)
+        forces, energy = _plain(state.getForces(asNumpy=True)), float(_plain(state.getPotentialEnergy()))
+        if not np.isfinite(forces).all() or not np.isfinite(energy):
+            return None
+        virial = -float(state.getEnergyParameterDerivatives()["s"])
+        return Measured(np.ascontiguousarray(forces.T) / self.job.system.coherent_masses, energy, virial, None)
+
+
+def _plain(quantity: Any) -> Any:
+    """The number in OpenMM's own units, in which it is kept."""
+    return quantity.value_in_unit(quantity.unit)
+
+
+def _lennard_jones(system: System, force: Any) -> Any:
+    import openmm
+
+    shift = SHIFT if force.truncation == "shift" else ""
+    made = openmm.CustomNonbondedForce(LENNARD_JONES + shift + MIXTURE)
+    laws = [[force.pair_law(a, b) for a in system.species] for b in system.species]
+    count = len(system.species)
+    for key in ("epsilon", "sigma"):
+        values = [float(getattr(law, key)) for row in laws for law in row]
+        made.addTabulatedFunction(key, openmm.Discrete2DFunction(count, count, values))
+    made.addPerParticleParameter("kind")
+    made.addGlobalParameter("cutoff", force.cutoff)
+    for kind in system.species_index.tolist():
+        made.addParticle([kind])
+    made.setCutoffDistance(force.cutoff)
+    made.setNonbondedMethod(made.CutoffPeriodic if system.box.periodic else made.CutoffNonPeriodic)
+    return _scaled(made)
+
+
+def _gravity(system: System, force: Gravity) -> Any:
+    import openmm
+
+    made = openmm.CustomNonbondedForce(GRAVITY)
+    made.addPerParticleParameter("m")
+    made.addGlobalParameter("G", gravitational_constant(force.name, force.G, system))
+    made.addGlobalParameter("softening", force.softening)
+    for mass in system.state.masses.tolist():
+        made.addParticle([mass])
+    return _scaled(made)
+
+
+def _scaled(force: Any) -> Any:
+    """With the parameter that the virial is had by."""
+    force.addGlobalParameter("s", 1.0)
+    force.addEnergyParameterDerivative("s")
+    return force

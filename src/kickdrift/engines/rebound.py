@@ -1,0 +1,155 @@
+"""rebound: its leapfrog, whfast, saba and ias15 under its own gravity.
+
+Whfast and saba run without safe mode and keep the unsynchronised state (Rein & Tamayo 2015,
+doi:10.1093/mnras/stv1257), so that what is looked at is a synchronised copy and looking never changes a run. Inside
+a step of ias15, a copy goes back from the last step point to the time asked for.
+
+Forces and potential energy come from rebound's direct sum over a second set of the same bodies, which stand still.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import warnings
+from copy import copy
+from typing import Any
+
+import numpy as np
+
+from kickdrift.bridges.rebound_names import COORDINATES, SABA, key_of
+from kickdrift.engines.session import Job, Session, Trouble
+from kickdrift.forces import Gravity
+from kickdrift.forces.bound import Measured
+from kickdrift.state import Floats
+from kickdrift.system import RunDefaults, System
+
+ADAPTIVE = "gauss-radau15"
+KEPLER = ("wisdom-holman", "saba")
+
+
+def refusal(job: Job) -> str | None:
+    """See Engine."""
+    system, options, masses = job.system, job.options, job.system.state.masses
+    strange = [force.name for force in system.forces if type(force) is not Gravity]
+    if strange:
+        return f"force {strange[0]!r}: it runs gravity alone"
+    if len(system.forces) > 1:
+        return "force 'gravity': the system has it twice"
+    if system.box.periodic:
+        return "box: its periodic boundaries are not ours"
+    if system.units.coherent_mass != 1.0:
+        return f"units {system.units.name!r}: force is not mass times acceleration in them, as it takes for granted"
+    if job.method.name in KEPLER:
+        if not system.forces or system.forces[0].softening:
+            return f"integrator {job.named!r}: Kepler orbits need gravity without softening"
+        if np.argmax(masses) != 0:
+            return f"integrator {job.named!r}: its central body is the first, and {system.body(0)} is not the heaviest"
+        if options.coordinates not in (COORDINATES.values() if job.method.name == "wisdom-holman" else ("jacobi",)):
+            return f"coordinates {options.coordinates!r}: its {job.method.name} has jacobi"
+    if job.method.name == "saba" and not key_of(SABA, options.order or ""):
+        return f"order {options.order!r}: its saba has {', '.join(SABA.values())}"
+    return None
+
+
+def session(job: Job) -> Session:
+    """See Engine."""
+    return ReboundSession(job)
+
+
+class ReboundSession(Session):
+    """A rebound.Simulation at work, and one to look with."""
+
+    def __init__(self, job: Job) -> None:
+        super().__init__(job)
+        options = job.options
+        self._plain = _asked(job.system, RunDefaults())
+        self._system = _asked(
+            job.system,
+            RunDefaults(
+                job.method.name, options.dt, rtol=options.rtol, coordinates=options.coordinates,
+                corrector=options.corrector, order=options.order,
+            ),
+        )  # fmt: skip
+        self._probe: Any = None
+
+    def reset(self, phase: Floats, time: float) -> None:
+        from kickdrift.bridges.rebound import simulation_of
+
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")  # which says what was not taken
+            self._sim = simulation_of(self._system.at(phase, time))
+            self._probe = self._probe or simulation_of(self._plain)
+        if self.hint:
+            self._sim.dt = self.hint
+        if self.job.method.name in KEPLER:
+            self._sim.integrator.safe_mode = 0
+            self._sim.integrator.keep_unsynchronized = 1
+        self.last_step, self._inside = 0.0, (time, self._sim)
+
+    @property
+    def time(self) -> float:  # type: ignore[override]
+        return float(self._sim.t)
+
+    def advance(self, steps: int, until: float) -> int:
+        try:
+            return self._advanced(steps, until)
+        except RuntimeError as error:  # rebound's messages
+            raise Trouble(f"rebound: {' '.join(str(error).split())}") from None
+
+    def _advanced(self, steps: int, until: float) -> int:
+        sim, taken = self._sim, 0
+        if self.job.method.name != ADAPTIVE:
+            sim.steps(steps)
+            return steps
+        while taken < steps and sim.t < until:
+            before = sim.t
+            sim.steps(1)
+            taken += 1
+            if sim.t == before:
+                raise Trouble(f"ias15's step fell to {sim.dt:.3g}, which t = {sim.t:.9g} can no longer tell from 0")
+        self.last_step, self.hint = sim.dt_last_done, sim.dt
+        self._inside = sim.t, sim
+        return taken
+
+    def phase(self) -> Floats:
+        if not self._sim.is_synchronized:  # rebound 5's saba cannot bear it before its first step
+            self._sim.synchronize()
+        return _phase(self._sim)
+
+    def _at(self, time: float) -> Any:
+        """The simulation at a time inside the last step."""
+        if self._inside[0] != time:
+            there = self._sim.copy()
+            there.dt = time - there.t
+            there.integrate(time, exact_finish_time=1)
+            self._inside = time, there
+        return self._inside[1]
+
+    def at(self, time: float) -> Floats:
+        return _phase(self._at(time))
+
+    def measure(self, time: float) -> Measured | None:
+        import rebound
+
+        x = self.at(time)[0] if self.job.method.name == ADAPTIVE else self.phase()[0]
+        probe, still = self._probe, np.zeros((len(self._system), 3))
+        probe.set_serialized_particle_data(xyz=np.ascontiguousarray(x.T), vxvyvz=still)
+        rebound.clibrebound.reb_simulation_update_acceleration(ctypes.byref(probe))
+        accelerations = np.array([(p.ax, p.ay, p.az) for p in probe.particles]).T
+        potential = probe.energy()  # of bodies that stand still
+        if not np.isfinite(accelerations).all() or not np.isfinite(potential):
+            return None
+        return Measured(np.ascontiguousarray(accelerations), potential, np.nan, None)
+
+
+def _asked(system: System, run: RunDefaults) -> System:
+    """The system with this method for its own."""
+    other = copy(system)
+    object.__setattr__(other, "run", run)
+    return other
+
+
+def _phase(sim: Any) -> Floats:
+    x, v = np.zeros((sim.N, 3)), np.zeros((sim.N, 3))
+    sim.serialize_particle_data(xyz=x, vxvyvz=v)
+    return np.array([x.T, v.T])

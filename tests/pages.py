@@ -1,0 +1,70 @@
+"""Runs a page of the documentation as a reader would who types in everything: files with a title are written, lines of
+``sh`` that begin with kickdrift are called, blocks of Python run one after the other in one module.
+
+    python tests/pages.py PAGE.md
+
+in an empty folder. Nothing else on the page is looked at: blocks without a language are for reading.
+"""
+
+from __future__ import annotations
+
+import re
+import shlex
+import sys
+from pathlib import Path
+from typing import NamedTuple
+from unittest import mock
+
+BLOCK = re.compile(r'^```(\w+)(?: title="([^"]+)")?\n(.*?)^```', flags=re.DOTALL | re.MULTILINE)
+
+
+class Block(NamedTuple):
+    """What a page shows as code."""
+
+    language: str
+    title: str
+    code: str
+
+
+def blocks(page: Path) -> list[Block]:
+    """The blocks of a page that name their language, in their order."""
+    return [Block(*found) for found in BLOCK.findall(page.read_text(encoding="utf-8"))]
+
+
+def commands(block: Block) -> list[list[str]]:
+    """The words of each kickdrift command of an ``sh`` block."""
+    lines = [shlex.split(line, comments=True) for line in block.code.splitlines()]
+    return [words[1:] for words in lines if words and words[0] == "kickdrift"]
+
+
+def run(page: Path) -> dict[str, object]:
+    """Run a page in the folder one is in; the names that its Python leaves."""
+    names: dict[str, object] = {"__name__": page.stem.replace("-", "_")}
+    for block in blocks(page):
+        if block.title:
+            Path(block.title).write_text(block.code, encoding="utf-8")
+        elif block.language == "python":
+            exec(compile(block.code, str(page), "exec"), names)
+        elif block.language == "sh":
+            for words in commands(block):
+                status = exit_status(words)
+                if status:
+                    raise SystemExit(f"{page.name}: kickdrift {' '.join(words)} ended with {status}")
+    return names
+
+
+def exit_status(words: list[str]) -> int:
+    """What kickdrift with these arguments ends with."""
+    from kickdrift.cli import main
+
+    with mock.patch.object(sys, "argv", ["kickdrift", *words]):
+        try:
+            main()
+        except SystemExit as end:
+            return int(end.code or 0)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.path.insert(0, "")  # modules that the page writes
+    run(Path(sys.argv[1]))
