@@ -32,6 +32,7 @@ def script(monkeypatch):
     """Loads a validation script by its name, as running it would."""
     monkeypatch.syspath_prepend(VALIDATION)
     monkeypatch.syspath_prepend(VALIDATION / "performance")
+    monkeypatch.syspath_prepend(VALIDATION / "claims")
 
     def load(name):
         spec = importlib.util.spec_from_file_location(f"validation_{Path(name).stem}", VALIDATION / name)
@@ -42,7 +43,7 @@ def script(monkeypatch):
 
     before = set(sys.modules)
     yield load
-    for name in ("claim", "melt"):
+    for name in ("claim", "melt", "article"):
         if name not in before:
             sys.modules.pop(name, None)
 

@@ -33,7 +33,7 @@ from kickdrift.printing import duration
 # What is quick, and each with as few loops to compile as may be; then all that has a short set, the quickest first.
 FIRST = (
     "unit-systems", "polish-splittings", "butcher-tableaus", "shadow-hamiltonian", "kepler-flow", "jpl-de421",
-    "nist-lj", "pair-forces",
+    "nist-lj", "pair-forces", "force-gradients",
 )  # fmt: skip
 PACKAGE = Path(kickdrift.__file__).parent
 

@@ -28,7 +28,7 @@ class Script(NamedTuple):
 SCRIPTS = (
     # Lennard-Jones and liquids
     Script("nist_lj.py", "NIST's Lennard-Jones configurations: energies, virials, long-range corrections", 55),
-    Script("pair_forces.py", "forces are the energy's gradient, pressures its slope, and lists are complete", 60),
+    Script("pair_forces.py", "pair forces are the energy's gradient with each truncation, pressures its slope", 60),
     Script(
         "force_gradients.py", "every force beside its energy, tail corrections, forces of a run beside direct sums", 70
     ),
