@@ -107,6 +107,20 @@ def test_laws_that_different_processes_compiled(workshop, monkeypatch):
     assert workshop.run() == ([1.5 - 24.0, -6.0, 1.5, -6.0], 0)
 
 
+def test_laws_of_one_name(workshop, monkeypatch):
+    """Two modules have a class of the same name: each law is its own, though different processes compiled them."""
+    monkeypatch.setenv("PYTHONHASHSEED", "0")
+    call = "import {0}\nmeasure({0}.Quartic(k=3.0, cutoff=2.0, truncation='cut'))"
+    one, two = call.format("one"), call.format("two")
+    workshop.write("one.py", LAW)
+    workshop.write("two.py", LAW.replace("0.5 *", "1.5 *").replace("-2.0 *", "-6.0 *"))
+    for each in (one, two):
+        workshop.write("script.py", MEASURE, each)
+        workshop.run()
+    workshop.write("script.py", MEASURE, one, two)
+    assert workshop.run() == ([1.5, -6.0, 4.5, -18.0], 0)
+
+
 def test_a_kernel_in_a_module(workshop):
     call = "import numpy as np\nfrom {0} import Trap\nmeasure(Trap(2.0, np.zeros(3)))"
     workshop.write("mine.py", KERNEL)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from kickdrift.forces import pair_kernel
-from kickdrift.forces.compiling import driver, jit
+from kickdrift.forces.compiling import driver
 from kickdrift.forces.pair_law import PairForce
 from kickdrift.forces.simd import WIDTH, as_lanes, load, store
 from kickdrift.forces.truncation import AtCutoff
@@ -16,9 +16,7 @@ from kickdrift.state import Floats
 
 def force_over_r(force: PairForce, first: str, second: str, r2: Floats) -> Floats:
     """-U'(r) / r between two species, truncated, at squared distances (m,) below the cutoff's."""
-    cls = force.Parameters
-    if "compiled_law" not in vars(cls):
-        cls.compiled_law = jit(cls.law)
+    cls = pair_kernel.law_class(force)
     law = cls(*(float(value) for value in force.pair_law(first, second)))
     at_cutoff = AtCutoff(*(float(value) for value in law.law(float(force.cutoff or 0.0) ** 2)))
     padded = np.full(-(-len(r2) // WIDTH) * WIDTH, 1.0)

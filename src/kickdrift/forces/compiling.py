@@ -68,6 +68,10 @@ def sources_hash() -> str:
     return digest.hexdigest()[:16]
 
 
+def _digest(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
 def foreign_classes(kind: Any) -> Iterator[type]:
     """The NamedTuple classes from outside the package that stand in a numba type."""
     if isinstance(kind, types.BaseNamedTuple) and not kind.instance_class.__module__.startswith("kickdrift."):
@@ -75,6 +79,15 @@ def foreign_classes(kind: Any) -> Iterator[type]:
     if isinstance(kind, types.BaseTuple):
         for part in kind:
             yield from foreign_classes(part)
+
+
+def told_apart(cls: Any) -> Any:
+    """Put the source of a user's class into its name, before numba first sees it: the names of machine code have those
+    of the types in them, and of two classes of one name, whose code comes from the disk, one would serve for both."""
+    if not cls.__module__.startswith("kickdrift.") and "__told_apart__" not in vars(cls):
+        cls.__name__ += "_" + _digest(fingerprint(cls))
+        cls.__told_apart__ = True
+    return cls
 
 
 def _described(value: Any, seen: set[int]) -> str:
@@ -161,7 +174,7 @@ class _DriverCache:
         return self._named(*foreign)
 
     def _named(self, *what: str) -> _FolderCache:
-        name = hashlib.sha256("".join([sources_hash(), *what]).encode()).hexdigest()[:16]
+        name = _digest("".join([sources_hash(), *what]))
         if name not in self._folders:
             self._folders[name] = _FolderCache(self._py_func, name)
         return self._folders[name]
@@ -206,7 +219,7 @@ def named_for(function: Callable[..., Any], *what: str) -> Callable[..., Any]:
     """Name a function of plain numbers for what it is made around. Machine code from the disk is linked by names, which
     numba tells apart by argument types and by a count that begins anew in each process: of two such functions that two
     processes made, a third would call one for both."""
-    function.__qualname__ += "_" + hashlib.sha256("\0".join(what).encode()).hexdigest()[:16]
+    function.__qualname__ += "_" + _digest("\0".join(what))
     return function
 
 

@@ -28,7 +28,7 @@ from kickdrift.forces.clusters import (
     load_vector,
     store_vector,
 )
-from kickdrift.forces.compiling import callback, driver, jit, never_inline
+from kickdrift.forces.compiling import callback, driver, jit, never_inline, told_apart
 from kickdrift.forces.handle import Handle, handle_at, keep_at, size_of
 from kickdrift.forces.kernel import OK, kernel
 from kickdrift.forces.pairlist import prune, refresh, shift_particle
@@ -385,11 +385,17 @@ def _pair_terms(laws, i, j, r2):
     return many_species
 
 
-def bind(force: PairForce, system: System, threads: int) -> PairKernel:
-    """A pair force for this System, on this many threads."""
+def law_class(force: PairForce) -> Any:
+    """The class of a force's parameters, as compiled code takes it."""
     cls = force.Parameters
     if "compiled_law" not in vars(cls):
-        cls.compiled_law = jit(cls.law)
+        told_apart(cls).compiled_law = jit(cls.law)
+    return cls
+
+
+def bind(force: PairForce, system: System, threads: int) -> PairKernel:
+    """A pair force for this System, on this many threads."""
+    cls = law_class(force)
     n, names = len(system), system.species
     laws = [[force.pair_law(a, b) for b in names] for a in names]
     cutoff = float(force.cutoff or 0.0)

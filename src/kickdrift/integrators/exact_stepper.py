@@ -12,7 +12,7 @@ from kickdrift.forces.central import gravitational_constant
 from kickdrift.forces.evaluate import SLOTS
 from kickdrift.forces.gravity import Gravity
 from kickdrift.forces.kernel import GROW
-from kickdrift.forces.pair_kernel import truncation_of
+from kickdrift.forces.pair_kernel import law_class, truncation_of
 from kickdrift.forces.truncation import AtCutoff
 from kickdrift.integrators.exact import Lattice
 from kickdrift.integrators.exact_list import AXIS, BUILT, CULPRIT, POSITION, ROOM_NEEDED, WHAT, Particles
@@ -104,7 +104,7 @@ class ExactStepper(Regular):
         if isinstance(force, Gravity):
             gravity = gravitational_constant(force.name, force.G, system)
             return ExactGravity(force.softening**2, gravity * system.state.masses, half)
-        names, cls = system.species, force.Parameters
+        names, cls = system.species, law_class(force)
         laws = [[cls(*(float(value) for value in force.pair_law(a, b))) for b in names] for a in names]
         at_cutoff = [[AtCutoff(*(float(u) for u in p.law(force.cutoff**2))) for p in row] for row in laws]
         tables = None
