@@ -37,7 +37,7 @@ SCRIPTS = (
     Script("argon_units.py", "argon in metal units is the reduced fluid"),
     Script("nve_drift.py", "a liquid at constant energy keeps it", 45),
     Script(
-        "equation_of_state.py", "pressure and energy of the Lennard-Jones fluid by two equations of state and NIST", 70
+        "equation_of_state.py", "pressure and energy of the Lennard-Jones fluid by two equations of state and NIST", 75
     ),
     Script("argon_rahman.py", "liquid argon beside Rahman's of 1964: diffusion, radial distribution", long_only=True),
     # integrators
