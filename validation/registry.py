@@ -37,7 +37,7 @@ SCRIPTS = (
     Script("argon_units.py", "argon in metal units is the reduced fluid"),
     Script("nve_drift.py", "a liquid at constant energy keeps it", 45),
     Script(
-        "equation_of_state.py", "pressure and energy of the Lennard-Jones fluid by two equations of state and NIST", 70
+        "equation_of_state.py", "pressure and energy of the Lennard-Jones fluid by two equations of state and NIST", 75
     ),
     Script("argon_rahman.py", "liquid argon beside Rahman's of 1964: diffusion, radial distribution", long_only=True),
     # integrators
@@ -54,19 +54,19 @@ SCRIPTS = (
     Script("kepler_energies.py", "energy of a circular orbit over thousands of periods, by five methods", 20),
     Script("brouwer.py", "rounding moves the energy as the root of the steps, for every symplectic method", 60),
     Script("adaptive_leapfrog.py", "leapfrog-adaptive: order, way back, bounded energy", 25),
-    Script("exact_reversal.py", "leapfrog-exact comes back to the same bits", 50),
+    Script("exact_reversal.py", "leapfrog-exact comes back to the same bits", 65),
     Script("kepler_flow.py", "one step of wisdom-holman without masses is exact, on every conic", 25),
     Script("wisdom_holman.py", "wisdom-holman is the map that WHFast is; correctors, saba", 40, peers=("rebound",)),
     Script("gauss_radau.py", "gauss-radau15 beside IAS15 and binary128; Brouwer's law", 60, peers=("rebound",)),
     Script("hermite.py", "hermite4 in shared and block steps: clusters, Kepler, Burrau's problem", 40),
-    Script("recommendation.py", "runs that `compare --accuracy` recommends meet the error asked for", 120),
+    Script("recommendation.py", "runs that `compare --accuracy` recommends meet the error asked for", 80),
     # bodies
     Script("solar_system_rebound.py", "planets for 10^3 years beside WHFast and IAS15", 60, peers=("rebound",)),
     Script("jpl_de421.py", "planets beside JPL's DE421, with Newton's law and the Sun's 1PN term", 30),
     Script("solar_system_from_jpl.py", "the solar systems that ship are DE421's", 5, peers=("jplephem", "de421")),
     Script("barnes_hut.py", "the tree's forces beside the direct sum; time and memory", 60),
     Script("events.py", "events beside closed forms; what collisions conserve", 50, peers=("rebound",)),
-    Script("chaos.py", "verdicts on chaos beside rebound's; Lagrange's triangle", 200, peers=("rebound",)),
+    Script("chaos.py", "verdicts on chaos beside rebound's; Lagrange's triangle", 85, peers=("rebound",)),
     # what textbooks and web guides say
     Script("claims/unit_oscillator.py", "the article: half the step, forward Euler's amplitude, RK4 against Euler"),
     Script("claims/orbits.py", "the article: the energy after 10,000 orbits with both Eulers and RK4", 40),
