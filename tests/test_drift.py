@@ -209,7 +209,7 @@ def test_coverage_and_verdicts(kind):
 
 
 def test_claims_name_every_bound():
-    rows = drift_statistics.claims([drift_statistics.study(JUDGED[0], 20, 0)])
+    rows = drift_statistics.judged(drift_statistics.study(JUDGED[0], 20, 0))
     assert [set(row) for row in rows] == [{"claim", "value", "bound", "reference", "verdict"}] * 2
 
 

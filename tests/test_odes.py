@@ -37,7 +37,8 @@ TIGHT = {
 }
 
 
-FOLDERS = [Path(__file__).parents[1] / "validation" / "data" / name for name in ("nbody", "ode")]
+HERE, SHARED = Path(__file__).parent / "data", Path(__file__).parents[1] / "validation" / "data"
+FOLDERS = [HERE, SHARED / "nbody", SHARED / "ode"]
 DATA = {path.stem: path for folder in FOLDERS for path in folder.glob("*.json")}
 
 

@@ -172,7 +172,8 @@ def test_an_unknown_name_is_exit_status_two(tmp_path):
 @pytest.mark.skipif(os.name == "nt", reason="signals")
 def test_interrupted_it_ends_its_children(folder):
     program = (
-        "import sys; sys.path.insert(0, sys.argv[1])\n"
+        "import signal, sys; sys.path.insert(0, sys.argv[1])\n"
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"  # a background job is begun without it
         "import runner\nfrom pathlib import Path\nfrom registry import Script\n"
         "rows = [Script('hangs.py', 'x')]\n"
         "try:\n    runner.validate(scripts=rows, folder=Path(sys.argv[2]), report=Path('r/REPORT.md'), quiet=True)\n"
@@ -190,7 +191,10 @@ def test_interrupted_it_ends_its_children(folder):
         assert child
         time.sleep(1.0)
         os.kill(process.pid, signal.SIGINT)
-        assert process.wait(timeout=60) == 130
+        try:
+            assert process.wait(timeout=60) == 130
+        finally:
+            process.kill()
     assert not Path(f"/proc/{child[0]}").exists()
     assert not (folder.parent / "r" / "REPORT.md").exists()
 

@@ -20,6 +20,7 @@ from typing import NamedTuple
 from urllib.parse import quote
 
 from claim import Claim, claim, main
+from docs_tables import put
 from measures import (
     COMES_BACK,
     NOT_SYMPLECTIC,
@@ -35,7 +36,6 @@ from measures import (
     symplecticity_error,
     tolerance_slope,
 )
-from pages import put
 from problems import SOLVED, kepler_orbit, measured, pendulum
 from registry import SCRIPTS
 

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from claim import where
-from pages import put, table
+from docs_tables import put, table
 
 import kickdrift as kd
 from kickdrift.analysis.recommendation import Choice, Recommendation, recommendation

@@ -156,6 +156,8 @@ def lyapunov_rate(subject: Subject, first: Track, second: Track) -> float:
     apart = distance(difference, natural_scale(subject, first.y))
     near = int(np.argmax(apart > NEAR)) if (apart > NEAR).any() else len(apart)
     passed = first.times - first.times[0]
+    if near == 0:  # what was put in is already not small beside what moves, and says nothing of how it grows
+        return 0.0
     if near <= 8:  # gone within a few samples
         return log(NEAR / PERTURBATION) / float(passed[near])
     begin, end = apart[1 : near // 2].max(), apart[near // 2 : near].max()

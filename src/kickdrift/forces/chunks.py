@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 from numba import njit, prange, types
 from numba.extending import overload
 
-from kickdrift.forces.compiling import FAST_MATH, described_type, jit, named_for
+from kickdrift.forces.compiling import FAST_MATH, jit
 from kickdrift.forces.handle import Handle, address, handle_at
 
 TASKS: dict[str, Any] = {}
@@ -54,10 +54,9 @@ def _each_chunk(bound, threads, name):
         return serial
     restore = handle_at(bound)
 
-    def each(number, chunks):
+    @njit(error_model="numpy", fastmath=FAST_MATH, parallel=True)
+    def on_threads(number, chunks):
         for c in prange(chunks):
             task(restore(number), c)
 
-    named = named_for(each, name.literal_value, described_type(bound.kind))
-    on_threads = njit(named, error_model="numpy", fastmath=FAST_MATH, parallel=True)
     return lambda bound, threads, name: on_threads(address(bound), threads.chunks)

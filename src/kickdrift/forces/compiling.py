@@ -10,20 +10,28 @@ from __future__ import annotations
 
 import hashlib
 import inspect
+import secrets
 from collections.abc import Callable, Iterator
 from functools import cache
+from itertools import count
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from llvmlite.binding import get_host_cpu_name
 from numba import njit, types
+from numba.core.bytecode import FunctionIdentity
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, _CacheLocator
 from numba.core.ccallback import CFunc
 from numba.core.typing.templates import signature
 from numba.extending import intrinsic
 
 from kickdrift.cache import folder
+
+# Machine code is linked by names, in which numba tells functions apart by a count that begins at 1 in each process.
+# Two functions (such as one function for two forces of equal types) that two processes compiled can have one name, and
+# a process that loads both from the disk would run the first for both. Counts that begin anywhere do not meet.
+FunctionIdentity._unique_ids = count(secrets.randbits(60))
 
 FAST_MATH = {"reassoc", "nsz", "arcp", "contract"}  # never nnan or ninf: blow-ups are found by their NaN
 
@@ -68,10 +76,6 @@ def sources_hash() -> str:
     return digest.hexdigest()[:16]
 
 
-def _digest(text: str) -> str:
-    return hashlib.sha256(text.encode()).hexdigest()[:16]
-
-
 def foreign_classes(kind: Any) -> Iterator[type]:
     """The NamedTuple classes from outside the package that stand in a numba type."""
     if isinstance(kind, types.BaseNamedTuple) and not kind.instance_class.__module__.startswith("kickdrift."):
@@ -79,15 +83,6 @@ def foreign_classes(kind: Any) -> Iterator[type]:
     if isinstance(kind, types.BaseTuple):
         for part in kind:
             yield from foreign_classes(part)
-
-
-def told_apart(cls: Any) -> Any:
-    """Put the source of a user's class into its name, before numba first sees it: the names of machine code have those
-    of the types in them, and of two classes of one name, whose code comes from the disk, one would serve for both."""
-    if not cls.__module__.startswith("kickdrift.") and "__told_apart__" not in vars(cls):
-        cls.__name__ += "_" + _digest(fingerprint(cls))
-        cls.__told_apart__ = True
-    return cls
 
 
 def _described(value: Any, seen: set[int]) -> str:
@@ -174,7 +169,7 @@ class _DriverCache:
         return self._named(*foreign)
 
     def _named(self, *what: str) -> _FolderCache:
-        name = _digest("".join([sources_hash(), *what]))
+        name = hashlib.sha256("".join([sources_hash(), *what]).encode()).hexdigest()[:16]
         if name not in self._folders:
             self._folders[name] = _FolderCache(self._py_func, name)
         return self._folders[name]
@@ -207,27 +202,13 @@ class _CallbackCache(_DriverCache):
         self._kind = kind
 
     def _folder(self, sig: Any) -> _FolderCache:
-        return self._named(described_type(self._kind))
-
-
-def described_type(kind: types.Type) -> str:
-    """A type as text: its name, and the sources of the user's classes in it."""
-    return str(kind) + "".join(sorted({fingerprint(cls) for cls in foreign_classes(kind)}))
-
-
-def named_for(function: Callable[..., Any], *what: str) -> Callable[..., Any]:
-    """Name a function of plain numbers for what it is made around. Machine code from the disk is linked by names, which
-    numba tells apart by argument types and by a count that begins anew in each process: of two such functions that two
-    processes made, a third would call one for both."""
-    function.__qualname__ += "_" + _digest("\0".join(what))
-    return function
+        return self._named(*sorted({fingerprint(cls) for cls in foreign_classes(self._kind)}), str(self._kind))
 
 
 def callback(function: Callable[..., Any], of: Any, kind: types.Type) -> Any:
     """Compile a function with the signature ``of`` plain numbers and pointers, which code that knows its ``address``
     calls; ``kind`` is the type that it is made around, and its machine code is kept on disk for each."""
     options = {"nopython": True, "error_model": "numpy", "fastmath": FAST_MATH}
-    named_for(function, described_type(kind))
     made: Any = CFunc(function, (of.args, of.return_type), {}, options)
     made._cache = _CallbackCache(function, kind)
     made.compile()

@@ -5,6 +5,7 @@ all problems, and each function by itself.
 from __future__ import annotations
 
 import ctypes
+import re
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -105,7 +106,8 @@ def _machine_code(function: Any, n: int, outputs: int, what: str) -> tuple[Any, 
 
 def _culprit(message: str) -> str:
     """numba's line of what it cannot compile, and where."""
-    lines = [line.strip() for line in message.splitlines() if line.strip()]
+    plain = re.sub(r"\x1b\[[0-9;]*m", "", message)  # numba colours its messages where colorama is installed
+    lines = [line.strip() for line in plain.splitlines() if line.strip()]
     telling = [line for line in lines if not line.startswith(("Failed in", "During:", "-", "The error", "["))]
     where = [line for line in lines if line.startswith("File ") and "equation.py" not in line]
     return " ".join([*telling[:1], *where[:1]])

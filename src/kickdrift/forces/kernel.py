@@ -12,7 +12,7 @@ from typing import Any
 from numba import types
 from numba.extending import overload
 
-from kickdrift.forces.compiling import jit, told_apart
+from kickdrift.forces.compiling import jit
 from kickdrift.forces.handle import Handle, part
 
 OK, GROW, BLOWN_UP = 0, 1, 2  # what a force evaluation can end in: done, a list has no room, positions make no sense
@@ -33,7 +33,6 @@ def kernel(cls: type) -> Callable[[Callable[..., Any]], Any]:
     def register(body: Callable[..., Any]) -> Any:
         KERNELS[cls] = jit(body)
         cls.kernel_sources = (body,)  # type: ignore[attr-defined]
-        told_apart(cls)
         return KERNELS[cls]
 
     return register

@@ -28,7 +28,7 @@ from kickdrift.forces.clusters import (
     load_vector,
     store_vector,
 )
-from kickdrift.forces.compiling import callback, driver, jit, never_inline, told_apart
+from kickdrift.forces.compiling import callback, driver, jit, never_inline
 from kickdrift.forces.handle import Handle, handle_at, keep_at, size_of
 from kickdrift.forces.kernel import OK, kernel
 from kickdrift.forces.pairlist import prune, refresh, shift_particle
@@ -389,7 +389,7 @@ def law_class(force: PairForce) -> Any:
     """The class of a force's parameters, as compiled code takes it."""
     cls = force.Parameters
     if "compiled_law" not in vars(cls):
-        told_apart(cls).compiled_law = jit(cls.law)
+        cls.compiled_law = jit(cls.law)
     return cls
 
 

@@ -47,14 +47,13 @@ class CompiledStep(Method):
         return ()
 
     def stepper(self, flow: Flow, options: Options) -> Stepper:
-        from kickdrift.forces.compiling import told_apart
         from kickdrift.integrators.custom import custom_loop
         from kickdrift.integrators.stepping import FixedStepper
 
         if flow.halves != 2:
             raise InputError(f"{self.name}: a compiled step needs positions and velocities; {flow.not_separable}")
         return FixedStepper(
-            flow, custom_loop, told_apart(self.kind)(0.0), lambda shape: np.zeros((3, *shape[1:])), options, kept=True
+            flow, custom_loop, self.kind(0.0), lambda shape: np.zeros((3, *shape[1:])), options, kept=True
         )
 
 
