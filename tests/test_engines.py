@@ -5,6 +5,7 @@ The engines' own codes are the reference: energies, forces and pressure of a com
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import sys
@@ -261,6 +262,39 @@ def test_processes_that_do_not_come_up(monkeypatch):
         kd.Simulation(liquid(), engine="lammps", dt=0.002, processes=2).sample()
 
 
+def test_processes_that_connect_and_say_nothing(monkeypatch, tmp_path):
+    """As where MPI hangs before a worker has begun LAMMPS."""
+    from kickdrift.engines import lammps_processes
+
+    mute = tmp_path / "mpiexec"
+    connect = f"s = socket.socket(socket.AF_UNIX); s.connect(os.environ['{lammps_processes.SOCKET}'])"
+    mute.write_text(
+        f"#!{sys.executable}\nimport os, socket, time\nold = []\n"
+        f"for k in range(2):\n    {connect}; old.append(s)\ntime.sleep(600)\n"
+    )
+    mute.chmod(0o700)
+    monkeypatch.setattr(lammps_processes, "mpiexec", lambda: mute)
+    monkeypatch.setattr(lammps_processes, "START_SECONDS", 2.0)
+    monkeypatch.setattr(lammps_processes, "END_SECONDS", 0.2)
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    with pytest.raises(RuntimeError, match=r"^0 of 2 processes came up in 2 s$"):
+        lammps_processes.Processes(2)
+    monkeypatch.setattr(lammps_processes, "mpiexec", lambda: tmp_path / "no-such-program")
+    with pytest.raises(FileNotFoundError):
+        lammps_processes.Processes(2)
+    assert list(tmp_path.iterdir()) == [mute]
+
+
+def test_lammps_stops_counting_where_the_energy_is_no_number():
+    sim = kd.Simulation(liquid(), engine="lammps", dt=0.002)
+    sim.run(1)
+    session = sim._stepper._session
+    session._blind_steps = 3
+    session._world.kinetic_energy = lambda: np.nan
+    assert session.advance(10, np.inf) == 3
+    assert not session.finite()
+
+
 # --- refusals ---
 
 
@@ -268,40 +302,42 @@ def with_event() -> kd.System:
     return planets().watched([kd.CloseApproach(1.0)])
 
 
+ALONE = "; only native can"
 REFUSED = [
     ("ase", planets, MD, "force 'gravity': it runs lennard-jones; native and openmm can"),
     ("ase", cut, {}, "truncation 'cut': it has 'shift'; native, lammps and openmm can"),
-    ("ase", mixture, {}, "species: its LennardJones has one sigma and epsilon, and A, B, C differ"),
-    ("ase", liquid, {"integrator": "rk4"}, "integrator 'rk4': it has velocity-verlet .*; only native can"),
-    ("ase", liquid, {"threads": 2}, "threads: it runs on one here, not on 2"),
-    ("ase", liquid, {"processes": 2}, "processes: it runs in one, not in 2; lammps runs in many"),
-    ("ase", liquid, {"compensated": True}, "compensated: .*; only native can"),
-    ("rebound", liquid, {"integrator": "leapfrog-dkd"}, "force 'lennard-jones': it runs gravity alone; only"),
-    ("rebound", planets, {"integrator": "leapfrog"}, "integrator 'leapfrog': it has leapfrog-dkd \\(leapfrog\\)"),
-    ("rebound", planets, {"integrator": "saba", "order": "10,2"}, "order '10,2': its saba has 4,2"),
-    ("rebound", planets, {"integrator": "saba", "coordinates": "democratic-heliocentric"}, "coordinates"),
-    ("rebound", with_event, {"integrator": "ias15"}, "event 'close-approach': only a native run"),
-    ("lammps", lambda: liquid(forces=[kd.LennardJones(truncation="switch")]), {}, "truncation 'switch'.*only native"),
-    ("lammps", lambda: liquid(forces=[]), {}, "has none"),
-    ("lammps", lambda: liquid(forces=[kd.LennardJones(), kd.LennardJones()]), {}, "has 2"),
-    ("lammps", lambda: liquid(masses=np.arange(216) + 1.0), {}, "masses: 216 types of particles"),
+    ("ase", mixture, {}, "species: its LennardJones has one .*, and A, B, C differ; native, lammps and openmm can"),
+    ("ase", liquid, {"integrator": "rk4"}, f"integrator 'rk4': it has velocity-verlet .*{ALONE}"),
+    ("ase", liquid, {"threads": 2}, f"threads: it runs on one here, not on 2{ALONE}"),
+    ("ase", liquid, {"processes": 2}, "processes: it runs in one, not in 2; only lammps can"),
+    ("ase", liquid, {"compensated": True}, f"compensated: .*{ALONE}"),
+    ("rebound", liquid, {"integrator": "leapfrog-dkd"}, f"force 'lennard-jones': it runs gravity alone{ALONE}"),
+    ("rebound", planets, {"integrator": "leapfrog"}, "it has leapfrog-dkd \\(leapfrog\\).*; native and openmm can"),
+    ("rebound", planets, {"integrator": "saba", "order": "10,2"}, f"order '10,2': its saba has 4,2.*{ALONE}"),
+    ("rebound", planets, {"integrator": "saba", "coordinates": "democratic-heliocentric"}, f"coordinates .*{ALONE}"),
+    ("rebound", with_event, {"integrator": "ias15"}, f"event 'close-approach': only a native run .*{ALONE}"),
+    ("lammps", lambda: liquid(forces=[kd.LennardJones(truncation="switch")]), {}, f"truncation 'switch'.*{ALONE}"),
+    ("lammps", lambda: liquid(forces=[]), {}, f"has none{ALONE}"),
+    ("lammps", lambda: liquid(forces=[kd.LennardJones(), kd.LennardJones()]), {}, f"has 2{ALONE}"),
+    ("lammps", lambda: liquid(masses=np.arange(216) + 1.0), {}, "masses: 216 types .*; native, ase and openmm can"),
     ("openmm", lambda: cut(tail=True), {}, "tail: .*; native and lammps can"),
-    ("openmm", lambda: kd.load("test-particles-1000"), {"integrator": "velocity-verlet"}, "masses: .* holds such"),
-    ("openmm", lambda: kd.Problem(lambda t, y: -y, [1.0]), {}, "is an ODE, and it moves particles; only native can"),
+    ("openmm", lambda: kd.load("test-particles-1000"), {"integrator": "velocity-verlet"}, f"masses: .* still{ALONE}"),
+    ("openmm", lambda: kd.Problem(lambda t, y: -y, [1.0]), {}, f"is an ODE, and it moves particles{ALONE}"),
+    ("rebound", planets, {"integrator": "ias15", "processes": 2}, "processes: it runs in one, not in 2"),
 ]  # fmt: skip
 
 
 @pytest.mark.parametrize("k", range(len(REFUSED)), ids=lambda k: f"{REFUSED[k][0]}-{k}")
 def test_refusals(k):
     engine, make, options, reason = REFUSED[k]
-    with pytest.raises(kd.InputError, match=f"engine '{engine}': .*{reason}"):
+    with pytest.raises(kd.InputError, match=f"engine '{engine}': .*{reason}$"):
         kd.Simulation(make(), engine=engine, **({"dt": 0.01} | options if "ias15" not in options.values() else options))
 
 
 def test_units_of_metres_are_refused():
     system = liquid(scale=3.4e-10, masses=6.6e-26, units="si", forces=[kd.LennardJones(1.7e-21, 3.4e-10)])
     for engine in ("ase", "lammps", "openmm"):
-        with pytest.raises(kd.InputError, match=f"engine '{engine}': units 'si': .*; only native can"):
+        with pytest.raises(kd.InputError, match=f"engine '{engine}': units 'si': .*; only native can$"):
             kd.Simulation(system, engine=engine, dt=1e-15)
 
 
@@ -342,6 +378,39 @@ def test_other_versions_are_told_of(engine, monkeypatch):
     warning = kd.Simulation(make(), engine=engine, **options).run(1).warnings
     tested = ", ".join(f"{major}.x" for major in ENGINES[engine].tested)
     assert warning == [f"{ENGINES[engine].needs[0]} 1999.1 is not among the versions tested: {tested}"]
+
+
+def test_what_another_version_stumbles_over_is_one_line(monkeypatch, capsys):
+    from kickdrift.engines.rebound import ReboundSession
+
+    monkeypatch.setattr(ReboundSession, "reset", lambda *of: "text".safe_mode)
+    with pytest.raises(AttributeError):  # of a version that was tested it is a fault of ours
+        kd.Simulation(planets(), "whfast", 0.1, engine="rebound").run(1)
+    version = registry._version
+    monkeypatch.setattr(registry, "_version", lambda package: "4.4.3" if package == "rebound" else version(package))
+    words = ["outer-solar-system", "--engine", "rebound", "--integrator", "whfast", "--steps", "2"]
+    monkeypatch.setattr("sys.argv", ["kickdrift", "run", *words])
+    with pytest.raises(SystemExit) as ended:
+        cli.main()
+    warning = "rebound 4.4.3 is not among the versions tested: 5.x"
+    error = f"engine 'rebound': {warning}: AttributeError: 'str' object has no attribute 'safe_mode'"
+    assert capsys.readouterr().err.splitlines() == [f"warning: {warning}", f"kickdrift: {error}"]
+    assert ended.value.code == 2
+
+
+def test_other_versions_are_told_of_once_and_before_the_run(monkeypatch, capsys, tmp_path):
+    version = registry._version
+    monkeypatch.setattr(registry, "_version", lambda package: "1999.1" if package == "ase" else version(package))
+    monkeypatch.setattr(kd.Simulation, "_prepare", lambda sim: print("prepared", file=sys.stderr))
+    words = ["kickdrift", "run", "lj-1000", "--engine", "ase", "--steps", "1", "--json", str(tmp_path / "run.json")]
+    monkeypatch.setattr("sys.argv", words)
+    with pytest.raises(SystemExit) as ended:
+        cli.main()
+    said = [line for line in capsys.readouterr().err.splitlines() if "1999.1" in line or line == "prepared"]
+    assert ended.value.code == 0
+    assert said[0] == "warning: ase 1999.1 is not among the versions tested: 3.x"
+    assert set(said[1:]) == {"prepared"}
+    assert "1999.1" in json.loads((tmp_path / "run.json").read_text())["warnings"][0]
 
 
 @pytest.mark.parametrize(

@@ -11,6 +11,7 @@ import time
 from pathlib import Path
 
 import faults
+import numpy as np
 import pytest
 import report_file
 import runner
@@ -49,6 +50,17 @@ def claims(long=False):
     time.sleep(600)
     yield
 """
+LEAVES = """
+import os, time
+from pathlib import Path
+def claims(long=False):
+    if not os.fork():  # with the pipe open
+        Path("left.txt").write_text(str(os.getpid()))
+        time.sleep(600)
+    while not Path("left.txt").is_file():
+        time.sleep(0.01)
+    raise ValueError("and a child lives on")
+"""
 
 
 @pytest.fixture
@@ -58,7 +70,15 @@ def folder(tmp_path, monkeypatch):
     place.mkdir()
     for name in ("child.py", "claim.py"):
         shutil.copy(VALIDATION / name, place / name)
-    texts = {"good": GOOD, "bad": BAD, "crash": CRASH, "absent_peer": ABSENT, "hangs": HANGS, "none": "claims = list\n"}
+    texts = {
+        "good": GOOD,
+        "bad": BAD,
+        "crash": CRASH,
+        "absent_peer": ABSENT,
+        "hangs": HANGS,
+        "leaves": LEAVES,
+        "none": "claims = list\n",
+    }
     for name, text in texts.items():
         (place / f"{name}.py").write_text(text, encoding="utf-8")
     monkeypatch.chdir(tmp_path)
@@ -129,6 +149,38 @@ def test_what_takes_too_long_is_ended(folder):
     assert outcome.claims[0]["bound"] == "within 3 s"
 
 
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="forks")
+def test_what_a_script_leaves_behind_ends_with_it(folder):
+    (outcome,) = runner.outcomes(scripts("leaves"), folder.parent / "scratch", folder=folder)
+    assert "and a child lives on" in str(outcome.claims[0]["value"])
+    left = Path(f"/proc/{(folder.parent / 'left.txt').read_text()}/stat")
+    for _ in range(100):  # init takes its time to bury it
+        if not left.exists() or left.read_text().rpartition(")")[2].split()[0] == "Z":
+            return
+        time.sleep(0.05)
+    raise AssertionError("the child lives on")
+
+
+def test_untested_versions_are_noted(folder, monkeypatch):
+    from kickdrift.engines import ENGINES, Engine
+
+    assert "**Note:**" not in validated(folder, "good")[1]
+    other = {"rebound": Engine("rebound", "", ("numpy",), ("0",)), "openmm": Engine("openmm", "", ("scipy",), ("0",))}
+    monkeypatch.setattr(report_file, "ENGINES", {**ENGINES, **other})
+    monkeypatch.setattr(report_file, "_peers", lambda: ["numpy"])
+    report = validated(folder, "good")[1]
+    assert f"**Note:** numpy {np.__version__} is not among the versions tested: 0.x.\n" in report
+
+
+def test_figures_of_the_report_before_go_and_no_others(folder):
+    validated(folder, "good")
+    figures = folder.parent / "report" / "figures"
+    (figures / "mine.png").write_bytes(b"mine")
+    report = validated(folder, "bad")[1]
+    assert "figures/" not in report
+    assert [path.name for path in figures.iterdir()] == ["mine.png"]
+
+
 def test_a_report_takes_the_place_of_a_report_and_of_nothing_else(folder):
     status, _ = validated(folder, "good")
     assert status == 0
@@ -139,6 +191,7 @@ def test_a_report_takes_the_place_of_a_report_and_of_nothing_else(folder):
         validated(folder, "good")
     assert report.read_text(encoding="utf-8") == "my own notes\n"
     report.unlink()
+    (report.parent / "figures" / "mine.png").write_bytes(b"mine")
     with pytest.raises(InputError, match="figures beside it are of no report"):
         validated(folder, "good")
 
@@ -170,7 +223,8 @@ def test_an_unknown_name_is_exit_status_two(tmp_path):
 
 
 @pytest.mark.skipif(os.name == "nt", reason="signals")
-def test_interrupted_it_ends_its_children(folder):
+@pytest.mark.parametrize(("sent", "status"), [("SIGINT", 130), ("SIGTERM", 143), ("SIGHUP", 129)])
+def test_interrupted_it_ends_its_children(folder, sent, status):
     program = (
         "import signal, sys; sys.path.insert(0, sys.argv[1])\n"
         "signal.signal(signal.SIGINT, signal.default_int_handler)\n"  # a background job is begun without it
@@ -190,9 +244,9 @@ def test_interrupted_it_ends_its_children(folder):
                 break
         assert child
         time.sleep(1.0)
-        os.kill(process.pid, signal.SIGINT)
+        os.kill(process.pid, getattr(signal, sent))
         try:
-            assert process.wait(timeout=60) == 130
+            assert process.wait(timeout=60) == status
         finally:
             process.kill()
     assert not Path(f"/proc/{child[0]}").exists()
@@ -229,6 +283,10 @@ def test_the_first_claim_that_fails_ends_the_search(folder, monkeypatch):
     assert (found.script, found.passed) == ("bad", 1)
     assert found.claim is not None
     assert "caught" in faults.line("x", "y", found)
+    assert "the runner" not in faults.line("x", "y", found)
+    found = faults.tried(None, scripts("hangs"), Event(), limit=2.0)
+    assert (found.script, found.passed) == ("hangs", 0)
+    assert "by the runner, no measurement: hangs: " in faults.line("x", "y", found)
     found = faults.tried(None, scripts("good"), Event())
     assert found.claim is None
     assert "no claim of 1 failed" in faults.line("x", "y", found)

@@ -18,7 +18,7 @@ from math import log
 from time import process_time
 
 import numpy as np
-from claim import Claim, claim, main
+from claim import Claim, claim, largest, main
 
 import kickdrift as kd
 from kickdrift.forces.bound import BoundForces
@@ -99,7 +99,7 @@ def claims(long: bool = False) -> list[Claim]:
             for accuracy in ACCURACIES:
                 a, seconds[name, n, accuracy] = evaluated(x, masses, kd.GravityTree(accuracy), 3 if n < 10**6 else 1)
                 errors = np.linalg.norm(a[:, chosen] - exact, axis=0) / np.linalg.norm(exact, axis=0) / accuracy
-                worst[accuracy] = max(worst[accuracy], float(np.quantile(errors, SHARE)))
+                worst[accuracy] = largest(worst[accuracy], float(np.quantile(errors, SHARE)))
                 middle, tail = np.quantile(errors, [0.5, SHARE])
                 print(
                     f"| {name:16} | {n:7} | {accuracy:8g} | {errors.mean():5.3f} | {middle:5.3f} | {tail:5.3f} | "

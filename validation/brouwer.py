@@ -122,8 +122,14 @@ def claims(long: bool = False, figures: Path | None = None) -> Iterator[Claim]:
         counts, found = curves[name] = errors(name, LONG if long else SHORT)
         power = float(np.polyfit(np.log(counts), np.log(found), 1)[0])
         print(f"{name:20} {power:6.3f}  {found[-1]:.1e} after {counts[-1]} steps", flush=True)
-        text = f"{name}: power of the steps that rounding of the energy grows with, {found[-1]:.1e} after {counts[-1]}"
-        yield claim(text, power, f"at most {POWER + NEAR:g}", power <= POWER + NEAR, LAW)
+        text = f"{name}: power of the steps that rounding of the energy grows with"
+        least, most = POWER - NEAR, POWER + NEAR
+        yield claim(text, power, f"{least:g} to {most:g}", least <= power <= most, LAW)
+        text, bound = (
+            f"{name}: what it has grown to after {counts[-1]} steps",
+            MOST * EPSILON * float(counts[-1]) ** 0.5,
+        )
+        yield claim(text, float(found[-1]), f"at most {bound:.1e}", found[-1] <= bound, LAW)
     if figures:
         draw(curves, figures / "brouwer.png")
 

@@ -13,7 +13,7 @@ import sys
 from collections.abc import Iterator
 
 import numpy as np
-from claim import Claim, claim, main
+from claim import Claim, claim, largest, main
 from rooted_trees import Conditions
 from scipy.integrate._ivp import rk
 
@@ -52,7 +52,7 @@ def beside_scipy(name: str) -> Claim:
     """The largest difference of an entry of a or b."""
     solver, (a, b) = SCIPY[name], integrator(name).butcher or (np.zeros(0), np.zeros(0))
     rows, columns = solver.A.shape
-    off = max(np.abs(a[:rows, :columns] - solver.A).max(), np.abs(b - solver.B).max())
+    off = largest(np.abs(a[:rows, :columns] - solver.A).max(), np.abs(b - solver.B).max())
     return claim(f"{name}: farthest entry from SciPy's", float(off), "at most 1e-14", off <= 1e-14, "scipy.integrate")
 
 

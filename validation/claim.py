@@ -10,10 +10,13 @@ from __future__ import annotations
 
 import argparse
 import inspect
+import math
 from collections.abc import Callable, Iterable
 from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
+
+import numpy as np
 
 from kickdrift.bench import processor
 
@@ -26,8 +29,14 @@ INSTALL = f"pip install '{'.' if CHECKOUT else 'kickdrift'}[validation]'"
 
 def claim(text: str, value: object, bound: str, holds: bool, reference: str) -> Claim:
     """A claim that was tried; ``reference`` is where the truth, or the other side of a comparison, comes from."""
-    verdict = "pass" if holds else "fail"
+    number = not isinstance(value, float) or math.isfinite(value)
+    verdict = "pass" if holds and number else "fail"
     return {"claim": text, "value": value, "bound": bound, "reference": reference, "verdict": verdict}
+
+
+def largest(*values: float) -> float:
+    """The largest; nan where one is, which ``max`` may pass over."""
+    return float(np.max(values))
 
 
 def not_run(text: str, bound: str, reference: str, needs: str = INSTALL) -> Claim:

@@ -17,7 +17,7 @@ from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
-from claim import Claim, claim, main, not_run
+from claim import Claim, claim, largest, main, not_run
 
 import kickdrift as kd
 
@@ -131,7 +131,7 @@ def kepler() -> list[Claim]:
                 ("gauss-radau15", runs, ROUNDINGS),
             ):
                 if found:
-                    worst = max(found)
+                    worst = largest(*found)
                     rows.append(
                         claim(
                             f"{name}, {method}: error in roundings, largest of times {times}",

@@ -19,7 +19,7 @@ from importlib.util import find_spec
 from time import perf_counter
 
 import numpy as np
-from claim import Claim, claim, main, not_run
+from claim import Claim, claim, largest, main, not_run
 from problems import kepler
 
 import kickdrift as kd
@@ -122,7 +122,7 @@ def flybys() -> list[Claim]:
         sim = kd.Simulation(system, "dop853", rtol=1e-13, atol=1e-13, events=watched)
         sim.run(until=2 * when)
         (event,) = sim.events
-        error = max(abs(event["distance"] / closest - 1), abs(event["time"] / when - 1))
+        error = largest(abs(event["distance"] / closest - 1), abs(event["time"] / when - 1))
         text = f"closest point of a hyperbola, b = {b:g}: relative error of distance and time"
         claims.append(claim(text, error, "< 1e-9", error < 1e-9, "sqrt(1 + b^2) - 1"))
     system = kd.System(

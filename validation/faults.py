@@ -25,7 +25,7 @@ from typing import NamedTuple
 from claim import Claim, text_of
 from planted import FAULTS, Fault
 from registry import SCRIPTS, Script
-from runner import HERE, outcomes
+from runner import HERE, ITSELF, LONGEST, outcomes, terminable
 
 import kickdrift
 from kickdrift.printing import duration
@@ -74,7 +74,7 @@ def copied(place: Path, fault: Fault | None, package: Path = PACKAGE, scripts: P
     return place / "validation"
 
 
-def tried(fault: Fault | None, scripts: Sequence[Script], stop: Event) -> Verdict:
+def tried(fault: Fault | None, scripts: Sequence[Script], stop: Event, limit: float = LONGEST) -> Verdict:
     """Run the scripts in a copy with the fault until a claim fails."""
     began, passed, name, failed = monotonic(), 0, "", None
 
@@ -90,7 +90,9 @@ def tried(fault: Fault | None, scripts: Sequence[Script], stop: Event) -> Verdic
         environment = {"PYTHONPATH": str(Path(place) / "src")}
         for script in scripts:
             scratch = Path(place) / "figures"
-            runs = outcomes([script], scratch, folder=folder, environment=environment, tell=tell, stop=stop)
+            runs = outcomes(
+                [script], scratch, folder=folder, limit=limit, environment=environment, tell=tell, stop=stop
+            )
             try:
                 with closing(runs):
                     for _ in runs:
@@ -106,7 +108,8 @@ def line(name: str, what: str, found: Verdict) -> str:
         return f"{name:16} {what}: no claim of {found.passed} failed, {duration(found.seconds)}"
     row = found.claim
     caught = f"{found.script}: {row['claim']}: {text_of(row['value'])}, bound {row['bound']}"
-    return f"{name:16} {what}: caught in {duration(found.seconds)} by {caught}"
+    by = "the runner, no measurement: " if row["reference"] == ITSELF else ""
+    return f"{name:16} {what}: caught in {duration(found.seconds)} by {by}{caught}"
 
 
 def main() -> int:
@@ -120,7 +123,7 @@ def main() -> int:
     began, scripts, missed = monotonic(), in_order(), 0
     used, stop = 0, Event()
     try:
-        with ThreadPoolExecutor(given.jobs) as pool:
+        with terminable(), ThreadPoolExecutor(given.jobs) as pool:
             runs = {pool.submit(tried, fault, scripts, stop): fault for fault in faults}
             try:
                 for run in as_completed(runs):
@@ -133,7 +136,8 @@ def main() -> int:
                 stop.set()
                 pool.shutdown(cancel_futures=True)
                 raise
-        control = tried(None, scripts[:used] if faults else scripts, stop)
+        with terminable():
+            control = tried(None, scripts[:used] if faults else scripts, stop)
     except KeyboardInterrupt:
         print("faults.py: interrupted", file=sys.stderr)
         return 130

@@ -153,7 +153,7 @@ def pair_list() -> list[Claim]:
     worst, off = 0, 0.0
     for k, x in enumerate(frames[1:-1]):
         miss = float(np.abs(used[k] - direct(x, edges, CUTOFF).forces).max())
-        if miss > off:
+        if not miss <= off:  # nan, too
             worst, off = k + 1, miss
     moved = float(np.linalg.norm(frames[-1] - frames[0], axis=1).max())
     bound = 4.0 * float(np.spacing(np.abs(frames).max())) / DT**2

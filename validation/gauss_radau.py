@@ -25,7 +25,7 @@ from time import perf_counter
 from typing import Any
 
 import numpy as np
-from claim import Claim, claim, main, not_run
+from claim import Claim, claim, largest, main, not_run
 
 import kickdrift as kd
 from kickdrift.odes import arenstorf
@@ -167,7 +167,7 @@ def against_binary128() -> list[Claim]:
         for time, us, them in zip(of["times"], errors, theirs, strict=False):
             print(f"    t = {float(time):<12.6g} {us:.1e}   IAS15 {them:.1e}")
         bounds = [max(ENCOUNTERS * them, ROUNDING) for them in np.maximum.accumulate(theirs)]
-        worst = max(us / bound for us, bound in zip(errors, bounds, strict=True))
+        worst = largest(*(us / bound for us, bound in zip(errors, bounds, strict=True)))
         text = f"{name}: error over {ENCOUNTERS:g} times the largest of IAS15's so far, or {ROUNDING:g}"
         found.append(claim(text, worst, "at most 1", worst <= 1.0, "binary128, Taylor's method"))
     return [*found, arenstorfs()]

@@ -28,7 +28,7 @@ import numpy as np
 
 sys.path.append(str(Path(__file__).parent / "performance"))
 
-from claim import Claim, claim, main, not_run
+from claim import Claim, claim, largest, main, not_run
 from lennard_jones import apart, direct, draw, frames_of, nudged, rate, tangent
 from melt import CUTOFF, DT, melt
 
@@ -71,7 +71,7 @@ def moved(system: kd.System, x: np.ndarray) -> kd.System:
 def at_frames(system: kd.System, frames: np.ndarray) -> list[Claim]:
     """The largest differences of energy and force where both programs, and NumPy, look at the same positions."""
     edges, scale = np.array(system.box.lengths), 0.0
-    off = {(what, who): 0.0 for what in ("energy per particle", "forces") for who in ("ASE", "NumPy")}
+    off = {(what, who): 0.0 for what in ("potential energy", "forces") for who in ("ASE", "NumPy")}
     for k in FRAMES:
         sim, atoms = kd.Simulation(moved(system, frames[k]), dt=DT), ases(moved(system, frames[k]))
         energy, forces = sim.energy().potential, sim.forces()
@@ -80,9 +80,9 @@ def at_frames(system: kd.System, frames: np.ndarray) -> list[Claim]:
         for who, e, f in (
             ("ASE", atoms.get_potential_energy(), atoms.get_forces()), ("NumPy", plain.energies.sum(), plain.forces)
         ):  # fmt: skip
-            rows = {"energy per particle": abs(energy / e - 1.0), "forces": float(np.abs(forces - f).max()) / scale}
+            rows = {"potential energy": abs(energy / e - 1.0), "forces": float(np.abs(forces - f).max()) / scale}
             for what, value in rows.items():
-                off[what, who] = max(off[what, who], value)
+                off[what, who] = largest(off[what, who], value)
     names = {"ASE": "ASE's LennardJones", "NumPy": "direct sum in NumPy"}
     return [
         claim(f"{what}, steps {', '.join(map(str, FRAMES))}: largest relative difference", value, f"at most {SAME:g}",

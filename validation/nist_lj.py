@@ -15,7 +15,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
-from claim import Claim, claim, main
+from claim import Claim, claim, largest, main
 
 import kickdrift as kd
 
@@ -55,12 +55,12 @@ def claims(long: bool = False) -> list[Claim]:
             energy, virial = measured(number, cutoff=float(cutoff), truncation=kinds[kind])
             values = {f"energy, {key}": energy, f"virial, {key}": virial}
             exact = expected[key]
-            worst = max(worst, abs(energy / exact["U"] - 1), abs(virial / exact["W"] - 1))
+            worst = largest(worst, abs(energy / exact["U"] - 1), abs(virial / exact["W"] - 1))
             published = expected["published"].get(key, [])
             if kind == "cut":
                 with_tail, _ = measured(number, cutoff=float(cutoff), truncation="cut", tail=True)
                 values[f"long-range correction, {key}"] = with_tail - energy
-                worst = max(worst, abs((with_tail - energy) / expected[f"lrc{cutoff}"]["U"] - 1))
+                worst = largest(worst, abs((with_tail - energy) / expected[f"lrc{cutoff}"]["U"] - 1))
             for (name, value), printed in zip(values.items(), published, strict=False):
                 holds = matches(value, printed)
                 rows.append(claim(name, f"{value:.7g}", f"{printed:g} to 5 digits", holds, f"{SOURCE} {number}"))

@@ -14,7 +14,7 @@ import sys
 from collections.abc import Callable, Iterator
 
 import numpy as np
-from claim import Claim, claim, main
+from claim import Claim, claim, largest, main
 
 import kickdrift as kd
 from kickdrift.builders import lattice
@@ -55,7 +55,7 @@ def gradients(truncation: str) -> Iterator[Claim]:
     for _ in range(DIRECTIONS):
         way = random.normal(size=x.shape)
         along = -slope(lambda d, way=way: sim(x + d * way, edges).energy().potential, STEP)
-        worst = max(worst, abs(float((forces * way).sum()) / along - 1.0))
+        worst = largest(worst, abs(float((forces * way).sum()) / along - 1.0))
     text = f"{truncation}: forces against the energy's slope, largest relative difference"
     yield claim(text, worst, f"at most {DIFFERENCE:g}", worst <= DIFFERENCE, GRADIENT)
     volume = float(np.prod(edges))

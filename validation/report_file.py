@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import platform
+import re
 import shutil
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -17,6 +18,7 @@ from claim import CHECKOUT, Claim, text_of
 from registry import SCRIPTS
 
 from kickdrift.bench import processor
+from kickdrift.engines import ENGINES
 from kickdrift.errors import InputError
 from kickdrift.printing import counted, duration
 
@@ -57,6 +59,8 @@ def target(given: Path | None, whole: bool) -> Path:
 def write(path: Path, found: Sequence[Outcome], *, long: bool, seconds: float, jobs: int) -> None:
     """Write the report whole, its figures into the folder ``figures`` beside it."""
     folder = path.parent / "figures"
+    for name in _figures_of(path):
+        (folder / name).unlink(missing_ok=True)
     for outcome in found:
         for figure in outcome.figures:
             folder.mkdir(exist_ok=True)
@@ -65,6 +69,12 @@ def write(path: Path, found: Sequence[Outcome], *, long: bool, seconds: float, j
     unfinished = path.with_name(f".{path.name}.{os.getpid()}")
     unfinished.write_text(text, encoding="utf-8")
     unfinished.replace(path)
+
+
+def _figures_of(path: Path) -> list[str]:
+    """The figures that an earlier report there shows; none of what is no report."""
+    text = path.read_text(encoding="utf-8") if path.exists() else ""
+    return re.findall(r"\]\(figures/([^)/]+\.png)\)", text) if text.startswith(MARK) else []
 
 
 def _summary(found: Sequence[Outcome], long: bool, seconds: float, jobs: int) -> list[str]:
@@ -80,6 +90,7 @@ def _summary(found: Sequence[Outcome], long: bool, seconds: float, jobs: int) ->
         "side of the comparison, comes from.",
         f"Made by `kickdrift validate{' --long' if long else ''}`, which makes it anew.",
         "",
+        *_untested(),
         "| | |",
         "| --- | --- |",
         f"| date | {now} |",
@@ -142,6 +153,12 @@ def _cell(text: str) -> str:
 
 def _peers() -> list[str]:
     return sorted({peer for script in SCRIPTS for peer in script.peers}, key=str.lower)
+
+
+def _untested() -> list[str]:
+    """Programs that the scripts compare with, in versions that the tests have not run with."""
+    warnings = [line for each in ENGINES.values() if {*each.needs[:1]} & {*_peers()} for line in each.warnings]
+    return [f"**Note:** {'; '.join(warnings)}.", ""] if warnings else []
 
 
 def _version(name: str) -> str:

@@ -9,9 +9,10 @@ import signal
 import subprocess
 import sys
 import tempfile
+import threading
 from collections import Counter, deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import closing
+from contextlib import closing, contextmanager, suppress
 from difflib import get_close_matches
 from pathlib import Path
 from queue import Empty, Queue
@@ -30,6 +31,7 @@ HERE = Path(__file__).parent
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 LONGEST = 1200.0  # seconds that a script of the short set may take
 VERDICTS = ("pass", "fail", "not run")
+ITSELF = "the script itself"  # the reference of a claim that the runner adds: a crash, or the time limit
 
 
 class Outcome(NamedTuple):
@@ -103,14 +105,16 @@ def outcomes(
                 running[script] = _start(script, folder, scratch, long, environment, heard)
                 tell(script, None)
             late = [s for s, run in running.items() if limit is not None and monotonic() - run.began > limit]
-            for script in late:
-                _end(running[script].process)
+            for script, run in running.items():
+                if script in late or run.process.poll() is not None:  # what it leaves behind may keep the pipe open
+                    _end(run.process)
             try:
                 script, line = heard.get(timeout=0.5)
             except Empty:
                 continue
             run = running[script]
             if line is None:
+                _end(run.process)
                 yield _outcome(script, running.pop(script), limit if script in late else None, tell)
             else:
                 run.claims.append(json.loads(line))
@@ -148,13 +152,33 @@ def _start(
 
 
 def _end(process: subprocess.Popen[str]) -> None:
-    """Kill it, and what it started."""
-    if process.poll() is None:
-        if hasattr(os, "killpg"):
+    """Kill it, and what it started, which may outlive it."""
+    if hasattr(os, "killpg"):
+        with suppress(ProcessLookupError, PermissionError):  # the latter is what macOS says of a group of zombies
             os.killpg(process.pid, signal.SIGKILL)
-        else:
-            process.kill()
-        process.wait()
+    else:
+        process.kill()
+    process.wait()
+
+
+@contextmanager
+def terminable() -> Iterator[None]:
+    """Inside, SIGTERM and SIGHUP are a SystemExit, so that what was begun is ended on the way out."""
+
+    def leave(signum: int, frame: Any) -> None:
+        raise SystemExit(128 + signum)
+
+    names = [name for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
+    in_main = threading.current_thread() is threading.main_thread()
+    before = {getattr(signal, name): signal.getsignal(getattr(signal, name)) for name in names if in_main}
+    changed = [signum for signum, handler in before.items() if handler is signal.SIG_DFL]  # nohup's stays
+    for signum in changed:
+        signal.signal(signum, leave)
+    try:
+        yield
+    finally:
+        for signum in changed:
+            signal.signal(signum, before[signum])
 
 
 def _outcome(
@@ -164,7 +188,7 @@ def _outcome(
     run.messages.seek(0)
     last = next((line.strip() for line in reversed(run.messages.read().splitlines()) if line.strip()), "no message")
     run.messages.close()
-    status, text, reference = run.process.returncode, f"{script.file} runs to its end", "the script itself"
+    status, text, reference = run.process.returncode, f"{script.file} runs to its end", ITSELF
     absent = re.match(r"ModuleNotFoundError: No module named '(\w+)", last)
     extra: Claim | None = None
     if limit is not None:
@@ -267,7 +291,11 @@ def validate(
     wanted = chosen(names, long, scripts)
     target = report_file.target(report, whole=not names)
     began, found = monotonic(), list[Outcome]()
-    with tempfile.TemporaryDirectory(prefix="kickdrift-validate-") as scratch, Display(len(wanted), quiet) as display:
+    with (
+        terminable(),
+        tempfile.TemporaryDirectory(prefix="kickdrift-validate-") as scratch,
+        Display(len(wanted), quiet) as display,
+    ):
         limit = None if long else LONGEST
         runs = outcomes(wanted, Path(scratch), long, jobs, folder=folder, limit=limit, tell=display.tell)
         with closing(runs):

@@ -102,7 +102,7 @@ def cells(problem: Problem, found: Recommendation) -> list[str]:
     best, others = found.choice, found.others
     costs = {choice.method: choice.seconds / best.seconds for choice in (best, *others)}
     near = ", ".join(f"`{c.method}` {costs[c.method]:.2g}" for c in others[:3]) or "none"
-    usual = f"{costs[problem.usual]:.2g}" if problem.usual in costs else "does not get there"
+    usual = f"{costs[problem.usual]:.2g}" if problem.usual in costs else "not shown to get there"
     evaluations = f"{best.evaluations:.2g}"
     return [*first, f"`{best.method}`, {step(best)}", evaluations, near, f"`{problem.usual}`: {usual}"]
 
@@ -114,6 +114,8 @@ def main() -> None:
     parser.add_argument("--json", type=Path, metavar="FILE", help="every recommendation with its evidence")
     parser.add_argument("--only", metavar="SYSTEM", help="one row")
     given = parser.parse_args()
+    if given.docs and given.only:
+        parser.error("--only is one row, and --docs wants all")
     rows, evidence = [], {}
     for problem in PROBLEMS:
         if given.only in (None, problem.system):

@@ -164,6 +164,7 @@ def run(
         compensated=compensated, coordinates=coordinates, corrector=corrector, order=order, eta=eta, scheme=scheme,
     )  # fmt: skip
     length = run_length(sim, system, steps, time)
+    warn_of_version(sim, quiet)
     with progress_bar(quiet) as bar:
         if isinstance(chosen, System) and chosen.equilibration:
             wanted = chosen.equilibration
@@ -211,6 +212,7 @@ def resume(
     from kickdrift.trajectory.restart import resume as taken_up
 
     sim = taken_up(file, threads=threads)
+    warn_of_version(sim, quiet)
     with opened(file) as run:
         options, closed = None if flush is None else replace(run.options, flush=flush), run.closed
     if sim.plan is None:
@@ -226,10 +228,21 @@ def resume(
     show(report, sim, file, json_file, quiet)
 
 
+def warn_of_version(sim: Simulation, quiet: bool) -> None:
+    """Say before the first step that a program's version was not tested."""
+    from kickdrift.engines import ENGINES
+
+    for warning in ENGINES[sim.engine].warnings:
+        say(f"warning: {warning}", quiet)
+
+
 def show(report: Report, sim: Simulation, output: Path | None, json_file: Path | None, quiet: bool) -> None:
     """A run's warnings and report, printed and where it was asked for written."""
+    from kickdrift.engines import ENGINES
+
     for warning in report.warnings:
-        say(f"warning: {warning}", quiet)
+        if warning not in ENGINES[sim.engine].warnings:  # which was said before
+            say(f"warning: {warning}", quiet)
     try:
         write_json(json_file, report.as_json())
     finally:  # what was computed is not lost to a full disk

@@ -176,6 +176,8 @@ def crossing(length: float, tolerance: float) -> Reading:
         excess.append(math.log(steps(EXPLICIT, ratio) / steps(IMPLICIT, ratio)))
         if excess[-1] > 0:
             break
+    if excess[0] > 0 or excess[-1] <= 0:
+        raise ArithmeticError(f"no crossing between the ratios {RATIOS[0]:g} and {RATIOS[-1]:g}")
     begins = float(np.exp(np.interp(0.0, excess, np.log(RATIOS[: len(excess)]))))
     last, measured = FAR * length / INTERVAL, steps(EXPLICIT, FAR)
     bound, met = f"at the ratio {FAR:g}, {last:.4g} steps to 2 %: {measured}", abs(measured / last - 1) <= 0.02

@@ -7,7 +7,7 @@ parameter, than it was asked for. What runs, looks, writes and reports is the sa
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING, Any
@@ -72,8 +72,7 @@ class Engine:
     def refusal(self, job: Job) -> str | None:
         """Why it cannot run that, as it is; None where it can."""
         if job.processes > 1 and not self.processes:
-            many = ", ".join(name for name, each in ENGINES.items() if each.processes)
-            return f"processes: it runs in one, not in {job.processes}; {many} runs in many"
+            return f"processes: it runs in one, not in {job.processes}"
         if not self.foreign:
             return None
         if job.threads > 1:
@@ -94,8 +93,7 @@ class Engine:
     def check(self, job: Job) -> None:
         """An InputError where it cannot run that, which names the engines that can; or where it is not installed."""
         if reason := self.refusal(job):
-            alone = replace(job, threads=1, processes=1)
-            others = [name for name, other in ENGINES.items() if other is not self and other.refusal(alone) is None]
+            others = [name for name, other in ENGINES.items() if other is not self and other.refusal(job) is None]
             *first, last = others or [""]
             able = f"; {', '.join(first)} and {last} can" if first else f"; only {last} can" if last else ""
             raise InputError(f"engine {self.name!r}: {reason}{able}")

@@ -117,7 +117,9 @@ class LammpsSession(Session):
             left -= part
             self._blind_steps -= part
             self._kinetic = self._ask("kinetic_energy")
-            if not self._blind_steps and self.finite():
+            if not self.finite():
+                return steps - left
+            if not self._blind_steps:
                 self._count(self._ask("images"))
         return steps
 

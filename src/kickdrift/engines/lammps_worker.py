@@ -12,9 +12,8 @@ import socket
 from multiprocessing.connection import Connection
 from pathlib import Path
 
+from kickdrift.engines.lammps_processes import SOCKET
 from kickdrift.engines.lammps_world import World
-
-SOCKET = "KICKDRIFT_LAMMPS_SOCKET"
 
 
 def main() -> None:

@@ -9,13 +9,15 @@ them: no formula of the programs used here has a constant with a unit, so nothin
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from kickdrift.builders import check_overlaps
-from kickdrift.errors import InputError, RunError
+from kickdrift.errors import InputError, KickdriftError, RunError
 from kickdrift.flow import ParticleFlow
 from kickdrift.forces.bound import Measured
 from kickdrift.forces.kernel import OK
@@ -125,7 +127,9 @@ class EngineStepper:
 
     def __init__(self, flow: EngineFlow, engine: Engine, job: Job) -> None:
         self._job, self._dt = job, 0.0 if job.method.chooses_steps else (job.options.dt or 0.0)
-        self._session: Session = engine.module.session(job)
+        self._engine = engine
+        with self._one_line():
+            self._session: Session = engine.module.session(job)
         self.warnings = engine.warnings
         self._evaluations = 0
         flow.stepper = self
@@ -136,7 +140,8 @@ class EngineStepper:
     def y(self) -> Floats:
         if self._known is None:
             try:
-                self._known = self._last = self._session.phase()
+                with self._one_line():
+                    self._known = self._last = self._session.phase()
             except Trouble as trouble:
                 raise self._stopped(trouble) from None
         return self._known
@@ -167,10 +172,24 @@ class EngineStepper:
 
     # --- at work ---
 
+    @contextmanager
+    def _one_line(self) -> Iterator[None]:
+        """Inside, what a version that was not tested stumbles over is an InputError that says so."""
+        try:
+            yield
+        except (Trouble, KickdriftError):
+            raise
+        except Exception as error:
+            if not (untested := self._engine.warnings):
+                raise
+            text = " ".join(f"{type(error).__name__}: {error}".split())
+            raise InputError(f"engine {self._engine.name!r}: {untested[0]}: {text}") from error
+
     def _told(self) -> Session:
         """The session, at y."""
         if self._waiting:
-            self._session.reset(self.y.copy(), self.time)
+            with self._one_line():
+                self._session.reset(self.y.copy(), self.time)
             self._waiting = False
         return self._session
 
@@ -179,9 +198,10 @@ class EngineStepper:
             return OK
         try:
             session = self._told()
-            taken = session.advance(steps, until)
-            if not session.finite():
-                raise Trouble("positions or velocities are no longer finite")
+            with self._one_line():
+                taken = session.advance(steps, until)
+                if not session.finite():
+                    raise Trouble("positions or velocities are no longer finite")
         except Trouble as trouble:
             self.trouble, self._known = str(trouble), self._last
             return STOPPED
@@ -191,13 +211,17 @@ class EngineStepper:
         return OK
 
     def at(self, time: float) -> Floats:
-        return self.y.copy() if time == self.time else self._told().at(time)
+        if time == self.time:
+            return self.y.copy()
+        with self._one_line():
+            return self._told().at(time)
 
     def measure(self, time: float, phase: Floats) -> Measured | None:
         """What the program gives at ``time``, which is the present or inside the last step; None where that makes no
         sense."""
         try:
-            return self._told().measure(time)
+            with self._one_line():
+                return self._told().measure(time)
         except Trouble as trouble:
             raise self._stopped(trouble) from None
 
