@@ -34,6 +34,7 @@ COUNT, FEW = 200, 20  # oscillators; of implicit methods, which solve for all of
 SHORT, LONG = 32_768, 2_097_152  # steps
 FIRST = 64
 POWER, NEAR = 0.5, 0.15
+MOST = 10.0  # of a step's roundings: some two a stage, of half a unit, in fifteen stages
 LAW = "Brouwer 1937; the form is exact"
 Matrix = tuple[tuple[Fraction, Fraction], tuple[Fraction, Fraction]]
 
@@ -125,10 +126,7 @@ def claims(long: bool = False, figures: Path | None = None) -> Iterator[Claim]:
         text = f"{name}: power of the steps that rounding of the energy grows with"
         least, most = POWER - NEAR, POWER + NEAR
         yield claim(text, power, f"{least:g} to {most:g}", least <= power <= most, LAW)
-        text, bound = (
-            f"{name}: what it has grown to after {counts[-1]} steps",
-            MOST * EPSILON * float(counts[-1]) ** 0.5,
-        )
+        text, bound = f"{name}: what it has grown to after {counts[-1]} steps", MOST * 2.0**-52 * counts[-1] ** 0.5
         yield claim(text, float(found[-1]), f"at most {bound:.1e}", found[-1] <= bound, LAW)
     if figures:
         draw(curves, figures / "brouwer.png")

@@ -1,4 +1,4 @@
-"""The harmonic oscillator, on which a step of any method is a matrix that can be written down.
+"""The harmonic oscillator, on which a step is a matrix that can be written down: methods whose weights are printed.
 
     python validation/oscillator.py
 
