@@ -58,8 +58,8 @@ def claims(long: bool = False, figures: Path | None = None) -> list[Claim]:
     return article(
         "rtol below 1e-12 is meaningless",
         "The error of one step may lie far below the rounding of y, for the step adds a small change to it: from 1e-12 "
-        "to 3e-14 the error goes on falling in proportion. Only where the method's own error is below rounding, as that "
-        "of gauss-radau15 is here, nothing is left to gain.",
+        "to 3e-14 the error goes on falling in proportion. Only where the method's own error is below rounding, as "
+        "that of gauss-radau15 is here, nothing is left to gain.",
         gained("dop853", 500.0),
         gained("dormand-prince45", 500.0),
         gained("dormand-prince45", 5.0),
