@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
+import re
 import signal
 import subprocess
 import sys
@@ -290,3 +291,12 @@ def test_the_first_claim_that_fails_ends_the_search(folder, monkeypatch):
     found = faults.tried(None, scripts("good"), Event())
     assert found.claim is None
     assert "no claim of 1 failed" in faults.line("x", "y", found)
+
+
+def test_the_report_in_the_repository_is_of_a_whole_run():
+    """Else: kickdrift validate"""
+    text = (VALIDATION / "REPORT.md").read_text(encoding="utf-8")
+    assert re.search(r"^\*\*\d+ claims: \d+ pass, 0 fail, 0 not run\.\*\*$", text, flags=re.MULTILINE)
+    assert all(f"## {row.name}\n" in text for row in SCRIPTS if not row.long_only)
+    for figure in re.findall(r"\(figures/(\S+\.png)\)", text):
+        assert (VALIDATION / "figures" / figure).is_file()
