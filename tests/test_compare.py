@@ -122,6 +122,14 @@ def test_without_an_energy_chaos_shortens_the_pilot():
     assert "chaos" in refused.refusal
 
 
+def test_a_stiff_problem_over_eleven_decades():
+    """Whose start is off beside its smallest unknown by more than what is called near, and where the step that warms a
+    method up comes to nothing."""
+    found = work_precision(kd.load("ode-robertson"), ["lsoda"], budget=4.0)
+    assert found.lyapunov == 0.0
+    assert min(row.error for row in found.of("lsoda") if row.error is not None) < 1e-4
+
+
 def test_integrators_suit_the_subject():
     assert "blanes-moan6" in default_integrators(pendulum(), False)
     assert "velocity-verlet" not in default_integrators(lorenz(), False)

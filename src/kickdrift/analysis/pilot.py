@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from time import perf_counter
@@ -129,13 +130,15 @@ def follow(
 
 
 def warm_up(subject: Subject, start: Any, name: str, step: float, threads: int) -> None:
-    """Compile all that a run needs; ``step`` is a short one."""
+    """Compile all that a run needs; ``step`` is a short one, and whether it comes to anything does not matter: it is
+    long beside what a stiff problem does at its start."""
     sim = Simulation(subject, name, dt=step, threads=threads)
     sim.state = start
-    if sim.method.chooses_steps:
-        _guarded(lambda: _run(sim, start.time + step, None, 1, _no_look, None))
-    else:
-        _guarded(lambda: sim.run(1, every=1))
+    with suppress(RunError):
+        if sim.method.chooses_steps:
+            _guarded(lambda: _run(sim, start.time + step, None, 1, _no_look, None))
+        else:
+            _guarded(lambda: sim.run(1, every=1))
 
 
 def _timed(sim: Simulation, start: Any, length: float, steps: int | None) -> float:
