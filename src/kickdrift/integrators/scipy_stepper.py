@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 # What a solver keeps from step to step, its settings left out (SciPy 1.17).
 POINT = ("t", "y", "t_old", "status", "nfev", "njev", "nlu")
 MATRIX = ("h_abs", "h_abs_old", "error_norm_old", "jac_factor", "J")
+RETAKEN = 10_000  # steps for a look inside a step, at most; a solution that went astray may ask for any number
 OF_LSODA = "_lsoda_solver._integrator"
 SOLVER_KEEPS = {
     "BDF": (*POINT, *MATRIX, "LU", "D", "order", "n_equal_steps"),
@@ -147,7 +148,8 @@ class SciPyStepper(PythonStepper):
                 lambda time, y: derivative(time, y.reshape(shape)).reshape(-1), self._flow.jacobian,
                 self.time - self.last_step, self._before, time, None,
             )  # fmt: skip
-            while solver.status == "running":
-                solver.step()
+            for _ in range(RETAKEN):
+                if solver.status == "running":
+                    solver.step()
         found = solver.y if solver.status == "finished" else self._solver.dense_output()(time)
         return found.reshape(shape).copy()
