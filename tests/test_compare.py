@@ -133,9 +133,9 @@ def test_a_stiff_problem_over_eleven_decades():
 def test_integrators_suit_the_subject():
     assert "blanes-moan6" in default_integrators(pendulum(), False)
     assert "velocity-verlet" not in default_integrators(lorenz(), False)
-    stiff = work_precision(van_der_pol(1000.0), ["radau", "rosenbrock"], 300.0, budget=2.0)
+    stiff = work_precision(van_der_pol(1000.0), ["radau", "rosenbrock"], 300.0, budget=6.0)
     assert "radau" in stiff.reference
-    assert min(row.error for row in stiff.of("radau")) < 1e-6
+    assert min(row.error for row in stiff.of("radau") if row.error is not None) < 1e-6
     assert "radau" in default_integrators(van_der_pol(1000.0), True)
 
 

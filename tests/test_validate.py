@@ -228,7 +228,8 @@ def test_an_unknown_name_is_exit_status_two(tmp_path):
 def test_interrupted_it_ends_its_children(folder, sent, status):
     program = (
         "import signal, sys; sys.path.insert(0, sys.argv[1])\n"
-        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"  # a background job is begun without it
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"  # a background job is begun without these
+        "signal.signal(signal.SIGHUP, signal.SIG_DFL)\n"
         "import runner\nfrom pathlib import Path\nfrom registry import Script\n"
         "rows = [Script('hangs.py', 'x')]\n"
         "try:\n    runner.validate(scripts=rows, folder=Path(sys.argv[2]), report=Path('r/REPORT.md'), quiet=True)\n"
