@@ -124,7 +124,11 @@ def main() -> None:
             evidence[problem.kind] = found.as_json()
             print(" | ".join(rows[-1]), *found.evidence, sep="\n    ", flush=True)
     heading = ["for", "system", "error", "over", "take", "evaluations", "the next, cost", "usually named, cost"]
-    text = f"{table(heading, rows)}\n\nCosts are in wall time, over that of the one to take. {where('numpy', 'scipy')}."
+    note = (
+        "Costs are in wall time, over that of the one to take, with other work beside; below 1.2 timing cannot tell "
+        "two apart."
+    )
+    text = f"{table(heading, rows)}\n\n{note} {where('numpy', 'scipy')}."
     if given.docs:
         put(given.docs, BEGIN, END, text)
     if given.json:
