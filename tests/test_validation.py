@@ -132,8 +132,9 @@ def test_every_script_is_in_the_registry():
     assert len({row.name for row in SCRIPTS}) == len(SCRIPTS)
 
 
-def test_lammps_missing_is_not_a_failure(script, monkeypatch, capsys):
-    module = script("performance/lj_lammps.py")
+@pytest.mark.parametrize("name", ["performance/lj_lammps.py", "lj_lammps_melt.py"])
+def test_lammps_missing_is_not_a_failure(script, monkeypatch, name):
+    module = script(name)
 
     def missing():
         raise ImportError

