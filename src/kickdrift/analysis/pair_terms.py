@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from kickdrift.forces import pair_kernel
+from kickdrift.forces import pair_kernel, pair_sum
 from kickdrift.forces.compiling import driver
 from kickdrift.forces.pair_law import PairForce
-from kickdrift.forces.simd import WIDTH, as_lanes, load, store
+from kickdrift.forces.simd import WIDTH, lanes_like, load, store
 from kickdrift.forces.truncation import AtCutoff
 from kickdrift.state import Floats
 
@@ -30,4 +30,5 @@ def force_over_r(force: PairForce, first: str, second: str, r2: Floats) -> Float
 def evaluate(laws: Any, r2: Floats, found: Floats) -> None:
     """found <- force over r at each r2, eight at a time."""
     for k in range(0, r2.size, WIDTH):
-        store(found, k, as_lanes(pair_kernel.pair_terms(laws, 0, 0, load(r2, k))[1]))
+        eight = load(r2, k)
+        store(found, k, lanes_like(pair_sum.pair_terms(laws, 0, 0, eight)[1], eight))

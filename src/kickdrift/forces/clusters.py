@@ -16,9 +16,12 @@ from kickdrift.forces.simd import WIDTH, aligned, lane_max, lane_sum, load, sele
 N_CLUSTERS, NX, NY, BUILT, OUTER_BUILDS, PRUNES, ROOM_NEEDED, JUMPS_ALLOWED = range(8)
 
 STRIDE = 3 * WIDTH  # from a cluster to the next in `x` and `force`
-FAR = 1e4  # cutoffs beyond all particles: where the padding lanes sit. Much further and r^-12 would underflow, slowly
+FAR = 30.0  # cutoffs beyond all particles: where the padding lanes sit. Much further and r^-12 would underflow, slowly
+APART = 2.0  # cutoffs between them
 OUTER_SKIN, INNER_SKIN = 0.32, 0.08  # of the cutoff
-SHIFT_BITS = 5  # of an entry, for 27 shifts
+SHIFT_BITS = 5  # of an entry of `near`, for 27 shifts
+SHIFTS = 27
+ROWS_PER_NEAR = 8  # a cluster near another is listed by eight of its particles at most
 
 
 class ClusterList(NamedTuple):
@@ -29,6 +32,7 @@ class ClusterList(NamedTuple):
     """
 
     cutoff: float
+    per_row: int  # particles to a row of the list: 1, or 2 in mixed precision
     inner_skin: float
     outer_skin: float
     edges: NDArray[np.float64]  # (3,), zero where the box is open
@@ -47,10 +51,16 @@ class ClusterList(NamedTuple):
     x: NDArray[np.float64]  # (3 slots,)
     outer_reference: NDArray[np.float64]  # (3 slots,) positions when the list was made
     inner_reference: NDArray[np.float64]
-    outer_span: NDArray[np.int64]  # (slots, 2) first and last entry + 1 of particle i
-    inner_span: NDArray[np.int64]
-    outer: NDArray[np.int32]  # (chunks, room) entries: cluster << 5 | shift
-    inner: NDArray[np.int32]
+    near_span: NDArray[np.int64]  # (clusters, 2) first and last entry + 1 of a cluster
+    near: NDArray[np.int32]  # (chunks, room) the outer list, entries: cluster << 5 | shift
+    row_start: NDArray[
+        np.int64
+    ]  # (chunks, slots + 1) the first entry of each row; rows are those of cluster 0, of 1, …
+    rows: NDArray[np.int32]  # (chunks, 8 room + 1, 2) the inner list: where a cluster's x begins in `x`, and where the
+    # row's shifted positions stand in a table of the cluster's; the entry after the last is read and not used
+    used: NDArray[np.int64]  # (chunks, clusters) the shifts in a cluster's rows, as bits
+    x_single: NDArray[np.float32]  # (3 slots,) in mixed precision, else empty
+    force_single: NDArray[np.float32]  # (chunks, 6 slots) likewise
     force: NDArray[np.float64]  # (chunks, 3 slots)
     touched: NDArray[np.bool_]  # (chunks, clusters): where a chunk's forces may not be zero
     made: NDArray[np.int64]  # (chunks,) entries that the last search found
@@ -61,8 +71,17 @@ def chunk_count(n: int) -> int:
     return 1 if n < 256 else 2 if n < 4000 else 4 if n < 20_000 else 8
 
 
-def cluster_list(n: int, box: Box, cutoff: float, room: int | None = None) -> ClusterList:
-    """Empty lists for n particles; ``room`` is the number of entries a chunk can hold."""
+@jit
+def table_place(per_row: int, shift: int, row: int) -> int:
+    """Where a row's positions less a shift stand in its cluster's table: (shifts, 3, 8) float64, or (shifts, 4 rows, 3,
+    16) float32."""
+    if per_row == 1:
+        return STRIDE * shift + row
+    return 8 * STRIDE * shift + 2 * STRIDE * row
+
+
+def cluster_list(n: int, box: Box, cutoff: float, per_row: int = 1) -> ClusterList:
+    """Empty lists for n particles."""
     edges = np.array(box.lengths) if box.lengths is not None else np.zeros(3)
     slack = float(edges.min()) - cutoff if box.periodic else inf  # shifts reach one box over, not further
     chunks = chunk_count(n)
@@ -70,9 +89,11 @@ def cluster_list(n: int, box: Box, cutoff: float, room: int | None = None) -> Cl
     clusters = slots // WIDTH
     shifts = aligned((3, 4 * WIDTH))
     shifts[:, :27] = edges[:, None] * (np.indices((3, 3, 3)).reshape(3, 27) - 1)
-    room = room or 16 * n // chunks + 64
+    room = 6 * n // chunks + 64
+    single = slots if per_row == 2 else 0
     return ClusterList(
         cutoff=cutoff,
+        per_row=per_row,
         inner_skin=min(INNER_SKIN * cutoff, slack / 2),
         outer_skin=min(OUTER_SKIN * cutoff, slack),
         edges=edges,
@@ -91,10 +112,13 @@ def cluster_list(n: int, box: Box, cutoff: float, room: int | None = None) -> Cl
         x=aligned((3 * slots,)),
         outer_reference=aligned((3 * slots,)),
         inner_reference=aligned((3 * slots,)),
-        outer_span=np.zeros((slots, 2), np.int64),
-        inner_span=np.zeros((slots, 2), np.int64),
-        outer=np.empty((chunks, room), np.int32),
-        inner=np.empty((chunks, room), np.int32),
+        near_span=np.zeros((clusters, 2), np.int64),
+        near=np.empty((chunks, room), np.int32),
+        row_start=np.zeros((chunks, slots + 1), np.int64),
+        rows=np.empty((chunks, ROWS_PER_NEAR * room + 1, 2), np.int32),
+        used=np.zeros((chunks, clusters), np.int64),
+        x_single=aligned((3 * single,), dtype=np.float32),
+        force_single=aligned((chunks, 6 * single), fill=None, dtype=np.float32),
         force=aligned((chunks, 3 * slots), fill=None),
         touched=np.zeros((chunks, clusters), np.bool_),
         made=np.zeros(chunks, np.int64),
@@ -180,7 +204,7 @@ def fill_cluster(pairs, x, cluster, column, particles, far):
         bounds[k, cluster], bounds[k + 3, cluster] = inf, -inf
         for lane in range(WIDTH):
             p = STRIDE * cluster + k * WIDTH + lane
-            sorted_x[p] = far[k]
+            sorted_x[p] = far[k] + lane * APART * pairs.cutoff  # apart, since those of one cluster meet each other
             if lane < particles.size:
                 i = particles[lane]
                 here = x[k, i] - offset[k, i]

@@ -13,37 +13,27 @@ from numba.extending import intrinsic, overload
 from numpy.typing import NDArray
 
 from kickdrift.errors import InputError
-from kickdrift.forces.chunks import Parallel, Serial, chunk_task, each_chunk
+from kickdrift.forces.chunks import Parallel, Serial, each_chunk
 from kickdrift.forces.clusters import (
     BUILT,
     N_CLUSTERS,
     OUTER_BUILDS,
     ROOM_NEEDED,
-    SHIFT_BITS,
+    ROWS_PER_NEAR,
     STRIDE,
     ClusterList,
-    chunk_clusters,
     cluster_list,
     copy,
     load_vector,
     store_vector,
 )
-from kickdrift.forces.compiling import callback, driver, jit, never_inline
+from kickdrift.forces.compiling import callback, driver, jit
 from kickdrift.forces.handle import Handle, handle_at, keep_at, size_of
 from kickdrift.forces.kernel import OK, kernel
-from kickdrift.forces.pairlist import prune, refresh, shift_particle
-from kickdrift.forces.simd import (
-    WIDTH,
-    aligned,
-    as_lanes,
-    lane_numbers,
-    lane_sum,
-    multiply_add,
-    named_lanes,
-    select,
-    splat,
-)
-from kickdrift.forces.truncation import AtCutoff, Cut, ForceShift, Shift, Switch, truncated
+from kickdrift.forces.pair_sum import narrow
+from kickdrift.forces.pairlist import prune, refresh
+from kickdrift.forces.simd import WIDTH, aligned, splat
+from kickdrift.forces.truncation import AtCutoff, Cut, ForceShift, Shift, Switch
 from kickdrift.state import Floats
 
 if TYPE_CHECKING:
@@ -73,6 +63,7 @@ class PairWork(NamedTuple):
     at_cutoff: AtCutoff  # likewise
     tables: Any  # Tables, or None for one species
     truncation: Any
+    mixed: Any  # None, or the total mass, in mixed precision
     cutoff: float
     tail: tuple[float, float]  # energy and virial from beyond the cutoff
     inverse_masses: NDArray[np.float64]  # (n,)
@@ -211,6 +202,7 @@ def add_forces(force, wanted, x, a, sums):
         return status
     if pairs.counts[OUTER_BUILDS] != builds:
         spread(force.tables, pairs)
+    prepare(force.mixed, pairs)
     if not wanted:
         each_chunk(force, threads, "chunk_forces")
     else:
@@ -223,12 +215,41 @@ def add_forces(force, wanted, x, a, sums):
         sums[1] += force.tail[1]
     collect(pairs)
     place, total, inverse_masses = pairs.place, pairs.force[0], force.inverse_masses
+    gx, gy, gz = left_over(force.mixed, place, total)
     for i in range(place.size):
         p, w = place[i], inverse_masses[i]
-        a[0, i] += total[p] * w
-        a[1, i] += total[p + WIDTH] * w
-        a[2, i] += total[p + 2 * WIDTH] * w
+        a[0, i] += total[p] * w - gx
+        a[1, i] += total[p + WIDTH] * w - gy
+        a[2, i] += total[p + 2 * WIDTH] * w - gz
     return OK
+
+
+def prepare(mixed: Any, pairs: ClusterList) -> None:
+    """In mixed precision copy the positions to float32."""
+
+
+@overload(prepare)
+def _prepare(mixed, pairs):
+    return (lambda mixed, pairs: None) if isinstance(mixed, types.NoneType) else (lambda mixed, pairs: narrow(pairs))
+
+
+def left_over(mixed: Any, place: Any, total: Any) -> tuple[float, float, float]:
+    """In mixed precision, what the forces together accelerate the whole by: zero but for rounding, and taken off, so
+    that momentum is conserved as in float64."""
+
+
+@overload(left_over)
+def _left_over(mixed, place, total):
+    if isinstance(mixed, types.NoneType):
+        return lambda mixed, place, total: (0.0, 0.0, 0.0)
+
+    def mean(mixed, place, total):
+        gx = gy = gz = 0.0
+        for p in place:
+            gx, gy, gz = gx + total[p], gy + total[p + WIDTH], gz + total[p + 2 * WIDTH]
+        return gx / mixed, gy / mixed, gz / mixed
+
+    return mean
 
 
 def spread(tables: Any, pairs: ClusterList) -> None:
@@ -269,122 +290,6 @@ def collect(pairs):
         store_vector(total, cluster, fx, fy, fz)
 
 
-@chunk_task
-def chunk_forces(force, c):
-    """Forces on the particles of chunk c and their reactions, into the chunk's own array."""
-    never_inline()
-    sum_pairs(force, None, c)
-
-
-@chunk_task
-def chunk_forces_and_sums(force, c):
-    """The same, and the chunk's energy and virial."""
-    never_inline()
-    sum_pairs(force, force.sums, c)
-
-
-@jit
-def sum_pairs(force, sums, c):
-    pairs = force.pairs
-    entries, shifts, span, filled, touched = (
-        pairs.inner[c],
-        pairs.shifts,
-        pairs.inner_span,
-        pairs.filled,
-        pairs.touched[c],
-    )
-    x, forces, shifted = pairs.x, pairs.force[c], np.empty(3 * 4 * WIDTH)
-    zero = splat(0.0)
-    for cluster in range(pairs.counts[N_CLUSTERS]):
-        if touched[cluster]:
-            store_vector(forces, cluster, zero, zero, zero)
-    cutoff2 = force.cutoff**2
-    laws = force.law, force.at_cutoff, force.truncation, force.tables
-    energy_sum, virial_sum, pair_count = zero, zero, zero
-    begin, end = chunk_clusters(pairs, c)
-    for cluster in range(begin, end):
-        x_own, y_own, z_own = load_vector(x, cluster)
-        # forces on the cluster's own eight stay in registers: a store of one and a load of eight would wait for each
-        # other
-        own_x, own_y, own_z = zero, zero, zero
-        for lane in range(filled[cluster]):
-            i, p = WIDTH * cluster + lane, STRIDE * cluster + lane
-            shift_particle(x, p, shifts, shifted)
-            xi, yi, zi = splat(x[p]), splat(x[p + WIDTH]), splat(x[p + 2 * WIDTH])
-            # the pairs inside the cluster: the lanes after this one
-            dx, dy, dz = xi - x_own, yi - y_own, zi - z_own
-            r2 = dx * dx + dy * dy + dz * dz
-            inside = (r2 < cutoff2) & (lane_numbers() > float(lane))
-            energy, force_over_r = pair_terms(laws, i, WIDTH * cluster, r2)
-            force_over_r = select(inside, force_over_r, zero)
-            fx, fy, fz = force_over_r * dx, force_over_r * dy, force_over_r * dz
-            own_x, own_y, own_z = own_x - fx, own_y - fy, own_z - fz
-            if sums is not None:
-                energy_sum = energy_sum + select(inside, energy, zero)
-                virial_sum = virial_sum + force_over_r * select(inside, r2, zero)
-                pair_count = pair_count + select(inside, splat(1.0), zero)
-            for k in range(span[i, 0], span[i, 1]):
-                entry = entries[k]
-                other, s = entry >> SHIFT_BITS, entry & 31
-                xj, yj, zj = load_vector(x, other)
-                xi, yi, zi = splat(shifted[s]), splat(shifted[s + 32]), splat(shifted[s + 64])
-                dx, dy, dz = xi - xj, yi - yj, zi - zj
-                r2 = dx * dx + dy * dy + dz * dz
-                inside = r2 < cutoff2
-                energy, force_over_r = pair_terms(laws, i, WIDTH * other, r2)
-                force_over_r = select(inside, force_over_r, zero)
-                fx = multiply_add(force_over_r, dx, fx)
-                fy = multiply_add(force_over_r, dy, fy)
-                fz = multiply_add(force_over_r, dz, fz)
-                hx, hy, hz = load_vector(forces, other)
-                reaction = -force_over_r
-                hx = multiply_add(reaction, dx, hx)
-                hy = multiply_add(reaction, dy, hy)
-                hz = multiply_add(reaction, dz, hz)
-                store_vector(forces, other, hx, hy, hz)
-                if sums is not None:
-                    energy_sum = energy_sum + select(inside, energy, zero)
-                    virial_sum = virial_sum + force_over_r * select(inside, r2, zero)
-                    pair_count = pair_count + select(inside, splat(1.0), zero)
-            me = lane_numbers() == float(lane)
-            own_x = own_x + select(me, splat(lane_sum(fx)), zero)
-            own_y = own_y + select(me, splat(lane_sum(fy)), zero)
-            own_z = own_z + select(me, splat(lane_sum(fz)), zero)
-        hx, hy, hz = load_vector(forces, cluster)
-        store_vector(forces, cluster, hx + own_x, hy + own_y, hz + own_z)
-    if sums is not None:
-        sums[c, 0] = lane_sum(energy_sum)
-        sums[c, 1] = lane_sum(virial_sum)
-        sums[c, 2] = lane_sum(pair_count)
-
-
-def pair_terms(laws: tuple[Any, ...], i: int, j: int, r2: Any) -> Any:
-    """Energy and force over r of particle i with the eight in slots j to j + 7, truncated; the cutoff is not yet
-    applied."""
-
-
-@overload(pair_terms)
-def _pair_terms(laws, i, j, r2):
-    law = laws[0].instance_class.compiled_law
-    if isinstance(laws[3], types.NoneType):
-
-        def one_species(laws, i, j, r2):
-            parameters, at_cutoff, truncation, _ = laws
-            energy, force_over_r = law(parameters, r2)
-            return truncated(truncation, at_cutoff, r2, as_lanes(energy), as_lanes(force_over_r))
-
-        return one_species
-
-    def many_species(laws, i, j, r2):
-        like, like_at_cutoff, truncation, tables = laws
-        row = tables.row[i]
-        energy, force_over_r = law(named_lanes(like, tables.law, row, j), r2)
-        at_cutoff = named_lanes(like_at_cutoff, tables.at_cutoff, row, j)
-        return truncated(truncation, at_cutoff, r2, as_lanes(energy), as_lanes(force_over_r))
-
-    return many_species
-
-
 def law_class(force: PairForce) -> Any:
     """The class of a force's parameters, as compiled code takes it."""
     cls = force.Parameters
@@ -393,14 +298,14 @@ def law_class(force: PairForce) -> Any:
     return cls
 
 
-def bind(force: PairForce, system: System, threads: int) -> PairKernel:
+def bind(force: PairForce, system: System, threads: int, mixed: bool = False) -> PairKernel:
     """A pair force for this System, on this many threads."""
     cls = law_class(force)
     n, names = len(system), system.species
     laws = [[force.pair_law(a, b) for b in names] for a in names]
     cutoff = float(force.cutoff or 0.0)
     at_cutoff = [[AtCutoff(*(float(u) for u in p.law(cutoff**2))) for p in row] for row in laws]
-    pairs = cluster_list(n, system.box, cutoff)
+    pairs = cluster_list(n, system.box, cutoff, per_row=2 if mixed else 1)
     tables = None
     if len(names) > 1:
         law_pairs = np.array(laws, dtype=float).transpose(2, 0, 1).copy()
@@ -420,6 +325,7 @@ def bind(force: PairForce, system: System, threads: int) -> PairKernel:
         at_cutoff=at_cutoff[0][0],
         tables=tables,
         truncation=truncation_of(force),
+        mixed=float(system.coherent_masses.sum()) if mixed else None,
         cutoff=cutoff,
         tail=force.tail_corrections(system),
         inverse_masses=1.0 / system.coherent_masses,
@@ -451,7 +357,7 @@ def grown(bound: Any) -> Any:
     if not isinstance(bound, PairKernel):
         return bound
     pairs = bound.pairs
-    if pairs.counts[ROOM_NEEDED] <= pairs.outer.shape[1]:
+    if pairs.counts[ROOM_NEEDED] <= pairs.near.shape[1]:
         return bound
     return with_room(bound, int(1.3 * pairs.counts[ROOM_NEEDED]))
 
@@ -469,15 +375,16 @@ def thinned(bound: Any) -> Any:
 def with_room(bound: PairKernel, room: int) -> PairKernel:
     """The bound force with empty lists of so many entries a chunk."""
     pairs = bound.pairs
-    outer, inner = (np.empty((len(pairs.made), room), np.int32) for _ in range(2))
-    return bound.with_list(outer=outer, inner=inner)
+    chunks = len(pairs.made)
+    rows = np.empty((chunks, ROWS_PER_NEAR * room + 1, 2), np.int32)
+    return bound.with_list(near=np.empty((chunks, room), np.int32), rows=rows)
 
 
 def memory(bound: PairKernel) -> dict[str, Any]:
     """What the order of sums depends on: the positions that the list was sorted and searched at and those that it was
     last pruned at, which make it anew; and its room, since growing takes an evaluation more."""
     pairs = bound.pairs
-    room = pairs.outer.shape[1]
+    room = pairs.near.shape[1]
     if not pairs.counts[BUILT]:
         return {"room": room, "built_at": None, "pruned_at": None}
     return {"room": room, "built_at": pairs.built_at.copy(), "pruned_at": pairs.inner_reference.copy()}

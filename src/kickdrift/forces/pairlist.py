@@ -1,12 +1,13 @@
 """The cluster pair list: which particles may be within the cutoff of each other, laid out for SIMD.
 
-Particles are sorted into columns over the x-y plane and by z in each, and padded to clusters of eight. The list holds,
-for every particle i, the clusters J (with the periodic shift to apply) that hold a particle within the cutoff plus a
-skin: an *outer* list with a wide skin, made from the sorted columns, and an *inner* one pruned from it, which the
-forces run over (the scheme of Páll & Hess, Comput. Phys. Commun. 184, 2641, 2013, doi:10.1016/j.cpc.2013.06.003). Every
-pair of images stands once: J's image follows i's cluster in the order (column x, column y, cluster), unwrapped across
-the periodic edges; the pairs inside a cluster are implied. A list is refreshed when a particle has moved by half its
-skin, which is looked at on every force evaluation, and is a function of the positions alone.
+Particles are sorted into columns over the x-y plane and by z in each, and padded to clusters of eight. The *outer* list
+holds, for every cluster, the clusters whose box is within the cutoff and a wide skin of its box, with the periodic shift
+to apply. The *inner* one, which the forces run over, is pruned from it (the scheme of Páll & Hess, Comput. Phys. Commun.
+184, 2641, 2013, doi:10.1016/j.cpc.2013.06.003): rows of a particle, or two, with all the clusters that hold a particle
+within the cutoff and a narrow skin. Every pair of images stands once: in the outer list the second cluster's image
+follows the first in the order (column x, column y, cluster), unwrapped across the periodic edges; in the inner one
+either may have the rows. The pairs inside a cluster are implied. A list is refreshed when a particle has moved by half
+its skin, which is looked at on every force evaluation, and is a function of the positions alone.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from kickdrift.forces.clusters import (
     PRUNES,
     ROOM_NEEDED,
     SHIFT_BITS,
+    SHIFTS,
     STRIDE,
     chunk_clusters,
     copy,
@@ -31,10 +33,12 @@ from kickdrift.forces.clusters import (
     largest_move,
     load_vector,
     sort,
+    table_place,
 )
 from kickdrift.forces.compiling import jit, never_inline
 from kickdrift.forces.kernel import BLOWN_UP, GROW, OK
-from kickdrift.forces.simd import WIDTH, any_lane, flat, load, mask_bits, select, splat, store
+from kickdrift.forces.simd import WIDTH, count_ones, flat, mask_bits
+from kickdrift.forces.simd_single import joined, load_single, store_single
 
 
 @jit
@@ -63,7 +67,7 @@ def refresh(pairs, x, threads):
     sort(pairs, x)
     copy_positions(pairs, x)
     search(pairs, threads)
-    if counts[ROOM_NEEDED] > pairs.outer.shape[1]:
+    if counts[ROOM_NEEDED] > pairs.near.shape[1]:
         return GROW
     copy(flat(x), flat(pairs.built_at))
     prune(pairs, threads)
@@ -93,59 +97,28 @@ def prune(pairs, threads):
 
 @chunk_task
 def search_chunk(pairs, c):
-    """Make chunk c's share of the outer list, and count its entries, also where room ran out.
-
-    Particle i lists cluster J where it is within reach of J's bounding box: eight particles are tested at a time.
-    """
+    """Make chunk c's share of the outer list, and count its entries, also where room ran out."""
     never_inline()
     reach2 = (pairs.cutoff + pairs.outer_skin) ** 2
-    shifts, filled, span, bounds = pairs.shifts, pairs.filled, pairs.outer_span, pairs.bounds
-    entries, room = pairs.outer[c], pairs.outer.shape[1]
-    touched = pairs.touched[c]
+    span, near, touched = pairs.near_span, pairs.near[c], pairs.touched[c]
     for cluster in range(touched.size):
         touched[cluster] = False
-    most = min(27 * pairs.counts[N_CLUSTERS], 1 << 20)
-    near, particles_near = np.empty(most, np.int32), np.empty(most, np.int64)
     begin, end = chunk_clusters(pairs, c)
     made = 0
     for cluster in range(begin, end):
         touched[cluster] = True
-        xi, yi, zi = load_vector(pairs.x, cluster)
-        candidates = clusters_near(pairs, cluster, reach2, near)
-        kept = 0
-        for k in range(candidates):
-            other, s = near[k] >> SHIFT_BITS, near[k] & 31
-            dx = gap(xi - shifts[0, s], bounds[0, other], bounds[3, other])
-            dy = gap(yi - shifts[1, s], bounds[1, other], bounds[4, other])
-            dz = gap(zi - shifts[2, s], bounds[2, other], bounds[5, other])
-            near[kept] = near[k]
-            particles_near[kept] = mask_bits(dx * dx + dy * dy + dz * dz < reach2)
-            kept += particles_near[kept] != 0
-        for lane in range(filled[cluster]):
-            span[WIDTH * cluster + lane, 0] = made
-            if made + kept < room:
-                for k in range(kept):
-                    entries[made] = near[k]  # overwritten unless kept
-                    made += (particles_near[k] >> lane) & 1
-            else:
-                made += kept  # an upper bound is room enough
-            span[WIDTH * cluster + lane, 1] = made
-        for k in range(kept):
+        span[cluster, 0] = min(made, near.size)
+        made = clusters_near(pairs, cluster, reach2, near, made)
+        span[cluster, 1] = min(made, near.size)
+        for k in range(span[cluster, 0], span[cluster, 1]):
             touched[near[k] >> SHIFT_BITS] = True
-    pairs.made[c] = made + 1
+    pairs.made[c] = made
 
 
 @jit
-def gap(x, low, high):
-    """How far x lies outside of the interval."""
-    below, above = low - x, x - high
-    far = select(below > above, below, above)
-    return select(far > 0.0, far, splat(0.0))
-
-
-@jit
-def clusters_near(pairs, cluster, reach2, near):
-    """Fill ``near`` with the entries of the clusters after this one that may be within reach, by column and height."""
+def clusters_near(pairs, cluster, reach2, near, found):
+    """Put the clusters after this one whose box is within reach of its box into ``near``, as far as there is room, from
+    entry ``found`` on; where the next would stand."""
     nx, ny = pairs.counts[NX], pairs.counts[NY]
     home, bounds, shifts, column_clusters = pairs.home[cluster], pairs.bounds, pairs.shifts, pairs.column_clusters
     cx, cy = home // ny, home % ny
@@ -155,7 +128,6 @@ def clusters_near(pairs, cluster, reach2, near):
     span_x, span_y = int(reach / width_x) + 1, int(reach / width_y) + 1
     x_to = min(cx + span_x, 2 * nx - 1 if periodic else nx - 1)
     y_from, y_to = max(cy - span_y, -ny if periodic else 0), min(cy + span_y, 2 * ny - 1 if periodic else ny - 1)
-    found = 0
     for ux in range(cx, x_to + 1):
         shift_x = ux // nx
         gap_x = max(0.0, low_x + ux * width_x - bounds[3, cluster])
@@ -179,42 +151,132 @@ def clusters_near(pairs, cluster, reach2, near):
                 ):
                     if bounds[2, other] + shifts[2, s] > highest:
                         break
-                    if bounds[5, other] + shifts[2, s] >= lowest and found < near.size:
-                        near[found] = (other << SHIFT_BITS) | s
+                    if bounds[5, other] + shifts[2, s] < lowest:
+                        continue
+                    gap2 = 0.0
+                    for k in range(3):
+                        before = bounds[k, cluster] - bounds[k + 3, other] - shifts[k, s]
+                        after = bounds[k, other] + shifts[k, s] - bounds[k + 3, cluster]
+                        gap = max(0.0, before, after)
+                        gap2 += gap * gap
+                    if gap2 < reach2:
+                        if found < near.size:
+                            near[found] = (other << SHIFT_BITS) | s
                         found += 1
     return found
 
 
-@jit
-def shift_particle(x, p, shifts, shifted):
-    """The position at place p less each of the shifts: (3, 32), flat. Looking them up costs less than subtracting."""
-    for k in range(3):
-        here = splat(x[p + k * WIDTH])
-        for s in range(0, 4 * WIDTH, WIDTH):
-            store(shifted, 4 * WIDTH * k + s, here - load(shifts[k], s))
-
-
 @chunk_task
 def prune_chunk(pairs, c):
-    """Keep those of chunk c's outer entries that have a particle within the cutoff and the inner skin."""
+    """Make chunk c's rows: of each cluster and each that was near it, the particles of one that have a particle of the
+    other within the cutoff and the inner skin; of which one, whichever gives fewer rows."""
     never_inline()
-    shifts, filled, outer_span, inner_span = pairs.shifts, pairs.filled, pairs.outer_span, pairs.inner_span
-    reach = pairs.cutoff + pairs.inner_skin
-    outer, inner = pairs.outer[c], pairs.inner[c]
-    x, shifted = pairs.x, np.empty(3 * 4 * WIDTH)
+    span, near = pairs.near_span, pairs.near[c]
     begin, end = chunk_clusters(pairs, c)
+    most = max(1, span[end - 1, 1] - span[begin, 0]) if end > begin else 1
+    of, listed, members = np.empty(most, np.int32), np.empty(most, np.int32), np.empty(most, np.int64)
+    first = np.zeros(pairs.counts[N_CLUSTERS] + 1, np.int64)
+    table = np.empty(4 * 6 * WIDTH, np.float32)
     made = 0
     for cluster in range(begin, end):
-        for lane in range(filled[cluster]):
-            i = WIDTH * cluster + lane
-            shift_particle(x, STRIDE * cluster + lane, shifts, shifted)
-            inner_span[i, 0] = made
-            for k in range(outer_span[i, 0], outer_span[i, 1]):
-                entry = outer[k]
-                s = entry & 31
-                xj, yj, zj = load_vector(x, entry >> SHIFT_BITS)
-                xi, yi, zi = splat(shifted[s]), splat(shifted[s + 32]), splat(shifted[s + 64])
-                dx, dy, dz = xi - xj, yi - yj, zi - zj
-                inner[made] = entry  # overwritten unless kept
-                made += any_lane(dx * dx + dy * dy + dz * dz < reach * reach)
-            inner_span[i, 1] = made
+        reach2 = spread_rows(pairs, cluster, table)
+        for k in range(span[cluster, 0], span[cluster, 1]):
+            other, s = near[k] >> SHIFT_BITS, near[k] & 31
+            bits = pairs_within(pairs, cluster, other, s, reach2, table)
+            own, others = bits_of_bytes(bits), bits | bits >> 32
+            others |= others >> 16
+            own &= filled_bits(pairs, cluster)
+            others = (others | others >> 8) & filled_bits(pairs, other)
+            if pairs.per_row == 2:
+                own, others = (own | own >> 1) & 0x55, (others | others >> 1) & 0x55
+            if own == 0 or others == 0:
+                continue
+            surplus = count_ones(own) - count_ones(others)
+            turn = surplus > 0 or (surplus == 0 and (cluster + other) & 1 == 1)
+            of[made] = other if turn else cluster
+            listed[made] = (cluster if turn else other) << SHIFT_BITS | (SHIFTS - 1 - s if turn else s)
+            members[made] = others if turn else own
+            first[of[made] + 1] += 1
+            made += 1
+    write_rows(pairs, c, of[:made], listed, members, first)
+
+
+@jit
+def write_rows(pairs, c, of, listed, members, first):
+    """Write the rows of each cluster, row by row."""
+    rows, start, used, per_row = pairs.rows[c], pairs.row_start[c], pairs.used[c], pairs.per_row
+    clusters = pairs.counts[N_CLUSTERS]
+    for cluster in range(clusters):
+        first[cluster + 1] += first[cluster]
+    order, fill = np.empty(of.size, np.int64), first.copy()
+    for k in range(of.size):
+        order[fill[of[k]]] = k
+        fill[of[k]] += 1
+    rows_each = WIDTH // per_row
+    per_shift = table_place(per_row, 1, 0)
+    made = 0
+    for cluster in range(clusters):
+        used[cluster] = 0
+        for at in range(first[cluster], first[cluster + 1]):
+            used[cluster] |= 1 << (listed[order[at]] & 31)
+        for row in range(rows_each):
+            start[rows_each * cluster + row] = made
+            place = table_place(per_row, 0, row)
+            for at in range(first[cluster], first[cluster + 1]):
+                k = order[at]
+                rows[made, 0] = STRIDE * (listed[k] >> SHIFT_BITS)
+                rows[made, 1] = per_shift * (listed[k] & 31) + place
+                made += (members[k] >> (per_row * row)) & 1  # overwritten unless it is a member
+    start[rows_each * clusters] = made
+    rows[made, 0] = rows[made, 1] = 0
+
+
+@jit
+def filled_bits(pairs, cluster):
+    """The lanes that hold particles, as bits."""
+    return (1 << pairs.filled[cluster]) - 1
+
+
+@jit
+def bits_of_bytes(bits):
+    """Bit k is set where one of the k-th eight is."""
+    bits |= bits >> 4
+    bits |= bits >> 2
+    bits |= bits >> 1
+    return ((bits & 0x0101010101010101) * 0x0102040810204080 >> 56) & 255
+
+
+@jit
+def spread_rows(pairs, cluster, table):
+    """Fill a table with a cluster's positions, two to 16 lanes, measured from its first particle, in float32; the
+    squared reach with a margin for its rounding."""
+    x, p = pairs.x, STRIDE * cluster
+    size = 0.0
+    for k in range(3):
+        at = p + WIDTH * k
+        size = max(size, pairs.bounds[k + 3, cluster] - pairs.bounds[k, cluster])
+        for row in range(4):
+            two = joined(x[at + 2 * row] - x[at], x[at + 2 * row + 1] - x[at])
+            store_single(table, 2 * WIDTH * (4 * k + row), two)
+    reach = pairs.cutoff + pairs.inner_skin
+    return (reach + 1e-6 * (size + reach)) ** 2
+
+
+@jit
+def pairs_within(pairs, cluster, other, s, reach2, table):
+    """Which of a cluster's eight are within reach of which of another's, less a shift: 64 bits, eight for each of the
+    former; what is no number counts as within."""
+    x, p, shifts = pairs.x, STRIDE * cluster, pairs.shifts
+    xj, yj, zj = load_vector(x, other)
+    xj = xj - (x[p] - shifts[0, s])
+    yj = yj - (x[p + WIDTH] - shifts[1, s])
+    zj = zj - (x[p + 2 * WIDTH] - shifts[2, s])
+    x2, y2, z2 = joined(xj, xj), joined(yj, yj), joined(zj, zj)
+    bits = 0
+    for row in range(4):
+        dx = load_single(table, 2 * WIDTH * row) - x2
+        dy = load_single(table, 2 * WIDTH * (row + 4)) - y2
+        dz = load_single(table, 2 * WIDTH * (row + 8)) - z2
+        beyond = dx * dx + dy * dy + dz * dz >= reach2
+        bits |= (mask_bits(beyond) ^ 0xFFFF) << (16 * row)
+    return bits

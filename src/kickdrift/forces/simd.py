@@ -1,11 +1,11 @@
-"""SIMD as a type: an 8-lane float64 vector that compiled kernels use like a number.
+"""SIMD as a type: 8 lanes of float64, or 16 of float32, that compiled kernels use like a number.
 
-numba learns two types, ``Lanes`` (LLVM's ``<8 x double>``) and ``Mask`` (``<8 x i1>``), with the arithmetic operators,
-the comparisons and a few functions lowered on them; LLVM then emits AVX-512, AVX2, SSE2 or NEON as the machine has it.
-Lanes mix with scalars, which are copied to all lanes. They have the fast-math flags of the function that they stand in,
-as scalars do. Division is a 14-bit estimate refined by two Newton steps where the machine has AVX-512 (its
-divide would take over half of a pair kernel's time), within 2 ulp, and so is ``inverse_sqrt``, by one step of a higher
-order; r = 0, infinity and NaN give a result that is not finite, and so stay visible.
+numba learns the types ``Lanes`` (LLVM's ``<8 x double>`` and ``<16 x float>``) and ``Mask``, with the arithmetic
+operators, the comparisons and a few functions lowered on them; LLVM then emits AVX-512, AVX2, SSE2 or NEON as the
+machine has it. Lanes mix with scalars, which are copied to all lanes. They have the fast-math flags of the function that
+they stand in, as scalars do. Division is a 14-bit estimate refined by a series where the machine has AVX-512 (its
+divide would take over half of a pair kernel's time), within 2 ulp, and so is ``inverse_sqrt``; r = 0, infinity and NaN
+give a result that is not finite, and so stay visible. `simd_single` has what float32 alone needs.
 """
 
 from __future__ import annotations
@@ -25,63 +25,75 @@ from numba.extending import intrinsic, lower_builtin, models, register_model
 
 WIDTH = 8
 F64 = ir.DoubleType()
+F32 = ir.FloatType()
 F64X8 = ir.VectorType(F64, WIDTH)
+F32X16 = ir.VectorType(F32, 2 * WIDTH)
 I1X8 = ir.VectorType(ir.IntType(1), WIDTH)
 I32 = ir.IntType(32)
 
 
-class Lanes(types.Type):
-    """Eight float64 side by side."""
-
-    def __init__(self) -> None:
-        super().__init__(name="Lanes(8 x float64)")
-
-
 class Mask(types.Type):
-    """Eight yes-or-no side by side."""
+    """Yes-or-no side by side."""
 
-    def __init__(self) -> None:
-        super().__init__(name="Mask(8)")
+    def __init__(self, count: int) -> None:
+        self.count = count
+        super().__init__(name=f"Mask({count})")
 
 
-lanes_type = Lanes()
-mask_type = Mask()
+class Lanes(types.Type):
+    """Numbers side by side, with the LLVM type ``vector``; comparisons give a ``mask``."""
+
+    def __init__(self, vector: ir.VectorType, mask: Mask) -> None:
+        self.vector, self.mask = vector, mask
+        super().__init__(name=f"Lanes({vector.count} x {vector.element})")
+
+
+mask_type, single_mask_type = Mask(WIDTH), Mask(2 * WIDTH)
+lanes_type, single_type = Lanes(F64X8, mask_type), Lanes(F32X16, single_mask_type)
+KINDS = (lanes_type, single_type)
 
 
 @register_model(Lanes)
 class _LanesModel(models.PrimitiveModel):
-    def __init__(self, dmm: Any, fe_type: Any) -> None:
-        super().__init__(dmm, fe_type, F64X8)
+    def __init__(self, dmm: Any, fe_type: Lanes) -> None:
+        super().__init__(dmm, fe_type, fe_type.vector)
 
 
 @register_model(Mask)
 class _MaskModel(models.PrimitiveModel):
-    def __init__(self, dmm: Any, fe_type: Any) -> None:
-        super().__init__(dmm, fe_type, I1X8)
+    def __init__(self, dmm: Any, fe_type: Mask) -> None:
+        super().__init__(dmm, fe_type, ir.VectorType(ir.IntType(1), fe_type.count))
 
 
-def aligned(shape: tuple[int, ...], fill: float | None = 0.0) -> np.ndarray:
-    """A float64 array that begins on a 64-byte boundary, so that eight lanes never straddle two cache lines.
+def aligned(shape: tuple[int, ...], fill: float | None = 0.0, dtype: Any = np.float64) -> np.ndarray:
+    """An array that begins on a 64-byte boundary, so that eight lanes never straddle two cache lines.
 
     Without ``fill`` its memory is not touched, and so not taken from the system before it is used.
     """
-    count = int(np.prod(shape))
-    raw = np.empty(count + WIDTH)
-    skip = (-raw.ctypes.data % (8 * WIDTH)) // 8
+    count, line = int(np.prod(shape)), 64 // np.dtype(dtype).itemsize
+    raw = np.empty(count + line, dtype)
+    skip = (-raw.ctypes.data % 64) // raw.itemsize
     array = raw[skip : skip + count].reshape(shape)
     if fill is not None:
         array[...] = fill
     return array
 
 
-def _splat(builder: ir.IRBuilder, scalar: ir.Value) -> ir.Value:
-    one = builder.insert_element(ir.Constant(F64X8, ir.Undefined), scalar, I32(0))
-    zeros = ir.Constant(ir.VectorType(I32, WIDTH), [0] * WIDTH)
-    return builder.shuffle_vector(one, ir.Constant(F64X8, ir.Undefined), zeros)
+def _splat(builder: ir.IRBuilder, scalar: ir.Value, vector: ir.VectorType = F64X8) -> ir.Value:
+    if scalar.type != vector.element:
+        scalar = builder.fptrunc(scalar, vector.element)
+    one = builder.insert_element(ir.Constant(vector, ir.Undefined), scalar, I32(0))
+    zeros = ir.Constant(ir.VectorType(I32, vector.count), [0] * vector.count)
+    return builder.shuffle_vector(one, ir.Constant(vector, ir.Undefined), zeros)
 
 
-def _constant(value: float) -> ir.Constant:
-    return ir.Constant(F64X8, [value] * WIDTH)
+def _constant(value: float, vector: ir.VectorType = F64X8) -> ir.Constant:
+    return ir.Constant(vector, [value] * vector.count)
+
+
+def _as(builder: ir.IRBuilder, value: ir.Value, kind: types.Type, vector: ir.VectorType) -> ir.Value:
+    """A value of that numba type, lanes or a number, as lanes."""
+    return value if isinstance(kind, Lanes) else _splat(builder, value, vector)
 
 
 def _has_avx512() -> bool:
@@ -92,14 +104,21 @@ def _has_avx512() -> bool:
 
 def _estimate(builder: ir.IRBuilder, name: str, x: ir.Value) -> ir.Value:
     """AVX-512's estimate of 1 / x (rcp14) or 1 / sqrt(x) (rsqrt14), to 14 bits."""
-    kind = ir.FunctionType(F64X8, [F64X8, F64X8, ir.IntType(8)])
-    estimate = cgutils.get_or_insert_function(builder.module, kind, f"llvm.x86.avx512.{name}.pd.512")
-    return builder.call(estimate, [x, _constant(0.0), ir.Constant(ir.IntType(8), -1)])
+    letter = "d" if x.type == F64X8 else "s"
+    every = ir.Constant(ir.IntType(x.type.count), -1)
+    kind = ir.FunctionType(x.type, [x.type, x.type, every.type])
+    estimate = cgutils.get_or_insert_function(builder.module, kind, f"llvm.x86.avx512.{name}.p{letter}.512")
+    return builder.call(estimate, [x, _constant(0.0, x.type), every])
+
+
+def _suffix(vector: ir.VectorType) -> str:
+    return f"v{vector.count}f{64 if vector.element == F64 else 32}"
 
 
 def _fma(builder: ir.IRBuilder, a: ir.Value, b: ir.Value, c: ir.Value, name: str = "fmuladd") -> ir.Value:
-    kind = ir.FunctionType(F64X8, [F64X8] * 3)
-    return builder.call(cgutils.get_or_insert_function(builder.module, kind, f"llvm.{name}.v8f64"), [a, b, c])
+    kind = ir.FunctionType(a.type, [a.type] * 3)
+    function = cgutils.get_or_insert_function(builder.module, kind, f"llvm.{name}.{_suffix(a.type)}")
+    return builder.call(function, [a, b, c])
 
 
 def _flags(context: Any) -> tuple[str, ...]:
@@ -108,12 +127,14 @@ def _flags(context: Any) -> tuple[str, ...]:
 
 
 def _divide(builder: ir.IRBuilder, a: ir.Value, b: ir.Value, flags: tuple[str, ...]) -> ir.Value:
+    """a / b; with an estimate y, e = 1 - b y < 2^-13: 1 / b = y (1 + e) (1 + e^2) to 2^-52, y (1 + e) to 2^-26."""
     if not _has_avx512():
         return builder.fdiv(a, b, flags=flags)
     y = _estimate(builder, "rcp14", b)
-    for _ in range(2):  # y <- y + y (1 - b y): 14, 28, 56 bits
-        residual = builder.fsub(_constant(1.0), builder.fmul(b, y, flags=flags), flags=flags)
-        y = builder.fadd(y, builder.fmul(y, residual, flags=flags), flags=flags)
+    e = _fma(builder, builder.fneg(b), y, _constant(1.0, b.type), "fma")
+    y = _fma(builder, y, e, y, "fma")
+    if b.type == F64X8:
+        y = _fma(builder, y, builder.fmul(e, e), y, "fma")
     return builder.fmul(a, y, flags=flags)
 
 
@@ -131,59 +152,68 @@ _FUNCTIONS: dict[Callable[..., Any], str] = {
     abs: "fabs",
     math.fabs: "fabs",
 }
-_PAIRS = ((lanes_type, lanes_type), (lanes_type, types.float64), (types.float64, lanes_type))
 
 
 def _register(function: Callable[..., Any], signatures: list[Any]) -> None:
     infer_global(function)(type("LanesTemplate", (ConcreteTemplate,), {"key": function, "cases": signatures}))
 
 
-def _lower_binary(function: Callable[..., Any], emit: Callable[..., ir.Value], result: types.Type) -> None:
-    _register(function, [signature(result, *pair) for pair in _PAIRS])
-    for pair in _PAIRS:
+def _lower_binary(function: Callable[..., Any], emit: Callable[..., ir.Value], compares: bool) -> None:
+    cases = [
+        signature(kind.mask if compares else kind, *pair)
+        for kind in KINDS
+        for pair in ((kind, kind), (kind, types.float64), (types.float64, kind))
+    ]
+    _register(function, cases)
+    for case in cases:
 
         def lowered(context, builder, sig, args):
-            a, b = (
-                value if kind == lanes_type else _splat(builder, value)
-                for kind, value in zip(sig.args, args, strict=True)
-            )
+            vector = next(kind.vector for kind in sig.args if isinstance(kind, Lanes))
+            a, b = (_as(builder, value, kind, vector) for kind, value in zip(sig.args, args, strict=True))
             return emit(builder, a, b, _flags(context))
 
-        lower_builtin(function, *pair)(lowered)
+        lower_builtin(function, *case.args)(lowered)
 
 
 def _lower_function(function: Callable[..., Any], name: str) -> None:
-    _register(function, [signature(lanes_type, lanes_type)])
+    _register(function, [signature(kind, kind) for kind in KINDS])
+    for kind in KINDS:
+        lower_builtin(function, kind)(_calling(name))
 
-    @lower_builtin(function, lanes_type)
+
+def _calling(name: str) -> Callable[..., ir.Value]:
     def lowered(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        kind = ir.FunctionType(F64X8, [F64X8])
-        return builder.call(cgutils.get_or_insert_function(builder.module, kind, f"llvm.{name}.v8f64"), args)
+        vector = args[0].type
+        kind = ir.FunctionType(vector, [vector])
+        called = cgutils.get_or_insert_function(builder.module, kind, f"llvm.{name}.{_suffix(vector)}")
+        return builder.call(called, args)
+
+    return lowered
 
 
 for _function, _emit in _ARITHMETIC.items():
-    _lower_binary(_function, _emit, lanes_type)
+    _lower_binary(_function, _emit, False)
 for _function, _sign in _COMPARISONS.items():
-    _lower_binary(_function, lambda builder, a, b, flags, sign=_sign: builder.fcmp_ordered(sign, a, b), mask_type)
+    _lower_binary(_function, lambda builder, a, b, flags, sign=_sign: builder.fcmp_ordered(sign, a, b), True)
 for _function, _name in _FUNCTIONS.items():
     _lower_function(_function, _name)
 
-_register(operator.and_, [signature(mask_type, mask_type, mask_type)])
-_register(operator.or_, [signature(mask_type, mask_type, mask_type)])
-_register(operator.neg, [signature(lanes_type, lanes_type)])
+_register(operator.and_, [signature(mask, mask, mask) for mask in (mask_type, single_mask_type)])
+_register(operator.or_, [signature(mask, mask, mask) for mask in (mask_type, single_mask_type)])
+_register(operator.neg, [signature(kind, kind) for kind in KINDS])
 
 
-@lower_builtin(operator.and_, mask_type, mask_type)
+@lower_builtin(operator.and_, Mask, Mask)
 def _and(context, builder, sig, args):
     return builder.and_(*args)
 
 
-@lower_builtin(operator.or_, mask_type, mask_type)
+@lower_builtin(operator.or_, Mask, Mask)
 def _or(context, builder, sig, args):
     return builder.or_(*args)
 
 
-@lower_builtin(operator.neg, lanes_type)
+@lower_builtin(operator.neg, Lanes)
 def _negative(context, builder, sig, args):
     return builder.fneg(args[0], flags=_flags(context))
 
@@ -193,11 +223,11 @@ class _WholePower(AbstractTemplate):
     """``x**k`` for a written-out whole k from 1 to 32; other exponents are not for SIMD lanes."""
 
     def generic(self, args: Any, kws: Any) -> Any:
-        whole = len(args) == 2 and args[0] == lanes_type and isinstance(args[1], types.IntegerLiteral)
-        return signature(lanes_type, *args) if whole and 1 <= args[1].literal_value <= 32 else None
+        whole = len(args) == 2 and isinstance(args[0], Lanes) and isinstance(args[1], types.IntegerLiteral)
+        return signature(args[0], *args) if whole and 1 <= args[1].literal_value <= 32 else None
 
 
-@lower_builtin(operator.pow, lanes_type, types.IntegerLiteral)
+@lower_builtin(operator.pow, Lanes, types.IntegerLiteral)
 def _whole_power(context, builder, sig, args):
     exponent, square, result, flags = sig.args[1].literal_value, args[0], None, _flags(context)
     while exponent:
@@ -301,13 +331,14 @@ def splat(typingctx, scalar):
 
 
 @intrinsic
-def as_lanes(typingctx, value):
-    """Lanes as they are, a number in all lanes; for formulas that happen not to depend on the lanes."""
+def lanes_like(typingctx, value, like):
+    """Lanes as they are, a number in as many lanes as ``like`` has; for formulas that happen not to depend on the
+    lanes."""
 
     def codegen(context, builder, sig, args):
-        return args[0] if sig.args[0] == lanes_type else _splat(builder, args[0])
+        return _as(builder, args[0], sig.args[0], sig.args[1].vector)
 
-    return lanes_type(lanes_type if value == lanes_type else types.float64), codegen
+    return like(value if isinstance(value, Lanes) else types.float64, like), codegen
 
 
 @intrinsic
@@ -317,7 +348,7 @@ def multiply_add(typingctx, a, b, c):
     def codegen(context, builder, sig, args):
         return _fma(builder, *args)
 
-    return lanes_type(lanes_type, lanes_type, lanes_type), codegen
+    return a(a, a, a), codegen
 
 
 @intrinsic
@@ -393,6 +424,40 @@ def sums_before(typingctx, value):
 
 
 @intrinsic
+def broadcast(typingctx, array, index):
+    """The number at ``index``, which is not negative, of a contiguous array, in all lanes."""
+
+    def codegen(context, builder, sig, args):
+        array = context.make_array(sig.args[0])(context, builder, args[0])
+        return _splat(builder, builder.load(builder.gep(array.data, [args[1]])))
+
+    return lanes_type(array, types.intp), codegen
+
+
+@intrinsic
+def entry(typingctx, array, row, column):
+    """``array[row, column]`` of a contiguous matrix of int32; neither may be negative."""
+
+    def codegen(context, builder, sig, args):
+        array = context.make_array(sig.args[0])(context, builder, args[0])
+        width = cgutils.unpack_tuple(builder, array.shape)[1]
+        number = builder.load(builder.gep(array.data, [builder.add(builder.mul(args[1], width), args[2])]))
+        return builder.sext(number, ir.IntType(64))
+
+    return types.int64(array, types.intp, types.intp), codegen
+
+
+@intrinsic
+def count_ones(typingctx, bits):
+    """How many bits of a whole number are set."""
+
+    def codegen(context, builder, sig, args):
+        return builder.ctpop(args[0])
+
+    return types.int64(types.int64), codegen
+
+
+@intrinsic
 def lane_numbers(typingctx):
     """0.0, 1.0, … 7.0."""
 
@@ -404,12 +469,13 @@ def lane_numbers(typingctx):
 
 @intrinsic
 def select(typingctx, mask, yes, no):
-    """``yes`` where the mask is set, else ``no``; what is not chosen has no influence, NaN or not."""
+    """``yes`` where the mask is set, else ``no`` (lanes or a number); what is not chosen has no influence, NaN or
+    not."""
 
     def codegen(context, builder, sig, args):
-        return builder.select(*args)
+        return builder.select(args[0], args[1], _as(builder, args[2], sig.args[2], sig.args[1].vector))
 
-    return lanes_type(mask_type, lanes_type, lanes_type), codegen
+    return yes(yes.mask, yes, no if isinstance(no, Lanes) else types.float64), codegen
 
 
 @intrinsic
@@ -417,9 +483,9 @@ def mask_bits(typingctx, mask):
     """The mask as a whole number, lane k in bit k."""
 
     def codegen(context, builder, sig, args):
-        return builder.zext(builder.bitcast(args[0], ir.IntType(8)), ir.IntType(64))
+        return builder.zext(builder.bitcast(args[0], ir.IntType(sig.args[0].count)), ir.IntType(64))
 
-    return types.int64(mask_type), codegen
+    return types.int64(mask), codegen
 
 
 @intrinsic
@@ -452,6 +518,33 @@ def lane_sum(typingctx, value):
         return _fold(builder, args[0], builder.fadd)
 
     return types.float64(lanes_type), codegen
+
+
+@intrinsic
+def sums_of_rows(typingctx, array, index, stride):
+    """The lanes' sums of eight times eight numbers of a float64 array, from ``index`` on and ``stride`` apart: lane k is
+    the sum of the k-th eight."""
+
+    def codegen(context, builder, sig, args):
+        data = context.make_array(sig.args[0])(context, builder, args[0]).data
+        rows = []
+        for k in range(WIDTH):
+            offset = builder.add(args[1], builder.mul(args[2], context.get_constant(types.intp, k)))
+            rows.append(builder.load(builder.bitcast(builder.gep(data, [offset]), F64X8.as_pointer())))
+            rows[-1].align = 8
+
+        def added(a, b, low, high):
+            kind = ir.VectorType(I32, WIDTH)
+            parts = (builder.shuffle_vector(a, b, ir.Constant(kind, order)) for order in (low, high))
+            return builder.fadd(*parts)
+
+        by_one = ([0, 8, 2, 10, 4, 12, 6, 14], [1, 9, 3, 11, 5, 13, 7, 15])
+        by_two = ([0, 1, 4, 5, 8, 9, 12, 13], [2, 3, 6, 7, 10, 11, 14, 15])
+        twos = [added(rows[k], rows[k + 1], *by_one) for k in (0, 2, 4, 6)]
+        fours = [added(twos[k], twos[k + 1], *by_two) for k in (0, 2)]
+        return added(*fours, *by_two)
+
+    return lanes_type(array, types.intp, types.intp), codegen
 
 
 @intrinsic

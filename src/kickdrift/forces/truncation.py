@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 from numba.extending import overload
 
 from kickdrift.forces.compiling import jit
-from kickdrift.forces.simd import Lanes, select, splat
+from kickdrift.forces.simd import Lanes, select
 
 
 class AtCutoff(NamedTuple):
@@ -76,7 +76,7 @@ def positive(u: Any) -> Any:
 @overload(positive)
 def _positive(u):
     if isinstance(u, Lanes):
-        return lambda u: select(u > 0.0, u, splat(0.0))
+        return lambda u: select(u > 0.0, u, 0.0)
     return lambda u: max(u, 0.0)
 
 

@@ -1,0 +1,422 @@
+"""The compiled sum of a pair law over the rows of a cluster list, in float64 or mixed precision.
+
+In float64 a step of the loop is one particle against a cluster of eight. In mixed precision it is two particles against
+eight in 16 lanes of float32; forces on a particle are added up in float32 over a row and over the reactions of a chunk,
+everything else (state, sums over rows and chunks, energies, pairs within a cluster) is float64.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numba import types
+from numba.extending import overload
+
+from kickdrift.forces.chunks import chunk_task
+from kickdrift.forces.clusters import (
+    N_CLUSTERS,
+    SHIFTS,
+    STRIDE,
+    chunk_clusters,
+    load_vector,
+    store_vector,
+    table_place,
+)
+from kickdrift.forces.compiling import jit, never_inline
+from kickdrift.forces.simd import (
+    WIDTH,
+    broadcast,
+    entry,
+    lane_sum,
+    lanes_like,
+    load,
+    multiply_add,
+    named_lanes,
+    rotated,
+    select,
+    single_type,
+    splat,
+    store,
+    sums_of_rows,
+)
+from kickdrift.forces.simd_single import (
+    halves,
+    joined,
+    load_single,
+    load_twice,
+    named_lanes_single,
+    store_narrow,
+    store_single,
+)
+from kickdrift.forces.truncation import truncated
+
+PLACES = (
+    table_place.py_func(2, 1, 0),
+    table_place.py_func(2, 0, 1),
+)  # from a shift, and from a row, to the next in mixed precision
+
+
+@chunk_task
+def chunk_forces(force, c):
+    """Forces of chunk c's pairs, into the chunk's own array."""
+    never_inline()
+    sum_pairs(force, None, c)
+
+
+@chunk_task
+def chunk_forces_and_sums(force, c):
+    """The same, and the chunk's energy and virial."""
+    never_inline()
+    sum_pairs(force, force.sums, c)
+
+
+@jit
+def sum_pairs(force, sums, c):
+    pairs = force.pairs
+    x, reactions, table = working_arrays(force.mixed, pairs, c)
+    rows, start, used, touched, forces = (
+        pairs.rows[c],
+        pairs.row_start[c],
+        pairs.used[c],
+        pairs.touched[c],
+        pairs.force[c],
+    )
+    for cluster in range(pairs.counts[N_CLUSTERS]):
+        if touched[cluster]:
+            store_vector(forces, cluster, splat(0.0), splat(0.0), splat(0.0))
+            clear(reactions, cluster)
+    cutoff2 = force.cutoff**2
+    laws = force.law, force.at_cutoff, force.truncation, force.tables
+    row_sums = np.zeros(WIDTH * STRIDE)
+    energy_sum, virial_sum, pair_count = splat(0.0), splat(0.0), splat(0.0)
+    begin, end = chunk_clusters(pairs, c)
+    rows_each = WIDTH // pairs.per_row
+    for cluster in range(pairs.counts[N_CLUSTERS]):
+        first = rows_each * cluster
+        mine = begin <= cluster and cluster < end
+        if start[first] == start[first + rows_each] and not mine:
+            continue
+        fill_table(table, pairs.x, cluster, used[cluster], pairs.shifts)
+        # A step's lanes are a chain of 20 operations that wait for each other: the next step's displacements and forces
+        # are begun before this one's are added up.
+        at = start[first]
+        other, place = entry(rows, at, 0), entry(rows, at, 1)
+        dx, dy, dz = displacements(x, table, other, place)
+        r2 = dx * dx + dy * dy + dz * dz
+        inside = r2 < cutoff2
+        energy, force_over_r = pair_terms(laws, WIDTH * cluster + particle_of(table, place), other // 3, r2)
+        for row in range(rows_each):
+            fx, fy, fz = nothing(x), nothing(x), nothing(x)
+            for k in range(start[first + row], start[first + row + 1]):
+                here = entry(rows, k, 0)
+                g = select(inside, force_over_r, 0.0)
+                fx, fy, fz = multiply_add(g, dx, fx), multiply_add(g, dy, fy), multiply_add(g, dz, fz)
+                react(reactions, here, -g, dx, dy, dz)
+                if sums is not None:
+                    energy_sum = energy_sum + widened(select(inside, energy, 0.0))
+                    virial_sum = virial_sum + widened(g * select(inside, r2, 0.0))
+                    pair_count = pair_count + widened(select(inside, nothing(x) + 1.0, 0.0))
+                other, place = entry(rows, k + 1, 0), entry(rows, k + 1, 1)
+                dx, dy, dz = displacements(x, table, other, place)
+                r2 = dx * dx + dy * dy + dz * dz
+                inside = r2 < cutoff2
+                energy, force_over_r = pair_terms(laws, WIDTH * cluster + particle_of(table, place), other // 3, r2)
+            keep_row(row_sums, row, fx, fy, fz)
+        own_x, own_y, own_z = load_vector(forces, cluster)
+        if mine:
+            gx, gy, gz, energy_own, virial_own, count_own = within(laws, pairs.x, cluster, cutoff2, sums)
+            own_x, own_y, own_z = own_x + gx, own_y + gy, own_z + gz
+            if sums is not None:
+                energy_sum, virial_sum, pair_count = (
+                    energy_sum + energy_own,
+                    virial_sum + virial_own,
+                    pair_count + count_own,
+                )
+        own_x = own_x + sums_of_rows(row_sums, 0, STRIDE)
+        own_y = own_y + sums_of_rows(row_sums, WIDTH, STRIDE)
+        own_z = own_z + sums_of_rows(row_sums, 2 * WIDTH, STRIDE)
+        store_vector(forces, cluster, own_x, own_y, own_z)
+    for cluster in range(pairs.counts[N_CLUSTERS]):
+        if touched[cluster]:
+            add_reactions(forces, reactions, cluster)
+    if sums is not None:
+        sums[c, 0] = lane_sum(energy_sum)
+        sums[c, 1] = lane_sum(virial_sum)
+        sums[c, 2] = lane_sum(pair_count)
+
+
+@jit
+def within(laws, x, cluster, cutoff2, sums):
+    """Forces on a cluster's eight by each other, with energy, virial and number of pairs: each lane meets the lanes one
+    to four places on; those four on meet twice."""
+    at = WIDTH * cluster
+    own = load_vector(x, cluster)
+    fx, fy, fz, energy, virial, count = meeting(laws, at, own, cutoff2, sums, 1)
+    sx, sy, sz = fx - rotated(fx, 7), fy - rotated(fy, 7), fz - rotated(fz, 7)
+    energies, virials, counts = energy, virial, count
+    fx, fy, fz, energy, virial, count = meeting(laws, at, own, cutoff2, sums, 2)
+    sx, sy, sz = sx + (fx - rotated(fx, 6)), sy + (fy - rotated(fy, 6)), sz + (fz - rotated(fz, 6))
+    energies, virials, counts = energies + energy, virials + virial, counts + count
+    fx, fy, fz, energy, virial, count = meeting(laws, at, own, cutoff2, sums, 3)
+    sx, sy, sz = sx + (fx - rotated(fx, 5)), sy + (fy - rotated(fy, 5)), sz + (fz - rotated(fz, 5))
+    energies, virials, counts = energies + energy, virials + virial, counts + count
+    fx, fy, fz, energy, virial, count = meeting(laws, at, own, cutoff2, sums, 4)
+    sx, sy, sz = sx + fx, sy + fy, sz + fz
+    energies, virials, counts = energies + 0.5 * energy, virials + 0.5 * virial, counts + 0.5 * count
+    return sx, sy, sz, energies, virials, counts
+
+
+def meeting(laws: Any, at: int, own: Any, cutoff2: float, sums: Any, places: int) -> Any:
+    """Forces on each of the eight in slots from ``at`` on by the one that many places on; energy, virial, number."""
+
+
+@overload(meeting, prefer_literal=True)
+def _meeting(laws, at, own, cutoff2, sums, places):
+    if not isinstance(places, types.IntegerLiteral):
+        return None
+
+    def meets(laws, at, own, cutoff2, sums, places):
+        x, y, z = own
+        dx, dy, dz = x - rotated(x, places), y - rotated(y, places), z - rotated(z, places)
+        r2 = dx * dx + dy * dy + dz * dz
+        inside = r2 < cutoff2
+        energy, force_over_r = terms_within(laws, at, places, r2)
+        g = select(inside, force_over_r, 0.0)
+        energy, count = select(inside, energy, 0.0), select(inside, splat(1.0), 0.0)
+        return g * dx, g * dy, g * dz, energy, g * select(inside, r2, 0.0), count
+
+    return meets
+
+
+def working_arrays(mixed: Any, pairs: Any, c: int) -> Any:
+    """Positions, reactions of chunk c, and an empty table, in the precision of the pairs."""
+
+
+@overload(working_arrays)
+def _working_arrays(mixed, pairs, c):
+    if isinstance(mixed, types.NoneType):
+        return lambda mixed, pairs, c: (pairs.x, pairs.force[c], np.empty(SHIFTS * STRIDE))
+    size = SHIFTS * PLACES[0]
+    return lambda mixed, pairs, c: (pairs.x_single, pairs.force_single[c], np.empty(size, np.float32))
+
+
+def nothing(x: Any) -> Any:
+    """Zero in all lanes, in the precision of the array."""
+
+
+@overload(nothing)
+def _nothing(x):
+    return (lambda x: joined(0.0, 0.0)) if x.dtype == types.float32 else (lambda x: splat(0.0))
+
+
+def particle_of(table: Any, place: int) -> int:
+    """Which of its cluster's particles a row is of, or begins with, by its place in the table."""
+
+
+@overload(particle_of)
+def _particle_of(table, place):
+    if table.dtype == types.float32:
+        per_shift, per_row = PLACES
+        return lambda table, place: 2 * (place % per_shift // per_row)
+    return lambda table, place: place % STRIDE
+
+
+def fill_table(table: Any, x: Any, cluster: int, used: int, shifts: Any) -> None:
+    """A cluster's positions less each shift that is used. Looking them up costs less than subtracting in each step."""
+
+
+@overload(fill_table)
+def _fill_table(table, x, cluster, used, shifts):
+    def double(table, x, cluster, used, shifts):
+        for s in range(SHIFTS):
+            if (used >> s) & 1:
+                for k in range(3):
+                    store(table, STRIDE * s + WIDTH * k, load(x, STRIDE * cluster + WIDTH * k) - shifts[k, s])
+
+    def single(table, x, cluster, used, shifts):
+        for s in range(SHIFTS):
+            if (used >> s) & 1:
+                for k in range(3):
+                    p = STRIDE * cluster + WIDTH * k
+                    for row in range(4):
+                        two = joined(x[p + 2 * row] - shifts[k, s], x[p + 2 * row + 1] - shifts[k, s])
+                        store_single(table, per_shift * s + per_row * row + 2 * WIDTH * k, two)
+
+    per_shift, per_row = PLACES
+    return single if table.dtype == types.float32 else double
+
+
+def displacements(x: Any, table: Any, other: int, place: int) -> Any:
+    """From the cluster whose x begins at ``other`` to the row at ``place``."""
+
+
+@overload(displacements)
+def _displacements(x, table, other, place):
+    def double(x, table, other, place):
+        dx = broadcast(table, place) - load(x, other)
+        dy = broadcast(table, place + WIDTH) - load(x, other + WIDTH)
+        return dx, dy, broadcast(table, place + 2 * WIDTH) - load(x, other + 2 * WIDTH)
+
+    def single(x, table, other, place):
+        dx = load_single(table, place) - load_twice(x, other)
+        dy = load_single(table, place + 2 * WIDTH) - load_twice(x, other + WIDTH)
+        return dx, dy, load_single(table, place + 4 * WIDTH) - load_twice(x, other + 2 * WIDTH)
+
+    return single if x.dtype == types.float32 else double
+
+
+def react(reactions: Any, other: int, g: Any, dx: Any, dy: Any, dz: Any) -> None:
+    """Add g times the displacements to what the cluster whose x begins at ``other`` feels."""
+
+
+@overload(react)
+def _react(reactions, other, g, dx, dy, dz):
+    def double(reactions, other, g, dx, dy, dz):
+        hx, hy, hz = load(reactions, other), load(reactions, other + WIDTH), load(reactions, other + 2 * WIDTH)
+        store(reactions, other, multiply_add(g, dx, hx))
+        store(reactions, other + WIDTH, multiply_add(g, dy, hy))
+        store(reactions, other + 2 * WIDTH, multiply_add(g, dz, hz))
+
+    def single(reactions, other, g, dx, dy, dz):
+        x, y, z = 2 * other, 2 * other + 2 * WIDTH, 2 * other + 4 * WIDTH
+        hx, hy, hz = load_single(reactions, x), load_single(reactions, y), load_single(reactions, z)
+        store_single(reactions, x, multiply_add(g, dx, hx))
+        store_single(reactions, y, multiply_add(g, dy, hy))
+        store_single(reactions, z, multiply_add(g, dz, hz))
+
+    return single if reactions.dtype == types.float32 else double
+
+
+def keep_row(row_sums: Any, row: int, fx: Any, fy: Any, fz: Any) -> None:
+    """Keep the forces on a row's particles, lanes not yet added up."""
+
+
+@overload(keep_row)
+def _keep_row(row_sums, row, fx, fy, fz):
+    def double(row_sums, row, fx, fy, fz):
+        store_vector(row_sums, row, fx, fy, fz)
+
+    def single(row_sums, row, fx, fy, fz):
+        (x, x2), (y, y2), (z, z2) = halves(fx), halves(fy), halves(fz)
+        store_vector(row_sums, 2 * row, x, y, z)
+        store_vector(row_sums, 2 * row + 1, x2, y2, z2)
+
+    return single if fx == single_type else double
+
+
+def widened(value: Any) -> Any:
+    """Lanes in float64, eight in all."""
+
+
+@overload(widened)
+def _widened(value):
+    def single(value):
+        low, high = halves(value)
+        return low + high
+
+    return single if value == single_type else (lambda value: value)
+
+
+def clear(reactions: Any, cluster: int) -> None:
+    """No reactions yet on a cluster."""
+
+
+@overload(clear)
+def _clear(reactions, cluster):
+    def double(reactions, cluster):
+        store_vector(reactions, cluster, splat(0.0), splat(0.0), splat(0.0))
+
+    def single(reactions, cluster):
+        for k in range(3):
+            store_single(reactions, 2 * (STRIDE * cluster + WIDTH * k), joined(0.0, 0.0))
+
+    return single if reactions.dtype == types.float32 else double
+
+
+def add_reactions(forces: Any, reactions: Any, cluster: int) -> None:
+    """Add the reactions on a cluster to its forces, where they are not the same."""
+
+
+@overload(add_reactions)
+def _add_reactions(forces, reactions, cluster):
+    def single(forces, reactions, cluster):
+        for k in range(3):
+            p = STRIDE * cluster + WIDTH * k
+            low, high = halves(load_single(reactions, 2 * p))
+            store(forces, p, load(forces, p) + (low + high))
+
+    return single if reactions.dtype == types.float32 else (lambda forces, reactions, cluster: None)
+
+
+@jit
+def narrow(pairs):
+    """Copy the positions to float32."""
+    for p in range(0, STRIDE * pairs.counts[N_CLUSTERS], WIDTH):
+        store_narrow(pairs.x_single, p, load(pairs.x, p))
+
+
+def pair_terms(laws: tuple[Any, ...], i: int, j: int, r2: Any) -> Any:
+    """Energy and force over r of particle i (in 16 lanes i and i + 1) with the eight in slots j to j + 7, truncated;
+    the cutoff is not yet applied."""
+
+
+@overload(pair_terms)
+def _pair_terms(laws, i, j, r2):
+    law = laws[0].instance_class.compiled_law
+    if isinstance(laws[3], types.NoneType):
+
+        def one_species(laws, i, j, r2):
+            parameters, at_cutoff, truncation, _ = laws
+            energy, force_over_r = law(parameters, r2)
+            return truncated(truncation, at_cutoff, r2, lanes_like(energy, r2), lanes_like(force_over_r, r2))
+
+        return one_species
+    single = r2 == single_type
+
+    def many_species(laws, i, j, r2):
+        like, like_at_cutoff, truncation, tables = laws
+        row, next_row = tables.row[i], tables.row[i + single]
+        energy, force_over_r = law(named(like, tables.law, row, next_row, j, r2), r2)
+        at_cutoff = named(like_at_cutoff, tables.at_cutoff, row, next_row, j, r2)
+        return truncated(truncation, at_cutoff, r2, lanes_like(energy, r2), lanes_like(force_over_r, r2))
+
+    return many_species
+
+
+def named(like: Any, table: Any, row: int, next_row: int, j: int, r2: Any) -> Any:
+    """The parameters like ``like`` of the species ``row`` (and ``next_row``) with the eight in slots from j on."""
+
+
+@overload(named)
+def _named(like, table, row, next_row, j, r2):
+    if r2 == single_type:
+        return lambda like, table, row, next_row, j, r2: named_lanes_single(like, table, row, next_row, j)
+    return lambda like, table, row, next_row, j, r2: named_lanes(like, table, row, j)
+
+
+def terms_within(laws: tuple[Any, ...], at: int, places: int, r2: Any) -> Any:
+    """Energy and force over r of each of the eight in slots from ``at`` on with the one that many places on."""
+
+
+@overload(terms_within)
+def _terms_within(laws, at, places, r2):
+    if isinstance(laws[3], types.NoneType):
+        return lambda laws, at, places, r2: pair_terms(laws, at, at, r2)
+    law = laws[0].instance_class.compiled_law
+
+    def many_species(laws, at, places, r2):
+        like, like_at_cutoff, truncation, tables = laws
+        own = np.empty((tables.law.shape[0], 1, WIDTH))
+        own_at_cutoff = np.empty((2, 1, WIDTH))
+        for lane in range(WIDTH):
+            row, other = tables.row[at + lane], at + (lane + places) % WIDTH
+            for k in range(own.shape[0]):
+                own[k, 0, lane] = tables.law[k, row, other]
+            for k in range(2):
+                own_at_cutoff[k, 0, lane] = tables.at_cutoff[k, row, other]
+        energy, force_over_r = law(named_lanes(like, own, 0, 0), r2)
+        at_cutoff = named_lanes(like_at_cutoff, own_at_cutoff, 0, 0)
+        return truncated(truncation, at_cutoff, r2, lanes_like(energy, r2), lanes_like(force_over_r, r2))
+
+    return many_species
