@@ -56,7 +56,7 @@ class ClusterList(NamedTuple):
     row_start: NDArray[
         np.int64
     ]  # (chunks, slots + 1) the first entry of each row; rows are those of cluster 0, of 1, …
-    rows: NDArray[np.int32]  # (chunks, 8 room + 1, 2) the inner list: where a cluster's x begins in `x`, and where the
+    rows: NDArray[np.int32]  # (chunks, 8 room + 8, 2) the inner list: where a cluster's x begins in `x`, and where the
     # row's shifted positions stand in a table of the cluster's; the entry after the last is read and not used
     used: NDArray[np.int64]  # (chunks, clusters) the shifts in a cluster's rows, as bits
     x_single: NDArray[np.float32]  # (3 slots,) in mixed precision, else empty
@@ -115,7 +115,7 @@ def cluster_list(n: int, box: Box, cutoff: float, per_row: int = 1) -> ClusterLi
         near_span=np.zeros((clusters, 2), np.int64),
         near=np.empty((chunks, room), np.int32),
         row_start=np.zeros((chunks, slots + 1), np.int64),
-        rows=np.empty((chunks, ROWS_PER_NEAR * room + 1, 2), np.int32),
+        rows=np.empty((chunks, ROWS_PER_NEAR * room + WIDTH, 2), np.int32),
         used=np.zeros((chunks, clusters), np.int64),
         x_single=aligned((3 * single,), dtype=np.float32),
         force_single=aligned((chunks, 6 * single), fill=None, dtype=np.float32),

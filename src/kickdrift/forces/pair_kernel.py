@@ -376,7 +376,7 @@ def with_room(bound: PairKernel, room: int) -> PairKernel:
     """The bound force with empty lists of so many entries a chunk."""
     pairs = bound.pairs
     chunks = len(pairs.made)
-    rows = np.empty((chunks, ROWS_PER_NEAR * room + 1, 2), np.int32)
+    rows = np.empty((chunks, ROWS_PER_NEAR * room + WIDTH, 2), np.int32)
     return bound.with_list(near=np.empty((chunks, room), np.int32), rows=rows)
 
 

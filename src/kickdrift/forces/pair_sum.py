@@ -106,11 +106,11 @@ def sum_pairs(force, sums, c):
         r2 = dx * dx + dy * dy + dz * dz
         inside = r2 < cutoff2
         energy, force_over_r = pair_terms(laws, WIDTH * cluster + particle_of(table, place), other // 3, r2)
+        g = select(inside, force_over_r, 0.0)
         for row in range(rows_each):
             fx, fy, fz = nothing(x), nothing(x), nothing(x)
             for k in range(start[first + row], start[first + row + 1]):
                 here = entry(rows, k, 0)
-                g = select(inside, force_over_r, 0.0)
                 fx, fy, fz = multiply_add(g, dx, fx), multiply_add(g, dy, fy), multiply_add(g, dz, fz)
                 react(reactions, here, -g, dx, dy, dz)
                 if sums is not None:
@@ -122,6 +122,7 @@ def sum_pairs(force, sums, c):
                 r2 = dx * dx + dy * dy + dz * dz
                 inside = r2 < cutoff2
                 energy, force_over_r = pair_terms(laws, WIDTH * cluster + particle_of(table, place), other // 3, r2)
+                g = select(inside, force_over_r, 0.0)
             keep_row(row_sums, row, fx, fy, fz)
         own_x, own_y, own_z = load_vector(forces, cluster)
         if mine:

@@ -37,7 +37,7 @@ from kickdrift.forces.clusters import (
 )
 from kickdrift.forces.compiling import jit, never_inline
 from kickdrift.forces.kernel import BLOWN_UP, GROW, OK
-from kickdrift.forces.simd import WIDTH, count_ones, flat, mask_bits
+from kickdrift.forces.simd import WIDTH, append_members, count_ones, flat, mask_bits
 from kickdrift.forces.simd_single import joined, load_single, store_single
 
 
@@ -129,7 +129,7 @@ def clusters_near(pairs, cluster, reach2, near, found):
     x_to = min(cx + span_x, 2 * nx - 1 if periodic else nx - 1)
     y_from, y_to = max(cy - span_y, -ny if periodic else 0), min(cy + span_y, 2 * ny - 1 if periodic else ny - 1)
     for ux in range(cx, x_to + 1):
-        shift_x = ux // nx
+        shift_x = int(ux >= nx)
         gap_x = max(0.0, low_x + ux * width_x - bounds[3, cluster])
         for uy in range(y_from, y_to + 1):
             if ux == cx and uy < cy:
@@ -140,19 +140,20 @@ def clusters_near(pairs, cluster, reach2, near, found):
             if height2 < 0.0:
                 continue
             lowest, highest = bounds[2, cluster] - height2**0.5, bounds[5, cluster] + height2**0.5
-            shift_y = (uy + ny) // ny - 1
+            shift_y = int(uy >= ny) - int(uy < 0)
             other_home = (ux - shift_x * nx) * ny + uy - shift_y * ny
             same_column = ux == cx and uy == cy
+            first, last = column_clusters[other_home], column_clusters[other_home + 1]
+            if first == last:
+                continue
             for shift_z in range(-1 if periodic and not same_column else 0, 2 if periodic else 1):
                 s = 9 * (shift_x + 1) + 3 * (shift_y + 1) + shift_z + 1
-                here = same_column and shift_z == 0
-                for other in range(
-                    cluster + 1 if here else column_clusters[other_home], column_clusters[other_home + 1]
-                ):
+                if lowest > bounds[5, last - 1] + shifts[2, s] or highest < bounds[2, first] + shifts[2, s]:
+                    continue
+                begin = cluster + 1 if same_column and shift_z == 0 else first
+                for other in range(first_above(pairs, begin, last, lowest - shifts[2, s]), last):
                     if bounds[2, other] + shifts[2, s] > highest:
                         break
-                    if bounds[5, other] + shifts[2, s] < lowest:
-                        continue
                     gap2 = 0.0
                     for k in range(3):
                         before = bounds[k, cluster] - bounds[k + 3, other] - shifts[k, s]
@@ -166,6 +167,18 @@ def clusters_near(pairs, cluster, reach2, near, found):
     return found
 
 
+@jit
+def first_above(pairs, begin, end, height):
+    """The first of a column's clusters from ``begin`` to ``end`` that reaches that height; by bisection."""
+    while begin < end:
+        middle = (begin + end) // 2
+        if pairs.bounds[5, middle] < height:
+            begin = middle + 1
+        else:
+            end = middle
+    return begin
+
+
 @chunk_task
 def prune_chunk(pairs, c):
     """Make chunk c's rows: of each cluster and each that was near it, the particles of one that have a particle of the
@@ -173,60 +186,62 @@ def prune_chunk(pairs, c):
     never_inline()
     span, near = pairs.near_span, pairs.near[c]
     begin, end = chunk_clusters(pairs, c)
-    most = max(1, span[end - 1, 1] - span[begin, 0]) if end > begin else 1
-    of, listed, members = np.empty(most, np.int32), np.empty(most, np.int32), np.empty(most, np.int64)
-    first = np.zeros(pairs.counts[N_CLUSTERS] + 1, np.int64)
+    most = 1 + (span[end - 1, 1] - span[begin, 0] if end > begin else 0)
+    within, met, by = np.empty(most, np.int64), np.empty(most, np.int32), np.empty(most, np.int32)
     table = np.empty(4 * 6 * WIDTH, np.float32)
     made = 0
     for cluster in range(begin, end):
         reach2 = spread_rows(pairs, cluster, table)
         for k in range(span[cluster, 0], span[cluster, 1]):
-            other, s = near[k] >> SHIFT_BITS, near[k] & 31
-            bits = pairs_within(pairs, cluster, other, s, reach2, table)
-            own, others = bits_of_bytes(bits), bits | bits >> 32
-            others |= others >> 16
-            own &= filled_bits(pairs, cluster)
-            others = (others | others >> 8) & filled_bits(pairs, other)
-            if pairs.per_row == 2:
-                own, others = (own | own >> 1) & 0x55, (others | others >> 1) & 0x55
-            if own == 0 or others == 0:
-                continue
-            surplus = count_ones(own) - count_ones(others)
-            turn = surplus > 0 or (surplus == 0 and (cluster + other) & 1 == 1)
-            of[made] = other if turn else cluster
-            listed[made] = (cluster if turn else other) << SHIFT_BITS | (SHIFTS - 1 - s if turn else s)
-            members[made] = others if turn else own
-            first[of[made] + 1] += 1
-            made += 1
-    write_rows(pairs, c, of[:made], listed, members, first)
+            bits = pairs_within(pairs, cluster, near[k] >> SHIFT_BITS, near[k] & 31, reach2, table)
+            within[made], met[made], by[made] = bits, near[k], cluster
+            made += int(bits != 0)  # overwritten unless one is
+    write_rows(pairs, c, within[:made], met, by)
 
 
 @jit
-def write_rows(pairs, c, of, listed, members, first):
-    """Write the rows of each cluster, row by row."""
+def write_rows(pairs, c, within, met, by):
+    """Write chunk c's rows, from which pairs are within reach in each pair of clusters."""
     rows, start, used, per_row = pairs.rows[c], pairs.row_start[c], pairs.used[c], pairs.per_row
+    per_shift = table_place(per_row, 1, 0)
+    of, members = np.empty(within.size, np.int32), np.empty(within.size + WIDTH, np.int64)
+    listed = np.empty(within.size + WIDTH, np.int64)
     clusters = pairs.counts[N_CLUSTERS]
+    first = np.zeros(clusters + 1, np.int64)
+    used[:clusters] = 0
+    for k in range(within.size):
+        cluster, other, s = by[k], met[k] >> SHIFT_BITS, met[k] & 31
+        own, others = bits_of_bytes(within[k]), within[k] | within[k] >> 32
+        others |= others >> 16
+        own &= filled_bits(pairs, cluster)
+        others = (others | others >> 8) & filled_bits(pairs, other)
+        if per_row == 2:
+            own, others = (own | own >> 1) & 0x55, (others | others >> 1) & 0x55
+        # which way round: without branches, which nobody could foretell
+        turn = int(2 * (count_ones(own) - count_ones(others)) + ((cluster + other) & 1) > 0)
+        here, shift = cluster + turn * (other - cluster), s + turn * (SHIFTS - 1 - 2 * s)
+        of[k] = here
+        listed[k] = (STRIDE * (other + turn * (cluster - other))) | (per_shift * shift) << 32
+        members[k] = own + turn * (others - own)
+        used[here] |= 1 << shift
+        first[here + 1] += 1
     for cluster in range(clusters):
         first[cluster + 1] += first[cluster]
-    order, fill = np.empty(of.size, np.int64), first.copy()
-    for k in range(of.size):
-        order[fill[of[k]]] = k
-        fill[of[k]] += 1
+    fill = first.copy()
+    sorted_listed, sorted_members = np.empty_like(listed), np.empty_like(members)
+    for k in range(within.size):
+        at = fill[of[k]]
+        sorted_listed[at], sorted_members[at] = listed[k], members[k]
+        fill[of[k]] = at + 1
     rows_each = WIDTH // per_row
-    per_shift = table_place(per_row, 1, 0)
     made = 0
     for cluster in range(clusters):
-        used[cluster] = 0
-        for at in range(first[cluster], first[cluster + 1]):
-            used[cluster] |= 1 << (listed[order[at]] & 31)
+        begin, end = first[cluster], first[cluster + 1]
         for row in range(rows_each):
             start[rows_each * cluster + row] = made
-            place = table_place(per_row, 0, row)
-            for at in range(first[cluster], first[cluster + 1]):
-                k = order[at]
-                rows[made, 0] = STRIDE * (listed[k] >> SHIFT_BITS)
-                rows[made, 1] = per_shift * (listed[k] & 31) + place
-                made += (members[k] >> (per_row * row)) & 1  # overwritten unless it is a member
+            bit, place = 1 << (per_row * row), table_place(per_row, 0, row) << 32
+            for at in range(begin, end, WIDTH):
+                made += append_members(rows, made, sorted_listed, sorted_members, at, end - at, bit, place)
     start[rows_each * clusters] = made
     rows[made, 0] = rows[made, 1] = 0
 

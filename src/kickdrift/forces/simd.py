@@ -448,6 +448,38 @@ def entry(typingctx, array, row, column):
 
 
 @intrinsic
+def append_members(typingctx, rows, at, listed, members, start, count, bit, plus):
+    """Write those of the eight whole numbers ``listed[start:start + 8]``, ``count`` at most, whose ``members`` has that
+    bit set, each with ``plus`` added, to the matrix ``rows`` of two int32 from row ``at`` on; how many they are."""
+    whole = ir.IntType(64)
+    eight = ir.VectorType(whole, WIDTH)
+
+    def codegen(context, builder, sig, args):
+        target, source, chosen = (context.make_array(sig.args[k])(context, builder, args[k]).data for k in (0, 2, 3))
+
+        def spread(value):
+            one = builder.insert_element(ir.Constant(eight, ir.Undefined), value, I32(0))
+            zeros = ir.Constant(ir.VectorType(I32, WIDTH), [0] * WIDTH)
+            return builder.shuffle_vector(one, ir.Constant(eight, ir.Undefined), zeros)
+
+        def loaded(data):
+            value = builder.load(builder.bitcast(builder.gep(data, [args[4]]), eight.as_pointer()))
+            value.align = 8
+            return value
+
+        given = builder.icmp_signed("<", ir.Constant(eight, list(range(WIDTH))), spread(args[5]))
+        has_bit = builder.icmp_unsigned("!=", builder.and_(loaded(chosen), spread(args[6])), ir.Constant(eight, [0] * 8))
+        mask = builder.and_(given, has_bit)
+        pointer = builder.gep(builder.bitcast(target, whole.as_pointer()), [args[1]])
+        kind = ir.FunctionType(ir.VoidType(), [eight, pointer.type, I1X8])
+        write = cgutils.get_or_insert_function(builder.module, kind, "llvm.masked.compressstore.v8i64")
+        builder.call(write, [builder.add(loaded(source), spread(args[7])), pointer, mask])
+        return builder.ctpop(builder.zext(builder.bitcast(mask, ir.IntType(8)), whole))
+
+    return types.int64(rows, types.intp, listed, members, types.intp, types.int64, types.int64, types.int64), codegen
+
+
+@intrinsic
 def count_ones(typingctx, bits):
     """How many bits of a whole number are set."""
 
