@@ -109,6 +109,9 @@ def run(
     compensated: Annotated[
         bool, typer.Option("--compensated", help="Carry on what rounding loses of positions and velocities.")
     ] = False,
+    mixed: Annotated[
+        bool, typer.Option("--mixed", help="Pair forces in float32, summed in float64: faster, 1e-6 off.")
+    ] = False,
     coordinates: Annotated[
         str | None, typer.Option(metavar="NAME", help="Of wisdom-holman and saba: jacobi, democratic-heliocentric.")
     ] = None,
@@ -162,6 +165,7 @@ def run(
     sim = Simulation(
         chosen, integrator, dt, threads, engine=engine, processes=processes, rtol=rtol, atol=atol,
         compensated=compensated, coordinates=coordinates, corrector=corrector, order=order, eta=eta, scheme=scheme,
+        precision="mixed" if mixed else None,
     )  # fmt: skip
     length = run_length(sim, system, steps, time)
     warn_of_version(sim, quiet)

@@ -28,12 +28,12 @@ class ParticleFlow:
 
     raised: BaseException | None = None
 
-    def __init__(self, system: System, threads: int, jumps: bool) -> None:
+    def __init__(self, system: System, threads: int, jumps: bool, mixed: bool = False) -> None:
         check_overlaps(system)
         self.subject = system
         self.name = system.name
         self.halves = 2
-        self.forces = BoundForces(system, threads, jumps=jumps)
+        self.forces = BoundForces(system, threads, jumps=jumps, mixed=mixed)
         self._aside = BoundForces(
             system, threads, thin=True
         )  # with lists of its own: looking must not change the run's
@@ -199,10 +199,13 @@ def check_state(state: Any, kind: Any) -> None:
 Flow = ParticleFlow | ProblemFlow
 
 
-def flow_of(subject: System | Problem, threads: int, jumps: bool) -> Flow:
-    """The flow of a System or a Problem; with ``jumps``, trial steps may go far astray."""
+def flow_of(subject: System | Problem, threads: int, jumps: bool, mixed: bool = False) -> Flow:
+    """The flow of a System or a Problem; with ``jumps``, trial steps may go far astray; with ``mixed``, pair forces are
+    in mixed precision."""
     if isinstance(subject, System):
-        return ParticleFlow(subject, threads, jumps)
+        return ParticleFlow(subject, threads, jumps, mixed)
+    if mixed and isinstance(subject, Problem):
+        raise InputError(f"precision: mixed is for pair forces, and {subject.name!r} is an ODE")
     if isinstance(subject, Problem):
         return ProblemFlow(subject, threads, jumps)
     raise InputError(f"a Simulation takes a System or a Problem, got {type(subject).__name__}")

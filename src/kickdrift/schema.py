@@ -142,6 +142,7 @@ class RunTable(Table):
     order: str | None = None
     eta: PositiveFloat | None = None
     scheme: str | None = None
+    precision: str | None = None
 
     @model_validator(mode="after")
     def _steps_or_time(self) -> RunTable:

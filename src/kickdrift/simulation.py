@@ -21,6 +21,7 @@ from kickdrift.flow import Flow, ParticleFlow, flow_of
 from kickdrift.forces.compiling import processor
 from kickdrift.forces.kernel import OK
 from kickdrift.integrators import integrator as method_named
+from kickdrift.integrators.method import MIXED
 from kickdrift.integrators.stepping import STOPPED, Options, Stepper
 from kickdrift.interrupt import interruptible
 from kickdrift.memory import Memory
@@ -61,6 +62,8 @@ class Simulation:
     events : what to watch for (`CloseApproach`, `Collision`, `Escape`, `Crossing`); default the system file's
     iteration : how an implicit method solves for its stages: "newton" or "fixed-point"
     coordinates, corrector, order, eta, scheme : see the integrators that take them; default the system file's
+    precision : of pair forces, "double" (float64, default) or "mixed": pairs in float32, all else in float64; forces
+        are off by about 1e-6 of a typical one, and the energies that are reported are float64's
 
     Raises
     ------
@@ -87,6 +90,7 @@ class Simulation:
         order: str | None = None,
         eta: float | None = None,
         scheme: str | None = None,
+        precision: str | None = None,
         events: Iterable[Event] | None = None,
     ) -> None:
         if not hasattr(system, "run"):
@@ -96,7 +100,9 @@ class Simulation:
         named = integrator if integrator is not None else system.run.integrator
         self.integrator = default if named is None else self._engine.method_name(named)
         self.method = method_named(self.integrator)
-        asked = Options(dt, rtol, atol, controller, compensated, iteration, coordinates, corrector, order, eta, scheme)
+        asked = Options(
+            dt, rtol, atol, controller, compensated, iteration, coordinates, corrector, order, eta, scheme, precision
+        )
         self.options = self.method.checked(asked.or_else(system.run), asked)
         self.dt = self.options.dt
         if self.dt is None and self.method.needs_dt:
@@ -466,7 +472,8 @@ class Simulation:
         if self._engine.foreign:
             self._flow, stepper = begin(self._engine, self._job(system))
             return stepper
-        self._flow = flow_of(system, self.threads, jumps=self.method.trial_steps)
+        mixed = self.options.precision == MIXED
+        self._flow = flow_of(system, self.threads, jumps=self.method.trial_steps, mixed=mixed)
         if self.method.separable and self._flow.not_separable:
             raise InputError(
                 f"{self.integrator}: needs accelerations that depend on positions and time alone, and "

@@ -34,6 +34,7 @@ class RunDefaults:
     order: str | None = None
     eta: float | None = None
     scheme: str | None = None
+    precision: str | None = None
 
 
 @dataclass(frozen=True)

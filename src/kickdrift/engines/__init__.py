@@ -87,6 +87,8 @@ class Engine:
             return f"integrator {job.named!r}: it has {known}"
         if job.options.compensated:
             return "compensated: it has no compensated sums of positions and velocities"
+        if job.options.precision:
+            return f"precision: it has its own, and not {job.options.precision!r}"
         found: str | None = self.module.refusal(job)
         return found
 

@@ -12,6 +12,7 @@ from kickdrift.forces.clusters import BUILT, JUMPS_ALLOWED, OUTER_BUILDS, PRUNES
 from kickdrift.forces.evaluate import SLOTS, derivative, measure
 from kickdrift.forces.kernel import GROW, OK
 from kickdrift.forces.pair_kernel import PairKernel, grown, memory, ready, recalled, thinned
+from kickdrift.forces.pair_law import PairForce
 from kickdrift.state import Floats
 
 
@@ -43,13 +44,21 @@ class BoundForces:
     The lists make the sums of one instance depend on what it was asked before (to round-off), so the run loop has one
     that nobody else touches, and observers another. Between two calls in a run no particle may move further than a pair
     force reaches (the run has blown up then); with ``jumps`` it may. With ``thin`` lists, which cost less to make, it
-    should stay where it is.
+    should stay where it is. With ``mixed``, pair forces are in mixed precision.
     """
 
-    def __init__(self, system: Any, threads: int = 1, jumps: bool = True, thin: bool = False) -> None:
+    def __init__(
+        self, system: Any, threads: int = 1, jumps: bool = True, thin: bool = False, mixed: bool = False
+    ) -> None:
         check_threads(threads)
         self.threads = threads
-        self.forces: tuple[Any, ...] = tuple(force.bind(system, threads) for force in system.forces)
+        pairs = [isinstance(force, PairForce) for force in system.forces]
+        if mixed and not any(pairs):
+            raise InputError(f"precision: mixed is for pair forces, and {system.name!r} has none")
+        self.forces: tuple[Any, ...] = tuple(
+            force.bind(system, threads, mixed) if pair else force.bind(system, threads)
+            for force, pair in zip(system.forces, pairs, strict=True)
+        )
         if thin:
             self.forces = tuple(thinned(force) for force in self.forces)
         for force in self.forces:

@@ -236,6 +236,7 @@ def _prepare(mixed, pairs):
 def left_over(mixed: Any, place: Any, total: Any) -> tuple[float, float, float]:
     """In mixed precision, what the forces together accelerate the whole by: zero but for rounding, and taken off, so
     that momentum is conserved as in float64."""
+    raise NotImplementedError("for compiled code")
 
 
 @overload(left_over)

@@ -183,11 +183,12 @@ class PairForce:
                     virial += density * w_part
         return energy, virial
 
-    def bind(self, system: System, threads: int = 1) -> Any:
-        """The compiled form of this force for a System: a NamedTuple that ``accelerate`` knows."""
+    def bind(self, system: System, threads: int = 1, mixed: bool = False) -> Any:
+        """The compiled form of this force for a System: a NamedTuple that ``accelerate`` knows; in mixed precision, if
+        so."""
         from kickdrift.forces.pair_kernel import bind
 
-        return bind(self, system, threads)
+        return bind(self, system, threads, mixed)
 
 
 def pair_law(cls: type) -> Any:

@@ -15,6 +15,7 @@ from numba.extending import overload
 
 from kickdrift.forces.chunks import chunk_task
 from kickdrift.forces.clusters import (
+    APART,
     N_CLUSTERS,
     SHIFTS,
     STRIDE,
@@ -28,9 +29,11 @@ from kickdrift.forces.simd import (
     WIDTH,
     broadcast,
     entry,
+    lane_numbers,
     lane_sum,
     lanes_like,
     load,
+    lowest_bit,
     multiply_add,
     named_lanes,
     rotated,
@@ -48,6 +51,7 @@ from kickdrift.forces.simd_single import (
     named_lanes_single,
     store_narrow,
     store_single,
+    two_of,
 )
 from kickdrift.forces.truncation import truncated
 
@@ -97,7 +101,7 @@ def sum_pairs(force, sums, c):
         mine = begin <= cluster and cluster < end
         if start[first] == start[first + rows_each] and not mine:
             continue
-        fill_table(table, pairs.x, cluster, used[cluster], pairs.shifts)
+        fill_table(table, pairs, cluster, used[cluster])
         # A step's lanes are a chain of 20 operations that wait for each other: the next step's displacements and forces
         # are begun before this one's are added up.
         at = start[first]
@@ -192,6 +196,7 @@ def _meeting(laws, at, own, cutoff2, sums, places):
 
 def working_arrays(mixed: Any, pairs: Any, c: int) -> Any:
     """Positions, reactions of chunk c, and an empty table, in the precision of the pairs."""
+    raise NotImplementedError("for compiled code")
 
 
 @overload(working_arrays)
@@ -223,29 +228,43 @@ def _particle_of(table, place):
     return lambda table, place: place % STRIDE
 
 
-def fill_table(table: Any, x: Any, cluster: int, used: int, shifts: Any) -> None:
+def fill_table(table: Any, pairs: Any, cluster: int, used: int) -> None:
     """A cluster's positions less each shift that is used. Looking them up costs less than subtracting in each step."""
 
 
 @overload(fill_table)
-def _fill_table(table, x, cluster, used, shifts):
-    def double(table, x, cluster, used, shifts):
-        for s in range(SHIFTS):
-            if (used >> s) & 1:
-                for k in range(3):
-                    store(table, STRIDE * s + WIDTH * k, load(x, STRIDE * cluster + WIDTH * k) - shifts[k, s])
+def _fill_table(table, pairs, cluster, used):
+    def double(table, pairs, cluster, used):
+        shifts = pairs.shifts
+        x, y, z = load_vector(pairs.x, cluster)
+        while used:
+            s = lowest_bit(used)
+            used &= used - 1
+            store_vector(table, s, x - shifts[0, s], y - shifts[1, s], z - shifts[2, s])
 
-    def single(table, x, cluster, used, shifts):
-        for s in range(SHIFTS):
-            if (used >> s) & 1:
-                for k in range(3):
-                    p = STRIDE * cluster + WIDTH * k
-                    for row in range(4):
-                        two = joined(x[p + 2 * row] - shifts[k, s], x[p + 2 * row + 1] - shifts[k, s])
-                        store_single(table, per_shift * s + per_row * row + 2 * WIDTH * k, two)
+    def single(table, pairs, cluster, used):
+        shifts = pairs.shifts
+        x, y, z = load_vector(pairs.x, cluster)
+        # a row's second place may be empty: further away than all other empty ones, whatever the shift
+        aside = 10 * APART * pairs.cutoff + 3 * pairs.edges[0]
+        x = select(lane_numbers() < float(pairs.filled[cluster]), x, x + aside)
+        while used:
+            s = lowest_bit(used)
+            used &= used - 1
+            store_twos(table, 8 * STRIDE * s, x - shifts[0, s])
+            store_twos(table, 8 * STRIDE * s + 2 * WIDTH, y - shifts[1, s])
+            store_twos(table, 8 * STRIDE * s + 4 * WIDTH, z - shifts[2, s])
 
-    per_shift, per_row = PLACES
     return single if table.dtype == types.float32 else double
+
+
+@jit
+def store_twos(table, at, value):
+    """Store lanes 0 and 1 eight times each in float32, then 2 and 3 a row further on, and so on."""
+    store_single(table, at, two_of(value, 0))
+    store_single(table, at + 2 * STRIDE, two_of(value, 1))
+    store_single(table, at + 4 * STRIDE, two_of(value, 2))
+    store_single(table, at + 6 * STRIDE, two_of(value, 3))
 
 
 def displacements(x: Any, table: Any, other: int, place: int) -> Any:

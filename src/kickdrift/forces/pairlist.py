@@ -1,13 +1,13 @@
 """The cluster pair list: which particles may be within the cutoff of each other, laid out for SIMD.
 
 Particles are sorted into columns over the x-y plane and by z in each, and padded to clusters of eight. The *outer* list
-holds, for every cluster, the clusters whose box is within the cutoff and a wide skin of its box, with the periodic shift
-to apply. The *inner* one, which the forces run over, is pruned from it (the scheme of Páll & Hess, Comput. Phys. Commun.
-184, 2641, 2013, doi:10.1016/j.cpc.2013.06.003): rows of a particle, or two, with all the clusters that hold a particle
-within the cutoff and a narrow skin. Every pair of images stands once: in the outer list the second cluster's image
-follows the first in the order (column x, column y, cluster), unwrapped across the periodic edges; in the inner one
-either may have the rows. The pairs inside a cluster are implied. A list is refreshed when a particle has moved by half
-its skin, which is looked at on every force evaluation, and is a function of the positions alone.
+holds, for every cluster, the clusters whose box is within the cutoff and a wide skin of its box, with the periodic
+shift to apply. The *inner* one, which the forces run over, is pruned from it (the scheme of Páll & Hess, Comput. Phys.
+Commun. 184, 2641, 2013, doi:10.1016/j.cpc.2013.06.003): rows of a particle, or two, with all the clusters that hold a
+particle within the cutoff and a narrow skin. Every pair of images stands once: in the outer list the second cluster's
+image follows the first in the order (column x, column y, cluster), unwrapped across the periodic edges; in the inner
+one either may have the rows. The pairs inside a cluster are implied. A list is refreshed when a particle has moved by
+half its skin, which is looked at on every force evaluation, and is a function of the positions alone.
 """
 
 from __future__ import annotations

@@ -2,8 +2,8 @@
 
 numba learns the types ``Lanes`` (LLVM's ``<8 x double>`` and ``<16 x float>``) and ``Mask``, with the arithmetic
 operators, the comparisons and a few functions lowered on them; LLVM then emits AVX-512, AVX2, SSE2 or NEON as the
-machine has it. Lanes mix with scalars, which are copied to all lanes. They have the fast-math flags of the function that
-they stand in, as scalars do. Division is a 14-bit estimate refined by a series where the machine has AVX-512 (its
+machine has it. Lanes mix with scalars, which are copied to all lanes. They have the fast-math flags of the function
+that they stand in, as scalars do. Division is a 14-bit estimate refined by a series where the machine has AVX-512 (its
 divide would take over half of a pair kernel's time), within 2 ulp, and so is ``inverse_sqrt``; r = 0, infinity and NaN
 give a result that is not finite, and so stay visible. `simd_single` has what float32 alone needs.
 """
@@ -448,6 +448,16 @@ def entry(typingctx, array, row, column):
 
 
 @intrinsic
+def lowest_bit(typingctx, bits):
+    """The number of the lowest bit that is set, of one at least."""
+
+    def codegen(context, builder, sig, args):
+        return builder.cttz(args[0], ir.IntType(1)(1))
+
+    return types.int64(types.int64), codegen
+
+
+@intrinsic
 def append_members(typingctx, rows, at, listed, members, start, count, bit, plus):
     """Write those of the eight whole numbers ``listed[start:start + 8]``, ``count`` at most, whose ``members`` has that
     bit set, each with ``plus`` added, to the matrix ``rows`` of two int32 from row ``at`` on; how many they are."""
@@ -468,8 +478,8 @@ def append_members(typingctx, rows, at, listed, members, start, count, bit, plus
             return value
 
         given = builder.icmp_signed("<", ir.Constant(eight, list(range(WIDTH))), spread(args[5]))
-        has_bit = builder.icmp_unsigned("!=", builder.and_(loaded(chosen), spread(args[6])), ir.Constant(eight, [0] * 8))
-        mask = builder.and_(given, has_bit)
+        both = builder.and_(loaded(chosen), spread(args[6]))
+        mask = builder.and_(given, builder.icmp_unsigned("!=", both, ir.Constant(eight, [0] * WIDTH)))
         pointer = builder.gep(builder.bitcast(target, whole.as_pointer()), [args[1]])
         kind = ir.FunctionType(ir.VoidType(), [eight, pointer.type, I1X8])
         write = cgutils.get_or_insert_function(builder.module, kind, "llvm.masked.compressstore.v8i64")
@@ -554,8 +564,8 @@ def lane_sum(typingctx, value):
 
 @intrinsic
 def sums_of_rows(typingctx, array, index, stride):
-    """The lanes' sums of eight times eight numbers of a float64 array, from ``index`` on and ``stride`` apart: lane k is
-    the sum of the k-th eight."""
+    """The lanes' sums of eight times eight numbers of a float64 array, from ``index`` on and ``stride`` apart: lane k
+    is the sum of the k-th eight."""
 
     def codegen(context, builder, sig, args):
         data = context.make_array(sig.args[0])(context, builder, args[0]).data
@@ -566,9 +576,9 @@ def sums_of_rows(typingctx, array, index, stride):
             rows[-1].align = 8
 
         def added(a, b, low, high):
-            kind = ir.VectorType(I32, WIDTH)
-            parts = (builder.shuffle_vector(a, b, ir.Constant(kind, order)) for order in (low, high))
-            return builder.fadd(*parts)
+            chosen = (ir.Constant(ir.VectorType(I32, WIDTH), order) for order in (low, high))
+            first, second = (builder.shuffle_vector(a, b, order) for order in chosen)
+            return builder.fadd(first, second)
 
         by_one = ([0, 8, 2, 10, 4, 12, 6, 14], [1, 9, 3, 11, 5, 13, 7, 15])
         by_two = ([0, 1, 4, 5, 8, 9, 12, 13], [2, 3, 6, 7, 10, 11, 14, 15])

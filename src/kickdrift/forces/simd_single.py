@@ -36,6 +36,19 @@ def joined(typingctx, low, high):
     return single_type(*(kind if isinstance(kind, Lanes) else types.float64 for kind in (low, high))), codegen
 
 
+@intrinsic(prefer_literal=True)
+def two_of(typingctx, value, pair):
+    """Lanes 2 ``pair`` and 2 ``pair`` + 1 of eight float64, eight times each, as float32; ``pair`` is written out."""
+    first = 2 * pair.literal_value
+
+    def codegen(context, builder, sig, args):
+        narrow = builder.fptrunc(args[0], F32X8)
+        order = ir.Constant(ir.VectorType(I32, 2 * WIDTH), [first] * WIDTH + [first + 1] * WIDTH)
+        return builder.shuffle_vector(narrow, narrow, order)
+
+    return single_type(lanes_type, pair), codegen
+
+
 @intrinsic
 def halves(typingctx, value):
     """The lower and the upper eight of 16 lanes, as float64."""

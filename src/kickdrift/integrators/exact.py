@@ -74,6 +74,7 @@ class Exact(Method):
     reversible = True
     separable = True
     particles_only = True
+    mixed = False
 
     @property
     def evaluations(self) -> int:

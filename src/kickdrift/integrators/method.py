@@ -9,6 +9,8 @@ import numpy as np
 
 from kickdrift.errors import InputError
 
+PRECISIONS = DOUBLE, MIXED = "double", "mixed"  # of pair forces
+
 if TYPE_CHECKING:
     from kickdrift.flow import Flow
     from kickdrift.integrators.stepping import Options, Stepper
@@ -75,6 +77,11 @@ class Method:
         return False
 
     @property
+    def mixed(self) -> bool:
+        """Whether its pair forces may be in mixed precision."""
+        return True
+
+    @property
     def butcher(self) -> tuple[Floats, Floats] | None:
         """The full tableau (s, s) and weights (s,) that give a one-step method's R(z) on y' = lambda y, where it has
         one."""
@@ -108,7 +115,7 @@ class Method:
         """The options that this method takes of those given in arguments and file; those ``asked`` for in arguments
         that it does not take are an InputError, and so are values that make no sense."""
         for key, value in asdict(asked).items():
-            if key not in ("dt", *self.tunable) and value is not None and value is not False:
+            if key not in ("dt", "precision", *self.tunable) and value is not None and value is not False:
                 takes = ", ".join(("dt", *self.tunable))
                 raise InputError(f"{key}: {self.name} does not take it; it takes {takes}")
         if not isinstance(asked.compensated, bool):
@@ -124,7 +131,12 @@ class Method:
         dt = asked.dt if self.adaptive else given.dt  # a file's dt is no first step for a method that chooses its own
         if dt is not None and not (_is_number(dt) and np.isfinite(dt) and dt > 0):
             raise InputError(f"dt must be a positive finite time, got {dt!r}")
-        options = replace(type(given)(), dt=None if dt is None else float(dt), **kept)
+        if given.precision not in (None, *PRECISIONS):
+            raise InputError(f"precision {given.precision!r} is unknown; known are {', '.join(PRECISIONS)}")
+        if given.precision == MIXED and not self.mixed:
+            raise InputError(f"precision: {self.name} adds up forces of its own, and takes {DOUBLE} alone")
+        precision = given.precision if given.precision == MIXED else None
+        options = replace(type(given)(), dt=None if dt is None else float(dt), precision=precision, **kept)
         if self.adaptive:
             from kickdrift.integrators.step_control import check_tolerances, controller
 

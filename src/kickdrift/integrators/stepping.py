@@ -54,6 +54,7 @@ class Options:
     order: str | None = None
     eta: float | None = None
     scheme: str | None = None
+    precision: str | None = None
 
     def or_else(self, defaults: Any) -> Options:
         """The same, with what was not said taken from ``defaults`` where those have it."""
