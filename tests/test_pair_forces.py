@@ -342,14 +342,14 @@ def test_lists_grow():
     x = on_grid(rng.uniform(-9.0, 9.0, (500, 3)))
     system = make_system(x)
     bound = BoundForces(system)
-    room = bound.forces[0].pairs.outer.shape[1]
+    room = bound.forces[0].pairs.near.shape[1]
     while np.abs(x).max() > 0.7:
         assert_right(moved(system, x), bound)
         x = on_grid(0.9 * x)
-    assert bound.forces[0].pairs.outer.shape[1] > 1.2 * room
+    assert bound.forces[0].pairs.near.shape[1] > 1.2 * room
     small = make_system(on_grid(rng.uniform(-0.7, 0.7, (500, 3))), mixed=True)
     assert assert_right(small).pairs == 500 * 499 // 2
-    assert BoundForces(small).forces[0].pairs.outer.shape[1] == room  # grown for this instance alone
+    assert BoundForces(small).forces[0].pairs.near.shape[1] == room  # grown for this instance alone
 
 
 @pytest.mark.parametrize("culprit", [np.nan, np.inf, -np.inf])

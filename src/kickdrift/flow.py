@@ -59,6 +59,10 @@ class ParticleFlow:
             raise InputError("state: positions and velocities must be finite")
         return np.array(state.phase, dtype=float, order="C")
 
+    def tune(self, y: Floats, between: float) -> None:
+        """Have pair lists for particles as fast as at y, with that much time between two evaluations of the forces."""
+        self.forces.tune(float(np.sqrt((y[1] ** 2).sum(axis=0).max())) * between)
+
     def begin(self, record: Record, y: Floats) -> None:
         """A record of conservation begins here."""
         record.begin(self.subject.coherent_masses, y)

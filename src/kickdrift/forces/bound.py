@@ -11,7 +11,7 @@ from kickdrift.errors import InputError
 from kickdrift.forces.clusters import BUILT, JUMPS_ALLOWED, OUTER_BUILDS, PRUNES
 from kickdrift.forces.evaluate import SLOTS, derivative, measure
 from kickdrift.forces.kernel import GROW, OK
-from kickdrift.forces.pair_kernel import PairKernel, grown, memory, ready, recalled, thinned
+from kickdrift.forces.pair_kernel import PairKernel, grown, memory, ready, recalled, thinned, tuned
 from kickdrift.forces.pair_law import PairForce
 from kickdrift.state import Floats
 
@@ -90,6 +90,12 @@ class BoundForces:
         if self.call(derivative, time, y, dy, np.zeros(SLOTS, np.int64)) != OK:
             dy[...] = np.nan
         return dy
+
+    def tune(self, stride: float) -> None:
+        """Have the pair lists that cost least where the fastest particle goes so far between two evaluations; they are
+        made anew at the next."""
+        self.forces = tuple(tuned(force, stride) for force in self.forces)
+        self.forget()
 
     def forget(self) -> None:
         """Make every pair list anew at the next evaluation."""

@@ -25,6 +25,7 @@ from kickdrift.forces.clusters import (
     cluster_list,
     copy,
     load_vector,
+    skins,
     store_vector,
 )
 from kickdrift.forces.compiling import callback, driver, jit
@@ -373,6 +374,14 @@ def thinned(bound: Any) -> Any:
     return bound.with_list(inner_skin=skin, outer_skin=skin)
 
 
+def tuned(bound: Any, stride: float) -> Any:
+    """The bound force with the skins for a fastest particle that goes so far between two evaluations."""
+    if not isinstance(bound, PairKernel):
+        return bound
+    inner, outer = skins(bound.pairs.edges, bound.pairs.cutoff, stride)
+    return bound.with_list(inner_skin=inner, outer_skin=outer)
+
+
 def with_room(bound: PairKernel, room: int) -> PairKernel:
     """The bound force with empty lists of so many entries a chunk."""
     pairs = bound.pairs
@@ -383,17 +392,17 @@ def with_room(bound: PairKernel, room: int) -> PairKernel:
 
 def memory(bound: PairKernel) -> dict[str, Any]:
     """What the order of sums depends on: the positions that the list was sorted and searched at and those that it was
-    last pruned at, which make it anew; and its room, since growing takes an evaluation more."""
+    last pruned at, which make it anew; its skins; and its room, since growing takes an evaluation more."""
     pairs = bound.pairs
-    room = pairs.near.shape[1]
-    if not pairs.counts[BUILT]:
-        return {"room": room, "built_at": None, "pruned_at": None}
-    return {"room": room, "built_at": pairs.built_at.copy(), "pruned_at": pairs.inner_reference.copy()}
+    built_at, pruned_at = (pairs.built_at.copy(), pairs.inner_reference.copy()) if pairs.counts[BUILT] else (None, None)
+    sizes = {"room": pairs.near.shape[1], "inner_skin": pairs.inner_skin, "outer_skin": pairs.outer_skin}
+    return {**sizes, "built_at": built_at, "pruned_at": pruned_at}
 
 
 def recalled(bound: PairKernel, memory: dict[str, Any]) -> PairKernel:
     """The bound force with the list that had this memory."""
-    bound = with_room(bound, memory["room"]).ready()
+    kept = {key: memory[key] for key in ("inner_skin", "outer_skin") if key in memory}
+    bound = with_room(bound, memory["room"]).with_list(**kept).ready()
     bound.pairs.counts[BUILT] = 0
     if memory["built_at"] is not None and bound.remake(memory["built_at"], memory["pruned_at"]) != OK:
         raise InputError("checkpoint: the positions of its pair list make no list here")

@@ -130,7 +130,7 @@ def sum_pairs(force, sums, c):
             keep_row(row_sums, row, fx, fy, fz)
         own_x, own_y, own_z = load_vector(forces, cluster)
         if mine:
-            gx, gy, gz, energy_own, virial_own, count_own = within(laws, pairs.x, cluster, cutoff2, sums)
+            gx, gy, gz, energy_own, virial_own, count_own = within(laws, pairs.x, cluster, cutoff2)
             own_x, own_y, own_z = own_x + gx, own_y + gy, own_z + gz
             if sums is not None:
                 energy_sum, virial_sum, pair_count = (
@@ -152,36 +152,37 @@ def sum_pairs(force, sums, c):
 
 
 @jit
-def within(laws, x, cluster, cutoff2, sums):
+def within(laws, x, cluster, cutoff2):
     """Forces on a cluster's eight by each other, with energy, virial and number of pairs: each lane meets the lanes one
     to four places on; those four on meet twice."""
     at = WIDTH * cluster
     own = load_vector(x, cluster)
-    fx, fy, fz, energy, virial, count = meeting(laws, at, own, cutoff2, sums, 1)
+    fx, fy, fz, energy, virial, count = meeting(laws, at, own, cutoff2, 1)
     sx, sy, sz = fx - rotated(fx, 7), fy - rotated(fy, 7), fz - rotated(fz, 7)
     energies, virials, counts = energy, virial, count
-    fx, fy, fz, energy, virial, count = meeting(laws, at, own, cutoff2, sums, 2)
+    fx, fy, fz, energy, virial, count = meeting(laws, at, own, cutoff2, 2)
     sx, sy, sz = sx + (fx - rotated(fx, 6)), sy + (fy - rotated(fy, 6)), sz + (fz - rotated(fz, 6))
     energies, virials, counts = energies + energy, virials + virial, counts + count
-    fx, fy, fz, energy, virial, count = meeting(laws, at, own, cutoff2, sums, 3)
+    fx, fy, fz, energy, virial, count = meeting(laws, at, own, cutoff2, 3)
     sx, sy, sz = sx + (fx - rotated(fx, 5)), sy + (fy - rotated(fy, 5)), sz + (fz - rotated(fz, 5))
     energies, virials, counts = energies + energy, virials + virial, counts + count
-    fx, fy, fz, energy, virial, count = meeting(laws, at, own, cutoff2, sums, 4)
+    fx, fy, fz, energy, virial, count = meeting(laws, at, own, cutoff2, 4)
     sx, sy, sz = sx + fx, sy + fy, sz + fz
     energies, virials, counts = energies + 0.5 * energy, virials + 0.5 * virial, counts + 0.5 * count
     return sx, sy, sz, energies, virials, counts
 
 
-def meeting(laws: Any, at: int, own: Any, cutoff2: float, sums: Any, places: int) -> Any:
+def meeting(laws: Any, at: int, own: Any, cutoff2: float, places: int) -> Any:
     """Forces on each of the eight in slots from ``at`` on by the one that many places on; energy, virial, number."""
+    raise NotImplementedError("for compiled code")
 
 
 @overload(meeting, prefer_literal=True)
-def _meeting(laws, at, own, cutoff2, sums, places):
+def _meeting(laws, at, own, cutoff2, places):
     if not isinstance(places, types.IntegerLiteral):
         return None
 
-    def meets(laws, at, own, cutoff2, sums, places):
+    def meets(laws, at, own, cutoff2, places):
         x, y, z = own
         dx, dy, dz = x - rotated(x, places), y - rotated(y, places), z - rotated(z, places)
         r2 = dx * dx + dy * dy + dz * dz
@@ -218,6 +219,7 @@ def _nothing(x):
 
 def particle_of(table: Any, place: int) -> int:
     """Which of its cluster's particles a row is of, or begins with, by its place in the table."""
+    raise NotImplementedError("for compiled code")
 
 
 @overload(particle_of)

@@ -584,7 +584,7 @@ def sums_of_rows(typingctx, array, index, stride):
         by_two = ([0, 1, 4, 5, 8, 9, 12, 13], [2, 3, 6, 7, 10, 11, 14, 15])
         twos = [added(rows[k], rows[k + 1], *by_one) for k in (0, 2, 4, 6)]
         fours = [added(twos[k], twos[k + 1], *by_two) for k in (0, 2)]
-        return added(*fours, *by_two)
+        return added(fours[0], fours[1], *by_two)
 
     return lanes_type(array, types.intp, types.intp), codegen
 
