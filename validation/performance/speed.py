@@ -55,6 +55,12 @@ def chosen(names: Sequence[str] = ()) -> list[Group | Command]:
     return [entry for entry in ENTRIES if (entry.name in names if names else entry.usual)]
 
 
+def listed() -> tuple[list[str], list[list[str]]]:
+    """All entries as columns and rows."""
+    rows = [[entry.name, "yes" if entry.usual else "", entry.title] for entry in ENTRIES]
+    return ["group", "by default", "what"], rows
+
+
 def expected_seconds(entries: Sequence[Group | Command], count: int, seconds: float) -> float:
     """About how long it will take, with everything compiled before."""
     contestants = sum(len(entry.contestants) for entry in entries if isinstance(entry, Group))

@@ -87,6 +87,7 @@ class Native(Runner):
         if sim.method.chooses_steps:
             begin = sim.time
             sim.run(until=begin + amount, every=2**40)
+            sim.run(1, every=2**40)  # a step point, and no look between two, as others end with
             return sim.time - begin
         steps = round(amount)
         sim.run(steps, every=sim.steps_done + steps)
