@@ -330,7 +330,7 @@ def bench_speed(
     overwrite: OverwriteOption = False,
     quiet: QuietOption = False,
 ) -> None:
-    """Speed beside every other program that is installed, in turns on the same systems, with the energy error of each."""
+    """Speed beside every other program that is installed, in turns on the same systems; the energy error of each."""
     refuse_outputs({"json": json_file}, overwrite)
     sys.path.insert(0, str(validation_folder("bench speed") / "performance"))
     import speed  # type: ignore[import-not-found]

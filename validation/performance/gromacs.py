@@ -25,6 +25,7 @@ from melt import CUTOFF, Liquid
 from turns import Missing, Phase, Runner
 
 INSTALL = "gmx is not on PATH; Debian and Ubuntu: apt install gromacs"
+LEAST = 1e6  # steps of a particle, below which its clock and its first steps are felt
 MDP = """integrator = md-vv
 dt = {dt!r}
 nsteps = -1
@@ -66,13 +67,12 @@ A {count}
 class Gromacs(Runner):
     """GROMACS' md-vv, velocity Verlet; pair lists are made at the ``interval`` of steps that is the fastest."""
 
-    least = 1000.0
-
     def __init__(self, start: Liquid, threads: int = 1, tolerance: float = 1e-5, interval: int = 10) -> None:
         program = shutil.which("gmx")
         if program is None:
             raise Missing(INSTALL)
         self.program, self.start, self.threads = program, start, threads
+        self.least = max(20.0, LEAST / len(start.positions))
         self.lists = {"tolerance": tolerance, "interval": interval}
         self.folder = Path(tempfile.mkdtemp(prefix="kickdrift-gromacs-"))
         self.close = weakref.finalize(self, shutil.rmtree, self.folder, True)  # type: ignore[method-assign]

@@ -51,6 +51,7 @@ class Group(NamedTuple):
     start : the state from which all begin
     unit : of the amounts: steps, or of time where methods choose their steps
     horizon : the amount over which energy errors are taken
+    looks : at the energy, evenly over it
     starts : a rounding apart from each other, over which they are taken
     overhead : seconds that it takes beside the turns
     usual : whether it is among those that run by default
@@ -63,6 +64,7 @@ class Group(NamedTuple):
     horizon: float
     contestants: tuple[Contestant, ...]
     goals: tuple[Goal, ...] = ()
+    looks: int = 10
     starts: int = 1
     threads: int = 1
     overhead: float = 5.0
@@ -153,17 +155,17 @@ ENTRIES: tuple[Group | Command, ...] = (
             Contestant("ASAP", Asap),
             Contestant("ASE", Ase, horizon=60),
         ),
-        (Goal("LAMMPS", 3.5), Goal("ASE", 150.0)), overhead=40.0,
+        (Goal("LAMMPS", 3.5), Goal("ASE", 150.0)), overhead=25.0,
     ),
     Group(
         "lj-1000-threads", "the same 1000 particles on two threads", partial(liquid, 1000, MELT), "steps", 2000,
         (of_ours(threads=2), of_ours("kickdrift, 1 thread"), *on_threads(2)), (Goal("kickdrift, 1 thread", 1.5),),
-        threads=2, overhead=20.0,
+        threads=2, overhead=12.0,
     ),
     Group(
         "lj-100000", "97,336 Lennard-Jones particles of the same liquid, two threads",
-        partial(liquid, 46**3, MELT_LARGE), "steps", 100, (of_ours(threads=2), *on_threads(2)), (Goal("LAMMPS", 3.0),),
-        threads=2, overhead=60.0,
+        partial(liquid, 46**3, MELT_LARGE, threads=2), "steps", 50, (of_ours(threads=2), *on_threads(2)),
+        (Goal("LAMMPS", 3.0),), looks=5, threads=2, overhead=60.0,
     ),
     leapfrog(9, 1.8, 20_000),
     leapfrog(100, 4.0, 1000, usual=False),

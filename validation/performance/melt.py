@@ -39,9 +39,9 @@ class Liquid(NamedTuple):
 
 
 @lru_cache(maxsize=2)
-def liquid(particles: int, steps: int) -> Liquid:
+def liquid(particles: int, steps: int, threads: int = 1) -> Liquid:
     """What ``melt`` ends with."""
-    sim = melt(particles, steps)
+    sim = melt(particles, steps, threads)
     state = sim.state
     return Liquid(state.wrapped(), state.velocities, sim.system.box.lengths)
 

@@ -6,7 +6,7 @@
 All programs of a group begin with the same numbers, on as many threads, and take turns (A B C A B C …) in one process,
 once warmed up, so that whatever else the machine does falls on all of them. A figure is the median over the rounds of
 the ratio of kickdrift's speed to the other's, with its quartiles. Before, each goes over the same length of physical
-time (a slow one over less, which is said) and its energy is looked at ten times: the energies of all are computed by
+time (a slow one over less, which is said), and its energy is looked at on the way: the energies of all are computed by
 one function, from the positions and velocities that they hand out, in float64 or better, so that nobody is fast by
 being sloppy. With fixed steps positions must agree after ten steps, or a program is left out.
 
@@ -40,7 +40,6 @@ from kickdrift.bench import processor
 from kickdrift.errors import InputError
 
 TURNS, SECONDS = 7, 0.4
-LOOKS = 10
 AGREE_STEPS, AGREE, AGREE_SINGLE = 10, 1e-9, 1e-4  # how far apart after so many steps, in float64 and otherwise
 MOST = 1.2  # times another's RMS energy error: what "no larger" means for what is drawn from few starts
 Tell = Callable[[str], Callable[[int, int], object]]
@@ -76,10 +75,11 @@ def measure(
 ) -> dict[str, Any]:  # fmt: skip
     """All entries as one object for JSON; ``tell(name)`` gives what hears of the progress of each."""
     began, load = perf_counter(), os.getloadavg()[0] if hasattr(os, "getloadavg") else None
-    groups = [
-        timed(entry, max(3, count // 2)) if isinstance(entry, Command) else compared(entry, count, seconds, tell)
-        for entry in entries
-    ]
+    groups = []
+    for entry in entries:
+        at = perf_counter()
+        each = timed(entry, max(3, count // 2)) if isinstance(entry, Command) else compared(entry, count, seconds, tell)
+        groups.append(each | {"wall_seconds": perf_counter() - at})
     return {
         "benchmark": "speed",
         "processor": processor(),
@@ -149,7 +149,7 @@ def prepared(
         begin = start.moved(seed) if starts > 1 else start
         runner = contestant.make(begin)
         energy = begin.energy(begin.positions, begin.velocities)
-        looks = runner.looks(horizon, LOOKS)
+        looks = runner.looks(horizon, group.looks)
         errors.append([float((begin.energy(*phase) - energy) / abs(energy)) for phase in looks])
     if group.unit == "steps":
         first = agreed(contestant.make(start), start, first)

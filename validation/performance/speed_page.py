@@ -26,7 +26,6 @@ from kickdrift.plots import COLOURS, INK, new_axes, new_figure, save_figure
 TOP = Path(__file__).parents[2]
 DATA, PAGE, FIGURE = TOP / "validation" / "data" / "speed.json", TOP / "docs" / "speed.md", TOP / "docs" / "speed.png"
 BEGIN, END = "<!-- what speed_page.py writes: from here -->", "<!-- to here -->"
-GAP = 2  # rows between two groups of the figure
 
 
 def text_of(found: dict[str, Any]) -> str:
@@ -48,40 +47,45 @@ def text_of(found: dict[str, Any]) -> str:
 def draw(found: dict[str, Any], target: Path) -> Path:
     """How many times as fast kickdrift is as each, and how each errs."""
     groups = [group for group in found["groups"] if len(group.get("rows", ())) > 1]
-    heights = [len(group["rows"]) - 1 + GAP for group in groups]
+    heights = [len(group["rows"]) + 0.4 for group in groups]
     half = next(k for k in range(1, len(groups) + 1) if 2 * sum(heights[:k]) >= sum(heights))
-    columns = [list(zip(groups, heights, strict=True))[part] for part in (slice(half), slice(half, None))]
-    total = max(sum(height for _, height in column) for column in columns)
-    figure = new_figure(12.0, 0.36 * total + 0.6)
-    for side, column in enumerate(columns):
-        row = 0
-        for group, height in column:
-            axes = new_axes(figure, (total, 2, (2 * row + side + 1, 2 * (row + height - 1) + side + 1)))
-            draw_group(axes, group)
-            row += height
-    figure.suptitle("How many times as fast kickdrift is", fontsize=12, color=INK)
+    tallest = max(sum(heights[:half]), sum(heights[half:]))
+    figure = new_figure(12.0, 0.29 * tallest + 0.9)
+    for k, part in enumerate((groups[:half], groups[half:])):
+        if part:
+            draw_groups(new_axes(figure, (1, 2, k + 1)), part, tallest)
+    figure.suptitle("How many times as fast kickdrift is; in brackets, errors of the energy", fontsize=12, color=INK)
     return save_figure(figure, target)
 
 
-def draw_group(axes: Any, group: dict[str, Any]) -> None:
-    """A point for each program; from the least to the most of the rounds."""
-    ours, *others = group["rows"]
-    for k, row in enumerate(reversed(others)):
-        ratio = row["ratio"]
-        axes.plot([ratio["least"], ratio["most"]], [k, k], color=COLOURS[0], linewidth=1.5)
-        axes.plot([ratio["median"]], [k], "o", color=COLOURS[0], markersize=5)
-        axes.annotate(
-            f"{ratio['median']:.3g}", (ratio["median"], k), (0, 5), textcoords="offset points", fontsize=7, color=INK,
-            ha="center",
-        )  # fmt: skip
+def draw_groups(axes: Any, groups: list[dict[str, Any]], height: float) -> None:
+    """A line of text for each group, and a point for each program; from the least to the most of the rounds."""
+    places, labels, heads, y = list[float](), list[str](), list[int](), 0.0
+    for group in groups:
+        ours, *others = group["rows"]
+        axes.axhline(y, color=INK, linewidth=0.5)
+        heads.append(len(places))
+        places.append(y)
+        labels.append(f"{group['name']} ({ours['energy_error']:.0e})")
+        for k, row in enumerate(others, 1):
+            ratio = row["ratio"]
+            axes.plot([ratio["least"], ratio["most"]], [y + k, y + k], color=COLOURS[0], linewidth=1.5)
+            axes.plot([ratio["median"]], [y + k], "o", color=COLOURS[0], markersize=4.5)
+            axes.annotate(
+                f"{ratio['median']:.3g}", (ratio["most"], y + k), (5, -2.5), textcoords="offset points", fontsize=7.5,
+                color=INK,
+            )  # fmt: skip
+            places.append(y + k)
+            labels.append(f"{row['name']} ({row['energy_error']:.0e})")
+        y += len(group["rows"]) + 0.4
     axes.axvline(1.0, color=INK, linewidth=0.8)
     axes.set_xscale("log")
-    axes.set_xlim(0.5, max(20.0, 2 * max(row["ratio"]["most"] for row in others)))
-    axes.set_ylim(-0.6, len(others) - 0.2)
-    labels = [f"{row['name']} ({row['energy_error']:.0e})" for row in reversed(others)]
-    axes.set_yticks(range(len(others)), labels, fontsize=8)
-    axes.set_title(f"{group['name']} ({ours['energy_error']:.0e})", fontsize=9.5, color=INK, loc="left")
-    axes.tick_params(axis="x", labelsize=7.5)
+    axes.set_xlim(0.5, 1000.0)
+    axes.set_ylim(height - 0.6, -0.8)
+    axes.set_yticks(places, labels, fontsize=8)
+    for k in heads:
+        axes.get_yticklabels()[k].set_fontweight("bold")
+    axes.grid(False, axis="y")
 
 
 def main() -> int:
