@@ -89,7 +89,7 @@ def test_liquids_are_the_same_in_every_program(performance, monkeypatch):
     found = speed.measure([group], 2, 0.01)["groups"][0]
     names = {row["name"] for row in found["rows"]}
     for module, programs in {
-        "lammps": {"LAMMPS", "LAMMPS opt", "LAMMPS omp"}, "openmm": {"OpenMM"}, "ase": {"ASE"}, "asap3": {"ASAP"},
+        "lammps": {"LAMMPS plain", "LAMMPS opt", "LAMMPS omp"}, "openmm": {"OpenMM"}, "ase": {"ASE"}, "asap3": {"ASAP"},
     }.items():  # fmt: skip
         assert (programs <= names) == (find_spec(module) is not None), found["left_out"]
     assert ("GROMACS" in names) == (shutil.which("gmx") is not None), found["left_out"]
@@ -118,10 +118,10 @@ def test_what_is_not_installed_is_a_line_each(performance, command, monkeypatch,
     assert status == 0
     lines = [line for line in err.splitlines() if line.startswith("left out: ")]
     assert {line.split(": ")[1]: line for line in lines}.keys() == {
-        "LAMMPS", "LAMMPS opt", "LAMMPS omp", "OpenMM", "GROMACS", "GROMACS, default tolerance", "ASAP", "ASE",
+        "LAMMPS plain", "LAMMPS opt", "LAMMPS omp", "OpenMM", "GROMACS", "GROMACS, default tolerance", "ASAP", "ASE",
         "rebound ias15", "heyoka Taylor",
     }  # fmt: skip
-    for name, extra in {"LAMMPS": "lammps", "OpenMM": "openmm", "ASE": "ase", "rebound ias15": "rebound"}.items():
+    for name, extra in {"LAMMPS plain": "lammps", "OpenMM": "openmm", "ASE": "ase", "rebound ias15": "rebound"}.items():
         assert f"left out: {name}: pip install 'kickdrift[{extra}]'" in lines
     assert "left out: heyoka Taylor: pip install 'kickdrift[heyoka]'" in lines
     assert next(line for line in lines if "ASAP" in line).endswith("pip install asap3, which needs a C++ compiler")

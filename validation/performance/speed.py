@@ -214,7 +214,8 @@ def judged(group: dict[str, Any], goal: Goal) -> list[Claim]:
     text = f"{group['name']}: {goal.ours} over {goal.against}"
     bound = f"at least {goal.at_least:g}"
     rows = {row["name"]: row for row in group["rows"]}
-    theirs = [row for name, row in rows.items() if name.startswith(goal.against)]
+    theirs = [rows[goal.against]] if goal.against in rows else []
+    theirs = theirs or [row for name, row in rows.items() if name.startswith(goal.against)]
     if not theirs or goal.ours not in rows:
         absent = [each["why"] for each in group["left_out"] if each["name"].startswith((goal.against, goal.ours))]
         return [not_run(text, bound, goal.against, absent[0] if absent else "")]
