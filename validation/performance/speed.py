@@ -282,8 +282,10 @@ def print_found(found: dict[str, Any]) -> None:
             print_table(f"{group['name']}: {group['title']}", columns, rows)
     print_table("claims", *goals_table(found))
     versions = ", ".join(f"{name} {number}" for name, number in found["versions"].items())
-    print(f"{found['processor']}, {found['cores']} cores, {found['simd']}; {versions}; {found['turns']} turns of "
-          f"{found['seconds']:g} s")  # fmt: skip
+    print(
+        f"{found['processor']}, {found['cores']} cores, {found['simd']}; {versions}; {found['turns']} turns of "
+        f"{found['seconds']:g} s; load before {found['load_before'] or 0:.1f}"
+    )
 
 
 def left_out(found: dict[str, Any]) -> list[str]:
