@@ -16,6 +16,7 @@ energy and virial of the lattice of 32,000 particles, which are a sum over the n
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -30,11 +31,11 @@ from melt import CUTOFF, DENSITY, DT
 import kickdrift as kd
 from kickdrift.builders import lattice
 from kickdrift.engines.lammps_library import lammps_class
+from kickdrift.engines.lammps_world import Model, World
 
 MELT, HOT, SEED, MELT_STEPS = 4000, 3.0, 87287, 250
 SMALL, WARM, STEPS = 1000, 1.44, 1000
 BENCH = 32_000  # particles of in.lj
-SKIN = 0.3
 COLUMNS = ("PotEng", "KinEng", "Temp", "Press")
 FIRST = 20  # steps in which rounding has not grown
 SAME = 1e-12  # relative, with numbers summed in another order
@@ -44,57 +45,29 @@ PAIRS = 4
 SOURCE = "LAMMPS, lj/cut, `neigh_modify every 1 delay 0 check yes`"
 
 
-class Lammps:
-    """LAMMPS with a periodic cube of particles; its own code in double precision, no accelerator package."""
+def lammps(x: np.ndarray, edges: Sequence[float], temperature: float) -> World:
+    """LAMMPS' own code in double precision, no accelerator package, with velocities that it draws as examples/melt."""
+    world = World(flags=())
+    model = Model(
+        tuple(edges), np.ones(len(x), np.int32), (1.0,), ((1, 1, 1.0, 1.0),), CUTOFF, shifted=False, tail=False, dt=DT
+    )
+    world.reset(model, x, np.zeros_like(x))
+    world.lmp.command(f"velocity all create {temperature} {SEED}")
+    world.lmp.command("run 0 post no")
+    return world
 
-    def __init__(self, edge: float) -> None:
-        self.lmp = lammps_class()(cmdargs=["-log", "none", "-screen", "none", "-nocite"])
-        self.edge = edge
-        self.commands(
-            f"""units lj
-            atom_style atomic
-            atom_modify map array
-            region box block 0 {edge!r} 0 {edge!r} 0 {edge!r}
-            create_box 1 box
-            mass 1 1.0
-            pair_style lj/cut {CUTOFF}
-            pair_modify shift no
-            pair_coeff 1 1 1.0 1.0 {CUTOFF}
-            neighbor {SKIN} bin
-            neigh_modify every 1 delay 0 check yes
-            fix 1 all nve
-            timestep {DT}
-            thermo 100000000"""
-        )
 
-    def commands(self, lines: str) -> None:
-        for line in lines.splitlines():
-            self.lmp.command(line.strip())
+def unwrapped(theirs: World) -> np.ndarray:
+    """(n, 3) positions, sorted by number."""
+    x, _, images = theirs.state()
+    return x + np.array(theirs.model.lengths) * images
 
-    def put(self, x: np.ndarray, v: np.ndarray) -> None:
-        """Particles at x in the box, in their order."""
-        n = len(x)
-        made = self.lmp.create_atoms(n, list(range(1, n + 1)), [1] * n, x.ravel().tolist(), v.ravel().tolist())
-        if made != n:
-            raise RuntimeError(f"LAMMPS took {made} of {n} particles")
 
-    def draw(self, temperature: float) -> None:
-        """Velocities as examples/melt has them."""
-        self.commands(f"velocity all create {temperature} {SEED}")
-
-    def run(self, steps: int) -> None:
-        self.lmp.command(f"run {steps} post no")
-
-    def array(self, name: str) -> np.ndarray:
-        """(n, 3) "x" or "v", sorted by number; x unwrapped."""
-        found = np.array(self.lmp.gather_atoms(name, 1, 3)).reshape(-1, 3)
-        if name == "x":
-            found = found + self.edge * np.array(self.lmp.gather_atoms("image", 0, 3)).reshape(-1, 3)
-        return found
-
-    def thermo(self) -> np.ndarray:
-        """COLUMNS now; the energies per particle."""
-        return np.array([self.lmp.get_thermo(name.lower()) for name in ("pe", "ke", "temp", "press")])
+def thermo(theirs: World) -> np.ndarray:
+    """COLUMNS now; the energies per particle."""
+    pe, ke, temperature, pressure = (theirs.lmp.get_thermo(name) for name in ("pe", "ke", "temp", "press"))
+    n = theirs.lmp.get_natoms()
+    return np.array([pe / n, ke / n, temperature, pressure])
 
 
 def thermo_of(sim: kd.Simulation) -> list[float]:
@@ -117,14 +90,11 @@ class Start(NamedTuple):
         return kd.Simulation(kd.System(x, self.v, box=[self.edge] * 3, forces=[force]), dt=DT)
 
 
-def started(kind: str, particles: int, temperature: float) -> tuple[Start, Lammps]:
+def started(kind: str, particles: int, temperature: float) -> tuple[Start, World]:
     """A lattice with velocities that LAMMPS draws, in both programs."""
     x, edges = lattice(kind, particles, DENSITY)
-    theirs = Lammps(float(edges[0]))
-    theirs.put(x, np.zeros_like(x))
-    theirs.draw(temperature)
-    theirs.run(0)
-    return Start(theirs.array("x"), theirs.array("v"), theirs.edge), theirs
+    theirs = lammps(x, edges, temperature)
+    return Start(unwrapped(theirs), theirs.state()[1], float(edges[0])), theirs
 
 
 def shells(cutoff: float) -> tuple[float, float]:
@@ -145,15 +115,15 @@ def shells(cutoff: float) -> tuple[float, float]:
 def bench() -> list[Claim]:
     """Step 0 of in.lj."""
     start, theirs = started("fcc", BENCH, WARM)
-    ours, them = np.array(thermo_of(start.simulation())), theirs.thermo()
+    ours, them = np.array(thermo_of(start.simulation())), thermo(theirs)
     energy, virial = shells(CUTOFF)
     pressure = virial + 2.0 * ours[1] * DENSITY / 3.0
     print(f"{BENCH} particles at step 0: {thermo_line(ours)}; LAMMPS {thermo_line(them)}")
     rows = []
-    for name, value, lammps, lattice_sum in (
+    for name, value, of_lammps, lattice_sum in (
         ("PotEng", ours[0], them[0], energy), ("Press", ours[3], them[3], pressure)
     ):  # fmt: skip
-        for reference, wanted in ((SOURCE, lammps), ("sum over the neighbours of one site", lattice_sum)):
+        for reference, wanted in ((SOURCE, of_lammps), ("sum over the neighbours of one site", lattice_sum)):
             off, bound = abs(value / wanted - 1.0), ADDED if (name, reference) == ("PotEng", SOURCE) else SAME
             text = f"in.lj, {BENCH} particles, step 0: {name} {value:.7f}, relative difference"
             rows.append(claim(text, off, f"at most {bound:g}", off <= bound, reference))
@@ -174,7 +144,7 @@ def melting() -> list[Claim]:
             for sim in (ours, own):
                 sim.run(1, every=2**40)
             theirs.run(1)
-        table.append([thermo_of(ours), theirs.thermo(), thermo_of(own)])
+        table.append([thermo_of(ours), thermo(theirs), thermo_of(own)])
         if step % 50 == 0:
             print(f"  step {step:3}  {thermo_line(table[-1][0])}")
     us, them, shifted = np.array(table).transpose(1, 0, 2)
@@ -197,10 +167,10 @@ def positions(figures: Path | None) -> list[Claim]:
     start, theirs = started("sc", SMALL, WARM)
     ours = frames_of(start.simulation(), STEPS)
     own = [apart(ours, frames_of(start.simulation(nudge), STEPS)) for nudge in range(PAIRS)]
-    frames = [theirs.array("x")]
+    frames = [unwrapped(theirs)]
     for _ in range(STEPS):
         theirs.run(1)
-        frames.append(theirs.array("x"))
+        frames.append(unwrapped(theirs))
     other = np.array(frames)
     distances = apart(ours, other)
     print("RMS distance after 1, 10, 100, 1000 steps:")

@@ -322,6 +322,39 @@ def bench_lj_energy(
         plot_benchmark(drawn, plot, overwrite=overwrite)
 
 
+@bench_app.command("speed")
+def bench_speed(
+    only: Annotated[
+        list[str] | None, typer.Option(metavar="GROUP", help="Repeat for several; default the usual ones. See --list.")
+    ] = None,
+    turns: Annotated[int, typer.Option(metavar="N", min=2, help="Of each program; medians are over them.")] = 7,
+    seconds: Annotated[float, typer.Option(metavar="X", min=0.001, help="Length of a turn.")] = 0.4,
+    listing: Annotated[bool, typer.Option("--list", help="List the groups, run none.")] = False,
+    json_file: JsonOption = None,
+    overwrite: OverwriteOption = False,
+    quiet: QuietOption = False,
+) -> None:
+    """Speed beside every other program that is installed, in turns on the same systems; the energy error of each."""
+    refuse_outputs({"json": json_file}, overwrite)
+    sys.path.insert(0, str(validation_folder("bench speed") / "performance"))
+    import speed  # type: ignore[import-not-found]
+
+    entries = speed.chosen(only or ())
+    if listing:
+        print_table(None, *speed.listed())
+        return
+    length = duration(speed.expected_seconds(entries, turns, seconds))
+    say(f"expected time: {length}, and more where something has to be compiled first", quiet)
+    with progress_bar(quiet) as bar:
+        found = speed.measure(entries, turns, seconds, bar)
+    for line in speed.left_out(found):
+        say(f"left out: {line}", quiet)
+    try:
+        write_json(json_file, found)
+    finally:
+        speed.print_found(found)
+
+
 @app.command()
 def compare(
     system: SystemArgument,
@@ -510,18 +543,23 @@ def validate(
     quiet: QuietOption = False,
 ) -> None:
     """Compare kickdrift with programs and data that others made, and write a report; exit status 1 if a claim fails."""
-    here = Path(__file__).parent
-    folders = [here.parents[1] / "validation", here / "validation"]  # of a checkout, of an installed package
-    folder = VALIDATION or next((each for each in folders if (each / "runner.py").is_file()), None)
-    if folder is None:
-        raise InputError("validate: this copy of kickdrift came without the folder validation")
-    sys.path.insert(0, str(folder))
+    sys.path.insert(0, str(validation_folder("validate")))
     import runner  # type: ignore[import-not-found]
 
     if listing:
         runner.listed()
         return
     raise typer.Exit(runner.validate(names or (), long, jobs, report, quiet))
+
+
+def validation_folder(command: str) -> Path:
+    """Where the scripts are that compare with other programs: of a checkout, or of an installed package."""
+    here = Path(__file__).parent
+    folders = [here.parents[1] / "validation", here / "validation"]
+    folder = VALIDATION or next((each for each in folders if (each / "runner.py").is_file()), None)
+    if folder is None:
+        raise InputError(f"{command}: this copy of kickdrift came without the folder validation")
+    return folder
 
 
 @app.command("list")

@@ -2,7 +2,7 @@
 
     python validation/performance/lj_scaling.py [--threads 2] [--turns 7] [--seconds 0.7]
 
-The melt is that of lj_lammps.py. Sizes are cubes of whole numbers near 1000, 10,000 and 100,000. Whatever is compared
+The liquid is that of melt.py. Sizes are cubes of whole numbers near 1000, 10,000 and 100,000. Whatever is compared
 takes turns (A B A B …) in one process; a figure is the median of the ratios of neighbouring turns.
 
 Memory is the peak resident size of a child process that has built the system and run it, less that of one with fewer
@@ -21,7 +21,8 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from claim import Claim, claim, not_run, show, where
-from melt import CUTOFF, again, melt, turns
+from melt import CUTOFF, again, melt
+from turns import Native, turns
 
 import kickdrift as kd
 from kickdrift.builders import mixture
@@ -38,12 +39,12 @@ def size_claims(count: int, seconds: float) -> list[Claim]:
     rows = []
     for n in (MIDDLE, LARGE):
         large = melt(n, MELT)
-        lists, steps = large._forces.list_builds, large.steps_done
-        costs = 1e9 / (turns([small, large], seconds, count) * (SMALL, n))
+        lists, steps = large._flow.forces.list_builds, large.steps_done
+        costs = 1e9 / (turns([Native(small), Native(large)], seconds, count) * (SMALL, n))
         ratio = float(np.median(costs[:, 1] / costs[:, 0]))
         every = [
             (large.steps_done - steps) / max(now - before, 1)
-            for before, now in zip(lists, large._forces.list_builds, strict=True)
+            for before, now in zip(lists, large._flow.forces.list_builds, strict=True)
         ]
         print(
             f"  {n:6} particles: {np.median(costs[:, 1]):6.1f} ns per particle and step, at {SMALL} "
@@ -72,7 +73,7 @@ def variant_claims(count: int, seconds: float) -> list[Claim]:
         ("one species, force-shift", "force-shift", False, False),
         ("binary mixture, switch", "switch", True, False),
     ):
-        speeds = turns([plain, variant(truncation, mixed)], seconds, count)
+        speeds = turns([Native(plain), Native(variant(truncation, mixed))], seconds, count)
         ratios = speeds[:, 1] / speeds[:, 0]
         ratio = float(np.median(ratios))
         print(
@@ -94,7 +95,7 @@ def show_threads(threads: int, count: int, seconds: float) -> None:
         return
     for n in (SMALL, MIDDLE, LARGE):
         one = melt(n, MELT)
-        speeds = turns([one, again(one, threads)], seconds, count)
+        speeds = turns([Native(one), Native(again(one, threads))], seconds, count)
         ratio = np.median(speeds[:, 1] / speeds[:, 0])
         print(f"  {n:6} particles: {threads} threads are {ratio:.2f} times as fast as one")
 

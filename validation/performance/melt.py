@@ -1,9 +1,9 @@
-"""The Lennard-Jones melt that the performance scripts time, and how they time it."""
+"""The Lennard-Jones melt that the performance scripts time."""
 
 from __future__ import annotations
 
-from time import perf_counter
-from typing import Any
+from functools import lru_cache
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -11,15 +11,47 @@ import kickdrift as kd
 from kickdrift.builders import lattice, maxwell_boltzmann
 
 DENSITY, TEMPERATURE, CUTOFF, DT = 0.8442, 1.44, 2.5, 0.005
+FORCE = kd.LennardJones(cutoff=CUTOFF, truncation="shift")
+
+
+class Liquid(NamedTuple):
+    """Where programs begin: positions and velocities (n, 3) of particles of mass 1, and the edges of the box."""
+
+    positions: np.ndarray
+    velocities: np.ndarray
+    edges: tuple[float, float, float]
+    dt: float = DT
+
+    def simulation(self, threads: int = 1, **options: Any) -> kd.Simulation:
+        """kickdrift from here; ``options`` are Simulation's."""
+        system = kd.System(self.positions, self.velocities, box=self.edges, forces=[FORCE])
+        return kd.Simulation(system, "velocity-verlet", self.dt, threads, **options)
+
+    def energy(self, x: np.ndarray, v: np.ndarray) -> float:
+        """Of any positions and velocities, in float64, by the same code for all programs."""
+        return self._replace(positions=x, velocities=v).simulation().energy().total
+
+    def apart(self, x: np.ndarray, y: np.ndarray) -> float:
+        """The largest difference of two programs' coordinates, by the nearest images."""
+        edges = np.array(self.edges)
+        difference = x - y
+        return float(np.abs(difference - edges * np.round(difference / edges)).max())
+
+
+@lru_cache(maxsize=2)
+def liquid(particles: int, steps: int, threads: int = 1) -> Liquid:
+    """What ``melt`` ends with."""
+    sim = melt(particles, steps, threads)
+    state = sim.state
+    return Liquid(state.wrapped(), state.velocities, sim.system.box.lengths)
 
 
 def melt(particles: int, steps: int, threads: int = 1) -> kd.Simulation:
     """A simple cubic lattice at T* = 1.44, cut and shifted at 2.5 sigma, after ``steps`` steps."""
     positions, edges = lattice("sc", particles, DENSITY)
     velocities = maxwell_boltzmann(np.ones(particles), TEMPERATURE, 1.0, seed=1)
-    force = kd.LennardJones(cutoff=CUTOFF, truncation="shift")
-    sim = kd.Simulation(kd.System(positions, velocities, box=edges, forces=[force]), dt=DT, threads=threads)
-    run(sim, steps)
+    sim = kd.Simulation(kd.System(positions, velocities, box=edges, forces=[FORCE]), dt=DT, threads=threads)
+    sim.run(steps, every=steps)
     return sim
 
 
@@ -28,24 +60,3 @@ def again(sim: kd.Simulation, threads: int = 1, **changes: Any) -> kd.Simulation
     state = sim.state
     arguments = {"box": sim.system.box, "forces": sim.system.forces, **changes}
     return kd.Simulation(kd.System(state.positions, state.velocities, **arguments), dt=DT, threads=threads)
-
-
-def run(sim: kd.Simulation, steps: int) -> None:
-    """Take steps, and look at the energy at the start and at the end alone."""
-    sim.run(steps, every=sim.steps_done + steps)
-
-
-def timed(code: Any, steps: int) -> float:
-    """Steps per second of ``code``, which has a ``run``, over ``steps`` steps."""
-    began = perf_counter()
-    run(code, steps) if isinstance(code, kd.Simulation) else code.run(steps)
-    return steps / (perf_counter() - began)
-
-
-def turns(codes: list[Any], seconds: float, count: int) -> np.ndarray:
-    """(count, codes) steps per second: the codes take turns of about ``seconds`` (A B A B …), once warmed up."""
-    steps = []
-    for code in codes:
-        speed = timed(code, max(20, int(timed(code, 20) * seconds / 2)))
-        steps.append(max(20, int(speed * seconds)))
-    return np.array([[timed(code, n) for code, n in zip(codes, steps, strict=True)] for _ in range(count)])

@@ -16,7 +16,6 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Callable
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -28,6 +27,7 @@ from scipy.integrate import solve_ivp
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from claim import Claim, claim, show, where
+from turns import Calls, turns
 
 import kickdrift as kd
 from kickdrift.odes import ODES
@@ -43,20 +43,6 @@ PROBLEMS: dict[str, tuple[dict[str, float], float]] = {
 TOLERANCE = 1e-6
 BOUND = 20.0
 CLAIM = "adaptive solve of a small ODE over SciPy's time"
-
-
-def timed(solve: Callable[[], Any], count: int) -> float:
-    """Seconds for one of ``count`` solves."""
-    began = perf_counter()
-    for _ in range(count):
-        solve()
-    return (perf_counter() - began) / count
-
-
-def turns(solves: list[Callable[[], Any]], seconds: float, count: int) -> np.ndarray:
-    """(count, solves) seconds for one solve: they take turns of about ``seconds``, once warmed up."""
-    numbers = [max(1, int(seconds / timed(solve, max(1, int(0.05 / timed(solve, 1)))))) for solve in solves]
-    return np.array([[timed(s, n) for s, n in zip(solves, numbers, strict=True)] for _ in range(count)])
 
 
 def compare(name: str, integrator: str, seconds: float, count: int) -> float:
@@ -87,7 +73,7 @@ def compare(name: str, integrator: str, seconds: float, count: int) -> float:
     ours()
     evaluations, steps = sim.record.force_evaluations, sim.steps_done
     found = theirs()
-    times = turns([ours, theirs, looking], seconds, count)
+    times = 1.0 / turns([Calls(solve) for solve in (ours, theirs, looking)], seconds, count)
     ratios = times[:, 1] / times[:, 0]
     low, median, high = np.quantile(ratios, [0, 0.5, 1])
     us, them, looks = 1e6 * np.median(times, axis=0)

@@ -5,6 +5,7 @@ It is told particles wrapped into the box, and gives them so, with the counts of
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -40,10 +41,10 @@ class Model(NamedTuple):
 
 
 class World:
-    """A LAMMPS instance."""
+    """A LAMMPS instance; ``flags`` are of its command line, and say which style of its force is taken."""
 
-    def __init__(self) -> None:
-        self.lmp = lammps_class()(cmdargs=["-log", "none", "-screen", "none", "-nocite", "-sf", "opt"])
+    def __init__(self, flags: Sequence[str] = ("-sf", "opt")) -> None:
+        self.lmp = lammps_class()(cmdargs=["-log", "none", "-screen", "none", "-nocite", *flags])
 
     @property
     def rank(self) -> int:

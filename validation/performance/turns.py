@@ -1,0 +1,154 @@
+"""Programs that take turns (A B C A B C …), so that whatever else the machine does falls on all of them alike.
+
+A program at work is a ``Runner``. What is compared is the ratio of the speeds of two in the same round, and its median
+over the rounds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from time import perf_counter
+from typing import NamedTuple
+
+import numpy as np
+
+import kickdrift as kd
+
+Phase = tuple[np.ndarray, np.ndarray]  # positions and velocities, (n, 3)
+
+
+class Missing(Exception):
+    """A program is not here; the text is the line that installs it."""
+
+
+class Runner:
+    """A program with particles of its own, at work.
+
+    Attributes
+    ----------
+    version : of the program
+    precision : of forces and state
+    skin : how far its pair lists reach beyond the cutoff, in words; "" where it has none
+    least : the smallest amount that is worth timing
+    """
+
+    version = ""
+    precision = "float64"
+    skin = ""
+    least = 20.0
+
+    def run(self, amount: float) -> float:
+        """Go on by about ``amount``: of steps, or of time where the method chooses its steps. By how much."""
+        raise NotImplementedError
+
+    def timed(self, amount: float) -> float:
+        """The amount a second, going on by so much."""
+        began = perf_counter()
+        done = self.run(amount)
+        return done / (perf_counter() - began)
+
+    def phase(self) -> Phase:
+        """Positions and velocities at the same time; not timed."""
+        raise NotImplementedError
+
+    def looks(self, amount: float, count: int) -> list[Phase]:
+        """``phase`` at ``count`` times, evenly over the next ``amount``."""
+        found = []
+        for _ in range(count):
+            self.run(amount / count)
+            found.append(self.phase())
+        return found
+
+    def at(self, time: float) -> Phase:
+        """At exactly that time, of a method that chooses its steps."""
+        raise NotImplementedError
+
+    def close(self) -> None:
+        """End what it has begun."""
+
+
+class Native(Runner):
+    """kickdrift. It looks at the energy at the start and at the end of a turn alone."""
+
+    version = kd.__version__
+
+    def __init__(self, sim: kd.Simulation, precision: str = "float64", least: float | None = None) -> None:
+        self.sim, self.precision = sim, precision
+        self.least = least or self.least
+
+    @property
+    def skin(self) -> str:  # type: ignore[override]
+        """Of the list that is searched for, and of that which is pruned from it."""
+        lists = [force.pairs for force in self.sim._flow.forces.forces if hasattr(force, "pairs")]
+        return "; ".join(f"{pairs.outer_skin:.3g}, pruned {pairs.inner_skin:.3g}" for pairs in lists)
+
+    def run(self, amount: float) -> float:
+        sim = self.sim
+        if sim.method.chooses_steps:
+            begin = sim.time
+            sim.run(until=begin + amount, every=2**40)
+            sim.run(1, every=2**40)  # a step point, and no look between two, as others end with
+            return sim.time - begin
+        steps = round(amount)
+        sim.run(steps, every=sim.steps_done + steps)
+        return steps
+
+    def phase(self) -> Phase:
+        state = self.sim.state
+        return state.positions, state.velocities
+
+    def at(self, time: float) -> Phase:
+        self.sim.run(until=time, every=2**40)
+        return self.phase()
+
+
+class Calls(Runner):
+    """A function, called again and again."""
+
+    least = 1.0
+
+    def __init__(self, function: Callable[[], object]) -> None:
+        self.function = function
+
+    def run(self, amount: float) -> float:
+        for _ in range(round(amount)):
+            self.function()
+        return round(amount)
+
+
+def amount_for(runner: Runner, seconds: float) -> float:
+    """What it does in about so many seconds, once warmed up."""
+    amount = runner.least
+    runner.timed(amount)  # may compile
+    while (taken := amount / (speed := runner.timed(amount))) < seconds / 4:
+        amount *= min(8.0, max(2.0, seconds / 3 / max(taken, 1e-9)))
+    return max(runner.least, speed * seconds)
+
+
+def turns(
+    runners: Sequence[Runner], seconds: float, count: int, progress: Callable[[int, int], object] | None = None
+) -> np.ndarray:
+    """(count, runners) amounts a second: the runners take turns of about ``seconds`` each, once warmed up."""
+    amounts = [amount_for(runner, seconds) for runner in runners]
+    speeds = []
+    for k in range(count):
+        speeds.append([runner.timed(amount) for runner, amount in zip(runners, amounts, strict=True)])
+        if progress:
+            progress(k + 1, count)
+    return np.array(speeds)
+
+
+class Ratio(NamedTuple):
+    """Of two speeds, over the rounds: how it is spread."""
+
+    median: float
+    low: float  # quartiles
+    high: float
+    least: float
+    most: float
+
+
+def ratio_of(ours: np.ndarray, theirs: np.ndarray) -> Ratio:
+    """Of the speeds (k,) of two programs in the same rounds."""
+    least, low, median, high, most = np.quantile(ours / theirs, [0, 0.25, 0.5, 0.75, 1]).tolist()
+    return Ratio(median, low, high, least, most)
