@@ -19,7 +19,20 @@ from kickdrift.forces.chunks import Parallel, Serial, chunk_task, each_chunk
 from kickdrift.forces.clusters import STRIDE, load_vector, store_vector
 from kickdrift.forces.compiling import in_order, never_inline
 from kickdrift.forces.kernel import OK, kernel
-from kickdrift.forces.simd import WIDTH, aligned, inverse_sqrt, lane_sum, load, rotated, select, splat, store
+from kickdrift.forces.simd import (
+    WIDTH,
+    aligned,
+    flat,
+    inverse_sqrt,
+    lane_sum,
+    load,
+    load_first,
+    rotated,
+    select,
+    splat,
+    store,
+    store_first,
+)
 
 if TYPE_CHECKING:
     from kickdrift.forces.gravity import Gravity
@@ -27,6 +40,7 @@ if TYPE_CHECKING:
 
 PAIRS_PER_CHUNK = 60_000  # some 30 microseconds of work; waking a thread takes a few
 MOST_CHUNKS = 32
+FEW = 2 * WIDTH  # bodies, without massless ones, that stay in registers
 
 
 class GravityKernel(NamedTuple):
@@ -86,6 +100,9 @@ def chunks_for(massive: int, particles: int) -> int:
 @kernel(GravityKernel)
 def gravity_forces(force, t, x, v, a, sums):
     place, own = force.place, force.x
+    if place.size <= FEW and force.massive == place.size:
+        few_bodies(force, flat(x), flat(a), sums)
+        return OK
     for i in range(place.size):
         p = place[i]
         own[p] = x[0, i]
@@ -160,12 +177,60 @@ def sum_pairs(force, sums, c):
 
 
 @in_order
+def few_bodies(force, x, a, sums):
+    """All of a few bodies' pairs from and to rows of numbers, x's and then y's and z's: a ring of eight, each further
+    body with all of that, and a ring of those; nothing is stored and loaded again in between."""
+    n, gm, masses, softening2 = force.massive, force.gm, force.masses, force.softening2
+    count = min(n, WIDTH)
+    xi, yi, zi = load_first(x, 0, count), load_first(x, n, count), load_first(x, 2 * n, count)
+    gm_i = load(gm, 0)
+    ax, ay, az, energy, virial = ring(xi, yi, zi, gm_i, load(masses, 0), softening2, sums)
+    for j in range(WIDTH, n):
+        dx, dy, dz = x[j] - xi, x[n + j] - yi, x[2 * n + j] - zi
+        r2 = dx * dx + dy * dy + dz * dz
+        inverse = inverse_sqrt(softening2 + r2)
+        cube = inverse * inverse * inverse
+        w = gm[j] * cube
+        ax, ay, az = ax + w * dx, ay + w * dy, az + w * dz
+        if sums is not None:
+            gmm = gm[j] * load(masses, 0)
+            energy, virial = energy - gmm * inverse, virial - gmm * cube * r2
+        w = gm_i * cube
+        a[j] -= lane_sum(w * dx)
+        a[n + j] -= lane_sum(w * dy)
+        a[2 * n + j] -= lane_sum(w * dz)
+    store_first(a, 0, load_first(a, 0, count) + ax, count)
+    store_first(a, n, load_first(a, n, count) + ay, count)
+    store_first(a, 2 * n, load_first(a, 2 * n, count) + az, count)
+    count = n - WIDTH
+    if count > 1:
+        xi, yi, zi = load_first(x, 8, count), load_first(x, n + 8, count), load_first(x, 2 * n + 8, count)
+        ax, ay, az, u, w = ring(xi, yi, zi, load(gm, WIDTH), load(masses, WIDTH), softening2, sums)
+        energy, virial = energy + u, virial + w
+        store_first(a, 8, load_first(a, 8, count) + ax, count)
+        store_first(a, n + 8, load_first(a, n + 8, count) + ay, count)
+        store_first(a, 2 * n + 8, load_first(a, 2 * n + 8, count) + az, count)
+    if sums is not None:
+        sums[0] += lane_sum(energy)
+        sums[1] += lane_sum(virial)
+        sums[2] += 0.5 * n * (n - 1)
+
+
+@in_order
 def inside_cluster(force, sums, cluster, first):
-    """The pairs within a cluster, whose accelerations begin at cluster ``first`` of those: each body with the next,
-    second and third in a ring of eight, which take the reaction, and with the one opposite, which sees to its own half.
-    Energy and virial, in lanes."""
+    """The pairs within a cluster, whose accelerations begin at cluster ``first`` of those. Energy and virial, in
+    lanes."""
     xi, yi, zi = load_vector(force.x, cluster)
-    gm_i, masses = load(force.gm, cluster * WIDTH), load(force.masses, cluster * WIDTH)
+    gm, masses = load(force.gm, cluster * WIDTH), load(force.masses, cluster * WIDTH)
+    ax, ay, az, energy, virial = ring(xi, yi, zi, gm, masses, force.softening2, sums)
+    store_vector(force.a, first + cluster, ax, ay, az)
+    return energy, virial
+
+
+@in_order
+def ring(xi, yi, zi, gm_i, masses, softening2, sums):
+    """The pairs of eight bodies: each with the next, second and third in a ring, which take the reaction, and with the
+    one opposite, which sees to its own half. Accelerations, energy and virial, in lanes."""
     zero = splat(0.0)
     energy, virial = zero, zero
     ax, ay, az, reaction_x, reaction_y, reaction_z = zero, zero, zero, zero, zero, zero
@@ -175,7 +240,7 @@ def inside_cluster(force, sums, cluster, first):
         reaction_x, reaction_y, reaction_z = rotated(reaction_x, 1), rotated(reaction_y, 1), rotated(reaction_z, 1)
         dx, dy, dz = xj - xi, yj - yi, zj - zi
         real = (gm_i > 0.0) & (gm_j > 0.0)
-        inverse = select(real, inverse_sqrt(force.softening2 + dx * dx + dy * dy + dz * dz), zero)
+        inverse = select(real, inverse_sqrt(softening2 + dx * dx + dy * dy + dz * dz), zero)
         cube = inverse * inverse * inverse
         w = gm_j * cube
         ax, ay, az = ax + w * dx, ay + w * dy, az + w * dz
@@ -187,8 +252,7 @@ def inside_cluster(force, sums, cluster, first):
             energy = energy - gmm * inverse
             virial = virial - gmm * cube * (dx * dx + dy * dy + dz * dz)
     ax, ay, az = ax + rotated(reaction_x, 4), ay + rotated(reaction_y, 4), az + rotated(reaction_z, 4)
-    store_vector(force.a, first + cluster, ax, ay, az)
-    return energy, virial
+    return ax, ay, az, energy, virial
 
 
 @in_order
