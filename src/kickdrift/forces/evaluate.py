@@ -35,7 +35,8 @@ def fill_derivative(bound: Any, t: float, y: Any, dy: Any, cursor: Any) -> int:
 
 
 def fill_last(bound: Any, t: float, y: Any, dy: Any, cursor: Any) -> int:
-    """dy[-1] <- that of f(t, y) alone: the accelerations, for those who know the velocities; a status."""
+    """dy[-1] <- that of f(t, y) alone: the accelerations, for those who know the velocities, and who see for themselves
+    whether they are finite; a status."""
     raise NotImplementedError("for compiled code")
 
 
@@ -68,7 +69,9 @@ def straight(bound, t, y, dy, cursor):
 
 def accelerations_alone(bound, t, y, dy, cursor):
     last = y.shape[0] - 1
-    return fill_accelerations(bound, t, y[0], y[last], dy[last], None, cursor)
+    clear(dy[last])
+    cursor[EVALUATIONS] += 1
+    return accelerate(bound, t, y[0], y[last], dy[last], None)
 
 
 def through_forces(bound, t, y, dy, cursor):

@@ -24,6 +24,7 @@ from kickdrift.forces.simd import (
     aligned,
     flat,
     inverse_sqrt,
+    lane_numbers,
     lane_sum,
     load,
     load_first,
@@ -40,6 +41,7 @@ if TYPE_CHECKING:
 
 PAIRS_PER_CHUNK = 60_000  # some 30 microseconds of work; waking a thread takes a few
 MOST_CHUNKS = 32
+OUT = 1e60  # where empty lanes begin, each at a place of its own: no distance is zero, no third power underflows
 FEW = 2 * WIDTH  # bodies, without massless ones, that stay in registers
 
 
@@ -73,6 +75,9 @@ def bind(force: Gravity, system: System, threads: int) -> GravityKernel:
     gm[slot] = gravitational_constant(force.name, force.G, system) * system.state.masses
     masses[slot] = system.coherent_masses
     chunks = chunks_for(massive, n)
+    x = aligned((clusters * STRIDE,))
+    for empty in range(massive, sources * WIDTH):
+        x[empty // WIDTH * STRIDE + empty % WIDTH] = OUT * (1.0 + empty % WIDTH)
     return GravityKernel(
         softening2=force.softening**2,
         massive=massive,
@@ -81,7 +86,7 @@ def bind(force: Gravity, system: System, threads: int) -> GravityKernel:
         place=slot // WIDTH * STRIDE + slot % WIDTH,
         gm=gm,
         masses=masses,
-        x=aligned((clusters * STRIDE,)),
+        x=x,
         a=aligned((chunks * clusters * STRIDE,)),
         sums=np.zeros((chunks, 2)),
         threads=Parallel(chunks) if threads > 1 and chunks > 1 else Serial(chunks),
@@ -182,7 +187,7 @@ def few_bodies(force, x, a, sums):
     body with all of that, and a ring of those; nothing is stored and loaded again in between."""
     n, gm, masses, softening2 = force.massive, force.gm, force.masses, force.softening2
     count = min(n, WIDTH)
-    xi, yi, zi = load_first(x, 0, count), load_first(x, n, count), load_first(x, 2 * n, count)
+    xi, yi, zi = lanes_or_out(x, 0, count), load_first(x, n, count), load_first(x, 2 * n, count)
     gm_i = load(gm, 0)
     ax, ay, az, energy, virial = ring(xi, yi, zi, gm_i, load(masses, 0), softening2, sums)
     for j in range(WIDTH, n):
@@ -204,7 +209,7 @@ def few_bodies(force, x, a, sums):
     store_first(a, 2 * n, load_first(a, 2 * n, count) + az, count)
     count = n - WIDTH
     if count > 1:
-        xi, yi, zi = load_first(x, 8, count), load_first(x, n + 8, count), load_first(x, 2 * n + 8, count)
+        xi, yi, zi = lanes_or_out(x, 8, count), load_first(x, n + 8, count), load_first(x, 2 * n + 8, count)
         ax, ay, az, u, w = ring(xi, yi, zi, load(gm, WIDTH), load(masses, WIDTH), softening2, sums)
         energy, virial = energy + u, virial + w
         store_first(a, 8, load_first(a, 8, count) + ax, count)
@@ -214,6 +219,13 @@ def few_bodies(force, x, a, sums):
         sums[0] += lane_sum(energy)
         sums[1] += lane_sum(virial)
         sums[2] += 0.5 * n * (n - 1)
+
+
+@in_order
+def lanes_or_out(x, first, count):
+    """So many numbers, and OUT."""
+    lanes = lane_numbers()
+    return select(lanes < float(count), load_first(x, first, count), OUT * (lanes + 1.0))
 
 
 @in_order
@@ -230,7 +242,8 @@ def inside_cluster(force, sums, cluster, first):
 @in_order
 def ring(xi, yi, zi, gm_i, masses, softening2, sums):
     """The pairs of eight bodies: each with the next, second and third in a ring, which take the reaction, and with the
-    one opposite, which sees to its own half. Accelerations, energy and virial, in lanes."""
+    one opposite, which sees to its own half. Where there are fewer, the others have no mass and stand OUT there.
+    Accelerations, energy and virial, in lanes."""
     zero = splat(0.0)
     energy, virial = zero, zero
     ax, ay, az, reaction_x, reaction_y, reaction_z = zero, zero, zero, zero, zero, zero
@@ -239,8 +252,7 @@ def ring(xi, yi, zi, gm_i, masses, softening2, sums):
         xj, yj, zj, gm_j = rotated(xj, 1), rotated(yj, 1), rotated(zj, 1), rotated(gm_j, 1)
         reaction_x, reaction_y, reaction_z = rotated(reaction_x, 1), rotated(reaction_y, 1), rotated(reaction_z, 1)
         dx, dy, dz = xj - xi, yj - yi, zj - zi
-        real = (gm_i > 0.0) & (gm_j > 0.0)
-        inverse = select(real, inverse_sqrt(softening2 + dx * dx + dy * dy + dz * dz), zero)
+        inverse = inverse_sqrt(softening2 + dx * dx + dy * dy + dz * dz)
         cube = inverse * inverse * inverse
         w = gm_j * cube
         ax, ay, az = ax + w * dx, ay + w * dy, az + w * dz

@@ -14,7 +14,20 @@ from kickdrift.forces.compiling import driver, in_order, inlined, strict
 from kickdrift.forces.evaluate import fill_last
 from kickdrift.forces.handle import handle, unowned
 from kickdrift.forces.kernel import BLOWN_UP, GROW, OK, RAISED
-from kickdrift.forces.simd import WIDTH, flat, lane_max, load, minus, multiply_add, plus, select, splat, store, store_first
+from kickdrift.forces.simd import (
+    WIDTH,
+    flat,
+    lane_max,
+    load,
+    mask_bits,
+    minus,
+    multiply_add,
+    plus,
+    select,
+    splat,
+    store,
+    store_first,
+)
 from kickdrift.integrators.gauss_radau_step import TERMS, next_step
 from kickdrift.integrators.loops import FRESH, REJECTED, STEP
 from kickdrift.integrators.stepping import BEFORE, NEXT, STOPPED, TIME
@@ -23,11 +36,14 @@ from kickdrift.integrators.stepping import LAST as STEP_LAST
 # Rows of the workspace, (ROWS, width): position and velocity at the step's start (y of a first-order problem in the
 # velocity's place), what rounding has lost of both, both at the start of the step before; the coefficients of this step
 # and of the last; what the last step's were and this one's are by the continuation of the polynomial before; what
-# residuals are multiplied by; derivatives of a at the step's end; what the polynomial is at a node, less c_0.
+# residuals are multiplied by; derivatives of a at the step's end; what the polynomial is at a node, less c_0;
+# what it would be at the next, and how far positions would have gone, did it not change.
 X, V, LOST_X, LOST_V, X_BEFORE, V_BEFORE = range(6)
 NOW, LAST, GUESS_LAST, GUESS, SCALE, ENDS = 6, 14, 22, 30, 38, 39
-AT_NODE = ENDS + TERMS
-ROWS = AT_NODE + 1
+AT_NODE, AHEAD, BASE = (ENDS + TERMS + k for k in range(3))
+ROWS = BASE + 1
+NODES = TERMS - 1
+BLOCK = 2 * WIDTH  # of which a row of the workspace is a multiple
 # Further slots of the clock: what rounding lost of the last step point, the last step's length over that of the one
 # before; how many steps in a row were too long, but the shortest there are.
 LOST_TIME, RATIO, SHORTEST = range(4, 7)
@@ -97,37 +113,82 @@ def weighted(work, width, i, first, table, low, row):
 
 
 @in_order
-def place(work, width, trial, offset, tables, row, h, velocities):
-    """trial <- the state at a node, positions x + s h (v + s h sum_j weights_j c_j) and velocities from ``offset`` on;
-    AT_NODE <- the polynomial there."""
-    factor = splat(tables.nodes[row + 1]) * splat(h)
-    rest = multiply_add(splat(tables.nodes[row + 1]), splat(h), -factor)  # what rounding s h loses
-    for i in range(0, width, WIDTH):
-        there = weighted(work, width, i, 1, tables.values, tables.values_low, row)
-        if offset > 0:
-            total = weighted(work, width, i, 0, tables.positions, tables.positions_low, row)
-            total = multiply_add(factor, total, load(work, V * width + i))
-            total = multiply_add(factor, total, multiply_add(rest, total, load(work, LOST_X * width + i)))
-            store(trial, i, plus(load(work, X * width + i), total))
-        store(work, AT_NODE * width + i, there)
-    if offset == 0 or velocities:
-        for i in range(0, width, WIDTH):
-            total = weighted(work, width, i, 0, tables.velocities, tables.velocities_low, row)
-            total = multiply_add(factor, total, multiply_add(rest, total, load(work, LOST_V * width + i)))
-            store(trial, offset + i, plus(load(work, V * width + i), total))
+def two_weighted(work, width, i, tables, row):
+    """For the polynomial at a node less c_0 and for positions there, each of two vectors: sums as above, side by side,
+    since each by itself waits for its own last addition."""
+    values, values_low = tables.values, tables.values_low
+    twice, twice_low = tables.positions, tables.positions_low
+    c, d = load(work, (NOW + 1) * width + i), load(work, (NOW + 1) * width + i + WIDTH)
+    once, low = splat(values_low[row, 1]), splat(twice_low[row, 1])
+    value_c, value_d, place_c, place_d = once * c, once * d, low * c, low * d
+    for j in range(2, LOW):
+        c, d = load(work, (NOW + j) * width + i), load(work, (NOW + j) * width + i + WIDTH)
+        once, low = splat(values_low[row, j]), splat(twice_low[row, j])
+        value_c, value_d = multiply_add(once, c, value_c), multiply_add(once, d, value_d)
+        place_c, place_d = multiply_add(low, c, place_c), multiply_add(low, d, place_d)
+    for j in range(TERMS - 1, 0, -1):
+        c, d = load(work, (NOW + j) * width + i), load(work, (NOW + j) * width + i + WIDTH)
+        once, low = splat(values[row, j]), splat(twice[row, j])
+        value_c, value_d = multiply_add(once, c, value_c), multiply_add(once, d, value_d)
+        place_c, place_d = multiply_add(low, c, place_c), multiply_add(low, d, place_d)
+    c, d, low = load(work, NOW * width + i), load(work, NOW * width + i + WIDTH), splat(twice[row, 0])
+    return value_c, value_d, multiply_add(low, c, place_c), multiply_add(low, d, place_d)
 
 
 @in_order
-def correct(work, width, found, offset, corrections, row, worst):
-    """Make the polynomial go through ``found[offset:]`` at a node; the larger of ``worst`` and by how much it had
-    missed on SCALE, in lanes."""
+def prepare(work, width, tables, row, h, positions):
+    """What does not hang on the forces at the node before that of a row: AHEAD <- the polynomial there less c_0, BASE
+    <- how far positions will have gone, s h (v + s h sum_j weights_j c_j)."""
+    factor = splat(tables.nodes[row + 1]) * splat(h)
+    rest = multiply_add(splat(tables.nodes[row + 1]), splat(h), -factor)  # what rounding s h loses
+    if positions:
+        for i in range(0, width, BLOCK):
+            j = i + WIDTH
+            value_i, value_j, place_i, place_j = two_weighted(work, width, i, tables, row)
+            place_i = multiply_add(factor, place_i, load(work, V * width + i))
+            place_j = multiply_add(factor, place_j, load(work, V * width + j))
+            lost_i = multiply_add(rest, place_i, load(work, LOST_X * width + i))
+            lost_j = multiply_add(rest, place_j, load(work, LOST_X * width + j))
+            store(work, BASE * width + i, multiply_add(factor, place_i, lost_i))
+            store(work, BASE * width + j, multiply_add(factor, place_j, lost_j))
+            store(work, AHEAD * width + i, value_i)
+            store(work, AHEAD * width + j, value_j)
+    else:
+        for i in range(0, width, WIDTH):
+            store(work, AHEAD * width + i, weighted(work, width, i, 1, tables.values, tables.values_low, row))
+
+
+@in_order
+def correct(work, width, found, offset, trial, tables, row, following, h, positions, worst):
+    """Make the polynomial go through ``found[offset:]`` at a node, and take positions and AT_NODE to the following one.
+    Returns the larger of ``worst`` and by how much the polynomial had missed on SCALE, in lanes; and 0 in lanes, nan
+    where something is not finite."""
+    odd = splat(0.0)
+    factor = tables.nodes[following + 1] * h
+    gain, push = tables.gains[0, row], factor * factor * tables.gains[1, row]
     for i in range(0, width, WIDTH):
         missed = minus(minus(load(found, offset + i), load(work, NOW * width + i)), load(work, AT_NODE * width + i))
+        if positions:
+            total = multiply_add(splat(push), missed, load(work, BASE * width + i))
+            store(trial, i, plus(load(work, X * width + i), total))
+        store(work, AT_NODE * width + i, multiply_add(splat(gain), missed, load(work, AHEAD * width + i)))
         for j in range(1, TERMS):
             k = (NOW + j) * width + i
-            store(work, k, multiply_add(splat(corrections[row, j]), missed, load(work, k)))
+            store(work, k, multiply_add(splat(tables.corrections[row, j]), missed, load(work, k)))
         worst = larger(worst, abs(missed) * load(work, SCALE * width + i))
-    return worst
+        odd = multiply_add(splat(0.0), missed, odd)
+    return worst, odd
+
+
+@in_order
+def place_velocities(work, width, trial, offset, tables, row, h):
+    """trial[offset:] <- velocities at a node, or the unknowns of a first-order problem."""
+    factor = splat(tables.nodes[row + 1]) * splat(h)
+    rest = multiply_add(splat(tables.nodes[row + 1]), splat(h), -factor)
+    for i in range(0, width, WIDTH):
+        total = weighted(work, width, i, 0, tables.velocities, tables.velocities_low, row)
+        total = multiply_add(factor, total, multiply_add(rest, total, load(work, LOST_V * width + i)))
+        store(trial, offset + i, plus(load(work, V * width + i), total))
 
 
 @in_order
@@ -167,15 +228,28 @@ def copied(target, offset, work, width, row, count):
 @inlined
 def iterate(bound, t, h, trial, trial_flat, dy, dy_flat, work, width, tables, velocities, cursor):
     """Correct the step's polynomial until what is left is rounding; a status, BLOWN_UP where it does not converge."""
-    offset, residual = (trial.shape[0] - 1) * trial.shape[1] * trial.shape[2], np.inf
+    positions, residual = trial.shape[0] > 1, np.inf
+    offset = (trial.shape[0] - 1) * trial.shape[1] * trial.shape[2]
+    prepare(work, width, tables, 0, h, positions)
+    for i in range(0, width, WIDTH):
+        store(work, AT_NODE * width + i, load(work, AHEAD * width + i))
+        if positions:
+            store(trial_flat, i, plus(load(work, X * width + i), load(work, BASE * width + i)))
     for count in range(MOST):
         worst = splat(0.0)  # at any node
-        for row in range(TERMS - 1):
-            place(work, width, trial_flat, offset, tables, row, h, velocities)
+        for row in range(NODES):
+            following = row + 1 if row + 1 < NODES else 0
+            if velocities or not positions:
+                place_velocities(work, width, trial_flat, offset, tables, row, h)
             status = fill_last(bound, t + tables.nodes[row + 1] * h, trial, dy, cursor)
             if status != OK:
                 return status
-            worst = correct(work, width, dy_flat, offset, tables.corrections, row, worst)
+            prepare(work, width, tables, following, h, positions)
+            worst, odd = correct(
+                work, width, dy_flat, offset, trial_flat, tables, row, following, h, positions, worst
+            )  # fmt: skip
+            if mask_bits(odd >= 0.0) != 255:
+                return BLOWN_UP
         missed = lane_max(worst)
         if missed == 0.0:
             return OK
@@ -216,8 +290,12 @@ def gauss_radau_loop(
             status = fill_last(bound, t, trial, dy, cursor)
             if status != OK:
                 return status
+            odd = splat(0.0)
             for i in range(0, width, WIDTH):
                 store(work, NOW * width + i, load(dy_flat, offset + i))
+                odd = odd + 0.0 * load(dy_flat, offset + i)
+            if mask_bits(odd >= 0.0) != 255:
+                return BLOWN_UP
             cursor[FRESH] = 1
         least = 10.0 * (np.nextafter(abs(t), np.inf) - abs(t))
         if not h > least or clock[SHORTEST] > SHORTEST_MOST:
