@@ -7,7 +7,6 @@ and those without are each filled up to a multiple of eight with massless ones o
 
 from __future__ import annotations
 
-import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -318,19 +317,17 @@ def central_pull(bodies, b):
     orbit, work = bodies.orbit, bodies.work
     x, y, z = load(orbit[0], b), load(orbit[1], b), load(orbit[2], b)
     ox, oy, oz = load(work[OFFSET], b), load(work[OFFSET + 1], b), load(work[OFFSET + 2], b)
-    r2 = x * x + y * y + z * z
-    inverse = inverse_sqrt(r2)
-    inverse2 = inverse * inverse
-    inverse3 = inverse2 * inverse
-    q = (ox * (ox + 2.0 * x) + oy * (oy + 2.0 * y) + oz * (oz + 2.0 * z)) * inverse2  # r^2 / r'^2 - 1
-    ratio = inverse_sqrt(1.0 + q)  # r' / r
+    px, py, pz = x + ox, y + oy, z + oz
+    before2 = x * x + y * y + z * z
+    before, now = inverse_sqrt(before2), inverse_sqrt(px * px + py * py + pz * pz)
+    inverse3, star = before * before * before, now * now * now
+    ratio = before2 * before * now  # r' / r
     ratio3 = ratio * ratio * ratio
-    lost = q * (3.0 + q * (3.0 + q)) * ratio3 * ratio3 / (1.0 + ratio3)  # 1 - (r' / r)^3
-    star = inverse3 * ratio3
+    q = (ox * (x + px) + oy * (y + py) + oz * (z + pz)) * (before * before)  # r^2 / r'^2 - 1
+    lost = q * (3.0 + q * (3.0 + q)) * (ratio3 * ratio3 / (1.0 + ratio3))  # 1 - (r' / r)^3
     kept = inverse3 * lost
-    outer = inverse3 - kept
-    wx, wy, wz = star * (x + ox), star * (y + oy), star * (z + oz)
-    return wx, wy, wz, kept * x - outer * ox, kept * y - outer * oy, kept * z - outer * oz
+    wx, wy, wz = star * px, star * py, star * pz
+    return wx, wy, wz, kept * x - star * ox, kept * y - star * oy, kept * z - star * oz
 
 
 @inlined
@@ -380,7 +377,8 @@ def jacobi_kick(bodies, dt, t):
             store(work[STAR + 2], b, sums_before(cz) + cz + total_z)
         ax, ay = load(work[PULL], b) - rest * ax, load(work[PULL + 1], b) - rest * ay
         kick_velocities(bodies, b, dt, ax, ay, load(work[PULL + 2], b) - rest * az)
-        total_x, total_y, total_z = total_x + lane_sum(cx), total_y + lane_sum(cy), total_z + lane_sum(cz)
+        if b + WIDTH < massive:
+            total_x, total_y, total_z = total_x + lane_sum(cx), total_y + lane_sum(cy), total_z + lane_sum(cz)
     for i in range(massive, slots):
         if table[LIVE, i] > 0.0:
             j = inside[i]
