@@ -93,14 +93,18 @@ def tables() -> Tables:
             value = sum(factor * s[k] ** power for power, factor in enumerate(product))
             corrections.append([factor / value for factor in product] + [Decimal(0)] * (STAGES - 1 - k))
         weights = [[[end**j / ways for j, ways in enumerate(row)] for end in ends] for row in _WAYS]
-        following = [1, 2, 3, 4, 5, 6, 0]
         gains = [
-            [sum(a * b for a, b in zip(table[k], row, strict=True)) for k, row in zip(following, corrections, strict=True)]
+            [_product(table[(k + 1) % (STAGES - 1)], row) for k, row in enumerate(corrections)]
             for table in weights[::2]
         ]
         low = [[[weight - Decimal(float(weight)) for weight in row] for row in table] for table in weights]
     shifts = [[comb(j, k) for j in range(STAGES)] for k in range(STAGES)]
-    return Tables(np.array(s, float), *(np.array(table, float) for table in (*weights, *low, corrections, gains, shifts)))
+    others = (*weights, *low, corrections, gains, shifts)
+    return Tables(np.array(s, float), *(np.array(table, float) for table in others))
+
+
+def _product(one: list[Decimal], other: list[Decimal]) -> Decimal:
+    return sum((a * b for a, b in zip(one, other, strict=True)), Decimal(0))
 
 
 _WAYS = (
