@@ -185,39 +185,36 @@ def sum_pairs(force, sums, c):
 def few_bodies(force, x, a, sums):
     """All of a few bodies' pairs from and to rows of numbers, x's and then y's and z's: a ring of eight, each further
     body with all of that, and a ring of those; nothing is stored and loaded again in between."""
-    n, gm, masses, softening2 = force.massive, force.gm, force.masses, force.softening2
-    count = min(n, WIDTH)
-    xi, yi, zi = lanes_or_out(x, 0, count), load_first(x, n, count), load_first(x, 2 * n, count)
-    gm_i = load(gm, 0)
-    ax, ay, az, energy, virial = ring(xi, yi, zi, gm_i, load(masses, 0), softening2, sums)
-    for j in range(WIDTH, n):
-        dx, dy, dz = x[j] - xi, x[n + j] - yi, x[2 * n + j] - zi
-        r2 = dx * dx + dy * dy + dz * dz
-        inverse = inverse_sqrt(softening2 + r2)
-        cube = inverse * inverse * inverse
-        w = gm[j] * cube
-        ax, ay, az = ax + w * dx, ay + w * dy, az + w * dz
+    n, softening2 = force.massive, force.softening2
+    total_energy, total_virial = splat(0.0), splat(0.0)
+    for first in range(0, max(n - 1, 1), WIDTH):  # one further body alone has no ring
+        count = min(n - first, WIDTH)
+        xi, yi = lanes_or_out(x, first, count), load_first(x, n + first, count)
+        zi = load_first(x, 2 * n + first, count)
+        gm, masses = load(force.gm, first), load(force.masses, first)
+        ax, ay, az, energy, virial = ring(xi, yi, zi, gm, masses, softening2, sums)
+        for j in range(first + WIDTH, n):
+            dx, dy, dz = x[j] - xi, x[n + j] - yi, x[2 * n + j] - zi
+            r2 = dx * dx + dy * dy + dz * dz
+            inverse = inverse_sqrt(softening2 + r2)
+            cube = inverse * inverse * inverse
+            w = force.gm[j] * cube
+            ax, ay, az = ax + w * dx, ay + w * dy, az + w * dz
+            if sums is not None:
+                gmm = force.gm[j] * masses
+                energy, virial = energy - gmm * inverse, virial - gmm * cube * r2
+            w = gm * cube
+            a[j] -= lane_sum(w * dx)
+            a[n + j] -= lane_sum(w * dy)
+            a[2 * n + j] -= lane_sum(w * dz)
+        for row, acceleration in enumerate((ax, ay, az)):
+            own = row * n + first
+            store_first(a, own, load_first(a, own, count) + acceleration, count)
         if sums is not None:
-            gmm = gm[j] * load(masses, 0)
-            energy, virial = energy - gmm * inverse, virial - gmm * cube * r2
-        w = gm_i * cube
-        a[j] -= lane_sum(w * dx)
-        a[n + j] -= lane_sum(w * dy)
-        a[2 * n + j] -= lane_sum(w * dz)
-    store_first(a, 0, load_first(a, 0, count) + ax, count)
-    store_first(a, n, load_first(a, n, count) + ay, count)
-    store_first(a, 2 * n, load_first(a, 2 * n, count) + az, count)
-    count = n - WIDTH
-    if count > 1:
-        xi, yi, zi = lanes_or_out(x, 8, count), load_first(x, n + 8, count), load_first(x, 2 * n + 8, count)
-        ax, ay, az, u, w = ring(xi, yi, zi, load(gm, WIDTH), load(masses, WIDTH), softening2, sums)
-        energy, virial = energy + u, virial + w
-        store_first(a, 8, load_first(a, 8, count) + ax, count)
-        store_first(a, n + 8, load_first(a, n + 8, count) + ay, count)
-        store_first(a, 2 * n + 8, load_first(a, 2 * n + 8, count) + az, count)
+            total_energy, total_virial = total_energy + energy, total_virial + virial
     if sums is not None:
-        sums[0] += lane_sum(energy)
-        sums[1] += lane_sum(virial)
+        sums[0] += lane_sum(total_energy)
+        sums[1] += lane_sum(total_virial)
         sums[2] += 0.5 * n * (n - 1)
 
 
