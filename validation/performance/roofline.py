@@ -38,7 +38,7 @@ from kickdrift.forces.handle import handle, unowned
 from kickdrift.forces.kernel import accelerate
 from kickdrift.forces.simd import WIDTH, aligned, flat, lane_max, splat
 from kickdrift.integrators.gauss_radau import tables
-from kickdrift.integrators.gauss_radau_loop import NODES, correct, prepare
+from kickdrift.integrators.gauss_radau_series import NODES, correct, prepare
 from kickdrift.integrators.wisdom_holman_loop import drift, heliocentric_kick, jacobi_kick, jump
 
 BEGIN, END = "<!-- roofline.py writes from here -->", "<!-- to here -->"

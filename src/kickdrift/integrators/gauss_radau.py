@@ -40,7 +40,7 @@ class Tables(NamedTuple):
     positions : (8, 8) in the integral of that, over s^2
     corrections : (7, 8) what the part of the acceleration at a node that the polynomial misses adds to c_0 … c_7, so
         that the values at the nodes before stay as they are
-    values_low, velocities_low, positions_low : what rounding those weights has lost, see ``gauss_radau_loop.place``
+    values_low, velocities_low, positions_low : what rounding those weights has lost
     gains : (2, 7) what a correction at a node, per what was missed, adds to values and positions at the following one
         (after the last node comes the first)
     shifts : (8, 8) j over k in row k: (1 + s)^j = sum_k shifts_kj s^k

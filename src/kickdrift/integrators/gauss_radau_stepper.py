@@ -8,20 +8,18 @@ import numpy as np
 
 from kickdrift.forces.simd import aligned
 from kickdrift.integrators.gauss_radau import STAGES, tables
-from kickdrift.integrators.gauss_radau_loop import (
+from kickdrift.integrators.gauss_radau_loop import CONVERGED, MOST, gauss_radau_loop
+from kickdrift.integrators.gauss_radau_series import (
     BLOCK,
-    CONVERGED,
     GUESS,
     GUESS_LAST,
     LAST,
-    MOST,
     NOW,
     ROWS,
     V_BEFORE,
     X_BEFORE,
     V,
     X,
-    gauss_radau_loop,
 )
 from kickdrift.integrators.stepping import BEFORE, ChosenSteps, Options
 from kickdrift.integrators.stepping import LAST as STEP_LAST
