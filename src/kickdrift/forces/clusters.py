@@ -21,6 +21,7 @@ APART = 2.0  # cutoffs between them
 STRIDE_UNKNOWN = 0.01  # of the cutoff: how far the fastest particle goes between evaluations, until that is known
 SHIFT_BITS = 5  # of an entry of `near`, for 27 shifts
 SHIFTS = 27
+LOOKED_AHEAD = 2  # entries after the last that are read, and not used
 ROWS_PER_NEAR = 8  # a cluster near another is listed by eight of its particles at most
 
 
@@ -57,7 +58,7 @@ class ClusterList(NamedTuple):
         np.int64
     ]  # (chunks, slots + 1) the first entry of each row; rows are those of cluster 0, of 1, …
     rows: NDArray[np.int32]  # (chunks, 8 room + 8, 2) the inner list: where a cluster's x begins in `x`, and where the
-    # row's shifted positions stand in a table of the cluster's; the entry after the last is read and not used
+    # row's shifted positions stand in a table of the cluster's
     used: NDArray[np.int64]  # (chunks, clusters) the shifts in a cluster's rows, as bits
     x_single: NDArray[np.float32]  # (3 slots,) in mixed precision, else empty
     force_single: NDArray[np.float32]  # (chunks, 6 slots) likewise

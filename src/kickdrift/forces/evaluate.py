@@ -34,11 +34,25 @@ def fill_derivative(bound: Any, t: float, y: Any, dy: Any, cursor: Any) -> int:
     raise NotImplementedError("for compiled code")
 
 
+def fill_last(bound: Any, t: float, y: Any, dy: Any, cursor: Any) -> int:
+    """dy[-1] <- that of f(t, y) alone: the accelerations, for those who know the velocities, and who see for themselves
+    whether they are finite; a status."""
+    raise NotImplementedError("for compiled code")
+
+
+def _alone(bound: Any) -> bool:
+    """Whether there is a Problem's function and no force."""
+    return [kind.instance_class for kind in bound.kind if isinstance(kind, types.BaseNamedTuple)] == [EquationKernel]
+
+
 @overload(fill_derivative)
 def _fill_derivative(bound, t, y, dy, cursor):
-    if [kind.instance_class for kind in bound.kind if isinstance(kind, types.BaseNamedTuple)] == [EquationKernel]:
-        return straight
-    return through_forces
+    return straight if _alone(bound) else through_forces
+
+
+@overload(fill_last, jit_options={"forceinline": True})
+def _fill_last(bound, t, y, dy, cursor):
+    return straight if _alone(bound) else accelerations_alone
 
 
 def straight(bound, t, y, dy, cursor):
@@ -51,6 +65,13 @@ def straight(bound, t, y, dy, cursor):
         for i in range(dy.shape[2]):
             total += dy[half, 0, i]
     return OK if np.isfinite(total) else BLOWN_UP
+
+
+def accelerations_alone(bound, t, y, dy, cursor):
+    last = y.shape[0] - 1
+    clear(dy[last])
+    cursor[EVALUATIONS] += 1
+    return accelerate(bound, t, y[0], y[last], dy[last], None)
 
 
 def through_forces(bound, t, y, dy, cursor):

@@ -19,7 +19,21 @@ from kickdrift.forces.chunks import Parallel, Serial, chunk_task, each_chunk
 from kickdrift.forces.clusters import STRIDE, load_vector, store_vector
 from kickdrift.forces.compiling import in_order, never_inline
 from kickdrift.forces.kernel import OK, kernel
-from kickdrift.forces.simd import WIDTH, aligned, inverse_sqrt, lane_sum, load, rotated, select, splat, store
+from kickdrift.forces.simd import (
+    WIDTH,
+    aligned,
+    flat,
+    inverse_sqrt,
+    lane_numbers,
+    lane_sum,
+    load,
+    load_first,
+    rotated,
+    select,
+    splat,
+    store,
+    store_first,
+)
 
 if TYPE_CHECKING:
     from kickdrift.forces.gravity import Gravity
@@ -27,6 +41,8 @@ if TYPE_CHECKING:
 
 PAIRS_PER_CHUNK = 60_000  # some 30 microseconds of work; waking a thread takes a few
 MOST_CHUNKS = 32
+OUT = 1e60  # where empty lanes begin, each at a place of its own: no distance is zero, no third power underflows
+FEW = 2 * WIDTH  # bodies, without massless ones, that stay in registers
 
 
 class GravityKernel(NamedTuple):
@@ -59,6 +75,9 @@ def bind(force: Gravity, system: System, threads: int) -> GravityKernel:
     gm[slot] = gravitational_constant(force.name, force.G, system) * system.state.masses
     masses[slot] = system.coherent_masses
     chunks = chunks_for(massive, n)
+    x = aligned((clusters * STRIDE,))
+    for empty in range(massive, sources * WIDTH):
+        x[empty // WIDTH * STRIDE + empty % WIDTH] = OUT * (1.0 + empty % WIDTH)
     return GravityKernel(
         softening2=force.softening**2,
         massive=massive,
@@ -67,7 +86,7 @@ def bind(force: Gravity, system: System, threads: int) -> GravityKernel:
         place=slot // WIDTH * STRIDE + slot % WIDTH,
         gm=gm,
         masses=masses,
-        x=aligned((clusters * STRIDE,)),
+        x=x,
         a=aligned((chunks * clusters * STRIDE,)),
         sums=np.zeros((chunks, 2)),
         threads=Parallel(chunks) if threads > 1 and chunks > 1 else Serial(chunks),
@@ -86,6 +105,9 @@ def chunks_for(massive: int, particles: int) -> int:
 @kernel(GravityKernel)
 def gravity_forces(force, t, x, v, a, sums):
     place, own = force.place, force.x
+    if place.size <= FEW and force.massive == place.size:
+        few_bodies(force, flat(x), flat(a), sums)
+        return OK
     for i in range(place.size):
         p = place[i]
         own[p] = x[0, i]
@@ -160,12 +182,65 @@ def sum_pairs(force, sums, c):
 
 
 @in_order
+def few_bodies(force, x, a, sums):
+    """All of a few bodies' pairs from and to rows of numbers, x's and then y's and z's: a ring of eight, each further
+    body with all of that, and a ring of those; nothing is stored and loaded again in between."""
+    n, softening2 = force.massive, force.softening2
+    total_energy, total_virial = splat(0.0), splat(0.0)
+    for first in range(0, max(n - 1, 1), WIDTH):  # one further body alone has no ring
+        count = min(n - first, WIDTH)
+        xi, yi = lanes_or_out(x, first, count), load_first(x, n + first, count)
+        zi = load_first(x, 2 * n + first, count)
+        gm, masses = load(force.gm, first), load(force.masses, first)
+        ax, ay, az, energy, virial = ring(xi, yi, zi, gm, masses, softening2, sums)
+        for j in range(first + WIDTH, n):
+            dx, dy, dz = x[j] - xi, x[n + j] - yi, x[2 * n + j] - zi
+            r2 = dx * dx + dy * dy + dz * dz
+            inverse = inverse_sqrt(softening2 + r2)
+            cube = inverse * inverse * inverse
+            w = force.gm[j] * cube
+            ax, ay, az = ax + w * dx, ay + w * dy, az + w * dz
+            if sums is not None:
+                gmm = force.gm[j] * masses
+                energy, virial = energy - gmm * inverse, virial - gmm * cube * r2
+            w = gm * cube
+            a[j] -= lane_sum(w * dx)
+            a[n + j] -= lane_sum(w * dy)
+            a[2 * n + j] -= lane_sum(w * dz)
+        for row, acceleration in enumerate((ax, ay, az)):
+            own = row * n + first
+            store_first(a, own, load_first(a, own, count) + acceleration, count)
+        if sums is not None:
+            total_energy, total_virial = total_energy + energy, total_virial + virial
+    if sums is not None:
+        sums[0] += lane_sum(total_energy)
+        sums[1] += lane_sum(total_virial)
+        sums[2] += 0.5 * n * (n - 1)
+
+
+@in_order
+def lanes_or_out(x, first, count):
+    """So many numbers, and OUT."""
+    lanes = lane_numbers()
+    return select(lanes < float(count), load_first(x, first, count), OUT * (lanes + 1.0))
+
+
+@in_order
 def inside_cluster(force, sums, cluster, first):
-    """The pairs within a cluster, whose accelerations begin at cluster ``first`` of those: each body with the next,
-    second and third in a ring of eight, which take the reaction, and with the one opposite, which sees to its own half.
-    Energy and virial, in lanes."""
+    """The pairs within a cluster, whose accelerations begin at cluster ``first`` of those. Energy and virial, in
+    lanes."""
     xi, yi, zi = load_vector(force.x, cluster)
-    gm_i, masses = load(force.gm, cluster * WIDTH), load(force.masses, cluster * WIDTH)
+    gm, masses = load(force.gm, cluster * WIDTH), load(force.masses, cluster * WIDTH)
+    ax, ay, az, energy, virial = ring(xi, yi, zi, gm, masses, force.softening2, sums)
+    store_vector(force.a, first + cluster, ax, ay, az)
+    return energy, virial
+
+
+@in_order
+def ring(xi, yi, zi, gm_i, masses, softening2, sums):
+    """The pairs of eight bodies: each with the next, second and third in a ring, which take the reaction, and with the
+    one opposite, which sees to its own half. Where there are fewer, the others have no mass and stand OUT there.
+    Accelerations, energy and virial, in lanes."""
     zero = splat(0.0)
     energy, virial = zero, zero
     ax, ay, az, reaction_x, reaction_y, reaction_z = zero, zero, zero, zero, zero, zero
@@ -174,8 +249,7 @@ def inside_cluster(force, sums, cluster, first):
         xj, yj, zj, gm_j = rotated(xj, 1), rotated(yj, 1), rotated(zj, 1), rotated(gm_j, 1)
         reaction_x, reaction_y, reaction_z = rotated(reaction_x, 1), rotated(reaction_y, 1), rotated(reaction_z, 1)
         dx, dy, dz = xj - xi, yj - yi, zj - zi
-        real = (gm_i > 0.0) & (gm_j > 0.0)
-        inverse = select(real, inverse_sqrt(force.softening2 + dx * dx + dy * dy + dz * dz), zero)
+        inverse = inverse_sqrt(softening2 + dx * dx + dy * dy + dz * dz)
         cube = inverse * inverse * inverse
         w = gm_j * cube
         ax, ay, az = ax + w * dx, ay + w * dy, az + w * dz
@@ -187,8 +261,7 @@ def inside_cluster(force, sums, cluster, first):
             energy = energy - gmm * inverse
             virial = virial - gmm * cube * (dx * dx + dy * dy + dz * dz)
     ax, ay, az = ax + rotated(reaction_x, 4), ay + rotated(reaction_y, 4), az + rotated(reaction_z, 4)
-    store_vector(force.a, first + cluster, ax, ay, az)
-    return energy, virial
+    return ax, ay, az, energy, virial
 
 
 @in_order

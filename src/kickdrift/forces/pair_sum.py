@@ -102,31 +102,36 @@ def sum_pairs(force, sums, c):
         if start[first] == start[first + rows_each] and not mine:
             continue
         fill_table(table, pairs, cluster, used[cluster])
-        # A step's lanes are a chain of 20 operations that wait for each other: the next step's displacements and forces
-        # are begun before this one's are added up.
-        at = start[first]
+        # A step is a chain of 20 operations that wait for each other. So that a processor has others to do, the loop is at
+        # three steps at once: the displacements of the next but one, the forces of the next, the sums of this one.
+        at, own = start[first], WIDTH * cluster
         other, place = entry(rows, at, 0), entry(rows, at, 1)
         dx, dy, dz = displacements(x, table, other, place)
         r2 = dx * dx + dy * dy + dz * dz
-        inside = r2 < cutoff2
-        energy, force_over_r = pair_terms(laws, WIDTH * cluster + particle_of(table, place), other // 3, r2)
-        g = select(inside, force_over_r, 0.0)
+        energy, force_over_r = pair_terms(laws, own + particle_of(table, place), other // 3, r2)
+        g = select(r2 < cutoff2, force_over_r, 0.0)
+        next_other, next_place = entry(rows, at + 1, 0), entry(rows, at + 1, 1)
+        next_dx, next_dy, next_dz = displacements(x, table, next_other, next_place)
+        next_r2 = next_dx * next_dx + next_dy * next_dy + next_dz * next_dz
         for row in range(rows_each):
             fx, fy, fz = nothing(x), nothing(x), nothing(x)
             for k in range(start[first + row], start[first + row + 1]):
-                here = entry(rows, k, 0)
+                later_other, later_place = entry(rows, k + 2, 0), entry(rows, k + 2, 1)
+                later_dx, later_dy, later_dz = displacements(x, table, later_other, later_place)
+                later_r2 = later_dx * later_dx + later_dy * later_dy + later_dz * later_dz
+                i, j = own + particle_of(table, next_place), next_other // 3
+                next_energy, force_over_r = pair_terms(laws, i, j, next_r2)
+                next_g = select(next_r2 < cutoff2, force_over_r, 0.0)
                 fx, fy, fz = multiply_add(g, dx, fx), multiply_add(g, dy, fy), multiply_add(g, dz, fz)
-                react(reactions, here, -g, dx, dy, dz)
+                react(reactions, other, -g, dx, dy, dz)
                 if sums is not None:
+                    inside = r2 < cutoff2
                     energy_sum = energy_sum + widened(select(inside, energy, 0.0))
                     virial_sum = virial_sum + widened(g * select(inside, r2, 0.0))
                     pair_count = pair_count + widened(select(inside, nothing(x) + 1.0, 0.0))
-                other, place = entry(rows, k + 1, 0), entry(rows, k + 1, 1)
-                dx, dy, dz = displacements(x, table, other, place)
-                r2 = dx * dx + dy * dy + dz * dz
-                inside = r2 < cutoff2
-                energy, force_over_r = pair_terms(laws, WIDTH * cluster + particle_of(table, place), other // 3, r2)
-                g = select(inside, force_over_r, 0.0)
+                other, dx, dy, dz, r2, g, energy = next_other, next_dx, next_dy, next_dz, next_r2, next_g, next_energy
+                next_other, next_place, next_r2 = later_other, later_place, later_r2
+                next_dx, next_dy, next_dz = later_dx, later_dy, later_dz
             keep_row(row_sums, row, fx, fy, fz)
         own_x, own_y, own_z = load_vector(forces, cluster)
         if mine:

@@ -18,6 +18,7 @@ from kickdrift.forces.chunks import chunk_task, each_chunk
 from kickdrift.forces.clusters import (
     BUILT,
     JUMPS_ALLOWED,
+    LOOKED_AHEAD,
     N_CLUSTERS,
     NX,
     NY,
@@ -243,7 +244,7 @@ def write_rows(pairs, c, within, met, by):
             for at in range(begin, end, WIDTH):
                 made += append_members(rows, made, sorted_listed, sorted_members, at, end - at, bit, place)
     start[rows_each * clusters] = made
-    rows[made, 0] = rows[made, 1] = 0
+    rows[made : made + LOOKED_AHEAD] = 0
 
 
 @jit

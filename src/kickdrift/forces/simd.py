@@ -408,16 +408,19 @@ def rotated(typingctx, value, places):
 
 @intrinsic
 def sums_before(typingctx, value):
-    """In each lane the sum of the lanes before it, 0 in the first (Hillis & Steele 1986, doi:10.1145/7902.7903)."""
+    """In each lane the sum of the lanes before it, 0 in the first (Hillis & Steele 1986, doi:10.1145/7902.7903); one
+    that is not finite makes all so."""
 
     def codegen(context, builder, sig, args):
-        def shifted(vector, by):
-            lanes = [WIDTH] * by + list(range(WIDTH - by))  # lane WIDTH is the zero of the second operand
-            return builder.shuffle_vector(vector, _constant(0.0), ir.Constant(ir.VectorType(I32, WIDTH), lanes))
+        def shifted(vector, by, add):
+            order = [(k - by) % WIDTH for k in range(WIDTH)]
+            turned = builder.shuffle_vector(vector, vector, ir.Constant(ir.VectorType(I32, WIDTH), order))
+            kept = ir.Constant(F64X8, [float(k >= by) for k in range(WIDTH)])  # a shift that brings zeros in is slower
+            return _fma(builder, turned, kept, add)
 
-        total = shifted(args[0], 1)
+        total = shifted(args[0], 1, _constant(0.0))
         for by in (1, 2, 4):
-            total = builder.fadd(total, shifted(total, by), flags=_flags(context))
+            total = shifted(total, by, total)
         return total
 
     return lanes_type(lanes_type), codegen

@@ -40,7 +40,9 @@ class Tables(NamedTuple):
     positions : (8, 8) in the integral of that, over s^2
     corrections : (7, 8) what the part of the acceleration at a node that the polynomial misses adds to c_0 … c_7, so
         that the values at the nodes before stay as they are
-    values_low, velocities_low, positions_low : what rounding those weights has lost, see ``gauss_radau_loop.place``
+    values_low, velocities_low, positions_low : what rounding those weights has lost
+    gains : (2, 7) what a correction at a node, per what was missed, adds to values and positions at the following one
+        (after the last node comes the first)
     shifts : (8, 8) j over k in row k: (1 + s)^j = sum_k shifts_kj s^k
     """
 
@@ -52,6 +54,7 @@ class Tables(NamedTuple):
     velocities_low: Floats
     positions_low: Floats
     corrections: Floats
+    gains: Floats
     shifts: Floats
 
 
@@ -90,9 +93,18 @@ def tables() -> Tables:
             value = sum(factor * s[k] ** power for power, factor in enumerate(product))
             corrections.append([factor / value for factor in product] + [Decimal(0)] * (STAGES - 1 - k))
         weights = [[[end**j / ways for j, ways in enumerate(row)] for end in ends] for row in _WAYS]
+        gains = [
+            [_product(table[(k + 1) % (STAGES - 1)], row) for k, row in enumerate(corrections)]
+            for table in weights[::2]
+        ]
         low = [[[weight - Decimal(float(weight)) for weight in row] for row in table] for table in weights]
     shifts = [[comb(j, k) for j in range(STAGES)] for k in range(STAGES)]
-    return Tables(np.array(s, float), *(np.array(table, float) for table in (*weights, *low, corrections, shifts)))
+    others = (*weights, *low, corrections, gains, shifts)
+    return Tables(np.array(s, float), *(np.array(table, float) for table in others))
+
+
+def _product(one: list[Decimal], other: list[Decimal]) -> Decimal:
+    return sum((a * b for a, b in zip(one, other, strict=True)), Decimal(0))
 
 
 _WAYS = (

@@ -15,67 +15,85 @@ from __future__ import annotations
 
 import numpy as np
 
-from kickdrift.forces.compiling import jit
-from kickdrift.forces.simd import WIDTH, load, splat, store
+from kickdrift.forces.compiling import inlined
+from kickdrift.forces.simd import WIDTH, inverse_sqrt, lane_max, lane_numbers, lane_sum, load, select, splat, store
 
 GUARD = 0.25  # of the square of the next derivatives' time scale
 TERMS = 8  # of a(s); it has as many derivatives, itself included
 UNSEEN = 1e-15  # of a velocity: what changes it by less in a step has no say in how long steps are
 
 
-@jit
-def next_step(terms, ends, v, rows, n, h, eta):
-    """The length for the step after the one that ``terms`` (8, width) describe, infinite where nothing changes: the
-    shortest of all particles', or, of a Problem, of all unknowns' and of all together. ``ends`` (8, width) is
-    workspace."""
-    width, together = v.size, rows > 1
+@inlined
+def next_step(work, width, now, ends, velocities, rows, n, h, eta):
+    """The length for the step after the one whose polynomial stands from row ``now`` of the workspace on, infinite
+    where nothing changes: the shortest of all particles', or, of a Problem, of all unknowns' and of all together. Eight
+    of them at a time; the derivatives at the step's end go to the rows from ``ends`` on."""
+    together, most = rows > 1, splat(0.0)
     for i in range(0, width, WIDTH):
         for level in range(TERMS):
             total, ways = splat(0.0), 1.0
             for k in range(2, level + 1):
                 ways *= k  # level!
             for j in range(level, TERMS):
-                total = total + ways * load(terms, j * width + i)
+                total = total + ways * load(work, (now + j) * width + i)
                 ways *= (j + 1.0) / (j + 1.0 - level)  # j! / (j - level)!, of the next j
-            store(ends, level * width + i, total)
-    shortest, scale = np.inf, 0.0
-    for i in range(rows * n):
-        scale = max(scale, abs(v[i]), h * abs(terms[0, i]))
-    sizes = np.zeros(TERMS)
-    for body in range(n):
-        change = 0.0
-        for row in range(rows):
-            i = row * n + body
-            change = max(change, abs(terms[0, i]), abs(ends[0, i]))
-        if h * change > UNSEEN * (scale if together else abs(v[body])):
-            for level in range(TERMS):
-                sizes[level] = size_of(ends[level], body, n, rows)
-            shortest = min(shortest, time_scale2(sizes))
+            store(work, (ends + level) * width + i, total)
+        speed, change = abs(load(work, velocities * width + i)), h * abs(load(work, now * width + i))
+        most = larger(most, larger(speed, change))
+    scale, shortest = splat(lane_max(most)), splat(np.inf)
+    for b in range(0, n, WIDTH):
+        change = splat(0.0)
+        for i in range(b, rows * n, n):
+            change = larger(change, larger(abs(load(work, now * width + i)), abs(load(work, ends * width + i))))
+        if not together:
+            scale = abs(load(work, velocities * width + b))
+        seen = (lane_numbers() < float(n - b)) & (h * change > UNSEEN * scale)
+        tau2 = time_scale2(work, width, ends, b, rows * n, n)
+        shortest = smaller(shortest, select(seen, tau2, splat(np.inf)))
     if not together:
-        for level in range(TERMS):
-            sizes[level] = size_of(ends[level], 0, 1, n)
-        shortest = min(shortest, time_scale2(sizes))
-    return eta * h * np.sqrt(shortest)
+        shortest = smaller(shortest, time_scale2(work, width, ends, 0, n, 0))
+    return eta * h * np.sqrt(-lane_max(-shortest))
 
 
-@jit
-def size_of(values, first, apart, count):
-    """The root of the sum of squares of so many of the values, from the first on."""
-    square = 0.0
-    for k in range(count):
-        square += values[first + k * apart] ** 2
-    return np.sqrt(square)
+@inlined
+def larger(a, b):
+    return select(a > b, a, b)
 
 
-@jit
-def time_scale2(sizes):
-    """tau^2 in units of the step's square, by the moduli (8,) of a and its derivatives, the square of each next time
-    scale times GUARD; infinite where all moduli are zero."""
-    longest, still, share = 0.0, True, 1.0
+@inlined
+def smaller(a, b):
+    return select(a < b, a, b)
+
+
+@inlined
+def modulus(work, row, first, stop, apart):
+    """The root of the sum of squares of the numbers from the first on, every ``apart``-th; where that is 0, of all."""
+    square = splat(0.0)
+    if apart > 0:
+        for i in range(first, stop, apart):
+            value = load(work, row + i)
+            square = square + value * value
+    else:
+        for i in range(first, stop, WIDTH):
+            value = load(work, row + i)
+            square = square + value * value
+        square = splat(lane_sum(square))
+    return select(square > 0.0, square * inverse_sqrt(square), splat(0.0))
+
+
+@inlined
+def time_scale2(work, width, ends, first, stop, apart):
+    """tau^2 in units of the step's square, by the moduli of a and its derivatives, the square of each next time scale
+    times GUARD; infinite where all moduli are zero."""
+    longest, largest, zero, share = splat(0.0), splat(0.0), splat(0.0), 2.0
+    size = modulus(work, ends * width, first, stop, apart)
+    slope = modulus(work, (ends + 1) * width, first, stop, apart)
     for level in range(TERMS - 2):
-        size = sizes[level]
-        if size > 0.0:
-            still = False
-            longest = max(longest, share * 2.0 / ((sizes[level + 1] / size) ** 2 + sizes[level + 2] / size))
-        share *= GUARD
-    return np.inf if still else longest
+        bend = modulus(work, (ends + level + 2) * width, first, stop, apart)
+        slower = slope / size
+        rate2 = slower * slower + bend / size
+        tau2 = select(rate2 > 0.0, share / rate2, splat(np.inf))
+        longest = larger(select(size > 0.0, tau2, zero), longest)
+        largest = larger(largest, size)
+        size, slope, share = slope, bend, share * GUARD
+    return select(largest > 0.0, longest, splat(np.inf))

@@ -6,21 +6,20 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from kickdrift.forces.simd import WIDTH, aligned
+from kickdrift.forces.simd import aligned
 from kickdrift.integrators.gauss_radau import STAGES, tables
-from kickdrift.integrators.gauss_radau_loop import (
-    CONVERGED,
+from kickdrift.integrators.gauss_radau_loop import CONVERGED, MOST, gauss_radau_loop
+from kickdrift.integrators.gauss_radau_series import (
+    BLOCK,
     GUESS,
     GUESS_LAST,
     LAST,
-    MOST,
     NOW,
     ROWS,
     V_BEFORE,
     X_BEFORE,
     V,
     X,
-    gauss_radau_loop,
 )
 from kickdrift.integrators.stepping import BEFORE, ChosenSteps, Options
 from kickdrift.integrators.stepping import LAST as STEP_LAST
@@ -47,7 +46,7 @@ class GaussRadauStepper(ChosenSteps):
     def reset(self, y: Floats, time: float, steps: int) -> None:
         self._begin(y, time, steps)
         halves, size = y.shape[0], y[0].size
-        width = WIDTH * -(-size // WIDTH)
+        width = BLOCK * -(-size // BLOCK)
         self._work = aligned((ROWS, width))
         self._work[V, :size] = self._work[V_BEFORE, :size] = y[-1].reshape(-1)
         if halves == 2:

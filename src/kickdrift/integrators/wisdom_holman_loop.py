@@ -7,7 +7,6 @@ and those without are each filled up to a multiple of eight with massless ones o
 
 from __future__ import annotations
 
-import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -28,6 +27,7 @@ from kickdrift.forces.simd import (
     mask_bits,
     minus,
     plus,
+    rotated,
     select,
     splat,
     store,
@@ -219,6 +219,45 @@ def places(bodies):
 @inlined
 def pulls(bodies, place, b, t):
     """The acceleration that the massive bodies other than the central one give to eight bodies at ``place``."""
+    if bodies.massive == WIDTH and b == 0:
+        ax, ay, az, near = ring_pulls(bodies, place)
+    else:
+        ax, ay, az, near = pulls_one_by_one(bodies, place, b)
+    if any_lane(near):
+        note_near(bodies, place, b, t)
+    return ax, ay, az
+
+
+@inlined
+def ring_pulls(bodies, place):
+    """The same of eight bodies among themselves, each pair once, as in ``gravity_kernel.ring``; and whether a body of a
+    pair is within the Hill radius of the other."""
+    gm_i, hill_i = load(bodies.table[SOURCE], 0), load(bodies.table[HILL], 0)
+    xi, yi, zi = load(place[0], 0), load(place[1], 0), load(place[2], 0)
+    zero = splat(0.0)
+    ax, ay, az, reaction_x, reaction_y, reaction_z = zero, zero, zero, zero, zero, zero
+    xj, yj, zj, gm_j, hill_j = xi, yi, zi, gm_i, hill_i
+    near = zero > 1.0
+    for turn in range(4):
+        xj, yj, zj = rotated(xj, 1), rotated(yj, 1), rotated(zj, 1)
+        gm_j, hill_j = rotated(gm_j, 1), rotated(hill_j, 1)
+        reaction_x, reaction_y, reaction_z = rotated(reaction_x, 1), rotated(reaction_y, 1), rotated(reaction_z, 1)
+        dx, dy, dz = xj - xi, yj - yi, zj - zi
+        r2 = dx * dx + dy * dy + dz * dz
+        near = near | (r2 < hill_i) | (r2 < hill_j)
+        inverse = inverse_sqrt(r2)
+        cube = inverse * inverse * inverse
+        w = gm_j * cube
+        ax, ay, az = ax + w * dx, ay + w * dy, az + w * dz
+        if turn < 3:
+            w = gm_i * cube
+            reaction_x, reaction_y, reaction_z = reaction_x - w * dx, reaction_y - w * dy, reaction_z - w * dz
+    return ax + rotated(reaction_x, 4), ay + rotated(reaction_y, 4), az + rotated(reaction_z, 4), near
+
+
+@inlined
+def pulls_one_by_one(bodies, place, b):
+    """The same of any eight, by each massive body."""
     source, hill = bodies.table[SOURCE], bodies.table[HILL]
     sx, sy, sz = place[0], place[1], place[2]
     x, y, z = load(sx, b), load(sy, b), load(sz, b)
@@ -233,9 +272,7 @@ def pulls(bodies, place, b, t):
         inverse = inverse_sqrt(r2)
         w = source[j] * inverse * inverse * inverse
         ax, ay, az = ax + w * dx, ay + w * dy, az + w * dz
-    if any_lane(near):
-        note_near(bodies, place, b, t)
-    return ax, ay, az
+    return ax, ay, az, near
 
 
 @inlined
@@ -280,19 +317,17 @@ def central_pull(bodies, b):
     orbit, work = bodies.orbit, bodies.work
     x, y, z = load(orbit[0], b), load(orbit[1], b), load(orbit[2], b)
     ox, oy, oz = load(work[OFFSET], b), load(work[OFFSET + 1], b), load(work[OFFSET + 2], b)
-    r2 = x * x + y * y + z * z
-    inverse = inverse_sqrt(r2)
-    inverse2 = inverse * inverse
-    inverse3 = inverse2 * inverse
-    q = (ox * (ox + 2.0 * x) + oy * (oy + 2.0 * y) + oz * (oz + 2.0 * z)) * inverse2  # r^2 / r'^2 - 1
-    power = (1.0 + q) * math.sqrt(1.0 + q)  # (r / r')^3
-    both = 1.0 / (power * (1.0 + power))
-    lost = q * (3.0 + q * (3.0 + q)) * both  # 1 - (r' / r)^3
-    star = inverse3 * (1.0 + power) * both
+    px, py, pz = x + ox, y + oy, z + oz
+    before2 = x * x + y * y + z * z
+    before, now = inverse_sqrt(before2), inverse_sqrt(px * px + py * py + pz * pz)
+    inverse3, star = before * before * before, now * now * now
+    ratio = before2 * before * now  # r' / r
+    ratio3 = ratio * ratio * ratio
+    q = (ox * (x + px) + oy * (y + py) + oz * (z + pz)) * (before * before)  # r^2 / r'^2 - 1
+    lost = q * (3.0 + q * (3.0 + q)) * (ratio3 * ratio3 / (1.0 + ratio3))  # 1 - (r' / r)^3
     kept = inverse3 * lost
-    outer = inverse3 - kept
-    wx, wy, wz = star * (x + ox), star * (y + oy), star * (z + oz)
-    return wx, wy, wz, kept * x - outer * ox, kept * y - outer * oy, kept * z - outer * oz
+    wx, wy, wz = star * px, star * py, star * pz
+    return wx, wy, wz, kept * x - star * ox, kept * y - star * oy, kept * z - star * oz
 
 
 @inlined
@@ -342,7 +377,8 @@ def jacobi_kick(bodies, dt, t):
             store(work[STAR + 2], b, sums_before(cz) + cz + total_z)
         ax, ay = load(work[PULL], b) - rest * ax, load(work[PULL + 1], b) - rest * ay
         kick_velocities(bodies, b, dt, ax, ay, load(work[PULL + 2], b) - rest * az)
-        total_x, total_y, total_z = total_x + lane_sum(cx), total_y + lane_sum(cy), total_z + lane_sum(cz)
+        if b + WIDTH < massive:
+            total_x, total_y, total_z = total_x + lane_sum(cx), total_y + lane_sum(cy), total_z + lane_sum(cz)
     for i in range(massive, slots):
         if table[LIVE, i] > 0.0:
             j = inside[i]

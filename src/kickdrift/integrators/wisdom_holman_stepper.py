@@ -123,8 +123,9 @@ class WisdomHolmanStepper(Regular):
         bodies.centre[...] = 0.0
         bodies.centre[:2, :3] = q[:, :, 0]
         farthest = FAR * float(np.sqrt((q[0, :, 1:] ** 2).sum(axis=0)).max(initial=0.0)) or 1.0
-        speed = np.sqrt(bodies.table[GM] / farthest)
-        for row, filling in enumerate((farthest, 0.0, 0.0, 0.0, speed, 0.0)):
+        out = farthest * (1.0 + np.arange(len(self._real)))  # no two of them at one place
+        speed = np.sqrt(bodies.table[GM] / out)
+        for row, filling in enumerate((out, 0.0, 0.0, 0.0, speed, 0.0)):
             bodies.orbit[row] = np.where(self._real, q.reshape(6, -1)[row, self._row], filling)
         bodies.carry[...] = 0.0
 

@@ -1,0 +1,281 @@
+"""How near each kernel comes to what the processor can do, and what keeps it from more.
+
+    python validation/performance/roofline.py [--turns 7] [--seconds 0.1] [--json FILE] [--page docs/roofline.md]
+
+Each kernel is run by itself on one core, many times over, and its best turn counts. The operations of a unit of its
+work (a pair, a list entry of eight pairs, a body, …) are counted by hand from its formulas, see KERNELS; a multiply-add
+is two, the estimate of 1/x or 1/sqrt(x) one. Bytes are what it loads and stores, from whichever cache they come. With
+the peaks of ``peaks.py`` that gives the fraction of the arithmetic peak that is reached. A comparison of a run's step
+with the sum of its parts is not made here: parts overlap.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
+from docs_tables import put, table
+from exact_reversal import solar_system
+from melt import CUTOFF, melt
+from nbody_rebound import PLANETS, native, planets, stars
+from peaks import measure, per_second
+from wisdom_holman import MERCURY
+
+import kickdrift as kd
+from kickdrift.bench import processor
+from kickdrift.forces.bound import BoundForces
+from kickdrift.forces.compiling import jit
+from kickdrift.forces.handle import handle, unowned
+from kickdrift.forces.kernel import accelerate
+from kickdrift.forces.simd import WIDTH, aligned, flat, lane_max, splat
+from kickdrift.integrators.gauss_radau import tables
+from kickdrift.integrators.gauss_radau_series import NODES, correct, prepare
+from kickdrift.integrators.wisdom_holman_loop import drift, heliocentric_kick, jacobi_kick, jump
+
+BEGIN, END = "<!-- roofline.py writes from here -->", "<!-- to here -->"
+LATENCY, FLOPS, MIXED = "chains of additions", "arithmetic", "loads beside arithmetic"
+
+
+class Kernel(NamedTuple):
+    """What a unit of work takes: ``operations`` and ``bytes`` a unit; ``limit`` says what it waits for."""
+
+    name: str
+    unit: str
+    operations: int
+    bytes: int
+    limit: str
+
+
+# An inverse square root is 11: the estimate, x y, 1 - x y^2 (2), two multiply-adds of the series (4), y e, the last
+# multiply-add (2). A divide is 10: the estimate, two Newton steps of four, the product.
+KERNELS = {
+    # dx 3, r^2 5, inverse 10, sr6 3, force / r 6, the cutoff 2, on i 6, on j 7: eight times; loads x and force of
+    # the cluster (384), stores its force (192), the particle's shifted place and the entry (28)
+    "lj-force": Kernel("Lennard-Jones force", "list entry (8 pairs)", 8 * 42, 604, MIXED),
+    # dx 3, r^2 5, the comparison 1; loads x of the cluster, the place, the entry, which it writes again
+    "lj-prune": Kernel("Lennard-Jones, list pruned", "entry of the outer list", 8 * 9, 224, MIXED),
+    # not counted: mostly comparisons and whole numbers
+    "lj-search": Kernel("Lennard-Jones, list searched", "entry of the outer list", 0, 0, "comparisons, whole numbers"),
+    # dx 3, r^2 with the softening 6, inverse 11, cube 2, weight 1, on i 6, weight 1, on j 6; per eight pairs of two
+    # bodies the cluster's x, a and masses (448) are loaded and a (192) stored once
+    "gravity-1000": Kernel("direct gravity, n = 1000", "pair", 36, 40, FLOPS),
+    "gravity-4096": Kernel("direct gravity, n = 4096", "pair", 36, 40, FLOPS),
+    # the same; positions and accelerations of nine bodies once for 36 pairs
+    "gravity-9": Kernel("direct gravity, n = 9", "pair", 36, 18, LATENCY),
+    # r 16, beta, eta, zeta 16, the guess 21, G0 … G3 39, Newton's correction 50, G at it 28, f and g 22, increments 18,
+    # the test 6, compensated sums 24
+    "kepler": Kernel("Kepler drift", "body", 240, 200, LATENCY),
+    # pulls 144 (half of the pairs' 36 with the Hill radius, twice), places 33, the central body's pull 84, Jacobi's
+    # sums 66, the kick 15
+    "jacobi-kick": Kernel("Wisdom-Holman kick, Jacobi", "body", 342, 600, LATENCY),
+    # pulls 144, the kick 15, the jump 21
+    "heliocentric-kick": Kernel("Wisdom-Holman kick, heliocentric", "body", 180, 350, LATENCY),
+    # sums of eight coefficients for values (19) and positions (21), s h (v + …) 6; the correction 24; reads twelve
+    # and fourteen rows of the workspace and writes two and nine
+    "radau-series": Kernel("Gauss-Radau series", "component and node", 70, 296, LATENCY),
+    # seven nodes twice, 27 components each: the series (70) and 36 pairs (36); the rest of a step is not counted
+    "radau-step": Kernel("Gauss-Radau step, n = 9", "node, with forces", 27 * 70 + 36 * 36, 27 * 296 + 648, LATENCY),
+}  # fmt: skip
+
+
+@jit
+def evaluations(forces, x, a, rounds):
+    """Accelerations at x, so many times."""
+    bound, x, a = handle(forces), unowned(x), unowned(a)
+    for _ in range(rounds):
+        accelerate(bound, 0.0, x, x, a, None)
+
+
+@jit
+def drifts(bodies, dt, rounds):
+    """Kepler drifts, each from where the last one ended."""
+    bound, status = handle(bodies), 0
+    for _ in range(rounds):
+        status += drift(bound, dt, 0.0)
+    return status
+
+
+@jit
+def kicks(bodies, dt, rounds):
+    """Kicks, and where there are any the jumps."""
+    bound = handle(bodies)
+    for _ in range(rounds):
+        if bound.jacobi:
+            jacobi_kick(bound, dt, 0.0)
+        else:
+            heliocentric_kick(bound, dt, 0.0)
+            jump(bound, dt)
+
+
+@jit
+def series(workspace, numbers, found, trial, offset, h, rounds):
+    """What a node takes besides the forces, at node after node."""
+    work, width, own, worst = flat(unowned(workspace)), workspace.shape[1], handle(numbers), splat(0.0)
+    found, trial = unowned(found), unowned(trial)
+    for k in range(rounds):
+        row = k % NODES
+        following = (k + 1) % NODES
+        prepare(work, width, own, following, h, True)
+        worst, _ = correct(work, width, found, offset, trial, own, row, following, h, True, worst)
+    return lane_max(worst)
+
+
+class Watch(NamedTuple):
+    """How long each measurement takes."""
+
+    turns: int
+    seconds: float
+
+    def nanoseconds(self, work: Callable[[int], object]) -> float:
+        """Of a round of ``work(rounds)``."""
+        return 1e9 / per_second(work, self.turns, self.seconds)
+
+
+def lennard_jones(watch: Watch) -> dict[str, float]:
+    """Nanoseconds a unit, from one evaluation of 1000 particles' forces with the list as it is, pruned, and made."""
+    sim = melt(1000, 500)
+    bound = BoundForces(sim.system)
+    begin = np.array([sim.state.positions.T, sim.state.velocities.T])
+    bound.derivative(0.0, begin)
+    pairs: Any = bound.forces[0].pairs
+    entries, outer = (int((span[:, 1] - span[:, 0]).sum()) for span in (pairs.inner_span, pairs.outer_span))
+    moved = begin.copy()
+    moved[0] += 0.6 * pairs.inner_skin  # every particle, along x, y and z: further than the inner list allows
+
+    def force(rounds: int) -> None:
+        for _ in range(rounds):
+            bound.derivative(0.0, begin)
+
+    def prune(rounds: int) -> None:
+        for k in range(rounds):
+            bound.derivative(0.0, begin if k % 2 else moved)
+
+    def search(rounds: int) -> None:
+        for _ in range(rounds):
+            bound.forget()
+            bound.derivative(0.0, begin)
+
+    alone = watch.nanoseconds(force)
+    before = bound.list_builds
+    pruned = watch.nanoseconds(prune)
+    after = bound.list_builds
+    if after[0] != before[0] or after[1] == before[1]:
+        raise RuntimeError(f"the list was made {after[0] - before[0]} times, pruned {after[1] - before[1]} times")
+    searched = watch.nanoseconds(search)
+    print(f"  1000 particles at r_c = {CUTOFF}: {entries} entries, {outer} in the outer list; force {alone:.0f} ns")
+    return {
+        "lj-force": alone / entries,
+        "lj-prune": (pruned - alone) / outer,
+        "lj-search": (searched - pruned) / outer,
+    }
+
+
+def gravity(watch: Watch, count: int) -> float:
+    """Nanoseconds a pair."""
+    sim = native(planets() if count == 1 + len(PLANETS) else stars(count), "leapfrog-dkd")
+    x = np.ascontiguousarray(sim.state.positions.T)
+    forces, a = BoundForces(sim.system).forces, np.zeros_like(x)
+    return watch.nanoseconds(lambda rounds: evaluations(forces, x, a, rounds)) / (count * (count - 1) / 2)
+
+
+def wisdom_holman(watch: Watch) -> dict[str, float]:
+    """Nanoseconds a body; Mercury's orbit in a hundred steps."""
+    dt, found = MERCURY / 100, {}
+    short = 1e-9 * dt  # of a kick: velocities stay what they are
+    for coordinates, name in (("jacobi", "jacobi-kick"), ("democratic-heliocentric", "heliocentric-kick")):
+        sim = kd.Simulation(solar_system(), "wisdom-holman", dt=dt, coordinates=coordinates)
+        sim.run(10)
+        bodies: Any = sim._stepper._bodies  # type: ignore[attr-defined]
+        found["kepler"] = watch.nanoseconds(partial(drifts, bodies, dt)) / WIDTH
+        found[name] = watch.nanoseconds(partial(kicks, bodies, short)) / WIDTH
+    return found
+
+
+def gauss_radau(watch: Watch) -> dict[str, float]:
+    """Nanoseconds a component and node, and a node with its forces."""
+    sim = native(planets(), "gauss-radau15")
+    sim.run(200, every=2**40)
+    stepper: Any = sim._stepper
+    work = stepper._work
+    size, components = stepper._flat.shape[1] - work.shape[1], stepper.y[0].size
+    own, (found, trial) = aligned(work.shape), aligned(stepper._flat.shape)  # zeros stay zeros, and take as long
+    alone = watch.nanoseconds(lambda rounds: series(own, tables(), found, trial, size, 0.0, rounds))
+    count = sim.record.force_evaluations, sim.steps_done
+    nodes = count[0] / count[1] - 1  # all but the one at the step's start
+    step = watch.nanoseconds(lambda rounds: sim.run(1000 * rounds, every=2**40)) / 1000
+    print(f"  Gauss-Radau step of the Sun and planets: {step:.0f} ns, {nodes:.2f} nodes corrected")
+    return {"radau-series": alone / components, "radau-step": step / nodes}
+
+
+def study(turns: int = 7, seconds: float = 0.1) -> dict[str, Any]:
+    """Peaks, and nanoseconds a unit of each kernel."""
+    watch = Watch(turns, seconds)
+    times = lennard_jones(watch)
+    times |= {f"gravity-{count}": gravity(watch, count) for count in (1000, 4096, 9)}
+    times |= wisdom_holman(watch) | gauss_radau(watch)
+    return {"processor": processor(), "peaks": measure(turns, seconds), "nanoseconds": times}
+
+
+def rows(found: dict[str, Any]) -> list[list[str]]:
+    """The table's."""
+    peak = found["peaks"]["fma_gflops"]
+    listed = []
+    for key, kernel in KERNELS.items():
+        time = found["nanoseconds"][key]
+        rate = kernel.operations / time
+        counted = kernel.operations > 0
+        listed.append(
+            [
+                kernel.name,
+                kernel.unit,
+                str(kernel.operations) if counted else "–",
+                str(kernel.bytes) if counted else "–",
+                f"{time:.3g}",
+                f"{rate:.1f}" if counted else "–",
+                f"{kernel.bytes / time:.0f}" if counted else "–",
+                f"{100 * rate / peak:.0f} %" if counted else "–",
+                kernel.limit,
+            ]
+        )
+    return listed
+
+
+def tables_of(found: dict[str, Any]) -> str:
+    """Peaks and kernels in Markdown."""
+    peaks = found["peaks"]
+    heading = ["kernel", "unit", "operations", "bytes", "ns", "GFLOP/s", "GB/s", "of the peak", "it waits for"]
+    caches = [key for key in peaks if key.endswith("_gb_per_s")]
+    names = ["multiply-adds, GFLOP/s", "one after the other, ns each", *(f"{c[:-9]}, GB/s" for c in caches)]
+    values = [f"{peaks['fma_gflops']:.1f}", f"{peaks['fma_latency_ns']:.2f}", *(f"{peaks[c]:.0f}" for c in caches)]
+    return f"{found['processor']}, one core:\n\n{table(names, [values])}\n\n{table(heading, rows(found))}"
+
+
+def main() -> int:
+    """Measure with the given options and print the tables."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--turns", type=int, default=7, help="of each measurement, of which the best counts")
+    parser.add_argument("--seconds", type=float, default=0.1, help="length of a turn")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="keep the figures there")
+    parser.add_argument("--page", type=Path, metavar="FILE", help="put the tables into that page")
+    given = parser.parse_args()
+    found = study(given.turns, given.seconds)
+    text = tables_of(found)
+    print(text)
+    if given.json:
+        given.json.write_text(json.dumps(found, indent=2) + "\n", encoding="utf-8")
+    if given.page:
+        put(given.page, BEGIN, END, text)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
