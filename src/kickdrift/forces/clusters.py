@@ -15,6 +15,8 @@ from kickdrift.forces.simd import WIDTH, aligned, lane_max, lane_sum, load, sele
 # slots of `ClusterList.counts`
 N_CLUSTERS, NX, NY, BUILT, OUTER_BUILDS, PRUNES, ROOM_NEEDED, JUMPS_ALLOWED = range(8)
 
+unsigned = np.uint64  # an index that is not looked at whether it counts from the end
+LANES = unsigned(WIDTH)
 STRIDE = 3 * WIDTH  # from a cluster to the next in `x` and `force`
 FAR = 30.0  # cutoffs beyond all particles: where the padding lanes sit. Much further and r^-12 would underflow, slowly
 APART = 2.0  # cutoffs between them
@@ -251,10 +253,10 @@ def copy_positions(pairs, x):
     """Copy positions to their places."""
     place, offset, sorted_x = pairs.place, pairs.offset, pairs.x
     for i in range(place.size):
-        p = place[i]
+        p = unsigned(place[i])
         sorted_x[p] = x[0, i] - offset[0, i]
-        sorted_x[p + WIDTH] = x[1, i] - offset[1, i]
-        sorted_x[p + 2 * WIDTH] = x[2, i] - offset[2, i]
+        sorted_x[p + LANES] = x[1, i] - offset[1, i]
+        sorted_x[p + LANES + LANES] = x[2, i] - offset[2, i]
 
 
 @jit

@@ -16,6 +16,7 @@ from kickdrift.errors import InputError
 from kickdrift.forces.chunks import Parallel, Serial, each_chunk
 from kickdrift.forces.clusters import (
     BUILT,
+    LANES,
     N_CLUSTERS,
     OUTER_BUILDS,
     ROOM_NEEDED,
@@ -27,6 +28,7 @@ from kickdrift.forces.clusters import (
     load_vector,
     skins,
     store_vector,
+    unsigned,
 )
 from kickdrift.forces.compiling import callback, driver, jit
 from kickdrift.forces.handle import Handle, handle_at, keep_at, size_of
@@ -218,10 +220,10 @@ def add_forces(force, wanted, x, a, sums):
     place, total, inverse_masses = pairs.place, pairs.force[0], force.inverse_masses
     gx, gy, gz = left_over(force.mixed, place, total)
     for i in range(place.size):
-        p, w = place[i], inverse_masses[i]
+        p, w = unsigned(place[i]), inverse_masses[i]
         a[0, i] += total[p] * w - gx
-        a[1, i] += total[p + WIDTH] * w - gy
-        a[2, i] += total[p + 2 * WIDTH] * w - gz
+        a[1, i] += total[p + LANES] * w - gy
+        a[2, i] += total[p + LANES + LANES] * w - gz
     return OK
 
 

@@ -36,6 +36,7 @@ from kickdrift.forces.simd import (
     lowest_bit,
     multiply_add,
     named_lanes,
+    placed_after,
     rotated,
     select,
     single_type,
@@ -102,8 +103,8 @@ def sum_pairs(force, sums, c):
         if start[first] == start[first + rows_each] and not mine:
             continue
         fill_table(table, pairs, cluster, used[cluster])
-        # A step is a chain of 20 operations that wait for each other. So that a processor has others to do, the loop is at
-        # three steps at once: the displacements of the next but one, the forces of the next, the sums of this one.
+        # A step is a chain of 20 operations that wait for each other. So that a processor has others to do, the loop is
+        # at three steps at once: the displacements of the next but one, the forces of the next, the sums of this one.
         at, own = start[first], WIDTH * cluster
         other, place = entry(rows, at, 0), entry(rows, at, 1)
         dx, dy, dz = displacements(x, table, other, place)
@@ -119,9 +120,14 @@ def sum_pairs(force, sums, c):
                 later_other, later_place = entry(rows, k + 2, 0), entry(rows, k + 2, 1)
                 later_dx, later_dy, later_dz = displacements(x, table, later_other, later_place)
                 later_r2 = later_dx * later_dx + later_dy * later_dy + later_dz * later_dz
-                i, j = own + particle_of(table, next_place), next_other // 3
-                next_energy, force_over_r = pair_terms(laws, i, j, next_r2)
-                next_g = select(next_r2 < cutoff2, force_over_r, 0.0)
+                i, j, r2_of_next = (
+                    own + particle_of(table, next_place),
+                    next_other // 3,
+                    placed_after(next_r2, later_r2),
+                )
+                next_energy, force_over_r = pair_terms(laws, i, j, r2_of_next)
+                next_g = select(r2_of_next < cutoff2, force_over_r, 0.0)
+                g = placed_after(g, next_g)
                 fx, fy, fz = multiply_add(g, dx, fx), multiply_add(g, dy, fy), multiply_add(g, dz, fz)
                 react(reactions, other, -g, dx, dy, dz)
                 if sums is not None:

@@ -352,6 +352,20 @@ def multiply_add(typingctx, a, b, c):
 
 
 @intrinsic
+def placed_after(typingctx, value, other):
+    """The value as it is, used nowhere in the program's order before ``other`` is made: LLVM orders operations by its
+    own lights, and a processor holds only as many at once as have their turn. It costs nothing."""
+
+    def codegen(context, builder, sig, args):
+        if not _has_avx512():
+            return args[0]
+        kind = ir.FunctionType(args[0].type, [args[0].type, args[1].type])
+        return builder.asm(kind, "", "=v,0,v", args, False)
+
+    return value(value, other), codegen
+
+
+@intrinsic
 def plus(typingctx, a, b):
     """a + b that nothing may reassociate: for compensated sums, in functions that are ``compiling.strict``."""
 
