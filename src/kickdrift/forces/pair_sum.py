@@ -38,6 +38,7 @@ from kickdrift.forces.simd import (
     named_lanes,
     placed_after,
     rotated,
+    row_from,
     select,
     single_type,
     splat,
@@ -287,14 +288,16 @@ def displacements(x: Any, table: Any, other: int, place: int) -> Any:
 @overload(displacements)
 def _displacements(x, table, other, place):
     def double(x, table, other, place):
-        dx = broadcast(table, place) - load(x, other)
-        dy = broadcast(table, place + WIDTH) - load(x, other + WIDTH)
-        return dx, dy, broadcast(table, place + 2 * WIDTH) - load(x, other + 2 * WIDTH)
+        own, eight = row_from(table, place), row_from(x, other)
+        dx = broadcast(own, 0) - load(eight, 0)
+        dy = broadcast(own, WIDTH) - load(eight, WIDTH)
+        return dx, dy, broadcast(own, 2 * WIDTH) - load(eight, 2 * WIDTH)
 
     def single(x, table, other, place):
-        dx = load_single(table, place) - load_twice(x, other)
-        dy = load_single(table, place + 2 * WIDTH) - load_twice(x, other + WIDTH)
-        return dx, dy, load_single(table, place + 4 * WIDTH) - load_twice(x, other + 2 * WIDTH)
+        own, eight = row_from(table, place), row_from(x, other)
+        dx = load_single(own, 0) - load_twice(eight, 0)
+        dy = load_single(own, 2 * WIDTH) - load_twice(eight, WIDTH)
+        return dx, dy, load_single(own, 4 * WIDTH) - load_twice(eight, 2 * WIDTH)
 
     return single if x.dtype == types.float32 else double
 
@@ -306,17 +309,18 @@ def react(reactions: Any, other: int, g: Any, dx: Any, dy: Any, dz: Any) -> None
 @overload(react)
 def _react(reactions, other, g, dx, dy, dz):
     def double(reactions, other, g, dx, dy, dz):
-        hx, hy, hz = load(reactions, other), load(reactions, other + WIDTH), load(reactions, other + 2 * WIDTH)
-        store(reactions, other, multiply_add(g, dx, hx))
-        store(reactions, other + WIDTH, multiply_add(g, dy, hy))
-        store(reactions, other + 2 * WIDTH, multiply_add(g, dz, hz))
+        eight = row_from(reactions, other)
+        hx, hy, hz = load(eight, 0), load(eight, WIDTH), load(eight, 2 * WIDTH)
+        store(eight, 0, multiply_add(g, dx, hx))
+        store(eight, WIDTH, multiply_add(g, dy, hy))
+        store(eight, 2 * WIDTH, multiply_add(g, dz, hz))
 
     def single(reactions, other, g, dx, dy, dz):
-        x, y, z = 2 * other, 2 * other + 2 * WIDTH, 2 * other + 4 * WIDTH
-        hx, hy, hz = load_single(reactions, x), load_single(reactions, y), load_single(reactions, z)
-        store_single(reactions, x, multiply_add(g, dx, hx))
-        store_single(reactions, y, multiply_add(g, dy, hy))
-        store_single(reactions, z, multiply_add(g, dz, hz))
+        both = row_from(reactions, 2 * other)
+        hx, hy, hz = load_single(both, 0), load_single(both, 2 * WIDTH), load_single(both, 4 * WIDTH)
+        store_single(both, 0, multiply_add(g, dx, hx))
+        store_single(both, 2 * WIDTH, multiply_add(g, dy, hy))
+        store_single(both, 4 * WIDTH, multiply_add(g, dz, hz))
 
     return single if reactions.dtype == types.float32 else double
 
