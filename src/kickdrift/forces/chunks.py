@@ -9,10 +9,10 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from numba import njit, prange, types
-from numba.extending import overload
 
 from kickdrift.forces.compiling import FAST_MATH, jit
 from kickdrift.forces.handle import Handle, address, handle_at
+from kickdrift.forces.inner import overload
 
 TASKS: dict[str, Any] = {}
 

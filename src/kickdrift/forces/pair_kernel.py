@@ -9,7 +9,7 @@ import numpy as np
 from llvmlite import ir
 from numba import carray, get_num_threads, typeof, types
 from numba.core.errors import TypingError
-from numba.extending import intrinsic, overload
+from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from kickdrift.errors import InputError
@@ -30,6 +30,7 @@ from kickdrift.forces.clusters import (
 )
 from kickdrift.forces.compiling import callback, driver, jit, never_inline
 from kickdrift.forces.handle import Handle, handle_at, keep_at, size_of
+from kickdrift.forces.inner import overload
 from kickdrift.forces.kernel import OK, kernel
 from kickdrift.forces.pairlist import prune, refresh, shift_particle
 from kickdrift.forces.simd import (
