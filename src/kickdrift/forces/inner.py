@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from numba import extending, njit
+from numba import extending
 from numba._dynfunc import make_function
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import CompilerBase, DefaultPassBuilder
@@ -62,23 +62,24 @@ class InnerCompiler(CompilerBase):
 
 
 class Inner(CPUDispatcher):
-    """A function for compiled code; called from Python it is compiled once more, for itself."""
+    """A function for compiled code; where Python calls it, as tests do, it is compiled once more for that."""
 
-    def __init__(self, py_func: Callable[..., Any], targetoptions: dict[str, Any]) -> None:
-        super().__init__(py_func, targetoptions=targetoptions, pipeline_class=InnerCompiler)
+    def __init__(self, py_func: Callable[..., Any], locals: Any = None, targetoptions: Any = None) -> None:
+        super().__init__(py_func, locals, targetoptions, InnerCompiler)
+        self._alone: CPUDispatcher | None = None
 
     def add_overload(self, cres: Any) -> None:
         self.overloads[tuple(cres.signature.args)] = cres  # and not in the table of what Python can call
 
-    def _compile_for_args(self, *args: Any, **kws: Any) -> Any:
-        if "alone" not in vars(self):
-            self.alone = njit(**self.targetoptions)(self.py_func)
-        return self.alone(*args, **kws)
+    def _compile_for_args(self, *args: Any, **kws: Any) -> CPUDispatcher:
+        if self._alone is None:
+            self._alone = CPUDispatcher(self.py_func, self.locals, self.targetoptions)
+        return self._alone  # which numba then calls
 
 
 def inner(**options: Any) -> Callable[[Callable[..., Any]], Inner]:
     """A decorator, like ``numba.njit`` with those options."""
-    return lambda function: Inner(function, OPTIONS | options)
+    return lambda function: Inner(function, targetoptions=OPTIONS | options)
 
 
 def overload(function: Callable[..., Any], forceinline: bool = False, **options: Any) -> Callable[..., Any]:
