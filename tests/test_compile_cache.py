@@ -84,7 +84,7 @@ def workshop(tmp_path):
 def test_a_law_in_a_script(workshop):
     call = "measure(Quartic(k=3.0, cutoff=2.0, truncation='cut'))"
     workshop.write("script.py", MEASURE, LAW, call)
-    assert workshop.run() == ([1.5, -6.0], 3)  # the package's own function, and the law's two
+    assert workshop.run() == ([1.5, -6.0], 4)  # the package's own function and its list, and the law's two
     assert workshop.run() == ([1.5, -6.0], 0)
     workshop.write("script.py", MEASURE, LAW, call.replace("3.0", "5.0"))  # a number is no edit of the law
     assert workshop.run() == ([2.5, -10.0], 0)

@@ -32,7 +32,8 @@ from kickdrift.forces.compiling import callback, driver, jit, never_inline
 from kickdrift.forces.handle import Handle, handle_at, keep_at, size_of
 from kickdrift.forces.inner import overload
 from kickdrift.forces.kernel import OK, kernel
-from kickdrift.forces.pairlist import prune, refresh, shift_particle
+from kickdrift.forces.list_code import list_code, prune, refresh
+from kickdrift.forces.pairlist import shift_particle
 from kickdrift.forces.simd import (
     WIDTH,
     aligned,
@@ -112,13 +113,14 @@ class PairKernel(_Addresses):
         if self.compute:
             return self
         get_num_threads()  # starts numba's threads: machine code from the disk refers to them
-        kind = typeof(self.parts)
+        parts = self.parts._replace(pairs=self.pairs._replace(code=list_code(self.pairs, self.parts.threads)))
+        kind = typeof(parts)
         if kind not in _COMPUTE:
             _COMPUTE[kind] = callback(compute_for(kind), _SIGNATURE, kind)
         memory = np.zeros(size_of(kind), np.uint8)
-        keep(memory.ctypes.data, self.parts)
+        keep(memory.ctypes.data, parts)
         made = PairKernel(_COMPUTE[kind].address, memory.ctypes.data)
-        made.parts, made._memory = self.parts, memory  # type: ignore[attr-defined]
+        made.parts, made._memory = parts, memory  # type: ignore[attr-defined]
         return made
 
     @property
