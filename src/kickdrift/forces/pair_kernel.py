@@ -29,7 +29,7 @@ from kickdrift.forces.clusters import (
     store_vector,
 )
 from kickdrift.forces.compiling import callback, driver, jit, never_inline
-from kickdrift.forces.handle import Handle, handle_at, keep_at, size_of
+from kickdrift.forces.handle import Handle, handle_at, memory_of
 from kickdrift.forces.inner import overload
 from kickdrift.forces.kernel import OK, kernel
 from kickdrift.forces.list_code import list_code, prune, refresh
@@ -117,8 +117,7 @@ class PairKernel(_Addresses):
         kind = typeof(parts)
         if kind not in _COMPUTE:
             _COMPUTE[kind] = callback(compute_for(kind), _SIGNATURE, kind)
-        memory = np.zeros(size_of(kind), np.uint8)
-        keep(memory.ctypes.data, parts)
+        memory = memory_of(parts)
         made = PairKernel(_COMPUTE[kind].address, memory.ctypes.data)
         made.parts, made._memory = parts, memory  # type: ignore[attr-defined]
         return made
@@ -165,11 +164,6 @@ def call_pairs(typingctx, compute, work, what, x, a, sums):
 @driver
 def ask(compute, work, what, x, a, sums):
     return call_pairs(compute, work, what, x, a, sums)
-
-
-@driver
-def keep(number, parts):
-    keep_at(number, parts)
 
 
 @kernel(PairKernel)
