@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
+import numpy as np
 from numba import njit, prange, types
 
 from kickdrift.forces.compiling import FAST_MATH, jit
@@ -57,6 +58,8 @@ def _each_chunk(bound, threads, name):
     @njit(error_model="numpy", fastmath=FAST_MATH, parallel=True)
     def on_threads(number, chunks):
         for c in prange(chunks):
-            task(restore(number), c)
+            task(
+                restore(number), np.intp(c)
+            )  # numba counts with unsigned numbers here, for which it would compile anew
 
     return lambda bound, threads, name: on_threads(address(bound), threads.chunks)
