@@ -58,8 +58,6 @@ def _each_chunk(bound, threads, name):
     @njit(error_model="numpy", fastmath=FAST_MATH, parallel=True)
     def on_threads(number, chunks):
         for c in prange(chunks):
-            task(
-                restore(number), np.intp(c)
-            )  # numba counts with unsigned numbers here, for which it would compile anew
+            task(restore(number), np.intp(c))  # c is unsigned here, for which the task would be compiled anew
 
     return lambda bound, threads, name: on_threads(address(bound), threads.chunks)

@@ -44,8 +44,8 @@ FAST_MATH = {"reassoc", "nsz", "arcp", "contract"}  # never nnan or ninf: blow-u
 jit = inner(fastmath=FAST_MATH, forceinline=False)
 # The same, always made part of the caller: handing over its arrays takes longer than a step of a few bodies.
 inlined = inner(fastmath=FAST_MATH, forceinline=True)
-# Always made part of the caller, sums in the order as written. A chunk task being compiled goes through LLVM twice, on
-# its own (which the process that compiles runs) and within its driver (which goes to the cache): where LLVM may
+# Always made part of the caller, sums in the order as written. A chunk task for threads goes through LLVM twice, in
+# numba's loop (which the process that compiles runs) and within its driver (which goes to the cache): where LLVM may
 # reassociate, the two can differ in the last bits.
 in_order = inner(fastmath={"nsz", "contract"}, forceinline=True)
 # Operation by operation as written, for what reassociation would undo.
