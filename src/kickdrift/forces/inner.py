@@ -24,9 +24,6 @@ OPTIONS = {"nopython": True, "boundscheck": None, "error_model": "numpy"}  # of 
 class _InnerLibrary(JITCodeLibrary):
     """LLVM code to be linked into other libraries, as it was lowered."""
 
-    def _optimize_functions(self, ll_module: Any) -> None:
-        ll_module.data_layout = self._codegen._data_layout
-
     def _optimize_final_module(self) -> None: ...
 
     def _finalize_final_module(self) -> None:
