@@ -8,6 +8,8 @@ import sys
 from pathlib import Path
 from types import ModuleType
 
+import pytest
+
 # Before NumPy is loaded: two test processes whose BLAS threads wait for each other take many times as long.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
@@ -27,3 +29,22 @@ def registrations() -> str:
 page = ModuleType("page")  # a module that numba can name in its cache
 sys.modules["page"] = page
 exec(compile(registrations(), str(PAGE), "exec"), vars(page))
+
+
+# The files that take longest, which a run in two processes begins with, so that neither waits for the other at the end.
+# The first two compile other things, which the other process then finds on the disk.
+LONGEST = (
+    "test_same_bits", "test_wisdom_holman", "test_integrators", "test_gauss_radau", "test_events", "test_compile_cache",
+    "test_cli", "test_drift", "test_pair_forces", "test_hermite", "test_tree", "test_docs", "test_simulation",
+    "test_exact", "test_chaos", "test_relativity", "test_fields", "test_implicit", "test_compare", "test_validation",
+)  # fmt: skip
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    if hasattr(config.option, "loadscopereorder"):  # xdist is there, and would order files by their number of tests
+        config.option.loadscopereorder = False
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    order = {name: number for number, name in enumerate(LONGEST)}
+    items.sort(key=lambda item: order.get(item.path.stem, len(order)))

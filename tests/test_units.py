@@ -4,9 +4,11 @@ import subprocess
 import sys
 
 import pytest
+import scipy.constants
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from kickdrift import constants
 from kickdrift.errors import InputError
 from kickdrift.units import DIMENSIONS, UNIT_SYSTEMS, number_density, quantity, suggestion, unit_system
 
@@ -154,3 +156,15 @@ def test_pint_is_imported_only_for_text():
         "assert 'pint' not in sys.modules and 'numba' not in sys.modules"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_constants_are_those_of_scipy():
+    """Exact ones; the others to the digits by which CODATA's of other years differ."""
+    pairs = {
+        "BOLTZMANN": "k", "ELEMENTARY_CHARGE": "e", "LIGHT": "c", "AVOGADRO": "N_A", "AU": "astronomical_unit",
+        "DAY": "day",
+    }  # fmt: skip
+    for name, scipys in pairs.items():
+        assert getattr(constants, name) == getattr(scipy.constants, scipys)
+    assert pytest.approx(scipy.constants.atomic_mass, rel=1e-9) == constants.ATOMIC_MASS
+    assert pytest.approx(scipy.constants.G, rel=5e-5) == constants.GRAVITY

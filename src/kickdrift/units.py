@@ -1,6 +1,6 @@
 """Unit systems. Numbers inside kickdrift are in the system's own units; conversion happens only where text comes in.
 
-Constants are CODATA's, as `scipy.constants` has them. The gravitational constant of ``astro`` comes from the GM of the
+Constants are CODATA's (`kickdrift.constants`). The gravitational constant of ``astro`` comes from the GM of the
 Sun that JPL's ephemeris DE421 was integrated with, since that product is known to twelve digits and G alone to five.
 """
 
@@ -13,14 +13,13 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
-from scipy import constants
-
+from kickdrift import constants
 from kickdrift.errors import InputError
 
 GM_SUN = 1.32712440040944e20  # m^3/s^2, DE421 (Folkner, Williams & Boggs 2009, IPN Progress Report 42-178)
-AU = constants.astronomical_unit  # m, exact since IAU 2012; DE421's own is 0.37 m shorter, 7.5e-12 of G
-YEAR = 365.25 * constants.day  # s, the Julian year
-MSUN = GM_SUN / constants.G  # kg; no better known than CODATA's G, and needed only where kilograms come in
+AU = constants.AU  # m, exact since IAU 2012; DE421's own is 0.37 m shorter, 7.5e-12 of G
+YEAR = 365.25 * constants.DAY  # s, the Julian year
+MSUN = GM_SUN / constants.GRAVITY  # kg; no better known than CODATA's G, and needed only where kilograms come in
 
 # Each dimension as a product of powers of length L, time T, mass M, energy E, temperature K and
 # angle A.
@@ -118,11 +117,13 @@ UNIT_SYSTEMS: dict[str, UnitSystem] = {
         "u",
         "eV",
         "K",
-        boltzmann=constants.k / constants.e,
-        light=constants.c * constants.pico / constants.angstrom,
-        coherent_mass=constants.atomic_mass * (constants.angstrom / constants.pico) ** 2 / constants.e,
+        boltzmann=constants.BOLTZMANN / constants.ELEMENTARY_CHARGE,
+        light=constants.LIGHT * 1e-12 / 1e-10,
+        coherent_mass=constants.ATOMIC_MASS * (1e-10 / 1e-12) ** 2 / constants.ELEMENTARY_CHARGE,
     ),
-    "si": UnitSystem("si", "m", "s", "kg", "J", "K", boltzmann=constants.k, gravity=constants.G, light=constants.c),
+    "si": UnitSystem(
+        "si", "m", "s", "kg", "J", "K", boltzmann=constants.BOLTZMANN, gravity=constants.GRAVITY, light=constants.LIGHT
+    ),
     "astro": UnitSystem(
         "astro",
         "AU",
@@ -130,9 +131,9 @@ UNIT_SYSTEMS: dict[str, UnitSystem] = {
         "Msun",
         "Msun AU^2/yr^2",
         "K",
-        boltzmann=constants.k * YEAR**2 / (MSUN * AU**2),
+        boltzmann=constants.BOLTZMANN * YEAR**2 / (MSUN * AU**2),
         gravity=GM_SUN * YEAR**2 / AU**3,
-        light=constants.c * YEAR / AU,
+        light=constants.LIGHT * YEAR / AU,
     ),
     "nbody": UnitSystem("nbody", "length", "time", "mass", "energy", "energy/k_B", 1.0, gravity=1.0),
 }
@@ -240,7 +241,7 @@ def _registry() -> Any:
     import pint  # half a second: paid only by files whose quantities carry units
 
     registry = pint.UnitRegistry(on_redefinition="ignore", cache_folder=None)
-    registry.define(f"atomic_mass_constant = {constants.atomic_mass!r} kg = m_u")  # pint's CODATA may be another year's
+    registry.define(f"atomic_mass_constant = {constants.ATOMIC_MASS!r} kg = m_u")  # pint's CODATA may be another year's
     registry.define(f"solar_mass = {MSUN!r} kg = Msun")
     registry.define("@alias astronomical_unit = AU")
     return registry

@@ -7,7 +7,6 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import stats
 
 from kickdrift.errors import InputError
 
@@ -150,6 +149,8 @@ def drift(times: ArrayLike, values: ArrayLike) -> Drift:
     if slow:
         return Drift(slope, float("inf"), "not resolvable", 1.0, unknown, unknown, lines)
 
+    from scipy.special import stdtr, stdtrit  # Student's t and its inverse; scipy.stats takes a second to import
+
     fit = _regression(y, design, 2)
     verdict: Verdict = "bounded"
     time, effective = 0.5 * abs(step) * fit.inefficiency, count / fit.inefficiency
@@ -158,12 +159,12 @@ def drift(times: ArrayLike, values: ArrayLike) -> Drift:
         fit = _regression(np.diff(y - waves @ coefficients[2:]), np.ones((count - 1, 1)), 1)
         settled = fit.unit_root_t < UNIT_ROOT_CONSTANT[0] + UNIT_ROOT_CONSTANT[1] / count
         verdict = "random walk" if settled else "not resolvable"
-    p_value = float(2.0 * stats.t.sf(abs(fit.value) / fit.deviation, fit.freedom))
+    p_value = float(2.0 * stdtr(fit.freedom, -abs(fit.value) / fit.deviation))
     if p_value < SIGNIFICANCE and verdict != "not resolvable":
         verdict = "secular drift"
     if lines and max(float(np.abs(rest).max()), abs(float(coefficients[1])) * count) <= RESIDUE:
         verdict = "bounded"
-    half_width = fit.deviation * float(stats.t.ppf(0.5 + 0.5 * CONFIDENCE, fit.freedom))
+    half_width = fit.deviation * float(stdtrit(fit.freedom, 0.5 + 0.5 * CONFIDENCE))
     return Drift(fit.value * unit, half_width * abs(unit), verdict, p_value, time, effective, lines)
 
 

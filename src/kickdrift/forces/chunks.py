@@ -8,11 +8,12 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
+import numpy as np
 from numba import njit, prange, types
-from numba.extending import overload
 
 from kickdrift.forces.compiling import FAST_MATH, jit
 from kickdrift.forces.handle import Handle, address, handle_at
+from kickdrift.forces.inner import overload
 
 TASKS: dict[str, Any] = {}
 
@@ -57,6 +58,6 @@ def _each_chunk(bound, threads, name):
     @njit(error_model="numpy", fastmath=FAST_MATH, parallel=True)
     def on_threads(number, chunks):
         for c in prange(chunks):
-            task(restore(number), c)
+            task(restore(number), np.intp(c))  # c is unsigned here, for which the task would be compiled anew
 
     return lambda bound, threads, name: on_threads(address(bound), threads.chunks)

@@ -67,6 +67,7 @@ class ClusterList(NamedTuple):
     force: NDArray[np.float64]  # (chunks, 3 slots)
     touched: NDArray[np.bool_]  # (chunks, clusters): where a chunk's forces may not be zero
     made: NDArray[np.int64]  # (chunks,) entries that the last search found
+    code: int = 0  # address of the machine code that keeps the list
 
 
 def chunk_count(n: int) -> int:

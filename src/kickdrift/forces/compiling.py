@@ -8,10 +8,12 @@ named by that class's source too: it never shares an index with the package.
 
 from __future__ import annotations
 
+import gc
 import hashlib
 import inspect
 import secrets
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import cache
 from itertools import count
 from pathlib import Path
@@ -19,14 +21,17 @@ from typing import Any
 
 import numpy as np
 from llvmlite.binding import get_host_cpu_name
-from numba import njit, types
+from numba import types
 from numba.core.bytecode import FunctionIdentity
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, _CacheLocator
 from numba.core.ccallback import CFunc
+from numba.core.registry import CPUDispatcher
+from numba.core.runtime import rtsys
 from numba.core.typing.templates import signature
 from numba.extending import intrinsic
 
 from kickdrift.cache import folder
+from kickdrift.forces.inner import OPTIONS, inner
 
 # Machine code is linked by names, in which numba tells functions apart by a count that begins at 1 in each process.
 # Two functions (such as one function for two forces of equal types) that two processes compiled can have one name, and
@@ -36,15 +41,15 @@ FunctionIdentity._unique_ids = count(secrets.randbits(60))
 FAST_MATH = {"reassoc", "nsz", "arcp", "contract"}  # never nnan or ninf: blow-ups are found by their NaN
 
 # What is not said a compiled function takes over from its caller: hence each False below.
-jit = njit(error_model="numpy", fastmath=FAST_MATH, nogil=True, forceinline=False)
+jit = inner(fastmath=FAST_MATH, forceinline=False)
 # The same, always made part of the caller: handing over its arrays takes longer than a step of a few bodies.
-inlined = njit(error_model="numpy", fastmath=FAST_MATH, nogil=True, forceinline=True)
-# Always made part of the caller, sums in the order as written. A chunk task being compiled goes through LLVM twice, on
-# its own (which the process that compiles runs) and within its driver (which goes to the cache): where LLVM may
+inlined = inner(fastmath=FAST_MATH, forceinline=True)
+# Always made part of the caller, sums in the order as written. A chunk task for threads goes through LLVM twice, in
+# numba's loop (which the process that compiles runs) and within its driver (which goes to the cache): where LLVM may
 # reassociate, the two can differ in the last bits.
-in_order = njit(error_model="numpy", fastmath={"nsz", "contract"}, nogil=True, forceinline=True)
+in_order = inner(fastmath={"nsz", "contract"}, forceinline=True)
 # Operation by operation as written, for what reassociation would undo.
-strict = njit(error_model="numpy", fastmath=False, nogil=True, forceinline=False)
+strict = inner(fastmath=False, forceinline=False)
 
 
 def processor() -> str:
@@ -144,9 +149,19 @@ class _CacheImpl(CompileResultCacheImpl):
 class _FolderCache(FunctionCache):
     """numba's cache of one function, in a folder of our choosing."""
 
-    def __init__(self, py_func: Callable[..., Any], name: str) -> None:
+    def __init__(self, py_func: Callable[..., Any], name: str, foreign: bool) -> None:
         self._impl_class = lambda function: _CacheImpl(function, name)
+        self._foreign = foreign
         super().__init__(py_func)
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        if self._foreign:
+            return super().load_overload(sig, target_context)
+        # numba loads all that compiling would need, which takes longer than all else that a small run does; our own
+        # machine code needs its memory alone.
+        rtsys.initialize(target_context)
+        with self._guard_against_spurious_io_errors():
+            return self._load_overload(sig, target_context)
 
     def _index_key(self, sig: Any, codegen: Any) -> Any:
         return str(sig), codegen.magic_tuple()  # by name: a class of the user's script is a new object in each process
@@ -168,10 +183,10 @@ class _DriverCache:
         foreign = sorted({fingerprint(cls) for kind in args for cls in foreign_classes(kind)})
         return self._named(*foreign)
 
-    def _named(self, *what: str) -> _FolderCache:
-        name = hashlib.sha256("".join([sources_hash(), *what]).encode()).hexdigest()[:16]
+    def _named(self, *foreign: str, kind: str = "") -> _FolderCache:
+        name = hashlib.sha256("".join([sources_hash(), *foreign, kind]).encode()).hexdigest()[:16]
         if name not in self._folders:
-            self._folders[name] = _FolderCache(self._py_func, name)
+            self._folders[name] = _FolderCache(self._py_func, name, bool(foreign))
         return self._folders[name]
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
@@ -202,21 +217,42 @@ class _CallbackCache(_DriverCache):
         self._kind = kind
 
     def _folder(self, sig: Any) -> _FolderCache:
-        return self._named(*sorted({fingerprint(cls) for cls in foreign_classes(self._kind)}), str(self._kind))
+        return self._named(*sorted({fingerprint(cls) for cls in foreign_classes(self._kind)}), kind=str(self._kind))
 
 
 def callback(function: Callable[..., Any], of: Any, kind: types.Type) -> Any:
     """Compile a function with the signature ``of`` plain numbers and pointers, which code that knows its ``address``
     calls; ``kind`` is the type that it is made around, and its machine code is kept on disk for each."""
-    options = {"nopython": True, "error_model": "numpy", "fastmath": FAST_MATH}
-    made: Any = CFunc(function, (of.args, of.return_type), {}, options)
+    made: Any = CFunc(function, (of.args, of.return_type), {}, OPTIONS | {"fastmath": FAST_MATH})
     made._cache = _CallbackCache(function, kind)
-    made.compile()
+    with no_collection():
+        made.compile()
     return made
+
+
+class _Driver(CPUDispatcher):
+    """A compiled function that Python calls."""
+
+    def compile(self, sig: Any) -> Any:
+        with no_collection():
+            return super().compile(sig)
+
+
+@contextmanager
+def no_collection() -> Iterator[None]:
+    """Inside, Python looks for no garbage: of the many objects that numba makes there is none, and looking through them
+    again and again took a tenth of the time to compile."""
+    enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if enabled:
+            gc.enable()
 
 
 def driver(function: Callable[..., Any]) -> Any:
     """Compile a function that Python calls, with its machine code kept on disk."""
-    dispatcher = jit(function)
+    dispatcher = _Driver(function, targetoptions=OPTIONS | {"fastmath": FAST_MATH, "nogil": True})
     dispatcher._cache = _DriverCache(function)
     return dispatcher

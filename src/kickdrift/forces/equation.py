@@ -12,10 +12,11 @@ import numpy as np
 from llvmlite import ir
 from numba import carray, cfunc, njit, types
 from numba.core.errors import NumbaError
-from numba.extending import intrinsic, overload
+from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from kickdrift.errors import InputError
+from kickdrift.forces.inner import overload
 from kickdrift.forces.kernel import OK, RAISED, kernel
 
 if TYPE_CHECKING:

@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 from numba import types
-from numba.extending import overload
 
 from kickdrift.forces.compiling import driver, inlined
 from kickdrift.forces.equation import EquationKernel, call_at
 from kickdrift.forces.handle import handle, part
+from kickdrift.forces.inner import overload
 from kickdrift.forces.kernel import BLOWN_UP, OK, RAISED, accelerate
 from kickdrift.forces.simd import WIDTH, flat, lane_sum, load, load_first, splat, store, store_first
 
@@ -50,7 +50,7 @@ def _fill_derivative(bound, t, y, dy, cursor):
     return straight if _alone(bound) else through_forces
 
 
-@overload(fill_last, jit_options={"forceinline": True})
+@overload(fill_last, forceinline=True)
 def _fill_last(bound, t, y, dy, cursor):
     return straight if _alone(bound) else accelerations_alone
 

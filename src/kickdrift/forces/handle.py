@@ -10,13 +10,15 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
+import numpy as np
 from llvmlite import ir
-from numba import types
+from numba import typeof, types
 from numba.core import cgutils
 from numba.core.imputils import impl_ret_borrowed
 from numba.core.registry import cpu_target
 from numba.core.typing.templates import AttributeTemplate, infer_getattr
 from numba.extending import intrinsic, lower_getattr_generic, models, register_model
+from numpy.typing import NDArray
 
 
 class Handle(types.Type):
@@ -126,22 +128,25 @@ def address(typingctx, of):
     return types.intp(of), codegen
 
 
-@intrinsic
-def keep_at(typingctx, number, value):
-    """Copy a value to memory at an address, for `handle_at` to find there; it keeps nothing alive."""
-
-    def codegen(context, builder, sig, args):
-        kind = context.get_value_type(value)
-        builder.store(args[1], builder.inttoptr(args[0], kind.as_pointer()))
-        return context.get_dummy_value()
-
-    return types.void(types.intp, value), codegen
+def memory_of(value: tuple[Any, ...]) -> NDArray[np.int64]:
+    """A NamedTuple in memory as compiled code lays it out, for `handle_at` to find there; it keeps no array alive."""
+    memory = np.array(list(_words(value)), np.int64)
+    context, kind = cpu_target.target_context, typeof(value)
+    assert memory.nbytes == context.get_abi_sizeof(context.get_value_type(kind)), kind
+    return memory
 
 
-def size_of(kind: types.Type) -> int:
-    """How many bytes `keep_at` needs."""
-    context = cpu_target.target_context
-    return int(context.get_abi_sizeof(context.get_value_type(kind)))
+def _words(value: Any) -> Iterator[Any]:
+    """Its words of eight bytes, as whole numbers."""
+    if isinstance(value, tuple):
+        for part in value:
+            yield from _words(part)
+    elif isinstance(value, np.ndarray):  # unowned, as in `_unowned`
+        yield from (0, 0, value.size, value.itemsize, value.ctypes.data, *value.shape, *value.strides)
+    elif isinstance(value, float):
+        yield np.float64(value).view(np.int64)
+    else:
+        yield value or 0  # None takes room too
 
 
 def handle_at(kind: Handle) -> Any:

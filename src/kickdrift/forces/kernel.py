@@ -10,10 +10,10 @@ from collections.abc import Callable
 from typing import Any
 
 from numba import types
-from numba.extending import overload
 
 from kickdrift.forces.compiling import jit
 from kickdrift.forces.handle import Handle, part
+from kickdrift.forces.inner import overload
 
 OK, GROW, BLOWN_UP = 0, 1, 2  # what a force evaluation can end in: done, a list has no room, positions make no sense
 RAISED = 4  # Python code inside raised, and no other step is to be tried; 3 is a stepper's STOPPED
@@ -43,7 +43,7 @@ def accelerate(force: Any, t: float, x: Any, v: Any, a: Any, sums: Any) -> int:
     raise NotImplementedError("for compiled code")
 
 
-@overload(accelerate, jit_options={"forceinline": True})
+@overload(accelerate, forceinline=True)
 def _accelerate(force, t, x, v, a, sums):
     kind = force.kind if isinstance(force, Handle) else force  # a force of numbers alone comes by value
     if isinstance(kind, types.BaseNamedTuple):

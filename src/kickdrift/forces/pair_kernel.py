@@ -9,7 +9,7 @@ import numpy as np
 from llvmlite import ir
 from numba import carray, get_num_threads, typeof, types
 from numba.core.errors import TypingError
-from numba.extending import intrinsic, overload
+from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from kickdrift.errors import InputError
@@ -31,10 +31,11 @@ from kickdrift.forces.clusters import (
     unsigned,
 )
 from kickdrift.forces.compiling import callback, driver, jit
-from kickdrift.forces.handle import Handle, handle_at, keep_at, size_of
+from kickdrift.forces.handle import Handle, handle_at, memory_of
+from kickdrift.forces.inner import overload
 from kickdrift.forces.kernel import OK, kernel
+from kickdrift.forces.list_code import list_code, prune, refresh
 from kickdrift.forces.pair_sum import narrow
-from kickdrift.forces.pairlist import prune, refresh
 from kickdrift.forces.simd import WIDTH, aligned, splat
 from kickdrift.forces.truncation import AtCutoff, Cut, ForceShift, Shift, Switch
 from kickdrift.state import Floats
@@ -105,13 +106,13 @@ class PairKernel(_Addresses):
         if self.compute:
             return self
         get_num_threads()  # starts numba's threads: machine code from the disk refers to them
-        kind = typeof(self.parts)
+        parts = self.parts._replace(pairs=self.pairs._replace(code=list_code(self.pairs, self.parts.threads)))
+        kind = typeof(parts)
         if kind not in _COMPUTE:
             _COMPUTE[kind] = callback(compute_for(kind), _SIGNATURE, kind)
-        memory = np.zeros(size_of(kind), np.uint8)
-        keep(memory.ctypes.data, self.parts)
+        memory = memory_of(parts)
         made = PairKernel(_COMPUTE[kind].address, memory.ctypes.data)
-        made.parts, made._memory = self.parts, memory  # type: ignore[attr-defined]
+        made.parts, made._memory = parts, memory  # type: ignore[attr-defined]
         return made
 
     @property
@@ -156,11 +157,6 @@ def call_pairs(typingctx, compute, work, what, x, a, sums):
 @driver
 def ask(compute, work, what, x, a, sums):
     return call_pairs(compute, work, what, x, a, sums)
-
-
-@driver
-def keep(number, parts):
-    keep_at(number, parts)
 
 
 @kernel(PairKernel)

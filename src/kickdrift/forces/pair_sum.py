@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 from numba import types
-from numba.extending import overload
 
 from kickdrift.forces.chunks import chunk_task
 from kickdrift.forces.clusters import (
@@ -25,6 +24,7 @@ from kickdrift.forces.clusters import (
     table_place,
 )
 from kickdrift.forces.compiling import jit, never_inline
+from kickdrift.forces.inner import overload
 from kickdrift.forces.simd import (
     WIDTH,
     broadcast,

@@ -6,9 +6,8 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
-from numba.extending import overload
-
 from kickdrift.forces.compiling import jit
+from kickdrift.forces.inner import overload
 from kickdrift.forces.simd import Lanes, select
 
 

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-from numba.extending import overload
-
 from kickdrift.forces.compiling import driver, jit
 from kickdrift.forces.evaluate import fill_accelerations
 from kickdrift.forces.handle import handle
+from kickdrift.forces.inner import overload
 from kickdrift.forces.kernel import OK
 from kickdrift.integrators.loops import STAGE, STEP
 

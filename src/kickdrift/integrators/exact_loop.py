@@ -11,11 +11,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numba import types
-from numba.extending import overload
 from numpy.typing import NDArray
 
 from kickdrift.forces.compiling import driver, strict
 from kickdrift.forces.evaluate import EVALUATIONS
+from kickdrift.forces.inner import overload
 from kickdrift.forces.kernel import BLOWN_UP, OK
 from kickdrift.forces.truncation import AtCutoff
 from kickdrift.integrators.exact_list import (

@@ -10,12 +10,12 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba.extending import overload
 from numpy.typing import NDArray
 
 from kickdrift.forces.compiling import driver, inlined, jit
 from kickdrift.forces.evaluate import EVALUATIONS, fill_accelerations
 from kickdrift.forces.handle import handle, unowned
+from kickdrift.forces.inner import overload
 from kickdrift.forces.kernel import BLOWN_UP, OK
 from kickdrift.forces.simd import (
     WIDTH,

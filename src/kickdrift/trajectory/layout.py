@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 
 import h5py
 import numpy as np
-from scipy import constants
 
+from kickdrift import constants
 from kickdrift.box import Box
 from kickdrift.errors import InputError
 from kickdrift.system import System
@@ -40,7 +40,10 @@ _ANGSTROM = {"angstrom": 1.0, "nm": 10.0, "m": 1e10}
 _PICOSECOND = {"ps": 1.0, "fs": 1e-3, "s": 1e12}
 # Forces by units of energy and length, as MDAnalysis spells them.
 _KJ_PER_MOL = "kJ mol-1 Angstrom-1"
-_FORCE = {("eV", "angstrom"): (constants.e * constants.N_A / 1000, _KJ_PER_MOL), ("J", "m"): (1.0, "Newton")}
+_FORCE = {
+    ("eV", "angstrom"): (constants.ELEMENTARY_CHARGE * constants.AVOGADRO / 1000, _KJ_PER_MOL),
+    ("J", "m"): (1.0, "Newton"),
+}
 _DIMENSION = dict.fromkeys(("kinetic_energy", "potential_energy", "total_energy"), "energy")
 _DIMENSION |= {"centre_of_mass": "length", "centre_of_mass_velocity": "velocity", "energy_taken": "energy"}
 _DIMENSION |= {"momentum_taken": "momentum", "angular_momentum_taken": "angular momentum"}

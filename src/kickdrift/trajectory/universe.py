@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import h5py
 import numpy as np
-from scipy import constants
 
+from kickdrift import constants
 from kickdrift.errors import InputError
 from kickdrift.state import Floats
 from kickdrift.trajectory.layout import TRAJECTORY, FileUnits
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from kickdrift.trajectory.reader import Run
 
 EVEN = 1e-6  # of the time between frames; what rounding does to their times is far below
-_ATOMIC = {"u": 1.0, "kg": 1 / constants.atomic_mass}
+_ATOMIC = {"u": 1.0, "kg": 1 / constants.ATOMIC_MASS}
 
 
 def mdanalysis(what: str) -> Any:

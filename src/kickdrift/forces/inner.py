@@ -1,0 +1,85 @@
+"""Functions that compiled code alone calls: they go into their callers, and get no machine code of their own.
+
+numba by itself optimises each function and makes machine code of it, with all that it calls inside; a force of eighty
+functions, six calls deep, is then done many times over, to be run from within its driver alone. Here a function that is
+not called from Python stays as it was lowered until the driver that it is part of is optimised as one piece.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from numba import extending
+from numba._dynfunc import make_function
+from numba.core.codegen import JITCodeLibrary
+from numba.core.compiler import CompilerBase, DefaultPassBuilder
+from numba.core.compiler_machinery import register_pass
+from numba.core.registry import CPUDispatcher
+from numba.core.typed_passes import NativeLowering
+
+OPTIONS = {"nopython": True, "boundscheck": None, "error_model": "numpy"}  # of all that kickdrift compiles
+
+
+class _InnerLibrary(JITCodeLibrary):
+    """LLVM code to be linked into other libraries, as it was lowered."""
+
+    def _optimize_final_module(self) -> None: ...
+
+    def _finalize_final_module(self) -> None:
+        self._finalized = True
+
+
+@register_pass(mutates_CFG=True, analysis_only=False)
+class _InnerLowering(NativeLowering):
+    _name = "inner_lowering"
+
+    def run_pass(self, state: Any) -> bool:
+        state.library = _InnerLibrary(state.targetctx.codegen(), state.func_id.func_qualname)
+        state.flags.no_cpython_wrapper = state.flags.no_cfunc_wrapper = state.flags.no_compile = True
+        super().run_pass(state)
+        lowered = state.cr
+        fndesc = lowered.fndesc  # what numba finds the code by, and nobody calls
+        key = make_function(fndesc.lookup_module(), fndesc.qualname, "", 0, lowered.env, (state.library,))
+        state.targetctx.insert_user_function(key, fndesc, [state.library])
+        state.cr = lowered._replace(cfunc=key)
+        return True
+
+
+class InnerCompiler(CompilerBase):
+    """numba's compiler, but for the library that it lowers to."""
+
+    def define_pipelines(self) -> list[Any]:
+        pipeline = DefaultPassBuilder.define_nopython_pipeline(self.state, "inner")
+        pipeline.passes = [
+            (_InnerLowering, "inner lowering") if of is NativeLowering else (of, what) for of, what in pipeline.passes
+        ]
+        pipeline.finalize()
+        return [pipeline]
+
+
+class Inner(CPUDispatcher):
+    """A function for compiled code; where Python calls it, as tests do, it is compiled once more for that."""
+
+    def __init__(self, py_func: Callable[..., Any], locals: Any = None, targetoptions: Any = None) -> None:
+        super().__init__(py_func, locals, targetoptions, InnerCompiler)
+        self._alone: CPUDispatcher | None = None
+
+    def add_overload(self, cres: Any) -> None:
+        self.overloads[tuple(cres.signature.args)] = cres  # and not in the table of what Python can call
+
+    def _compile_for_args(self, *args: Any, **kws: Any) -> CPUDispatcher:
+        if self._alone is None:
+            self._alone = CPUDispatcher(self.py_func, self.locals, self.targetoptions)
+        return self._alone  # which numba then calls
+
+
+def inner(**options: Any) -> Callable[[Callable[..., Any]], Inner]:
+    """A decorator, like ``numba.njit`` with those options."""
+    return lambda function: Inner(function, targetoptions=OPTIONS | options)
+
+
+def overload(function: Callable[..., Any], forceinline: bool = False, **options: Any) -> Callable[..., Any]:
+    """``numba.extending.overload``, of functions for compiled code."""
+    jit_options = {"pipeline_class": InnerCompiler} | ({"forceinline": True} if forceinline else {})
+    return extending.overload(function, jit_options=jit_options, **options)

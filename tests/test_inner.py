@@ -1,0 +1,55 @@
+"""Functions that compiled code alone calls: in their callers' machine code, and none of their own."""
+
+from __future__ import annotations
+
+import pickle
+
+import numpy as np
+import pytest
+
+from kickdrift.forces.compiling import driver, in_order, inlined, jit, strict
+from kickdrift.forces.inner import _InnerLibrary, overload
+
+KINDS = {"jit": jit, "inlined": inlined, "in_order": in_order, "strict": strict}
+
+
+def halved(x):
+    return 0.5 * x
+
+
+def doubled(x):
+    """For compiled code."""
+
+
+@overload(doubled)
+def _doubled(x):
+    return lambda x: 2.0 * x
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_what_compiled_code_calls_is_in_its_machine_code_alone(kind):
+    half = KINDS[kind](halved)
+
+    @jit
+    def twice_halved(x):
+        return half(half(x)) + 0.0 * doubled(x)
+
+    def quarter(x):
+        return twice_halved(x)
+
+    compiled = driver(quarter)
+    compiled.__dict__["_cache"] = type(
+        "NoCache", (), {"load_overload": lambda *a: None, "save_overload": lambda *a: 0}
+    )()
+    assert compiled(3.0) == 0.75
+    for function in (half, twice_halved):
+        (made,) = function.overloads.values()
+        assert isinstance(made.library, _InnerLibrary)
+        assert not made.library.codegen._engine.is_symbol_defined(made.fndesc.llvm_cpython_wrapper_name)
+    assert half(3.0) == 1.5  # compiled for itself, then
+    assert half(np.float32(3.0)) == 1.5
+    assert compiled(5.0) == 1.25
+
+
+def test_inner_functions_can_be_pickled():
+    assert pickle.loads(pickle.dumps(jit(halved)))(4.0) == 2.0
