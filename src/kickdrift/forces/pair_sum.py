@@ -36,9 +36,7 @@ from kickdrift.forces.simd import (
     lowest_bit,
     multiply_add,
     named_lanes,
-    placed_after,
     rotated,
-    row_from,
     select,
     single_type,
     splat,
@@ -121,14 +119,9 @@ def sum_pairs(force, sums, c):
                 later_other, later_place = entry(rows, k + 2, 0), entry(rows, k + 2, 1)
                 later_dx, later_dy, later_dz = displacements(x, table, later_other, later_place)
                 later_r2 = later_dx * later_dx + later_dy * later_dy + later_dz * later_dz
-                i, j, r2_of_next = (
-                    own + particle_of(table, next_place),
-                    next_other // 3,
-                    placed_after(next_r2, later_r2),
-                )
-                next_energy, force_over_r = pair_terms(laws, i, j, r2_of_next)
-                next_g = select(r2_of_next < cutoff2, force_over_r, 0.0)
-                g = placed_after(g, next_g)
+                i, j = own + particle_of(table, next_place), next_other // 3
+                next_energy, force_over_r = pair_terms(laws, i, j, next_r2)
+                next_g = select(next_r2 < cutoff2, force_over_r, 0.0)
                 fx, fy, fz = multiply_add(g, dx, fx), multiply_add(g, dy, fy), multiply_add(g, dz, fz)
                 react(reactions, other, -g, dx, dy, dz)
                 if sums is not None:
@@ -288,16 +281,14 @@ def displacements(x: Any, table: Any, other: int, place: int) -> Any:
 @overload(displacements)
 def _displacements(x, table, other, place):
     def double(x, table, other, place):
-        own, eight = row_from(table, place), row_from(x, other)
-        dx = broadcast(own, 0) - load(eight, 0)
-        dy = broadcast(own, WIDTH) - load(eight, WIDTH)
-        return dx, dy, broadcast(own, 2 * WIDTH) - load(eight, 2 * WIDTH)
+        dx = broadcast(table, place) - load(x, other)
+        dy = broadcast(table, place + WIDTH) - load(x, other + WIDTH)
+        return dx, dy, broadcast(table, place + 2 * WIDTH) - load(x, other + 2 * WIDTH)
 
     def single(x, table, other, place):
-        own, eight = row_from(table, place), row_from(x, other)
-        dx = load_single(own, 0) - load_twice(eight, 0)
-        dy = load_single(own, 2 * WIDTH) - load_twice(eight, WIDTH)
-        return dx, dy, load_single(own, 4 * WIDTH) - load_twice(eight, 2 * WIDTH)
+        dx = load_single(table, place) - load_twice(x, other)
+        dy = load_single(table, place + 2 * WIDTH) - load_twice(x, other + WIDTH)
+        return dx, dy, load_single(table, place + 4 * WIDTH) - load_twice(x, other + 2 * WIDTH)
 
     return single if x.dtype == types.float32 else double
 
@@ -309,18 +300,17 @@ def react(reactions: Any, other: int, g: Any, dx: Any, dy: Any, dz: Any) -> None
 @overload(react)
 def _react(reactions, other, g, dx, dy, dz):
     def double(reactions, other, g, dx, dy, dz):
-        eight = row_from(reactions, other)
-        hx, hy, hz = load(eight, 0), load(eight, WIDTH), load(eight, 2 * WIDTH)
-        store(eight, 0, multiply_add(g, dx, hx))
-        store(eight, WIDTH, multiply_add(g, dy, hy))
-        store(eight, 2 * WIDTH, multiply_add(g, dz, hz))
+        hx, hy, hz = load(reactions, other), load(reactions, other + WIDTH), load(reactions, other + 2 * WIDTH)
+        store(reactions, other, multiply_add(g, dx, hx))
+        store(reactions, other + WIDTH, multiply_add(g, dy, hy))
+        store(reactions, other + 2 * WIDTH, multiply_add(g, dz, hz))
 
     def single(reactions, other, g, dx, dy, dz):
-        both = row_from(reactions, 2 * other)
-        hx, hy, hz = load_single(both, 0), load_single(both, 2 * WIDTH), load_single(both, 4 * WIDTH)
-        store_single(both, 0, multiply_add(g, dx, hx))
-        store_single(both, 2 * WIDTH, multiply_add(g, dy, hy))
-        store_single(both, 4 * WIDTH, multiply_add(g, dz, hz))
+        x, y, z = 2 * other, 2 * other + 2 * WIDTH, 2 * other + 4 * WIDTH
+        hx, hy, hz = load_single(reactions, x), load_single(reactions, y), load_single(reactions, z)
+        store_single(reactions, x, multiply_add(g, dx, hx))
+        store_single(reactions, y, multiply_add(g, dy, hy))
+        store_single(reactions, z, multiply_add(g, dz, hz))
 
     return single if reactions.dtype == types.float32 else double
 

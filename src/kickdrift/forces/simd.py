@@ -268,26 +268,6 @@ def store(typingctx, array, index, value):
     return types.void(array, types.intp, lanes_type), codegen
 
 
-@intrinsic
-def row_from(typingctx, array, index):
-    """The numbers of a contiguous array from ``index``, which is not negative, on, as an array of its own that keeps
-    nothing alive. Its address is hidden from LLVM: neighbours in it are then at fixed distances of one register, which
-    takes a processor one operation less for each."""
-    row = types.Array(array.dtype, 1, "C")
-
-    def codegen(context, builder, sig, args):
-        data = builder.gep(context.make_array(sig.args[0])(context, builder, args[0]).data, [args[1]])
-        if _has_avx512():
-            data = builder.asm(ir.FunctionType(data.type, [data.type]), "", "=r,0", [data], False)
-        view = context.make_array(row)(context, builder)
-        itemsize = context.get_constant(types.intp, row.dtype.bitwidth // 8)
-        size = [context.get_constant(types.intp, 1 << 30)]
-        context.populate_array(view, data=data, shape=size, strides=[itemsize], itemsize=itemsize, meminfo=None)
-        return view._getvalue()
-
-    return row(array, types.intp), codegen
-
-
 def _first(builder: ir.IRBuilder, count: ir.Value) -> ir.Value:
     """The mask of the first ``count`` lanes."""
     lanes, kind = ir.Constant(ir.VectorType(count.type, WIDTH), list(range(WIDTH))), ir.VectorType(I32, WIDTH)
@@ -369,20 +349,6 @@ def multiply_add(typingctx, a, b, c):
         return _fma(builder, *args)
 
     return a(a, a, a), codegen
-
-
-@intrinsic
-def placed_after(typingctx, value, other):
-    """The value as it is, used nowhere in the program's order before ``other`` is made: LLVM orders operations by its
-    own lights, and a processor holds only as many at once as have their turn. It costs nothing."""
-
-    def codegen(context, builder, sig, args):
-        if not _has_avx512():
-            return args[0]
-        kind = ir.FunctionType(args[0].type, [args[0].type, args[1].type])
-        return builder.asm(kind, "", "=v,0,v", args, False)
-
-    return value(value, other), codegen
 
 
 @intrinsic
