@@ -31,12 +31,12 @@ FAULTS = (
         "        kick[-1] = 0.0\n        return np.array([kick, drift, np.concatenate(",
     ),
     Fault(
-        "virial-sign", "the virial of the pair forces with the wrong sign", "forces/pair_kernel.py",
+        "virial-sign", "the virial of the pair forces with the wrong sign", "forces/pair_sum.py",
         "sums[c, 1] = lane_sum(virial_sum)", "sums[c, 1] = -lane_sum(virial_sum)",
     ),
     Fault(
         "unit-factor", "metal's atomic mass unit of CODATA 2002, 1.2e-7 off", "units.py",
-        "coherent_mass=constants.atomic_mass *", "coherent_mass=1.66053886e-27 *", small=True,
+        "coherent_mass=constants.ATOMIC_MASS *", "coherent_mass=1.66053886e-27 *", small=True,
     ),
     Fault(
         "tableau", "-212 / 729 in dormand-prince45 copied as -212 / 792", "integrators/tableaus.py",

@@ -23,16 +23,17 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
+from bodies import planets, stars
 from docs_tables import put, table
 from exact_reversal import solar_system
 from melt import CUTOFF, melt
-from nbody_rebound import PLANETS, native, planets, stars
 from peaks import measure, per_second
 from wisdom_holman import MERCURY
 
 import kickdrift as kd
 from kickdrift.bench import processor
 from kickdrift.forces.bound import BoundForces
+from kickdrift.forces.clusters import N_CLUSTERS
 from kickdrift.forces.compiling import jit
 from kickdrift.forces.handle import handle, unowned
 from kickdrift.forces.kernel import accelerate
@@ -43,6 +44,7 @@ from kickdrift.integrators.wisdom_holman_loop import drift, heliocentric_kick, j
 
 BEGIN, END = "<!-- roofline.py writes from here -->", "<!-- to here -->"
 LATENCY, FLOPS, MIXED = "chains of additions", "arithmetic", "loads beside arithmetic"
+WAITING = "room for operations that wait"
 
 
 class Kernel(NamedTuple):
@@ -56,15 +58,18 @@ class Kernel(NamedTuple):
 
 
 # An inverse square root is 11: the estimate, x y, 1 - x y^2 (2), two multiply-adds of the series (4), y e, the last
-# multiply-add (2). A divide is 10: the estimate, two Newton steps of four, the product.
+# multiply-add (2). An inverse is 8: the estimate y, e = 1 - x y (2), y (1 + e) (2), e^2, the last multiply-add (2).
 KERNELS = {
-    # dx 3, r^2 5, inverse 10, sr6 3, force / r 6, the cutoff 2, on i 6, on j 7: eight times; loads x and force of
-    # the cluster (384), stores its force (192), the particle's shifted place and the entry (28)
-    "lj-force": Kernel("Lennard-Jones force", "list entry (8 pairs)", 8 * 42, 604, MIXED),
-    # dx 3, r^2 5, the comparison 1; loads x of the cluster, the place, the entry, which it writes again
-    "lj-prune": Kernel("Lennard-Jones, list pruned", "entry of the outer list", 8 * 9, 224, MIXED),
+    # dx 3, r^2 5, inverse 8, its powers 3, force / r 3, the cutoff 1, on i 6, on j 6: eight times; loads x and force of
+    # the cluster (384), stores its force (192), the particle's shifted place and the entry (32)
+    "lj-force": Kernel("Lennard-Jones force", "entry of a row (8 pairs)", 8 * 35, 608, WAITING),
+    # the same with an inverse of 5, 16 times; x of the cluster (96), the row's place (192), forces (384), the entry
+    "lj-mixed": Kernel("Lennard-Jones force, mixed precision", "entry of a row (16 pairs)", 16 * 32, 680, WAITING),
+    # dx 3, r^2 5, the comparison 1, 64 times, from x of the other (24 and as many conversions); loads x of one and the
+    # other from a table, writes the rows
+    "lj-prune": Kernel("Lennard-Jones, rows made", "two clusters near each other", 64 * 9 + 48, 980, MIXED),
     # not counted: mostly comparisons and whole numbers
-    "lj-search": Kernel("Lennard-Jones, list searched", "entry of the outer list", 0, 0, "comparisons, whole numbers"),
+    "lj-search": Kernel("Lennard-Jones, clusters sorted and searched", "particle", 0, 0, "comparisons, whole numbers"),
     # dx 3, r^2 with the softening 6, inverse 11, cube 2, weight 1, on i 6, weight 1, on j 6; per eight pairs of two
     # bodies the cluster's x, a and masses (448) are loaded and a (192) stored once
     "gravity-1000": Kernel("direct gravity, n = 1000", "pair", 36, 40, FLOPS),
@@ -143,47 +148,48 @@ class Watch(NamedTuple):
 def lennard_jones(watch: Watch) -> dict[str, float]:
     """Nanoseconds a unit, from one evaluation of 1000 particles' forces with the list as it is, pruned, and made."""
     sim = melt(1000, 500)
-    bound = BoundForces(sim.system)
     begin = np.array([sim.state.positions.T, sim.state.velocities.T])
-    bound.derivative(0.0, begin)
-    pairs: Any = bound.forces[0].pairs
-    entries, outer = (int((span[:, 1] - span[:, 0]).sum()) for span in (pairs.inner_span, pairs.outer_span))
+    found = {}
+    for key, mixed in (("lj-mixed", True), ("lj-force", False)):
+        bound = BoundForces(sim.system, mixed=mixed)
+        bound.derivative(0.0, begin)
+        pairs: Any = bound.forces[0].pairs
+        clusters = int(pairs.counts[N_CLUSTERS])
+        entries = int(pairs.row_start[:, clusters * WIDTH // pairs.per_row].sum())
+        force = partial(repeat, bound, [begin])
+        found[key] = watch.nanoseconds(force) / entries
+        print(f"  1000 particles at r_c = {CUTOFF}: {entries} entries of rows; force {found[key] * entries:.0f} ns")
+    near = int(np.ptp(pairs.near_span[:clusters], axis=1).sum())
     moved = begin.copy()
     moved[0] += 0.6 * pairs.inner_skin  # every particle, along x, y and z: further than the inner list allows
-
-    def force(rounds: int) -> None:
-        for _ in range(rounds):
-            bound.derivative(0.0, begin)
-
-    def prune(rounds: int) -> None:
-        for k in range(rounds):
-            bound.derivative(0.0, begin if k % 2 else moved)
 
     def search(rounds: int) -> None:
         for _ in range(rounds):
             bound.forget()
             bound.derivative(0.0, begin)
 
-    alone = watch.nanoseconds(force)
     before = bound.list_builds
-    pruned = watch.nanoseconds(prune)
+    pruned = watch.nanoseconds(partial(repeat, bound, [begin, moved]))
     after = bound.list_builds
     if after[0] != before[0] or after[1] == before[1]:
         raise RuntimeError(f"the list was made {after[0] - before[0]} times, pruned {after[1] - before[1]} times")
-    searched = watch.nanoseconds(search)
-    print(f"  1000 particles at r_c = {CUTOFF}: {entries} entries, {outer} in the outer list; force {alone:.0f} ns")
-    return {
-        "lj-force": alone / entries,
-        "lj-prune": (pruned - alone) / outer,
-        "lj-search": (searched - pruned) / outer,
-    }
+    found["lj-prune"] = (pruned - found["lj-force"] * entries) / near
+    found["lj-search"] = (watch.nanoseconds(search) - pruned) / len(sim.system)
+    print(f"  {near} pairs of clusters in the outer list")
+    return found
+
+
+def repeat(bound: BoundForces, points: list[np.ndarray], rounds: int) -> None:
+    """Evaluate the forces at one point after the other, so many times."""
+    for k in range(rounds):
+        bound.derivative(0.0, points[k % len(points)])
 
 
 def gravity(watch: Watch, count: int) -> float:
     """Nanoseconds a pair."""
-    sim = native(planets() if count == 1 + len(PLANETS) else stars(count), "leapfrog-dkd")
-    x = np.ascontiguousarray(sim.state.positions.T)
-    forces, a = BoundForces(sim.system).forces, np.zeros_like(x)
+    start = planets() if count == 9 else stars(count)
+    x = np.ascontiguousarray(start.positions.T)
+    forces, a = BoundForces(start.system).forces, np.zeros_like(x)
     return watch.nanoseconds(lambda rounds: evaluations(forces, x, a, rounds)) / (count * (count - 1) / 2)
 
 
@@ -202,7 +208,7 @@ def wisdom_holman(watch: Watch) -> dict[str, float]:
 
 def gauss_radau(watch: Watch) -> dict[str, float]:
     """Nanoseconds a component and node, and a node with its forces."""
-    sim = native(planets(), "gauss-radau15")
+    sim = kd.Simulation(planets().system, "gauss-radau15")
     sim.run(200, every=2**40)
     stepper: Any = sim._stepper
     work = stepper._work
