@@ -2,8 +2,8 @@
 
     python validation/mixed_precision.py [--long]
 
-1000 particles (in the long set 46^3 as well), rho* = 0.8442, cut at 2.5 sigma smoothly, brought to T* = 1.44 in 10 units
-of time, then velocity Verlet at dt* = 0.005. From the same start once in float64 and once with ``precision="mixed"``.
+1000 particles (in the long set 46^3 as well), rho* = 0.8442, cut at 2.5 sigma smoothly, brought to T* = 1.44 in 10
+units of time, then velocity Verlet at dt* = 0.005. From the same start once in float64 and once with ``precision="mixed"``.
 Positions are rounded to float32 within the box for the pairs, so the error of the forces grows as its edge does; what a
 report says of the energy is computed in float64 for both.
 """
@@ -40,12 +40,15 @@ def study(particles: int, steps: int) -> list[Claim]:
     """Both precisions from one start."""
     sim = start(particles)
     state, edge = sim.state, sim.system.box.lengths[0]
-    double, mixed = (BoundForces(sim.system, mixed=mixed).measure(0.0, np.array(state.phase)) for mixed in (False, True))
+    phase = np.array(state.phase)
+    double, mixed = (BoundForces(sim.system, mixed=mixed).measure(0.0, phase) for mixed in (False, True))
     off, typical = mixed.accelerations - double.accelerations, np.sqrt((double.accelerations**2).mean())
     error = float(np.sqrt((off**2).mean()) / typical)
     energy = abs(mixed.potential - double.potential) / abs(double.potential)
-    print(f"{particles} particles, edge {edge:.2f}: forces {error:.1e} of their root mean square off, {error / edge:.1e} an")
-    print(f"  edge of one sigma; the largest {np.abs(off).max() / typical:.1e}; the energy {energy:.1e}")
+    print(
+        f"{particles} particles, edge {edge:.2f}: forces {error:.1e} of their root mean square off, {error / edge:.1e}"
+    )
+    print(f"  per sigma of the edge; the largest {np.abs(off).max() / typical:.1e}; the energy {energy:.1e}")
     reports = []
     for precision in ("double", "mixed"):
         run = kd.Simulation(sim.system, dt=DT, precision=precision)
