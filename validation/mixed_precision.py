@@ -3,9 +3,9 @@
     python validation/mixed_precision.py [--long]
 
 1000 particles (in the long set 46^3 as well), rho* = 0.8442, cut at 2.5 sigma smoothly, brought to T* = 1.44 in 10
-units of time, then velocity Verlet at dt* = 0.005. From the same start once in float64 and once with ``precision="mixed"``.
-Positions are rounded to float32 within the box for the pairs, so the error of the forces grows as its edge does; what a
-report says of the energy is computed in float64 for both.
+units of time, then velocity Verlet at dt* = 0.005, once in float64 and once with ``precision="mixed"``. Positions
+are rounded to float32 within the box for the pairs, so the error of the forces grows as its edge does; what a report
+says of the energy is computed in float64 for both.
 """
 
 from __future__ import annotations
