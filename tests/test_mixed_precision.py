@@ -13,6 +13,7 @@ import kickdrift as kd
 from kickdrift.cli import app
 from kickdrift.errors import InputError
 from kickdrift.forces.bound import BoundForces
+from kickdrift.system import RunDefaults
 
 SIZES = (9, 33, 500)
 SHAPES = ({}, {"truncation": "switch", "mixed": True})  # one species, and a mixture
@@ -54,6 +55,38 @@ def test_an_open_box():
     double, mixed = (BoundForces(system, mixed=mixed).measure(0.0, system.state.phase) for mixed in (False, True))
     scale = np.abs(double.accelerations).max()
     assert 1e-9 * scale < np.abs(mixed.accelerations - double.accelerations).max() < 1e-4 * scale
+
+
+def test_an_open_box_far_from_the_origin():
+    """Floats are measured from the middle of the particles."""
+    x, _ = fluid(np.random.default_rng(2), 200)
+    system = make_system(x + 1e5)
+    double, mixed = (BoundForces(system, mixed=mixed).measure(0.0, system.state.phase) for mixed in (False, True))
+    scale = np.abs(double.accelerations).max()
+    assert mixed.pairs == double.pairs
+    assert np.abs(mixed.accelerations - double.accelerations).max() < 1e-4 * scale
+
+
+def test_empty_places_meet_nobody_in_a_large_thin_box():
+    """Clusters as long as the box, a row's second particle an edge away, places without particles far outside."""
+    for seed in range(20):
+        x = np.random.default_rng(seed).uniform(0, 200.0, (12, 3))
+        x[1] = x[0] + (0.9, 0.5, 0.3)
+        system = make_system(x, (200.0, 200.0, 200.0))
+        double, mixed = (BoundForces(system, mixed=mixed).measure(0.0, system.state.phase) for mixed in (False, True))
+        assert mixed.pairs == double.pairs
+        assert mixed.potential == pytest.approx(double.potential, rel=1e-3)
+
+
+def test_a_file_that_says_mixed_and_a_run_that_says_double(tmp_path):
+    path = str(tmp_path / "run.h5md")
+    system = kd.System(
+        liquid().state.positions, liquid().state.velocities, box=liquid().box, forces=liquid().forces,
+        run=RunDefaults(dt=0.002, precision="mixed"),
+    )  # fmt: skip
+    kd.Simulation(system, precision="double").run(10, every=5, output=path)
+    assert kd.resume(path).options.precision == "double"
+    assert kd.Simulation(system).options.precision == "mixed"
 
 
 def test_momentum_is_conserved_as_in_float64_and_energy_nearly():
@@ -108,6 +141,10 @@ def test_a_file_goes_on_in_the_same_precision(tmp_path):
             "leapfrog-exact adds up forces of its own, and takes double alone",
         ),
         (
+            lambda: kd.Simulation(kd.load("sun-jupiter"), "wisdom-holman", dt=0.1, precision="mixed"),
+            "wisdom-holman adds up forces of its own, and takes double alone",
+        ),
+        (
             lambda: kd.Simulation(liquid(), dt=0.01, precision="half"),
             "precision 'half' is unknown; known are double, mixed",
         ),
@@ -144,9 +181,10 @@ def test_the_file_and_the_command_line(tmp_path):
     path, out = tmp_path / "liquid.toml", tmp_path / "out.json"
     path.write_text(text)
     states = []
-    for flags, key in (([], ""), (["--mixed"], ""), ([], '        precision = "mixed"\n')):
+    said = '        precision = "mixed"\n'
+    for flags, key in (([], ""), (["--mixed"], ""), ([], said), (["--double"], said)):
         path.write_text(text + key)
         out.unlink(missing_ok=True)
         assert CliRunner().invoke(app, ["run", str(path), "--json", str(out), "--quiet", *flags]).exit_code == 0
         states.append(json.loads(out.read_text())["options"])
-    assert states == [{}, {"precision": "mixed"}, {"precision": "mixed"}]
+    assert states == [{}, {"precision": "mixed"}, {"precision": "mixed"}, {"precision": "double"}]

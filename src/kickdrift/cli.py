@@ -110,8 +110,9 @@ def run(
         bool, typer.Option("--compensated", help="Carry on what rounding loses of positions and velocities.")
     ] = False,
     mixed: Annotated[
-        bool, typer.Option("--mixed", help="Pair forces in float32, summed in float64: faster, 1e-6 off.")
-    ] = False,
+        bool | None,
+        typer.Option("--mixed/--double", help="Pairs in float32 and all else in float64, or all in float64."),
+    ] = None,
     coordinates: Annotated[
         str | None, typer.Option(metavar="NAME", help="Of wisdom-holman and saba: jacobi, democratic-heliocentric.")
     ] = None,
@@ -165,7 +166,7 @@ def run(
     sim = Simulation(
         chosen, integrator, dt, threads, engine=engine, processes=processes, rtol=rtol, atol=atol,
         compensated=compensated, coordinates=coordinates, corrector=corrector, order=order, eta=eta, scheme=scheme,
-        precision="mixed" if mixed else None,
+        precision=None if mixed is None else "mixed" if mixed else "double",
     )  # fmt: skip
     length = run_length(sim, system, steps, time)
     warn_of_version(sim, quiet)

@@ -37,7 +37,7 @@ from turns import Missing, Runner, ratio_of, turns
 
 import kickdrift
 from kickdrift.bench import processor
-from kickdrift.errors import InputError
+from kickdrift.errors import InputError, RunError
 
 TURNS, SECONDS = 7, 0.4
 AGREE_STEPS, AGREE, AGREE_SINGLE = 10, 1e-9, 1e-4  # how far apart after so many steps, in float64 and otherwise
@@ -185,8 +185,10 @@ def timed(command: Command, count: int) -> dict[str, Any]:
     times = []
     for _ in range(count + 1):
         began = perf_counter()
-        subprocess.run(words, env=environment, check=True, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
+        done = subprocess.run(words, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
         times.append(perf_counter() - began)
+        if done.returncode:
+            raise RunError(f"{command.title} failed: {(done.stderr.strip().splitlines() or ['no word'])[-1]}")
     return {
         "name": command.name, "title": command.title, "unit": "seconds", "at_most": command.at_most,
         "times": times[1:], "median": float(np.median(times[1:])),

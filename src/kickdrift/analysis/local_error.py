@@ -38,7 +38,7 @@ class LocalErrors:
         else:
             self._scale = natural_scale(subject, vector(start)[None])
         self._reference = Simulation(
-            subject, name, threads=threads, **tolerances(subject, start, TIGHT[name][0][0], name)
+            subject, name, threads=threads, precision="double", **tolerances(subject, start, TIGHT[name][0][0], name)
         )
 
     def of(self, name: str, step: float) -> float | None:
@@ -50,7 +50,7 @@ class LocalErrors:
         given: dict[str, Any] = {key: ANY for key in ("rtol", "atol") if key in method.tunable}
         try:
             with np.errstate(all="ignore"):
-                sim = Simulation(self.subject, name, dt=step, threads=self.threads, **given)
+                sim = Simulation(self.subject, name, dt=step, threads=self.threads, precision="double", **given)
                 errors = [self._one(sim, start) for start in self.starts]
         except (RunError, ArithmeticError, InputError):
             return None

@@ -93,7 +93,7 @@ def follow(
     Raises RunError where it blows up, and OutOfTime after ``limit`` seconds.
     """
     dt = length / steps if steps else None
-    sim = Simulation(subject, name, dt=dt, threads=threads, rtol=rtol, atol=atol)
+    sim = Simulation(subject, name, dt=dt, threads=threads, rtol=rtol, atol=atol, precision="double")
     sim.state = start
     y = np.full((samples + 1, vector(start).size), np.nan)
     energies = np.full(samples + 1, np.nan)
@@ -132,7 +132,7 @@ def follow(
 def warm_up(subject: Subject, start: Any, name: str, step: float, threads: int) -> None:
     """Compile all that a run needs; ``step`` is a short one, and whether it comes to anything does not matter: it is
     long beside what a stiff problem does at its start."""
-    sim = Simulation(subject, name, dt=step, threads=threads)
+    sim = Simulation(subject, name, dt=step, threads=threads, precision="double")
     sim.state = start
     with suppress(RunError):
         if sim.method.chooses_steps:

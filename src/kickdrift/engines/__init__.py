@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from kickdrift.errors import InputError
 from kickdrift.integrators import INTEGRATORS
+from kickdrift.integrators.method import MIXED
 
 if TYPE_CHECKING:
     from kickdrift.engines.session import Job
@@ -87,8 +88,8 @@ class Engine:
             return f"integrator {job.named!r}: it has {known}"
         if job.options.compensated:
             return "compensated: it has no compensated sums of positions and velocities"
-        if job.options.precision:
-            return f"precision: it has its own, and not {job.options.precision!r}"
+        if job.options.precision == MIXED:
+            return f"precision: it has its own, and not {MIXED!r}"
         found: str | None = self.module.refusal(job)
         return found
 

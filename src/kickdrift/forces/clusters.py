@@ -62,6 +62,7 @@ class ClusterList(NamedTuple):
     rows: NDArray[np.int32]  # (chunks, 8 room + 8, 2) the inner list: where a cluster's x begins in `x`, and where the
     # row's shifted positions stand in a table of the cluster's
     used: NDArray[np.int64]  # (chunks, clusters) the shifts in a cluster's rows, as bits
+    origin: NDArray[np.float64]  # (3,) the middle, from which positions in float32 are measured
     x_single: NDArray[np.float32]  # (3 slots,) in mixed precision, else empty
     force_single: NDArray[np.float32]  # (chunks, 6 slots) likewise
     force: NDArray[np.float64]  # (chunks, 3 slots)
@@ -94,7 +95,7 @@ def skins(edges: NDArray[np.float64], cutoff: float, stride: float) -> tuple[flo
     The costs were measured in a Lennard-Jones liquid; twice or half the skins cost a few percent more.
     """
     slack = float(edges.min()) - cutoff if edges.all() else inf  # shifts reach one box over, not further
-    u = max(2 * stride / cutoff, 1e-6)
+    u = 2 * max(stride / cutoff, 0.25 * STRIDE_UNKNOWN)  # what is at rest may not stay so
     inner = min(max(0.77 * u**0.5, 0.02), 0.3)
     outer = inner + min(0.8 * u**0.25, 0.5)
     return min(inner * cutoff, slack / 2), min(outer * cutoff, slack)
@@ -137,6 +138,7 @@ def cluster_list(n: int, box: Box, cutoff: float, per_row: int = 1) -> ClusterLi
         row_start=np.zeros((chunks, slots + 1), np.int64),
         rows=np.empty((chunks, ROWS_PER_NEAR * room + WIDTH, 2), np.int32),
         used=np.zeros((chunks, clusters), np.int64),
+        origin=np.zeros(3),
         x_single=aligned((3 * single,), dtype=np.float32),
         force_single=aligned((chunks, 6 * single), fill=None, dtype=np.float32),
         force=aligned((chunks, 3 * slots), fill=None),
@@ -152,7 +154,8 @@ def sort(pairs, x):
     n = pairs.order.size
     order, column, first, offset = pairs.order, pairs.column, pairs.column_clusters, pairs.offset
     low, extent = wrap(pairs, x)
-    far = low + extent + FAR * pairs.cutoff
+    far = low + 2.0 * extent + FAR * pairs.cutoff  # further than a particle less an edge
+    pairs.origin[:] = low + 0.5 * extent
     nx, ny = columns(n, extent)
     pairs.counts[NX], pairs.counts[NY] = nx, ny
     pairs.grid[0], pairs.grid[1], pairs.grid[2], pairs.grid[3] = extent[0] / nx, extent[1] / ny, low[0], low[1]

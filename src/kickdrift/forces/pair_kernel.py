@@ -399,8 +399,10 @@ def memory(bound: PairKernel) -> dict[str, Any]:
 
 def recalled(bound: PairKernel, memory: dict[str, Any]) -> PairKernel:
     """The bound force with the list that had this memory."""
-    kept = {key: memory[key] for key in ("inner_skin", "outer_skin") if key in memory}
-    bound = with_room(bound, memory["room"]).with_list(**kept).ready()
+    if "inner_skin" not in memory:  # of a version that had other lists
+        return bound
+    skins_then = {key: memory[key] for key in ("inner_skin", "outer_skin")}
+    bound = with_room(bound, memory["room"]).with_list(**skins_then).ready()
     bound.pairs.counts[BUILT] = 0
     if memory["built_at"] is not None and bound.remake(memory["built_at"], memory["pruned_at"]) != OK:
         raise InputError("checkpoint: the positions of its pair list make no list here")

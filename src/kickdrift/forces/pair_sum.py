@@ -250,7 +250,7 @@ def _fill_table(table, pairs, cluster, used):
             store_vector(table, s, x - shifts[0, s], y - shifts[1, s], z - shifts[2, s])
 
     def single(table, pairs, cluster, used):
-        shifts = pairs.shifts
+        shifts, origin = pairs.shifts, pairs.origin
         x, y, z = load_vector(pairs.x, cluster)
         # a row's second place may be empty: further away than all other empty ones, whatever the shift
         aside = 10 * APART * pairs.cutoff + 3 * pairs.edges[0]
@@ -258,9 +258,9 @@ def _fill_table(table, pairs, cluster, used):
         while used:
             s = lowest_bit(used)
             used &= used - 1
-            store_twos(table, 8 * STRIDE * s, x - shifts[0, s])
-            store_twos(table, 8 * STRIDE * s + 2 * WIDTH, y - shifts[1, s])
-            store_twos(table, 8 * STRIDE * s + 4 * WIDTH, z - shifts[2, s])
+            store_twos(table, 8 * STRIDE * s, x - (shifts[0, s] + origin[0]))
+            store_twos(table, 8 * STRIDE * s + 2 * WIDTH, y - (shifts[1, s] + origin[1]))
+            store_twos(table, 8 * STRIDE * s + 4 * WIDTH, z - (shifts[2, s] + origin[2]))
 
     return single if table.dtype == types.float32 else double
 
@@ -378,9 +378,11 @@ def _add_reactions(forces, reactions, cluster):
 
 @jit
 def narrow(pairs):
-    """Copy the positions to float32."""
-    for p in range(0, STRIDE * pairs.counts[N_CLUSTERS], WIDTH):
-        store_narrow(pairs.x_single, p, load(pairs.x, p))
+    """Copy the positions, less the origin, to float32."""
+    for cluster in range(pairs.counts[N_CLUSTERS]):
+        for k in range(3):
+            p = STRIDE * cluster + WIDTH * k
+            store_narrow(pairs.x_single, p, load(pairs.x, p) - pairs.origin[k])
 
 
 def pair_terms(laws: tuple[Any, ...], i: int, j: int, r2: Any) -> Any:

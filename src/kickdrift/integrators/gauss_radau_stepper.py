@@ -56,11 +56,19 @@ class GaussRadauStepper(ChosenSteps):
 
     @property
     def _ends(self) -> Floats:
-        return self._work[:NOW]
+        return self._work[:NOW, : self.y[0].size]
+
+    @_ends.setter
+    def _ends(self, value: Floats) -> None:  # of a version whose rows were filled up
+        self._work[:NOW, : self.y[0].size] = value[:, : self.y[0].size]
 
     @property
     def _polynomials(self) -> Floats:
-        return self._work[LAST:GUESS]
+        return self._work[LAST:GUESS, : self.y[0].size]
+
+    @_polynomials.setter
+    def _polynomials(self, value: Floats) -> None:
+        self._work[LAST:GUESS, : self.y[0].size] = value[:, : self.y[0].size]
 
     def _go(self, until: float, steps: int) -> int:
         return self._flow.forces.call(

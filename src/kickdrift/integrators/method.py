@@ -135,8 +135,7 @@ class Method:
             raise InputError(f"precision {given.precision!r} is unknown; known are {', '.join(PRECISIONS)}")
         if given.precision == MIXED and not self.mixed:
             raise InputError(f"precision: {self.name} adds up forces of its own, and takes {DOUBLE} alone")
-        precision = given.precision if given.precision == MIXED else None
-        options = replace(type(given)(), dt=None if dt is None else float(dt), precision=precision, **kept)
+        options = replace(type(given)(), dt=None if dt is None else float(dt), precision=given.precision, **kept)
         if self.adaptive:
             from kickdrift.integrators.step_control import check_tolerances, controller
 

@@ -148,6 +148,10 @@ class WisdomHolman(Method):
         return 1
 
     @property
+    def mixed(self) -> bool:
+        return False
+
+    @property
     def tunable(self) -> tuple[str, ...]:
         return ("coordinates", "corrector", "compensated")
 
@@ -195,6 +199,10 @@ class Saba(WisdomHolman):
     @property
     def evaluations(self) -> int:
         return 0
+
+    @property
+    def mixed(self) -> bool:
+        return False
 
     @property
     def tunable(self) -> tuple[str, ...]:
