@@ -147,7 +147,7 @@ class Simulation:
         if self.running:
             raise InputError("state: is read-only while the Simulation runs")
         y = self._flow.array(state)
-        if self.dt is not None and isinstance(self._flow, ParticleFlow):
+        if self.dt is not None and isinstance(self._flow, ParticleFlow) and not self._engine.foreign:
             self._flow.tune(y, self.dt / max(1, self.method.evaluations))
         self._stepper.reset(y, state.time, state.steps_done)
         self._at: float | None = None  # the present, where it lies before the stepper's last step point

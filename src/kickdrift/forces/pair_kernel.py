@@ -30,7 +30,7 @@ from kickdrift.forces.clusters import (
     store_vector,
     unsigned,
 )
-from kickdrift.forces.compiling import callback, driver, jit
+from kickdrift.forces.compiling import callback, driver, in_order, jit
 from kickdrift.forces.handle import Handle, handle_at, memory_of
 from kickdrift.forces.inner import overload
 from kickdrift.forces.kernel import OK, kernel
@@ -294,7 +294,7 @@ def law_class(force: PairForce) -> Any:
     """The class of a force's parameters, as compiled code takes it."""
     cls = force.Parameters
     if "compiled_law" not in vars(cls):
-        cls.compiled_law = jit(cls.law)
+        cls.compiled_law = in_order(cls.law)
     return cls
 
 
