@@ -238,8 +238,7 @@ def write_rows(pairs, c, within, met, by):
     made = 0
     for cluster in range(clusters):
         begin, end = first[cluster], first[cluster + 1]
-        start[rows_each * cluster] = made
-        for row in range(rows_each if end > begin else 0):
+        for row in range(rows_each):
             start[rows_each * cluster + row] = made
             bit, place = 1 << (per_row * row), table_place(per_row, 0, row) << 32
             for at in range(begin, end, WIDTH):
