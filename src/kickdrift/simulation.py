@@ -63,7 +63,7 @@ class Simulation:
     iteration : how an implicit method solves for its stages: "newton" or "fixed-point"
     coordinates, corrector, order, eta, scheme : see the integrators that take them; default the system file's
     precision : of pair forces, "double" (float64, default) or "mixed": pairs in float32, all else in float64; forces
-        in a liquid are off by about 3e-7 of a typical one for each sigma of the box's edge (or of the extent, in open
+        in a liquid are off by about 2e-7 of a typical one for each sigma of the box's edge (or of the extent, in open
         space), and the energies that are reported are float64's
 
     Raises
