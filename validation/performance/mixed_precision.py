@@ -1,6 +1,6 @@
 """What does mixed precision do to forces, to the energy over 20,000 steps, and to momentum?
 
-    python validation/mixed_precision.py [--long]
+    python validation/performance/mixed_precision.py [--long]
 
 1000 particles (in the long set 46^3 as well), rho* = 0.8442, cut at 2.5 sigma smoothly, brought to T* = 1.44 in 10
 units of time, then velocity Verlet at dt* = 0.005, once in float64 and once with ``precision="mixed"``. Positions
@@ -11,8 +11,12 @@ says of the energy is computed in float64 for both.
 from __future__ import annotations
 
 import sys
+from pathlib import Path
 
 import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
 from claim import Claim, claim, main
 from nve_drift import CUTOFF, DENSITY, DT, EQUILIBRATION_TIME, TEMPERATURE
 
