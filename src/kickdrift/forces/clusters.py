@@ -56,9 +56,7 @@ class ClusterList(NamedTuple):
     inner_reference: NDArray[np.float64]
     near_span: NDArray[np.int64]  # (clusters, 2) first and last entry + 1 of a cluster
     near: NDArray[np.int32]  # (chunks, room) the outer list, entries: cluster << 5 | shift
-    row_start: NDArray[
-        np.int64
-    ]  # (chunks, slots + 1) the first entry of each row; rows are those of cluster 0, of 1, …
+    row_start: NDArray[np.int64]  # (chunks, slots + 1) the first entry of each row, of cluster 0, of cluster 1, …
     rows: NDArray[np.int32]  # (chunks, 8 room + 8, 2) the inner list: where a cluster's x begins in `x`, and where the
     # row's shifted positions stand in a table of the cluster's
     used: NDArray[np.int64]  # (chunks, clusters) the shifts in a cluster's rows, as bits
@@ -109,7 +107,7 @@ def cluster_list(n: int, box: Box, cutoff: float, per_row: int = 1) -> ClusterLi
     slots = WIDTH * (n // WIDTH + n // WIDTH + 3)  # every column's last cluster may be padded
     clusters = slots // WIDTH
     shifts = aligned((3, 4 * WIDTH))
-    shifts[:, :27] = edges[:, None] * (np.indices((3, 3, 3)).reshape(3, 27) - 1)
+    shifts[:, :SHIFTS] = edges[:, None] * (np.indices((3, 3, 3)).reshape(3, SHIFTS) - 1)
     room = 6 * n // chunks + 64
     single = slots if per_row == 2 else 0
     return ClusterList(

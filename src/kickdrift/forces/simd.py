@@ -238,10 +238,10 @@ def _whole_power(context, builder, sig, args):
     return result
 
 
-def _pointer(context: Any, builder: Any, sig: Any, args: Any) -> ir.Value:
+def _pointer(context: Any, builder: Any, sig: Any, args: Any, vector: ir.VectorType = F64X8) -> ir.Value:
     array, index = args[:2]
     data = context.make_array(sig.args[0])(context, builder, array).data
-    return builder.bitcast(builder.gep(data, [index]), F64X8.as_pointer())
+    return builder.bitcast(builder.gep(data, [index]), vector.as_pointer())
 
 
 @intrinsic

@@ -8,7 +8,7 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-from kickdrift.forces.simd import F32X16, F64X8, I32, WIDTH, Lanes, _as, lanes_type, single_type
+from kickdrift.forces.simd import F32X16, F64X8, I32, WIDTH, Lanes, _as, _pointer, lanes_type, single_type
 
 F32X8 = ir.VectorType(ir.FloatType(), WIDTH)
 
@@ -58,11 +58,6 @@ def halves(typingctx, value):
         return context.make_tuple(builder, sig.return_type, parts)
 
     return types.UniTuple(lanes_type, 2)(single_type), codegen
-
-
-def _pointer(context, builder, sig, args, kind):
-    data = context.make_array(sig.args[0])(context, builder, args[0]).data
-    return builder.bitcast(builder.gep(data, [args[1]]), kind.as_pointer())
 
 
 @intrinsic
