@@ -10,6 +10,8 @@ import typer
 from kickdrift.errors import InputError, RunError
 from kickdrift.printing import counted, members_bar, say
 
+MEASURE = "measure"  # what the module of a file with a measure is called
+
 
 def ensemble(
     system: Annotated[str, typer.Argument(metavar="SYSTEM.toml", help="A system file, or the name of one that ships.")],
@@ -109,9 +111,13 @@ def _measure(text: str) -> Any:
     from runpy import run_path
 
     try:
-        function = run_path(path, run_name="measure").get(name)
+        found = run_path(path, run_name=MEASURE)
     except (Exception, SystemExit) as error:
         raise InputError(f"--measure {text}: {type(error).__name__}: {' '.join(str(error).split())}") from error
+    function = found.get(name)
     if not callable(function):
         raise InputError(f"--measure {text}: {path} has no function {name!r}")
+    for each in found.values():
+        if getattr(each, "__module__", None) == MEASURE:
+            each.__module__ = "__main__"  # so that it goes to workers by value
     return function
