@@ -82,7 +82,7 @@ class Ensemble:
                 raise InputError(f"{key}: varies, and was given as {given[key]!r} too")
         if replicas > 1 and not self.members.draws and not self._recipe.drawn:
             raise InputError(f"replicas: all {replicas} would be the same run: {self.name} leaves nothing to a seed")
-        self._build_some()
+        self._units = self._units_of_some()
 
     @property
     def name(self) -> str:
@@ -163,6 +163,7 @@ class Ensemble:
         return {
             "identity": self._identity(),
             "system": self.name,
+            "units": self._units,
             "source": subject.text if isinstance(subject, SystemText) else "",
             "grids": members.grids,
             "draws": {key: list(draw) for key, draw in members.draws.items()},
@@ -184,15 +185,16 @@ class Ensemble:
         own = {"vary": repr(vary), "seed": str(members.seed), "version": kickdrift.__version__}
         return self._recipe.identity() | own
 
-    def _build_some(self) -> None:
-        """Refuse an ensemble of which no member can be built: the first, the middle and the last are tried."""
+    def _units_of_some(self) -> str:
+        """The name of the units, if any. Refuses an ensemble of which no member can be built: the first, the middle and
+        the last are tried."""
         for index in (0, len(self) // 2, len(self) - 1):
             try:
-                self._recipe.system(self.members[index])
+                built = self._recipe.system(self.members[index])
             except InputError as error:
                 found = error
             else:
-                return
+                return built.units.name if isinstance(built, System) else ""
         raise found
 
     def _done(self, output: Path, journal: tables.Journal) -> dict[int, Row]:
