@@ -68,7 +68,8 @@ def _print_measured(table: DataFrame) -> None:
     for name in summary.measured(table):
         found = summary.moments(done[name])
         if found["members"]:
-            ends = done[name].min(), done[name].max()
+            known = done[name][done[name].abs() < math.inf]
+            ends = known.min(), known.max()
             rows.append([name, with_error(found["mean"], found["error"]), *(f"{end:.6g}" for end in ends)])
     print_table(None, ["quantity", "mean ± standard error", "smallest", "largest"], rows)
 

@@ -46,7 +46,11 @@ def workers(count: int | None = None, scheduler: str | None = None) -> Iterator[
     with (
         _nobody_imports_main(),
         distributed.LocalCluster(
-            n_workers=count, threads_per_worker=1, processes=True, dashboard_address=None, silence_logs=logging.CRITICAL
+            n_workers=count,
+            threads_per_worker=1,
+            processes=True,
+            silence_logs=logging.CRITICAL,
+            dashboard_address="127.0.0.1:0",  # one that is free; None means 8787, and a warning where it is taken
         ) as cluster,
         distributed.Client(cluster, set_as_default=False) as client,
     ):

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
+from kickdrift.ensemble.keys import path_of
 from kickdrift.ensemble.members import Member
 from kickdrift.ensemble.recipe import MEGNO, Recipe
 from kickdrift.errors import KickdriftError
@@ -36,7 +37,9 @@ def run_member(recipe: Recipe, member: Member) -> Row:
     system = None
     try:
         system = recipe.system(member)
-        measured = megno_row(_megno(system, member)) if recipe.measure == MEGNO else _run(recipe, member, system)
+        measured = (
+            megno_row(_megno(recipe, system, member)) if recipe.measure == MEGNO else _run(recipe, member, system)
+        )
         return row_of(member, DONE) | measured
     except KickdriftError as error:
         return row_of(member, FAILED, str(error)) | _last(getattr(error, "state", None), system)
@@ -96,11 +99,15 @@ def _measured(measure: Any, sim: Any) -> Row:
     }
 
 
-def _megno(system: System | Problem, member: Member) -> ChaosReport:
+def _megno(recipe: Recipe, system: System | Problem, member: Member) -> ChaosReport:
     from kickdrift.analysis.chaos import megno
 
     run = system.run
-    return megno(system, None, run.integrator, run.dt, seed=member.seed, rtol=run.rtol, atol=run.atol)
+    asked = ("run", "integrator") in map(path_of, {**recipe.settings, **member.values})
+    # The file's own, which may carry no variations, is megno's to take or to leave.
+    return megno(
+        system, None, run.integrator if asked else None, run.dt, seed=member.seed, rtol=run.rtol, atol=run.atol
+    )
 
 
 def megno_row(found: ChaosReport) -> Row:
