@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Any
 from kickdrift.ensemble.keys import path_of
 from kickdrift.ensemble.members import Member
 from kickdrift.ensemble.recipe import MEGNO, Recipe
-from kickdrift.errors import KickdriftError
+from kickdrift.errors import InputError, KickdriftError
 from kickdrift.problem import Problem, ProblemState
 from kickdrift.system import System
+from kickdrift.units import shown
 
 if TYPE_CHECKING:
     from kickdrift.analysis.chaos import ChaosReport
@@ -94,9 +95,13 @@ def _measured(measure: Any, sim: Any) -> Row:
     found = measure(sim)
     if not isinstance(found, dict):
         found = {getattr(measure, "__name__", "measure"): found}
-    return {
+    row = {
         str(key): value.item() if hasattr(value, "item") and not value.ndim else value for key, value in found.items()
     }
+    for key, value in row.items():
+        if not isinstance(value, int | float | str | None):
+            raise InputError(f"measure: expected numbers and texts, got {shown(value)} for {key}")
+    return row
 
 
 def _megno(recipe: Recipe, system: System | Problem, member: Member) -> ChaosReport:
