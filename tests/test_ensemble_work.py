@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
+from kickdrift.cli import app
 from kickdrift.ensemble import Ensemble
 from kickdrift.ensemble import table as tables
 from kickdrift.ensemble.recipe import _source
@@ -79,3 +81,9 @@ def test_ends_are_of_finite_numbers(capsys):
     print_ensemble(table, None)
     line = next(line for line in capsys.readouterr().out.splitlines() if "drift_error" in line)
     assert line.split() == ["drift_error", "2.00", "±", "0.50", "1.5", "2.5"]
+
+
+@pytest.mark.parametrize("text", ["foo", "apart.py"])
+def test_a_measure_is_a_name_or_a_function_in_a_file(text):
+    found = CliRunner().invoke(app, ["ensemble", "sun-jupiter", "--measure", text])
+    assert str(found.exception) == f"--measure {text}: expected run, megno or FILE.py:FUNCTION"

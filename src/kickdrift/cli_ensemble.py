@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from kickdrift.errors import InputError
+from kickdrift.errors import InputError, RunError
 from kickdrift.printing import counted, members_bar, say
 
 
@@ -76,9 +76,10 @@ def ensemble(
             else:
                 with dask_workers(scheduler=scheduler) as client:
                     table = planned.run(client, progress=progress, **options)
-        except KeyboardInterrupt:
-            goes_on = f"; the same command goes on, from {output}.journal" if output else ""
-            say(f"{max(done, 0)} of {counted(len(planned), 'member')} are done{goes_on}")
+        except (KeyboardInterrupt, RunError):
+            if output:
+                of = counted(len(planned), "member")
+                say(f"{output}.journal: has {max(done, 0)} of {of}; the same command goes on from there")
             raise
     print_ensemble(table, output)
     if not (table["status"] == "done").any():
@@ -102,6 +103,8 @@ def _measure(text: str) -> Any:
     """What --measure means: a name, or a function in a file."""
     path, colon, name = text.rpartition(":")
     if not colon:
+        if text not in ("run", "megno"):
+            raise InputError(f"--measure {text}: expected run, megno or FILE.py:FUNCTION")
         return text
     if not (path.endswith(".py") and Path(path).is_file()):
         raise InputError(f"--measure {text}: there is no Python file {path}")
