@@ -111,6 +111,7 @@ def test_wide_values_have_logarithmic_colours_and_grids_in_any_order_are_sorted(
     np.testing.assert_allclose(mesh.get_coordinates()[0, :, 0], 10.0 ** np.array([-3.5, -2.5, -1.5, -0.5]))
     assert [text.get_text() for text in axes.get_yticklabels()] == ["one", "two"]
     assert axes.get_xlabel() == "dt (τ)"
+    assert [text.get_text() for text in axes.get_xticklabels()] == ["0.001", "0.01", "0.1"]
     assert figure.axes[1].get_ylabel() == "energy error"
 
 
@@ -237,6 +238,12 @@ def test_points_of_a_grid_are_told_by_number_even_where_values_are_lists(tmp_pat
     assert list(found.index) == [0, 2, 3]
     assert list(found["a"]) == [[1.0, 2.0], [3.0, 4.0], [3.0, 4.0]]
     assert list(found.columns) == ["a", "c", "mean", "error", "members"]
+
+
+def test_names_bring_their_units(draw):
+    axes = draw({"velocities.temperature": ["10 K", "20 K"]}, lambda member: 1.0, units="metal").axes[0]
+    assert axes.get_xlabel() == "velocities.temperature"
+    assert axes.get_xlim() == (-0.5, 1.5)
 
 
 def test_a_list_is_a_name(draw):

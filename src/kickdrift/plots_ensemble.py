@@ -26,11 +26,10 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from pandas import DataFrame
 
-REGULAR, CHAOTIC = (
-    2.0,
-    4.0,
-)  # MEGNO tends to 2 where motion is regular (Cincotta & Simo 2000); colours end at the latter
+# MEGNO tends to 2 where motion is regular (Cincotta & Simo 2000, doi:10.1051/aas:2000108); colours end at the second.
+REGULAR, CHAOTIC = 2.0, 4.0
 WIDE = 100.0  # a logarithm shows positive values whose largest is that many times the smallest
+FEW = 8  # values along an axis of a map that are all named
 NONE = "#BDBDBD"  # where there is no value to draw
 
 # Dimensions of columns, and of the keys of a system file by their last part.
@@ -123,12 +122,13 @@ def _unevenness(places: Any) -> float:
     return found if found > 1e-6 else 0.0
 
 
-def _set_axis(axes: Axes, which: str, scale: _Scale, label: str) -> None:
+def _set_axis(axes: Axes, which: str, scale: _Scale, table: DataFrame, key: str) -> None:
     """Label one axis, x or y."""
     axis = axes.xaxis if which == "x" else axes.yaxis
-    axes.set(**{f"{which}label": label})
+    axes.set(**{f"{which}label": key if scale.names else _key_label(table, key)})
     if scale.names:
         axis.set_ticks(scale.places, scale.names)
+        axes.set(**{f"{which}lim": (scale.edges[0], scale.edges[-1])})
         if which == "x" and sum(map(len, scale.names)) > 60:
             axes.tick_params("x", rotation=30)
             for text in axes.get_xticklabels():
@@ -138,6 +138,8 @@ def _set_axis(axes: Axes, which: str, scale: _Scale, label: str) -> None:
 
 
 def _draw_map(figure: Figure, axes: Axes, table: DataFrame, name: str) -> None:
+    from matplotlib.ticker import NullLocator
+
     keys = summary.grids(table)
     grids = [table.attrs[PROVENANCE]["grids"][key] for key in keys]
     x, y = map(_scale, grids)
@@ -154,8 +156,12 @@ def _draw_map(figure: Figure, axes: Axes, table: DataFrame, name: str) -> None:
     mesh = axes.pcolormesh(x.edges, y.edges, np.ma.masked_invalid(values), rasterized=True, **_colours(name, values))
     _colour_bar(figure, axes, mesh, values, _column_label(table, name))
     for which, scale, key in (("x", x, keys[0]), ("y", y, keys[1])):
-        _set_axis(axes, which, scale, _key_label(table, key))
+        _set_axis(axes, which, scale, table, key)
         axes.set(**{f"{which}lim": (scale.edges[0], scale.edges[-1])})
+        if len(scale.places) <= FEW and not scale.names:
+            axis = axes.xaxis if which == "x" else axes.yaxis
+            axis.set_ticks(scale.places, [f"{place:.4g}" for place in scale.places])
+            axis.set_minor_locator(NullLocator())
 
 
 def _draw_curve(axes: Axes, table: DataFrame, name: str) -> None:
@@ -178,7 +184,7 @@ def _draw_curve(axes: Axes, table: DataFrame, name: str) -> None:
         fmt="o" if scale.names else "o-", color=COLOURS[0], linewidth=1.3, markersize=4.5, capsize=3, elinewidth=1.1,
         label="mean ± standard error" if sets else None,
     )  # fmt: skip
-    _set_axis(axes, "x", scale, _key_label(table, key))
+    _set_axis(axes, "x", scale, table, key)
     _set_values(axes, table, name)
     _mark_missing(axes, scale.places[~known])
 
