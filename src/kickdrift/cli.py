@@ -436,7 +436,9 @@ def chaos(
 
 @app.command()
 def plot(
-    file: Annotated[Path | None, typer.Argument(metavar="[FILE.h5md]", help="A run's file.")] = None,
+    file: Annotated[
+        Path | None, typer.Argument(metavar="[FILE]", help="A run's .h5md, or the .parquet or .h5 of an ensemble.")
+    ] = None,
     output: Annotated[
         Path | None, typer.Option(metavar="FILE.png", help="Default: FILE.png beside the file, or stability.png.")
     ] = None,
@@ -447,17 +449,28 @@ def plot(
         list[str] | None,
         typer.Option(metavar="NAME", help="Draw where an integrator is stable, no run; repeat for several."),
     ] = None,
+    column: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Of an ensemble's table (default: what tells most).")
+    ] = None,
     overwrite: OverwriteOption = False,
 ) -> None:
     """Draw a run (its bodies' orbits and elements; or energies, error, temperature and radial distribution function;
-    or one observable with error bars), or where integrators are stable."""
-    if stability and (file or kind):
-        raise InputError("give FILE.h5md or --stability, not both")
+    or one observable with error bars), an ensemble (a map, a curve, points or a histogram), or where integrators are
+    stable."""
+    if stability and (file or kind or column):
+        raise InputError("give FILE or --stability, not both")
+    of_ensemble = file is not None and file.suffix in (".parquet", ".h5")
+    if file and (kind if of_ensemble else column):
+        raise InputError("--kind is of a run's .h5md, --column of the .parquet or .h5 of an ensemble")
     if stability:
         from kickdrift.plots_stability import plot_stability
 
         print(plot_stability(stability, output or Path("stability.png"), overwrite=overwrite))
         print_stability(stability)
+    elif file and of_ensemble:
+        from kickdrift.plots_ensemble import plot_ensemble
+
+        print(plot_ensemble(file, output or file.with_suffix(".png"), column, overwrite=overwrite))
     elif file:
         from kickdrift.plots import plot_run
         from kickdrift.plots_orbits import has_orbits, plot_orbits
@@ -472,7 +485,7 @@ def plot(
         draw = plot_orbits if orbits else plot_run
         print(draw(file, target, overwrite=overwrite))
     else:
-        raise InputError("give FILE.h5md, or --stability NAME for a figure of an integrator")
+        raise InputError("give FILE, or --stability NAME for a figure of an integrator")
 
 
 @app.command()

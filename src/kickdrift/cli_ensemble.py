@@ -105,6 +105,8 @@ def _measure(text: str) -> Any:
     """What --measure means: a name, or a function in a file."""
     path, colon, name = text.rpartition(":")
     if not colon:
+        if text not in ("run", "megno"):
+            raise InputError(f"--measure {text}: expected run, megno or FILE.py:FUNCTION")
         return text
     if not (path.endswith(".py") and Path(path).is_file()):
         raise InputError(f"--measure {text}: there is no Python file {path}")

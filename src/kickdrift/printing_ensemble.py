@@ -57,7 +57,7 @@ def _print_measured(table: DataFrame) -> None:
             rows = [
                 [
                     *(_text(point[key]) for key in keys),
-                    _with_error(point["mean"], point["error"]),
+                    with_error(point["mean"], point["error"]),
                     str(point["members"]),
                 ]
                 for point in points.to_dict("records")
@@ -68,8 +68,9 @@ def _print_measured(table: DataFrame) -> None:
     for name in summary.measured(table):
         found = summary.moments(done[name])
         if found["members"]:
-            ends = done[name].min(), done[name].max()
-            rows.append([name, _with_error(found["mean"], found["error"]), *(f"{end:.6g}" for end in ends)])
+            known = done[name][done[name].abs() < math.inf]
+            ends = known.min(), known.max()
+            rows.append([name, with_error(found["mean"], found["error"]), *(f"{end:.6g}" for end in ends)])
     print_table(None, ["quantity", "mean ± standard error", "smallest", "largest"], rows)
 
 
@@ -77,7 +78,8 @@ def _text(value: object) -> str:
     return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
-def _with_error(mean: float, error: float) -> str:
+def with_error(mean: float, error: float) -> str:
+    """A mean and its standard error, to two digits of that."""
     if not error > 0:
         return f"{mean:.6g}"
     decimals = 1 - math.floor(math.log10(error))

@@ -83,7 +83,9 @@ class Ensemble:
                 raise InputError(f"{key}: varies, and was given as {given[key]!r} too")
         if replicas > 1 and not self.members.draws and not self._recipe.drawn:
             raise InputError(f"replicas: all {replicas} would be the same run: {self.name} leaves nothing to a seed")
-        self._recipe = self._recipe.knowing(self._registered(self._a_system()))
+        one = self._a_system()
+        self._units = one.units.name if isinstance(one, System) else ""
+        self._recipe = self._recipe.knowing(self._registered(one))
 
     @property
     def name(self) -> str:
@@ -164,6 +166,7 @@ class Ensemble:
         return {
             "identity": self._identity(),
             "system": self.name,
+            "units": self._units,
             "source": subject.text if isinstance(subject, SystemText) else "",
             "grids": members.grids,
             "draws": {key: list(draw) for key, draw in members.draws.items()},

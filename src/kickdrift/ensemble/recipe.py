@@ -8,6 +8,7 @@ import os
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from tokenize import TokenError
 from typing import Any
 
 from kickdrift.ensemble.keys import path_of, with_values
@@ -163,7 +164,7 @@ def _seeded(values: Mapping[str, Any]) -> bool:
 def _source(function: Callable[..., Any]) -> str:
     try:
         return inspect.getsource(function)
-    except (OSError, TypeError):
+    except (OSError, TypeError, SyntaxError, TokenError):  # there is none, or the file has changed since
         return getattr(function, "__qualname__", repr(function))
 
 

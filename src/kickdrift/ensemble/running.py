@@ -7,7 +7,6 @@ than keeps the workers busy, so that an ensemble of any size fits into memory.
 from __future__ import annotations
 
 import logging
-import os
 import sys
 import uuid
 from collections.abc import Iterable, Iterator
@@ -16,10 +15,9 @@ from functools import partial
 from itertools import islice
 from typing import Any
 
-import kickdrift
 from kickdrift.ensemble.members import Member, Members
 from kickdrift.ensemble.recipe import Recipe
-from kickdrift.ensemble.work import LOST, Row, row_of, timed_members
+from kickdrift.ensemble.work import LOST, Row, packed, row_of, timed_members, unpacked
 from kickdrift.errors import InputError, RunError
 
 PATIENCE = 10.0  # seconds for a scheduler to answer
@@ -48,7 +46,6 @@ def workers(count: int | None = None, scheduler: str | None = None) -> Iterator[
             with client:
                 yield client
         return
-    count = len(os.sched_getaffinity(0)) if count is None else count
     with (
         _nobody_imports_main(),
         silent("distributed"),
@@ -57,8 +54,8 @@ def workers(count: int | None = None, scheduler: str | None = None) -> Iterator[
             n_workers=count,
             threads_per_worker=1,
             processes=True,
-            dashboard_address=None,
             silence_logs=logging.CRITICAL,
+            dashboard_address="127.0.0.1:0",  # one that is free; None means 8787, and a warning where it is taken
             preload="kickdrift.ensemble.preload",
         ) as cluster,
         distributed.Client(cluster, set_as_default=False) as client,
@@ -84,7 +81,11 @@ def rows(recipe: Recipe, members: Members, todo: Iterable[int], client: Any, siz
     about TASK_SECONDS."""
     import distributed
 
-    _check_versions(client)
+    cargo = packed(recipe)
+    try:
+        client.run(unpacked, cargo)
+    except (ImportError, AttributeError) as error:
+        raise InputError(f"ensemble: the workers cannot load what members need: {error}") from None
     left = iter(todo)
     name = f"kickdrift-{uuid.uuid4().hex[:12]}"
     tasks = distributed.as_completed(loop=client.loop)
@@ -94,7 +95,7 @@ def rows(recipe: Recipe, members: Members, todo: Iterable[int], client: Any, siz
     def send(batch: list[Member]) -> None:
         key = f"{name}-{batch[0].number}-{len(batch)}"
         sent[key] = batch
-        tasks.add(client.submit(timed_members, recipe, batch, key=key, pure=False))
+        tasks.add(client.submit(timed_members, cargo, batch, key=key, pure=False))
 
     def fill() -> None:
         room = AHEAD * max(1, sum(client.nthreads().values()))
@@ -127,18 +128,3 @@ def _why(error: BaseException | None) -> str:
     if type(error).__name__ == "KilledWorker":
         return "each worker that ran it died"
     return " ".join(f"{type(error).__name__}: {error}".split())
-
-
-def _check_versions(client: Any) -> None:
-    """Refuse workers that have another kickdrift, or none."""
-    try:
-        found = client.run(_version)
-    except ImportError:
-        raise InputError("ensemble: the workers have no kickdrift; install the same version there") from None
-    for worker, version in found.items():
-        if version != kickdrift.__version__:
-            raise InputError(f"ensemble: {worker} has kickdrift {version}, and this is {kickdrift.__version__}")
-
-
-def _version() -> str:
-    return kickdrift.__version__

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -54,18 +55,21 @@ def chosen(table: DataFrame, column: str | None = None) -> str:
 
 def by_point(table: DataFrame, column: str) -> DataFrame:
     """For each combination of values on the grids: the ``mean`` of a column over its members that are done, its
-    standard ``error`` (the standard deviation over the root of their number; NaN for one), and the ``members``."""
+    standard ``error`` (the standard deviation over the root of their number; NaN for one), and the ``members``. The
+    index is the combination's number, in which the last grid's values change fastest; one with no member is left out.
+    """
     import pandas as pd
 
     done = table[table["status"] == DONE]
-    keys = grids(table)
-    if not keys:
-        return pd.DataFrame([moments(done[column])])
-    rows = [
-        dict(zip(keys, values, strict=True)) | moments(group[column])
-        for values, group in done.groupby(keys, sort=False)
-    ]
-    return pd.DataFrame(rows)
+    values = list(product(*table.attrs[PROVENANCE]["grids"].values()))
+    keys, varied = list(table.attrs[PROVENANCE]["grids"]), grids(table)
+    groups = done.groupby(done[MEMBER] % len(values))
+    rows = {
+        point: {key: value for key, value in zip(keys, values[point], strict=True) if key in varied}
+        | moments(group[column])
+        for point, group in groups
+    }
+    return pd.DataFrame(list(rows.values()), index=list(rows))
 
 
 def moments(values: Any) -> dict[str, float]:

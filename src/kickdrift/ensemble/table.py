@@ -44,6 +44,8 @@ def _column(name: str, values: list[Any]) -> Any:
         if all(isinstance(value, int) for value in values):
             return np.array(values, dtype=np.int64)
         return np.array([np.nan if value is None else value for value in values], dtype=float)
+    if any(isinstance(value, str) for value in values):  # a column of a Parquet file is of one kind
+        return [value if value is None else str(value) for value in values]
     return values
 
 

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import platform
 from collections.abc import Sequence
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
+import kickdrift
+from kickdrift.ensemble.keys import path_of
 from kickdrift.ensemble.members import Member
 from kickdrift.ensemble.recipe import MEGNO, Recipe
-from kickdrift.errors import KickdriftError
+from kickdrift.errors import InputError, KickdriftError
 from kickdrift.problem import Problem, ProblemState
 from kickdrift.system import System
+from kickdrift.units import shown
 
 if TYPE_CHECKING:
     from kickdrift.analysis.chaos import ChaosReport
@@ -19,10 +23,29 @@ Row = dict[str, Any]
 DONE, FAILED, LOST = "done", "failed", "lost"
 
 
-def timed_members(recipe: Recipe, members: Sequence[Member]) -> tuple[list[Row], float]:
-    """`run_members`, and how many seconds it took."""
+def packed(recipe: Recipe) -> bytes:
+    """A Recipe for other processes. It goes to Dask as plain bytes, since a worker that cannot load what it is sent
+    neither does it nor says so."""
+    import cloudpickle
+
+    return cloudpickle.dumps((kickdrift.__version__, recipe))
+
+
+def unpacked(cargo: bytes) -> Recipe:
+    """The Recipe; an InputError where another version of kickdrift packed it."""
+    import cloudpickle
+
+    version, recipe = cloudpickle.loads(cargo)
+    if version != kickdrift.__version__:
+        here = platform.node()
+        raise InputError(f"ensemble: the worker on {here} has kickdrift {kickdrift.__version__}, and this is {version}")
+    return recipe
+
+
+def timed_members(cargo: bytes, members: Sequence[Member]) -> tuple[list[Row], float]:
+    """`run_members` of a packed Recipe, and how many seconds it took."""
     began = perf_counter()
-    return run_members(recipe, members), perf_counter() - began
+    return run_members(unpacked(cargo), members), perf_counter() - began
 
 
 def run_members(recipe: Recipe, members: Sequence[Member]) -> list[Row]:
@@ -36,7 +59,9 @@ def run_member(recipe: Recipe, member: Member) -> Row:
     system = None
     try:
         system = recipe.system(member)
-        measured = megno_row(_megno(system, member)) if recipe.measure == MEGNO else _run(recipe, member, system)
+        measured = (
+            megno_row(_megno(recipe, system, member)) if recipe.measure == MEGNO else _run(recipe, member, system)
+        )
         return row_of(member, DONE) | measured
     except KickdriftError as error:
         return row_of(member, FAILED, str(error)) | _last(getattr(error, "state", None), system)
@@ -91,16 +116,24 @@ def _measured(measure: Any, sim: Any) -> Row:
     found = measure(sim)
     if not isinstance(found, dict):
         found = {getattr(measure, "__name__", "measure"): found}
-    return {
+    row = {
         str(key): value.item() if hasattr(value, "item") and not value.ndim else value for key, value in found.items()
     }
+    for key, value in row.items():
+        if not isinstance(value, int | float | str | None):
+            raise InputError(f"measure: expected numbers and texts, got {shown(value)} for {key}")
+    return row
 
 
-def _megno(system: System | Problem, member: Member) -> ChaosReport:
+def _megno(recipe: Recipe, system: System | Problem, member: Member) -> ChaosReport:
     from kickdrift.analysis.chaos import megno
 
     run = system.run
-    return megno(system, None, run.integrator, run.dt, seed=member.seed, rtol=run.rtol, atol=run.atol)
+    asked = ("run", "integrator") in map(path_of, {**recipe.settings, **member.values})
+    # The file's own, which may carry no variations, is megno's to take or to leave.
+    return megno(
+        system, None, run.integrator if asked else None, run.dt, seed=member.seed, rtol=run.rtol, atol=run.atol
+    )
 
 
 def megno_row(found: ChaosReport) -> Row:

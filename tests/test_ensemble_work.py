@@ -1,0 +1,89 @@
+"""What a member does, and what is said of it: no processes here."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from kickdrift.cli import app
+from kickdrift.ensemble import Ensemble
+from kickdrift.ensemble import table as tables
+from kickdrift.ensemble.recipe import _source
+from kickdrift.ensemble.work import row_of, run_member
+from kickdrift.printing_ensemble import print_ensemble
+
+
+def rows(vary=None, **options):
+    """The rows of an ensemble whose file names wisdom-holman, which carries no variations."""
+    ensemble = Ensemble("sun-jupiter", vary, measure="megno", time=50.0, **options)
+    return [run_member(ensemble._recipe, ensemble.members[i]) for i in range(len(ensemble))]
+
+
+def test_megno_leaves_the_files_integrator_where_it_cannot():
+    (row,) = rows()
+    assert (row["status"], row["integrator"]) == ("done", "dop853")
+
+
+@pytest.mark.parametrize("key", ["integrator", "run.integrator"])
+def test_megno_takes_the_integrator_that_was_asked_for(key):
+    refused, done = rows({key: ["wisdom-holman", "dop853"]})
+    assert "wisdom-holman carries no variations" in refused["error"]
+    assert (done["status"], done["integrator"]) == ("done", "dop853")
+    (refused,) = rows(integrator="wisdom-holman")
+    assert "wisdom-holman carries no variations" in refused["error"]
+
+
+def test_a_function_whose_file_has_changed_has_its_name(tmp_path):
+    path = tmp_path / "script.py"
+    path.write_text("\n\n\ndef measure(sim):\n    return 1\n", encoding="utf-8")
+    names = {}
+    exec(compile(path.read_text(encoding="utf-8"), str(path), "exec"), names)
+    assert _source(names["measure"]) == "def measure(sim):\n    return 1\n"
+    path.write_text("a = 1\nb = 2\nc = 3\nd = (\n", encoding="utf-8")
+    assert _source(names["measure"]) == "measure"
+
+
+@pytest.mark.parametrize("suffix", tables.SUFFIXES)
+def test_numbers_and_texts_are_a_column_of_texts(tmp_path, suffix):
+    members = Ensemble("sun-jupiter", {"dt": [0.1, "36.525 day"]}).members
+    table = tables.frame((row_of(members[i], "done") for i in range(2)), {"grids": members.grids})
+    tables.write(table, tmp_path / f"table{suffix}")
+    assert list(tables.read(tmp_path / f"table{suffix}")["dt"]) == ["0.1", "36.525 day"]
+
+
+def test_what_is_no_number_and_no_text_is_a_failure():
+    for found, told in (
+        (np.zeros(2), "for measure"),
+        ({"x": {}}, "{} for x"),
+        ({"x": 1j}, "1j for x"),
+        ({"x": np.float64(2.0), "y": "far", "z": None, "w": np.bool_(True)}, ""),
+    ):
+
+        def measure(sim, found=found):
+            return found
+
+        ensemble = Ensemble("sun-jupiter", measure=measure, steps=2)
+        row = run_member(ensemble._recipe, ensemble.members[0])
+        assert row["status"] == ("failed" if told else "done")
+        assert told in row["error"]
+    assert (row["x"], row["y"], row["z"], row["w"]) == (2.0, "far", None, True)
+    assert type(row["x"]) is float
+
+
+def test_ends_are_of_finite_numbers(capsys):
+    members = Ensemble("sun-jupiter", {"dt": "uniform:0.1:0.2"}, replicas=3).members
+    found = [1.5, float("inf"), 2.5]
+    table = tables.frame(
+        (row_of(members[i], "done") | {"drift_error": found[i]} for i in range(3)),
+        {"system": "two", "seed": 0, "grids": {}, "draws": {"dt": []}},
+    )
+    print_ensemble(table, None)
+    line = next(line for line in capsys.readouterr().out.splitlines() if "drift_error" in line)
+    assert line.split() == ["drift_error", "2.00", "±", "0.50", "1.5", "2.5"]
+
+
+@pytest.mark.parametrize("text", ["foo", "apart.py"])
+def test_a_measure_is_a_name_or_a_function_in_a_file(text):
+    found = CliRunner().invoke(app, ["ensemble", "sun-jupiter", "--measure", text])
+    assert str(found.exception) == f"--measure {text}: expected run, megno or FILE.py:FUNCTION"
