@@ -12,6 +12,8 @@ import pytest
 
 # Before NumPy is loaded: two test processes whose BLAS threads wait for each other take many times as long.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+# Likewise numba's threads: those that spin for a thread that has no core make a force on two threads 30 times as slow.
+os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
 PAGE = Path(__file__).parents[1] / "docs" / "your-own-integrator.md"
 
