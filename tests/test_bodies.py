@@ -255,7 +255,7 @@ def test_trappist_1s_planets_transit_when_they_were_seen_to():
     epoch = 7257.93115525
     for name, (published, deviation) in sorted(TRANSITS.items(), key=lambda item: item[1]):
         i, seen = system.names.index(name), []
-        sim.run(until=(published - 0.2 - epoch) / 365.25)
+        sim.run(until=(published - 0.2 - epoch) / 365.25, every=1000)
         sim.run(
             until=(published + 0.2 - epoch) / 365.25, interval=0.05 / 365.25,
             observe=lambda s, i=i, seen=seen: seen.append((s.time, s.state.phase[:, :, i] - s.state.phase[:, :, 0])),
