@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from kickdrift.errors import InputError
+from kickdrift.errors import InputError, RunError
 from kickdrift.printing import counted, members_bar, say
 
 
@@ -76,9 +76,10 @@ def ensemble(
             else:
                 with dask_workers(scheduler=scheduler) as client:
                     table = planned.run(client, progress=progress, **options)
-        except KeyboardInterrupt:
-            goes_on = f"; the same command goes on, from {output}.journal" if output else ""
-            say(f"{max(done, 0)} of {counted(len(planned), 'member')} are done{goes_on}")
+        except (KeyboardInterrupt, RunError):
+            if output:
+                of = counted(len(planned), "member")
+                say(f"{output}.journal: has {max(done, 0)} of {of}; the same command goes on from there")
             raise
     print_ensemble(table, output)
     if not (table["status"] == "done").any():

@@ -33,9 +33,13 @@ class SystemText:
     data: dict[str, Any]  # what TOML makes of the text
     folder: Path  # where it names structure files
 
-    def system(self, values: Mapping[str, Any], seed: int) -> System | Problem:
-        """The system with these values in its file."""
-        return built(with_values(self.data, dict(values)), self.name, None if _seeded(values) else seed, self.folder)
+    def system(self, values: Mapping[str, Any], seed: int, with_source: bool = True) -> System | Problem:
+        """The system with these values in its file, which is written anew where its ``source`` is asked for."""
+        import tomli_w
+
+        data = with_values(self.data, dict(values))
+        text = tomli_w.dumps(data) if with_source else ""
+        return built(data, self.name, None if _seeded(values) else seed, self.folder, text)
 
 
 @dataclass(frozen=True)
@@ -45,7 +49,7 @@ class SystemMaker:
     name: str
     made: System | Problem | Callable[..., System | Problem]
 
-    def system(self, values: Mapping[str, Any], seed: int) -> System | Problem:
+    def system(self, values: Mapping[str, Any], seed: int, with_source: bool = True) -> System | Problem:
         """The system that the function makes of these values, those of ``[run]`` aside that it does not take."""
         made: Any = self.made
         taken = inspect.signature(made).parameters if callable(made) else {}
@@ -84,7 +88,8 @@ class Recipe:
 
     def system(self, member: Member) -> System | Problem:
         """The member's system."""
-        return self.subject.system({**self.settings, **member.values}, member.seed)
+        with_source = self.trajectories is not None or callable(self.measure)
+        return self.subject.system({**self.settings, **member.values}, member.seed, with_source)
 
     @property
     def drawn(self) -> bool:
