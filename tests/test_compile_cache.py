@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import shutil
 import subprocess
 import sys
 import textwrap
@@ -11,6 +12,7 @@ import numpy as np
 import pytest
 from numba import typeof
 
+from kickdrift.cache import folder
 from kickdrift.forces.bound import BoundForces
 from kickdrift.forces.compiling import fingerprint, foreign_classes
 from kickdrift.system import System
@@ -64,6 +66,16 @@ class Workshop:
     def __init__(self, path):
         self.path, self.cache = path, path / "cache"
 
+    def take_the_packages_own(self):
+        """Begin with what of the package alone was compiled for other tests, if anything: its pair list, above all,
+        takes thrice as long as a law."""
+        jit = folder() / "jit"
+        for pattern in ("*list_code.*.nb[ic]", "*evaluate.measure*.nb[ic]"):
+            for path in jit.rglob(pattern):
+                copy = self.cache / "jit" / path.relative_to(jit)
+                copy.parent.mkdir(parents=True, exist_ok=True)
+                shutil.copyfile(path, copy)
+
     def write(self, name, *parts):
         (self.path / name).write_text("\n".join(parts))
 
@@ -98,6 +110,7 @@ def test_laws_that_different_processes_compiled(workshop, monkeypatch):
     """Each process counts its functions anew, so that they are alike in name but for the law: both in one process."""
     monkeypatch.setenv("PYTHONHASHSEED", "0")  # the order of numba's flags is in the names too
     monkeypatch.setenv("NUMBA_NUM_THREADS", "2")
+    workshop.take_the_packages_own()
     call = "measure(Quartic(k=3.0, cutoff=2.0, truncation={0!r}), threads=2)"
     shift, cut = call.format("shift"), call.format("cut")
     for each in (shift, cut):
@@ -110,6 +123,7 @@ def test_laws_that_different_processes_compiled(workshop, monkeypatch):
 def test_laws_of_one_name(workshop, monkeypatch):
     """Two modules have a class of the same name: each law is its own, though different processes compiled them."""
     monkeypatch.setenv("PYTHONHASHSEED", "0")
+    workshop.take_the_packages_own()
     call = "import {0}\nmeasure({0}.Quartic(k=3.0, cutoff=2.0, truncation='cut'))"
     one, two = call.format("one"), call.format("two")
     workshop.write("one.py", LAW)

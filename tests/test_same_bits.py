@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import inspect
+import json
 import os
 import subprocess
 import sys
@@ -366,34 +367,40 @@ def disc() -> kd.System:
     return kd.System(np.vstack([nothing, x]), np.vstack([nothing, v]), masses, forces=[kd.Gravity()], units="nbody")
 
 
-def fingerprints(threads: int) -> list[str]:
-    """Of every method, and of a run that goes on with so many threads from where one thread has come."""
+THREADS = (1, 2, 4)
+
+
+def fingerprints() -> list[list[str]]:
+    """Of every method, of runs that go on with each number of threads from where one thread has come."""
     found = []
     for name in METHODS:
         for subject, dt in ((lambda: liquid(343, 2.5), 0.002), (disc, 0.02)):
             method = integrator(name)
             options = ({"dt": dt} if method.needs_dt else {}) | ({"rtol": 1e-6} if "rtol" in method.tunable else {})
             try:
-                one, sim = (kd.Simulation(subject(), name, threads=k, **options) for k in (1, threads))
+                one, *sims = (kd.Simulation(subject(), name, threads=k, **options) for k in (1, *THREADS))
             except InputError:
                 continue
             one.run(3)
-            sim.restore(through_bytes(one.checkpoint()))
-            sim.run(3)
-            found.append(f"{name} {hashlib.sha256(bits(sim)).hexdigest()}")
+            checkpoint = through_bytes(one.checkpoint())
+            for sim in sims:
+                sim.restore(checkpoint)
+                sim.run(3)
+            found.append([name, *(hashlib.sha256(bits(sim)).hexdigest() for sim in sims)])
             break
     return found
 
 
 def test_threads_change_no_bit():
     """In a process that may have four of them, whatever the machine has."""
-    code = "from test_same_bits import fingerprints as f; print(*(line for k in (1, 2, 4) for line in f(k)), sep='\\n')"
+    code = "import json, test_same_bits as t; print(json.dumps(t.fingerprints()))"
     env = {**os.environ, "NUMBA_NUM_THREADS": "4", "PYTHONPATH": os.pathsep.join(sys.path)}
     run = subprocess.run([sys.executable, "-c", code], env=env, capture_output=True, text=True, timeout=900)
-    lines = run.stdout.splitlines()
-    count = len(lines) // 3
-    assert count >= len(METHODS) - 5, run.stderr
-    assert lines[:count] == lines[count : 2 * count] == lines[2 * count :]
+    assert run.returncode == 0, run.stderr
+    found = json.loads(run.stdout)
+    assert len(found) >= len(METHODS) - 5
+    for name, *of_each in found:
+        assert of_each == [of_each[0]] * len(THREADS), name
 
 
 # --- what a checkpoint is of ---
