@@ -62,7 +62,8 @@ def run_member(recipe: Recipe, member: Member) -> Row:
         measured = (
             megno_row(_megno(recipe, system, member)) if recipe.measure == MEGNO else _run(recipe, member, system)
         )
-        return row_of(member, DONE) | measured
+        begun = row_of(member, DONE)
+        return begun | {key: value for key, value in measured.items() if key not in begun}
     except KickdriftError as error:
         return row_of(member, FAILED, str(error)) | _last(getattr(error, "state", None), system)
     except Exception as error:  # whatever a user's function raises
