@@ -13,8 +13,10 @@ PRECISIONS = DOUBLE, MIXED = "double", "mixed"  # of pair forces
 
 if TYPE_CHECKING:
     from kickdrift.flow import Flow
+    from kickdrift.integrators.batch_stepping import LaneStepper, Members
     from kickdrift.integrators.stepping import Options, Stepper
     from kickdrift.state import Floats
+    from kickdrift.system import System
 
 
 class Method:
@@ -109,6 +111,18 @@ class Method:
 
     def stepper(self, flow: Flow, options: Options) -> Stepper:
         """An integration of the flow with this method."""
+        raise NotImplementedError
+
+    @property
+    def batched(self) -> bool:
+        """Whether many small systems may advance with it at once (see ``kickdrift.batch``)."""
+        return False
+
+    def check(self, system: System) -> None:
+        """Refuse a System that this method cannot move."""
+
+    def in_lanes(self, members: Members, options: Options) -> LaneStepper:
+        """An integration of many small systems at once; of those methods that are ``batched``."""
         raise NotImplementedError
 
     def checked(self, given: Options, asked: Options) -> Options:
