@@ -252,7 +252,8 @@ def members_of(systems: Sequence[System], dt: Floats, y: Floats) -> Members:
     masses = np.array([system.state.masses for system in systems])
     time = np.array([system.state.time - system.state.steps_done * h for system, h in zip(systems, dt, strict=True)])
     return Members(
-        count=len(systems),
+        systems=systems,
+        done=systems[0].state.steps_done,
         y=to_lanes(y),
         gm=to_lanes(np.array(G)[:, None] * masses),
         masses=to_lanes(np.array([system.units.coherent_mass for system in systems])[:, None] * masses),

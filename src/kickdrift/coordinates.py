@@ -1,6 +1,6 @@
 """Coordinates of planetary systems: barycentric, heliocentric, democratic heliocentric and Jacobi's, and back.
 
-Arrays are (…, n, 3), the central body first, with masses (n,); massless bodies may stand anywhere but there. Row 0 of
+Arrays are (…, n, 3), the central body first, with masses (n,) or (…, n); massless bodies may stand anywhere but there. Row 0 of
 every other coordinate is the centre of mass of all, so that no information is lost and each map has an inverse, exact
 but for rounding. Positions and velocities go through the same linear map, except in ``democratic``.
 
@@ -18,9 +18,9 @@ from kickdrift.units import shown, suggestion
 
 
 def barycentre(x: ArrayLike, masses: ArrayLike) -> Floats:
-    """(…, 3), the mean of the rows of x (…, n, 3), weighted with the masses (n,)."""
+    """(…, 3), the mean of the rows of x (…, n, 3), weighted with the masses (n,) or (…, n)."""
     x, m = _checked(x, masses, heavy_first=False)
-    return np.einsum("n,...nk->...k", m, x) / m.sum()
+    return np.einsum("...n,...nk->...k", m, x) / m.sum(axis=-1, keepdims=True)
 
 
 def to_barycentric(x: ArrayLike, masses: ArrayLike) -> tuple[Floats, Floats]:
@@ -45,7 +45,8 @@ def from_heliocentric(x: ArrayLike, masses: ArrayLike) -> Floats:
 
 
 def to_democratic(x: ArrayLike, v: ArrayLike, masses: ArrayLike) -> tuple[Floats, Floats]:
-    """Heliocentric positions and barycentric velocities, a canonical pair; row 0 of both is the centre of mass's."""
+    """Heliocentric positions and barycentric velocities, a canonical pair; row 0 of both is the centre of mass's; masses
+    (n,) or (…, n)."""
     relative, moving = to_barycentric(v, masses)
     relative[..., 0, :] = moving
     return to_heliocentric(x, masses), relative
@@ -60,9 +61,10 @@ def from_democratic(x: ArrayLike, v: ArrayLike, masses: ArrayLike) -> tuple[Floa
 
 
 def to_jacobi(x: ArrayLike, masses: ArrayLike) -> Floats:
-    """Row i relative to the centre of mass of the rows before it; row 0 becomes the centre of mass of all."""
+    """Row i relative to the centre of mass of the rows before it; row 0 becomes the centre of mass of all; masses (n,)
+    or (…, n)."""
     x, m = _checked(x, masses)
-    centres = np.cumsum(m[:, None] * x, axis=-2) / np.cumsum(m)[:, None]
+    centres = np.cumsum(m[..., None] * x, axis=-2) / np.cumsum(m, axis=-1)[..., None]
     return np.concatenate([centres[..., -1:, :], x[..., 1:, :] - centres[..., :-1, :]], axis=-2)
 
 
@@ -117,10 +119,10 @@ def _known(frame: str) -> None:
 
 def _checked(x: ArrayLike, masses: ArrayLike, heavy_first: bool = True) -> tuple[Floats, Floats]:
     x, m = np.asarray(x, dtype=float), np.asarray(masses, dtype=float)
-    if x.ndim < 2 or x.shape[-1] != 3 or m.shape != x.shape[-2:-1]:
+    if x.ndim < 2 or x.shape[-1] != 3 or m.shape not in (x.shape[-2:-1], x.shape[:-1]):
         raise InputError(f"expected coordinates (…, n, 3) and masses (n,), got shapes {x.shape} and {m.shape}")
-    if not np.all(m >= 0) or not m.sum() > 0:
+    if not np.all(m >= 0) or not np.all(m.sum(axis=-1) > 0):
         raise InputError(f"masses: expected numbers, zero or more, with a positive sum, got a sum of {m.sum():g}")
-    if heavy_first and not m[0] > 0:
+    if heavy_first and not np.all(m[..., 0] > 0):
         raise InputError("masses: the central body, particle 0, has no mass")
     return x, m

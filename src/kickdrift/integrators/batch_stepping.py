@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple, Protocol
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,17 +13,26 @@ from kickdrift.forces.evaluate import EVALUATIONS, SLOTS
 from kickdrift.forces.simd import WIDTH, aligned
 from kickdrift.state import Floats
 
+if TYPE_CHECKING:
+    from kickdrift.system import System
+
 
 class Members(NamedTuple):
     """Systems of as many bodies, in blocks of eight; where they do not fill the last one, copies of the last do."""
 
-    count: int  # of systems
+    systems: Sequence[System]
+    done: int  # steps before
     y: Floats  # (blocks, 2, 3, rows, 8); rows beyond the n bodies are deviations
     gm: Floats  # (blocks, n, 8) G m
     masses: Floats  # (blocks, n, 8) coherent
     softening2: Floats  # (blocks, 8)
     dt: Floats  # (blocks, 8)
     start: Floats  # (blocks, 8) the time of step 0
+
+    @property
+    def count(self) -> int:
+        """Of systems."""
+        return len(self.systems)
 
     def bodies(self, block: int) -> LaneBodies:
         """What the forces of a block know."""
