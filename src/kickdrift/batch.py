@@ -81,6 +81,7 @@ class Batch:
         Where `refusal` says why, naming the member, and where what they must share differs.
     """
 
+    @np.errstate(all="ignore")  # of numbers about to blow up
     def __init__(
         self,
         systems: Sequence[System],
