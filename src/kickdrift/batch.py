@@ -37,7 +37,7 @@ def refusal(system: Any, method: Method, options: Options) -> str | None:
     if not isinstance(system, System):
         return "a batch takes Systems of particles"
     if not method.batched:
-        return f"{method.name} moves one system at a time; splittings, Runge-Kutta of fixed steps and wisdom-holman many"
+        return f"{method.name} moves one system at a time; splittings, fixed Runge-Kutta and wisdom-holman move many"
     if options.compensated:
         return "compensated sums are for one system at a time"
     if options.corrector:
@@ -93,13 +93,14 @@ class Batch:
         self.integrator, self.method, self.options, self.dt = common(self.systems, integrator, dt, options)
         members = members_of(self.systems, self.dt, np.array([system.state.phase for system in self.systems]))
         self.steps_done = self.systems[0].state.steps_done
-        self._start = from_lanes(members.start, members.count)
-        self._members, self._every = members, None
+        self._start = from_lanes(members.start, len(self.systems))
+        self._members = members
+        self._every: int | None = None
         self._stepper: LaneStepper = self.method.in_lanes(members, self.options)
         self._begun = begin_lanes(self.systems)
         self._steps: list[int] = []
         self._looks: list[Floats] = []  # (k, LOOK, members) of each run
-        self._taken, self._seconds = 0, 0.0
+        self._taken, self._seconds, self._compiling = 0, 0.0, 0.0
 
     def __len__(self) -> int:
         return len(self.systems)
@@ -125,29 +126,30 @@ class Batch:
     def finite(self) -> NDArray[np.bool_]:
         """(members,) whether all numbers now, and all that was sampled, are finite; one that has blown up a Simulation
         of it can say more of."""
-        found = np.isfinite(self.phase).all(axis=(1, 2, 3))
-        for looks in self._looks:
-            found &= np.isfinite(looks).all(axis=(0, 1))
-        return found
+        found = [np.isfinite(self.phase).all(axis=(1, 2, 3))]
+        found += [np.isfinite(looks).all(axis=(0, 1)) for looks in self._looks]
+        return np.logical_and.reduce(found)
 
     def run(self, steps: int, every: int | None = None) -> None:
         """Take ``steps`` steps, and sample energies and momenta at the start, every ``every`` steps (counted from step
         0) and at the end; default as in ``Simulation.run``."""
         steps = whole_number("steps", steps, 0)
-        asked = whole_number("every", every, 1) if every is not None else self._every
-        self._every = asked
+        self._every = whole_number("every", every, 1) if every is not None else self._every
         known = [system.run.every for system in self.systems if system.run.every]
-        cadence = asked or (known[0] if known else max(1, steps // SAMPLES))
+        cadence = self._every or (known[0] if known else max(1, steps // SAMPLES))
         stops = looks_between(self.steps_done, steps, cadence)
         counts = np.diff(stops, prepend=self.steps_done)
         began = perf_counter()
+        self._stepper.run(0, np.zeros(0, np.int64), self.steps_done)  # compiles, if that was not done before
+        compiled = perf_counter()
+        self._compiling += compiled - began
         again = bool(self._steps) and self._steps[-1] == self.steps_done
         looks = run_lanes(self._stepper, counts[again:], self.steps_done)[0]
         self._looks.append(looks[:, :, : len(self)])
         self._steps += stops[again:].tolist()
         self.steps_done += steps
         self._taken += steps
-        self._seconds += perf_counter() - began
+        self._seconds += perf_counter() - compiled
 
     def report(self, i: int) -> Report:
         """That of member ``i``, as ``Simulation.run`` gives it; its wall time is an equal share of all members'."""
@@ -180,6 +182,7 @@ class Batch:
             steps=self._taken,
             force_evaluations=self._stepper.evaluations,
             wall_seconds=self._seconds / len(self),
+            compile_seconds=self._compiling / len(self),
             warnings=list(self._stepper.warnings(i)),
             found=series,
         )
@@ -202,6 +205,7 @@ class Member:
 
     engine, threads, processes, stopped = NATIVE, 1, 1, ""
     events: tuple[dict[str, Any], ...] = ()
+    state: Any = None  # which a report asks Problems for
 
     def __init__(self, batch: Batch, i: int) -> None:
         self.system, self.record = batch.systems[i], batch.record(i)

@@ -1,6 +1,6 @@
 """Coordinates of planetary systems: barycentric, heliocentric, democratic heliocentric and Jacobi's, and back.
 
-Arrays are (…, n, 3), the central body first, with masses (n,) or (…, n); massless bodies may stand anywhere but there. Row 0 of
+Arrays are (…, n, 3), the central body first, with masses (n,); massless bodies may stand anywhere but there. Row 0 of
 every other coordinate is the centre of mass of all, so that no information is lost and each map has an inverse, exact
 but for rounding. Positions and velocities go through the same linear map, except in ``democratic``.
 
@@ -45,8 +45,8 @@ def from_heliocentric(x: ArrayLike, masses: ArrayLike) -> Floats:
 
 
 def to_democratic(x: ArrayLike, v: ArrayLike, masses: ArrayLike) -> tuple[Floats, Floats]:
-    """Heliocentric positions and barycentric velocities, a canonical pair; row 0 of both is the centre of mass's; masses
-    (n,) or (…, n)."""
+    """Heliocentric positions and barycentric velocities, a canonical pair, from masses (n,) or (…, n); row 0 of both is
+    the centre of mass's."""
     relative, moving = to_barycentric(v, masses)
     relative[..., 0, :] = moving
     return to_heliocentric(x, masses), relative

@@ -78,5 +78,5 @@ def _measured(members: Members) -> tuple[Floats, Floats]:
     a, found = aligned((blocks, *members.y.shape[2:])), aligned((blocks, LOOK, WIDTH))
     for block in range(blocks):
         measure_in_lanes(members.bodies(block), members.y[block], a[block], found[block])
-    energies = from_lanes(found, members.count)[:, :2]
-    return from_lanes(a, members.count)[..., :n], np.column_stack([energies, energies.sum(axis=1)])
+    energies = from_lanes(found, len(members.systems))[:, :2]
+    return from_lanes(a, len(members.systems))[..., :n], np.column_stack([energies, energies.sum(axis=1)])

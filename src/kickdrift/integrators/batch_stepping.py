@@ -29,11 +29,6 @@ class Members(NamedTuple):
     dt: Floats  # (blocks, 8)
     start: Floats  # (blocks, 8) the time of step 0
 
-    @property
-    def count(self) -> int:
-        """Of systems."""
-        return len(self.systems)
-
     def bodies(self, block: int) -> LaneBodies:
         """What the forces of a block know."""
         return LaneBodies(self.gm[block], self.masses[block], self.softening2[block])
@@ -64,8 +59,13 @@ class Deviations(NamedTuple):
 class LaneStepper(Protocol):
     """Integrations under way."""
 
-    y: Floats  # (blocks, 2, 3, rows, 8) at the last look
-    evaluations: int  # of the forces of one system so far
+    @property
+    def y(self) -> Floats:
+        """(blocks, 2, 3, rows, 8) at the last look."""
+
+    @property
+    def evaluations(self) -> int:
+        """Of the forces of one system so far."""
 
     def run(self, block: int, counts: NDArray[np.int64], done: int, watch: Deviations | None = None) -> Any:
         """Take ``counts`` (k,) steps, ``done`` being taken before, and look after each: (k, LOOK, 8), or (k, 1, 8)

@@ -55,9 +55,8 @@ class WisdomHolmanLanes:
         q[:, 0, :, 0] -= elapsed * q[:, 1, :, 0]
         self._centre = to_lanes(q[..., 0])
         rows = self._tables(gm)
-        self._passages, hill = passages_and_hill(
-            *np.moveaxis(q[..., 1:], (1, 2), (0, 1)), rows[:, GM], rows[:, SOURCE], gm[:, :1]
-        )
+        x, v = np.moveaxis(q[..., 1:], (1, 2), (0, 1))
+        self._passages, hill = passages_and_hill(x, v, rows[:, GM], rows[:, SOURCE], gm[:, :1])
         rows[:, HILL] = hill
         self._table, self._central = to_lanes(rows), to_lanes(gm[:, 0])
         self._shares = to_lanes(masses[:, 1:] / masses.sum(axis=1, keepdims=True))

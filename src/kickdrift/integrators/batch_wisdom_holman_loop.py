@@ -239,8 +239,8 @@ def leave(own, orbit, y, elapsed):
 @driver
 def batch_wisdom_holman_loop(orbits, y, weights, dt, start, done, counts, looks, cursor):
     """``counts`` (k,) steps before each look, ``done`` having been taken before. ``weights`` (3, stages + 1) are the
-    row of drifts, the kick after each (0 after the last) and the part of dt that has passed; the last drift is joined to
-    the next step's first, and done on a copy for each look, which ``y`` then holds."""
+    row of drifts, the kick after each (0 after the last) and the part of dt that has passed; the last drift is joined
+    to the next step's first, and done on a copy for each look, which ``y`` then holds."""
     own = handle(orbits)
     y, weights, counts = unowned(y), unowned(weights), unowned(counts)
     looks, cursor = unowned(looks), unowned(cursor)

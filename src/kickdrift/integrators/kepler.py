@@ -251,8 +251,8 @@ def kepler_step(gm, dt, position, velocity):
 
 @inlined
 def lanes_increments(gm, dt, x, y, z, u, v, w):
-    """The same for eight at a time, ``dt`` a number or eight: the six increments, beta, and the mask of the lanes that are solved; the others
-    are for ``kepler_increments``."""
+    """The same for eight at a time, ``dt`` a number or eight: the six increments, beta, and the mask of the lanes that
+    are solved; the others are for ``kepler_increments``."""
     r2 = x * x + y * y + z * z
     inverse = inverse_sqrt(r2)
     r0 = r2 * inverse

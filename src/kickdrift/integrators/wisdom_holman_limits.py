@@ -16,7 +16,9 @@ if TYPE_CHECKING:
 STEPS_PER_PERIOD = 20  # of a passage of the pericentre: fewer are worth a warning (Wisdom 2015; Rein & Tamayo 2015)
 
 
-def passages_and_hill(x: Floats, v: Floats, gm: Floats, source: Floats, central: Floats) -> tuple[Floats, Floats]:
+def passages_and_hill(
+    x: Floats, v: Floats, gm: Floats, source: Floats, central: Floats | float
+) -> tuple[Floats, Floats]:
     """How long bodies at x and v (3, …) take about their pericentres as on a circle, 2 pi q / v there (infinite where
     that lies behind them for ever), and their squared Hill radii; gm of the Kepler motion, ``source`` and ``central`` G
     times the body's and the central one's mass."""

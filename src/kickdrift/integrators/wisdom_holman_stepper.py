@@ -219,7 +219,7 @@ class WisdomHolmanStepper(Regular):
         if not len(real):
             return
         orbit, table = bodies.orbit[:, real], bodies.table[:, real]
-        passages, hill = passages_and_hill(orbit[:3], orbit[3:], table[GM], table[SOURCE], np.float64(bodies.gm))
+        passages, hill = passages_and_hill(orbit[:3], orbit[3:], table[GM], table[SOURCE], bodies.gm)
         bodies.table[HILL, real] = hill
         k = int(np.argmin(passages))
         if passages[k] < np.inf:
