@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from kickdrift import analysis
     from kickdrift.analysis.chaos import ChaosReport, megno
     from kickdrift.box import Box
+    from kickdrift.ensemble import Ensemble
     from kickdrift.errors import InputError, KickdriftError, RunError
     from kickdrift.events import CloseApproach, Collision, Crossing, Escape
     from kickdrift.forces import (
@@ -54,6 +55,7 @@ _HOMES = {
     "Crossing": "events",
     "DrivenField": "forces",
     "Energies": "observers",
+    "Ensemble": "ensemble",
     "Escape": "events",
     "FileOptions": "trajectory.options",
     "Gravity": "forces",
@@ -92,6 +94,7 @@ __all__ = [
     "Crossing",
     "DrivenField",
     "Energies",
+    "Ensemble",
     "Escape",
     "FileOptions",
     "Gravity",

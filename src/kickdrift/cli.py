@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from kickdrift.cli_ensemble import ensemble
 from kickdrift.errors import InputError, KickdriftError
 from kickdrift.outputs import refuse_outputs, write_json
 from kickdrift.printing import (
@@ -43,6 +44,7 @@ app = typer.Typer(
 )
 bench_app = typer.Typer(help="Benchmarks.", no_args_is_help=True)
 app.add_typer(bench_app, name="bench")
+app.command()(ensemble)
 
 SystemArgument = Annotated[
     str, typer.Argument(metavar="SYSTEM.toml", help="A system file, or the name of one that ships.")
@@ -161,6 +163,7 @@ def run(
     file = file_options(output, given | {"write": write and tuple(each.strip() for each in write.split(","))})
     chosen = load(system, seed)
 
+    from kickdrift.run_plan import length_of
     from kickdrift.simulation import Simulation
 
     sim = Simulation(
@@ -168,7 +171,7 @@ def run(
         compensated=compensated, coordinates=coordinates, corrector=corrector, order=order, eta=eta, scheme=scheme,
         precision=None if mixed is None else "mixed" if mixed else "double",
     )  # fmt: skip
-    length = run_length(sim, system, steps, time)
+    length = length_of(sim, system, steps, time)
     warn_of_version(sim, quiet)
     with progress_bar(quiet) as bar:
         if isinstance(chosen, System) and chosen.equilibration:
@@ -252,20 +255,6 @@ def show(report: Report, sim: Simulation, output: Path | None, json_file: Path |
         write_json(json_file, report.as_json())
     finally:  # what was computed is not lost to a full disk
         print_report(report, sim, output)
-
-
-def run_length(sim: Simulation, system: str, steps: int | None, time: float | None) -> dict[str, Any]:
-    """What ``Simulation.run`` is asked for: steps, or the time until; the file's where no flag says so."""
-    given = sim.system.run
-    if steps is None and time is None:
-        steps, time = given.steps, given.time
-        if sim.method.chooses_steps and given.steps is not None and given.dt is not None:
-            steps, time = None, given.steps * given.dt  # the same length as the file's fixed steps have
-    if steps is None and time is None:
-        raise InputError(f"{system}: [run] names neither steps nor time; give --steps or --time")
-    if sim.method.chooses_steps and time is not None:
-        return {"until": sim.time + time}
-    return {"steps": sim.steps_to(steps, None if time is None else sim.time + time)}
 
 
 @bench_app.command("lj-energy")

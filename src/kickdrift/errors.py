@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 
 class KickdriftError(Exception):
     """Base of every error that kickdrift raises on purpose."""
@@ -16,6 +18,10 @@ class InputError(KickdriftError, ValueError):
 
 
 class RunError(KickdriftError, RuntimeError):
-    """A run failed on the way; the message names the step and the cause (exit 1)."""
+    """A run failed on the way; the message names the step and the cause (exit 1).
+
+    ``state`` is the last good one, of a run that blew up: a State or a ProblemState.
+    """
 
     exit_status = 1
+    state: Any = None

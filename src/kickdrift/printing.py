@@ -290,6 +290,32 @@ def progress_bar(quiet: bool) -> Iterator[Callable[[str], Callable[[int, int], N
         yield bar
 
 
+@contextmanager
+def members_bar(quiet: bool) -> Iterator[Callable[[int, int, int], None] | None]:
+    """Inside, a function (done, of, failed) that shows them with their rate and the time left, on a terminal."""
+    if quiet or not sys.stderr.isatty():
+        yield None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    rate = TextColumn("{task.fields[rate]}")
+    layout = TextColumn("members"), BarColumn(), MofNCompleteColumn(), rate, TimeRemainingColumn()
+    with Progress(
+        *layout, TextColumn("{task.fields[failed]}"), console=Console(stderr=True), transient=True
+    ) as progress:
+        task = progress.add_task("members", total=None, rate="", failed="")
+        first: list[int] = []
+
+        def show(done: int, of: int, failed: int) -> None:
+            first.append(done)
+            seconds = progress.tasks[0].elapsed or 0.0
+            speed = f"{(done - first[0]) / seconds:.3g}/s" if seconds > 0.5 and done > first[0] else ""
+            progress.update(task, completed=done, total=of, rate=speed, failed=f"{failed} failed" if failed else "")
+
+        yield show
+
+
 def _nothing(done: int, of: int) -> None:
     """A bar that is not shown."""
 

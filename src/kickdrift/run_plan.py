@@ -117,6 +117,21 @@ def plan_of(
     return Plan(*begin, end_time=end, interval=length, exact=interval is not None)
 
 
+def length_of(sim: Simulation, name: str, steps: int | None = None, time: float | None = None) -> dict[str, Any]:
+    """What ``Simulation.run`` is asked for: steps, or the time until; where neither is given, what the system, which
+    goes by that name, says itself."""
+    given = sim.system.run
+    if steps is None and time is None:
+        steps, time = given.steps, given.time
+        if sim.method.chooses_steps and given.steps is not None and given.dt is not None:
+            steps, time = None, given.steps * given.dt  # the same length as the file's fixed steps have
+    if steps is None and time is None:
+        raise InputError(f"{name}: [run] names neither steps nor time; give --steps or --time")
+    if sim.method.chooses_steps and time is not None:
+        return {"until": sim.time + time}
+    return {"steps": sim.steps_to(steps, None if time is None else sim.time + time)}
+
+
 def steps_to(sim: Simulation, steps: int | None, until: float | None) -> int:
     """See ``Simulation.steps_to``."""
     if sim.running:

@@ -455,7 +455,9 @@ class Simulation:
         raised = self._flow.raised
         if raised is not None and not isinstance(raised, Exception):
             raise raised  # KeyboardInterrupt, SystemExit
-        raise RunError(f"{self.integrator}{with_step}: {message}") from raised
+        error = RunError(f"{self.integrator}{with_step}: {message}")
+        error.state = last
+        raise error from raised
 
     # --- what events ask for ---
 

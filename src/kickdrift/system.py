@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from copy import copy
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -175,6 +175,13 @@ class System:
         """The same system with these events to watch for in place of its own."""
         other = copy(self)
         object.__setattr__(other, "events", checked_events(self, events))
+        return other
+
+    def with_run(self, **defaults: Any) -> System:
+        """The same system with these in its `RunDefaults`, as ``dt`` and ``integrator``; ``seed`` is its own too."""
+        other = copy(self)
+        object.__setattr__(other, "seed", defaults.pop("seed", self.seed))
+        object.__setattr__(other, "run", replace(self.run, **defaults))
         return other
 
     # --- to and from other programs ---

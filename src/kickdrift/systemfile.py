@@ -61,9 +61,9 @@ def load(name_or_path: str | os.PathLike[str], seed: int | None = None) -> Syste
         In one line: the file, the key and what was expected, or the particles that overlap.
     """
     path = find(name_or_path)
+    text, data = parsed(path)
     with _named(f"{path}: "):
-        text = _text(path)
-        return _subject(_parsed(text), path, text, seed)
+        return _subject(data, path, text, seed)
 
 
 def loads(
@@ -72,6 +72,31 @@ def loads(
     """The System or Problem of a system file's text; structure files in it are looked for in ``folder``."""
     with _named(f"{name}: "):
         return _subject(_parsed(text), Path(folder) / f"{name}.toml", text, seed)
+
+
+def built(data: dict[str, Any], name: str, seed: int | None, folder: str | os.PathLike[str]) -> System | Problem:
+    """The System or Problem of a system file's content, parsed; ``seed`` is for what is drawn, if anything is. Its
+    ``source`` is that content, written anew."""
+    import tomli_w
+
+    with _named(f"{name}: "):
+        return _subject(data, Path(folder) / f"{name}.toml", tomli_w.dumps(data), seed if draws(data) else None)
+
+
+def draws(data: dict[str, Any]) -> bool:
+    """Whether what a system file says, parsed, leaves anything to a seed: velocities, orbits, a cluster's stars."""
+    velocities, particles = data.get("velocities"), data.get("particles")
+    drawn = isinstance(velocities, dict) and "temperature" in velocities
+    if isinstance(particles, dict):
+        drawn = drawn or "plummer" in particles or ("elements" in particles and "seed" in particles)
+    return drawn
+
+
+def parsed(path: Path) -> tuple[str, dict[str, Any]]:
+    """A system file's text, and what TOML makes of it; neither is checked further."""
+    with _named(f"{path}: "):
+        text = _text(path)
+        return text, _parsed(text)
 
 
 def shipped() -> dict[str, Path]:
@@ -84,9 +109,7 @@ def shipped() -> dict[str, Path]:
 def describe(path: str | os.PathLike[str]) -> Description:
     """A system file's name, title and units, without checking or building it."""
     path = Path(path)
-    with _named(f"{path}: "):
-        text = _text(path)
-        data = _parsed(text)
+    text, data = parsed(path)
     first = text.split("\n", 1)[0]
     comment = first.lstrip("# ").strip() if first.startswith("#") else ""
     return Description(path.stem, path, str(data.get("title", comment)), str(data.get("units", "")))

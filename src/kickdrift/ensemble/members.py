@@ -1,0 +1,160 @@
+"""Who the members of an ensemble are: every combination of the values on the grids, so many times, each with its draws
+and its seed. A member is the same whatever the size of the ensemble, and whoever runs it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import prod
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from kickdrift.errors import InputError
+from kickdrift.units import shown
+
+DRAWS = ("uniform", "normal", "log-uniform")
+SPELLINGS = (
+    "START:STOP:COUNT, log:START:STOP:COUNT, A,B,C, uniform:LOW:HIGH, normal:MEAN:DEVIATION or log-uniform:LOW:HIGH"
+)
+
+
+class Draw(NamedTuple):
+    """A value drawn anew for each member."""
+
+    kind: str  # of DRAWS
+    first: float  # the low end, or the mean
+    second: float  # the high end, or the standard deviation
+
+    def value(self, rng: np.random.Generator) -> float:
+        """One of them."""
+        if self.kind == "normal":
+            return float(rng.normal(self.first, self.second))
+        if self.kind == "uniform":
+            return float(rng.uniform(self.first, self.second))
+        return float(np.exp(rng.uniform(np.log(self.first), np.log(self.second))))
+
+
+class Member(NamedTuple):
+    """One run of an ensemble."""
+
+    number: int
+    replica: int
+    seed: int  # of all that its system draws
+    values: dict[str, Any]  # of the keys that vary
+
+
+@dataclass(frozen=True)
+class Members:
+    """All of them, in order: replica by replica, and in each the last grid's values change fastest.
+
+    Member i draws from ``SeedSequence(seed, spawn_key=(i,))``, which is the i-th that ``SeedSequence(seed).spawn``
+    gives (O'Neill 2015; numpy.random).
+    """
+
+    grids: dict[str, list[Any]]
+    draws: dict[str, Draw]
+    replicas: int
+    seed: int
+
+    @property
+    def points(self) -> int:
+        """Combinations of the values on the grids."""
+        return prod(len(values) for values in self.grids.values())
+
+    def __len__(self) -> int:
+        return self.points * self.replicas
+
+    def __getitem__(self, index: int) -> Member:
+        if not 0 <= index < len(self):
+            raise IndexError(index)
+        replica, point = divmod(index, self.points)
+        places = np.unravel_index(point, tuple(len(values) for values in self.grids.values())) if self.grids else ()
+        values = {key: grid[place] for (key, grid), place in zip(self.grids.items(), places, strict=True)}
+        drawing, running = np.random.SeedSequence(self.seed, spawn_key=(index,)).spawn(2)
+        rng = np.random.Generator(np.random.PCG64(drawing))
+        values |= {key: draw.value(rng) for key, draw in self.draws.items()}
+        return Member(index, replica, int(running.generate_state(1)[0]), values)
+
+
+def members_of(vary: Mapping[str, Any], replicas: int, seed: int) -> Members:
+    """The members that ``vary`` asks for: of each key the values on a grid, a text that SPELLINGS shows, or a Draw."""
+    for key, value in (("replicas", replicas), ("seed", seed)):
+        if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < (key == "replicas"):
+            least = "one" if key == "replicas" else "zero"
+            raise InputError(f"{key}: expected a whole number, {least} or more, got {value!r}")
+    grids: dict[str, list[Any]] = {}
+    draws: dict[str, Draw] = {}
+    for key, given in vary.items():
+        found = spelled(key, given) if isinstance(given, str) else given
+        if isinstance(found, Draw):
+            draws[key] = _checked(key, found)
+        else:
+            grids[key] = _grid(key, found)
+    return Members(grids, draws, int(replicas), int(seed))
+
+
+def spelled(key: str, text: str) -> list[Any] | Draw:
+    """What a text says of a key: the values of a grid, or a draw."""
+    kind, *rest = text.split(":")
+    if kind in DRAWS:
+        if len(rest) != 2:
+            raise InputError(f"vary: {key}: expected {kind}:A:B, got {shown(text)}")
+        return Draw(kind, *(_number(key, part) for part in rest))
+    if "," in text or not rest:
+        return [_plain(part.strip()) for part in text.split(",")]
+    parts = rest if kind == "log" else [kind, *rest]
+    if len(parts) != 3:
+        raise InputError(f"vary: {key}: expected {SPELLINGS}, got {shown(text)}")
+    start, stop = _number(key, parts[0]), _number(key, parts[1])
+    if not parts[2].isdigit() or int(parts[2]) < 1:
+        raise InputError(f"vary: {key}: COUNT must be a whole number, one or more, got {shown(parts[2])}")
+    if kind == "log" and not min(start, stop) > 0:
+        raise InputError(f"vary: {key}: log takes positive numbers, got {shown(text)}")
+    values = (np.geomspace if kind == "log" else np.linspace)(start, stop, int(parts[2])).tolist()
+    whole = all(part.lstrip("-").isdigit() for part in parts) and all(value.is_integer() for value in values)
+    return [int(value) for value in values] if whole else values
+
+
+def _number(key: str, text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        raise InputError(f"vary: {key}: expected a number, got {shown(text)}") from None
+    if not np.isfinite(value):
+        raise InputError(f"vary: {key}: expected a finite number, got {shown(text)}")
+    return value
+
+
+def _plain(text: str) -> Any:
+    """A value as TOML would have it: a number, true or false, else the text itself."""
+    if text in ("true", "false"):
+        return text == "true"
+    for kind in (int, float):
+        try:
+            return kind(text)
+        except ValueError:
+            pass
+    return text
+
+
+def _checked(key: str, draw: Draw) -> Draw:
+    low, high = draw.first, draw.second
+    if draw.kind == "normal" and not high >= 0:
+        raise InputError(f"vary: {key}: a standard deviation is zero or more, got {high:g}")
+    if draw.kind != "normal" and not low < high:
+        raise InputError(f"vary: {key}: expected the low end before the high one, got {low:g} and {high:g}")
+    if draw.kind == "log-uniform" and not low > 0:
+        raise InputError(f"vary: {key}: log-uniform takes positive numbers, got {low:g}")
+    return draw
+
+
+def _grid(key: str, given: Any) -> list[Any]:
+    values: Any = given.tolist() if isinstance(given, np.ndarray | np.generic) else given
+    if not isinstance(values, Sequence | range) or isinstance(values, str) or not len(values):
+        raise InputError(f"vary: {key}: expected values or {SPELLINGS}, got {shown(given)}")
+    values = [value.item() if isinstance(value, np.generic) else value for value in values]
+    for value in values:
+        if not isinstance(value, int | float | str | bool | list):
+            raise InputError(f"vary: {key}: expected numbers, texts or lists of these, got {shown(value)}")
+    return values

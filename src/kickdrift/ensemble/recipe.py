@@ -1,0 +1,149 @@
+"""What every member of an ensemble does, as it goes to the processes that do it."""
+
+from __future__ import annotations
+
+import hashlib
+import inspect
+import os
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from kickdrift.ensemble.keys import path_of, with_values
+from kickdrift.ensemble.members import Member
+from kickdrift.errors import InputError
+from kickdrift.integrators import INTEGRATORS
+from kickdrift.integrators.method import Method
+from kickdrift.outputs import reason
+from kickdrift.problem import Problem
+from kickdrift.system import System
+from kickdrift.systemfile import built, draws
+
+Measure = Callable[..., Any]
+RUN, MEGNO = "run", "megno"
+
+
+@dataclass(frozen=True)
+class SystemText:
+    """A system file, read."""
+
+    name: str
+    text: str
+    data: dict[str, Any]  # what TOML makes of the text
+    folder: Path  # where it names structure files
+
+    def system(self, values: Mapping[str, Any], seed: int) -> System | Problem:
+        """The system with these values in its file."""
+        return built(with_values(self.data, dict(values)), self.name, None if _seeded(values) else seed, self.folder)
+
+
+@dataclass(frozen=True)
+class SystemMaker:
+    """A System, or a function that makes one of what varies."""
+
+    name: str
+    made: System | Problem | Callable[..., System | Problem]
+
+    def system(self, values: Mapping[str, Any], seed: int) -> System | Problem:
+        """The system that the function makes of these values, those of ``[run]`` aside that it does not take."""
+        made: Any = self.made
+        taken = inspect.signature(made).parameters if callable(made) else {}
+        rest = {key: value for key, value in values.items() if key not in taken}
+        run = {path_of(key)[-1]: value for key, value in rest.items() if path_of(key)[:-1] == ("run",)}
+        for key in rest:
+            if path_of(key)[:-1] != ("run",):
+                whose = f"{self.name}() does not take it" if callable(made) else "a System is not made anew"
+                raise InputError(f"vary: {key}: {whose}; expected dt, integrator or what else [run] has")
+        if callable(made):
+            own = {key: value for key, value in values.items() if key in taken}
+            made = made(**own, **({"seed": seed} if "seed" in taken and "seed" not in own else {}))
+            if not isinstance(made, System | Problem):
+                raise InputError(f"{self.name}(): returned a {type(made).__name__}, no System")
+        return made.with_run(**run) if isinstance(made, System) else made
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """A member's system, what is done with it, and what is measured.
+
+    Attributes
+    ----------
+    subject : where systems come from
+    settings : keys of the file or of ``[run]`` with values that all members share
+    measure : RUN, MEGNO, or a function of the Simulation after its run
+    trajectories : a folder for the members' files, or none
+    methods : integrators that did not come with kickdrift
+    """
+
+    subject: SystemText | SystemMaker
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    measure: str | Measure = RUN
+    trajectories: Path | None = None
+    methods: tuple[Method, ...] = ()
+
+    def system(self, member: Member) -> System | Problem:
+        """The member's system."""
+        return self.subject.system({**self.settings, **member.values}, member.seed)
+
+    @property
+    def drawn(self) -> bool:
+        """Whether members with the same values differ by their seeds, as far as can be told."""
+        if self.measure == MEGNO:
+            return True
+        if isinstance(self.subject, SystemText):
+            return draws(self.subject.data)
+        return callable(self.subject.made) and "seed" in inspect.signature(self.subject.made).parameters
+
+    def begin(self) -> None:
+        """Know the integrators, in a process that may not."""
+        for method in self.methods:
+            INTEGRATORS.setdefault(method.name, method)
+
+    @property
+    def measure_name(self) -> str:
+        """What is measured, in a word."""
+        return self.measure if isinstance(self.measure, str) else getattr(self.measure, "__name__", "measure")
+
+    def writing(self, trajectories: str | os.PathLike[str]) -> Recipe:
+        """The same with a file for each member in that folder, which is made if need be."""
+        folder = Path(trajectories).resolve()
+        if self.measure == MEGNO:
+            raise InputError("trajectories: megno keeps no frames; expected measure 'run' or a function")
+        try:
+            folder.mkdir(exist_ok=True)
+        except OSError as error:
+            raise InputError(f"trajectories {trajectories}: cannot be made: {reason(error)}") from None
+        return replace(self, trajectories=folder)
+
+    def identity(self) -> dict[str, str]:
+        """What makes members other members, by name, as short texts."""
+        subject = self.subject
+        if isinstance(subject, SystemText):
+            made = subject.text
+        else:
+            made = _source(subject.made) if callable(subject.made) else _digest(subject.made)
+        return {
+            "system": hashlib.sha256(made.encode()).hexdigest(),
+            "settings": repr(sorted(self.settings.items())),
+            "measure": self.measure if isinstance(self.measure, str) else _source(self.measure),
+        }
+
+
+def _seeded(values: Mapping[str, Any]) -> bool:
+    """Whether the seed is among what varies."""
+    return any(path_of(key)[-1] == "seed" for key in values)
+
+
+def _source(function: Callable[..., Any]) -> str:
+    try:
+        return inspect.getsource(function)
+    except (OSError, TypeError):
+        return getattr(function, "__qualname__", repr(function))
+
+
+def _digest(system: System | Problem) -> str:
+    """A text that is another one for another start or other forces."""
+    start = system.state.phase.tobytes() if isinstance(system, System) else system.y0.tobytes()
+    forces = [repr(force) for force in system.forces] if isinstance(system, System) else []
+    return f"{system.name} {hashlib.sha256(start).hexdigest()} {forces}"

@@ -1,0 +1,131 @@
+"""Members go to Dask's workers a few at a time, and their rows come back as they are done.
+
+Dask keeps the processes, sends the work, and gives the members of a worker that died to another. No more is in flight
+than keeps the workers busy, so that an ensemble of any size fits into memory.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+import sys
+import uuid
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from itertools import islice
+from typing import Any
+
+import kickdrift
+from kickdrift.ensemble.members import Member, Members
+from kickdrift.ensemble.recipe import Recipe
+from kickdrift.ensemble.work import LOST, Row, row_of, timed_members
+from kickdrift.errors import InputError, RunError
+
+PATIENCE = 10.0  # seconds for a scheduler to answer
+AHEAD = 3  # tasks in flight for each thread of the workers
+TASK_SECONDS = 0.1  # members that take less go several in a task, at most MOST
+MOST = 64
+
+
+@contextmanager
+def workers(count: int | None = None, scheduler: str | None = None) -> Iterator[Any]:
+    """A client of the scheduler at that address, or of ``count`` new processes on this machine, one for each core
+    unless told; they are started by spawn, have one thread each, and end with the context."""
+    import distributed
+
+    if scheduler is not None:
+        try:
+            client = distributed.Client(scheduler, timeout=PATIENCE, set_as_default=False)
+        except (OSError, ValueError) as error:
+            why = " ".join(str(error).split())
+            raise InputError(f"--scheduler {scheduler}: cannot be reached: {why}") from None
+        with client:
+            yield client
+        return
+    count = len(os.sched_getaffinity(0)) if count is None else count
+    with (
+        _nobody_imports_main(),
+        distributed.LocalCluster(
+            n_workers=count, threads_per_worker=1, processes=True, dashboard_address=None, silence_logs=logging.CRITICAL
+        ) as cluster,
+        distributed.Client(cluster, set_as_default=False) as client,
+    ):
+        yield client
+
+
+@contextmanager
+def _nobody_imports_main() -> Iterator[None]:
+    """A process that is spawned would run the user's script once more, up to its ``if __name__ == "__main__"``: what
+    members need of it comes to them by value, so it does not have to."""
+    main = sys.modules["__main__"]
+    hidden: dict[str, Any] = {name: vars(main).pop(name) for name in ("__file__", "__spec__") if name in vars(main)}
+    main.__spec__ = None
+    try:
+        yield
+    finally:
+        vars(main).update(hidden)
+
+
+def rows(recipe: Recipe, members: Members, todo: Iterable[int], client: Any, size: int | None) -> Iterator[list[Row]]:
+    """The rows of the members with these numbers, as they are done; ``size`` of them go together, or as many as take
+    about TASK_SECONDS."""
+    import distributed
+
+    _check_versions(client)
+    left = iter(todo)
+    name = f"kickdrift-{uuid.uuid4().hex[:12]}"
+    tasks = distributed.as_completed(loop=client.loop)
+    sent: dict[str, list[Member]] = {}
+    together = size or 1
+
+    def send(batch: list[Member]) -> None:
+        key = f"{name}-{batch[0].number}-{len(batch)}"
+        sent[key] = batch
+        tasks.add(client.submit(timed_members, recipe, batch, key=key, pure=False))
+
+    def fill() -> None:
+        room = AHEAD * max(1, sum(client.nthreads().values()))
+        while len(sent) < room and (batch := [members[i] for i in islice(left, together)]):
+            send(batch)
+
+    try:
+        fill()
+        for future in tasks:
+            batch = sent.pop(future.key)
+            if future.status == "finished":
+                found, seconds = future.result()
+                together = size or max(1, min(int(TASK_SECONDS * len(batch) / seconds), MOST))
+                yield found
+            elif future.status != "error":
+                raise RunError(f"ensemble: the scheduler was lost, with {len(sent) + 1} tasks under way")
+            elif len(batch) > 1:  # one of them may be what kills workers
+                for member in batch:
+                    send([member])
+            else:
+                yield [row_of(batch[0], LOST, _why(future.exception()))]
+            future.release()
+            fill()
+    finally:
+        client.cancel(list(tasks.futures))
+
+
+def _why(error: BaseException | None) -> str:
+    """Why Dask gave a task up, in one line."""
+    if type(error).__name__ == "KilledWorker":
+        return "each worker that ran it died"
+    return " ".join(f"{type(error).__name__}: {error}".split())
+
+
+def _check_versions(client: Any) -> None:
+    """Refuse workers that have another kickdrift, or none."""
+    try:
+        found = client.run(_version)
+    except ImportError:
+        raise InputError("ensemble: the workers have no kickdrift; install the same version there") from None
+    for worker, version in found.items():
+        if version != kickdrift.__version__:
+            raise InputError(f"ensemble: {worker} has kickdrift {version}, and this is {kickdrift.__version__}")
+
+
+def _version() -> str:
+    return kickdrift.__version__

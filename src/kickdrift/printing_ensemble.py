@@ -1,0 +1,86 @@
+"""What the command line shows of an ensemble."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from kickdrift.ensemble import summary
+from kickdrift.ensemble.table import PROVENANCE
+from kickdrift.ensemble.work import DONE
+from kickdrift.printing import counted, print_table, say
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+ROWS = 24  # points of a grid that are listed one by one
+ERRORS = 3  # failures that are told one by one
+
+
+def print_ensemble(table: DataFrame, output: Path | None) -> None:
+    """A table's summary on standard output, and its failures on standard error."""
+    came_from = table.attrs[PROVENANCE]
+    counts = table["status"].value_counts()
+    varied = [*summary.grids(table), *(f"{key} (drawn)" for key in summary.drawn(table))]
+    lines = [
+        ("ensemble", f"{came_from['system']}: {counted(len(table), 'member')}, root seed {came_from['seed']}"),
+        ("varied", ", ".join(varied) or "seeds"),
+        ("members", ", ".join(f"{count:,} {status}" for status, count in counts.items())),
+    ]
+    done = table[table["status"] == DONE]
+    if "verdict" in table:
+        lines.append(
+            ("verdicts", ", ".join(f"{n:,} {verdict}" for verdict, n in done["verdict"].value_counts().items()))
+        )
+    if output:
+        lines.append(("table", str(output)))
+    for key, text in lines:
+        print(f"{key:17} {text}")
+    if len(done):
+        _print_measured(table)
+    for row in table[table["status"] != DONE].head(ERRORS).to_dict("records"):
+        say(f"member {row['member']}: {row['error']}")
+    if len(table) - len(done) > ERRORS:
+        say(f"and {len(table) - len(done) - ERRORS} more that {counts.index[-1]}")
+
+
+def _print_measured(table: DataFrame) -> None:
+    """Means with their standard errors: of each quantity, or at each point of a small grid of the one that tells
+    most."""
+    done = table[table["status"] == DONE]
+    keys = summary.grids(table)
+    if keys:
+        column = summary.chosen(table)
+        points = summary.by_point(table, column)
+        if len(points) <= ROWS:
+            rows = [
+                [
+                    *(_text(point[key]) for key in keys),
+                    _with_error(point["mean"], point["error"]),
+                    str(point["members"]),
+                ]
+                for point in points.to_dict("records")
+            ]
+            print_table(None, [*keys, f"{column} ± standard error", "members"], rows)
+            return
+    rows = []
+    for name in summary.measured(table):
+        found = summary.moments(done[name])
+        if found["members"]:
+            ends = done[name].min(), done[name].max()
+            rows.append([name, _with_error(found["mean"], found["error"]), *(f"{end:.6g}" for end in ends)])
+    print_table(None, ["quantity", "mean ± standard error", "smallest", "largest"], rows)
+
+
+def _text(value: object) -> str:
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+def _with_error(mean: float, error: float) -> str:
+    if not error > 0:
+        return f"{mean:.6g}"
+    decimals = 1 - math.floor(math.log10(error))
+    if 0 <= decimals <= 6:
+        return f"{mean:.{decimals}f} ± {error:.{decimals}f}"
+    return f"{mean:.4g} ± {error:.1e}"
