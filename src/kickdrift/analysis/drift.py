@@ -226,11 +226,7 @@ def _regression(y: Array, design: Array, deterministic: int) -> _Fit:
 
 def _least_squares(matrix: Array, right: Array, used: int = 0) -> tuple[Array, Array, Array]:
     """Coefficients, residuals and standard errors; ``used`` degrees of freedom are gone besides the columns."""
-    gram = matrix.T @ matrix
-    norms = np.sqrt(np.diag(gram))
-    norms[norms == 0.0] = 1.0
-    inverse = _inverse(gram / np.outer(norms, norms))
-    solution = inverse @ (matrix.T @ right / norms)
+    solution, inverse, norms = _normal_equations(matrix, right)
     rest = right - matrix @ (solution / norms)
     solution += inverse @ (matrix.T @ rest / norms)  # one refinement makes up for the squared condition
     rest = right - matrix @ (solution / norms)
@@ -238,10 +234,19 @@ def _least_squares(matrix: Array, right: Array, used: int = 0) -> tuple[Array, A
     return solution / norms, rest, np.sqrt(variance * np.diag(inverse)) / norms
 
 
+def _normal_equations(matrix: Array, right: Array) -> tuple[Array, Array, Array]:
+    """Their solution, of columns over their norms, the inverse of their matrix, and the norms."""
+    gram = matrix.T @ matrix
+    norms: Array = np.sqrt(np.diag(gram))
+    norms[norms == 0.0] = 1.0
+    inverse: Array = _inverse(gram / np.outer(norms, norms))
+    return inverse @ (matrix.T @ right / norms), inverse, norms
+
+
 def _inverse(gram: Array) -> Array:
     """Of a symmetric matrix without negative eigenvalues; of those that rounding hides, nothing."""
     try:
-        inverse = np.linalg.inv(gram)
+        inverse: Array = np.linalg.inv(gram)
     except np.linalg.LinAlgError:
         inverse = np.full_like(gram, np.inf)
     if np.abs(gram).sum(axis=0).max() * np.abs(inverse).sum(axis=0).max() < 1e10:  # seven times as fast as below
@@ -287,11 +292,11 @@ def _lines(y: Array, trend: Array, floor: float) -> tuple[Array, bool]:
         frequencies = np.append(frequencies, found)
         for _ in range(4):
             waves = _waves(index, frequencies)
-            amplitudes = _least_squares(np.column_stack((trend, waves)), y)[0][2:]
-            a, b = amplitudes[0::2], amplitudes[1::2]
+            amplitudes, _, norms = _normal_equations(np.column_stack((trend, waves)), y)
+            a, b = (amplitudes / norms)[2::2], (amplitudes / norms)[3::2]
             slopes = index[:, None] * (b * waves[:, 0::2] - a * waves[:, 1::2])
-            change = _least_squares(np.column_stack((trend, waves, slopes)), y)[0][-len(frequencies) :]
-            frequencies = frequencies + np.clip(change, -1.0 / n, 1.0 / n)
+            change, _, norms = _normal_equations(np.column_stack((trend, waves, slopes)), y)
+            frequencies = frequencies + np.clip((change / norms)[-len(frequencies) :], -1.0 / n, 1.0 / n)
         waves = _waves(index, frequencies)
     return waves, False
 
