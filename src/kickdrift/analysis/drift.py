@@ -246,7 +246,7 @@ def _normal_equations(matrix: Array, right: Array) -> tuple[Array, Array, Array]
 def _inverse(gram: Array) -> Array:
     """Of a symmetric matrix without negative eigenvalues; of those that rounding hides, nothing."""
     try:
-        inverse: Array = np.linalg.inv(gram)
+        inverse = np.asarray(np.linalg.inv(gram), np.float64)
     except np.linalg.LinAlgError:
         inverse = np.full_like(gram, np.inf)
     if np.abs(gram).sum(axis=0).max() * np.abs(inverse).sum(axis=0).max() < 1e10:  # seven times as fast as below
