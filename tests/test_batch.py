@@ -19,6 +19,7 @@ from kickdrift.errors import InputError
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators import integrator as method_named
 from kickdrift.integrators.stepping import Options
+from kickdrift.system import RunDefaults
 
 EPSILON = np.finfo(float).eps
 BATCHED = sorted({method.name for method in INTEGRATORS.values() if method.batched})
@@ -357,6 +358,12 @@ def test_what_members_must_share():
         Batch([], "leapfrog", 0.01)
     with pytest.raises(InputError, match="order: velocity-verlet does not take it"):
         Batch([planets(0)], "leapfrog", 0.01, order="8,4")
+    cadences = [planets(0, run=RunDefaults(every=every)) for every in (5, 7)]
+    with pytest.raises(InputError, match="every: the systems' own differ"):
+        Batch(cadences, "leapfrog", 0.01).run(20)
+    one = Batch(cadences[:1], "leapfrog", 0.01)
+    one.run(20)
+    assert one.report(0).samples == 5
     with pytest.raises(InputError, match="run first"):
         Batch([planets(0)], "leapfrog", 0.01).report(0)
 

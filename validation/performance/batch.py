@@ -3,10 +3,10 @@
     python validation/performance/batch.py [--long]
 
 Planetary systems of 3 bodies (with --long of 5 and 9 as well), each different, 10,000 steps each (with --long, of 3
-bodies, 100,000 as well): everything counts, from the Systems on: setting up, the run with its 1000 samples, and the reports; for MEGNO
-10,000 looks and the fit. Both take turns in one process on one core (BLAS too: its threads are kept to one), once all
-is compiled; the figure is the median of the ratios in the same round. "stepping" is the same without reports, every
-sample but the first and the last left out.
+bodies, 100,000 as well): everything counts, from the Systems on: setting up, the run with its 1000 samples, and the
+reports; for MEGNO 10,000 looks and the fit. Both take turns in one process on one core (BLAS too: its threads are kept
+to one), once all is compiled; the figure is the median of the ratios in the same round. "stepping" is the same without
+reports, every sample but the first and the last left out.
 """
 
 from __future__ import annotations
