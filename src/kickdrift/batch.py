@@ -20,13 +20,13 @@ from kickdrift.forces.central import gravitational_constant
 from kickdrift.forces.gravity import Gravity
 from kickdrift.integrators import integrator as method_named
 from kickdrift.integrators.batch_stepping import LaneStepper, Members, from_lanes, to_lanes
-from kickdrift.integrators.method import MIXED, Method
+from kickdrift.integrators.method import MIXED, Method, checked_dt
 from kickdrift.integrators.stepping import Options
 from kickdrift.observers import Record, Series
 from kickdrift.report import Report, report
 from kickdrift.run_plan import SAMPLES, whole_number
 from kickdrift.state import Floats, State
-from kickdrift.system import System
+from kickdrift.system import RunDefaults, System
 
 MOST = 32  # bodies; side by side they are 16 times as fast at 3, 4 at 16 and 2 at 32, where one alone fills the lanes
 PIECE = 200_000_000  # pairs and steps of one system before Python looks for Ctrl-C; some seconds
@@ -231,19 +231,22 @@ def common(
     if len(steps) != len(systems):
         raise InputError(f"dt: expected one number or {len(systems)}, one for each system, got {len(steps)}")
     shared: tuple[Any, ...] | None = None
+    asked, known = Options(**options), dict[tuple[str, RunDefaults], Options]()
     found = np.empty(len(systems))
     for k, (system, step) in enumerate(zip(systems, steps, strict=True)):
         if not isinstance(system, System):
             raise InputError(f"system {k}: a batch takes Systems of particles, got {type(system).__name__}")
         name = integrator or system.run.integrator or "velocity-verlet"
         method = method_named(name)
-        asked = Options(dt=step, **options)
-        own = method.checked(asked.or_else(system.run), asked)
+        if (name, system.run) not in known:  # which of most is the same
+            known[name, system.run] = method.checked(asked.or_else(system.run), asked)
+        own = known[name, system.run]
         if (why := refusal(system, method, own)) is not None:
             raise InputError(f"system {k}: {why}")
-        if own.dt is None:
+        own_dt = checked_dt(system.run.dt if step is None else step)
+        if own_dt is None:
             raise InputError(f"dt is needed: system {system.name!r} names none in [run]")
-        found[k] = own.dt
+        found[k] = own_dt
         alike = name, len(system), system.state.steps_done, replace(own, dt=None)
         shared = shared or alike
         for what, mine, first in zip(("integrator", "bodies", "steps_done", "options"), alike, shared, strict=True):

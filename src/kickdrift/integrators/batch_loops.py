@@ -74,6 +74,13 @@ def advance_in_lanes(y, factor, dy, size):
         store(y, p, load(y, p) + factor * load(dy, p))
 
 
+@in_order
+def copy_in_lanes(target, source):
+    """target <- source, of as many numbers."""
+    for p in range(0, source.size, WIDTH):
+        store(target, p, load(source, p))
+
+
 @driver
 def batch_splitting_loop(bodies, y, work, weights, dt, counts, looks, watch, cursor):
     bound, watched = handle(bodies), handle(watch)
@@ -106,15 +113,13 @@ def batch_runge_kutta_loop(bodies, y, work, weights, dt, counts, looks, watch, c
         for _ in range(counts[k]):
             for stage in range(stages + 1):  # the last row is the weights of the step itself
                 target = trial if stage < stages else y
-                for p in range(0, y.size, WIDTH):
-                    total = load(y, p)
-                    for j in range(stage):
-                        if weights[stage, j] != 0.0:
-                            total = total + weights[stage, j] * step * load(work, (j + 1) * y.size + p)
-                    store(target, p, total)
                 if stage < stages:
-                    for p in range(0, y[0].size, WIDTH):
-                        store(work, (stage + 1) * y.size + p, load(trial, y[0].size + p))
+                    copy_in_lanes(trial, y)
+                for j in range(stage):
+                    if weights[stage, j] != 0.0:
+                        advance_in_lanes(target, weights[stage, j] * step, work[j + 1], y.size)
+                if stage < stages:
+                    copy_in_lanes(work[stage + 1, 0], trial[1])
                     pull_in_lanes(bound, trial[0], work[stage + 1, 1])
             cursor[EVALUATIONS] += stages
         look(bound, y, k, looks, watched, cursor)

@@ -16,6 +16,7 @@ from kickdrift.forces.compiling import driver, in_order, jit
 from kickdrift.forces.evaluate import EVALUATIONS
 from kickdrift.forces.handle import handle, unowned
 from kickdrift.forces.simd import WIDTH, any_lane, inverse_sqrt, load, mask_bits, select, splat, store
+from kickdrift.integrators.batch_loops import copy_in_lanes
 from kickdrift.integrators.kepler import kepler_increments, lanes_increments
 from kickdrift.integrators.loops import FRESH
 from kickdrift.integrators.wisdom_holman_loop import (
@@ -263,8 +264,7 @@ def batch_wisdom_holman_loop(orbits, y, weights, dt, start, done, counts, looks,
             cursor[EVALUATIONS] += stages
             done += 1
         if cursor[FRESH]:
-            for p in range(0, own.orbit.size, WIDTH):
-                store(own.seen, p, load(own.orbit, p))
+            copy_in_lanes(own.seen, own.orbit)
             elapsed = float(done) * step
             drift(own, own.seen, drifts[stages] * step, begin + elapsed, False)
             leave(own, own.seen, y, elapsed)

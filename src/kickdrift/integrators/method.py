@@ -143,19 +143,24 @@ class Method:
                 between = "; " if any("," in name for name in names) else ", "
                 raise InputError(f"{key} {kept[key]!r} is unknown; known are {between.join(names)}")
         dt = asked.dt if self.adaptive else given.dt  # a file's dt is no first step for a method that chooses its own
-        if dt is not None and not (_is_number(dt) and np.isfinite(dt) and dt > 0):
-            raise InputError(f"dt must be a positive finite time, got {dt!r}")
         if given.precision not in (None, *PRECISIONS):
             raise InputError(f"precision {given.precision!r} is unknown; known are {', '.join(PRECISIONS)}")
         if given.precision == MIXED and not self.mixed:
             raise InputError(f"precision: {self.name} adds up forces of its own, and takes {DOUBLE} alone")
-        options = replace(type(given)(), dt=None if dt is None else float(dt), precision=given.precision, **kept)
+        options = replace(type(given)(), dt=checked_dt(dt), precision=given.precision, **kept)
         if self.adaptive:
             from kickdrift.integrators.step_control import check_tolerances, controller
 
             check_tolerances(*options.tolerances)
             controller(options.controller)
         return options
+
+
+def checked_dt(dt: Any) -> float | None:
+    """A step, if one is given; an InputError where it is no positive finite time."""
+    if dt is not None and not (_is_number(dt) and np.isfinite(dt) and dt > 0):
+        raise InputError(f"dt must be a positive finite time, got {dt!r}")
+    return None if dt is None else float(dt)
 
 
 def _is_number(value: Any) -> bool:
