@@ -7,8 +7,10 @@ from typing import Annotated, Any
 
 import typer
 
-from kickdrift.errors import InputError
+from kickdrift.errors import InputError, RunError
 from kickdrift.printing import counted, members_bar, say
+
+MEASURE = "measure"  # what the module of a file with a measure is called
 
 
 def ensemble(
@@ -76,9 +78,10 @@ def ensemble(
             else:
                 with dask_workers(scheduler=scheduler) as client:
                     table = planned.run(client, progress=progress, **options)
-        except KeyboardInterrupt:
-            goes_on = f"; the same command goes on, from {output}.journal" if output else ""
-            say(f"{max(done, 0)} of {counted(len(planned), 'member')} are done{goes_on}")
+        except (KeyboardInterrupt, RunError):
+            if output:
+                of = counted(len(planned), "member")
+                say(f"{output}.journal: has {max(done, 0)} of {of}; the same command goes on from there")
             raise
     print_ensemble(table, output)
     if not (table["status"] == "done").any():
@@ -108,9 +111,13 @@ def _measure(text: str) -> Any:
     from runpy import run_path
 
     try:
-        function = run_path(path, run_name="measure").get(name)
+        found = run_path(path, run_name=MEASURE)
     except (Exception, SystemExit) as error:
         raise InputError(f"--measure {text}: {type(error).__name__}: {' '.join(str(error).split())}") from error
+    function = found.get(name)
     if not callable(function):
         raise InputError(f"--measure {text}: {path} has no function {name!r}")
+    for each in found.values():
+        if getattr(each, "__module__", None) == MEASURE:
+            each.__module__ = "__main__"  # so that it goes to workers by value
     return function

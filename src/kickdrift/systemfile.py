@@ -74,13 +74,13 @@ def loads(
         return _subject(_parsed(text), Path(folder) / f"{name}.toml", text, seed)
 
 
-def built(data: dict[str, Any], name: str, seed: int | None, folder: str | os.PathLike[str]) -> System | Problem:
-    """The System or Problem of a system file's content, parsed; ``seed`` is for what is drawn, if anything is. Its
-    ``source`` is that content, written anew."""
-    import tomli_w
-
+def built(
+    data: dict[str, Any], name: str, seed: int | None, folder: str | os.PathLike[str], text: str = ""
+) -> System | Problem:
+    """The System or Problem of a system file's content, parsed, and its ``text``; ``seed`` is for what is drawn, if
+    anything is."""
     with _named(f"{name}: "):
-        return _subject(data, Path(folder) / f"{name}.toml", tomli_w.dumps(data), seed if draws(data) else None)
+        return _subject(data, Path(folder) / f"{name}.toml", text, seed if draws(data) else None)
 
 
 def draws(data: dict[str, Any]) -> bool:

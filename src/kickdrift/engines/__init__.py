@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cache
 from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING, Any
@@ -113,6 +114,7 @@ class Engine:
         return [f"{self.needs[0]} {here} is not among the versions tested: {', '.join(f'{t}.x' for t in self.tested)}"]
 
 
+@cache  # looking through all that is installed takes a millisecond
 def _version(package: str) -> str | None:
     try:
         return version(package)

@@ -14,12 +14,14 @@ from typing import TYPE_CHECKING, Any
 import kickdrift
 from kickdrift.ensemble import running
 from kickdrift.ensemble import table as tables
+from kickdrift.ensemble.keys import path_of
 from kickdrift.ensemble.members import Members, members_of
 from kickdrift.ensemble.recipe import MEGNO, RUN, Measure, Recipe, SystemMaker, SystemText
 from kickdrift.ensemble.work import DONE, LOST, Row
 from kickdrift.errors import InputError
 from kickdrift.forces.compiling import processor
 from kickdrift.integrators import INTEGRATORS
+from kickdrift.integrators.method import Method
 from kickdrift.integrators.registration import REGISTERED
 from kickdrift.problem import Problem
 from kickdrift.schema import RunTable
@@ -74,15 +76,14 @@ class Ensemble:
         if not (callable(measure) or measure in (RUN, MEGNO)):
             raise InputError(f"measure: expected {RUN!r}, {MEGNO!r} or a function of the Simulation, got {measure!r}")
         given = {key: value for key, value in settings.items() if value is not None}
-        methods = tuple(INTEGRATORS[name] for name in sorted(REGISTERED))
-        self._recipe = Recipe(_subject(system), given, measure, methods=methods)
         self.members: Members = members_of(vary or {}, replicas, seed)
+        self._recipe = Recipe(_subject(system), given, measure)
         for key in self.members.draws | self.members.grids:
             if key in given:
                 raise InputError(f"{key}: varies, and was given as {given[key]!r} too")
         if replicas > 1 and not self.members.draws and not self._recipe.drawn:
             raise InputError(f"replicas: all {replicas} would be the same run: {self.name} leaves nothing to a seed")
-        self._build_some()
+        self._recipe = self._recipe.knowing(self._registered(self._a_system()))
 
     @property
     def name(self) -> str:
@@ -184,16 +185,20 @@ class Ensemble:
         own = {"vary": repr(vary), "seed": str(members.seed), "version": kickdrift.__version__}
         return self._recipe.identity() | own
 
-    def _build_some(self) -> None:
-        """Refuse an ensemble of which no member can be built: the first, the middle and the last are tried."""
+    def _a_system(self) -> System | Problem:
+        """A member's, of the first, the middle and the last; an InputError where none of these can be built."""
         for index in (0, len(self) // 2, len(self) - 1):
             try:
-                self._recipe.system(self.members[index])
+                return self._recipe.system(self.members[index])
             except InputError as error:
                 found = error
-            else:
-                return
         raise found
+
+    def _registered(self, system: System | Problem) -> list[Method]:
+        """The integrators that members may name and other processes do not know."""
+        grids = [values for key, values in self.members.grids.items() if path_of(key)[-1] == "integrator"]
+        named = {system.run.integrator, *(value for values in grids for value in values)}
+        return [INTEGRATORS[name] for name in sorted(REGISTERED & named)]
 
     def _done(self, output: Path, journal: tables.Journal) -> dict[int, Row]:
         """The members that are done already, by number; those whose workers died are not."""

@@ -96,6 +96,8 @@ def members_of(vary: Mapping[str, Any], replicas: int, seed: int) -> Members:
 
 def spelled(key: str, text: str) -> list[Any] | Draw:
     """What a text says of a key: the values of a grid, or a draw."""
+    if not text.strip():
+        raise InputError(f"vary: {key}: expected {SPELLINGS}, got nothing")
     kind, *rest = text.split(":")
     if kind in DRAWS:
         if len(rest) != 2:

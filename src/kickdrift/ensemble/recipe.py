@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import inspect
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,7 @@ from kickdrift.ensemble.members import Member
 from kickdrift.errors import InputError
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators.method import Method
+from kickdrift.integrators.registration import load_file
 from kickdrift.outputs import reason
 from kickdrift.problem import Problem
 from kickdrift.system import System
@@ -22,6 +23,7 @@ from kickdrift.systemfile import built, draws
 
 Measure = Callable[..., Any]
 RUN, MEGNO = "run", "megno"
+_LOADED: set[Path] = set()  # files of integrators, in this process
 
 
 @dataclass(frozen=True)
@@ -33,9 +35,13 @@ class SystemText:
     data: dict[str, Any]  # what TOML makes of the text
     folder: Path  # where it names structure files
 
-    def system(self, values: Mapping[str, Any], seed: int) -> System | Problem:
-        """The system with these values in its file."""
-        return built(with_values(self.data, dict(values)), self.name, None if _seeded(values) else seed, self.folder)
+    def system(self, values: Mapping[str, Any], seed: int, with_source: bool = True) -> System | Problem:
+        """The system with these values in its file, which is written anew where its ``source`` is asked for."""
+        import tomli_w
+
+        data = with_values(self.data, dict(values))
+        text = tomli_w.dumps(data) if with_source else ""
+        return built(data, self.name, None if _seeded(values) else seed, self.folder, text)
 
 
 @dataclass(frozen=True)
@@ -45,7 +51,7 @@ class SystemMaker:
     name: str
     made: System | Problem | Callable[..., System | Problem]
 
-    def system(self, values: Mapping[str, Any], seed: int) -> System | Problem:
+    def system(self, values: Mapping[str, Any], seed: int, with_source: bool = True) -> System | Problem:
         """The system that the function makes of these values, those of ``[run]`` aside that it does not take."""
         made: Any = self.made
         taken = inspect.signature(made).parameters if callable(made) else {}
@@ -73,7 +79,8 @@ class Recipe:
     settings : keys of the file or of ``[run]`` with values that all members share
     measure : RUN, MEGNO, or a function of the Simulation after its run
     trajectories : a folder for the members' files, or none
-    methods : integrators that did not come with kickdrift
+    methods : integrators that did not come with kickdrift, and go along by value
+    files : Python files that register others
     """
 
     subject: SystemText | SystemMaker
@@ -81,10 +88,12 @@ class Recipe:
     measure: str | Measure = RUN
     trajectories: Path | None = None
     methods: tuple[Method, ...] = ()
+    files: tuple[Path, ...] = ()
 
     def system(self, member: Member) -> System | Problem:
         """The member's system."""
-        return self.subject.system({**self.settings, **member.values}, member.seed)
+        with_source = self.trajectories is not None or callable(self.measure)
+        return self.subject.system({**self.settings, **member.values}, member.seed, with_source)
 
     @property
     def drawn(self) -> bool:
@@ -99,11 +108,27 @@ class Recipe:
         """Know the integrators, in a process that may not."""
         for method in self.methods:
             INTEGRATORS.setdefault(method.name, method)
+        for path in self.files:
+            if path not in _LOADED:
+                _LOADED.add(path)
+                load_file(path)
 
     @property
     def measure_name(self) -> str:
         """What is measured, in a word."""
         return self.measure if isinstance(self.measure, str) else getattr(self.measure, "__name__", "measure")
+
+    def knowing(self, methods: Iterable[Method]) -> Recipe:
+        """The same for members that name these integrators: numbers go along, as does a step in the user's script; one
+        in a file is loaded from there."""
+        found, files = [], set()
+        for method in methods:
+            step = getattr(method, "function", None)
+            if step is None or step.__module__ == "__main__":
+                found.append(method)
+            else:
+                files.add(Path(inspect.getfile(step)).resolve())
+        return replace(self, methods=tuple(found), files=tuple(sorted(files)))
 
     def writing(self, trajectories: str | os.PathLike[str]) -> Recipe:
         """The same with a file for each member in that folder, which is made if need be."""

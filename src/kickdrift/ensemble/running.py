@@ -12,6 +12,7 @@ import sys
 import uuid
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from itertools import islice
 from typing import Any
 
@@ -32,21 +33,33 @@ def workers(count: int | None = None, scheduler: str | None = None) -> Iterator[
     """A client of the scheduler at that address, or of ``count`` new processes on this machine, one for each core
     unless told; they are started by spawn, have one thread each, and end with the context."""
     import distributed
+    from distributed.comm import get_address_host_port
+    from distributed.utils import silence_logging_cmgr
 
+    silent = partial(silence_logging_cmgr, logging.CRITICAL + 1)
     if scheduler is not None:
-        try:
-            client = distributed.Client(scheduler, timeout=PATIENCE, set_as_default=False)
-        except (OSError, ValueError) as error:
-            why = " ".join(str(error).split())
-            raise InputError(f"--scheduler {scheduler}: cannot be reached: {why}") from None
-        with client:
-            yield client
+        with silent("distributed"), silent("distributed.client"):  # its errors are told in one line
+            try:
+                get_address_host_port(scheduler)  # a Client that was refused an address would wait for it to the end
+                client = distributed.Client(scheduler, timeout=PATIENCE, set_as_default=False)
+            except (OSError, ValueError) as error:
+                why = " ".join(str(error).split())
+                raise InputError(f"--scheduler {scheduler}: cannot be reached: {why}") from None
+            with client:
+                yield client
         return
     count = len(os.sched_getaffinity(0)) if count is None else count
     with (
         _nobody_imports_main(),
+        silent("distributed"),
+        silent("distributed.client"),
         distributed.LocalCluster(
-            n_workers=count, threads_per_worker=1, processes=True, dashboard_address=None, silence_logs=logging.CRITICAL
+            n_workers=count,
+            threads_per_worker=1,
+            processes=True,
+            dashboard_address=None,
+            silence_logs=logging.CRITICAL,
+            preload="kickdrift.ensemble.preload",
         ) as cluster,
         distributed.Client(cluster, set_as_default=False) as client,
     ):
