@@ -49,6 +49,21 @@ def test_heliocentric_and_democratic():
     assert np.allclose(total, (m[:, None] * np.cross(x, v)).sum(axis=0), rtol=0, atol=1e-15)
 
 
+def test_masses_may_differ_from_frame_to_frame():
+    x, v, _ = bodies(frames=(4, 2))
+    m = np.random.default_rng(3).uniform(0.1, 1.0, x.shape[:-1])
+    for k in np.ndindex(4, 2):
+        for name in ("to_heliocentric", "to_jacobi", "from_heliocentric", "from_jacobi", "barycentre"):
+            np.testing.assert_allclose(getattr(to, name)(x, m)[k], getattr(to, name)(x[k], m[k]), rtol=0, atol=8 * EPS)
+        for name in ("to_democratic", "from_democratic"):
+            together, alone = getattr(to, name)(x, v, m), getattr(to, name)(x[k], v[k], m[k])
+            for mine, other in zip(together, alone, strict=True):
+                np.testing.assert_allclose(mine[k], other, rtol=0, atol=50 * EPS)
+        for frame in to.FRAMES:
+            found = to.at_barycentre(x, m, frame)[k]
+            np.testing.assert_allclose(found, to.at_barycentre(x[k], m[k], frame), rtol=0, atol=50 * EPS)
+
+
 @given(st.integers(2, 12), st.integers(0, 1000), st.sampled_from([(), (3,), (2, 2)]))
 @settings(deadline=None)
 def test_every_map_has_an_inverse(n, seed, frames):

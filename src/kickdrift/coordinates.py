@@ -1,8 +1,8 @@
 """Coordinates of planetary systems: barycentric, heliocentric, democratic heliocentric and Jacobi's, and back.
 
-Arrays are (…, n, 3), the central body first, with masses (n,); massless bodies may stand anywhere but there. Row 0 of
-every other coordinate is the centre of mass of all, so that no information is lost and each map has an inverse, exact
-but for rounding. Positions and velocities go through the same linear map, except in ``democratic``.
+Arrays are (…, n, 3), the central body first, with masses (n,) or (…, n); massless bodies may stand anywhere but
+there. Row 0 of every other coordinate is the centre of mass of all, so that no information is lost and each map has an
+inverse, exact but for rounding. Positions and velocities go through the same linear map, except in ``democratic``.
 
 Sources: Murray & Dermott 1999, 9.2 (Jacobi); Duncan, Levison & Lee 1998, doi:10.1086/300541 (democratic heliocentric).
 """
@@ -18,9 +18,9 @@ from kickdrift.units import shown, suggestion
 
 
 def barycentre(x: ArrayLike, masses: ArrayLike) -> Floats:
-    """(…, 3), the mean of the rows of x (…, n, 3), weighted with the masses (n,)."""
+    """(…, 3), the mean of the rows of x (…, n, 3), weighted with the masses."""
     x, m = _checked(x, masses, heavy_first=False)
-    return np.einsum("n,...nk->...k", m, x) / m.sum()
+    return np.einsum("...n,...nk->...k", m, x) / m.sum(axis=-1, keepdims=True)
 
 
 def to_barycentric(x: ArrayLike, masses: ArrayLike) -> tuple[Floats, Floats]:
@@ -40,7 +40,7 @@ def to_heliocentric(x: ArrayLike, masses: ArrayLike) -> Floats:
 def from_heliocentric(x: ArrayLike, masses: ArrayLike) -> Floats:
     """The inverse of ``to_heliocentric``."""
     x, m = _checked(x, masses)
-    central = x[..., :1, :] - (np.einsum("n,...nk->...k", m[1:], x[..., 1:, :]) / m.sum())[..., None, :]
+    central = x[..., :1, :] - _share(m, x, m.sum(axis=-1, keepdims=True))
     return np.concatenate([central, x[..., 1:, :] + central], axis=-2)
 
 
@@ -55,24 +55,24 @@ def from_democratic(x: ArrayLike, v: ArrayLike, masses: ArrayLike) -> tuple[Floa
     """The inverse of ``to_democratic``."""
     v, m = _checked(v, masses)
     moving = v[..., :1, :]
-    central = moving - (np.einsum("n,...nk->...k", m[1:], v[..., 1:, :]) / m[0])[..., None, :]
+    central = moving - _share(m, v, m[..., :1])
     return from_heliocentric(x, m), np.concatenate([central, v[..., 1:, :] + moving], axis=-2)
 
 
 def to_jacobi(x: ArrayLike, masses: ArrayLike) -> Floats:
     """Row i relative to the centre of mass of the rows before it; row 0 becomes the centre of mass of all."""
     x, m = _checked(x, masses)
-    centres = np.cumsum(m[:, None] * x, axis=-2) / np.cumsum(m)[:, None]
+    centres = np.cumsum(m[..., None] * x, axis=-2) / np.cumsum(m, axis=-1)[..., None]
     return np.concatenate([centres[..., -1:, :], x[..., 1:, :] - centres[..., :-1, :]], axis=-2)
 
 
 def from_jacobi(x: ArrayLike, masses: ArrayLike) -> Floats:
     """The inverse of ``to_jacobi``."""
     x, m = _checked(x, masses)
-    share = (m / np.cumsum(m))[1:, None] * x[..., 1:, :]
+    share = (m / np.cumsum(m, axis=-1))[..., 1:, None] * x[..., 1:, :]
     # The centre of the rows before i is that of all, less what i and the rows after it have moved it by.
     before = x[..., :1, :] - np.cumsum(share[..., ::-1, :], axis=-2)[..., ::-1, :]
-    central = before[..., :1, :] if len(m) > 1 else x
+    central = before[..., :1, :] if x.shape[-2] > 1 else x
     return np.concatenate([central, x[..., 1:, :] + before], axis=-2)
 
 
@@ -105,9 +105,14 @@ def at_barycentre(x: ArrayLike, masses: ArrayLike, frame: str) -> Floats:
     x, m = _checked(x, masses)
     x = np.concatenate([np.zeros_like(x[..., :1, :]), x[..., 1:, :]], axis=-2)
     if frame == "barycentric":
-        x[..., 0, :] = -np.einsum("n,...nk->...k", m[1:], x[..., 1:, :]) / m[0]
+        x[..., :1, :] = -_share(m, x, m[..., :1])
         return x
     return (from_heliocentric if frame == "heliocentric" else from_jacobi)(x, m)
+
+
+def _share(masses: Floats, x: Floats, by: Floats) -> Floats:
+    """(…, 1, 3) sum of m x over the rows but the first, over a mass (…, 1)."""
+    return np.asarray((np.einsum("...n,...nk->...k", masses[..., 1:], x[..., 1:, :]) / by)[..., None, :])
 
 
 def _known(frame: str) -> None:
@@ -117,10 +122,10 @@ def _known(frame: str) -> None:
 
 def _checked(x: ArrayLike, masses: ArrayLike, heavy_first: bool = True) -> tuple[Floats, Floats]:
     x, m = np.asarray(x, dtype=float), np.asarray(masses, dtype=float)
-    if x.ndim < 2 or x.shape[-1] != 3 or m.shape != x.shape[-2:-1]:
+    if x.ndim < 2 or x.shape[-1] != 3 or m.shape not in (x.shape[-2:-1], x.shape[:-1]):
         raise InputError(f"expected coordinates (…, n, 3) and masses (n,), got shapes {x.shape} and {m.shape}")
-    if not np.all(m >= 0) or not m.sum() > 0:
+    if not np.all(m >= 0) or not np.all(m.sum(axis=-1) > 0):
         raise InputError(f"masses: expected numbers, zero or more, with a positive sum, got a sum of {m.sum():g}")
-    if heavy_first and not m[0] > 0:
+    if heavy_first and not np.all(m[..., 0] > 0):
         raise InputError("masses: the central body, particle 0, has no mass")
     return x, m

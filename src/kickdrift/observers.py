@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from kickdrift.errors import RunError
 from kickdrift.forces.pair_law import PairForce
@@ -163,6 +164,42 @@ def take_sample(system: System, forces: BoundForces, step: int, time: float, pha
     )
 
 
+class Series(NamedTuple):
+    """A run's samples side by side.
+
+    Attributes
+    ----------
+    steps, times : (k,) of the looks
+    total : (k,) total energy with what events took out; nan of a Problem that names none
+    final : the last total energy, without that
+    kinetic : the first kinetic energy; nan of a Problem
+    momentum, angular_momentum : (k, 3) with what events took out; None of a Problem
+    temperature, pressure, pairs : means; nan, and None, where they mean nothing
+    """
+
+    steps: NDArray[np.int64]
+    times: Floats
+    total: Floats
+    final: float
+    kinetic: float
+    momentum: Floats | None
+    angular_momentum: Floats | None
+    temperature: float = float("nan")
+    pressure: float = float("nan")
+    pairs: float | None = None
+
+
+def even_stretch(steps: NDArray[np.int64]) -> slice:
+    """The longest stretch of looks an equal number of steps apart."""
+    gaps = np.diff(steps)
+    if not len(gaps):
+        return slice(None)
+    edges = np.flatnonzero(np.diff(gaps)) + 1
+    starts, ends = np.concatenate([[0], edges]), np.concatenate([edges, [len(gaps)]])
+    longest = int(np.argmax(ends - starts))
+    return slice(int(starts[longest]), int(ends[longest]) + 1)
+
+
 @dataclass
 class Record:
     """The samples of a run since conservation is counted from, and what it cost."""
@@ -216,10 +253,23 @@ class Record:
 
     def even(self) -> list[Sample]:
         """The longest stretch of samples an equal number of steps apart."""
-        gaps = np.diff([sample.step for sample in self.samples])
-        if not len(gaps):
-            return self.samples
-        edges = np.flatnonzero(np.diff(gaps)) + 1
-        starts, ends = np.concatenate([[0], edges]), np.concatenate([edges, [len(gaps)]])
-        longest = int(np.argmax(ends - starts))
-        return self.samples[starts[longest] : ends[longest] + 1]
+        return self.samples[even_stretch(np.array([sample.step for sample in self.samples]))]
+
+    def series(self) -> Series:
+        """The samples side by side."""
+        samples = self.samples
+        pairs = [s.pairs for s in samples if s.pairs is not None]
+        momentum = [s.momentum + s.taken.momentum for s in samples if s.momentum is not None]
+        turning = [s.angular_momentum + s.taken.angular_momentum for s in samples if s.angular_momentum is not None]
+        return Series(
+            steps=np.array([s.step for s in samples]),
+            times=np.array([s.time for s in samples]),
+            total=np.array([s.energies.total + s.taken.energy for s in samples]),
+            final=samples[-1].energies.total,
+            kinetic=samples[0].energies.kinetic,
+            momentum=np.array(momentum) if momentum else None,
+            angular_momentum=np.array(turning) if turning else None,
+            temperature=float(np.mean([s.temperature for s in samples])),
+            pressure=float(np.mean([s.pressure for s in samples])),
+            pairs=sum(pairs) / len(pairs) if pairs else None,
+        )

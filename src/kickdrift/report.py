@@ -9,11 +9,12 @@ import numpy as np
 
 from kickdrift.analysis.drift import drift, energy_error
 from kickdrift.engines import NATIVE
-from kickdrift.observers import NOTHING, Record, Sample
+from kickdrift.observers import NOTHING, Series, even_stretch
 from kickdrift.state import Floats
 from kickdrift.system import System
 
 if TYPE_CHECKING:
+    from kickdrift.batch import Member
     from kickdrift.problem import Problem
     from kickdrift.simulation import Simulation
 
@@ -106,14 +107,13 @@ def plain(value: Any) -> Any:
     return value
 
 
-def report(sim: Simulation) -> Report:
-    """The summary of a Simulation's run so far."""
+def report(sim: Simulation | Member) -> Report:
+    """The summary of the run so far of a Simulation, or of one system in a Batch."""
     record, system = sim.record, sim.system
-    samples = record.samples
+    series = record.series()
     of_particles = isinstance(system, System)
     counted = sim.engine == NATIVE or sim.method.evaluations > 0  # else another program chose how many
-    pairs = [s.pairs for s in samples if s.pairs is not None]
-    work = record.force_evaluations * sum(pairs) / len(pairs) if pairs else 0.0
+    work = record.force_evaluations * (series.pairs or 0.0)
     options = sim.options.extras(sim.method.tunable)
     rtol, atol = options.pop("rtol", None), options.pop("atol", None)
     return Report(
@@ -129,28 +129,26 @@ def report(sim: Simulation) -> Report:
         options=options,
         steps=record.steps,
         rejected_steps=record.rejected_steps,
-        time=samples[-1].time - samples[0].time if sim.method.chooses_steps else record.steps * (sim.dt or 0.0),
+        time=float(series.times[-1] - series.times[0]) if sim.method.chooses_steps else record.steps * (sim.dt or 0.0),
         seed=system.seed if isinstance(system, System) else None,
         threads=sim.threads,
         processes=sim.processes,
-        samples=len(samples),
+        samples=len(series.steps),
         force_evaluations=record.force_evaluations if counted else None,
         jacobian_evaluations=record.jacobian_evaluations,
         wall_seconds=record.wall_seconds,
         compile_seconds=record.compile_seconds,
         steps_per_second=record.steps / record.wall_seconds if record.wall_seconds else 0.0,
         ns_per_pair=1e9 * record.wall_seconds / work if work else None,
-        energy=_energy(record, not sim.method.chooses_steps, system),
+        energy=_energy(series, not sim.method.chooses_steps, system),
         momentum_error=None
         if isinstance(system, System) and system.acting("external")
-        else _largest_change([_sum(s.momentum, s.taken.momentum) for s in samples], record.momentum_scale),
+        else _largest_change(series.momentum, record.momentum_scale),
         angular_momentum_error=None
         if isinstance(system, System) and (system.box.periodic or system.acting("external"))
-        else _largest_change(
-            [_sum(s.angular_momentum, s.taken.angular_momentum) for s in samples], record.angular_momentum_scale
-        ),
-        temperature=_mean([s.temperature for s in samples]) if of_particles else None,
-        pressure=_mean([s.pressure for s in samples]) if of_particles else None,
+        else _largest_change(series.angular_momentum, record.angular_momentum_scale),
+        temperature=_finite(series.temperature) if of_particles else None,
+        pressure=_finite(series.pressure) if of_particles else None,
         y=None if of_particles else sim.state.y.tolist(),
         events=[*sim.events, *sim.going_on()],
         energy_taken=None if record.taken is NOTHING else record.taken.energy,
@@ -159,45 +157,31 @@ def report(sim: Simulation) -> Report:
     )
 
 
-def _energy(record: Record, even: bool, system: System | Problem) -> EnergyReport | None:
-    samples = record.samples
-    total = np.array([_kept(sample) for sample in samples])
+def _energy(series: Series, even: bool, system: System | Problem) -> EnergyReport | None:
+    total, kinetic = series.total, series.kinetic
     if np.isnan(total[0]):
         return None  # a Problem that names no energy
-    kinetic = samples[0].energies.kinetic
     error = energy_error(total, 0.0 if np.isnan(kinetic) else kinetic)
     scale = {"initial energy": abs(error.initial), "kinetic energy": kinetic}.get(error.relative_to, 1.0)
-    chosen = record.even() if even else samples
-    times = np.array([s.time for s in chosen])
-    errors = np.array([(_kept(s) - error.initial) / scale for s in chosen])
+    chosen = even_stretch(series.steps) if even else slice(None)
+    times, errors = series.times[chosen], (total[chosen] - error.initial) / scale
     if not even and len(times) > 2:  # an adaptive run's samples stand at its step points, about evenly
         grid = np.linspace(times[0], times[-1], len(times))
         times, errors = grid, np.interp(grid, times, errors)
     trend = drift(times, errors)
     working = system.acting("works") if isinstance(system, System) else []
     verdict = f"not conserved: {', '.join(working)}" if working else trend.verdict
-    error = replace(error, final=samples[-1].energies.total)
+    error = replace(error, final=series.final)
     return EnergyReport(**asdict(error), drift_per_unit_time=trend.slope, drift_error=trend.error, verdict=verdict)
 
 
-def _kept(sample: Sample) -> float:
-    """The total energy with what events took."""
-    return sample.energies.total + sample.taken.energy
-
-
-def _sum(kept: Floats | None, taken: Floats | float) -> Floats | None:
-    return None if kept is None else kept + taken
-
-
-def _largest_change(values: list[Floats | None], scale: float) -> float | None:
-    """The largest change of a vector since the first one, over the scale, where there is one."""
-    known = [value for value in values if value is not None]
-    if not known:
+def _largest_change(values: Floats | None, scale: float) -> float | None:
+    """The largest change of a vector (k, 3) since the first one, over the scale, where there is one."""
+    if values is None:
         return None
-    largest = float(np.linalg.norm(np.array(known) - known[0], axis=1).max())
+    largest = float(np.linalg.norm(values - values[0], axis=1).max())
     return largest / scale if scale else largest
 
 
-def _mean(values: list[float]) -> float | None:
-    mean = float(np.mean(values))
+def _finite(mean: float) -> float | None:
     return mean if np.isfinite(mean) else None

@@ -12,7 +12,7 @@ doi:10.1016/S0167-2789(03)00103-9).
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -22,6 +22,7 @@ from kickdrift.errors import InputError
 from kickdrift.forces.variations import varied
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators import integrator as method_named
+from kickdrift.observers import Energies
 from kickdrift.simulation import Simulation
 from kickdrift.state import Floats
 from kickdrift.system import System
@@ -109,9 +110,114 @@ def megno(
     """
     if not isinstance(system, System):
         raise InputError(f"megno: takes a System of particles, got {type(system).__name__}")
+    seed = _checked_seed(seed)
+    n, name, length = len(system), _carrier(system, integrator), _length(system, time)
+    sim = Simulation(varied(system, np.zeros_like(system.state.phase)), name, dt, threads, **options)
+    state = sim.state
+    accelerations = sim._flow.accelerations(state.phase, sim.time)  # type: ignore[union-attr]
+    scale = scale_of(state.phase[:, :, :n], np.zeros((3, 1)) if accelerations is None else accelerations[:, :n])
+    state.phase[:, :, n:] = first_deviation(n, seed) * scale
+    sim.state = state
+    begin = sim.energy()
+    times, growth = _growth(sim, length, scale, progress)
+    end = sim.energy()
+    chosen = None if sim.method.chooses_steps else sim.dt
+    return _report(system, sim.integrator, chosen, sim.steps_done, seed, (begin, end.total), times, growth)
+
+
+def megnos(
+    systems: Sequence[System],
+    time: float | Sequence[float] | None = None,
+    integrator: str | None = None,
+    dt: float | Sequence[float] | None = None,
+    *,
+    seeds: int | Sequence[int] = 0,
+    **options: Any,
+) -> list[ChaosReport | None]:
+    """``megno`` of many small systems of as many bodies, side by side as in a `kickdrift.batch.Batch`.
+
+    Parameters
+    ----------
+    systems : what a Batch takes
+    time, integrator, dt, seeds, options : as in ``megno``, of all or one for each; the number of steps must be the same
+        for all. Methods: splittings and Runge-Kutta of fixed steps
+
+    Returns what ``megno`` finds of each, up to round-off; None of one that blows up or whose deviation vanishes, which
+    ``megno`` alone says more of. Each report holds three series of up to some 10,000 looks. Raises InputError for what
+    makes no sense, naming the system.
+    """
+    from kickdrift.analysis.chaos_lanes import growths
+
+    systems = tuple(systems)
+    count = len(systems)
+    names = {_carrier(system, integrator) if isinstance(system, System) else "" for system in systems}
+    if len(names) > 1:
+        raise InputError(f"integrator: a batch has one in common; the systems' are {', '.join(sorted(names))}")
+    drawn = [_checked_seed(seed) for seed in _each("seeds", seeds, count)]
+    lengths = [_length(*pair) for pair in zip(systems, _each("time", time, count), strict=True)]
+    found = growths(systems, lengths, min(names, default=integrator), dt, drawn, options)
+    reports: list[ChaosReport | None] = []
+    for k, (system, seed) in enumerate(zip(systems, drawn, strict=True)):
+        begin, end, growth = found.begin[k], float(found.end[k]), found.growth[k]
+        sound = np.isfinite(growth).all() and np.isfinite([*begin, end]).all()
+        step, times = float(found.dt[k]), found.times[k]
+        reports.append(
+            _report(system, found.integrator, step, found.steps, seed, (Energies(*begin), end), times, growth)
+            if sound
+            else None
+        )
+    return reports
+
+
+def _each(key: str, value: Any, count: int) -> list[Any]:
+    """One for each system."""
+    values = [value] * count if value is None or np.ndim(value) == 0 else list(value)
+    if len(values) != count:
+        raise InputError(f"{key}: expected one or {count}, one for each system, got {len(values)}")
+    return values
+
+
+def _report(
+    system: System,
+    integrator: str,
+    dt: float | None,
+    steps: int,
+    seed: int,
+    energies: tuple[Energies, float],
+    times: Floats,
+    growth: Floats,
+) -> ChaosReport:
+    """What the growth of a deviation says."""
+    means = mean_megno(times, growth)
+    slope, error = _slope(times, means)
+    found, (begin, end) = float(means[-1]), energies
+    return ChaosReport(
+        system=system.name,
+        integrator=integrator,
+        dt=dt,
+        time=float(times[-1]),
+        time_unit=system.units.time,
+        steps=steps,
+        seed=seed,
+        megno=found,
+        verdict=verdict(found),
+        lyapunov=2.0 * slope,
+        lyapunov_error=2.0 * error,
+        energy_error=abs(end - begin.total) / (abs(begin.total) or abs(begin.kinetic) or 1.0),
+        times=times,
+        means=means,
+        growth=growth,
+    )
+
+
+def _checked_seed(seed: Any) -> int:
     if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
         raise InputError(f"seed: expected a whole number, zero or more, got {seed!r}")
-    name = _carrier(system, integrator)
+    return int(seed)
+
+
+def _length(system: System, time: float | None) -> float:
+    """How long to run."""
     length = system.run.time if time is None else time
     if time is None and length is None and system.run.steps and system.run.dt:
         length = system.run.steps * system.run.dt
@@ -119,34 +225,7 @@ def megno(
         raise InputError(f"time: system {system.name!r} names none in [run]; give how long to run")
     if not (isinstance(length, (int, float, np.number)) and math.isfinite(length) and length > 0):
         raise InputError(f"time must be a positive finite time, got {length!r}")
-    sim = Simulation(varied(system, np.zeros_like(system.state.phase)), name, dt, threads, **options)
-    scale = _scale(sim, len(system))
-    state = sim.state
-    state.phase[:, :, len(system) :] = _first_deviation(len(system), int(seed)) * scale
-    sim.state = state
-    begin = sim.energy()
-    times, growth = _growth(sim, float(length), scale, progress)
-    end = sim.energy()
-    means = mean_megno(times, growth)
-    slope, error = _slope(times, means)
-    found = float(means[-1])
-    return ChaosReport(
-        system=system.name,
-        integrator=sim.integrator,
-        dt=None if sim.method.chooses_steps else sim.dt,
-        time=float(times[-1]),
-        time_unit=system.units.time,
-        steps=sim.steps_done,
-        seed=int(seed),
-        megno=found,
-        verdict=verdict(found),
-        lyapunov=2.0 * slope,
-        lyapunov_error=2.0 * error,
-        energy_error=abs(end.total - begin.total) / (abs(begin.total) or abs(begin.kinetic) or 1.0),
-        times=times,
-        means=means,
-        growth=growth,
-    )
+    return float(length)
 
 
 def verdict(megno: float) -> Verdict:
@@ -176,26 +255,35 @@ def _carrier(system: System, integrator: str | None) -> str:
     return named.name if named is not None and named.carries else DEFAULT
 
 
-def _scale(sim: Simulation, n: int) -> Floats:
-    """(2, 1, 1): the scatter of positions about their mean, and a speed: that of the particles together with what the
-    forces lend in that distance. They make a deviation's length the same in any units."""
-    phase = sim.state.phase[:, :, :n]
-    x, v = (row - row.mean(axis=1, keepdims=True) for row in phase)
-    accelerations = sim._flow.accelerations(sim.state.phase, sim.time)  # type: ignore[union-attr]
-    pull = 0.0 if accelerations is None else _rms(accelerations[:, :n])
-    distance = _rms(x) or _rms(phase[0]) or 1.0
-    speed = math.sqrt(_rms(v) ** 2 + distance * pull) or 1.0
-    return np.array([distance, speed]).reshape(2, 1, 1)
+def scale_of(phase: Floats, accelerations: Floats) -> Floats:
+    """(…, 2, 1, 1) of particles at phase (…, 2, 3, n): the scatter of positions about their mean, and a speed: that of
+    the particles together with what the forces lend in that distance. They make a deviation's length the same in any
+    units."""
+    scatter = _rms(phase - phase.mean(axis=-1, keepdims=True))
+    distance = _or(_or(scatter[..., 0], _rms(phase[..., 0, :, :])), 1.0)
+    speed = _or(np.sqrt(scatter[..., 1] ** 2 + distance * _rms(accelerations)), 1.0)
+    return np.stack([distance, speed], axis=-1)[..., None, None]
 
 
-def _rms(vectors: Floats) -> float:
-    return float(np.sqrt((vectors**2).sum(axis=0).mean()))
+def _or(value: Floats, other: Floats | float) -> Floats:
+    return np.where(value == 0.0, other, value)
 
 
-def _first_deviation(n: int, seed: int) -> Floats:
+def _rms(vectors: Floats) -> Floats:
+    """Of the lengths of vectors (…, 3, n)."""
+    return np.sqrt((vectors**2).sum(axis=-2).mean(axis=-1))
+
+
+def first_deviation(n: int, seed: int) -> Floats:
     """(2, 3, n), of length 1."""
     drawn = np.random.Generator(np.random.PCG64(seed)).standard_normal((2, 3, n))
     return drawn / np.linalg.norm(drawn)
+
+
+def cadence(length: float, dt: float) -> tuple[int, int]:
+    """How many steps to take, and how many from look to look."""
+    steps = max(1, round(length / dt))
+    return steps, max(1, steps // LOOKS)
 
 
 def _growth(
@@ -204,8 +292,7 @@ def _growth(
     """Run a varied System for a time: times since the start, and ln of the deviation's length at them."""
     stepper, start = sim._stepper, sim.time
     n = len(sim.system) // 2
-    steps = None if sim.method.chooses_steps else max(1, round(length / (sim.dt or length)))
-    every = 1 if steps is None else max(1, steps // LOOKS)
+    steps, every = (None, 1) if sim.method.chooses_steps else cadence(length, sim.dt or length)
     times, growth, scaled = [0.0], [0.0], 0.0
     sim._prepare()
     with sim._busy() as interrupted:
@@ -240,5 +327,11 @@ def _slope(times: Floats, means: Floats) -> tuple[float, float]:
     if len(t) < 6:
         raise InputError(f"time: {len(times) - 1} steps are too few to tell growth by; give a longer time")
     half = len(t) // 2
-    whole, early, late = (np.polyfit(t[part], y[part], 1)[0] for part in (slice(None), slice(half), slice(half, None)))
-    return float(whole), float(abs(late - early) / 2)
+    whole, early, late = (_line(t[part], y[part]) for part in (slice(None), slice(half), slice(half, None)))
+    return whole, abs(late - early) / 2
+
+
+def _line(t: Floats, y: Floats) -> float:
+    """The slope of the straight line of least squares."""
+    t = t - t.mean()
+    return float(t @ (y - y.mean()) / (t @ t))

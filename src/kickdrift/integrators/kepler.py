@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from kickdrift.forces.compiling import inlined, jit
-from kickdrift.forces.simd import any_lane, inverse_sqrt, select, splat
+from kickdrift.forces.simd import any_lane, inverse_sqrt, lanes_like, select
 
 SERIES = 0.7  # the largest |beta X^2| that eight terms of the series give to round-off; beyond, X is halved
 SETTLED = 1e-9  # the square of the last correction, in units of what X changes over, that leaves an error below 1e-17
@@ -251,14 +251,14 @@ def kepler_step(gm, dt, position, velocity):
 
 @inlined
 def lanes_increments(gm, dt, x, y, z, u, v, w):
-    """The same for eight at a time: the six increments, beta, and the mask of the lanes that are solved; the others
-    are for ``kepler_increments``."""
+    """The same for eight at a time, ``dt`` a number or eight: the six increments, beta, and the mask of the lanes that
+    are solved; the others are for ``kepler_increments``."""
     r2 = x * x + y * y + z * z
     inverse = inverse_sqrt(r2)
     r0 = r2 * inverse
     beta, eta = 2.0 * gm * inverse - (u * u + v * v + w * w), x * u + y * v + z * w
     zeta = gm - beta * r0
-    ahead = splat(dt)
+    ahead = lanes_like(dt, r2)
     g, solved = lanes_solution(gm, beta, r0, inverse, eta, zeta, ahead)
     f1, g_, fdot, gdot1 = lagrange(gm, ahead, r0, inverse, eta, zeta, g)
     moved = f1 * x + g_ * u, f1 * y + g_ * v, f1 * z + g_ * w

@@ -13,8 +13,10 @@ PRECISIONS = DOUBLE, MIXED = "double", "mixed"  # of pair forces
 
 if TYPE_CHECKING:
     from kickdrift.flow import Flow
+    from kickdrift.integrators.batch_stepping import LaneStepper, Members
     from kickdrift.integrators.stepping import Options, Stepper
     from kickdrift.state import Floats
+    from kickdrift.system import System
 
 
 class Method:
@@ -111,6 +113,18 @@ class Method:
         """An integration of the flow with this method."""
         raise NotImplementedError
 
+    @property
+    def batched(self) -> bool:
+        """Whether many small systems may advance with it at once (see ``kickdrift.batch``)."""
+        return False
+
+    def check(self, system: System) -> None:
+        """Refuse a System that this method cannot move."""
+
+    def in_lanes(self, members: Members, options: Options) -> LaneStepper:
+        """An integration of many small systems at once; of those methods that are ``batched``."""
+        raise NotImplementedError
+
     def checked(self, given: Options, asked: Options) -> Options:
         """The options that this method takes of those given in arguments and file; those ``asked`` for in arguments
         that it does not take are an InputError, and so are values that make no sense."""
@@ -129,19 +143,24 @@ class Method:
                 between = "; " if any("," in name for name in names) else ", "
                 raise InputError(f"{key} {kept[key]!r} is unknown; known are {between.join(names)}")
         dt = asked.dt if self.adaptive else given.dt  # a file's dt is no first step for a method that chooses its own
-        if dt is not None and not (_is_number(dt) and np.isfinite(dt) and dt > 0):
-            raise InputError(f"dt must be a positive finite time, got {dt!r}")
         if given.precision not in (None, *PRECISIONS):
             raise InputError(f"precision {given.precision!r} is unknown; known are {', '.join(PRECISIONS)}")
         if given.precision == MIXED and not self.mixed:
             raise InputError(f"precision: {self.name} adds up forces of its own, and takes {DOUBLE} alone")
-        options = replace(type(given)(), dt=None if dt is None else float(dt), precision=given.precision, **kept)
+        options = replace(type(given)(), dt=checked_dt(dt), precision=given.precision, **kept)
         if self.adaptive:
             from kickdrift.integrators.step_control import check_tolerances, controller
 
             check_tolerances(*options.tolerances)
             controller(options.controller)
         return options
+
+
+def checked_dt(dt: Any) -> float | None:
+    """A step, if one is given; an InputError where it is no positive finite time."""
+    if dt is not None and not (_is_number(dt) and np.isfinite(dt) and dt > 0):
+        raise InputError(f"dt must be a positive finite time, got {dt!r}")
+    return None if dt is None else float(dt)
 
 
 def _is_number(value: Any) -> bool:

@@ -19,6 +19,7 @@ from kickdrift.state import Floats
 
 if TYPE_CHECKING:
     from kickdrift.flow import Flow
+    from kickdrift.integrators.batch_stepping import LaneStepper, Members
     from kickdrift.integrators.stepping import Options, Stepper
 
 
@@ -155,6 +156,16 @@ class Tableau(Method):
             options,
             kept=False,
         )
+
+    @property
+    def batched(self) -> bool:
+        return not self.adaptive
+
+    def in_lanes(self, members: Members, options: Options) -> LaneStepper:
+        from kickdrift.integrators.batch_loops import batch_runge_kutta_loop
+        from kickdrift.integrators.batch_stepping import FixedLanes
+
+        return FixedLanes(members, batch_runge_kutta_loop, self.stages, (len(self.b) + 1, *members.y.shape[1:]))
 
 
 def _adds_up(row: tuple[float, ...], total: float) -> bool:

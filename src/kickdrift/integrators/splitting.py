@@ -16,6 +16,7 @@ from kickdrift.state import Floats
 
 if TYPE_CHECKING:
     from kickdrift.flow import Flow
+    from kickdrift.integrators.batch_stepping import LaneStepper, Members
     from kickdrift.integrators.stepping import Options, Stepper
 
 
@@ -80,6 +81,16 @@ class Splitting(Method):
         from kickdrift.integrators.stepping import FixedStepper
 
         return FixedStepper(flow, splitting_loop, self.stages, lambda shape: np.zeros(shape[1:]), options, kept=True)
+
+    @property
+    def batched(self) -> bool:
+        return True
+
+    def in_lanes(self, members: Members, options: Options) -> LaneStepper:
+        from kickdrift.integrators.batch_loops import batch_splitting_loop
+        from kickdrift.integrators.batch_stepping import FixedLanes
+
+        return FixedLanes(members, batch_splitting_loop, self.stages, members.y.shape[2:])
 
 
 def palindrome(half: tuple[float, ...], middle: int = 1) -> tuple[float, ...]:

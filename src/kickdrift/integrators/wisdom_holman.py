@@ -18,7 +18,9 @@ from kickdrift.state import Floats
 
 if TYPE_CHECKING:
     from kickdrift.flow import Flow
+    from kickdrift.integrators.batch_stepping import LaneStepper, Members
     from kickdrift.integrators.stepping import Options, Stepper
+    from kickdrift.system import System
 
 JACOBI, HELIOCENTRIC = "jacobi", "democratic-heliocentric"
 DOMINANT = 0.2  # of the central body's mass is what all others may have together
@@ -163,13 +165,10 @@ class WisdomHolman(Method):
         """The row of weights."""
         return LEAPFROG
 
-    def stepper(self, flow: Flow, options: Options) -> Stepper:
+    def check(self, system: System) -> None:
+        """Refuse a System without a central body, or with softened gravity, or none."""
         from kickdrift.forces.gravity import Gravity
-        from kickdrift.system import System
 
-        system: Any = flow.subject
-        if not isinstance(system, System):
-            raise InputError(f"{self.name}: moves particles under gravity, and {flow.name!r} is an ODE")
         gravities = [force for force in system.forces if isinstance(force, Gravity)]
         if len(gravities) != 1:
             count = len(gravities) or "none"
@@ -187,9 +186,26 @@ class WisdomHolman(Method):
                 f"{rest:.3g} of its mass, and at most {DOMINANT:g} fits; gauss-radau15 takes any few bodies, hermite4 "
                 "or velocity-verlet clusters"
             )
+
+    def stepper(self, flow: Flow, options: Options) -> Stepper:
+        from kickdrift.system import System
+
+        system: Any = flow.subject
+        if not isinstance(system, System):
+            raise InputError(f"{self.name}: moves particles under gravity, and {flow.name!r} is an ODE")
+        self.check(system)
         from kickdrift.integrators.wisdom_holman_stepper import WisdomHolmanStepper
 
         return WisdomHolmanStepper(flow, self.table(options), options)
+
+    @property
+    def batched(self) -> bool:
+        return True
+
+    def in_lanes(self, members: Members, options: Options) -> LaneStepper:
+        from kickdrift.integrators.batch_wisdom_holman import WisdomHolmanLanes
+
+        return WisdomHolmanLanes(members, self.table(options), options)
 
 
 @dataclass(frozen=True)

@@ -311,12 +311,20 @@ def heliocentric_kick(bodies, dt, t):
 
 @inlined
 def central_pull(bodies, b):
-    """For eight bodies at r' + offset from the central one: w, the central body's pull there per G m_0, against r', and
-    r' / r'^3 - r / r^3, the pull of the mass inside from its centre less that from the central body, from their small
-    quotient as Encke does (Battin 1999, eq. 8.62 ff., doi:10.2514/4.861543)."""
+    """``central_part`` of eight bodies."""
     orbit, work = bodies.orbit, bodies.work
-    x, y, z = load(orbit[0], b), load(orbit[1], b), load(orbit[2], b)
-    ox, oy, oz = load(work[OFFSET], b), load(work[OFFSET + 1], b), load(work[OFFSET + 2], b)
+    place = load(orbit[0], b), load(orbit[1], b), load(orbit[2], b)
+    offset = load(work[OFFSET], b), load(work[OFFSET + 1], b), load(work[OFFSET + 2], b)
+    (wx, wy, wz), (gx, gy, gz) = central_part(place, offset)
+    return wx, wy, wz, gx, gy, gz
+
+
+@inlined
+def central_part(place, offset):
+    """For bodies at r' + offset from the central one, r' = ``place``: w, the central body's pull there per G m_0,
+    against r', and r' / r'^3 - r / r^3, the pull of the mass inside from its centre less that from the central body,
+    from their small quotient as Encke does (Battin 1999, eq. 8.62 ff., doi:10.2514/4.861543)."""
+    (x, y, z), (ox, oy, oz) = place, offset
     px, py, pz = x + ox, y + oy, z + oz
     before2 = x * x + y * y + z * z
     before, now = inverse_sqrt(before2), inverse_sqrt(px * px + py * py + pz * pz)
@@ -326,8 +334,7 @@ def central_pull(bodies, b):
     q = (ox * (x + px) + oy * (y + py) + oz * (z + pz)) * (before * before)  # r^2 / r'^2 - 1
     lost = q * (3.0 + q * (3.0 + q)) * (ratio3 * ratio3 / (1.0 + ratio3))  # 1 - (r' / r)^3
     kept = inverse3 * lost
-    wx, wy, wz = star * px, star * py, star * pz
-    return wx, wy, wz, kept * x - star * ox, kept * y - star * oy, kept * z - star * oz
+    return (star * px, star * py, star * pz), (kept * x - star * ox, kept * y - star * oy, kept * z - star * oz)
 
 
 @inlined

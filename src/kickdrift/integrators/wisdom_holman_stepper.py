@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,6 +16,7 @@ from kickdrift.integrators.loops import STEP
 from kickdrift.integrators.splitting import Splitting
 from kickdrift.integrators.stepping import Options, Regular
 from kickdrift.integrators.wisdom_holman import JACOBI, corrector, undone
+from kickdrift.integrators.wisdom_holman_limits import passages_and_hill, warning_lines
 from kickdrift.integrators.wisdom_holman_loop import (
     GM,
     HILL,
@@ -39,7 +39,6 @@ if TYPE_CHECKING:
     from kickdrift.flow import Flow
     from kickdrift.system import System
 
-STEPS_PER_PERIOD = 20  # of a passage of the pericentre: fewer are worth a warning (Wisdom 2015; Rein & Tamayo 2015)
 FAR = 4.0  # what fills up the lanes circles so many times as far out as the farthest body
 
 
@@ -214,52 +213,29 @@ class WisdomHolmanStepper(Regular):
 
     def _look_at_start(self) -> None:
         """Hill radii, and the body whose passage of the pericentre takes fewest steps."""
-        bodies, slots = self._bodies, len(self._real)
+        bodies, real = self._bodies, np.flatnonzero(self._real)
         self._shortest: tuple[float, int] | None = None
         bodies.table[HILL] = 0.0
-        for slot in range(slots):
-            if not self._real[slot]:
-                continue
-            gm = float(bodies.table[GM, slot])
-            x, v = bodies.orbit[:3, slot], bodies.orbit[3:, slot]
-            r, h2 = float(np.linalg.norm(x)), float((np.cross(x, v) ** 2).sum())
-            energy = 0.5 * float(v @ v) - gm / r
-            if energy < 0.0 or x @ v < 0.0:  # else its pericentre lies behind it for ever
-                e = math.sqrt(max(0.0, 1.0 + 2.0 * energy * h2 / gm**2))
-                q = h2 / (gm * (1.0 + e))  # distance and time of the pericentre, 2 pi q / v there
-                passage = 2.0 * math.pi * math.sqrt(q**3 / (gm * (1.0 + e)))
-                if self._shortest is None or passage < self._shortest[0]:
-                    self._shortest = passage, int(bodies.order[slot])
-            far = -0.5 * gm / energy if energy < 0.0 else r
-            bodies.table[HILL, slot] = (far * (bodies.table[SOURCE, slot] / (3.0 * bodies.gm)) ** (1 / 3)) ** 2
+        if not len(real):
+            return
+        orbit, table = bodies.orbit[:, real], bodies.table[:, real]
+        passages, hill = passages_and_hill(orbit[:3], orbit[3:], table[GM], table[SOURCE], bodies.gm)
+        bodies.table[HILL, real] = hill
+        k = int(np.argmin(passages))
+        if passages[k] < np.inf:
+            self._shortest = float(passages[k]), int(bodies.order[real[k]])
 
     @property
     def warnings(self) -> list[str]:
         """Lines on what the map does not follow."""
-        system, first, order = self._system, self._bodies.first, self._bodies.order
-        unit = "" if system.units.reduced else f" {system.units.time}"
-        found = []
-        if self._shortest is not None and self._least > self._shortest[0] / STEPS_PER_PERIOD:
-            passage, i = self._shortest
-            found.append(
-                f"dt = {self.dt:g}{unit} is long: {system.body(i)} turns about its pericentre as on a circle of period "
-                f"{passage:.4g}{unit}, in {passage / self._least:.3g} kicks; {STEPS_PER_PERIOD} or more resolve it"
-            )
-        found += [
-            f"{system.body(int(order[slot]))} is on a hyperbola from t = {first[UNBOUND, slot]:.6g}{unit} on: the map "
-            "is made for bound orbits; gauss-radau15 follows visitors"
-            for slot in np.flatnonzero(~np.isnan(first[UNBOUND]) & self._real)
-        ]
-        pairs: dict[tuple[int, int], float] = {}
-        for slot in np.flatnonzero(~np.isnan(first[NEAR])):
-            i, j = sorted((int(order[slot]), int(order[int(first[WHICH, slot])])))
-            pairs[i, j] = min(float(first[NEAR, slot]), pairs.get((i, j), np.inf))
-        for (i, j), time in pairs.items():
-            found.append(
-                f"{system.body(i)} and {system.body(j)} come within the Hill radius at t = {time:.6g}{unit}: the map "
-                "does not follow close encounters; gauss-radau15 does"
-            )
-        return found
+        first, order = self._bodies.first, self._bodies.order
+        unbound = np.flatnonzero(~np.isnan(first[UNBOUND]) & self._real)
+        near = np.flatnonzero(~np.isnan(first[NEAR]))
+        return warning_lines(
+            self._system, self.dt, self._least, self._shortest,
+            [(int(order[slot]), float(first[UNBOUND, slot])) for slot in unbound],
+            [(int(order[slot]), int(order[int(first[WHICH, slot])]), float(first[NEAR, slot])) for slot in near],
+        )  # fmt: skip
 
 
 def _filled(ids: Any) -> Any:

@@ -1,0 +1,82 @@
+"""The growth of deviations in many small systems at once, for MEGNO."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from kickdrift.analysis import chaos
+from kickdrift.batch import common, members_of, run_lanes
+from kickdrift.errors import InputError
+from kickdrift.forces.batch_gravity import LOOK, measure_in_lanes
+from kickdrift.forces.simd import WIDTH, aligned
+from kickdrift.integrators.batch_stepping import Deviations, Members, from_lanes, to_lanes
+from kickdrift.state import Floats
+from kickdrift.system import System
+
+
+class Growths(NamedTuple):
+    """Of each system, over k looks."""
+
+    integrator: str
+    steps: int
+    dt: Floats  # (members,)
+    times: Floats  # (members, k) since the start
+    growth: Floats  # (members, k) ln of the deviation's length, 0 at the start
+    begin: Floats  # (members, 3) kinetic, potential, total energy
+    end: Floats  # (members,) total energy
+
+
+@np.errstate(all="ignore")  # of systems that blow up
+def growths(
+    systems: Sequence[System],
+    lengths: Sequence[float],
+    integrator: str | None,
+    dt: Any,
+    seeds: Sequence[int],
+    options: dict[str, Any],
+) -> Growths:
+    """Run systems with deviations from these seeds for times ``lengths``."""
+    name, method, own, steps_of = common(tuple(systems), integrator, dt, options)
+    taken = [chaos.cadence(length, h) for length, h in zip(lengths, steps_of, strict=True)]
+    (steps, every), n = taken[0], len(systems[0])
+    for k, (mine, _) in enumerate(taken):
+        if mine != steps:
+            raise InputError(f"system {k}: a batch has steps in common; {mine} here, and {steps} in system 0")
+    phase = np.array([system.state.phase for system in systems])
+    accelerations, begin = _measured(members_of(systems, steps_of, phase))
+    scale = chaos.scale_of(phase, accelerations)
+    drawn = np.array([chaos.first_deviation(n, seed) for seed in seeds]) * scale
+    members = members_of(systems, steps_of, np.concatenate([phase, drawn], axis=-1))
+    stepper = method.in_lanes(members, own)
+    counts = np.full(-(-steps // every), every, np.int64)
+    counts[-1] = steps - (len(counts) - 1) * every
+    watch = Deviations(to_lanes(1.0 / scale[..., 0, 0]), chaos.LARGEST)
+    looks, exponents = run_lanes(stepper, counts, 0, watch)
+    sizes, count = looks[:, 0, : len(systems)], len(systems)
+    scaled = np.cumsum(exponents[:, :count], axis=0) - exponents[:, :count]  # before each look
+    growth = np.concatenate([np.zeros((1, count)), np.log(sizes) + scaled * math.log(2.0)])
+    passed = np.concatenate([[0], np.cumsum(counts)])
+    start = from_lanes(members.start, count)[:, None]
+    return Growths(
+        integrator=name,
+        steps=steps,
+        dt=steps_of,
+        times=(start + passed * steps_of[:, None]) - start,
+        growth=np.ascontiguousarray(growth.T),
+        begin=begin,
+        end=_measured(members._replace(y=stepper.y))[1][:, 2],
+    )
+
+
+def _measured(members: Members) -> tuple[Floats, Floats]:
+    """(members, 3, n) accelerations of the bodies, and (members, 3) kinetic, potential and total energy."""
+    blocks, n = len(members.y), members.gm.shape[1]
+    a, found = aligned((blocks, *members.y.shape[2:])), aligned((blocks, LOOK, WIDTH))
+    for block in range(blocks):
+        measure_in_lanes(members.bodies(block), members.y[block], a[block], found[block])
+    energies = from_lanes(found, len(members.systems))[:, :2]
+    return from_lanes(a, len(members.systems))[..., :n], np.column_stack([energies, energies.sum(axis=1)])

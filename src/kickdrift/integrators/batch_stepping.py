@@ -1,0 +1,106 @@
+"""Integrations of many small systems under way, eight to a block, a system a lane."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kickdrift.forces.batch_gravity import LOOK, LaneBodies
+from kickdrift.forces.evaluate import EVALUATIONS, SLOTS
+from kickdrift.forces.simd import WIDTH, aligned
+from kickdrift.state import Floats
+
+if TYPE_CHECKING:
+    from kickdrift.system import System
+
+
+class Members(NamedTuple):
+    """Systems of as many bodies, in blocks of eight; where they do not fill the last one, copies of the last do."""
+
+    systems: Sequence[System]
+    done: int  # steps before
+    y: Floats  # (blocks, 2, 3, rows, 8); rows beyond the n bodies are deviations
+    gm: Floats  # (blocks, n, 8) G m
+    masses: Floats  # (blocks, n, 8) coherent
+    softening2: Floats  # (blocks, 8)
+    dt: Floats  # (blocks, 8)
+    start: Floats  # (blocks, 8) the time of step 0
+
+    def bodies(self, block: int) -> LaneBodies:
+        """What the forces of a block know."""
+        return LaneBodies(self.gm[block], self.masses[block], self.softening2[block])
+
+
+def to_lanes(values: Floats) -> Floats:
+    """(blocks, …, 8) of what is (members, …)."""
+    blocks = -(-len(values) // WIDTH)
+    chosen = values[np.minimum(np.arange(blocks * WIDTH), len(values) - 1)]
+    lanes = np.moveaxis(chosen.reshape(blocks, WIDTH, *values.shape[1:]), 1, -1)
+    found = aligned(lanes.shape, None)
+    found[...] = lanes
+    return found
+
+
+def from_lanes(lanes: Floats, count: int) -> Floats:
+    """(members, …) of what is (blocks, …, 8); a copy."""
+    return np.moveaxis(lanes, -1, 1).reshape(-1, *lanes.shape[1:-1])[:count].copy()
+
+
+class Deviations(NamedTuple):
+    """How deviations are watched; see ``batch_loops.Watch``."""
+
+    inverse: Floats  # (blocks, 2, 8)
+    largest: float
+
+
+class LaneStepper(Protocol):
+    """Integrations under way."""
+
+    @property
+    def y(self) -> Floats:
+        """(blocks, 2, 3, rows, 8) at the last look."""
+
+    @property
+    def evaluations(self) -> int:
+        """Of the forces of one system so far."""
+
+    def run(self, block: int, counts: NDArray[np.int64], done: int, watch: Deviations | None = None) -> Any:
+        """Take ``counts`` (k,) steps, ``done`` being taken before, and look after each: (k, LOOK, 8), or (k, 1, 8)
+        lengths of deviations, and (k, 8) the powers of two that these were scaled back by."""
+
+    def warnings(self, member: int) -> list[str]:
+        """Lines on what the method does not follow in this system."""
+
+
+class FixedLanes:
+    """Steps of one length by a compiled loop (see ``batch_loops``) with a workspace of that shape for each block."""
+
+    def __init__(self, members: Members, loop: Any, weights: Floats, room: tuple[int, ...]) -> None:
+        self._members, self._loop, self._weights = members, loop, weights
+        self.y = members.y
+        self._work = aligned((len(self.y), *room))
+        self._cursor = np.zeros((len(self.y), SLOTS), np.int64)
+
+    @property
+    def evaluations(self) -> int:
+        return int(self._cursor[0, EVALUATIONS])
+
+    def run(self, block: int, counts: NDArray[np.int64], done: int, watch: Deviations | None = None) -> Any:
+        """See LaneStepper."""
+        from kickdrift.integrators.batch_loops import Watch
+
+        looks = aligned((len(counts), LOOK if watch is None else 1, WIDTH))
+        exponents = np.zeros((len(counts), WIDTH))
+        inverse, largest = (np.zeros((2, WIDTH)), 1.0) if watch is None else (watch.inverse[block], watch.largest)
+        self._loop(
+            self._members.bodies(block), self.y[block], self._work[block], self._weights, self._members.dt[block],
+            counts, looks, Watch(inverse, largest, exponents), self._cursor[block],
+        )  # fmt: skip
+        return looks, exponents
+
+    def warnings(self, member: int) -> list[str]:
+        """None."""
+        return []

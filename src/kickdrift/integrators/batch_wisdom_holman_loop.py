@@ -1,0 +1,271 @@
+"""The compiled loop of the Wisdom-Holman map for eight small systems at once, a system a lane.
+
+The map is that of ``wisdom_holman_loop``, whose formulas have their sources there. What are sums across lanes there, of
+bodies side by side, are plain loops over the bodies here.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kickdrift.forces.batch_gravity import LaneBodies, load3, look_in_lanes, store3
+from kickdrift.forces.compiling import driver, in_order, jit
+from kickdrift.forces.evaluate import EVALUATIONS
+from kickdrift.forces.handle import handle, unowned
+from kickdrift.forces.simd import WIDTH, any_lane, inverse_sqrt, load, mask_bits, select, splat, store
+from kickdrift.integrators.batch_loops import copy_in_lanes
+from kickdrift.integrators.kepler import kepler_increments, lanes_increments
+from kickdrift.integrators.loops import FRESH
+from kickdrift.integrators.wisdom_holman_loop import (
+    GM,
+    HILL,
+    INSIDE,
+    NEAR,
+    OTHERS,
+    SHARE,
+    SOURCE,
+    UNBOUND,
+    WHICH,
+    central_part,
+)
+
+# Vectors of ``work``: positions from the central body, their offset from Jacobi's, the pull of the other bodies, the
+# kick; WAY has increments that are solved one by one, and dt.
+PLACE, OFFSET, PULL, KICK = range(4)
+WORK = 4
+WAY = 7
+
+
+class LaneOrbits(NamedTuple):
+    """Eight central bodies and those around them, which are in the order of the list."""
+
+    orbit: NDArray[np.float64]  # (2, 3, n - 1, 8), see ``wisdom_holman_loop.Bodies``
+    seen: NDArray[np.float64]  # the same, a copy to look at
+    centre: NDArray[np.float64]  # (2, 3, 8) position of the centre of mass at step 0, and its velocity
+    table: NDArray[np.float64]  # (ROWS, n - 1, 8)
+    first: NDArray[np.float64]  # (3, n - 1, 8), infinite until it happens
+    work: NDArray[np.float64]  # (WORK, 3, n - 1, 8)
+    way: NDArray[np.float64]  # (WAY, 8)
+    central: NDArray[np.float64]  # (8,) G m of the central body
+    shares: NDArray[np.float64]  # (n - 1, 8) mass over that of all
+    bodies: LaneBodies  # the central one first
+    jacobi: bool
+
+
+@in_order
+def drift(own, orbit, dt, t, noting):
+    """Every body along its Kepler orbit for a time dt that begins at t; where ``noting``, who is unbound is noted."""
+    table, x, v, first = own.table, orbit[0], orbit[1], own.first[UNBOUND]
+    stride = x[0].size
+    for p in range(0, stride, WIDTH):
+        moved, kicked, beta, solved = lanes_increments(
+            load(table[GM], p), dt, load(x, p), load(x, p + stride), load(x, p + 2 * stride), load(v, p),
+            load(v, p + stride), load(v, p + 2 * stride),
+        )  # fmt: skip
+        left = mask_bits(beta == beta) & ~mask_bits(solved)  # without those that have blown up
+        if left:
+            way = own.way
+            store(way, 6 * WIDTH, dt)
+            one_by_one(own, orbit, p // WIDTH, left)
+            moved = (
+                select(solved, moved[0], load(way, 0)),
+                select(solved, moved[1], load(way, WIDTH)),
+                select(solved, moved[2], load(way, 2 * WIDTH)),
+            )
+            kicked = (
+                select(solved, kicked[0], load(way, 3 * WIDTH)),
+                select(solved, kicked[1], load(way, 4 * WIDTH)),
+                select(solved, kicked[2], load(way, 5 * WIDTH)),
+            )
+        if noting and any_lane(beta <= 0.0):
+            known = load(first, p)
+            store(first, p, select((beta <= 0.0) & (known > t), t, known))
+        add3(x, p, stride, moved)
+        add3(v, p, stride, kicked)
+
+
+@in_order
+def add3(array, p, stride, change):
+    x, y, z = load3(array, p, stride)
+    store3(array, p, stride, (x + change[0], y + change[1], z + change[2]))
+
+
+@jit
+def one_by_one(own, orbit, i, left):
+    """way <- the increments of body i in the lanes that are left; nan in the others."""
+    for k in range(WIDTH):
+        if (left >> k) & 1:
+            increments = kepler_increments(
+                own.table[GM, i, k], own.way[6, k], orbit[0, 0, i, k], orbit[0, 1, i, k], orbit[0, 2, i, k],
+                orbit[1, 0, i, k], orbit[1, 1, i, k], orbit[1, 2, i, k],
+            )  # fmt: skip
+            for row in range(6):
+                own.way[row, k] = increments[row]
+        else:
+            for row in range(6):
+                own.way[row, k] = np.nan
+
+
+@in_order
+def places(own, x):
+    """work[PLACE] <- positions from the central body, work[OFFSET] <- what Jacobi's ``x`` differ from them by."""
+    share, place, offset = own.table[SHARE], own.work[PLACE], own.work[OFFSET]
+    stride = share.size
+    ox, oy, oz = splat(0.0), splat(0.0), splat(0.0)
+    for p in range(0, stride, WIDTH):
+        xi, yi, zi = load3(x, p, stride)
+        m = load(share, p)
+        store3(offset, p, stride, (ox, oy, oz))
+        store3(place, p, stride, (xi + ox, yi + oy, zi + oz))
+        ox, oy, oz = ox + m * xi, oy + m * yi, oz + m * zi
+
+
+@in_order
+def pulls(own, place, t):
+    """work[PULL] <- the accelerations that bodies other than the central one give to each other, each pair once."""
+    source, hill, pull = own.table[SOURCE], own.table[HILL], own.work[PULL]
+    stride = source.size
+    zero = splat(0.0)
+    for p in range(0, pull.size, WIDTH):
+        store(pull, p, zero)
+    for p in range(0, stride - WIDTH, WIDTH):
+        xi, yi, zi = load3(place, p, stride)
+        ax, ay, az = load3(pull, p, stride)
+        gm_i, hill_i = load(source, p), load(hill, p)
+        for q in range(p + WIDTH, stride, WIDTH):
+            xj, yj, zj = load3(place, q, stride)
+            bx, by, bz = load3(pull, q, stride)
+            gm_j, hill_j = load(source, q), load(hill, q)
+            dx, dy, dz = xj - xi, yj - yi, zj - zi
+            r2 = dx * dx + dy * dy + dz * dz
+            inverse = inverse_sqrt(r2)
+            cube = inverse * inverse * inverse
+            wi, wj = gm_j * cube, gm_i * cube
+            ax, ay, az = ax + wi * dx, ay + wi * dy, az + wi * dz
+            store3(pull, q, stride, (bx - wj * dx, by - wj * dy, bz - wj * dz))
+            if any_lane((r2 < hill_i) | (r2 < hill_j)):
+                note_near(own.first, p, q, r2 < hill_j, t)
+                note_near(own.first, q, p, r2 < hill_i, t)
+        store3(pull, p, stride, (ax, ay, az))
+
+
+@in_order
+def note_near(first, p, q, near, t):
+    """Body p came near body q in those lanes."""
+    known, which = load(first[NEAR], p), load(first[WHICH], p)
+    new = near & (known > t)
+    store(first[NEAR], p, select(new, t, known))
+    store(first[WHICH], p, select(new, splat(float(q // WIDTH)), which))
+
+
+@in_order
+def heliocentric_kick(own, dt, t):
+    """Kicks by the other bodies, then the jump by the sum of the momenta."""
+    x, v, pull, share = own.orbit[0], own.orbit[1], own.work[PULL], own.table[OTHERS]
+    stride = share.size
+    pulls(own, x, t)
+    jx, jy, jz = splat(0.0), splat(0.0), splat(0.0)
+    for p in range(0, stride, WIDTH):
+        ax, ay, az = load3(pull, p, stride)
+        add3(v, p, stride, (dt * ax, dt * ay, dt * az))
+        vx, vy, vz = load3(v, p, stride)
+        m = load(share, p)
+        jx, jy, jz = jx + m * vx, jy + m * vy, jz + m * vz
+    for p in range(0, stride, WIDTH):
+        add3(x, p, stride, (dt * jx, dt * jy, dt * jz))
+
+
+@in_order
+def jacobi_kick(own, dt, t):
+    """Kicks in Jacobi's coordinates."""
+    x, v, table, work = own.orbit[0], own.orbit[1], own.table, own.work
+    stride = table[GM].size
+    central = load(own.central, 0)
+    places(own, x)
+    pulls(own, work[PLACE], t)
+    zero = splat(0.0)
+    sx, sy, sz = zero, zero, zero  # of G m_j w_j over the bodies j > i
+    for p in range(stride - WIDTH, -WIDTH, -WIDTH):
+        px, py, pz = load3(work[PULL], p, stride)
+        (wx, wy, wz), (gx, gy, gz) = central_part(load3(x, p, stride), load3(work[OFFSET], p, stride))
+        gm, others, source = load(table[GM], p), load(table[OTHERS], p), load(table[SOURCE], p)
+        rest = load(table[INSIDE], p) * central
+        kick = (
+            px + gm * (gx + others * wx) - rest * sx,
+            py + gm * (gy + others * wy) - rest * sy,
+            pz + gm * (gz + others * wz) - rest * sz,
+        )
+        store3(work[KICK], p, stride, kick)
+        sx, sy, sz = sx + source * wx, sy + source * wy, sz + source * wz
+    sx, sy, sz = zero, zero, zero  # of G m_j p_j over the bodies j < i
+    for p in range(0, stride, WIDTH):
+        kx, ky, kz = load3(work[KICK], p, stride)
+        rest, source = load(table[INSIDE], p), load(table[SOURCE], p)
+        add3(v, p, stride, (dt * (kx - rest * sx), dt * (ky - rest * sy), dt * (kz - rest * sz)))
+        px, py, pz = load3(work[PULL], p, stride)
+        sx, sy, sz = sx + source * px, sy + source * py, sz + source * pz
+
+
+@in_order
+def leave(own, orbit, y, elapsed):
+    """y (2, 3, n, 8) <- positions and velocities, the central body first, ``elapsed`` after step 0."""
+    n = y.shape[2]
+    stride, end = (n - 1) * WIDTH, n * WIDTH
+    for half in range(2):
+        q, target = orbit[half], y[half]
+        cx, cy, cz = load3(own.centre[half], 0, WIDTH)
+        if half == 0:
+            ux, uy, uz = load3(own.centre[1], 0, WIDTH)
+            cx, cy, cz = cx + elapsed * ux, cy + elapsed * uy, cz + elapsed * uz
+        weights = own.table[SHARE] if own.jacobi else own.shares if half == 0 else own.table[OTHERS]
+        mx, my, mz = cx, cy, cz  # the central body
+        for p in range(0, stride, WIDTH):
+            m = load(weights, p)
+            x, y_, z = load3(q, p, stride)
+            mx, my, mz = mx - m * x, my - m * y_, mz - m * z
+        store3(target, 0, end, (mx, my, mz))
+        if not own.jacobi and half == 1:
+            mx, my, mz = cx, cy, cz  # these velocities are from the centre of mass
+        for p in range(0, stride, WIDTH):
+            x, y_, z = load3(q, p, stride)
+            store3(target, p + WIDTH, end, (x + mx, y_ + my, z + mz))
+            if own.jacobi:
+                m = load(weights, p)
+                mx, my, mz = mx + m * x, my + m * y_, mz + m * z
+
+
+@driver
+def batch_wisdom_holman_loop(orbits, y, weights, dt, start, done, counts, looks, cursor):
+    """``counts`` (k,) steps before each look, ``done`` having been taken before. ``weights`` (3, stages + 1) are the
+    row of drifts, the kick after each (0 after the last) and the part of dt that has passed; the last drift is joined
+    to the next step's first, and done on a copy for each look, which ``y`` then holds."""
+    own = handle(orbits)
+    y, weights, counts = unowned(y), unowned(weights), unowned(counts)
+    looks, cursor = unowned(looks), unowned(cursor)
+    step, begin = load(unowned(dt), 0), load(unowned(start), 0)
+    drifts, kicks, passed = weights[0], weights[1], weights[2]
+    stages = drifts.size - 1
+    for k in range(counts.size):
+        for _ in range(counts[k]):
+            for stage in range(stages):
+                t = begin + (float(done) + passed[stage]) * step
+                length = drifts[stage]
+                if stage == 0 and cursor[FRESH]:
+                    length += drifts[stages]
+                drift(own, own.orbit, length * step, t, True)
+                if own.jacobi:
+                    jacobi_kick(own, kicks[stage] * step, t)
+                else:
+                    heliocentric_kick(own, kicks[stage] * step, t)
+            cursor[FRESH] = 1
+            cursor[EVALUATIONS] += stages
+            done += 1
+        if cursor[FRESH]:
+            copy_in_lanes(own.seen, own.orbit)
+            elapsed = float(done) * step
+            drift(own, own.seen, drifts[stages] * step, begin + elapsed, False)
+            leave(own, own.seen, y, elapsed)
+        look_in_lanes(own.bodies, y[0], y[1], looks[k])

@@ -1,0 +1,68 @@
+"""What the Wisdom-Holman map does not follow, and how it says so."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from kickdrift.state import Floats
+
+if TYPE_CHECKING:
+    from kickdrift.system import System
+
+STEPS_PER_PERIOD = 20  # of a passage of the pericentre: fewer are worth a warning (Wisdom 2015; Rein & Tamayo 2015)
+
+
+def passages_and_hill(
+    x: Floats, v: Floats, gm: Floats, source: Floats, central: Floats | float
+) -> tuple[Floats, Floats]:
+    """How long bodies at x and v (3, …) take about their pericentres as on a circle, 2 pi q / v there (infinite where
+    that lies behind them for ever), and their squared Hill radii; gm of the Kepler motion, ``source`` and ``central`` G
+    times the body's and the central one's mass."""
+    r, h2 = np.sqrt((x * x).sum(axis=0)), (np.cross(x, v, axis=0) ** 2).sum(axis=0)
+    energy, outward = 0.5 * (v * v).sum(axis=0) - gm / r, (x * v).sum(axis=0)
+    e = np.sqrt(np.maximum(0.0, 1.0 + 2.0 * energy * h2 / gm**2))
+    q = h2 / (gm * (1.0 + e))
+    passage = 2.0 * math.pi * np.sqrt(q**3 / (gm * (1.0 + e)))
+    bound = energy < 0.0
+    far = np.where(bound, -0.5 * gm / np.where(bound, energy, -1.0), r)
+    hill = far * (source / (3.0 * central)) ** (1 / 3)
+    return np.where(bound | (outward < 0.0), passage, np.inf), hill * hill
+
+
+def warning_lines(
+    system: System,
+    dt: float,
+    least: float,
+    shortest: tuple[float, int] | None,
+    unbound: Iterable[tuple[int, float]],
+    near: Iterable[tuple[int, int, float]],
+) -> list[str]:
+    """Lines on what the map does not follow: ``shortest`` is the shortest passage and whose, ``least`` the time between
+    two kicks, ``unbound`` who was first unbound when, ``near`` who was first near whom when."""
+    unit = "" if system.units.reduced else f" {system.units.time}"
+    found = []
+    if shortest is not None and least > shortest[0] / STEPS_PER_PERIOD:
+        passage, i = shortest
+        found.append(
+            f"dt = {dt:g}{unit} is long: {system.body(i)} turns about its pericentre as on a circle of period "
+            f"{passage:.4g}{unit}, in {passage / least:.3g} kicks; {STEPS_PER_PERIOD} or more resolve it"
+        )
+    found += [
+        f"{system.body(i)} is on a hyperbola from t = {time:.6g}{unit} on: the map is made for bound orbits; "
+        "gauss-radau15 follows visitors"
+        for i, time in unbound
+    ]
+    pairs: dict[tuple[int, int], float] = {}
+    for i, j, time in near:
+        pair = (min(i, j), max(i, j))
+        pairs[pair] = min(time, pairs.get(pair, np.inf))
+    for (i, j), time in pairs.items():
+        found.append(
+            f"{system.body(i)} and {system.body(j)} come within the Hill radius at t = {time:.6g}{unit}: the map "
+            "does not follow close encounters; gauss-radau15 does"
+        )
+    return found
