@@ -15,6 +15,7 @@ import pytest
 from typer.testing import CliRunner
 
 import kickdrift as kd
+from kickdrift.batch import Batch
 from kickdrift.cli import app, main
 from kickdrift.ensemble import running, table
 from kickdrift.errors import InputError, RunError
@@ -70,6 +71,9 @@ def test_rows_are_the_runs_that_the_seeds_and_values_give(system, client):
     path.write_text(text.replace("a = 1.7", "a = 1.6"))
     report = kd.Simulation(kd.load(path)).run(STEPS)
     assert report.energy is not None
+    batch = Batch([kd.load(path)])
+    batch.run(STEPS)
+    assert row["energy_max_relative_error"] == batch.report(0).energy.max_relative_error
     for name, value in {
         "energy_max_relative_error": report.energy.max_relative_error,
         "energy_drift": report.energy.drift_per_unit_time,
@@ -77,7 +81,7 @@ def test_rows_are_the_runs_that_the_seeds_and_values_give(system, client):
         "steps": report.steps,
         "time": report.time,
     }.items():
-        assert row[name] == value, name
+        assert row[name] == pytest.approx(value, rel=1e-6, abs=1e-13), name  # side by side, sums are in another order
 
 
 def test_the_table_does_not_depend_on_the_workers_or_the_size(system, client):
@@ -253,7 +257,7 @@ def test_the_command_line(system, tmp_path):
         (["--vary", "dt"], "expected KEY=VALUES"),
         (["--vary", "dt=0.1", "--vary", "dt=0.2"], "dt is given twice"),
         (["--vary", "dt=0.1", "--dt", "0.2"], "dt: varies, and was given as 0.2 too"),
-        (["--vary", "dx=0.1"], "there is no"),
+        (["--vary", "dx=0.1"], "dx: unknown key"),
         (["--replicas", "2"], "leaves nothing to a seed"),
         (["--vary", "particles.elements[b].m=1"], "unknown key"),
         (["--scheduler", "nowhere"], "--scheduler nowhere: cannot be reached"),

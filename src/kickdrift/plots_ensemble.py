@@ -13,8 +13,8 @@ import numpy as np
 
 from kickdrift.ensemble import summary
 from kickdrift.ensemble.ensemble import Ensemble
+from kickdrift.ensemble.rows import DONE
 from kickdrift.ensemble.table import PROVENANCE
-from kickdrift.ensemble.work import DONE
 from kickdrift.errors import InputError
 from kickdrift.plots import COLOURS, INK, _pretty, checked_target, new_axes, new_figure, save_figure
 from kickdrift.printing import counted

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from kickdrift.ensemble import summary
+from kickdrift.ensemble.rows import DONE
 from kickdrift.ensemble.table import PROVENANCE
-from kickdrift.ensemble.work import DONE
 from kickdrift.printing import counted, print_table, say
 
 if TYPE_CHECKING:

@@ -111,7 +111,7 @@ def megno(
     if not isinstance(system, System):
         raise InputError(f"megno: takes a System of particles, got {type(system).__name__}")
     seed = _checked_seed(seed)
-    n, name, length = len(system), _carrier(system, integrator), _length(system, time)
+    n, name, length = len(system), carrier(system, integrator), length_of(system, time)
     sim = Simulation(varied(system, np.zeros_like(system.state.phase)), name, dt, threads, **options)
     state = sim.state
     accelerations = sim._flow.accelerations(state.phase, sim.time)  # type: ignore[union-attr]
@@ -150,11 +150,11 @@ def megnos(
 
     systems = tuple(systems)
     count = len(systems)
-    names = {_carrier(system, integrator) if isinstance(system, System) else "" for system in systems}
+    names = {carrier(system, integrator) if isinstance(system, System) else "" for system in systems}
     if len(names) > 1:
         raise InputError(f"integrator: a batch has one in common; the systems' are {', '.join(sorted(names))}")
     drawn = [_checked_seed(seed) for seed in _each("seeds", seeds, count)]
-    lengths = [_length(*pair) for pair in zip(systems, _each("time", time, count), strict=True)]
+    lengths = [length_of(*pair) for pair in zip(systems, _each("time", time, count), strict=True)]
     found = growths(systems, lengths, min(names, default=integrator), dt, drawn, options)
     reports: list[ChaosReport | None] = []
     for k, (system, seed) in enumerate(zip(systems, drawn, strict=True)):
@@ -216,7 +216,7 @@ def _checked_seed(seed: Any) -> int:
     return int(seed)
 
 
-def _length(system: System, time: float | None) -> float:
+def length_of(system: System, time: float | None) -> float:
     """How long to run."""
     length = system.run.time if time is None else time
     if time is None and length is None and system.run.steps and system.run.dt:
@@ -245,7 +245,7 @@ def mean_megno(times: Floats, growth: Floats) -> Floats:
     return np.concatenate([[0.0], total / times[1:]])
 
 
-def _carrier(system: System, integrator: str | None) -> str:
+def carrier(system: System, integrator: str | None) -> str:
     """The integrator to run with."""
     if integrator is not None:
         if not method_named(integrator).carries:

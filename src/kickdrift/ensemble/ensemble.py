@@ -17,7 +17,7 @@ from kickdrift.ensemble import table as tables
 from kickdrift.ensemble.keys import path_of
 from kickdrift.ensemble.members import Members, members_of
 from kickdrift.ensemble.recipe import MEGNO, RUN, Measure, Recipe, SystemMaker, SystemText
-from kickdrift.ensemble.work import DONE, LOST, Row
+from kickdrift.ensemble.rows import DONE, LOST, Row
 from kickdrift.errors import InputError
 from kickdrift.forces.compiling import processor
 from kickdrift.integrators import INTEGRATORS
@@ -227,7 +227,7 @@ class Ensemble:
         if not todo:
             return
         with running.workers(workers) if client is None else nullcontext(client) as own:
-            yield from running.rows(recipe, self.members, todo, own, None)
+            yield from running.rows(recipe, self.members, todo, own)
 
 
 def _subject(system: Any) -> SystemText | SystemMaker:

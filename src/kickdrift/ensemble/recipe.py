@@ -96,6 +96,12 @@ class Recipe:
         with_source = self.trajectories is not None or callable(self.measure)
         return self.subject.system({**self.settings, **member.values}, member.seed, with_source)
 
+    def carrier(self, member: Member) -> str | None:
+        """The integrator that `megno` is asked for; none where only the system's own file names one, which may carry no
+        variations."""
+        asked = {path_of(key): value for key, value in {**self.settings, **member.values}.items()}
+        return asked.get(("run", "integrator"))
+
     @property
     def drawn(self) -> bool:
         """Whether members with the same values differ by their seeds, as far as can be told."""

@@ -17,7 +17,8 @@ from typing import Any
 
 from kickdrift.ensemble.members import Member, Members
 from kickdrift.ensemble.recipe import Recipe
-from kickdrift.ensemble.work import LOST, Row, packed, row_of, timed_members, unpacked
+from kickdrift.ensemble.rows import LOST, Row, failed_row
+from kickdrift.ensemble.work import packed, timed_members, unpacked
 from kickdrift.errors import InputError, RunError
 
 PATIENCE = 10.0  # seconds for a scheduler to answer
@@ -76,9 +77,8 @@ def _nobody_imports_main() -> Iterator[None]:
         vars(main).update(hidden)
 
 
-def rows(recipe: Recipe, members: Members, todo: Iterable[int], client: Any, size: int | None) -> Iterator[list[Row]]:
-    """The rows of the members with these numbers, as they are done; ``size`` of them go together, or as many as take
-    about TASK_SECONDS."""
+def rows(recipe: Recipe, members: Members, todo: Iterable[int], client: Any) -> Iterator[list[Row]]:
+    """The rows of the members with these numbers, as they are done; as many go together as take about TASK_SECONDS."""
     import distributed
 
     cargo = packed(recipe)
@@ -90,7 +90,7 @@ def rows(recipe: Recipe, members: Members, todo: Iterable[int], client: Any, siz
     name = f"kickdrift-{uuid.uuid4().hex[:12]}"
     tasks = distributed.as_completed(loop=client.loop)
     sent: dict[str, list[Member]] = {}
-    together = size or 1
+    together = 1
 
     def send(batch: list[Member]) -> None:
         key = f"{name}-{batch[0].number}-{len(batch)}"
@@ -107,8 +107,9 @@ def rows(recipe: Recipe, members: Members, todo: Iterable[int], client: Any, siz
         for future in tasks:
             batch = sent.pop(future.key)
             if future.status == "finished":
-                found, seconds = future.result()
-                together = size or max(1, min(int(TASK_SECONDS * len(batch) / seconds), MOST))
+                found, seconds, least = future.result()
+                wanted = int(TASK_SECONDS * len(batch) / seconds)
+                together = min(max(least, wanted - wanted % least), MOST)
                 yield found
             elif future.status != "error":
                 raise RunError(f"ensemble: the scheduler was lost, with {len(sent) + 1} tasks under way")
@@ -116,7 +117,7 @@ def rows(recipe: Recipe, members: Members, todo: Iterable[int], client: Any, siz
                 for member in batch:
                     send([member])
             else:
-                yield [row_of(batch[0], LOST, _why(future.exception()))]
+                yield [failed_row(batch[0], LOST, _why(future.exception()))]
             future.release()
             fill()
     finally:

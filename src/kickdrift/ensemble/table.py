@@ -17,7 +17,7 @@ from kickdrift.outputs import checked_target, written_whole
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-    from kickdrift.ensemble.work import Row
+    from kickdrift.ensemble.rows import Row
 
 SUFFIXES = (".parquet", ".h5")
 PROVENANCE = "kickdrift"  # the name under which it stands in a file, and in a table's ``attrs``

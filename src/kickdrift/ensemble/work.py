@@ -5,22 +5,16 @@ from __future__ import annotations
 import platform
 from collections.abc import Sequence
 from time import perf_counter
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import kickdrift
-from kickdrift.ensemble.keys import path_of
 from kickdrift.ensemble.members import Member
 from kickdrift.ensemble.recipe import MEGNO, Recipe
+from kickdrift.ensemble.rows import FAILED, Row, done_row, failed_row, last_columns, megno_columns, run_columns
 from kickdrift.errors import InputError, KickdriftError
-from kickdrift.problem import Problem, ProblemState
+from kickdrift.problem import Problem
 from kickdrift.system import System
 from kickdrift.units import shown
-
-if TYPE_CHECKING:
-    from kickdrift.analysis.chaos import ChaosReport
-
-Row = dict[str, Any]
-DONE, FAILED, LOST = "done", "failed", "lost"
 
 
 def packed(recipe: Recipe) -> bytes:
@@ -42,40 +36,36 @@ def unpacked(cargo: bytes) -> Recipe:
     return recipe
 
 
-def timed_members(cargo: bytes, members: Sequence[Member]) -> tuple[list[Row], float]:
-    """`run_members` of a packed Recipe, and how many seconds it took."""
+def timed_members(cargo: bytes, members: Sequence[Member]) -> tuple[list[Row], float, int]:
+    """A row for each member, by a packed Recipe; how many seconds it took; and how many members should go together."""
+    from kickdrift.ensemble.together import TOGETHER, side_by_side  # which loads the compiler
+
     began = perf_counter()
-    return run_members(unpacked(cargo), members), perf_counter() - began
-
-
-def run_members(recipe: Recipe, members: Sequence[Member]) -> list[Row]:
-    """A row for each member."""
+    recipe = unpacked(cargo)
     recipe.begin()
-    return [run_member(recipe, member) for member in members]
+    systems = {member.number: system for member in members if (system := _built(recipe, member)) is not None}
+    found = side_by_side(recipe, [(member, systems[member.number]) for member in members if member.number in systems])
+    rows = [found.get(each.number) or run_member(recipe, each, systems.get(each.number)) for each in members]
+    return rows, perf_counter() - began, TOGETHER if found else 1
 
 
-def run_member(recipe: Recipe, member: Member) -> Row:
-    """A member's row: what it is, how it ended, and what was measured or, of one that failed, its last good state."""
-    system = None
+def _built(recipe: Recipe, member: Member) -> System | Problem | None:
+    """The member's system; none where it cannot be built, which is told when it is run alone."""
     try:
-        system = recipe.system(member)
-        measured = (
-            megno_row(_megno(recipe, system, member)) if recipe.measure == MEGNO else _run(recipe, member, system)
-        )
-        begun = row_of(member, DONE)
-        return begun | {key: value for key, value in measured.items() if key not in begun}
+        return recipe.system(member)
+    except Exception:
+        return None
+
+
+def run_member(recipe: Recipe, member: Member, system: System | Problem | None = None) -> Row:
+    """A member's row: what it is, how it ended, and what was measured or, of one that failed, its last good state."""
+    try:
+        system = system or recipe.system(member)
+        return done_row(member, (_megno if recipe.measure == MEGNO else _run)(recipe, member, system))
     except KickdriftError as error:
-        return row_of(member, FAILED, str(error)) | _last(getattr(error, "state", None), system)
+        return failed_row(member, FAILED, str(error)) | last_columns(getattr(error, "state", None), system)
     except Exception as error:  # whatever a user's function raises
-        return row_of(member, FAILED, " ".join(f"{type(error).__name__}: {error}".split()))
-
-
-def row_of(member: Member, status: str, error: str = "") -> Row:
-    """How a row begins."""
-    return {
-        "member": member.number, "replica": member.replica, "seed": member.seed, **member.values, "status": status,
-        "error": error,
-    }  # fmt: skip
+        return failed_row(member, FAILED, " ".join(f"{type(error).__name__}: {error}".split()))
 
 
 def _run(recipe: Recipe, member: Member, system: System | Problem) -> Row:
@@ -89,27 +79,7 @@ def _run(recipe: Recipe, member: Member, system: System | Problem) -> Row:
     folder = recipe.trajectories
     report = sim.run(**length, output=folder and folder / f"member-{member.number:06d}.h5md", overwrite=True)
     measured = {} if isinstance(recipe.measure, str) else _measured(recipe.measure, sim)
-    energy = report.energy
-    return {
-        "integrator": report.integrator,
-        "dt": report.dt,
-        "steps": report.steps,
-        "time": report.time,
-        "force_evaluations": report.force_evaluations,
-        "energy_rms_relative_error": energy and energy.rms_relative_error,
-        "energy_max_relative_error": energy and energy.max_relative_error,
-        "energy_drift": energy and energy.drift_per_unit_time,
-        "energy_drift_error": energy and energy.drift_error,
-        "energy_verdict": energy.verdict if energy else "",
-        "momentum_error": report.momentum_error,
-        "angular_momentum_error": report.angular_momentum_error,
-        "temperature": report.temperature,
-        "pressure": report.pressure,
-        "stopped": report.stopped,
-        "warnings": "; ".join(report.warnings),
-        **measured,
-        "wall_seconds": report.wall_seconds,
-    }
+    return run_columns(report, measured)
 
 
 def _measured(measure: Any, sim: Any) -> Row:
@@ -126,32 +96,10 @@ def _measured(measure: Any, sim: Any) -> Row:
     return row
 
 
-def _megno(recipe: Recipe, system: System | Problem, member: Member) -> ChaosReport:
+def _megno(recipe: Recipe, member: Member, system: System | Problem) -> Row:
     from kickdrift.analysis.chaos import megno
 
     run = system.run
-    asked = ("run", "integrator") in map(path_of, {**recipe.settings, **member.values})
-    # The file's own, which may carry no variations, is megno's to take or to leave.
-    return megno(
-        system, None, run.integrator if asked else None, run.dt, seed=member.seed, rtol=run.rtol, atol=run.atol
+    return megno_columns(
+        megno(system, None, recipe.carrier(member), run.dt, seed=member.seed, rtol=run.rtol, atol=run.atol)
     )
-
-
-def megno_row(found: ChaosReport) -> Row:
-    """What a ChaosReport says, as columns."""
-    names = ("integrator", "dt", "steps", "time", "megno", "verdict", "lyapunov", "lyapunov_error", "energy_error")
-    return {name: getattr(found, name) for name in names}
-
-
-def _last(state: Any, system: System | Problem | None) -> Row:
-    """A failed member's last good state, as columns; positions and velocities as one list each, x y z x y z …"""
-    if state is None or system is None:
-        return {}
-    at = {"last_step": state.steps_done, "last_time": state.time}
-    if isinstance(state, ProblemState):
-        return at | {"last_y": state.y.tolist()}
-    own = slice(len(system))  # without deviations
-    return at | {
-        "last_positions": state.positions[own].reshape(-1).tolist(),
-        "last_velocities": state.velocities[own].reshape(-1).tolist(),
-    }

@@ -1,0 +1,79 @@
+"""Rows of an ensemble's table: a member's columns."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from kickdrift.ensemble.members import Member
+from kickdrift.problem import Problem, ProblemState
+from kickdrift.system import System
+
+if TYPE_CHECKING:
+    from kickdrift.analysis.chaos import ChaosReport
+    from kickdrift.report import Report
+
+Row = dict[str, Any]
+DONE, FAILED, LOST = "done", "failed", "lost"
+
+
+def failed_row(member: Member, status: str, error: str) -> Row:
+    """That of a member which did not end well."""
+    return _begun(member, status, error)
+
+
+def done_row(member: Member, measured: Row) -> Row:
+    """That of a member which did; a column that varied is told as it was given."""
+    begun = _begun(member, DONE, "")
+    return begun | {key: value for key, value in measured.items() if key not in begun}
+
+
+def _begun(member: Member, status: str, error: str) -> Row:
+    return {
+        "member": member.number, "replica": member.replica, "seed": member.seed, **member.values, "status": status,
+        "error": error,
+    }  # fmt: skip
+
+
+def run_columns(report: Report, measured: Row | None = None) -> Row:
+    """What a run reports of itself, and what else was ``measured``, as columns."""
+    energy = report.energy
+    return {
+        "integrator": report.integrator,
+        "dt": report.dt,
+        "steps": report.steps,
+        "time": report.time,
+        "force_evaluations": report.force_evaluations,
+        "energy_rms_relative_error": energy and energy.rms_relative_error,
+        "energy_max_relative_error": energy and energy.max_relative_error,
+        "energy_drift": energy and energy.drift_per_unit_time,
+        "energy_drift_error": energy and energy.drift_error,
+        "energy_verdict": energy.verdict if energy else "",
+        "momentum_error": report.momentum_error,
+        "angular_momentum_error": report.angular_momentum_error,
+        "temperature": report.temperature,
+        "pressure": report.pressure,
+        "stopped": report.stopped,
+        "warnings": "; ".join(report.warnings),
+        **(measured or {}),
+        "wall_seconds": report.wall_seconds,
+    }
+
+
+def megno_columns(found: ChaosReport) -> Row:
+    """What a ChaosReport says, as columns."""
+    names = ("integrator", "dt", "steps", "time", "megno", "verdict", "lyapunov", "lyapunov_error", "energy_error")
+    return {name: getattr(found, name) for name in names}
+
+
+def last_columns(state: Any, system: System | Problem | None) -> Row:
+    """A failed member's last good state, as columns; positions and velocities as one list each, x y z x y z …"""
+    if state is None or system is None:
+        return {}
+    at = {"last_step": state.steps_done, "last_time": state.time}
+    if isinstance(state, ProblemState):
+        return at | {"last_y": state.y.tolist()}
+    own = slice(len(system))  # without deviations
+    return at | {
+        "last_positions": state.positions[own].reshape(-1).tolist(),
+        "last_velocities": state.velocities[own].reshape(-1).tolist(),
+    }

@@ -1,0 +1,98 @@
+"""Members that are small systems under gravity advance side by side, several to a register: see `kickdrift.batch`.
+
+Whether one does depends on nothing but the member, and so do its bits.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+from kickdrift.analysis.chaos import cadence, carrier, length_of, megnos
+from kickdrift.batch import Batch, refusal
+from kickdrift.ensemble.members import Member
+from kickdrift.ensemble.recipe import MEGNO, Recipe
+from kickdrift.ensemble.rows import Row, done_row, megno_columns, run_columns
+from kickdrift.errors import KickdriftError
+from kickdrift.forces.simd import WIDTH
+from kickdrift.integrators import integrator
+from kickdrift.integrators.stepping import Options
+from kickdrift.problem import Problem
+from kickdrift.system import System
+
+TOGETHER = WIDTH  # members, or a multiple of them
+NEAR = 1e-6  # steps that a time may be off their grid
+
+
+class Kind(NamedTuple):
+    """What members that advance together have in common."""
+
+    integrator: str
+    bodies: int
+    steps: int
+    every: int | None
+    options: Options
+
+
+def side_by_side(recipe: Recipe, members: Iterable[tuple[Member, System | Problem]]) -> dict[int, Row]:
+    """The rows, by number, of those members that can advance together, and come to an end without a blow-up."""
+    groups: dict[Kind, list[tuple[Member, System]]] = {}
+    for member, system in members:
+        kind = _kind(recipe, member, system)
+        if kind and isinstance(system, System):
+            groups.setdefault(kind, []).append((member, system))
+    rows: dict[int, Row] = {}
+    for kind, group in groups.items():
+        columns = (_megno if recipe.measure == MEGNO else _run)(kind, group)
+        rows |= {
+            member.number: done_row(member, found)
+            for (member, _), found in zip(group, columns, strict=True)
+            if found is not None
+        }
+    return rows
+
+
+def _kind(recipe: Recipe, member: Member, system: System | Problem) -> Kind | None:
+    """The member's kind; None where it has to run alone, and says itself what is wrong with it."""
+    if callable(recipe.measure) or recipe.trajectories is not None:
+        return None
+    if not isinstance(system, System) or system.equilibration is not None or system.run.dt is None:
+        return None
+    try:
+        chaos = recipe.measure == MEGNO
+        name = carrier(system, recipe.carrier(member)) if chaos else system.run.integrator or "velocity-verlet"
+        method = integrator(name)
+        options = method.checked(Options().or_else(system.run), Options())
+        steps = _megno_steps(system) if chaos else _steps(system)
+    except KickdriftError:
+        return None
+    if steps is None or refusal(system, method, options) or (chaos and not method.carries):
+        return None
+    return Kind(name, len(system), steps, system.run.every, replace(options, dt=None))
+
+
+def _steps(system: System) -> int | None:
+    """How many steps the system asks for; None where its time is not on their grid."""
+    run = system.run
+    if run.steps is not None or run.time is None or run.dt is None:
+        return run.steps
+    steps = round(run.time / run.dt)
+    return steps if abs(run.time / run.dt - steps) <= NEAR else None
+
+
+def _megno_steps(system: System) -> int:
+    assert system.run.dt is not None
+    return cadence(length_of(system, None), system.run.dt)[0]
+
+
+def _run(kind: Kind, group: Sequence[tuple[Member, System]]) -> list[Row | None]:
+    batch = Batch([system for _, system in group], kind.integrator)
+    batch.run(kind.steps)
+    return [run_columns(report) if report else None for report in batch.reports()]
+
+
+def _megno(kind: Kind, group: Sequence[tuple[Member, System]]) -> list[Row | None]:
+    seeds, dts = [member.seed for member, _ in group], [system.run.dt or 0.0 for _, system in group]
+    found = megnos([system for _, system in group], None, kind.integrator, dts, seeds=seeds)
+    return [megno_columns(report) if report else None for report in found]
