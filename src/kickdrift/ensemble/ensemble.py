@@ -21,6 +21,7 @@ from kickdrift.ensemble.rows import DONE, LOST, Row
 from kickdrift.errors import InputError
 from kickdrift.forces.compiling import processor
 from kickdrift.integrators import INTEGRATORS
+from kickdrift.integrators import integrator as method_named
 from kickdrift.integrators.method import Method
 from kickdrift.integrators.registration import REGISTERED
 from kickdrift.problem import Problem
@@ -200,7 +201,12 @@ class Ensemble:
     def _registered(self, system: System | Problem) -> list[Method]:
         """The integrators that members may name and other processes do not know."""
         grids = [values for key, values in self.members.grids.items() if path_of(key)[-1] == "integrator"]
-        named = {system.run.integrator, *(value for values in grids for value in values)}
+        named = {
+            *([system.run.integrator] if system.run.integrator else []),
+            *(value for values in grids for value in values),
+        }
+        for name in named:
+            method_named(name)  # or an InputError that suggests another
         return [INTEGRATORS[name] for name in sorted(REGISTERED & named)]
 
     def _done(self, output: Path, journal: tables.Journal) -> dict[int, Row]:
