@@ -12,6 +12,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from kickdrift.cli_ensemble import ensemble
+from kickdrift.cli_options import (
+    FlushOption,
+    JsonOption,
+    OverwriteOption,
+    QuietOption,
+    SystemArgument,
+    ThreadsOption,
+)
 from kickdrift.errors import InputError, KickdriftError
 from kickdrift.outputs import refuse_outputs, write_json
 from kickdrift.printing import (
@@ -46,18 +54,6 @@ bench_app = typer.Typer(help="Benchmarks.", no_args_is_help=True)
 app.add_typer(bench_app, name="bench")
 app.command()(ensemble)
 
-SystemArgument = Annotated[
-    str, typer.Argument(metavar="SYSTEM.toml", help="A system file, or the name of one that ships.")
-]
-JsonOption = Annotated[
-    Path | None, typer.Option("--json", metavar="FILE", help="Write the results as one JSON object.")
-]
-OverwriteOption = Annotated[bool, typer.Option("--overwrite", help="Replace files that exist.")]
-ThreadsOption = Annotated[int, typer.Option(metavar="K", min=1, help="Threads; the results do not depend on it.")]
-QuietOption = Annotated[bool, typer.Option("--quiet", help="Nothing on standard error but errors.")]
-FlushOption = Annotated[
-    float | None, typer.Option(metavar="SECONDS", help="Of frames that a kill costs at most (default 10).")
-]
 INTERRUPTED = 130
 VALIDATION: Path | None = None  # folder of the validation's scripts, where it is not that which came with the package
 

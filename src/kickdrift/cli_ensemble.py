@@ -7,6 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
+from kickdrift.cli_options import QuietOption, SystemArgument
 from kickdrift.errors import InputError, RunError
 from kickdrift.printing import counted, members_bar, say
 
@@ -14,7 +15,7 @@ MEASURE = "measure"  # what the module of a file with a measure is called
 
 
 def ensemble(
-    system: Annotated[str, typer.Argument(metavar="SYSTEM.toml", help="A system file, or the name of one that ships.")],
+    system: SystemArgument,
     vary: Annotated[
         list[str] | None,
         typer.Option(
@@ -47,7 +48,7 @@ def ensemble(
     trajectories: Annotated[
         Path | None, typer.Option(metavar="FOLDER", help="Write a .h5md file for each member.")
     ] = None,
-    quiet: Annotated[bool, typer.Option("--quiet", help="Nothing on standard error but errors.")] = False,
+    quiet: QuietOption = False,
 ) -> None:
     """Run a system many times, with values that vary and seeds of their own, on all cores or on a Dask cluster."""
     from kickdrift.ensemble import Ensemble
