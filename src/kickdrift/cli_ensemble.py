@@ -20,8 +20,9 @@ def ensemble(
         list[str] | None,
         typer.Option(
             metavar="KEY=VALUES",
-            help="A key of the file, or dt, integrator …; START:STOP:COUNT, log:START:STOP:COUNT, A,B,C, uniform:A:B, "
-            "normal:MEAN:DEVIATION or log-uniform:A:B. Repeat for several: every combination is run.",
+            help="A key of the file, or dt, integrator …; START:STOP:COUNT, log:START:STOP:COUNT, A,B,C, "
+            "uniform:LOW:HIGH, normal:MEAN:DEVIATION or log-uniform:LOW:HIGH; one value sets it for all. Repeat for "
+            "several: every combination is run.",
         ),
     ] = None,
     replicas: Annotated[int, typer.Option(metavar="N", min=1, help="Runs of each, with other seeds.")] = 1,
