@@ -55,6 +55,7 @@ app.add_typer(bench_app, name="bench")
 app.command()(ensemble)
 
 INTERRUPTED = 130
+TABLES = (".parquet", ".h5")  # of ensembles
 VALIDATION: Path | None = None  # folder of the validation's scripts, where it is not that which came with the package
 
 
@@ -455,7 +456,7 @@ def plot(
     stable."""
     if stability and (file or kind or column):
         raise InputError("give FILE or --stability, not both")
-    of_ensemble = file is not None and file.suffix in (".parquet", ".h5")
+    of_ensemble = file is not None and file.suffix in TABLES
     if file and (kind if of_ensemble else column):
         raise InputError("--kind is of a run's .h5md, --column of the .parquet or .h5 of an ensemble")
     if stability:
@@ -513,10 +514,20 @@ def export(
 
 
 @app.command()
-def info(file: Annotated[str, typer.Argument(metavar="FILE", help="A run's file, or a system file or name.")]) -> None:
-    """Say what a run's file holds, or check a system file without running it."""
+def info(
+    file: Annotated[
+        str, typer.Argument(metavar="FILE", help="A run's file, an ensemble's table, or a system file or name.")
+    ],
+) -> None:
+    """Say what a run's file or an ensemble's table holds, or check a system file without running it."""
     if Path(file).suffix == ".h5md" and not os.path.exists(file):
         raise InputError(f"{file}: no such file")
+    if Path(file).suffix in TABLES:
+        from kickdrift.ensemble import Ensemble
+        from kickdrift.printing_ensemble import print_ensemble
+
+        print_ensemble(Ensemble.read(file), Path(file))
+        return
     if Path(file).suffix == ".toml" or not os.path.exists(file):
         from kickdrift.systemfile import load
 
