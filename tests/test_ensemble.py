@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -194,6 +196,113 @@ def test_an_ensemble_goes_on_where_it_stopped(system, client, suffix):
     assert len(kd.Ensemble(system, VARY).run(client, output=output, overwrite=True)) == 3
 
 
+def test_members_that_failed_and_texts_go_on_as_they_were(system, client, tmp_path):
+    def told(sim):
+        return {"word": "far" if sim.dt > 0.06 else None, "truth": sim.dt > 0.06, "list": 2**70}
+
+    for suffix in table.SUFFIXES:
+        output = tmp_path / f"out{suffix}"
+        ensembles = [
+            kd.Ensemble(system, {"dt": [0.05, 0.1, 1e200], "particles.elements[b].e": "uniform:0:0.1"},
+                        replicas=n, measure=told) for n in (1, 2)
+        ]  # fmt: skip
+        first = ensembles[0].run(client, output=output)
+        assert same(ensembles[0].run(client, output=output), first)
+        begun = first.attrs["kickdrift"]["begun"]
+        more = ensembles[1].run(client, output=output)
+        assert more["status"].tolist() == ["done", "done", "failed"] * 2
+        assert same(more, ensembles[1].run(client))
+        assert more["word"].tolist()[:2] == first["word"].tolist()[:2]
+        assert (more.attrs["kickdrift"]["begun"], more.attrs["kickdrift"]["replicas"]) == (begun, 2)
+
+
+def test_lists_of_any_kind_are_values(client, tmp_path):
+    start = [[[0.1, 0.0, 0.0], [-0.1, 0.0, 0.0]], [[0.2, 0.0, 0.0], [-0.2, 0.0, 0.0]]]
+    for suffix in table.SUFFIXES:
+        found = kd.Ensemble("two-body", {"velocities.values": start}, steps=4).run(
+            client, output=tmp_path / f"out{suffix}"
+        )
+        assert [json.loads(text) for text in found["velocities.values"]] == start
+        assert same(kd.Ensemble.read(tmp_path / f"out{suffix}"), found)
+
+
+def test_an_ensemble_of_an_ode(client):
+    found = kd.Ensemble("ode-lorenz", {"ode.rho": [20.0, 28.0]}, time=1.0).run(client)
+    assert (found["status"] == "done").all()
+    sim = kd.Simulation(kd.load("ode-lorenz"))
+    sim.run(until=1.0)
+    assert found[["y0", "y1", "y2"]].to_numpy()[1].tolist() == sim.state.y.tolist()
+
+
+def test_another_function_or_system_is_another_ensemble(system, client, tmp_path):
+    def times(factor):
+        return lambda sim: factor * sim.time
+
+    def helper(sim):
+        return kinetic(sim)
+
+    output = tmp_path / "out.parquet"
+    made = kd.load(system)
+    kd.Ensemble(made, measure=times(2.0)).run(client, output=output)
+    assert len(kd.Ensemble(made, measure=times(2.0)).run(client, output=output)) == 1
+    for other in (times(3.0), helper, functools.partial(helper)):
+        with pytest.raises(InputError, match="another measure"):
+            kd.Ensemble(made, measure=other).run(client, output=output)
+    state = made.state
+    heavier = kd.System(state.positions, state.velocities, state.masses * 2, forces=made.forces, units="nbody",
+                        run=made.run, name=made.name)  # fmt: skip
+    with pytest.raises(InputError, match="another system"):
+        kd.Ensemble(heavier, measure=times(2.0)).run(client, output=output)
+    with pytest.raises(InputError, match="another system"):
+        kd.Ensemble(made.with_run(dt=0.01), measure=times(2.0)).run(client, output=output)
+    with pytest.raises(InputError, match="another trajectories"):
+        kd.Ensemble(made, measure=times(2.0)).run(client, output=output, trajectories=tmp_path / "frames")
+
+
+def test_a_time_replaces_the_steps_of_a_system(system, client):
+    found = kd.Ensemble(kd.load(system), {"time": [1.0, 2.0]}).run(client)
+    assert found["steps"].tolist() == [20, 40]
+    assert found["time"].tolist() == [1.0, 2.0]
+
+
+def test_only_one_process_writes_a_table(system, client, tmp_path):
+    output = tmp_path / "out.parquet"
+    ensemble = kd.Ensemble(system, VARY)
+
+    def again(done: int, of: int, failed: int) -> None:
+        with pytest.raises(InputError, match="another process is at work on it"):
+            ensemble.run(client, output=output)
+
+    ensemble.run(client, output=output, progress=again)
+    assert [path.name for path in tmp_path.iterdir() if "out" in path.name] == ["out.parquet"]
+
+
+@pytest.mark.parametrize(
+    ("vary", "options", "said"),
+    [
+        ({"member": [1]}, {}, "vary: member: is a column of every table"),
+        ({"dt": [0.1], "run.dt": [0.2]}, {}, "vary: run.dt: is given twice, as dt too"),
+        ({"run.dt": [0.1]}, {"dt": 0.2}, "vary: run.dt: is given twice, as dt too"),
+        ({"dt": [float("nan")]}, {}, "expected finite numbers"),
+        ({"dt": "0.1,"}, {}, "expected values between the commas"),
+        ({"masses[²]": [1]}, {}, "there is no 'masses'"),
+    ],
+)
+def test_keys_and_values_that_make_no_sense(system, vary, options, said):
+    with pytest.raises(InputError, match=re.escape(said)):
+        kd.Ensemble(system, vary, **options)
+
+
+def test_seeds_on_a_grid_leave_nothing_to_replicas():
+    with pytest.raises(InputError, match="leaves nothing to a seed"):
+        kd.Ensemble("lj-1000", {"velocities.seed": [1, 2]}, replicas=2)
+
+
+def test_columns_of_a_run_are_not_measured(system, client):
+    found = kd.Ensemble(system, measure=lambda sim: {"time": 1.0}).run(client)
+    assert found["error"][0] == "measure: time is a column of every run; give it another name"
+
+
 def test_trajectories_of_the_members(system, client):
     folder = system.with_name("frames")
     found = kd.Ensemble(system, {"particles.elements[b].e": [0.0, 0.1]}).run(client, trajectories=folder)
@@ -203,6 +312,8 @@ def test_trajectories_of_the_members(system, client):
         assert run[0].step == 0
     assert (found["status"] == "done").all()
     assert sorted(path.name for path in folder.iterdir()) == ["member-000000.h5md", "member-000001.h5md"]
+    with pytest.raises(InputError, match=r"member-000000.h5md exists already"):
+        kd.Ensemble(system, {"particles.elements[b].e": [0.0, 0.1]}).run(client, trajectories=folder)
 
 
 def test_a_member_that_kills_its_workers_is_lost_and_the_others_are_done(system, tmp_path):

@@ -9,8 +9,8 @@ from typer.testing import CliRunner
 from kickdrift.cli import app
 from kickdrift.ensemble import Ensemble
 from kickdrift.ensemble import table as tables
-from kickdrift.ensemble.recipe import _source
-from kickdrift.ensemble.rows import done_row
+from kickdrift.ensemble.identity import _source
+from kickdrift.ensemble.rows import row_of
 from kickdrift.ensemble.work import run_member
 from kickdrift.printing_ensemble import print_ensemble
 
@@ -48,7 +48,7 @@ def test_a_function_whose_file_has_changed_has_its_name(tmp_path):
 @pytest.mark.parametrize("suffix", tables.SUFFIXES)
 def test_numbers_and_texts_are_a_column_of_texts(tmp_path, suffix):
     members = Ensemble("sun-jupiter", {"dt": [0.1, "36.525 day"]}).members
-    table = tables.frame((done_row(members[i], {}) for i in range(2)), {"grids": members.grids})
+    table = tables.frame((row_of(members[i], "done") for i in range(2)), {"grids": members.grids})
     tables.write(table, tmp_path / f"table{suffix}")
     assert list(tables.read(tmp_path / f"table{suffix}")["dt"]) == ["0.1", "36.525 day"]
 
@@ -76,7 +76,7 @@ def test_ends_are_of_finite_numbers(capsys):
     members = Ensemble("sun-jupiter", {"dt": "uniform:0.1:0.2"}, replicas=3).members
     found = [1.5, float("inf"), 2.5]
     table = tables.frame(
-        (done_row(members[i], {}) | {"drift_error": found[i]} for i in range(3)),
+        (row_of(members[i], "done") | {"drift_error": found[i]} for i in range(3)),
         {"system": "two", "seed": 0, "grids": {}, "draws": {"dt": []}},
     )
     print_ensemble(table, None)

@@ -13,7 +13,7 @@ from kickdrift.cli import app
 from kickdrift.ensemble import Ensemble, summary
 from kickdrift.ensemble import table as tables
 from kickdrift.ensemble.members import members_of
-from kickdrift.ensemble.rows import done_row, failed_row
+from kickdrift.ensemble.rows import row_of
 
 MEGNO = {"x.e": [0.0, 0.1, 0.2], "x.a": [5.0, 5.5]}
 
@@ -24,7 +24,9 @@ def write(path, vary, value, column="megno", replicas=1, units="astro"):
     rows = []
     for member in (members[i] for i in range(len(members))):
         found = value(member)
-        rows.append(failed_row(member, "failed", "blew up") if found is None else done_row(member, {column: found}))
+        rows.append(
+            row_of(member, "failed", "blew up") if found is None else row_of(member, "done", measured={column: found})
+        )
     draws = {key: list(draw) for key, draw in members.draws.items()}
     provenance = {"system": "stars", "units": units, "grids": members.grids, "draws": draws}
     tables.write(tables.frame(rows, provenance), path)

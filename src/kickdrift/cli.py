@@ -456,7 +456,7 @@ def plot(
     stable."""
     if stability and (file or kind or column):
         raise InputError("give FILE or --stability, not both")
-    of_ensemble = file is not None and file.suffix in TABLES
+    of_ensemble = file is not None and file.suffix.lower() in TABLES
     if file and (kind if of_ensemble else column):
         raise InputError("--kind is of a run's .h5md, --column of the .parquet or .h5 of an ensemble")
     if stability:
@@ -522,7 +522,7 @@ def info(
     """Say what a run's file or an ensemble's table holds, or check a system file without running it."""
     if Path(file).suffix == ".h5md" and not os.path.exists(file):
         raise InputError(f"{file}: no such file")
-    if Path(file).suffix in TABLES:
+    if Path(file).suffix.lower() in TABLES:
         from kickdrift.ensemble import Ensemble
         from kickdrift.printing_ensemble import print_ensemble
 

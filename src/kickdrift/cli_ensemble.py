@@ -81,9 +81,10 @@ def ensemble(
                 with dask_workers(scheduler=scheduler) as client:
                     table = planned.run(client, progress=progress, **options)
         except (KeyboardInterrupt, RunError):
-            if output:
-                of = counted(len(planned), "member")
-                say(f"{output}.journal: has {max(done, 0)} of {of}; the same command goes on from there")
+            journal = output and output.with_name(f"{output.name}.journal")
+            if journal and journal.exists():
+                again = "the same command without --overwrite" if overwrite else "the same command"
+                say(f"{journal}: has {max(done, 0)} of {counted(len(planned), 'member')}; {again} goes on from there")
             raise
     print_ensemble(table, output)
     if not (table["status"] == "done").any():

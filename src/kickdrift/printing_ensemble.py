@@ -42,12 +42,14 @@ def print_ensemble(table: DataFrame, output: Path | None) -> None:
     for row in table[table["status"] != DONE].head(ERRORS).to_dict("records"):
         say(f"member {row['member']}: {row['error']}")
     if len(table) - len(done) > ERRORS:
-        say(f"and {len(table) - len(done) - ERRORS} more that {counts.index[-1]}")
+        say(f"and {len(table) - len(done) - ERRORS} more")
 
 
 def _print_measured(table: DataFrame) -> None:
     """Means with their standard errors: of each quantity, or at each point of a small grid of the one that tells
     most."""
+    if not summary.measured(table):
+        return
     done = table[table["status"] == DONE]
     keys = summary.grids(table)
     if keys:

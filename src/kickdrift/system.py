@@ -178,11 +178,14 @@ class System:
         return other
 
     def with_run(self, **defaults: Any) -> System:
-        """The same system with these in its `RunDefaults`, as ``dt`` and ``integrator``; ``seed`` is its own too."""
-        other = copy(self)
-        object.__setattr__(other, "seed", defaults.pop("seed", self.seed))
-        object.__setattr__(other, "run", replace(self.run, **defaults))
-        return other
+        """The same system with these in its `RunDefaults`, as ``dt`` and ``integrator``; steps replace a time, and a
+        time steps."""
+        for one, other in (("steps", "time"), ("time", "steps")):
+            if one in defaults:
+                defaults.setdefault(other, None)
+        made = copy(self)
+        object.__setattr__(made, "run", replace(self.run, **defaults))
+        return made
 
     # --- to and from other programs ---
 

@@ -4,20 +4,21 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import nullcontext
 from datetime import UTC, datetime
 from importlib.util import find_spec
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 import kickdrift
 from kickdrift.ensemble import running
 from kickdrift.ensemble import table as tables
 from kickdrift.ensemble.keys import path_of
 from kickdrift.ensemble.members import Members, members_of
-from kickdrift.ensemble.recipe import MEGNO, RUN, Measure, Recipe, SystemMaker, SystemText
-from kickdrift.ensemble.rows import DONE, LOST, Row
+from kickdrift.ensemble.recipe import MEGNO, RUN, Measure, Recipe, SystemMaker, SystemText, seeded
+from kickdrift.ensemble.rows import COLUMNS, DONE, MEMBER, Row
 from kickdrift.errors import InputError
 from kickdrift.forces.compiling import processor
 from kickdrift.integrators import INTEGRATORS
@@ -25,6 +26,7 @@ from kickdrift.integrators import integrator as method_named
 from kickdrift.integrators.method import Method
 from kickdrift.integrators.registration import REGISTERED
 from kickdrift.problem import Problem
+from kickdrift.run_plan import whole_number
 from kickdrift.schema import RunTable
 from kickdrift.system import System
 from kickdrift.systemfile import find, parsed
@@ -76,13 +78,16 @@ class Ensemble:
                 raise InputError(f"{key}: expected one of {', '.join(RunTable.model_fields)}{hint}")
         if not (callable(measure) or measure in (RUN, MEGNO)):
             raise InputError(f"measure: expected {RUN!r}, {MEGNO!r} or a function of the Simulation, got {measure!r}")
-        given = {key: value for key, value in settings.items() if value is not None}
+        given = {
+            key: value.item() if isinstance(value, np.generic) else value
+            for key, value in settings.items()
+            if value is not None
+        }
         self.members: Members = members_of(vary or {}, replicas, seed)
         self._recipe = Recipe(_subject(system), given, measure)
-        for key in self.members.draws | self.members.grids:
-            if key in given:
-                raise InputError(f"{key}: varies, and was given as {given[key]!r} too")
-        if replicas > 1 and not self.members.draws and not self._recipe.drawn:
+        _refuse_keys(self.members, given)
+        drawn = self.members.draws or (self._recipe.drawn and not (measure != MEGNO and seeded(self.members.grids)))
+        if replicas > 1 and not drawn:
             raise InputError(f"replicas: all {replicas} would be the same run: {self.name} leaves nothing to a seed")
         one = self._a_system()
         self._units = one.units.name if isinstance(one, System) else ""
@@ -111,7 +116,7 @@ class Ensemble:
 
         A row has the member's number, replica and seed, the values that varied, ``status`` ("done", "failed", or "lost"
         where every worker that ran it died), the ``error`` of one that failed with its last good state, and what was
-        measured. All but ``wall_seconds`` is the same bits however it was run.
+        measured. All but ``wall_seconds`` is the same bits however it was run, on one kind of processor.
 
         Parameters
         ----------
@@ -119,7 +124,7 @@ class Ensemble:
         workers : how many of these; default one for each core
         output : a ``.parquet`` or ``.h5`` file for the table. Rows are kept in a journal beside it until all are done:
             after Ctrl-C or a kill the same call goes on where it stopped, as it does with more replicas
-        overwrite : begin anew where the file holds another ensemble
+        overwrite : begin anew, whatever the file or the folder of trajectories holds
         trajectories : a folder for a ``.h5md`` file of each member
         progress : called as ``progress(done, of, failed)``
 
@@ -127,33 +132,42 @@ class Ensemble:
         lost; members that fail raise nothing.
         """
         _check_packages()
+        if workers is not None:
+            workers = whole_number("workers", workers, 1)
         recipe = self._recipe if trajectories is None else self._recipe.writing(trajectories)
-        path = None if output is None else tables.checked_output(output)
-        provenance = self.provenance()
-        journal = None if path is None else tables.Journal(path, provenance)
-        known = self._done(path, journal) if path and journal and not overwrite else {}
-        todo = [i for i in range(len(self)) if i not in known]
+        if output is None:
+            recipe.refuse_frames(overwrite)
+            return tables.frame(self._all(recipe, {}, client, workers, progress, None), self.provenance(recipe))
+        with tables.Journal(tables.checked_output(output), self.provenance(recipe)) as journal:
+            known = {} if overwrite else journal.known()
+            recipe.refuse_frames(overwrite or bool(known))
+            journal.begin(known.values())
+            table = tables.frame(self._all(recipe, known, client, workers, progress, journal), journal.provenance)
+            journal.finish(table)
+        return table
+
+    def _all(
+        self,
+        recipe: Recipe,
+        known: dict[int, Row],
+        client: Any,
+        workers: int | None,
+        progress: Progress | None,
+        journal: tables.Journal | None,
+    ) -> Collection[Row]:
+        """The rows of all members, of which some are ``known``."""
         failed = sum(row["status"] != DONE for row in known.values())
-        if journal:
-            journal.begin(list(known.values()))
-        try:
+        if progress:
+            progress(len(known), len(self), failed)
+        todo = [i for i in range(len(self)) if i not in known]
+        for found in self._rows(recipe, todo, client, workers):
+            if journal:
+                journal.append(found)
+            known |= {row[MEMBER]: row for row in found}
+            failed += sum(row["status"] != DONE for row in found)
             if progress:
                 progress(len(known), len(self), failed)
-            for found in self._rows(recipe, todo, client, workers):
-                known |= {row["member"]: row for row in found}
-                failed += sum(row["status"] != DONE for row in found)
-                if journal:
-                    journal.append(found)
-                if progress:
-                    progress(len(known), len(self), failed)
-        finally:
-            if journal:
-                journal.close(done=False)
-        table = tables.frame(known.values(), provenance)
-        if path and journal:
-            tables.write(table, path)
-            journal.close(done=True)
-        return table
+        return known.values()
 
     @staticmethod
     def read(path: str | os.PathLike[str]) -> DataFrame:
@@ -161,33 +175,28 @@ class Ensemble:
         _check_packages()
         return tables.read(path)
 
-    def provenance(self) -> dict[str, Any]:
+    def provenance(self, recipe: Recipe) -> dict[str, Any]:
         """All that the table came from."""
-        subject, members = self._recipe.subject, self.members
+        members = self.members
+        vary = {**members.grids, **members.draws}
+        own = {"vary": repr(vary), "seed": str(members.seed), "version": kickdrift.__version__}
         return {
-            "identity": self._identity(),
+            "identity": recipe.identity() | own,  # what makes another ensemble of it; more replicas do not
             "system": self.name,
             "units": self._units,
-            "source": subject.text if isinstance(subject, SystemText) else "",
+            "source": recipe.subject.text,
             "grids": members.grids,
             "draws": {key: list(draw) for key, draw in members.draws.items()},
             "replicas": members.replicas,
             "members": len(members),
             "seed": members.seed,
-            "settings": dict(self._recipe.settings),
-            "measure": self._recipe.measure_name,
+            "settings": dict(recipe.settings),
+            "measure": recipe.measure_name,
             "begun": datetime.now(UTC).isoformat(timespec="seconds"),
             "command": " ".join(sys.argv),
             "versions": versions(),
             "processor": processor(),
         }
-
-    def _identity(self) -> dict[str, str]:
-        """What makes another ensemble of it, by name; more replicas do not."""
-        members = self.members
-        vary = {**members.grids, **members.draws}
-        own = {"vary": repr(vary), "seed": str(members.seed), "version": kickdrift.__version__}
-        return self._recipe.identity() | own
 
     def _a_system(self) -> System | Problem:
         """A member's, of the first, the middle and the last; an InputError where none of these can be built."""
@@ -200,7 +209,7 @@ class Ensemble:
 
     def _registered(self, system: System | Problem) -> list[Method]:
         """The integrators that members may name and other processes do not know."""
-        grids = [values for key, values in self.members.grids.items() if path_of(key)[-1] == "integrator"]
+        grids = [values for key, values in self.members.grids.items() if path_of(key) == ("run", "integrator")]
         named = {
             *([system.run.integrator] if system.run.integrator else []),
             *(value for values in grids for value in values),
@@ -209,31 +218,23 @@ class Ensemble:
             method_named(name)  # or an InputError that suggests another
         return [INTEGRATORS[name] for name in sorted(REGISTERED & named)]
 
-    def _done(self, output: Path, journal: tables.Journal) -> dict[int, Row]:
-        """The members that are done already, by number; those whose workers died are not."""
-        began, found = journal.read()
-        if began is None and output.exists():
-            table = tables.read(output)
-            began, found = table.attrs[tables.PROVENANCE], table.to_dict("records")
-        if began is None:
-            return {}
-        there = began.get("identity", {})
-        for key, here in self._identity().items():
-            if there.get(key) != here:
-                raise InputError(f"{output}: holds an ensemble with another {key}; give --overwrite to begin anew")
-        known = {row["member"]: row for row in found if row["status"] != LOST}
-        if known and max(known) >= len(self):
-            raise InputError(
-                f"{output}: holds {len(known)} members of this ensemble, more than the {len(self)} asked for"
-            )
-        return known
-
     def _rows(self, recipe: Recipe, todo: list[int], client: Any, workers: int | None) -> Iterator[list[Row]]:
         """The rows of members as they are done, from the client or from processes of its own."""
         if not todo:
             return
         with running.workers(workers) if client is None else nullcontext(client) as own:
             yield from running.rows(recipe, self.members, todo, own)
+
+
+def _refuse_keys(members: Members, given: Mapping[str, Any]) -> None:
+    """Keys that would be two columns, or one that every table has."""
+    paths: dict[tuple[str, ...], str] = {path_of(key): key for key in given}
+    for key in [*members.grids, *members.draws]:
+        if key in COLUMNS:
+            raise InputError(f"vary: {key}: is a column of every table; give what varies another name")
+        if path_of(key) in paths:
+            raise InputError(f"vary: {key}: is given twice, as {paths[path_of(key)]} too")
+        paths[path_of(key)] = key
 
 
 def _subject(system: Any) -> SystemText | SystemMaker:

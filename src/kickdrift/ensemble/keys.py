@@ -41,9 +41,9 @@ def with_values(data: dict[str, Any], values: dict[str, Any]) -> dict[str, Any]:
         if isinstance(there, dict | list) and not isinstance(value, dict | list):
             raise InputError(f"vary: {key}: is a {'table' if isinstance(there, dict) else 'list'}, not one value")
         place[index] = value
-    said = [path_of(key)[-1] for key in values]
+    said = [path_of(key) for key in values]
     for one, other in (("steps", "time"), ("time", "steps")):
-        if one in said and other not in said:
+        if ("run", one) in said and ("run", other) not in said:
             run.pop(other, None)
     return changed
 
@@ -58,7 +58,7 @@ def _index(place: Any, part: str, key: str) -> Any:
         return part
     if not isinstance(place, list):
         raise InputError(f"vary: {key}: {part!r} stands in {shown(place)}, which is no table or list")
-    if part.isdigit():
+    if part.isdecimal():
         if int(part) >= len(place):
             raise InputError(f"vary: {key}: there is no [{part}] in a list of {len(place)}, which are counted from 0")
         return int(part)

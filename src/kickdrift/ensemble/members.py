@@ -104,6 +104,8 @@ def spelled(key: str, text: str) -> list[Any] | Draw:
             raise InputError(f"vary: {key}: expected {kind}:A:B, got {shown(text)}")
         return Draw(kind, *(_number(key, part) for part in rest))
     if "," in text or not rest:
+        if not all(part.strip() for part in text.split(",")):
+            raise InputError(f"vary: {key}: expected values between the commas, got {shown(text)}")
         return [_plain(part.strip()) for part in text.split(",")]
     parts = rest if kind == "log" else [kind, *rest]
     if len(parts) != 3:
@@ -159,4 +161,6 @@ def _grid(key: str, given: Any) -> list[Any]:
     for value in values:
         if not isinstance(value, int | float | str | bool | list):
             raise InputError(f"vary: {key}: expected numbers, texts or lists of these, got {shown(value)}")
+        if isinstance(value, float) and not np.isfinite(value):
+            raise InputError(f"vary: {key}: expected finite numbers, got {value}")
     return values

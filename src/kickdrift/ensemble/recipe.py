@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import hashlib
 import inspect
 import os
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from tokenize import TokenError
+from threading import Lock
 from typing import Any
 
+from kickdrift.ensemble import identity
 from kickdrift.ensemble.keys import path_of, with_values
 from kickdrift.ensemble.members import Member
 from kickdrift.errors import InputError
@@ -24,6 +24,7 @@ from kickdrift.systemfile import built, draws
 
 Measure = Callable[..., Any]
 RUN, MEGNO = "run", "megno"
+_LOADING = Lock()  # a worker may have threads
 _LOADED: set[Path] = set()  # files of integrators, in this process
 
 
@@ -36,13 +37,17 @@ class SystemText:
     data: dict[str, Any]  # what TOML makes of the text
     folder: Path  # where it names structure files
 
+    def identity(self) -> str:
+        """A text that is another one for another file."""
+        return identity.of_file(self.text, self.data, self.folder)
+
     def system(self, values: Mapping[str, Any], seed: int, with_source: bool = True) -> System | Problem:
         """The system with these values in its file, which is written anew where its ``source`` is asked for."""
         import tomli_w
 
         data = with_values(self.data, dict(values))
         text = tomli_w.dumps(data) if with_source else ""
-        return built(data, self.name, None if _seeded(values) else seed, self.folder, text)
+        return built(data, self.name, None if seeded(values) else seed, self.folder, text)
 
 
 @dataclass(frozen=True)
@@ -51,6 +56,15 @@ class SystemMaker:
 
     name: str
     made: System | Problem | Callable[..., System | Problem]
+
+    @property
+    def text(self) -> str:
+        """Of the file that the System came from, if there was one."""
+        return "" if callable(self.made) else self.made.source
+
+    def identity(self) -> str:
+        """A text that is another one for another System or function."""
+        return identity.of_function(self.made) if callable(self.made) else identity.of_system(self.made)
 
     def system(self, values: Mapping[str, Any], seed: int, with_source: bool = True) -> System | Problem:
         """The system that the function makes of these values, those of ``[run]`` aside that it does not take."""
@@ -113,12 +127,13 @@ class Recipe:
 
     def begin(self) -> None:
         """Know the integrators, in a process that may not."""
-        for method in self.methods:
-            INTEGRATORS.setdefault(method.name, method)
-        for path in self.files:
-            if path not in _LOADED:
-                _LOADED.add(path)
-                load_file(path)
+        with _LOADING:
+            for method in self.methods:
+                INTEGRATORS[method.name] = method
+            for path in self.files:
+                if path not in _LOADED:
+                    load_file(path)
+                    _LOADED.add(path)
 
     @property
     def measure_name(self) -> str:
@@ -148,34 +163,24 @@ class Recipe:
             raise InputError(f"trajectories {trajectories}: cannot be made: {reason(error)}") from None
         return replace(self, trajectories=folder)
 
+    def refuse_frames(self, overwrite: bool) -> None:
+        """Of other members, in the folder of trajectories."""
+        there = next(self.trajectories.glob("member-*.h5md"), None) if self.trajectories and not overwrite else None
+        if there:
+            raise InputError(f"trajectories: {there} exists already; give another folder, or --overwrite")
+
     def identity(self) -> dict[str, str]:
         """What makes members other members, by name, as short texts."""
-        subject = self.subject
-        if isinstance(subject, SystemText):
-            made = subject.text
-        else:
-            made = _source(subject.made) if callable(subject.made) else _digest(subject.made)
+        files = [path.read_bytes() for path in self.files]
         return {
-            "system": hashlib.sha256(made.encode()).hexdigest(),
+            "system": self.subject.identity(),
             "settings": repr(sorted(self.settings.items())),
-            "measure": self.measure if isinstance(self.measure, str) else _source(self.measure),
+            "measure": self.measure if isinstance(self.measure, str) else identity.of_function(self.measure),
+            "integrator": identity.digest(*map(repr, self.methods), *files) if self.methods or files else "",
+            "trajectories": "yes" if self.trajectories else "no",
         }
 
 
-def _seeded(values: Mapping[str, Any]) -> bool:
-    """Whether the seed is among what varies."""
-    return any(path_of(key)[-1] == "seed" for key in values)
-
-
-def _source(function: Callable[..., Any]) -> str:
-    try:
-        return inspect.getsource(function)
-    except (OSError, TypeError, SyntaxError, TokenError):  # there is none, or the file has changed since
-        return getattr(function, "__qualname__", repr(function))
-
-
-def _digest(system: System | Problem) -> str:
-    """A text that is another one for another start or other forces."""
-    start = system.state.phase.tobytes() if isinstance(system, System) else system.y0.tobytes()
-    forces = [repr(force) for force in system.forces] if isinstance(system, System) else []
-    return f"{system.name} {hashlib.sha256(start).hexdigest()} {forces}"
+def seeded(values: Iterable[str]) -> bool:
+    """Whether a seed of the system's own is among what varies."""
+    return any(path_of(key)[0] in ("velocities", "particles") and path_of(key)[-1] == "seed" for key in values)

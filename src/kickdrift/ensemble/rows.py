@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from kickdrift.ensemble.members import Member
+from kickdrift.errors import InputError
 from kickdrift.problem import Problem, ProblemState
 from kickdrift.system import System
 
@@ -14,30 +15,25 @@ if TYPE_CHECKING:
 
 Row = dict[str, Any]
 DONE, FAILED, LOST = "done", "failed", "lost"
+MEMBER = "member"
+LAST = ("wall_seconds", "last_step", "last_time", "last_y", "last_positions", "last_velocities")  # columns
+UNKNOWNS = 20  # of an ODE, at most, that are columns
+COLUMNS = (MEMBER, "replica", "seed", "status", "error", *LAST)  # of every table
 
 
-def failed_row(member: Member, status: str, error: str) -> Row:
-    """That of a member which did not end well."""
-    return _begun(member, status, error)
-
-
-def done_row(member: Member, measured: Row) -> Row:
-    """That of a member which did; a column that varied is told as it was given."""
-    begun = _begun(member, DONE, "")
-    return begun | {key: value for key, value in measured.items() if key not in begun}
-
-
-def _begun(member: Member, status: str, error: str) -> Row:
-    return {
-        "member": member.number, "replica": member.replica, "seed": member.seed, **member.values, "status": status,
+def row_of(member: Member, status: str, error: str = "", measured: Row | None = None) -> Row:
+    """A member's row; a column that varied is told as it was given."""
+    begun = {
+        MEMBER: member.number, "replica": member.replica, "seed": member.seed, **member.values, "status": status,
         "error": error,
     }  # fmt: skip
+    return begun | {key: value for key, value in (measured or {}).items() if key not in begun}
 
 
 def run_columns(report: Report, measured: Row | None = None) -> Row:
     """What a run reports of itself, and what else was ``measured``, as columns."""
     energy = report.energy
-    return {
+    columns: Row = {
         "integrator": report.integrator,
         "dt": report.dt,
         "steps": report.steps,
@@ -54,9 +50,13 @@ def run_columns(report: Report, measured: Row | None = None) -> Row:
         "pressure": report.pressure,
         "stopped": report.stopped,
         "warnings": "; ".join(report.warnings),
-        **(measured or {}),
-        "wall_seconds": report.wall_seconds,
     }
+    if report.y is not None and len(report.y) <= UNKNOWNS:
+        columns |= {f"y{i}": value for i, value in enumerate(report.y)}
+    for name in measured or {}:
+        if name in columns or name in COLUMNS:
+            raise InputError(f"measure: {name} is a column of every run; give it another name")
+    return columns | (measured or {}) | {"wall_seconds": report.wall_seconds}
 
 
 def megno_columns(found: ChaosReport) -> Row:

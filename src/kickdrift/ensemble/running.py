@@ -9,17 +9,19 @@ from __future__ import annotations
 import logging
 import sys
 import uuid
+from collections import deque
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from functools import partial
-from itertools import islice
+from itertools import count, islice
 from typing import Any
 
 from kickdrift.ensemble.members import Member, Members
 from kickdrift.ensemble.recipe import Recipe
-from kickdrift.ensemble.rows import LOST, Row, failed_row
+from kickdrift.ensemble.rows import FAILED, LOST, Row, row_of
 from kickdrift.ensemble.work import packed, timed_members, unpacked
 from kickdrift.errors import InputError, RunError
+from kickdrift.printing import counted
 
 PATIENCE = 10.0  # seconds for a scheduler to answer
 AHEAD = 3  # tasks in flight for each thread of the workers
@@ -28,13 +30,15 @@ MOST = 64
 
 
 @contextmanager
-def workers(count: int | None = None, scheduler: str | None = None) -> Iterator[Any]:
-    """A client of the scheduler at that address, or of ``count`` new processes on this machine, one for each core
+def workers(number: int | None = None, scheduler: str | None = None) -> Iterator[Any]:
+    """A client of the scheduler at that address, or of ``number`` new processes on this machine, one for each core
     unless told; they are started by spawn, have one thread each, and end with the context."""
+    import dask
     import distributed
     from distributed.comm import get_address_host_port
     from distributed.utils import silence_logging_cmgr
 
+    lasting = {"distributed.deploy.lost-worker-timeout": "1000 days"}  # else one that dies while it restarts is no more
     silent = partial(silence_logging_cmgr, logging.CRITICAL + 1)
     if scheduler is not None:
         with silent("distributed"), silent("distributed.client"):  # its errors are told in one line
@@ -49,10 +53,11 @@ def workers(count: int | None = None, scheduler: str | None = None) -> Iterator[
         return
     with (
         _nobody_imports_main(),
+        dask.config.set(lasting),
         silent("distributed"),
         silent("distributed.client"),
         distributed.LocalCluster(
-            n_workers=count,
+            n_workers=number,
             threads_per_worker=1,
             processes=True,
             silence_logs=logging.CRITICAL,
@@ -78,7 +83,11 @@ def _nobody_imports_main() -> Iterator[None]:
 
 
 def rows(recipe: Recipe, members: Members, todo: Iterable[int], client: Any) -> Iterator[list[Row]]:
-    """The rows of the members with these numbers, as they are done; as many go together as take about TASK_SECONDS."""
+    """The rows of the members with these numbers, as they are done; as many go together as take about TASK_SECONDS.
+
+    When workers die at a task, and take others with them, Dask gives up all that they were to do. Those members are
+    `suspects`: each runs again, one at a time with no other under way, and is lost where workers still die at it.
+    """
     import distributed
 
     cargo = packed(recipe)
@@ -90,14 +99,19 @@ def rows(recipe: Recipe, members: Members, todo: Iterable[int], client: Any) -> 
     name = f"kickdrift-{uuid.uuid4().hex[:12]}"
     tasks = distributed.as_completed(loop=client.loop)
     sent: dict[str, list[Member]] = {}
-    together = 1
+    suspects: deque[Member] = deque()
+    together, number = 1, count()
 
     def send(batch: list[Member]) -> None:
-        key = f"{name}-{batch[0].number}-{len(batch)}"
+        key = f"{name}-{batch[0].number}-{next(number)}"
         sent[key] = batch
         tasks.add(client.submit(timed_members, cargo, batch, key=key, pure=False))
 
     def fill() -> None:
+        if suspects:
+            if not sent:
+                send([suspects.popleft()])
+            return
         room = AHEAD * max(1, sum(client.nthreads().values()))
         while len(sent) < room and (batch := [members[i] for i in islice(left, together)]):
             send(batch)
@@ -105,27 +119,26 @@ def rows(recipe: Recipe, members: Members, todo: Iterable[int], client: Any) -> 
     try:
         fill()
         for future in tasks:
-            batch = sent.pop(future.key)
+            batch, alone = sent.pop(future.key), not sent
             if future.status == "finished":
                 found, seconds, least = future.result()
                 wanted = int(TASK_SECONDS * len(batch) / seconds)
                 together = min(max(least, wanted - wanted % least), MOST)
                 yield found
             elif future.status != "error":
-                raise RunError(f"ensemble: the scheduler was lost, with {len(sent) + 1} tasks under way")
-            elif len(batch) > 1:  # one of them may be what kills workers
-                for member in batch:
-                    send([member])
+                raise RunError(f"ensemble: the scheduler was lost, with {counted(len(sent) + 1, 'task')} under way")
+            elif not isinstance(raised := future.exception(), distributed.KilledWorker):
+                yield [row_of(member, FAILED, _line(raised)) for member in batch]
+            elif alone and len(batch) == 1:
+                yield [row_of(batch[0], LOST, "each worker that ran it died")]
             else:
-                yield [failed_row(batch[0], LOST, _why(future.exception()))]
+                suspects.extend(batch)
             future.release()
             fill()
     finally:
         client.cancel(list(tasks.futures))
 
 
-def _why(error: BaseException | None) -> str:
-    """Why Dask gave a task up, in one line."""
-    if type(error).__name__ == "KilledWorker":
-        return "each worker that ran it died"
+def _line(error: BaseException) -> str:
+    """What went wrong, in one line."""
     return " ".join(f"{type(error).__name__}: {error}".split())

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from kickdrift.ensemble.rows import DONE
-from kickdrift.ensemble.table import LAST, MEMBER, PROVENANCE
+from kickdrift.ensemble.rows import DONE, LAST, MEMBER
+from kickdrift.ensemble.table import PROVENANCE
 from kickdrift.errors import InputError
 from kickdrift.units import shown, suggestion
 

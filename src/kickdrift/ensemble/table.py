@@ -3,16 +3,19 @@ end one Parquet or HDF5 file with all provenance."""
 
 from __future__ import annotations
 
+import fcntl
 import json
 import os
-from collections.abc import Iterable, Sequence
+import tempfile
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from kickdrift.errors import InputError
-from kickdrift.outputs import checked_target, written_whole
+from kickdrift.ensemble.rows import LAST, LOST, MEMBER
+from kickdrift.errors import InputError, RunError
+from kickdrift.outputs import checked_target, reason, written_whole
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -21,8 +24,8 @@ if TYPE_CHECKING:
 
 SUFFIXES = (".parquet", ".h5")
 PROVENANCE = "kickdrift"  # the name under which it stands in a file, and in a table's ``attrs``
-MEMBER, TEXTS = "member", ("status", "error", "integrator", "energy_verdict", "verdict", "stopped", "warnings")
-LAST = ("wall_seconds", "last_step", "last_time", "last_y", "last_positions", "last_velocities")  # columns
+TEXTS = ("status", "error", "integrator", "energy_verdict", "verdict", "stopped", "warnings")  # "" where there is none
+WHOLE = 2**63  # numbers from here on are floats
 
 
 def frame(rows: Iterable[Row], provenance: dict[str, Any]) -> DataFrame:
@@ -38,26 +41,85 @@ def frame(rows: Iterable[Row], provenance: dict[str, Any]) -> DataFrame:
 
 
 def _column(name: str, values: list[Any]) -> Any:
-    if name in TEXTS:
+    """Values of one kind, as a column of a Parquet file has to be: numbers, truths, lists of numbers, or texts."""
+    known = [value for value in values if value is not None]
+    kinds = {type(value) for value in known}
+    if name in TEXTS and kinds <= {str}:
         return [value or "" for value in values]
-    if all(value is None or (isinstance(value, int | float) and not isinstance(value, bool)) for value in values):
-        if all(isinstance(value, int) for value in values):
+    if kinds == {bool} and len(known) == len(values):
+        return np.array(values)
+    if kinds <= {bool, int, float}:
+        if kinds == {int} and len(known) == len(values) and all(-WHOLE <= value < WHOLE for value in values):
             return np.array(values, dtype=np.int64)
-        return np.array([np.nan if value is None else value for value in values], dtype=float)
-    if any(isinstance(value, str) for value in values):  # a column of a Parquet file is of one kind
-        return [value if value is None else str(value) for value in values]
-    return values
+        return np.array([np.nan if value is None else float(value) for value in values])
+    if kinds == {list}:
+        flat = all(type(number) in (int, float) for value in known for number in value)
+        return values if flat else [value and json.dumps(value) for value in values]
+    return [value if value is None else str(value) for value in values]
+
+
+def records(table: DataFrame) -> list[Row]:
+    """The rows of a table, as they were before they became one."""
+    rows = table.to_dict("records")
+    texts = [name for name in table.columns if table[name].dtype.kind not in "if"]
+    for row in rows:
+        for name in texts:
+            value = row[name]
+            if isinstance(value, np.ndarray):
+                row[name] = value.tolist()
+            elif isinstance(value, float):  # which stands for none
+                row[name] = None
+    return rows
 
 
 class Journal:
-    """The rows of the members that are done, a line each, beside the file that they will be in."""
+    """The rows of the members that are done, a line each, beside the file that they will be in. As a context, it keeps
+    other processes away from both."""
 
     def __init__(self, output: Path, provenance: dict[str, Any]) -> None:
+        self.output, self.provenance = output, provenance
         self.path = output.with_name(f"{output.name}.journal")
-        self._provenance = provenance
         self._file: Any = None
+        self._lock: Any = None
 
-    def read(self) -> tuple[dict[str, Any] | None, list[Row]]:
+    def __enter__(self) -> Journal:
+        self._lock = self.path.with_suffix(".lock").open("w")
+        try:
+            fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            self._lock.close()
+            raise InputError(f"{self.output}: another process is at work on it") from None
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._file:
+            self._file.close()
+        self.path.with_suffix(".lock").unlink(missing_ok=True)
+        self._lock.close()
+
+    def known(self) -> dict[int, Row]:
+        """The members that are done already, by number, from the journal or the output; those whose workers died are
+        not. InputError where these are of another ensemble."""
+        began, found = self._read()
+        if began is None and self.output.exists():
+            table = read(self.output)
+            began, found = table.attrs[PROVENANCE], records(table)
+        if began is None:
+            return {}
+        for key, here in self.provenance["identity"].items():
+            if began.get("identity", {}).get(key) != here:
+                raise InputError(f"{self.output}: holds an ensemble with another {key}; give --overwrite to begin anew")
+        known = {row[MEMBER]: row for row in found if row["status"] != LOST}
+        count = self.provenance["members"]
+        if known and max(known) >= count:
+            raise InputError(
+                f"{self.output}: holds {len(known)} members of this ensemble, more than the {count} asked for"
+            )
+        grown = {key: self.provenance[key] for key in ("members", "replicas")}
+        self.provenance = {**began, **grown}  # the rest is that of the first rows
+        return known
+
+    def _read(self) -> tuple[dict[str, Any] | None, list[Row]]:
         """The provenance of the ensemble that was begun here, and its rows; what a kill cut short is left out."""
         try:
             lines = self.path.read_bytes().split(b"\n")[:-1]
@@ -66,36 +128,35 @@ class Journal:
         try:
             first, *rows = [json.loads(line) for line in lines]
         except ValueError:
-            raise InputError(f"{self.path}: is no journal of an ensemble, or was damaged") from None
+            raise InputError(
+                f"{self.path}: is no journal of an ensemble, or was damaged; take it away, or give --overwrite"
+            ) from None
         return first, rows
 
-    def begin(self, rows: Sequence[Row]) -> None:
+    def begin(self, rows: Iterable[Row]) -> None:
         """Open it, with these rows in it."""
         with written_whole(self.path) as part:
-            part.write_text("".join(self._line(each) for each in (self._provenance, *rows)), encoding="utf-8")
+            part.write_text("".join(json.dumps(each) + "\n" for each in (self.provenance, *rows)), encoding="utf-8")
         self._file = self.path.open("a", encoding="utf-8")
 
-    def append(self, rows: Sequence[Row]) -> None:
+    def append(self, rows: Iterable[Row]) -> None:
         """Add rows; once this returns a kill of the process does not lose them."""
-        self._file.write("".join(map(self._line, rows)))
-        self._file.flush()
+        try:
+            self._file.write("".join(json.dumps(row) + "\n" for row in rows))
+            self._file.flush()
+        except OSError as error:
+            raise RunError(f"{self.path}: cannot be written: {reason(error)}") from None
 
-    @staticmethod
-    def _line(content: Any) -> str:
-        return json.dumps(content) + "\n"
-
-    def close(self, done: bool) -> None:
-        """Close it; it goes where the table stands in its file."""
-        if self._file:
-            self._file.close()
-        if done:
-            self.path.unlink(missing_ok=True)
+    def finish(self, table: DataFrame) -> None:
+        """Write the table, in the journal's place."""
+        write(table, self.output)
+        self.path.unlink(missing_ok=True)
 
 
 def write(table: DataFrame, output: Path) -> None:
     """Write the table in a file, whole or not at all; what is there is replaced."""
     with written_whole(output) as part:
-        if output.suffix == ".parquet":
+        if output.suffix.lower() == ".parquet":
             table.to_parquet(part, index=False)
         else:
             _write_hdf5(table, part)
@@ -104,12 +165,12 @@ def write(table: DataFrame, output: Path) -> None:
 def read(path: str | os.PathLike[str]) -> DataFrame:
     """The table in a file that an ensemble wrote; its provenance is ``table.attrs["kickdrift"]``."""
     path = Path(path)
-    if path.suffix not in SUFFIXES:
+    if path.suffix.lower() not in SUFFIXES:
         raise InputError(f"{path}: the table of an ensemble ends in {' or '.join(SUFFIXES)}")
     if not path.is_file():
         raise InputError(f"{path}: no such file")
     try:
-        table = _read_parquet(path) if path.suffix == ".parquet" else _read_hdf5(path)
+        table = _read_parquet(path) if path.suffix.lower() == ".parquet" else _read_hdf5(path)
     except (OSError, ValueError, KeyError) as error:
         raise InputError(f"{path}: cannot be read: {' '.join(str(error).split())}") from None
     if PROVENANCE not in table.attrs:
@@ -119,7 +180,12 @@ def read(path: str | os.PathLike[str]) -> DataFrame:
 
 def checked_output(output: str | os.PathLike[str]) -> Path:
     """The path of a table to be written or gone on with."""
-    return checked_target(output, "the table of an ensemble", SUFFIXES, overwrite=True)
+    path = checked_target(output, "the table of an ensemble", SUFFIXES, overwrite=True)
+    try:
+        with tempfile.TemporaryFile(dir=path.parent):
+            return path
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written: {reason(error)}") from None
 
 
 def _read_parquet(path: Path) -> DataFrame:
@@ -136,7 +202,7 @@ def _write_hdf5(table: DataFrame, path: Path) -> None:
         file.attrs["columns"] = list(table.columns)
         for name in table.columns:
             values = table[name].tolist()
-            if table[name].dtype.kind in "if":
+            if table[name].dtype.kind in "ifb":
                 stored, kind = table[name].to_numpy(), None
             elif any(isinstance(value, list | np.ndarray) for value in values):
                 stored, kind = np.empty(len(values), dtype=object), h5py.vlen_dtype(np.float64)

@@ -13,7 +13,7 @@ from kickdrift.analysis.chaos import cadence, carrier, length_of, megnos
 from kickdrift.batch import Batch, refusal
 from kickdrift.ensemble.members import Member
 from kickdrift.ensemble.recipe import MEGNO, Recipe
-from kickdrift.ensemble.rows import Row, done_row, megno_columns, run_columns
+from kickdrift.ensemble.rows import DONE, Row, megno_columns, row_of, run_columns
 from kickdrift.errors import KickdriftError
 from kickdrift.forces.simd import WIDTH
 from kickdrift.integrators import integrator
@@ -44,9 +44,12 @@ def side_by_side(recipe: Recipe, members: Iterable[tuple[Member, System | Proble
             groups.setdefault(kind, []).append((member, system))
     rows: dict[int, Row] = {}
     for kind, group in groups.items():
-        columns = (_megno if recipe.measure == MEGNO else _run)(kind, group)
+        try:
+            columns = (_megno if recipe.measure == MEGNO else _run)(kind, group)
+        except KickdriftError:  # of what they have in common, such as too few steps: each says so alone
+            continue
         rows |= {
-            member.number: done_row(member, found)
+            member.number: row_of(member, DONE, measured=found)
             for (member, _), found in zip(group, columns, strict=True)
             if found is not None
         }
@@ -75,7 +78,9 @@ def _kind(recipe: Recipe, member: Member, system: System | Problem) -> Kind | No
 def _steps(system: System) -> int | None:
     """How many steps the system asks for; None where its time is not on their grid."""
     run = system.run
-    if run.steps is not None or run.time is None or run.dt is None:
+    if run.steps is not None and run.time is not None:
+        return None
+    if run.time is None or run.dt is None:
         return run.steps
     steps = round(run.time / run.dt)
     return steps if abs(run.time / run.dt - steps) <= NEAR else None

@@ -10,7 +10,7 @@ from typing import Any
 import kickdrift
 from kickdrift.ensemble.members import Member
 from kickdrift.ensemble.recipe import MEGNO, Recipe
-from kickdrift.ensemble.rows import FAILED, Row, done_row, failed_row, last_columns, megno_columns, run_columns
+from kickdrift.ensemble.rows import DONE, FAILED, Row, last_columns, megno_columns, row_of, run_columns
 from kickdrift.errors import InputError, KickdriftError
 from kickdrift.problem import Problem
 from kickdrift.system import System
@@ -22,7 +22,11 @@ def packed(recipe: Recipe) -> bytes:
     neither does it nor says so."""
     import cloudpickle
 
-    return cloudpickle.dumps((kickdrift.__version__, recipe))
+    try:
+        return cloudpickle.dumps((kickdrift.__version__, recipe))
+    except Exception as error:  # of whatever a user's function holds
+        why = " ".join(str(error).split())
+        raise InputError(f"ensemble: what members need cannot be sent to other processes: {why}") from None
 
 
 def unpacked(cargo: bytes) -> Recipe:
@@ -61,11 +65,11 @@ def run_member(recipe: Recipe, member: Member, system: System | Problem | None =
     """A member's row: what it is, how it ended, and what was measured or, of one that failed, its last good state."""
     try:
         system = system or recipe.system(member)
-        return done_row(member, (_megno if recipe.measure == MEGNO else _run)(recipe, member, system))
+        return row_of(member, DONE, measured=(_megno if recipe.measure == MEGNO else _run)(recipe, member, system))
     except KickdriftError as error:
-        return failed_row(member, FAILED, str(error)) | last_columns(getattr(error, "state", None), system)
+        return row_of(member, FAILED, str(error)) | last_columns(getattr(error, "state", None), system)
     except Exception as error:  # whatever a user's function raises
-        return failed_row(member, FAILED, " ".join(f"{type(error).__name__}: {error}".split()))
+        return row_of(member, FAILED, " ".join(f"{type(error).__name__}: {error}".split()))
 
 
 def _run(recipe: Recipe, member: Member, system: System | Problem) -> Row:
