@@ -38,10 +38,10 @@ exec(compile(registrations(), str(PAGE), "exec"), vars(page))
 # comes after them finds on the disk what it needs.
 LONGEST = (
     "test_same_bits", "test_wisdom_holman", "test_pair_forces", "test_mixed_precision", "test_compile_cache",
-    "test_docs", "test_compare", "test_engines", "test_integrators", "test_gauss_radau", "test_events", "test_cli",
-    "test_drift", "test_hermite", "test_tree", "test_gravity", "test_simulation", "test_exact", "test_chaos",
-    "test_relativity", "test_fields", "test_implicit", "test_validate", "test_validation", "test_bench_speed",
-    "test_readme",
+    "test_docs", "test_compare", "test_ensemble", "test_batch", "test_engines", "test_integrators",
+    "test_gauss_radau", "test_events", "test_cli", "test_drift", "test_hermite", "test_tree", "test_gravity",
+    "test_simulation", "test_exact", "test_chaos", "test_relativity", "test_fields", "test_implicit",
+    "test_validate", "test_validation", "test_bench_speed", "test_readme",
 )  # fmt: skip
 
 

@@ -83,4 +83,7 @@ SCRIPTS = (
     Script("mdanalysis_readers.py", "MDAnalysis' tests of its reader, on our files", 20, peers=("MDAnalysisTests",)),
     Script("file_prefixes.py", "no frame is lost wherever a kill falls between two writes", 60, peers=("MDAnalysis",)),
     Script("kills.py", "runs that are killed leave files that go on to the same bits", 60),
+    Script(
+        "ensemble_kills.py", "an ensemble whose workers are killed ends in the same table", 60, peers=("distributed",)
+    ),
 )

@@ -12,6 +12,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from kickdrift.cli_ensemble import ensemble
+from kickdrift.cli_options import (
+    FlushOption,
+    JsonOption,
+    OverwriteOption,
+    QuietOption,
+    SystemArgument,
+    ThreadsOption,
+)
 from kickdrift.errors import InputError, KickdriftError
 from kickdrift.outputs import refuse_outputs, write_json
 from kickdrift.printing import (
@@ -46,19 +54,8 @@ bench_app = typer.Typer(help="Benchmarks.", no_args_is_help=True)
 app.add_typer(bench_app, name="bench")
 app.command()(ensemble)
 
-SystemArgument = Annotated[
-    str, typer.Argument(metavar="SYSTEM.toml", help="A system file, or the name of one that ships.")
-]
-JsonOption = Annotated[
-    Path | None, typer.Option("--json", metavar="FILE", help="Write the results as one JSON object.")
-]
-OverwriteOption = Annotated[bool, typer.Option("--overwrite", help="Replace files that exist.")]
-ThreadsOption = Annotated[int, typer.Option(metavar="K", min=1, help="Threads; the results do not depend on it.")]
-QuietOption = Annotated[bool, typer.Option("--quiet", help="Nothing on standard error but errors.")]
-FlushOption = Annotated[
-    float | None, typer.Option(metavar="SECONDS", help="Of frames that a kill costs at most (default 10).")
-]
 INTERRUPTED = 130
+TABLES = (".parquet", ".h5")  # of ensembles
 VALIDATION: Path | None = None  # folder of the validation's scripts, where it is not that which came with the package
 
 
@@ -459,7 +456,7 @@ def plot(
     stable."""
     if stability and (file or kind or column):
         raise InputError("give FILE or --stability, not both")
-    of_ensemble = file is not None and file.suffix in (".parquet", ".h5")
+    of_ensemble = file is not None and file.suffix in TABLES
     if file and (kind if of_ensemble else column):
         raise InputError("--kind is of a run's .h5md, --column of the .parquet or .h5 of an ensemble")
     if stability:
@@ -517,10 +514,20 @@ def export(
 
 
 @app.command()
-def info(file: Annotated[str, typer.Argument(metavar="FILE", help="A run's file, or a system file or name.")]) -> None:
-    """Say what a run's file holds, or check a system file without running it."""
+def info(
+    file: Annotated[
+        str, typer.Argument(metavar="FILE", help="A run's file, an ensemble's table, or a system file or name.")
+    ],
+) -> None:
+    """Say what a run's file or an ensemble's table holds, or check a system file without running it."""
     if Path(file).suffix == ".h5md" and not os.path.exists(file):
         raise InputError(f"{file}: no such file")
+    if Path(file).suffix in TABLES:
+        from kickdrift.ensemble import Ensemble
+        from kickdrift.printing_ensemble import print_ensemble
+
+        print_ensemble(Ensemble.read(file), Path(file))
+        return
     if Path(file).suffix == ".toml" or not os.path.exists(file):
         from kickdrift.systemfile import load
 

@@ -7,6 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
+from kickdrift.cli_options import QuietOption, SystemArgument
 from kickdrift.errors import InputError, RunError
 from kickdrift.printing import counted, members_bar, say
 
@@ -14,13 +15,14 @@ MEASURE = "measure"  # what the module of a file with a measure is called
 
 
 def ensemble(
-    system: Annotated[str, typer.Argument(metavar="SYSTEM.toml", help="A system file, or the name of one that ships.")],
+    system: SystemArgument,
     vary: Annotated[
         list[str] | None,
         typer.Option(
             metavar="KEY=VALUES",
-            help="A key of the file, or dt, integrator …; START:STOP:COUNT, log:START:STOP:COUNT, A,B,C, uniform:A:B, "
-            "normal:MEAN:DEVIATION or log-uniform:A:B. Repeat for several: every combination is run.",
+            help="A key of the file, or dt, integrator …; START:STOP:COUNT, log:START:STOP:COUNT, A,B,C, "
+            "uniform:LOW:HIGH, normal:MEAN:DEVIATION or log-uniform:LOW:HIGH; one value sets it for all. Repeat for "
+            "several: every combination is run.",
         ),
     ] = None,
     replicas: Annotated[int, typer.Option(metavar="N", min=1, help="Runs of each, with other seeds.")] = 1,
@@ -47,7 +49,7 @@ def ensemble(
     trajectories: Annotated[
         Path | None, typer.Option(metavar="FOLDER", help="Write a .h5md file for each member.")
     ] = None,
-    quiet: Annotated[bool, typer.Option("--quiet", help="Nothing on standard error but errors.")] = False,
+    quiet: QuietOption = False,
 ) -> None:
     """Run a system many times, with values that vary and seeds of their own, on all cores or on a Dask cluster."""
     from kickdrift.ensemble import Ensemble

@@ -251,10 +251,6 @@ class Record:
         self.samples.append(sample if self.taken is NOTHING else replace(sample, taken=self.taken))
         return self.samples[-1]
 
-    def even(self) -> list[Sample]:
-        """The longest stretch of samples an equal number of steps apart."""
-        return self.samples[even_stretch(np.array([sample.step for sample in self.samples]))]
-
     def series(self) -> Series:
         """The samples side by side."""
         samples = self.samples

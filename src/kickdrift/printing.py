@@ -305,13 +305,15 @@ def members_bar(quiet: bool) -> Iterator[Callable[[int, int, int], None] | None]
         *layout, TextColumn("{task.fields[failed]}"), console=Console(stderr=True), transient=True
     ) as progress:
         task = progress.add_task("members", total=None, rate="", failed="")
-        first: list[int] = []
+        begun: list[int] = []
 
         def show(done: int, of: int, failed: int) -> None:
-            first.append(done)
-            seconds = progress.tasks[0].elapsed or 0.0
-            speed = f"{(done - first[0]) / seconds:.3g}/s" if seconds > 0.5 and done > first[0] else ""
-            progress.update(task, completed=done, total=of, rate=speed, failed=f"{failed} failed" if failed else "")
+            if not begun:  # those that were done before have no rate
+                begun.append(done)
+                progress.reset(task, total=of, completed=done)
+            speed = progress.tasks[0].speed
+            rate = f"{speed:.3g}/s" if speed else ""
+            progress.update(task, completed=done, rate=rate, failed=f"{failed} failed" if failed else "")
 
         yield show
 
