@@ -12,7 +12,7 @@ Where ours is undecided and theirs are not, rebound follows five more deviations
 MEGNO settles as 1 / t, and on secular times longer than the run its verdict hangs on the first deviation. At a = 9.905,
 e = 0.222, eight of ours give 1.83 to 1.99 after 10^4 years and eight of rebound's 1.83 to 2.01, three of which happen
 to call it regular; at a = 9.952, e = 0.190 they give 2.00 to 2.20 and 1.99 to 2.20. WHFast and IAS15 find the same
-numbers there to 0.002, seed by seed.
+numbers there to 0.003, seed by seed.
 
 A planet that is thrown out early leaves a MEGNO that falls back towards 2, later by another program, since nobody
 follows an encounter for long: two programs can find 3 and 30 there, but neither finds regular motion.
