@@ -36,7 +36,7 @@ plummer = { count = 100, seed = 3 }
 type = "gravity"
 """
 SYSTEMS = ["sun-jupiter", "kepler-e09", "figure-eight", "pythagorean", "solar-system", "solar-system-moon",
-           "outer-solar-system", "trappist-1", "plummer-1000", "test-particles-1000"]  # fmt: skip
+           "outer-solar-system", "trappist-1", "two-planets", "plummer-1000", "test-particles-1000"]  # fmt: skip
 
 
 def changed(text, old, new):

@@ -39,6 +39,7 @@ SCRIPTS = (
     Script(
         "equation_of_state.py", "pressure and energy of the Lennard-Jones fluid by two equations of state and NIST", 75
     ),
+    Script("ensemble_pressures.py", "pressures from ensembles of replicas, with errors, beside Thol 2015", 90),
     Script("argon_rahman.py", "liquid argon beside Rahman's of 1964: diffusion, radial distribution", long_only=True),
     # integrators
     Script("integrators.py", "order, symplectic form, way back, stability and cost of every integrator", 120),
@@ -67,6 +68,7 @@ SCRIPTS = (
     Script("barnes_hut.py", "the tree's forces beside the direct sum; time and memory", 60),
     Script("events.py", "events beside closed forms; what collisions conserve", 50, peers=("rebound",)),
     Script("chaos.py", "verdicts on chaos beside rebound's; Lagrange's triangle", 85, peers=("rebound",)),
+    Script("megno_map.py", "a map of chaos by one command; its cells beside rebound's", 45, peers=("rebound",)),
     # what textbooks and web guides say
     Script("claims/unit_oscillator.py", "the article: half the step, forward Euler's amplitude, RK4 against Euler"),
     Script("claims/orbits.py", "the article: the energy after 10,000 orbits with both Eulers and RK4", 40),
