@@ -368,7 +368,7 @@ def test_the_command_line(system, tmp_path):
     [
         (["--vary", "dt"], "expected KEY=VALUES"),
         (["--vary", "dt=0.1", "--vary", "dt=0.2"], "dt is given twice"),
-        (["--vary", "dt=0.1", "--dt", "0.2"], "dt: varies, and was given as 0.2 too"),
+        (["--vary", "dt=0.1", "--dt", "0.2"], "vary: dt: is given twice, as dt too"),
         (["--vary", "dx=0.1"], "dx: unknown key"),
         (["--replicas", "2"], "leaves nothing to a seed"),
         (["--vary", "particles.elements[b].m=1"], "unknown key"),

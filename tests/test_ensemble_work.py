@@ -42,7 +42,7 @@ def test_a_function_whose_file_has_changed_has_its_name(tmp_path):
     exec(compile(path.read_text(encoding="utf-8"), str(path), "exec"), names)
     assert _source(names["measure"]) == "def measure(sim):\n    return 1\n"
     path.write_text("a = 1\nb = 2\nc = 3\nd = (\n", encoding="utf-8")
-    assert _source(names["measure"]) == "measure"
+    assert _source(names["measure"]).startswith("measure")
 
 
 @pytest.mark.parametrize("suffix", tables.SUFFIXES)

@@ -79,6 +79,8 @@ def ensemble(
                 table = planned.run(workers=workers, progress=progress, **options)
             else:
                 with dask_workers(scheduler=scheduler) as client:
+                    if not client.nthreads():
+                        say(f"{scheduler}: has no workers; waiting for some", quiet)
                     table = planned.run(client, progress=progress, **options)
         except (KeyboardInterrupt, RunError):
             journal = output and output.with_name(f"{output.name}.journal")

@@ -22,10 +22,11 @@ def print_ensemble(table: DataFrame, output: Path | None) -> None:
     """A table's summary on standard output, and its failures on standard error."""
     came_from = table.attrs[PROVENANCE]
     counts = table["status"].value_counts()
-    varied = [*summary.grids(table), *(f"{key} (drawn)" for key in summary.drawn(table))]
+    grids = {key: "" if len(values) > 1 else f" = {values[0]}" for key, values in came_from["grids"].items()}
+    varied = [*(f"{key}{one}" for key, one in grids.items()), *(f"{key} (drawn)" for key in summary.drawn(table))]
     lines = [
         ("ensemble", f"{came_from['system']}: {counted(len(table), 'member')}, root seed {came_from['seed']}"),
-        ("varied", ", ".join(varied) or "seeds"),
+        ("varied", ", ".join(varied) or "seeds alone"),
         ("members", ", ".join(f"{count:,} {status}" for status, count in counts.items())),
     ]
     done = table[table["status"] == DONE]
@@ -41,6 +42,8 @@ def print_ensemble(table: DataFrame, output: Path | None) -> None:
         _print_measured(table)
     for row in table[table["status"] != DONE].head(ERRORS).to_dict("records"):
         say(f"member {row['member']}: {row['error']}")
+    if warned := [row for row in done.to_dict("records") if row.get("warnings")]:
+        say(f"{counted(len(warned), 'member')} warned; member {warned[0]['member']}: {warned[0]['warnings']}")
     if len(table) - len(done) > ERRORS:
         say(f"and {len(table) - len(done) - ERRORS} more")
 

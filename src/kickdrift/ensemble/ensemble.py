@@ -72,6 +72,7 @@ class Ensemble:
         measure: str | Measure = RUN,
         **settings: Any,
     ) -> None:
+        _check_packages()
         for key in settings:
             if key not in RunTable.model_fields:
                 hint = suggestion(key, RunTable.model_fields)
@@ -175,9 +176,9 @@ class Ensemble:
         _check_packages()
         return tables.read(path)
 
-    def provenance(self, recipe: Recipe) -> dict[str, Any]:
-        """All that the table came from."""
-        members = self.members
+    def provenance(self, recipe: Recipe | None = None) -> dict[str, Any]:
+        """All that the table comes from."""
+        members, recipe = self.members, recipe or self._recipe
         vary = {**members.grids, **members.draws}
         own = {"vary": repr(vary), "seed": str(members.seed), "version": kickdrift.__version__}
         return {

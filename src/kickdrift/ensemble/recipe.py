@@ -165,9 +165,9 @@ class Recipe:
 
     def refuse_frames(self, overwrite: bool) -> None:
         """Of other members, in the folder of trajectories."""
-        there = next(self.trajectories.glob("member-*.h5md"), None) if self.trajectories and not overwrite else None
+        there = sorted(self.trajectories.glob("member-*.h5md")) if self.trajectories and not overwrite else []
         if there:
-            raise InputError(f"trajectories: {there} exists already; give another folder, or --overwrite")
+            raise InputError(f"trajectories: {there[0]} exists already; give another folder, or --overwrite")
 
     def identity(self) -> dict[str, str]:
         """What makes members other members, by name, as short texts."""

@@ -42,6 +42,7 @@ def frame(rows: Iterable[Row], provenance: dict[str, Any]) -> DataFrame:
 
 def _column(name: str, values: list[Any]) -> Any:
     """Values of one kind, as a column of a Parquet file has to be: numbers, truths, lists of numbers, or texts."""
+    values = [value.item() if isinstance(value, np.generic) else value for value in values]
     known = [value for value in values if value is not None]
     kinds = {type(value) for value in known}
     if name in TEXTS and kinds <= {str}:
