@@ -14,6 +14,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from functools import partial
 from itertools import count, islice
+from time import monotonic
 from typing import Any
 
 from kickdrift.ensemble.members import Member, Members
@@ -25,8 +26,17 @@ from kickdrift.printing import counted
 
 PATIENCE = 10.0  # seconds for a scheduler to answer
 AHEAD = 3  # tasks in flight for each thread of the workers
-TASK_SECONDS = 0.1  # members that take less go several in a task, at most MOST
+TASK_SECONDS = 0.4  # members that take less go several in a task, at most MOST
 MOST = 64
+LOCAL = {  # what Dask does in a cluster of this machine's own
+    "distributed.deploy.lost-worker-timeout": "1000 days",  # else a worker that dies while it restarts is no more
+    "distributed.worker.profile.enabled": False,  # nobody looks, and it takes time from the members
+    "distributed.admin.tick.interval": "2s",
+    "distributed.admin.system-monitor.interval": "2s",
+    "distributed.scheduler.work-stealing-interval": "1s",
+    "distributed.scheduler.active-memory-manager.start": False,
+}
+REFRESH = 1.0  # seconds after which the workers are counted again
 
 
 @contextmanager
@@ -38,7 +48,6 @@ def workers(number: int | None = None, scheduler: str | None = None) -> Iterator
     from distributed.comm import get_address_host_port
     from distributed.utils import silence_logging_cmgr
 
-    lasting = {"distributed.deploy.lost-worker-timeout": "1000 days"}  # else one that dies while it restarts is no more
     silent = partial(silence_logging_cmgr, logging.CRITICAL + 1)
     if scheduler is not None:
         with silent("distributed"), silent("distributed.client"):  # its errors are told in one line
@@ -53,7 +62,7 @@ def workers(number: int | None = None, scheduler: str | None = None) -> Iterator
         return
     with (
         _nobody_imports_main(),
-        dask.config.set(lasting),
+        dask.config.set(LOCAL),
         silent("distributed"),
         silent("distributed.client"),
         distributed.LocalCluster(
@@ -101,6 +110,7 @@ def rows(recipe: Recipe, members: Members, todo: Iterable[int], client: Any) -> 
     sent: dict[str, list[Member]] = {}
     suspects: deque[Member] = deque()
     together, number = 1, count()
+    room, looked = 0, -REFRESH
 
     def send(batch: list[Member]) -> None:
         key = f"{name}-{batch[0].number}-{next(number)}"
@@ -112,7 +122,9 @@ def rows(recipe: Recipe, members: Members, todo: Iterable[int], client: Any) -> 
             if not sent:
                 send([suspects.popleft()])
             return
-        room = AHEAD * max(1, sum(client.nthreads().values()))
+        nonlocal room, looked
+        if monotonic() - looked >= REFRESH:  # which takes the scheduler as long as a task
+            room, looked = AHEAD * max(1, sum(client.nthreads().values())), monotonic()
         while len(sent) < room and (batch := [members[i] for i in islice(left, together)]):
             send(batch)
 
