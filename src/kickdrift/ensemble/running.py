@@ -20,7 +20,7 @@ from typing import Any
 from kickdrift.ensemble.members import Member, Members
 from kickdrift.ensemble.recipe import Recipe
 from kickdrift.ensemble.rows import FAILED, LOST, Row, row_of
-from kickdrift.ensemble.work import packed, timed_members, unpacked
+from kickdrift.ensemble.work import check, packed, timed_members
 from kickdrift.errors import InputError, RunError
 from kickdrift.printing import counted
 
@@ -100,10 +100,11 @@ def rows(recipe: Recipe, members: Members, todo: Iterable[int], client: Any) -> 
     import distributed
 
     cargo = packed(recipe)
-    try:
-        client.run(unpacked, cargo)
-    except (ImportError, AttributeError) as error:
-        raise InputError(f"ensemble: the workers cannot load what members need: {error}") from None
+    for answer in client.run(check, cargo, on_error="return").values():  # of one that dies meanwhile, how it died
+        if isinstance(answer, InputError):
+            raise answer
+        if isinstance(answer, ImportError | AttributeError):
+            raise InputError(f"ensemble: the workers cannot load what members need: {answer}")
     left = iter(todo)
     name = f"kickdrift-{uuid.uuid4().hex[:12]}"
     tasks = distributed.as_completed(loop=client.loop)

@@ -40,6 +40,11 @@ def unpacked(cargo: bytes) -> Recipe:
     return recipe
 
 
+def check(cargo: bytes) -> None:
+    """See whether the Recipe can be unpacked here."""
+    unpacked(cargo)
+
+
 def timed_members(cargo: bytes, members: Sequence[Member]) -> tuple[list[Row], float, int]:
     """A row for each member, by a packed Recipe; how many seconds it took; and how many members should go together."""
     from kickdrift.ensemble.together import TOGETHER, side_by_side  # which loads the compiler
