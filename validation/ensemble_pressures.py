@@ -9,8 +9,8 @@ that the standard error of their mean is their scatter over the root of their nu
 
 Each has a mean temperature of its own and is brought to that of all by the equation's slope, as samples are there; so
 is the pressure k_B T / V of the centre of mass, 0.001 to 0.002 here, added. The equation is compared at the mean
-temperature of all. Its own error is 0.0087 (equation_of_state.py says from what); the bound is three errors, of the mean
-and of the equation together.
+temperature of all. Its own error is 0.0087 (equation_of_state.py says from what); the bound is three errors, of the
+mean and of the equation together.
 
 What is left of the system's size: at constant energy the temperature fluctuates, by sigma_T^2 = 2 T^2 / (3 N) at most
 (Lebowitz, Percus & Verlet 1967, doi:10.1103/PhysRev.153.250), which moves a mean pressure by P''(T) sigma_T^2 / 2; the
