@@ -277,8 +277,8 @@ def test_command(kickdrift, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ([], "give FILE.h5md, or --stability NAME for a figure of an integrator"),
-        (["run.h5md", "--stability", "rk4"], "give FILE.h5md or --stability, not both"),
+        ([], "give FILE, or --stability NAME for a figure of an integrator"),
+        (["run.h5md", "--stability", "rk4"], "give FILE or --stability, not both"),
         (["--stability", "rk5"], "integrator 'rk5' is unknown; did you mean rk4"),
         (["--stability", "rk4", "--output", "x.gif"], "must end in .png"),
         (["--stability", "rk4", "--output", "taken.png"], "taken.png: exists already"),
