@@ -54,6 +54,7 @@ def ensemble(
     """Run a system many times, with values that vary and seeds of their own, on all cores or on a Dask cluster."""
     from kickdrift.ensemble import Ensemble
     from kickdrift.ensemble.running import workers as dask_workers
+    from kickdrift.ensemble.table import journal_of
     from kickdrift.printing_ensemble import print_ensemble
 
     if scheduler is not None and workers is not None:
@@ -83,7 +84,7 @@ def ensemble(
                         say(f"{scheduler}: has no workers; waiting for some", quiet)
                     table = planned.run(client, progress=progress, **options)
         except (KeyboardInterrupt, RunError):
-            journal = output and output.with_name(f"{output.name}.journal")
+            journal = output and journal_of(output)
             if journal and journal.exists():
                 again = "the same command without --overwrite" if overwrite else "the same command"
                 say(f"{journal}: has {max(done, 0)} of {counted(len(planned), 'member')}; {again} goes on from there")

@@ -132,7 +132,6 @@ class Ensemble:
         Raises InputError where output holds another ensemble or a package is missing, RunError where the scheduler is
         lost; members that fail raise nothing.
         """
-        _check_packages()
         if workers is not None:
             workers = whole_number("workers", workers, 1)
         recipe = self._recipe if trajectories is None else self._recipe.writing(trajectories)

@@ -73,13 +73,18 @@ def records(table: DataFrame) -> list[Row]:
     return rows
 
 
+def journal_of(output: Path) -> Path:
+    """Where the journal of a table is."""
+    return output.with_name(f"{output.name}.journal")
+
+
 class Journal:
     """The rows of the members that are done, a line each, beside the file that they will be in. As a context, it keeps
     other processes away from both."""
 
     def __init__(self, output: Path, provenance: dict[str, Any]) -> None:
         self.output, self.provenance = output, provenance
-        self.path = output.with_name(f"{output.name}.journal")
+        self.path = journal_of(output)
         self._file: Any = None
         self._lock: Any = None
 
