@@ -41,7 +41,7 @@ LONGEST = (
     "test_docs", "test_compare", "test_ensemble", "test_batch", "test_engines", "test_integrators",
     "test_gauss_radau", "test_events", "test_cli", "test_drift", "test_hermite", "test_tree", "test_gravity",
     "test_simulation", "test_exact", "test_chaos", "test_relativity", "test_fields", "test_implicit",
-    "test_validate", "test_validation", "test_bench_speed", "test_readme",
+    "test_robustness", "test_validate", "test_validation", "test_bench_speed", "test_readme",
 )  # fmt: skip
 
 
@@ -53,3 +53,19 @@ def pytest_configure(config: pytest.Config) -> None:
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     order = {name: number for number, name in enumerate(LONGEST)}
     items.sort(key=lambda item: order.get(item.path.stem, len(order)))
+
+
+@pytest.fixture
+def kickdrift(monkeypatch, capfd):
+    """The program in this process: ``kickdrift("run", "x.toml")`` gives exit status, standard output and error."""
+
+    def call(*arguments) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["kickdrift", *map(str, arguments)])
+        capfd.readouterr()
+        from kickdrift.cli import main
+
+        with pytest.raises(SystemExit) as ended:
+            main()
+        return (ended.value.code, *capfd.readouterr())
+
+    return call

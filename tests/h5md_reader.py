@@ -69,6 +69,8 @@ def read(path):
         found["events"] = [_event(own["events"], row) for row in range(events)]
         found["checkpoints"] = _checkpoints(own["checkpoints"])
         assert _sha256(own["system"], particles) == own["system"].attrs["sha256"]
+        assert _sha256_of_all(own, particles) == own.attrs["sha256"]
+        found["damaged"] = _damaged(file, own["checksums"], frames, samples, events)
         return found
 
 
@@ -101,3 +103,67 @@ def _sha256(system, particles):
     for name, kind in (("mass", "<f8"), ("id", "<i8"), ("species", "<i4")):
         digest.update(particles[name][()].astype(kind).tobytes())
     return digest.hexdigest()
+
+
+def _sha256_of_all(own, particles):
+    units = own["units"].attrs
+    texts = [own[name].asstr()[()] for name in ("system/record", "system/source", "method", "versions")]
+    digest = hashlib.sha256("".join(f"{text}\0" for text in texts).encode())
+    keys = ("name", "length", "time", "mass", "energy", "temperature", "boltzmann", "gravity", "light", "coherent_mass")
+    for key in (*keys, "nominal", "length_factor", "time_factor", "force_factor"):
+        if key in units:
+            digest.update(f"{key}\0".encode())
+            value = units[key]
+            digest.update(
+                f"{value}\0".encode() if isinstance(value, str) else np.float64(value).astype("<f8").tobytes()
+            )
+    digest.update(np.int64(own.attrs["every"]).astype("<i8").tobytes())
+    for each in particles["box"].attrs["boundary"]:
+        digest.update(each + b"\0")
+    names = h5py.check_enum_dtype(particles["species"].dtype)
+    for name in sorted(names, key=names.get):
+        digest.update(f"{name}\0".encode())
+    digest.update(f"{particles['mass'].attrs['unit']}\0".encode())
+    for array in (own["system/phase"], particles["mass"], particles["id"], particles["species"]):
+        data = array[()].tobytes()
+        for first in range(0, len(data), 8192):
+            digest.update(_sum(data[first : first + 8192]).to_bytes(8, "little"))
+    return digest.hexdigest()
+
+
+def _damaged(file, sums, frames, samples, events):
+    """The numbers of the frames, samples and events that are not what was written."""
+    particles, own = file["particles/trajectory"], file["kickdrift"]
+    names = list(sums.attrs.get("observables", ()))
+    block = sums.attrs["particles"]
+    clock = [particles["position/step"], particles["position/time"]]
+    clock += [particles["box/edges/value"]] if "edges" in particles["box"] else []
+    found = {"frames": [], "samples": [], "events": []}
+    for row in range(frames):
+        expected = [_checksum(clock, row)]
+        expected.append(_checksum([file[f"observables/{name}/value"] for name in names], row) if names else 0)
+        for name in ("position", "velocity", "force", "image"):
+            if name in particles:
+                values = particles[name]["value"][row]
+                blocks = range(0, len(values), block)
+                expected += [_checksum([values[np.newaxis, first : first + block]], 0) for first in blocks]
+        found["frames"] += [row] if list(sums["frame"][row]) != expected else []
+    series = [own["samples"][name] for name in ("step", "time", *names)]
+    found["samples"] = [row for row in range(samples) if sums["sample"][row] != _checksum(series, row)]
+    columns = [own["events"][name] for name in ("time", "step", "ids", "distance", "energy", "kind", "done")]
+    found["events"] = [row for row in range(events) if sums["event"][row] != _checksum(columns, row)]
+    return found
+
+
+def _checksum(columns, row):
+    return _sum(b"".join(column[row : row + 1].tobytes() for column in columns))
+
+
+def _sum(data):
+    """In Python's own numbers, which know no overflow."""
+    words = np.frombuffer(data.ljust(-(-len(data) // 8) * 8, b"\0"), "<u8").tolist()
+    total = 1
+    for i, word in enumerate(words):
+        z = (i + 1) * 0x9E3779B97F4A7C15 % 2**64
+        total += ((z ^ z >> 32) | 1) * word
+    return total % 2**64

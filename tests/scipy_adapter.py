@@ -18,8 +18,8 @@ from kickdrift.flow import ProblemFlow
 from kickdrift.forces.kernel import OK
 from kickdrift.integrators import integrator
 from kickdrift.integrators.adaptive import LAST, NEXT
+from kickdrift.integrators.options import Options
 from kickdrift.integrators.step_control import LEAST_RTOL
-from kickdrift.integrators.stepping import Options
 
 
 class Adapter(OdeSolver):

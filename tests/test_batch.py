@@ -18,7 +18,7 @@ from kickdrift.batch import Batch, refusal
 from kickdrift.errors import InputError
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators import integrator as method_named
-from kickdrift.integrators.stepping import Options
+from kickdrift.integrators.options import Options
 from kickdrift.system import RunDefaults
 
 EPSILON = np.finfo(float).eps

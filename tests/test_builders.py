@@ -131,6 +131,14 @@ def test_particles_at_the_same_place(force):
         check_overlaps(a_box_apart)
 
 
+def test_far_cells_with_the_same_number_are_no_neighbours():
+    from kickdrift.builders import CELLS
+
+    apart = 2.0 * CELLS  # in cells of twice the limit
+    assert not any_nearer(np.array([[0.0] * 3, [apart, 0.0, 0.0], [0.0, 0.0, -apart]]), None, 1.0)
+    assert any_nearer(np.array([[0.0] * 3, [apart, 0.0, 0.0], [apart + 0.9, 0.0, 0.0]]), None, 1.0)
+
+
 def test_what_does_not_overlap():
     check_overlaps(System([[0.0] * 3, [0.31, 0.0, 0.0]], forces=[LennardJones()]))
     check_overlaps(System([[0.0] * 3, [1e-12, 0.0, 0.0]], forces=[Gravity()], units="nbody"))

@@ -13,6 +13,7 @@ import time
 
 import h5py
 import pytest
+from refusals import assert_refused
 
 import kickdrift as kd
 from kickdrift import bench, cli
@@ -59,38 +60,12 @@ def folder(tmp_path, monkeypatch):
     return tmp_path
 
 
-@pytest.fixture
-def kickdrift(monkeypatch, capfd):
-    """The program in this process: ``kickdrift("run", "x.toml")`` gives exit status, standard output and error."""
-
-    def call(*arguments) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["kickdrift", *map(str, arguments)])
-        capfd.readouterr()
-        with pytest.raises(SystemExit) as ended:
-            cli.main()
-        return (ended.value.code, *capfd.readouterr())
-
-    return call
-
-
 def program(*arguments, **options) -> subprocess.CompletedProcess:
     """The program in a process of its own."""
     code = "from kickdrift.cli import main; main()"
     return subprocess.run(
         [sys.executable, "-W", "error", "-c", code, *map(str, arguments)], capture_output=True, text=True, **options
     )
-
-
-def assert_refused(result, *parts, status=2):
-    code, out, err = result
-    assert code == status, err
-    assert out == ""
-    assert err.startswith("kickdrift: ")
-    assert err.count("\n") == 1
-    assert err.endswith("\n")
-    assert "Traceback" not in err
-    for part in parts:
-        assert part in err
 
 
 def files() -> set[str]:
@@ -124,7 +99,7 @@ def test_errors_of_a_process_are_one_line(arguments, status, part):
 
 def test_ctrl_c_leaves_a_whole_file():
     code = "from kickdrift.cli import main; main()"
-    arguments = ["run", "liquid.toml", "--steps", "1000000000", "--every", "100", "--output", "run.h5md"]
+    arguments = ["run", "liquid.toml", "--steps", "20000000", "--every", "100", "--output", "run.h5md"]
     running = subprocess.Popen(
         [sys.executable, "-c", code, *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     )
@@ -283,7 +258,11 @@ def test_overwrite(kickdrift, folder):
     arguments = ["run", "liquid.toml", "--steps", 5, "--output", "run.h5md", "--json", "run.json"]
     assert_refused(kickdrift(*arguments), "--output run.h5md: exists already; give --overwrite")
     assert_refused(kickdrift(*arguments[:4], *arguments[6:]), "--json run.json: exists already; give --overwrite")
+    assert_refused(kickdrift(*arguments, "--overwrite"), "--output run.h5md: is not a run's file that kickdrift wrote")
     assert {(folder / name).read_text(encoding="utf-8") for name in ("run.h5md", "run.json")} == {"precious"}
+    for name in ("run.h5md", "run.json"):
+        (folder / name).unlink()
+    assert kickdrift(*arguments)[0] == 0
     assert kickdrift(*arguments, "--overwrite")[0] == 0
     assert json.loads((folder / "run.json").read_text(encoding="utf-8"))["steps"] == 5
     with kd.open("run.h5md") as run:
@@ -328,7 +307,7 @@ NOTHING = "no.folder/run"
         (["--json", "liquid.toml/run.json"], ["there is no folder"]),
         (["--json", "/proc/run.json"], ["--json /proc/run.json: cannot be written"]),
         (["--json", "."], ["is a folder"]),
-        (["--json", "liquid.toml"], ["exists already"]),
+        (["--json", "liquid.toml"], ["is what this command reads; it is not replaced"]),
         (["--output", "run.h5md", "--json", "run.h5md"], ["is the file of --output too"]),
         (["--wrong"], ["No such option", "--wrong", "see kickdrift run --help"]),
         (["more"], ["unexpected extra argument"]),
@@ -616,7 +595,7 @@ def test_a_blow_up_is_a_row_of_the_bench(kickdrift, folder, quick_bench, monkeyp
         (["--threads", "100000"], "threads must be 1 to"),
         (["--integrator", "velocity-verlt"], "'velocity-verlt' is unknown; did you mean velocity-verlet"),
         (["--json", "liquid.toml"], "--json liquid.toml: exists already"),
-        (["--plot", "bench.gif"], "--plot bench.gif: the name must end in .png or .pdf or .svg"),
+        (["--plot", "bench.gif"], "--plot bench.gif: the name must end in .png, .pdf, .svg"),
         (["--plot", f"{NOTHING}.png"], "there is no folder"),
         (["--plot", "x.png", "--json", "x.png"], "is the file of --json too"),
     ],

@@ -306,8 +306,12 @@ def test_nothing_is_overwritten_unasked(path, suffix):
         kd.export(path, target)
     assert target.read_text() == "precious"
     with pytest.raises(InputError, match="no such file"):
-        kd.export(path.with_name("none.h5md"), target, overwrite=True)
+        kd.export(path.with_name("none.h5md"), target.with_name(f"new{suffix}"), overwrite=True)
+    with pytest.raises(InputError, match="is not an export that kickdrift wrote; it is not replaced"):
+        kd.export(path, target, overwrite=True)
     assert target.read_text() == "precious"
+    target.unlink()
+    kd.export(path, target)
     kd.export(path, target, overwrite=True)
     assert target.read_bytes()[:8] != b"precious"
     assert sorted(each.name for each in path.parent.iterdir()) == sorted(["run.h5md", target.name])

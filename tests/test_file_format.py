@@ -99,6 +99,7 @@ def test_a_reader_of_the_page_reads_what_we_write(tmp_path, name):
         assert run.checkpoints is not None
         assert found["checkpoints"] == list(zip(run.checkpoints.steps, run.checkpoints.times, strict=True))
         assert len(found["checkpoints"]) >= 1
+        assert found["damaged"] == {"frames": [], "samples": [], "events": []}
 
 
 def test_the_page_names_every_object_of_a_file(tmp_path):

@@ -488,7 +488,7 @@ def test_a_tableau_of_ones_own_runs():
 
 
 def _nothing():
-    from kickdrift.integrators.stepping import Options
+    from kickdrift.integrators.options import Options
 
     return Options()
 

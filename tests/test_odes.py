@@ -232,8 +232,9 @@ def test_pleiades():
     ("name", "bounds"),
     [
         ("figure_eight", [1e-11, 1e-11, 1e-10, 1e-10]),
-        # close encounters: IAS15 in double, too, is 1e-5 off at 50, 1e-3 at 60 and 0.04 at 70
-        ("pythagorean_burrau", [1e-8, 1e-6, 1e-6, 1e-5, 1e-2, 0.5]),
+        # Close encounters: IAS15 in double, too, is 1e-5 off at 50, 1e-3 at 60 and 0.04 at 70. From 24 starts that are
+        # one rounding apart, dop853 is 5e-6 off at 50 (median), and 1.4e-5 at most.
+        ("pythagorean_burrau", [1e-8, 1e-6, 1e-6, 2e-5, 1e-2, 0.5]),
         ("hairer_outer_solar", [1e-11, 1e-11, 3e-10, 2e-9, 1e-8]),
         ("pleiades", [1e-11, 1e-11, 1e-10]),
     ],
@@ -316,12 +317,13 @@ def ours(problem, integrator, rtol, time, controller=None):
         times.append(sim.time)
         ys.append(sim.state.y)
 
-    sim.run(until=time, every=1, observe=look)
-    return np.array(times[:-1]), np.array(ys[:-1]).T
+    sim.run(until=1.5 * time, every=1, observe=look)
+    before = np.array(times) < time
+    return np.array(times)[before], np.array(ys)[before].T
 
 
 def scipys(problem, integrator, rtol, time):
-    """The same; the last step, which SciPy shortens to end at the time asked for, lies beyond."""
+    """The same; both runs go on, for their last step is shortened to end at the time asked for."""
     found = solve_ivp(problem.f, (0.0, 1.5 * time), problem.y0, SCIPY[integrator], rtol=rtol, atol=rtol)
     before = found.t < time
     return found.t[before], found.y[:, before]

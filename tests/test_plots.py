@@ -144,7 +144,11 @@ def test_bad_input(tmp_path, output):
     output.write_text("precious")
     with pytest.raises(InputError, match="exists already"):
         plots.plot_benchmark(rows(), output)
+    with pytest.raises(InputError, match="is not a figure that kickdrift wrote; it is not replaced"):
+        plots.plot_benchmark(rows(), output, overwrite=True)
     assert output.read_text() == "precious"
+    output.unlink()
+    plots.plot_benchmark(rows(), output)
     plots.plot_benchmark(rows(), output, overwrite=True)
     assert png_size(output)
     with pytest.raises(InputError, match="no such file"):

@@ -53,7 +53,7 @@ def test_the_python_of_the_page_on_observables_runs(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     names = run_python_of(README.parent / "docs" / "observables.md")
     einstein, green_kubo = names["einstein"], names["green_kubo"]
-    # The fluid at T* = 0.9, rho* = 0.8442, whose error a run of ten units of time only just has.
+    # The fluid at T* = 0.9, rho* = 0.8442, whose error takes a run of twenty units of time.
     assert einstein.value == pytest.approx(green_kubo.value, abs=4 * (einstein.error + green_kubo.error))
     assert np.isfinite(einstein.error)
     assert names["p"].pressure == pytest.approx(float(names["mean"].value), abs=5 * names["p"].pressure_error)

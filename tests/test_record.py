@@ -11,6 +11,7 @@ import pytest
 import kickdrift as kd
 from kickdrift.errors import InputError
 from kickdrift.events import Escape
+from kickdrift.forces import registration
 from kickdrift.systemfile import load, shipped
 from kickdrift.trajectory.h5md import Writer
 from kickdrift.trajectory.record import differences, system_of
@@ -61,19 +62,22 @@ def test_what_a_file_of_text_has_no_key_for_comes_back(tmp_path):
     same(system, written(tmp_path / "b.h5md", system))
 
 
-def test_a_force_of_ones_own_is_found_where_it_was_imported(tmp_path, monkeypatch):
+def test_a_force_of_ones_own_is_found_where_it_was_registered(tmp_path, monkeypatch):
     module = types.ModuleType("somebodys_forces")
     monkeypatch.setitem(sys.modules, module.__name__, module)
 
     class Trap(kd.HarmonicTrap):
         pass
 
-    module.Trap, Trap.__module__ = Trap, module.__name__
+    module.Trap, Trap.__module__, Trap.__qualname__ = Trap, module.__name__, "Trap"
     system = kd.System(np.eye(3), forces=[Trap(2.0)])
-    same(system, written(tmp_path / "a.h5md", system))
-    del module.Trap
     with pytest.raises(InputError, match=r"force Trap is of module somebodys_forces, which is not loaded"):
-        written(tmp_path / "b.h5md", system)
+        written(tmp_path / "b.h5md", system)  # an imported class is not a registered one
+    monkeypatch.setattr(registration, "REGISTERED", {})
+    assert kd.register_force(Trap) is Trap
+    same(system, written(tmp_path / "a.h5md", system))
+    with pytest.raises(InputError, match="register_force: expected a dataclass with name, check and bind"):
+        kd.register_force(dict)
 
 
 def test_a_function_cannot_come_back(tmp_path):

@@ -123,7 +123,7 @@ def test_the_cost_does_not_depend_on_the_length(tmp_path, monkeypatch):
     taken = []
     advance = kd.Simulation._advance
     monkeypatch.setattr(
-        kd.Simulation, "_advance", lambda sim, *how, **more: (taken.append(how), advance(sim, *how, **more))
+        kd.Simulation, "_advance", lambda sim, *how, **more: (taken.append(how), advance(sim, *how, **more))[1]
     )
     kd.resume(path)
     assert taken == []
@@ -206,18 +206,33 @@ def test_other_versions_are_named(path, monkeypatch):
     assert "abacus now" in warning
 
 
-def test_a_frame_that_was_changed_is_noticed(path):
+def test_other_processor_features_are_named(path, monkeypatch):
+    """One kind of processor can be compiled for in several ways (NUMBA_CPU_FEATURES)."""
+    assert kd.resume(path).run(10).warnings == []
+    monkeypatch.setattr(restart, "features", lambda: ("abacus", "beads"))
+    (warning,) = kd.resume(path).run(10).warnings
+    assert "the same bits are not promised: compiled for " in warning
+    assert warning.endswith("then, not now; compiled for abacus, beads now, not then")
+
+
+@pytest.mark.parametrize("checksums", [True, False])
+def test_a_frame_that_was_changed_is_noticed(path, checksums):
+    """By its checksum; in a file of an older version, which has none, by the run that comes there."""
     with h5py.File(path, "r+") as file:
         file["particles/trajectory/position/value"][-1, 3, 0] += 1e-9
+        if not checksums:
+            del file["kickdrift/checksums"], file["kickdrift"].attrs["sha256"]
     (warning,) = kd.resume(path).record.warnings
-    assert "1e-09 away from the file's frame there" in warning
+    assert ("the file's end is damaged: what follows step 10 is" if checksums else "1e-09 away from the") in warning
 
 
-def test_a_checkpoint_that_was_changed_is_refused(path):
+def test_an_earlier_checkpoint_takes_the_place_of_one_that_was_changed(path):
     with h5py.File(path, "r+") as file:
         file["kickdrift/checkpoints/data"][-100] ^= 1
-    with pytest.raises(InputError, match="damaged: the checkpoint of step 20 has changed"):
-        kd.resume(path)
+    sim = kd.resume(path)
+    assert sim.steps_done == 20
+    (warning,) = sim.record.warnings
+    assert "damaged: the checkpoint of step 20 has changed; an earlier one takes its place" in warning
 
 
 def test_a_file_without_checkpoints_is_refused(path):

@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import same_bits
 from problems import pendulum
 from test_integrators import liquid
 
@@ -26,6 +27,7 @@ from kickdrift.forces import FORCES
 from kickdrift.forces.bound import BoundForces
 from kickdrift.forces.pair_kernel import with_room
 from kickdrift.integrators import INTEGRATORS, integrator
+from kickdrift.integrators.method import PRECISIONS
 from kickdrift.integrators.step_control import CONTROLLERS
 from kickdrift.trajectory.checkpoints import decoded, encoded
 
@@ -401,6 +403,17 @@ def test_threads_change_no_bit():
     assert len(found) >= len(METHODS) - 5
     for name, *of_each in found:
         assert of_each == [of_each[0]] * len(THREADS), name
+
+
+def test_forces_give_the_same_bits_however_they_run():
+    """Every registered force, each truncation, mixtures and both precisions: threads, pieces, looks, file, restart."""
+    velocities = {"relativity-1pn", "linear-drag"}  # forces of velocities, which velocity-verlet refuses
+    method = {name: "rk4" if name in velocities else "velocity-verlet" for name in same_bits.systems()}
+    listed = [case for case in same_bits.cases(long=False) if case.method == method[case.system]]
+    taken, apart = same_bits.compared(listed)
+    assert apart == []
+    assert {case.system for case in taken} == set(same_bits.systems())
+    assert {case.precision for case in taken} == set(PRECISIONS)
 
 
 # --- what a checkpoint is of ---

@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import math
+import os
+import subprocess
+import sys
+from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -10,7 +14,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from numba.core.errors import TypingError
 
-from kickdrift.forces.compiling import jit
+from kickdrift.forces.compiling import as_written, jit
 from kickdrift.forces.simd import (
     WIDTH,
     aligned,
@@ -288,3 +292,55 @@ def test_other_powers_are_refused(exponent):
 
     with pytest.raises(TypingError):
         power(np.ones(8))
+
+
+# --- what is compiled for ---
+
+WITHOUT_AVX = """
+import numpy as np
+from kickdrift.forces.compiling import features, jit
+from kickdrift.forces.simd import inverse_sqrt, load, store
+
+@jit
+def quotient(a, out):
+    store(out[0], 0, 1.0 / load(a, 0))
+    store(out[1], 0, inverse_sqrt(load(a, 0)))
+
+a, out = np.linspace(0.3, 7.0, 8), np.zeros((2, 8))
+quotient(a, out)
+assert not [name for name in features() if name.startswith("avx")]
+np.testing.assert_allclose(out, [1 / a, a**-0.5], rtol=5e-16)
+"""
+
+
+def test_code_follows_the_features_that_numba_compiles_for():
+    """NUMBA_ENABLE_AVX=0 on a machine with AVX-512: the estimates of AVX-512 would end the process inside LLVM."""
+    env = {**os.environ, "NUMBA_ENABLE_AVX": "0", "PYTHONPATH": os.pathsep.join(sys.path)}
+    done = subprocess.run([sys.executable, "-c", WITHOUT_AVX], env=env, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+
+
+@jit
+def sums_of_products(a, b, c, out):
+    x, y, z = load(a, 0), load(b, 0), load(c, 0)
+    store(out[0], 0, x * y + z)
+    store(out[1], 0, z - x * y)
+    store(out[2], 0, x * y - z)
+
+
+def test_a_product_inside_a_sum_is_fused_in_one_way_only():
+    """In a function without fast-math flags: with one rounding where the machine can, else always with two."""
+    written = as_written(sums_of_products.py_func)
+    rng = np.random.default_rng(3)
+    a, b, c = rng.normal(size=(3, WIDTH))
+    out = np.zeros((3, WIDTH))
+    written(a, b, c, out)
+    exact = [[Fraction(x) * Fraction(y) for x, y in zip(a, b, strict=True)], [Fraction(z) for z in c]]
+    product, third = exact
+    fused = [
+        [float(p + z) for p, z in zip(product, third, strict=True)],
+        [float(z - p) for p, z in zip(product, third, strict=True)],
+        [float(p - z) for p, z in zip(product, third, strict=True)],
+    ]
+    apart = [a * b + c, c - a * b, a * b - c]
+    assert any(np.array_equal(out, expected) for expected in (fused, apart))

@@ -339,7 +339,7 @@ def test_equilibrate_again_after_a_run():
         ({"temperature": math.nan, "time": 1.0}, "temperature must be positive, got nan"),
         ({"temperature": 1.0, "time": -1.0}, "time must be positive, got -1"),
         ({"temperature": 1.0, "time": math.inf}, "time must be positive, got inf"),
-        ({"temperature": 1.0, "time": 1.0, "interval": 0}, "interval must be a whole number of steps"),
+        ({"temperature": 1.0, "time": 1.0, "interval": 0}, "interval must be a whole number, one or more, got 0"),
     ],
 )
 def test_bad_arguments_of_equilibrate(arguments, message):
@@ -443,7 +443,7 @@ def test_ctrl_c_ends_a_run_cleanly(tmp_path):
     handler = signal.getsignal(signal.SIGINT)
     timer = interrupt_soon(0.5)
     with pytest.raises(KeyboardInterrupt):
-        sim.run(10**9, every=50, output=path)
+        sim.run(10**7, every=50, output=path)
     timer.join()
     assert signal.getsignal(signal.SIGINT) is handler
     assert 10 < sim.steps_done < 10**7
@@ -557,7 +557,7 @@ def test_report_of_a_liquid():
     scale = abs(total[0])
     assert e.max_relative_error == pytest.approx(np.abs(total - total[0]).max() / scale, rel=1e-12)
     assert e.rms_relative_error == pytest.approx(np.sqrt(np.mean((total - total[0]) ** 2)) / scale, rel=1e-12)
-    assert e.verdict in ("bounded", "secular drift", "random walk", "not resolvable")
+    assert e.verdict in ("bounded", "secular drift", "random walk", "round-off", "not resolvable")
     assert report.momentum_error < 1e-14
     assert report.angular_momentum_error is None
     assert report.temperature == pytest.approx(np.mean([s.temperature for s in samples]), rel=1e-12)

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-import sys
 
 import numpy as np
 import oracle_integrators
 import pytest
 
-from kickdrift import cli, plots_stability
+from kickdrift import plots_stability
 from kickdrift.analysis.stability import (
     half_trace,
     imaginary_interval,
@@ -226,16 +225,8 @@ def test_runge_kutta_methods_blow_up_where_they_should(name):
 
 
 @pytest.fixture
-def kickdrift(monkeypatch, capsys, tmp_path):
+def folder(monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
-
-    def call(*arguments) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["kickdrift", *map(str, arguments)])
-        with pytest.raises(SystemExit) as ended:
-            cli.main()
-        return (ended.value.code, *capsys.readouterr())
-
-    return call
 
 
 def drawn_legends(monkeypatch, names, target) -> list[list[str]]:
@@ -263,7 +254,7 @@ def test_figure_of_one_kind_has_one_panel(monkeypatch, tmp_path, names):
     assert len(drawn_legends(monkeypatch, names, tmp_path / "one.png")) == 1
 
 
-def test_command(kickdrift, tmp_path):
+def test_command(folder, kickdrift, tmp_path):
     code, out, err = kickdrift("plot", "--stability", "rk4", "--stability", "leapfrog")
     assert (code, err) == (0, "")
     assert out.startswith("stability.png\n")
@@ -284,7 +275,7 @@ def test_command(kickdrift, tmp_path):
         (["--stability", "rk4", "--output", "taken.png"], "taken.png: exists already"),
     ],
 )
-def test_command_refuses(kickdrift, tmp_path, arguments, message):
+def test_command_refuses(folder, kickdrift, tmp_path, arguments, message):
     (tmp_path / "taken.png").write_text("precious")
     code, out, err = kickdrift("plot", *arguments)
     assert (code, out) == (2, "")

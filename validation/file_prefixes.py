@@ -123,10 +123,10 @@ class Recorder:
                 self.writes.append((("size", size, b""), self.whole))
             resize(file, size)
 
-        def recorded_connect(out: openfile.OpenFile) -> None:
+        def recorded_connect(out: openfile.OpenFile, own: tuple[int, int] | None) -> None:
             if out.path == self.path:
                 self.writes.append((("whole", 0, self.path.read_bytes()), self.whole))
-            connect(out)
+            connect(out, own)
 
         with (
             mock.patch.object(storage.PagedFile, "_put", recorded_put),

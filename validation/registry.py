@@ -56,6 +56,7 @@ SCRIPTS = (
     Script("brouwer.py", "rounding moves the energy as the root of the steps, for every symplectic method", 60),
     Script("adaptive_leapfrog.py", "leapfrog-adaptive: order, way back, bounded energy", 25),
     Script("exact_reversal.py", "leapfrog-exact comes back to the same bits", 65),
+    Script("same_bits.py", "every force and method: the same bits on any threads, in pieces, resumed", long_only=True),
     Script("kepler_flow.py", "one step of wisdom-holman without masses is exact, on every conic", 25),
     Script("wisdom_holman.py", "wisdom-holman is the map that WHFast is; correctors, saba", 40, peers=("rebound",)),
     Script("gauss_radau.py", "gauss-radau15 beside IAS15 and binary128; Brouwer's law", 60, peers=("rebound",)),
@@ -80,10 +81,14 @@ SCRIPTS = (
     Script("claims/tolerance.py", "the article: rtol below 1e-12"),
     # statistics and files
     Script("drift_statistics.py", "verdicts on drift and their intervals, on series of known slope", 45),
+    Script("drift_verdicts.py", "verdicts on drift on genuine runs, beside runs eight times as long", 120),
     Script("mdanalysis_readers.py", "MDAnalysis' tests of its reader, on our files", 20, peers=("MDAnalysisTests",)),
     Script("file_prefixes.py", "no frame is lost wherever a kill falls between two writes", 60, peers=("MDAnalysis",)),
     Script("kills.py", "runs that are killed leave files that go on to the same bits", 60),
     Script(
         "ensemble_kills.py", "an ensemble whose workers are killed ends in the same table", 60, peers=("distributed",)
+    ),
+    Script(
+        "robustness.py", "broken files, command lines and kills: one clear line, the right frames, no bit lost", 180
     ),
 )

@@ -20,6 +20,8 @@ from registry import SCRIPTS
 from kickdrift.bench import processor
 from kickdrift.engines import ENGINES
 from kickdrift.errors import InputError
+from kickdrift.kinds import Kind, is_ours
+from kickdrift.outputs import written_whole
 from kickdrift.printing import counted, duration
 
 if TYPE_CHECKING:
@@ -27,6 +29,7 @@ if TYPE_CHECKING:
 
 HERE = Path(__file__).parent
 MARK = "<!-- written by `kickdrift validate`: not to be edited -->"
+REPORT = Kind("a report of kickdrift validate", (), lambda head, tail: head.startswith(MARK.encode()), streams=False)
 OURS = ("kickdrift", "numpy", "numba", "scipy", "h5py", "matplotlib")
 SIGNS = {"pass": "pass", "fail": "**fail**", "not run": "not run"}
 
@@ -35,17 +38,10 @@ def target(given: Path | None, whole: bool) -> Path:
     """Where the report goes: what was asked for; else REPORT.md in this folder for a whole run in a checkout, and in
     ./validation-report otherwise. A file, or figures, that are no report's are never replaced (InputError)."""
     path = given or (HERE if whole and CHECKOUT else Path("validation-report")) / "REPORT.md"
-    try:
-        is_ours = path.read_text(encoding="utf-8").startswith(MARK)
-    except FileNotFoundError:
-        is_ours = False
-        if any((path.parent / "figures").glob("*.png")):
-            raise InputError(
-                f"--report {path}: the figures beside it are of no report; choose another folder"
-            ) from None
-    except (OSError, UnicodeDecodeError):
-        is_ours = False
-    if path.exists() and not is_ours:
+    there = os.path.lexists(path)
+    if not there and any((path.parent / "figures").glob("*.png")):
+        raise InputError(f"--report {path}: the figures beside it are of no report; choose another folder")
+    if there and (path.is_symlink() or not is_ours(path, REPORT)):
         raise InputError(f"--report {path}: exists and is no report of kickdrift validate; it is not replaced")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -64,11 +60,11 @@ def write(path: Path, found: Sequence[Outcome], *, long: bool, seconds: float, j
     for outcome in found:
         for figure in outcome.figures:
             folder.mkdir(exist_ok=True)
+            (folder / figure.name).unlink(missing_ok=True)  # a symbolic link is not followed
             shutil.copyfile(figure, folder / figure.name)
     text = "\n".join([MARK, "", *_summary(found, long, seconds, jobs), *_sections(found)]) + "\n"
-    unfinished = path.with_name(f".{path.name}.{os.getpid()}")
-    unfinished.write_text(text, encoding="utf-8")
-    unfinished.replace(path)
+    with written_whole(path, REPORT, overwrite=True) as part:
+        part.write_text(text, encoding="utf-8")
 
 
 def _figures_of(path: Path) -> list[str]:

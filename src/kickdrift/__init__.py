@@ -30,6 +30,7 @@ if TYPE_CHECKING:
         UniformField,
     )
     from kickdrift.forces.pair_law import pair_law
+    from kickdrift.forces.registration import register_force
     from kickdrift.integrators.custom import accelerations
     from kickdrift.integrators.registration import register_splitting, register_step, register_tableau
     from kickdrift.observers import Energies
@@ -80,6 +81,7 @@ _HOMES = {
     "megno": "analysis.chaos",
     "open": "trajectory.reader",
     "pair_law": "forces.pair_law",
+    "register_force": "forces.registration",
     "register_splitting": "integrators.registration",
     "register_step": "integrators.registration",
     "register_tableau": "integrators.registration",
@@ -123,6 +125,7 @@ __all__ = [
     "megno",
     "open",
     "pair_law",
+    "register_force",
     "register_splitting",
     "register_step",
     "register_tableau",

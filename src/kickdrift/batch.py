@@ -14,6 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from kickdrift.analysis.step_length import start_warning
+from kickdrift.capacity import check_room
 from kickdrift.engines import NATIVE, engine
 from kickdrift.errors import InputError
 from kickdrift.forces.central import gravitational_constant
@@ -21,15 +23,18 @@ from kickdrift.forces.gravity import Gravity
 from kickdrift.integrators import integrator as method_named
 from kickdrift.integrators.batch_stepping import LaneStepper, Members, from_lanes, to_lanes
 from kickdrift.integrators.method import MIXED, Method, checked_dt
-from kickdrift.integrators.stepping import Options
+from kickdrift.integrators.options import Options
+from kickdrift.limits import whole_number
 from kickdrift.observers import Record, Series
 from kickdrift.report import Report, report
-from kickdrift.run_plan import SAMPLES, whole_number
+from kickdrift.run_plan import SAMPLES
 from kickdrift.state import Floats, State
 from kickdrift.system import RunDefaults, System
 
 MOST = 32  # bodies; side by side they are 16 times as fast at 3, 4 at 16 and 2 at 32, where one alone fills the lanes
 PIECE = 200_000_000  # pairs and steps of one system before Python looks for Ctrl-C; some seconds
+LOOKS = 100_000  # that memory is taken for at a time
+LOOK_BYTES = 2 * 64  # of a member's look, while those of all pieces become one array
 
 
 def refusal(system: Any, method: Method, options: Options) -> str | None:
@@ -140,6 +145,7 @@ class Batch:
         if self._every is None and len(known) > 1:
             raise InputError("every: the systems' own differ; give one for all")
         cadence = self._every or known.pop() or max(1, steps // SAMPLES)
+        check_room("run", steps / cadence * len(self), "samples", LOOK_BYTES, "give a larger every")
         stops = looks_between(self.steps_done, steps, cadence)
         counts = np.diff(stops, prepend=self.steps_done)
         began = perf_counter()
@@ -168,6 +174,7 @@ class Batch:
         """The samples of member ``i``, and what it cost."""
         system, looks = self.systems[i], np.concatenate([looks[:, :, i] for looks in self._looks])
         massive = int(np.count_nonzero(system.state.masses))
+        warning = start_warning(system, self.method, float(self.dt[i]))
         series = Series(
             steps=(steps := np.array(self._steps)),
             times=self._start[i] + steps * self.dt[i],
@@ -186,7 +193,7 @@ class Batch:
             force_evaluations=self._stepper.evaluations,
             wall_seconds=self._seconds / len(self),
             compile_seconds=self._compiling / len(self),
-            warnings=list(self._stepper.warnings(i)),
+            warnings=[*self._stepper.warnings(i), *([warning] if warning else [])],
             found=series,
         )
 
@@ -295,7 +302,8 @@ def run_lanes(stepper: LaneStepper, counts: NDArray[np.int64], done: int, watch:
     deviations were scaled back by; members with what fills up the last block."""
     rows = stepper.y.shape[3]
     passed = np.cumsum(counts) * rows * rows
-    pieces = np.unique(np.searchsorted(passed, np.arange(PIECE, passed[-1] if len(passed) else 0, PIECE)))
+    pieces = np.searchsorted(passed, np.arange(PIECE, passed[-1] if len(passed) else 0, PIECE))
+    pieces = np.unique(np.concatenate([pieces, np.arange(LOOKS, len(counts), LOOKS)]))
     found: list[tuple[Floats, Floats]] = []
     for block in range(len(stepper.y)):
         parts, at = [], done

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 
 from kickdrift import elements
-from kickdrift.builders import Structure
+from kickdrift.builders import Structure, generator
+from kickdrift.capacity import check_room
 from kickdrift.coordinates import at_barycentre, attracting_masses
 from kickdrift.errors import InputError
 from kickdrift.plummer import plummer
@@ -31,12 +32,13 @@ def on_orbits(table: ElementsTable, gravity: float | None, seed: int | None = No
     if gravity is None:
         raise InputError("elements: these units have no G of their own; give G to [[force]] gravity")
     counts = [1, *(body.count or 1 for body in table.elements)]
+    check_room("elements: count", sum(counts))
     given = [table.central, *table.elements]
     masses = np.repeat([body.mass if body.GM is None else body.GM / gravity for body in given], counts).astype(float)
     if not masses[0] > 0:
         raise InputError("central.mass: expected a positive mass: the others orbit it")
     seed = table.seed if seed is None else seed
-    rng = np.random.Generator(np.random.PCG64(seed or 0))
+    rng = generator(seed or 0)
     pull = gravity * attracting_masses(masses, table.frame)
     x, v = np.zeros((len(masses), 3)), np.zeros((len(masses), 3))
     names, first = [table.central.body], 1

@@ -8,7 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from kickdrift.checks import listed, number
 from kickdrift.errors import InputError
+from kickdrift.units import shown
 
 
 @dataclass(frozen=True)
@@ -20,17 +22,21 @@ class Box:
     @classmethod
     def of(cls, lengths: Box | Sequence[float] | None) -> Box:
         """The box that a user meant: ``None``, three edge lengths, or a Box as it is."""
-        if isinstance(lengths, Box):
-            return lengths
-        if lengths is None:
-            return cls(None)
-        values = tuple(float(length) for length in lengths)
-        if len(values) != 3:
-            raise InputError(f"box: expected three edge lengths or None, got {len(values)}")
-        for axis, length in zip("xyz", values, strict=True):
+        return lengths if isinstance(lengths, Box) else cls(lengths)  # type: ignore[arg-type]
+
+    def __post_init__(self) -> None:
+        if self.lengths is None:
+            return
+        given = listed("box", self.lengths, "three edge lengths or None")
+        if len(given) != 3:
+            raise InputError(f"box: expected three edge lengths or None, got {len(given)}")
+        x, y, z = edges = tuple(number(length) for length in given)
+        for axis, length, value in zip("xyz", edges, given, strict=True):
             if not (np.isfinite(length) and length > 0):
-                raise InputError(f"box: edge {axis} must be a positive finite length, got {length}")
-        return cls(values)
+                raise InputError(f"box: edge {axis} must be a positive finite length, got {shown(value)}")
+        if not 0.0 < x * y * z < np.inf:
+            raise InputError(f"box: edges of {x:g}, {y:g} and {z:g} have a volume that no number can hold")
+        object.__setattr__(self, "lengths", edges)
 
     @property
     def periodic(self) -> bool:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import itertools
 import math
+import re
+import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -11,7 +13,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from kickdrift.capacity import check_room
+from kickdrift.checks import number, numbers
 from kickdrift.errors import InputError
+from kickdrift.files import unfit
 from kickdrift.state import Floats
 from kickdrift.units import UnitSystem, shown, suggestion
 
@@ -25,8 +30,9 @@ LATTICES: dict[str, tuple[tuple[float, float, float], ...]] = {
     "fcc": ((0.25, 0.25, 0.25), (0.25, 0.75, 0.75), (0.75, 0.25, 0.75), (0.75, 0.75, 0.25)),
 }
 
-MOST = 10**8  # particles on a lattice: more is a slip of the keyboard, and gigabytes
-CROWD = 64  # particles in one cell, of which some overlap or nearly so
+MOST = 10**8  # particles on a lattice, however large the memory
+CROWD = 3  # particles in one cell; of more a tree finds the nearest sooner
+CELLS = 2**20  # along an axis; further on they begin anew, so that one integer numbers a cell
 OVERLAP = 0.3  # of a force's shortest length; at 0.3 sigma Lennard-Jones is 7 million epsilon
 
 
@@ -50,8 +56,9 @@ def lattice(kind: str, count: int, density: float) -> tuple[Floats, tuple[float,
     sites = np.array(LATTICES[kind])
     if isinstance(count, bool) or not isinstance(count, int | np.integer) or not 1 <= count <= MOST:
         raise InputError(f"count: expected a whole number of particles from 1 to {MOST}, got {shown(count)}")
-    if not (math.isfinite(density) and density > 0):
-        raise InputError(f"density: expected a positive finite number, got {density}")
+    check_room("count", int(count))
+    if not (math.isfinite(number(density)) and density > 0):
+        raise InputError(f"density: expected a positive finite number, got {shown(density)}")
     cells = max(round((count / len(sites)) ** (1 / 3)), 1)
     if len(sites) * cells**3 != count:
         near = sorted({len(sites) * k**3 for k in (cells - 1, cells, cells + 1) if k > 0}, key=lambda n: abs(n - count))
@@ -59,7 +66,9 @@ def lattice(kind: str, count: int, density: float) -> tuple[Floats, tuple[float,
         raise InputError(
             f"count: {count} does not fill a {kind} lattice in a cube; the nearest counts are {low} and {high}"
         )
-    edge = (count / density) ** (1 / 3)
+    edge = math.cbrt(count / density)
+    if not 0.0 < edge**3 < math.inf:
+        raise InputError(f"density: {density:g} gives the box an edge of {edge:g}, whose volume no number can hold")
     corners = np.stack(np.meshgrid(*[np.arange(cells)] * 3, indexing="ij"), axis=-1).reshape(-1, 1, 3)
     positions = ((corners + sites) * (edge / cells)).reshape(-1, 3)
     return positions, (edge, edge, edge)
@@ -79,20 +88,19 @@ def maxwell_boltzmann(masses: ArrayLike, temperature: float, boltzmann: float, s
     boltzmann : ``UnitSystem.boltzmann``
     seed : a whole number, zero or more
     """
-    m = np.asarray(masses, dtype=float)
+    m = numbers("masses", masses)
     if m.ndim != 1 or not np.all(np.isfinite(m) & (m >= 0)):
         raise InputError("masses: expected a list of finite numbers, zero or more")
-    if not (math.isfinite(temperature) and temperature >= 0):
-        raise InputError(f"temperature: expected a finite number, zero or more, got {temperature}")
-    if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
-        raise InputError(f"seed: expected a whole number, zero or more, got {seed!r}")
+    if not (math.isfinite(number(temperature)) and temperature >= 0):
+        raise InputError(f"temperature: expected a finite number, zero or more, got {shown(temperature)}")
+    rng = generator(seed)
     moving = m > 0
     velocities = np.zeros((len(m), 3))
     if temperature == 0:
         return velocities
     if np.count_nonzero(moving) < 2:
         raise InputError("temperature: needs two particles with mass or more, once the total momentum is taken out")
-    draws = np.random.Generator(np.random.PCG64(int(seed))).standard_normal((len(m), 3))[moving]
+    draws = rng.standard_normal((len(m), 3))[moving]
     weight = m[moving, None] / m.max()  # relative masses keep kilograms of single atoms clear of underflow
     drawn = draws / np.sqrt(weight)
     drawn -= (weight * drawn).sum(axis=0) / weight.sum()
@@ -124,14 +132,18 @@ def read_structure(path: Path, units: UnitSystem) -> Structure:
     """
     if units.name != "metal":
         raise InputError(f'structure files are in angstrom and u; expected units = "metal", got "{units.name}"')
-    if not path.is_file():
-        raise InputError(f"no such file: {path}")
+    if why := unfit(path):
+        raise InputError(f"{why}: {path}")
     try:
         from ase.io import read
     except ImportError:
         raise InputError("reading structure files needs ASE: pip install kickdrift[ase]") from None
+    if path.suffix.lower() in (".xyz", ".extxyz"):
+        _check_xyz(path)
     try:
-        atoms = read(path)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # what ASE says of keys that are not read here
+            atoms = read(path.absolute())  # a name such as postgres… would be taken for a database
     except Exception as error:  # each of ASE's readers raises its own
         raise InputError(f"ASE cannot read {path}: {shown(str(error) or type(error).__name__)}") from None
     if len(atoms) == 0:
@@ -151,6 +163,30 @@ def read_structure(path: Path, units: UnitSystem) -> Structure:
     return Structure(atoms.positions, masses, atoms.get_chemical_symbols(), edges, bool(atoms.pbc.all()), velocities)
 
 
+def _check_xyz(path: Path) -> None:
+    """Refuse an xyz file that claims more atoms or columns than its bytes can hold; ASE would collect them without
+    end."""
+    size, frame = path.stat().st_size, 0
+    with path.open("rb") as file:
+        while (head := file.readline().strip()).isdigit():
+            claimed = int(head[:20])
+            if 2 * claimed > size:
+                raise InputError(f"{path}: frame {frame} claims {shown(claimed)} atoms, and the file has {size} bytes")
+            for columns in re.findall(rb":[A-Za-z]:(\d+)", file.readline()):
+                if int(columns[:20]) > size:
+                    raise InputError(f"{path}: frame {frame} claims {shown(int(columns[:20]))} columns of one property")
+            for _ in range(claimed):
+                file.readline()
+            frame += 1
+
+
+def generator(seed: int) -> np.random.Generator:
+    """NumPy's PCG64 with that seed; an InputError where the seed is no whole number, zero or more."""
+    if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
+        raise InputError(f"seed: expected a whole number, zero or more, got {shown(seed)}")
+    return np.random.Generator(np.random.PCG64(int(seed)))
+
+
 def mixture(fractions: Mapping[str, float], count: int, seed: int) -> list[str]:
     """``count`` names in the given fractions, as near as whole particles allow, in an order drawn with the seed."""
     share = {name: part * count for name, part in fractions.items()}
@@ -159,7 +195,7 @@ def mixture(fractions: Mapping[str, float], count: int, seed: int) -> list[str]:
     for name in most_cut[: count - sum(whole.values())]:
         whole[name] += 1
     names = [name for name, number in whole.items() for _ in range(number)]
-    order = np.random.Generator(np.random.PCG64(seed)).permutation(count) if len(fractions) > 1 else range(count)
+    order = generator(seed).permutation(count) if len(fractions) > 1 else range(count)
     return [names[k] for k in order]
 
 
@@ -173,19 +209,22 @@ def any_nearer(positions: Floats, edges: Any, limit: float) -> bool:
     cells = None if edges is None else np.maximum(1, np.floor(np.array(edges) / (2 * limit)))
     width = 2 * limit if cells is None else np.array(edges) / cells
     for shift in itertools.product((0.0, 0.5), repeat=3):
-        cell = np.floor(positions / width + shift)
+        place = np.floor(positions / width + shift)
         if cells is not None:
-            cell %= cells
-        order = np.lexsort(cell.T)
+            place %= cells
+        cell = (place % CELLS).astype(np.int64) @ np.array([CELLS**2, CELLS, 1])
+        order = np.argsort(cell)
         cell = cell[order]
         for apart in range(1, len(order)):
-            alike = np.flatnonzero((cell[apart:] == cell[:-apart]).all(axis=1))
+            alike = np.flatnonzero(cell[apart:] == cell[:-apart])
             if not alike.size:
                 break
+            if apart > CROWD:
+                return True
             between = positions[order[alike]] - positions[order[alike + apart]]
             if edges is not None:
                 between -= edges * np.rint(between / edges)
-            if apart > CROWD or (np.einsum("ij,ij->i", between, between) < (1.000001 * limit) ** 2).any():
+            if (np.einsum("ij,ij->i", between, between) < (1.000001 * limit) ** 2).any():
                 return True
     return False
 

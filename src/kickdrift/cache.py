@@ -1,22 +1,117 @@
-"""Where kickdrift keeps what it can make again: compiled code, font lists."""
+"""Where kickdrift keeps what it can make again: compiled code, font lists.
+
+Whoever can write a file of code here can run code as the user who loads the file. So a folder counts only where that
+user alone can write to the folder, or root where the folder is only read.
+"""
 
 from __future__ import annotations
 
+import atexit
 import os
+import shutil
+import stat
 import tempfile
+from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
+PRIVATE = 0o700  # of a folder
+CODE = "jit"  # the folder of compiled code
+
 
 @cache
-def folder() -> Path:
-    """A writable folder: the package's own ``__pycache__``, else one in the user's cache; made if it is not there."""
-    per_user = Path(os.environ.get("XDG_CACHE_HOME") or Path("~/.cache").expanduser()) / "kickdrift"
-    for candidate in (Path(__file__).resolve().parent / "__pycache__", per_user):
-        try:
-            candidate.mkdir(parents=True, exist_ok=True)
-            with tempfile.TemporaryFile(dir=candidate):
-                return candidate
-        except OSError:
-            continue
-    return Path(tempfile.mkdtemp(prefix="kickdrift-"))
+def folder() -> Path | None:
+    """A writable folder that is private to the user: the package's own ``__pycache__``, else one in the user's cache,
+    else a temporary one; None where nothing can be written."""
+    for candidate in _candidates():
+        if _made(candidate) and _private(candidate) and _writable(candidate):
+            return candidate
+    return _temporary()
+
+
+@cache
+def warm() -> tuple[Path, ...]:
+    """Folders before `folder` that can be read and not written: of an installation that was made for others, say."""
+    before: list[Path] = []
+    for candidate in _candidates():
+        if candidate == folder():
+            break
+        if _private(candidate) and not _writable(candidate):
+            before.append(candidate)
+    return tuple(before)
+
+
+def _candidates() -> Iterator[Path]:
+    yield Path(__file__).resolve().parent / "__pycache__"
+    given = Path(os.environ.get("XDG_CACHE_HOME", ""))
+    try:
+        home = given if given.is_absolute() else Path("~/.cache").expanduser()  # a relative one does not count
+    except RuntimeError:  # there is no HOME, and no entry for the user
+        home = Path()
+    if home.is_absolute():
+        yield home / "kickdrift"
+        yield home / "kickdrift-private"  # where others can write to the first
+    try:
+        yield Path(tempfile.gettempdir()) / f"kickdrift-{_user()}"
+    except OSError:  # there is none that can be written to
+        return
+
+
+def _user() -> int:
+    return os.getuid() if hasattr(os, "getuid") else 0
+
+
+def make_private(place: Path) -> None:
+    """Make a folder, and those above it that are not there, for this user alone."""
+    if not place.is_dir():
+        make_private(place.parent)
+        place.mkdir(PRIVATE, exist_ok=True)
+
+
+def _made(place: Path) -> bool:
+    try:
+        make_private(place)
+    except OSError:
+        return False
+    return True
+
+
+def _private(place: Path) -> bool:
+    """Whether only this user and root can change the folder and its folder of code."""
+    if not hasattr(os, "getuid"):  # Windows keeps a user's folders apart
+        return place.is_dir()
+    try:
+        around = os.stat(place.parent)
+        held = around.st_uid in (0, _user()) and (around.st_mode & stat.S_ISVTX or not around.st_mode & 0o022)
+        return bool(held) and _own(place) and (not os.path.lexists(place / CODE) or _own(place / CODE))
+    except OSError:
+        return False
+
+
+def _own(place: Path) -> bool:
+    found = os.stat(place)
+    return stat.S_ISDIR(found.st_mode) and found.st_uid in (0, _user()) and not found.st_mode & 0o022
+
+
+def _writable(place: Path) -> bool:
+    inside = place / CODE if (place / CODE).is_dir() else place
+    try:
+        with tempfile.TemporaryFile(dir=inside):
+            return True
+    except OSError:
+        return False
+
+
+def _temporary() -> Path | None:
+    """A folder that goes with this process."""
+    try:
+        made, process = Path(tempfile.mkdtemp(prefix="kickdrift-")), os.getpid()
+    except OSError:
+        return None
+
+    def clear() -> None:
+        if os.getpid() == process:  # and not in a copy of it
+            shutil.rmtree(made, ignore_errors=True)
+
+    atexit.register(clear)
+    return made

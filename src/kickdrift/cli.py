@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import sys
 from dataclasses import replace
@@ -13,15 +14,20 @@ import typer
 
 from kickdrift.cli_ensemble import ensemble
 from kickdrift.cli_options import (
+    AtolOption,
     FlushOption,
     JsonOption,
     OverwriteOption,
     QuietOption,
+    RtolOption,
     SystemArgument,
     ThreadsOption,
+    tolerance,
 )
+from kickdrift.console import open_streams, out, print_table, progress_bar, say
 from kickdrift.errors import InputError, KickdriftError
-from kickdrift.outputs import refuse_outputs, write_json
+from kickdrift.interrupt import heard_everywhere
+from kickdrift.outputs import reason, refuse_outputs, write_json
 from kickdrift.printing import (
     LISTINGS,
     counted,
@@ -32,14 +38,13 @@ from kickdrift.printing import (
     print_report,
     print_stability,
     print_system,
-    print_table,
-    progress_bar,
-    say,
 )
 
 if TYPE_CHECKING:
+    from kickdrift.problem import Problem
     from kickdrift.report import Report
     from kickdrift.simulation import Simulation
+    from kickdrift.system import System
     from kickdrift.trajectory.options import FileOptions
 
 app = typer.Typer(
@@ -55,6 +60,8 @@ app.add_typer(bench_app, name="bench")
 app.command()(ensemble)
 
 INTERRUPTED = 130
+BAD_NAMES = (errno.ENAMETOOLONG, errno.ELOOP, errno.EILSEQ, errno.ENOTDIR, errno.EISDIR, errno.ENOENT)
+TRACEBACK = "KICKDRIFT_TRACEBACK"  # the environment variable that shows where an error that is a bug came from
 TABLES = (".parquet", ".h5")  # of ensembles
 VALIDATION: Path | None = None  # folder of the validation's scripts, where it is not that which came with the package
 
@@ -103,8 +110,9 @@ def run(
         float | None,
         typer.Option(metavar="X", help="Step, in the system's unit of time; an adaptive method's first."),
     ] = None,
-    rtol: Annotated[float | None, typer.Option(metavar="X", help="Relative tolerance of adaptive methods.")] = None,
-    atol: Annotated[float | None, typer.Option(metavar="X", help="Absolute tolerance of adaptive methods.")] = None,
+    rtol: RtolOption = None,
+    atol: AtolOption = None,
+    max_step: Annotated[float | None, typer.Option(metavar="X", help="Longest step of adaptive methods.")] = None,
     compensated: Annotated[
         bool, typer.Option("--compensated", help="Carry on what rounding loses of positions and velocities.")
     ] = False,
@@ -155,7 +163,7 @@ def run(
     engine_named(engine)
     if steps is not None and time is not None:
         raise InputError("give --steps or --time, not both")
-    refuse_outputs({"output": output, "json": json_file}, overwrite)
+    refuse_outputs({"output": output, "json": json_file}, overwrite, [system])
     given = {"flush": flush, "precision": precision, "compress": compress or None}
     file = file_options(output, given | {"write": write and tuple(each.strip() for each in write.split(","))})
     chosen = load(system, seed)
@@ -164,8 +172,9 @@ def run(
     from kickdrift.simulation import Simulation
 
     sim = Simulation(
-        chosen, integrator, dt, threads, engine=engine, processes=processes, rtol=rtol, atol=atol,
-        compensated=compensated, coordinates=coordinates, corrector=corrector, order=order, eta=eta, scheme=scheme,
+        chosen, integrator, dt, threads, engine=engine, processes=processes,
+        rtol=tolerance("rtol", rtol), atol=tolerance("atol", atol), max_step=max_step, compensated=compensated,
+        coordinates=coordinates, corrector=corrector, order=order, eta=eta, scheme=scheme,
         precision=None if mixed is None else "mixed" if mixed else "double",
     )  # fmt: skip
     length = length_of(sim, system, steps, time)
@@ -178,7 +187,7 @@ def run(
             **length, every=every, interval=interval, output=output, overwrite=overwrite, file=file,
             progress=bar("running"),
         )  # fmt: skip
-    show(report, sim, output, json_file, quiet)
+    show(report, sim, output, json_file, quiet, overwrite)
 
 
 def file_options(output: Path | None, given: dict[str, Any]) -> FileOptions | None:
@@ -211,7 +220,7 @@ def resume(
     """Finish a run that was interrupted, or make it longer: the same bits as without the interruption."""
     if steps is not None and time is not None:
         raise InputError("give --steps or --time, not both")
-    refuse_outputs({"json": json_file}, overwrite)
+    refuse_outputs({"json": json_file}, overwrite, [file])
     from kickdrift.trajectory.reader import open as opened
     from kickdrift.trajectory.restart import continued
     from kickdrift.trajectory.restart import resume as taken_up
@@ -230,7 +239,7 @@ def resume(
         with progress_bar(quiet) as bar:
             say(f"{file}: goes on from step {sim.steps_done}", quiet)
             report = sim.run(progress=bar("running"), file=options)
-    show(report, sim, file, json_file, quiet)
+    show(report, sim, file, json_file, quiet, overwrite)
 
 
 def warn_of_version(sim: Simulation, quiet: bool) -> None:
@@ -241,7 +250,9 @@ def warn_of_version(sim: Simulation, quiet: bool) -> None:
         say(f"warning: {warning}", quiet)
 
 
-def show(report: Report, sim: Simulation, output: Path | None, json_file: Path | None, quiet: bool) -> None:
+def show(
+    report: Report, sim: Simulation, output: Path | None, json_file: Path | None, quiet: bool, overwrite: bool
+) -> None:
     """A run's warnings and report, printed and where it was asked for written."""
     from kickdrift.engines import ENGINES
 
@@ -249,7 +260,7 @@ def show(report: Report, sim: Simulation, output: Path | None, json_file: Path |
         if warning not in ENGINES[sim.engine].warnings:  # which was said before
             say(f"warning: {warning}", quiet)
     try:
-        write_json(json_file, report.as_json())
+        write_json(json_file, report.as_json(), overwrite=overwrite)
     finally:  # what was computed is not lost to a full disk
         print_report(report, sim, output)
 
@@ -291,7 +302,7 @@ def bench_lj_energy(
     print_benchmark(rows, len(system), seconds)
     if plan.runs[0][3] >= bench.FULL_STEPS:
         print_claims(rows, bench.CLAIMED)
-    write_json(json_file, bench.as_json(system, rows, seconds, threads))
+    write_json(json_file, bench.as_json(system, rows, seconds, threads), overwrite=overwrite)
     if plot:
         from kickdrift.plots import plot_benchmark
 
@@ -337,7 +348,7 @@ def bench_speed(
     for line in speed.left_out(found):
         say(f"left out: {line}", quiet)
     try:
-        write_json(json_file, found)
+        write_json(json_file, found, overwrite=overwrite)
     finally:
         speed.print_found(found)
 
@@ -367,7 +378,7 @@ def compare(
     quiet: QuietOption = False,
 ) -> None:
     """Work against precision: the error of each integrator over steps or tolerances, and what it costs."""
-    refuse_outputs({"json": json_file, "plot": plot}, overwrite)
+    refuse_outputs({"json": json_file, "plot": plot}, overwrite, [system])
     from kickdrift.analysis import work_precision as work
     from kickdrift.analysis.recommendation import recommendation
     from kickdrift.printing_compare import print_comparison, print_recommendation
@@ -390,7 +401,8 @@ def compare(
     print_comparison(found)
     if advice:
         print_recommendation(advice, system, found.time_unit)
-    write_json(json_file, found.as_json() | {"recommendation": advice.as_json() if advice else None})
+    content = found.as_json() | {"recommendation": advice.as_json() if advice else None}
+    write_json(json_file, content, overwrite=overwrite)
     if plot:
         from kickdrift.plots_compare import plot_comparison
 
@@ -416,7 +428,7 @@ def chaos(
     quiet: QuietOption = False,
 ) -> None:
     """Is the motion regular or chaotic: MEGNO and the largest Lyapunov exponent, from the variational equations."""
-    refuse_outputs({"json": json_file}, overwrite)
+    refuse_outputs({"json": json_file}, overwrite, [system])
     from kickdrift.analysis.chaos import megno
     from kickdrift.systemfile import load
 
@@ -426,7 +438,7 @@ def chaos(
             subject, time, integrator, dt, seed=seed, threads=threads, rtol=rtol, atol=atol, progress=bar("running")
         )
     try:
-        write_json(json_file, found.as_json())
+        write_json(json_file, found.as_json(), overwrite=overwrite)
     finally:
         print_chaos(found)
 
@@ -462,12 +474,12 @@ def plot(
     if stability:
         from kickdrift.plots_stability import plot_stability
 
-        print(plot_stability(stability, output or Path("stability.png"), overwrite=overwrite))
+        out(str(plot_stability(stability, output or Path("stability.png"), overwrite=overwrite)))
         print_stability(stability)
     elif file and of_ensemble:
         from kickdrift.plots_ensemble import plot_ensemble
 
-        print(plot_ensemble(file, output or file.with_suffix(".png"), column, overwrite=overwrite))
+        out(str(plot_ensemble(file, output or file.with_suffix(".png"), column, overwrite=overwrite)))
     elif file:
         from kickdrift.plots import plot_run
         from kickdrift.plots_orbits import has_orbits, plot_orbits
@@ -476,11 +488,11 @@ def plot(
         if kind not in (None, Figures.orbits, Figures.energies):
             from kickdrift.plots_observables import plot_observable
 
-            print(plot_observable(file, str(kind), target, overwrite=overwrite))
+            out(str(plot_observable(file, str(kind), target, overwrite=overwrite)))
             return
         orbits = kind is Figures.orbits or (kind is None and has_orbits(file))
         draw = plot_orbits if orbits else plot_run
-        print(draw(file, target, overwrite=overwrite))
+        out(str(draw(file, target, overwrite=overwrite)))
     else:
         raise InputError("give FILE, or --stability NAME for a figure of an integrator")
 
@@ -510,7 +522,7 @@ def export(
             progress=bar("exporting"),
         )  # fmt: skip
     say("; ".join([done.losses, *done.notes]), quiet)
-    print(f"{done.path}: {counted(done.frames, 'frame')} of {counted(done.particles, 'particle')}")
+    out(f"{done.path}: {counted(done.frames, 'frame')} of {counted(done.particles, 'particle')}")
 
 
 @app.command()
@@ -520,7 +532,9 @@ def info(
     ],
 ) -> None:
     """Say what a run's file or an ensemble's table holds, or check a system file without running it."""
-    if Path(file).suffix == ".h5md" and not os.path.exists(file):
+    from kickdrift.systemfile import is_shipped, load
+
+    if Path(file).suffix == ".h5md" and not os.path.lexists(file):
         raise InputError(f"{file}: no such file")
     if Path(file).suffix.lower() in TABLES:
         from kickdrift.ensemble import Ensemble
@@ -528,15 +542,28 @@ def info(
 
         print_ensemble(Ensemble.read(file), Path(file))
         return
-    if Path(file).suffix == ".toml" or not os.path.exists(file):
-        from kickdrift.systemfile import load
-
-        print_system(load(file))
+    if Path(file).suffix == ".toml" or is_shipped(file) or not os.path.lexists(file):
+        system = load(file)
+        check_run(system)
+        print_system(system)
         return
     from kickdrift.trajectory.info import describe
     from kickdrift.trajectory.info import info as found
 
-    print(describe(found(file)))
+    for line in describe(found(file)).split("\n"):
+        out(line)
+
+
+def check_run(system: System | Problem) -> None:
+    """An InputError where a system's [run] names no method, or options that the method does not take."""
+    from kickdrift.integrators import integrator
+    from kickdrift.integrators.options import Options
+
+    if system.run.integrator is not None:
+        try:
+            integrator(system.run.integrator).checked(Options().or_else(system.run), Options())
+        except InputError as error:
+            raise InputError(f"run: {error}") from None
 
 
 @app.command()
@@ -583,7 +610,9 @@ def main() -> None:
     """The program: exit status 0 done, 1 the run failed, 2 bad input, 130 Ctrl-C."""
     usage_error: Any = typer.BadParameter.__base__  # click's, or that of typer's own copy of click
     try:
-        status = app(prog_name="kickdrift", standalone_mode=False)
+        open_streams()
+        with heard_everywhere():
+            status = app(prog_name="kickdrift", standalone_mode=False)
     except KickdriftError as error:
         say(f"kickdrift: {error}")
         status = error.exit_status
@@ -595,11 +624,39 @@ def main() -> None:
     except (KeyboardInterrupt, typer.Abort):
         status = INTERRUPTED
     except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        forget_output()
         status = 1
     except OSError as error:
-        say(f"kickdrift: {error}")
+        where = "" if error.filename is None else f"{error.filename}: "
+        say(f"kickdrift: {where}{reason(error)}")
+        status = 2 if error.errno in BAD_NAMES else 1
+    except MemoryError:
+        say("kickdrift: there is not enough memory for this")
+        status = 1
+    except Exception as error:
+        if os.environ.get(TRACEBACK):
+            raise
+        what = f"{type(error).__name__}: {error}".rstrip(": ")
+        say(f"kickdrift: this is a bug in kickdrift, please report it: {what} ({TRACEBACK}=1 shows where)")
         status = 1
     if status == INTERRUPTED:  # typer makes an exit of a KeyboardInterrupt
         say("kickdrift: interrupted; what was written is whole")
-    sys.exit(status or 0)
+    written = everything_written(quiet=bool(status))
+    sys.exit(status or written)
+
+
+def everything_written(quiet: bool) -> int:
+    """Write what standard output still keeps; the exit status, 1 where that fails."""
+    try:
+        sys.stdout.flush()
+    except OSError as error:
+        forget_output()
+        if not isinstance(error, BrokenPipeError):
+            say(f"kickdrift: standard output cannot be written: {reason(error)}", quiet)
+        return 1
+    return 0
+
+
+def forget_output() -> None:
+    """Send the rest of standard output nowhere, so that Python does not try once more at its end."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

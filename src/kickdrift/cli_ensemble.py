@@ -8,8 +8,10 @@ from typing import Annotated, Any
 import typer
 
 from kickdrift.cli_options import QuietOption, SystemArgument
+from kickdrift.console import members_bar, say
 from kickdrift.errors import InputError, RunError
-from kickdrift.printing import counted, members_bar, say
+from kickdrift.files import unfit
+from kickdrift.printing import counted
 
 MEASURE = "measure"  # what the module of a file with a measure is called
 
@@ -114,8 +116,10 @@ def _measure(text: str) -> Any:
         if text not in ("run", "megno"):
             raise InputError(f"--measure {text}: expected run, megno or FILE.py:FUNCTION")
         return text
-    if not (path.endswith(".py") and Path(path).is_file()):
-        raise InputError(f"--measure {text}: there is no Python file {path}")
+    if not path.endswith(".py") or (why := unfit(path)):
+        raise InputError(
+            f"--measure {text}: there is no Python file {path}" + (f": {why}" if path.endswith(".py") else "")
+        )
     from runpy import run_path
 
     try:

@@ -12,6 +12,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
+from kickdrift.checks import numbers
 from kickdrift.errors import InputError
 from kickdrift.state import Floats
 from kickdrift.units import shown, suggestion
@@ -121,7 +122,7 @@ def _known(frame: str) -> None:
 
 
 def _checked(x: ArrayLike, masses: ArrayLike, heavy_first: bool = True) -> tuple[Floats, Floats]:
-    x, m = np.asarray(x, dtype=float), np.asarray(masses, dtype=float)
+    x, m = numbers("coordinates", x), numbers("masses", masses)
     if x.ndim < 2 or x.shape[-1] != 3 or m.shape not in (x.shape[-2:-1], x.shape[:-1]):
         raise InputError(f"expected coordinates (…, n, 3) and masses (n,), got shapes {x.shape} and {m.shape}")
     if not np.all(m >= 0) or not np.all(m.sum(axis=-1) > 0):

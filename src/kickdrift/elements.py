@@ -15,11 +15,12 @@ Celestial Mechanics, 6.9 (universal variable).
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from kickdrift.checks import numbers
 from kickdrift.errors import InputError
 from kickdrift.state import Floats
 
@@ -116,10 +117,14 @@ def states(
         raise InputError(f"expected exactly one of a, q, got {'none' if a is None else 'a and q'}")
     kind, where = (one or ["f"])[0], [value for value in (f, M, E, T) if value is not None]
     size = "a" if q is None else "q"
-    given = {"mu": mu, size: a if q is None else q, "e": e, "inc": inc, "Omega": Omega, "omega": omega,
+    given: dict[str, Any] = {"mu": mu, size: a if q is None else q, "e": e, "inc": inc, "Omega": Omega, "omega": omega,
              kind: where[0] if where else 0.0, "t": t}  # fmt: skip
     try:
-        arrays = np.broadcast_arrays(*[np.asarray(value, dtype=float) for value in given.values()])
+        arrays = np.broadcast_arrays(
+            *[numbers("elements", value, f"numbers, {name} among them") for name, value in given.items()]
+        )
+    except InputError:
+        raise
     except (TypeError, ValueError) as error:
         raise InputError(f"elements: expected numbers, or arrays of one shape: {error}") from None
     value = dict(zip(given, arrays, strict=True))
@@ -142,8 +147,8 @@ def elements(positions: ArrayLike, velocities: ArrayLike, mu: ArrayLike) -> Elem
     ----------
     mu : G times the masses of centre and body; a number or (…)
     """
-    x, v = np.asarray(positions, dtype=float), np.asarray(velocities, dtype=float)
-    mu_ = np.asarray(mu, dtype=float)
+    x, v = numbers("positions", positions), numbers("velocities", velocities)
+    mu_ = numbers("mu", mu)
     if x.shape != v.shape or x.shape[-1:] != (3,) or mu_.shape not in ((), x.shape[:-1], x.shape[-2:-1]):
         raise InputError(
             f"elements: expected positions and velocities (…, 3) and mu, a number or (…), got shapes {x.shape}, "
@@ -176,7 +181,7 @@ def elements(positions: ArrayLike, velocities: ArrayLike, mu: ArrayLike) -> Elem
 
 def true_anomaly(M: ArrayLike, e: ArrayLike) -> Floats:
     """f (radians) from the mean anomaly M, on an ellipse or a hyperbola: Kepler's equation solved to rounding."""
-    m, e_ = np.broadcast_arrays(np.asarray(M, dtype=float), np.asarray(e, dtype=float))
+    m, e_ = np.broadcast_arrays(numbers("M", M), numbers("e", e))
     _refuse(~(e_ >= 0) | ~np.isfinite(e_), "e", e_, "expected an eccentricity, zero or more")
     _refuse(~np.isfinite(m), "M", m, "expected a finite number")
     x, y, *_ = _in_plane(np.ones_like(e_), np.ones_like(e_), e_, "M", m, np.zeros_like(e_))

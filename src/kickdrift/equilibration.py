@@ -7,8 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from kickdrift.checks import positive, unwarned, whole_number
 from kickdrift.engines import NATIVE
 from kickdrift.errors import InputError
+from kickdrift.limits import steps_in
 from kickdrift.observers import kinetic_energy
 from kickdrift.state import State
 from kickdrift.system import System
@@ -23,12 +25,9 @@ def equilibrate(
     """See ``Simulation.equilibrate``."""
     if not isinstance(sim.system, System):
         raise InputError("equilibrate: a Problem has no temperature")
-    if not (np.isfinite(temperature) and temperature > 0):
-        raise InputError(f"equilibrate: temperature must be positive, got {temperature}")
-    if not (np.isfinite(time) and time > 0):
-        raise InputError(f"equilibrate: time must be positive, got {time}")
-    if interval < 1:
-        raise InputError(f"equilibrate: interval must be a whole number of steps, one or more, got {interval}")
+    temperature = positive("equilibrate: temperature", temperature, "positive")
+    time = positive("equilibrate: time", time, "positive")
+    interval = whole_number("equilibrate: interval", interval, 1)
     if sim.system.degrees_of_freedom == 0:
         raise InputError("equilibrate: a system of one particle has no temperature")
     if sim.running:
@@ -45,7 +44,7 @@ def equilibrate(
     assert sim.dt is not None
     masses = sim.system.coherent_masses
     wanted = 0.5 * sim.system.degrees_of_freedom * sim.system.units.boltzmann * temperature
-    count = max(1, round(time / sim.dt))
+    count = max(1, round(steps_in("equilibrate: time", time, sim.dt)))
     sim._prepare()
     compile_seconds = sim.record.compile_seconds
     _restart(sim)
@@ -71,6 +70,7 @@ def _restart(sim: Simulation) -> None:
     sim.state = State(now.phase, now.masses, now.ids, now.box)
 
 
+@unwarned
 def _rescale(sim: Simulation, masses: Any, kinetic: float) -> None:
     stepper = sim._stepper
     velocities = stepper.y[1]

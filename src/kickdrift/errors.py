@@ -4,11 +4,19 @@ from __future__ import annotations
 
 from typing import Any
 
+from kickdrift.text import clean
+
 
 class KickdriftError(Exception):
-    """Base of every error that kickdrift raises on purpose."""
+    """Base of every error that kickdrift raises on purpose.
+
+    The message is one line without control characters, whatever it quotes.
+    """
 
     exit_status = 1
+
+    def __init__(self, *args: Any) -> None:
+        super().__init__(*(clean(each) if isinstance(each, str) else each for each in args))
 
 
 class InputError(KickdriftError, ValueError):

@@ -12,8 +12,10 @@ import numpy as np
 
 from kickdrift.blow_up import explain, nearest_pair
 from kickdrift.builders import check_overlaps
+from kickdrift.checks import no_overflow, unwarned
 from kickdrift.errors import InputError
 from kickdrift.forces.bound import BoundForces
+from kickdrift.forces.pair_law import PairForce
 from kickdrift.observers import Energies, Record, Sample, take_sample
 from kickdrift.problem import Problem, ProblemState
 from kickdrift.state import Floats, State
@@ -27,9 +29,11 @@ class ParticleFlow:
     """A System's particles under its forces."""
 
     raised: BaseException | None = None
+    of_particles = True
 
     def __init__(self, system: System, threads: int, jumps: bool, mixed: bool = False) -> None:
-        check_overlaps(system)
+        with no_overflow():
+            check_overlaps(system)
         self.subject = system
         self.name = system.name
         self.halves = 2
@@ -39,6 +43,11 @@ class ParticleFlow:
         )  # with lists of its own: looking must not change the run's
         culprits = system.acting("velocity_dependent")
         self.not_separable = f"force {culprits[0]!r} depends on velocity" if culprits else None
+
+    @property
+    def clocked(self) -> bool:
+        """Whether f may depend on time: that of a user's own force class, unless the class denies it."""
+        return any(_clocked(force) for force in self.subject.forces)
 
     def state(self, y: Floats, time: float, steps: int) -> State:
         """The State that y stands for; a copy."""
@@ -59,6 +68,7 @@ class ParticleFlow:
             raise InputError("state: positions and velocities must be finite")
         return np.array(state.phase, dtype=float, order="C")
 
+    @unwarned
     def tune(self, y: Floats, between: float) -> None:
         """Have pair lists for particles as fast as at y, with that much time between two evaluations of the forces."""
         self.forces.tune(float(np.sqrt((y[1] ** 2).sum(axis=0).max())) * between)
@@ -108,14 +118,25 @@ class ParticleFlow:
         return nearest_pair(self.subject, y[0])
 
 
+def _clocked(force: Any) -> bool:
+    own = isinstance(force, PairForce) or type(force).__module__.startswith("kickdrift.")
+    return bool(getattr(force, "time_dependent", not own))
+
+
 class ProblemFlow:
     """A Problem's solution."""
+
+    clocked = True  # see ParticleFlow
+    of_particles = False
 
     def __init__(self, problem: Problem, threads: int, jumps: bool) -> None:
         self.subject = problem
         self.name = problem.name
         self.halves = 2 if problem.separable else 1
+        known = "right_hand_side" in vars(problem)
         self._callback = problem.right_hand_side.callback
+        if known:  # names outside f may have other values since
+            problem.check_compiled(problem.right_hand_side)
         self.forces = BoundForces(_Bindable(problem), threads)
         self.not_separable = None if problem.separable else "the problem is not declared separable=True"
 

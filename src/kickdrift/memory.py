@@ -9,6 +9,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from kickdrift.errors import InputError
+
 Memory = dict[str, Any]
 
 
@@ -52,12 +54,22 @@ def by_value(value: Any) -> Any:
 
 
 def put_back(owner: Any, name: str, value: Any) -> None:
-    """Give a (dotted) attribute a remembered value; an array that is there already keeps its place."""
+    """Give a (dotted) attribute a remembered value; an array that is there already keeps its place.
+
+    A memory may come from a file, and compiled code trusts the shapes of its arrays: an InputError says what does not
+    fit.
+    """
     *parts, last = name.split(".")
     for part in parts:
         owner = getattr(owner, part)
     there = getattr(owner, last, None)
     if isinstance(there, np.ndarray) and isinstance(value, np.ndarray) and there.shape == value.shape:
+        if not np.can_cast(value.dtype, there.dtype, "same_kind"):
+            raise InputError(f"checkpoint: {label(name)} does not hold the numbers of such a run")
         there[...] = value
+    elif isinstance(there, np.ndarray) and not isinstance(getattr(type(owner), last, None), property):
+        raise InputError(f"checkpoint: {label(name)} has another shape than in a run of this system")
+    elif any(isinstance(there, kind) and not isinstance(value, kind) for kind in (int | float, str)):
+        raise InputError(f"checkpoint: {label(name)} does not hold what it held in such a run")
     else:
         setattr(owner, last, by_value(value))

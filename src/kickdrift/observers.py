@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from kickdrift.errors import RunError
+from kickdrift.checks import unwarned
+from kickdrift.errors import InputError, RunError
+from kickdrift.events import is_row
 from kickdrift.forces.pair_law import PairForce
 from kickdrift.memory import Memory, by_value
 from kickdrift.state import Floats
@@ -135,6 +137,7 @@ def angular_momentum(masses: Floats, x: Floats, v: Floats) -> Floats:
     return np.array([masses @ (x[j] * v[k] - x[k] * v[j]) for j, k in pairs])
 
 
+@unwarned
 def take_sample(system: System, forces: BoundForces, step: int, time: float, phase: Floats) -> Sample:
     """Look at positions and velocities ``phase`` (2, 3, n); a RunError where forces or energy there are no numbers."""
     measured = forces.measure(time, phase)
@@ -226,6 +229,7 @@ class Record:
             self.taken.angular_momentum + _lost(before.angular_momentum, after.angular_momentum),
         )
 
+    @unwarned
     def begin(self, masses: Floats, phase: Floats) -> None:
         """What momenta are compared with."""
         x, v = phase
@@ -240,8 +244,15 @@ class Record:
 
     @classmethod
     def recalled(cls, memory: Memory) -> Record:
-        """The record that had this memory; without samples."""
-        kept = by_value(memory)
+        """The record that had this memory; without samples. An InputError where the memory, which may come from a file,
+        holds something else."""
+        kept, fresh = by_value(memory), cls()
+        for key, value in kept.items():
+            kind = type(getattr(fresh, key, None))
+            if key != "taken" and not isinstance(value, (int, float) if kind in (int, float) else kind):
+                raise InputError(f"checkpoint: record.{key} does not hold what it held in such a run")
+        if not all(isinstance(line, str) for line in kept["warnings"]) or not all(map(is_row, kept["events"])):
+            raise InputError("checkpoint: its warnings or events are none")
         return cls(**(kept | {"taken": NOTHING if kept["taken"] is None else Taken(*kept["taken"])}))
 
     def add(self, sample: Sample) -> Sample:

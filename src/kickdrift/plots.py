@@ -17,6 +17,7 @@ import numpy as np
 from kickdrift import cache, outputs
 from kickdrift.analysis.structure import radial_distribution
 from kickdrift.errors import InputError
+from kickdrift.kinds import FIGURE
 from kickdrift.state import Floats
 from kickdrift.trajectory import reader
 from kickdrift.units import UnitSystem
@@ -25,7 +26,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-SUFFIXES = (".png", ".pdf", ".svg")
 RDF_FRAMES = 20  # at most, spread evenly over the run
 RDF_NEIGHBOURS = 400  # g(r) reaches as far as that many neighbours, or to half the box
 RDF_PARTICLES = 20_000  # fewer frames where that many particles over all of them (about a second) would be passed
@@ -42,7 +42,7 @@ def plot_run(path: str | os.PathLike[str], output: str | os.PathLike[str], *, ov
 
     The error is (E(t) - E(0)) / |E(0)|, or over the kinetic energy at the start where |E(0)| is under a tenth of it.
     """
-    target = checked_target(output, overwrite)
+    target = checked_target(output, overwrite, path)
     with reader.open(path) as run:
         if not len(run.sample_times):
             raise InputError(f"{run.path}: holds no sample to draw")
@@ -205,17 +205,19 @@ def _thin(x: Floats, y: Floats) -> tuple[Floats, Floats]:
     return x[kept], y[kept]
 
 
-def checked_target(output: str | os.PathLike[str], overwrite: bool) -> Path:
-    return outputs.checked_target(output, "a figure's name", SUFFIXES, overwrite)
+def checked_target(output: str | os.PathLike[str], overwrite: bool, *inputs: str | os.PathLike[str]) -> Path:
+    """The path of a figure to be written, which is none of the ``inputs``."""
+    return outputs.checked_target(output, FIGURE, overwrite, inputs)
 
 
 @contextmanager
 def _own_matplotlib_folder() -> Iterator[None]:
     """Let matplotlib, if it is loaded here first, keep its font list in kickdrift's cache, not in the user's home."""
-    if "matplotlib" in sys.modules or "MPLCONFIGDIR" in os.environ:
+    own = cache.folder()
+    if "matplotlib" in sys.modules or "MPLCONFIGDIR" in os.environ or own is None:
         yield
         return
-    place = cache.folder() / "matplotlib"
+    place = own / "matplotlib"
     place.mkdir(exist_ok=True)
     os.environ["MPLCONFIGDIR"] = str(place)
     try:
@@ -247,8 +249,7 @@ def new_axes(figure: Figure, place: tuple[int, int, int | tuple[int, int]], shar
 
 
 def save_figure(figure: Figure, target: Path) -> Path:
-    try:
-        figure.savefig(target)
-    except OSError as error:
-        raise InputError(f"{target}: cannot be written: {(error.strerror or str(error)).lower()}") from None
+    """Write a figure, whole or not at all, and return its path."""
+    with outputs.written_whole(target, FIGURE, overwrite=True) as part:
+        figure.savefig(part)
     return target

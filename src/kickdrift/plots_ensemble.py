@@ -58,7 +58,7 @@ def plot_ensemble(
     points for one or two keys that were drawn; else a histogram. The column is the one that tells most unless named.
     Members that failed, or that have no number there, are counted in the title, and marked where they would be.
     """
-    target = checked_target(output, overwrite)
+    target = checked_target(output, overwrite, path)
     table = Ensemble.read(path)
     grids, drawn = summary.grids(table), summary.drawn(table)
     if len(grids) > 2:

@@ -45,7 +45,7 @@ def plot_observable(
     by block averages, shown by themselves below; where the run is too short to tell one there is none. g(r) and S(k)
     are averages over no more frames than take a few seconds, spread evenly, the first one left out.
     """
-    target = checked_target(output, overwrite)
+    target = checked_target(output, overwrite, path)
     measure, draw = KINDS[kind]
     with reader.open(path) as run:
         if not len(run):

@@ -58,7 +58,7 @@ def plot_orbits(path: str | os.PathLike[str], output: str | os.PathLike[str], *,
     too far apart for a path, the ellipses that it was on are drawn, faint, and strong the one of the end. A body that
     was absorbed or removed is drawn as far as it came.
     """
-    target = checked_target(output, overwrite)
+    target = checked_target(output, overwrite, path)
     with reader.open(path) as run:
         found = paths(run, FRAMES)
         if len(run.ids) < 2:

@@ -6,6 +6,9 @@ import math
 
 import numpy as np
 
+from kickdrift.builders import generator
+from kickdrift.capacity import check_room
+from kickdrift.checks import whole_number
 from kickdrift.errors import InputError
 from kickdrift.state import Floats
 
@@ -29,12 +32,14 @@ def plummer(count: int, seed: int, scaled: bool = True) -> tuple[Floats, Floats,
         energy is minus their potential energy, to rounding. Otherwise both hold for the smooth sphere, and a drawn one
         misses them by some 1 / sqrt(count). It sums over pairs: refused above 50,000 stars.
     """
+    count = whole_number("count", count, 2)
+    check_room("count", count)
     if scaled and count > MOST_SCALED:
         raise InputError(
             f"plummer: above {MOST_SCALED} stars expected scaled = false: the energy is summed over all pairs, "
             f"got count = {count}"
         )
-    rng = np.random.Generator(np.random.PCG64(seed))
+    rng = generator(seed)
     b = 3 * math.pi / 16
     within = np.minimum(np.cbrt(rng.random(count)), 1.0 - 1e-15)  # the cube root of the mass inside of r
     r = b * within / np.sqrt(1.0 - within**2)

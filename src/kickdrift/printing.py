@@ -1,13 +1,17 @@
-"""What the command line shows: results on standard output, progress and messages on standard error."""
+"""What the command line shows of runs, systems and lists, on standard output."""
 
 from __future__ import annotations
 
 import math
-import sys
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from kickdrift.console import members_bar as members_bar
+from kickdrift.console import out, print_lines
+from kickdrift.console import print_table as print_table
+from kickdrift.console import progress_bar as progress_bar
+from kickdrift.console import say as say
 
 if TYPE_CHECKING:
     from kickdrift.analysis.chaos import ChaosReport
@@ -150,8 +154,7 @@ def print_report(report: Report, sim: Simulation, output: Path | None) -> None:
     lines += event_lines(report.events)
     if output:
         lines.append(("written", str(output)))
-    for key, text in lines:
-        print(f"{key:17} {text}")
+    print_lines(lines)
 
 
 def drift_text(energy: EnergyReport, ending: str = "") -> str:
@@ -173,8 +176,7 @@ def print_chaos(report: ChaosReport) -> None:
         ("Lyapunov", f"exponent {report.lyapunov:.2e} ± {report.lyapunov_error:.1e} per {time_unit}"),
         ("energy error", f"{report.energy_error:.2e} at the end"),
     ]
-    for key, text in lines:
-        print(f"{key:17} {text}")
+    print_lines(lines)
 
 
 def print_benchmark(rows: list[Any], particles: int, seconds: float) -> None:
@@ -203,7 +205,7 @@ def print_benchmark(rows: list[Any], particles: int, seconds: float) -> None:
             elif row.table == table:
                 body.append([row.method, f"{row.dt:g}", "–", "–", "–", row.failure, "–"])
         print_table(title, columns, body)
-    print(
+    out(
         f"{particles:,} particles, errors relative to |E(0)|; leapfrog in its kick-drift-kick form is velocity-verlet. "
         f"Took {duration(seconds)}."
     )
@@ -249,83 +251,7 @@ def print_system(system: System | Problem) -> None:
     if isinstance(system, System) and system.equilibration:
         wanted = vars(system.equilibration).items()
         lines.append(("equilibrate", ", ".join(f"{key} = {value}" for key, value in wanted)))
-    for key, text in lines:
-        print(f"{key:17} {text}")
-
-
-def print_table(title: str | None, columns: list[str], rows: list[list[str]]) -> None:
-    """A table on standard output, as wide as it needs to be where that is no terminal."""
-    from rich import box
-    from rich.console import Console
-    from rich.table import Table
-
-    console = Console(width=None if sys.stdout.isatty() else 200, markup=False)
-    table = Table(*columns, title=title, title_justify="left", box=box.SIMPLE_HEAD)
-    for row in rows:
-        table.add_row(*row)
-    console.print(table)
-
-
-@contextmanager
-def progress_bar(quiet: bool) -> Iterator[Callable[[str], Callable[[int, int], None]]]:
-    """Inside, ``bar(label)`` gives a function (done, of) that moves a bar on standard error, if that is a terminal."""
-    if quiet or not sys.stderr.isatty():
-        yield lambda label: _nothing
-        return
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-
-    layout = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        TextColumn("{task.percentage:3.0f} %"),
-        TimeRemainingColumn(),
-    )
-    with Progress(*layout, console=Console(stderr=True), transient=True) as progress:
-
-        def bar(label: str) -> Callable[[int, int], None]:
-            task = progress.add_task(label, total=None)
-            return lambda done, of: progress.update(task, completed=done, total=of)
-
-        yield bar
-
-
-@contextmanager
-def members_bar(quiet: bool) -> Iterator[Callable[[int, int, int], None] | None]:
-    """Inside, a function (done, of, failed) that shows them with their rate and the time left, on a terminal."""
-    if quiet or not sys.stderr.isatty():
-        yield None
-        return
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
-    rate = TextColumn("{task.fields[rate]}")
-    layout = TextColumn("members"), BarColumn(), MofNCompleteColumn(), rate, TimeRemainingColumn()
-    with Progress(
-        *layout, TextColumn("{task.fields[failed]}"), console=Console(stderr=True), transient=True
-    ) as progress:
-        task = progress.add_task("members", total=None, rate="", failed="")
-        begun: list[int] = []
-
-        def show(done: int, of: int, failed: int) -> None:
-            if not begun:  # those that were done before have no rate
-                begun.append(done)
-                progress.reset(task, total=of, completed=done)
-            speed = progress.tasks[0].speed
-            rate = f"{speed:.3g}/s" if speed else ""
-            progress.update(task, completed=done, rate=rate, failed=f"{failed} failed" if failed else "")
-
-        yield show
-
-
-def _nothing(done: int, of: int) -> None:
-    """A bar that is not shown."""
-
-
-def say(text: str, quiet: bool = False) -> None:
-    """A message on standard error."""
-    if not quiet:
-        print(text, file=sys.stderr)
+    print_lines(lines)
 
 
 def counted(number: int, noun: str) -> str:

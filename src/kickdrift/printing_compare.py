@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from kickdrift.printing import counted, duration, print_table
+from kickdrift.console import out, print_lines, print_table
+from kickdrift.printing import counted, duration
 
 if TYPE_CHECKING:
     from kickdrift.analysis.ladder import Row
@@ -32,8 +33,7 @@ def print_comparison(comparison: Comparison) -> None:
         *(("note", note) for note in comparison.notes),
         ("took", f"{duration(comparison.wall_seconds)} on {counted(comparison.threads, 'thread')}"),
     ]  # fmt: skip
-    for key, text in lines:
-        print(f"{key:17} {text}")
+    print_lines(lines)
 
 
 def print_recommendation(found: Recommendation, system: str, unit: str) -> None:
@@ -54,9 +54,8 @@ def print_recommendation(found: Recommendation, system: str, unit: str) -> None:
     lines += [("evidence", line) for line in found.evidence]
     if found.choice is not None:
         lines.append(("to run it", f"kickdrift run {system} {found.choice.options(found.length)}"))
-    print()
-    for key, text in lines:
-        print(f"{key:17} {text}")
+    out("")
+    print_lines(lines)
 
 
 def _foreseen(choice: Choice) -> str:

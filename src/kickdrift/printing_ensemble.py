@@ -6,10 +6,11 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from kickdrift.console import print_lines, print_table, say
 from kickdrift.ensemble import summary
 from kickdrift.ensemble.rows import DONE
 from kickdrift.ensemble.table import PROVENANCE
-from kickdrift.printing import counted, print_table, say
+from kickdrift.printing import counted
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -36,8 +37,7 @@ def print_ensemble(table: DataFrame, output: Path | None) -> None:
         )
     if output:
         lines.append(("table", str(output)))
-    for key, text in lines:
-        print(f"{key:17} {text}")
+    print_lines(lines)
     if len(done):
         _print_measured(table)
     for row in table[table["status"] != DONE].head(ERRORS).to_dict("records"):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from copy import copy
 from dataclasses import dataclass, field
 from functools import cached_property
 from numbers import Real
@@ -11,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from kickdrift.checks import numbers
 from kickdrift.errors import InputError
 from kickdrift.state import Floats, read_only
 from kickdrift.system import RunDefaults
@@ -47,7 +49,9 @@ class Problem:
         alone; needed by the splitting methods
     energy : energy(t, y), a quantity that the exact solution conserves, to be watched
     exact : exact(t) -> (n,), the solution in closed form
-    compiled : False runs f as plain Python, slowly
+    compiled : False runs f as plain Python, slowly. Compiled code counts whole numbers in 64 bits, keeps lists of whole
+        numbers whole, and keeps the values that names outside f had when it was compiled. Its values are therefore
+        compared with plain Python's before a run, at the start and at states around it
     name, run, invariants, source : as a System has them
     equation, parameters : the name in ``kickdrift.odes.ODES`` that a system file gave, and what its factory took
 
@@ -119,6 +123,16 @@ class Problem:
         if energy is not None:
             self._checked("energy", energy, ())
 
+    def __getstate__(self) -> dict[str, Any]:
+        """What another process needs: all but the machine code."""
+        return {key: value for key, value in vars(self).items() if key != "right_hand_side"}
+
+    def with_run(self, **defaults: Any) -> Problem:
+        """The same problem with these in its `RunDefaults`, as ``System.with_run``."""
+        made = copy(self)
+        object.__setattr__(made, "run", self.run.changed(**defaults))
+        return made
+
     def _check_separable(self, slope: Floats) -> None:
         half = len(self) // 2
         if not np.array_equal(slope[:half], self.y0[half:]):
@@ -138,7 +152,16 @@ class Problem:
         """f as the compiled loops call it, compiled once."""
         from kickdrift.forces.equation import RightHandSide
 
-        return RightHandSide(self)
+        made = RightHandSide(self)
+        self.check_compiled(made)
+        return made
+
+    def check_compiled(self, made: RightHandSide) -> None:
+        """Refuse a compiled f that gives other values than plain Python."""
+        from kickdrift.compiled_check import check_compiled
+
+        if self.compiled:
+            check_compiled(self, made.callback.address)
 
     @property
     def state(self) -> ProblemState:
@@ -163,10 +186,7 @@ class Problem:
 
 def finite_numbers(key: str, values: ArrayLike) -> Floats:
     """The values as an array; an InputError that begins with ``key`` where they are not finite numbers."""
-    try:
-        array = np.array(values, dtype=float)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"{key}: expected numbers: {' '.join(str(error).split())}") from None
+    array = numbers(key, values)
     if not np.isfinite(array).all():
         bad = np.argwhere(~np.isfinite(array))[0]
         raise InputError(f"{key}[{', '.join(map(str, bad))}] is {array[tuple(bad)]}; expected finite numbers")

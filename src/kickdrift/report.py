@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from kickdrift.analysis.drift import drift, energy_error
+from kickdrift.analysis.drift import drift, energy_error, rounding_of
+from kickdrift.checks import unwarned
 from kickdrift.engines import NATIVE
 from kickdrift.observers import NOTHING, Series, even_stretch
 from kickdrift.state import Floats
@@ -30,8 +31,8 @@ class EnergyReport:
     relative_to : "initial energy" |E(0)|, or "kinetic energy" where |E(0)| is under a tenth of it, or "absolute"
     drift_per_unit_time : slope of the relative error per unit of time, by regression that knows of autocorrelation
     drift_error : half-width of the slope's 95 % interval
-    verdict : "bounded", "secular drift", "random walk" or "not resolvable"; "not conserved" where a force, which is
-        named, takes or gives energy
+    verdict : "bounded", "secular drift", "random walk", "round-off" or "not resolvable"; "not conserved" where a force,
+        which is named, takes or gives energy
     """
 
     initial: float
@@ -107,6 +108,7 @@ def plain(value: Any) -> Any:
     return value
 
 
+@unwarned
 def report(sim: Simulation | Member) -> Report:
     """The summary of the run so far of a Simulation, or of one system in a Batch."""
     record, system = sim.record, sim.system
@@ -168,7 +170,8 @@ def _energy(series: Series, even: bool, system: System | Problem) -> EnergyRepor
     if not even and len(times) > 2:  # an adaptive run's samples stand at its step points, about evenly
         grid = np.linspace(times[0], times[-1], len(times))
         times, errors = grid, np.interp(grid, times, errors)
-    trend = drift(times, errors)
+    largest = max(abs(error.initial), 0.0 if np.isnan(kinetic) else kinetic)
+    trend = drift(times, errors, rounding_of(largest, int(series.steps[-1] - series.steps[0])) / scale)
     working = system.acting("works") if isinstance(system, System) else []
     verdict = f"not conserved: {', '.join(working)}" if working else trend.verdict
     error = replace(error, final=series.final)

@@ -4,19 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import astuple, dataclass
-from numbers import Real
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from kickdrift.capacity import check_room
+from kickdrift.checks import number
 from kickdrift.errors import InputError
+from kickdrift.integrators import INTEGRATORS
+from kickdrift.limits import steps_in
+from kickdrift.limits import whole_number as whole_number
+from kickdrift.text import shown
 
 if TYPE_CHECKING:
     from kickdrift.simulation import Simulation
+    from kickdrift.system import RunDefaults
 
 NEVER = 2**62
 SAMPLES = 1000  # of the energy in a run that does not say how often
 GLIMPSES = 10  # of a run that has no energy to sample: for stiffness alone
+SAMPLE_BYTES = 1000  # of memory that a look at particles takes
 
 
 @dataclass(frozen=True)
@@ -97,7 +104,7 @@ def plan_of(
     if interval is not None and not sim.method.chooses_steps:
         raise InputError(f"run: interval is for methods that choose their steps; {sim.integrator} takes every")
     if interval is not None and not (np.isfinite(number(interval)) and interval > 0):
-        raise InputError(f"run: interval must be a positive time, got {interval!r}")
+        raise InputError(f"run: interval must be a positive time, got {shown(interval)}")
     if interval is not None and every is not None:
         raise InputError("run: give every or interval, not both")
     cadence = whole_number("every", every, 1) if every is not None else known or sim.system.run.every
@@ -105,16 +112,34 @@ def plan_of(
         count = steps_to(sim, steps, until)
         cadence = cadence or max(1, count // samples)
         every = 0 if interval else cadence
+        check_samples(count / cadence, "every")
         return Plan(*begin, begin[0] + count, every=every, interval=interval or 0.0, exact=True)
     if steps is not None or sim.running:
         steps_to(sim, steps, until)  # which says why not
     end = number(until)
     if not (np.isfinite(end) and end >= sim.time):
-        raise InputError(f"run: time {until!r} is not a finite time from the present, {sim.time:.12g}, on")
+        raise InputError(f"run: time {shown(until)} is not a finite time from the present, {sim.time:.12g}, on")
     if cadence and interval is None:
         return Plan(*begin, end_time=end, every=cadence)
     length = interval or (end - sim.time) / samples
+    if interval:
+        check_samples((end - sim.time) / interval, "interval")
     return Plan(*begin, end_time=end, interval=length, exact=interval is not None)
+
+
+def check_samples(count: float, key: str) -> None:
+    """Refuse more looks than fit into memory; ``key`` names the option that says how often."""
+    check_room("run", count, "samples", SAMPLE_BYTES, f"give a larger {key}")
+
+
+def check_run(run: RunDefaults) -> None:
+    """Refuse what ``[run]`` asks for where it is too long, or too many samples, before anything is run."""
+    steps: float | None = run.steps
+    method = INTEGRATORS.get(run.integrator or "")
+    if run.time is not None and run.dt is not None and not (method and method.chooses_steps):
+        steps = steps_in("run: time", run.time, run.dt)
+    if steps is not None and run.every is not None:
+        check_samples(steps / run.every, "every")
 
 
 def length_of(sim: Simulation, name: str, steps: int | None = None, time: float | None = None) -> dict[str, Any]:
@@ -141,10 +166,10 @@ def steps_to(sim: Simulation, steps: int | None, until: float | None) -> int:
     if until is None:
         return whole_number("steps", steps, 0)
     if not np.isfinite(number(until)):
-        raise InputError(f"run: the time to reach must be a finite number, got {until!r}")
+        raise InputError(f"run: the time to reach must be a finite number, got {shown(until)}")
     if sim.dt is None or sim.method.chooses_steps:
         raise InputError(f"run: {sim.integrator} chooses its steps; how many it takes is known afterwards")
-    exact = (until - sim.time) / sim.dt
+    exact = steps_in("run: time", until - sim.time, sim.dt)
     count = round(exact)
     if exact < -1e-6:
         raise InputError(f"run: time {until:.12g} lies before the present, {sim.time:.12g}")
@@ -153,17 +178,3 @@ def steps_to(sim: Simulation, steps: int | None, until: float | None) -> int:
         nearest = f"{low:.12g} and {low + sim.dt:.12g}"
         raise InputError(f"run: time {until:.12g} is not on the grid of steps of {sim.dt:g}; nearest are {nearest}")
     return count
-
-
-def whole_number(key: str, value: Any, least: int) -> int:
-    """The value as an int; an InputError where it is not a whole number, ``least`` or more."""
-    found = number(value)
-    if not (found.is_integer() and found >= least):
-        words = {0: "zero or more", 1: "one or more"}[least]
-        raise InputError(f"run: {key} must be a whole number, {words}, got {value!r}")
-    return int(found)
-
-
-def number(value: Any) -> float:
-    """A number as a float, anything else as nan."""
-    return float(value) if isinstance(value, Real) else np.nan

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import is_dataclass
 from functools import cache
@@ -10,6 +11,7 @@ from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
 from pydantic import (
+    BaseModel,
     BeforeValidator,
     Discriminator,
     Field,
@@ -24,10 +26,13 @@ from pydantic import (
 )
 from pydantic_core import ErrorDetails
 
+from kickdrift import checks
 from kickdrift.errors import InputError
 from kickdrift.forces.pair_law import PairForce
+from kickdrift.limits import MOST_STEPS
 from kickdrift.schema_base import Edge, In, Mass, Pull, Radius, Table, Temperature, Time, Vector, Velocity
 from kickdrift.schema_bodies import ElementsTable, PlummerTable
+from kickdrift.text import VALUE, clean
 from kickdrift.units import UnitSystem, shown
 
 
@@ -43,11 +48,9 @@ def _species(value: Any) -> dict[str, float] | list[str]:
     if isinstance(value, list) and value and all(isinstance(name, str) for name in value):
         return value
     if isinstance(value, dict) and value:
-        plain = all(
-            isinstance(part, int | float) and not isinstance(part, bool) and part > 0 for part in value.values()
-        )
-        if plain and abs(sum(value.values()) - 1) < 1e-9:
-            return value
+        parts = [checks.number(part) for part in value.values()]
+        if all(0 < part <= 1 for part in parts) and abs(math.fsum(parts) - 1) < 1e-9:
+            return dict(zip(value, parts, strict=True))
         raise InputError(f"expected positive fractions that add up to 1, got {shown(value)}")
     raise InputError(f"expected a name, a list of names, or fractions such as {{A = 0.8, B = 0.2}}, got {shown(value)}")
 
@@ -129,20 +132,29 @@ class BoxTable(Table):
         return self
 
 
+Tolerance = Annotated[
+    Annotated[PositiveFloat, Tag("<number>")]
+    | Annotated[list[PositiveFloat], Field(min_length=1), Tag("<one for each component of y>")],
+    Discriminator(lambda value: "<one for each component of y>" if isinstance(value, list) else "<number>"),
+]
+Steps = Annotated[int, Field(gt=0, le=MOST_STEPS)]
+
+
 class RunTable(Table):
     integrator: str | None = None
     dt: Time | None = None
-    steps: PositiveInt | None = None
+    steps: Steps | None = None
     time: Time | None = None
-    every: PositiveInt | None = None
-    rtol: PositiveFloat | None = None
-    atol: PositiveFloat | None = None
+    every: Steps | None = None
+    rtol: Tolerance | None = None
+    atol: Tolerance | None = None
+    max_step: Time | None = None
     coordinates: str | None = None
     corrector: int | None = None
     order: str | None = None
     eta: PositiveFloat | None = None
     scheme: str | None = None
-    precision: str | None = None
+    precision: Literal["double", "mixed"] | None = None
 
     @model_validator(mode="after")
     def _steps_or_time(self) -> RunTable:
@@ -175,6 +187,7 @@ class OdeRunTable(RunTable):
 
     dt: PositiveFloat | None = None
     time: PositiveFloat | None = None
+    max_step: PositiveFloat | None = None
 
 
 class OdeFileTable(Table):
@@ -240,7 +253,22 @@ def force_table(cls: type) -> type[Table]:
     return create_model(cls.__name__, __base__=Table, **fields)
 
 
-def checked(model: type[Table], data: Any, units: UnitSystem | None, path: str = "") -> Any:
+def force_parameters(cls: type, given: dict[str, Any], units: UnitSystem, path: str) -> dict[str, Any]:
+    """The arguments for a force's constructor from its table, checked; nothing of the class is called."""
+    parameters = checked(force_table(cls), given, units, path).model_dump(exclude_unset=True)
+    parameters.pop("type", None)
+    if "pairs" in parameters and issubclass(cls, PairForce):
+        pairs: dict[tuple[str, ...], Any] = {}
+        for k, pair in enumerate(parameters["pairs"]):
+            names = tuple(pair.pop("species"))
+            if names in pairs or names[::-1] in pairs:
+                raise InputError(f"{path}.pairs[{k}].species: the pair {'-'.join(names)} is given twice")
+            pairs[names] = pair
+        parameters["pairs"] = pairs
+    return parameters
+
+
+def checked(model: type[BaseModel], data: Any, units: UnitSystem | None, path: str = "") -> Any:
     """The table that ``data`` fills, in ``units``; else an InputError of one line that starts with the key path."""
     try:
         return model.model_validate(data, context={"units": units})
@@ -255,6 +283,7 @@ _WORDS = {
     "a valid list": "a list",
     "a valid dictionary": "a table",
     "expected greater": "expected a number greater",
+    "expected less": "expected a number less",
 }
 
 
@@ -264,7 +293,7 @@ def _line(error: ErrorDetails, path: str) -> str:
         if isinstance(part, int):
             path += f"[{part}]"
         elif not part.startswith("<"):  # the tag of a union is no key of the file
-            path += f".{part}" if path else part
+            path += f".{clean(part, VALUE)}" if path else clean(part, VALUE)
     if kind == "value_error":
         text = str(context["error"])
     elif kind == "missing":

@@ -10,34 +10,43 @@ from time import perf_counter
 from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from kickdrift.analysis.step_length import TOO_LONG, can_be_checked, step_warning
 from kickdrift.analysis.stiffness import WATCHED_POINTS, WATCHED_STEPS, Point, can_be_limited, stability_warning
+from kickdrift.capacity import PROCESS_BYTES, check_room
+from kickdrift.checks import no_overflow, path_text, unwarned, whole_number
 from kickdrift.engines import engine as engine_named
 from kickdrift.engines.session import Job, begin
 from kickdrift.errors import InputError, RunError
 from kickdrift.events import checked_events
 from kickdrift.events.watching import WatchedStepper
+from kickdrift.files import place
 from kickdrift.flow import Flow, ParticleFlow, flow_of
-from kickdrift.forces.compiling import processor
+from kickdrift.forces.bound import check_threads
+from kickdrift.forces.compiling import features, processor
 from kickdrift.forces.kernel import OK
 from kickdrift.integrators import integrator as method_named
 from kickdrift.integrators.method import MIXED
-from kickdrift.integrators.stepping import STOPPED, Options, Stepper
+from kickdrift.integrators.options import Options
+from kickdrift.integrators.stepping import STOPPED, Counts, Stepper
 from kickdrift.interrupt import interruptible
 from kickdrift.memory import Memory
 from kickdrift.observers import Energies, Record, Sample
+from kickdrift.problem import Problem
 from kickdrift.report import Report, report
-from kickdrift.run_plan import GLIMPSES, SAMPLES, Plan, plan_of, steps_to, whole_number
+from kickdrift.run_plan import GLIMPSES, SAMPLES, Plan, check_samples, plan_of, steps_to
 from kickdrift.state import Floats, read_only
 from kickdrift.system import System
+from kickdrift.units import shown
 
 if TYPE_CHECKING:
     from kickdrift.events import Event
     from kickdrift.integrators.exact import Lattice
-    from kickdrift.problem import Problem
     from kickdrift.trajectory.h5md import Writer
     from kickdrift.trajectory.options import FileOptions
 
+COUNTED = 2**16  # samples after which memory is looked at anew
 CHUNK_SECONDS = 0.1  # how long compiled code runs before Python looks for Ctrl-C
 
 Observer = Callable[["Simulation"], Any]
@@ -55,8 +64,10 @@ class Simulation:
     threads : of the forces; the results do not depend on it, bit by bit
     engine : the program that runs it, see ``kickdrift.engines()``: "native", or another that is installed
     processes : of an engine that runs on several ("lammps")
-    rtol, atol : relative and absolute error allowed per step by an adaptive method; default the system file's, else
-        1e-8 and 1e-10. gauss-radau15 takes rtol alone, which sets its steps, 1e-9 by default
+    rtol, atol : relative and absolute error allowed per step by an adaptive method, one number or, for a Problem, one
+        for each component of y; default the system file's, else 1e-8 and 1e-10. gauss-radau15 takes one rtol alone,
+        which sets its steps, 1e-9 by default
+    max_step : the longest step that an adaptive method may take; default the system file's, else any
     controller : how an adaptive method sets its step: "i", "pi" (default) or "pid"
     compensated : carry on what rounding loses of positions and velocities; for methods of fixed steps
     events : what to watch for (`CloseApproach`, `Collision`, `Escape`, `Crossing`); default the system file's
@@ -81,8 +92,9 @@ class Simulation:
         *,
         engine: str = "native",
         processes: int = 1,
-        rtol: float | None = None,
-        atol: float | None = None,
+        rtol: ArrayLike | None = None,
+        atol: ArrayLike | None = None,
+        max_step: float | None = None,
         controller: str | None = None,
         compensated: bool = False,
         iteration: str | None = None,
@@ -94,22 +106,26 @@ class Simulation:
         precision: str | None = None,
         events: Iterable[Event] | None = None,
     ) -> None:
-        if not hasattr(system, "run"):
-            raise InputError(f"a Simulation takes a System or a Problem, got {type(system).__name__}")
+        if not isinstance(system, System | Problem):
+            raise InputError(f"a Simulation takes a System or a Problem, got {_kind_of(system)}")
         self._engine = engine_named(engine)
         default = "velocity-verlet" if isinstance(system, System) else "dormand-prince45"
         named = integrator if integrator is not None else system.run.integrator
         self.integrator = default if named is None else self._engine.method_name(named)
         self.method = method_named(self.integrator)
+        tolerances: Any = rtol, atol  # which `checked` looks at
         asked = Options(
-            dt, rtol, atol, controller, compensated, iteration, coordinates, corrector, order, eta, scheme, precision
-        )
+            dt, tolerances[0], tolerances[1], controller, compensated, iteration, coordinates, corrector, order, eta,
+            scheme, precision, max_step,
+        )  # fmt: skip
         self.options = self.method.checked(asked.or_else(system.run), asked)
         self.dt = self.options.dt
         if self.dt is None and self.method.needs_dt:
             raise InputError(f"dt is needed: system {system.name!r} names none in [run]")
-        self.threads = threads
+        self.threads = check_threads(threads)
         self.processes = whole_number("processes", processes, 1)
+        if self.processes > 1:
+            check_room("run", self.processes, "processes", PROCESS_BYTES, "give fewer")
         if isinstance(system, System):
             system = system if events is None else system.watched(events)
             watched: tuple[Event, ...] = system.events
@@ -122,6 +138,7 @@ class Simulation:
         if watched:
             self._stepper = self._watching = WatchedStepper(self, self._stepper, watched)
         self._watched = can_be_limited(self._flow, self.method)
+        self._checked_steps = can_be_checked(self._flow, self.method) and not self._engine.foreign
         self._chunk = 1
         self._compiled = False
         self.running = False
@@ -139,7 +156,8 @@ class Simulation:
         """The State (positions, velocities, time) or ProblemState (y, time); a copy. Setting it starts a new record of
         what is conserved; a run in progress refuses that, and so does a state of other particles than the system's.
 
-        An adaptive run's own step point may lie past ``time``; it goes on from there, whatever was looked at."""
+        An adaptive run's own step point may lie before or past ``time``. The run goes on from that step point, whatever
+        was looked at."""
         return self._flow.state(self._now(), self.time, self.steps_done)
 
     @state.setter
@@ -149,12 +167,14 @@ class Simulation:
         y = self._flow.array(state)
         if self.dt is not None and isinstance(self._flow, ParticleFlow) and not self._engine.foreign:
             self._flow.tune(y, self.dt / max(1, self.method.evaluations))
-        self._stepper.reset(y, state.time, state.steps_done)
+        with no_overflow():
+            self._stepper.reset(y, state.time, state.steps_done)
         self._at: float | None = None  # the present, where it lies before the stepper's last step point
         self._present: tuple[float, Floats] | None = None  # and y there, once it was looked at
         self.record = Record()
         self._replaced = True  # a file that goes on with this cannot be replayed from what it has
         self._points: list[Point] = []
+        self._check_step_at = self.record.steps
         self._last_good = self.state
 
     def checkpoint(self) -> Memory:
@@ -178,12 +198,22 @@ class Simulation:
         """Go on where ``checkpoint`` was taken, of a Simulation of the same system, method, options and events; the
         number of threads may be another. The record's samples are left out: what is looked at from here on follows.
 
-        Raises InputError where method, options or bodies are others, and while a run goes on."""
+        Raises InputError where method, options or bodies are others, where the checkpoint is damaged, and while a run
+        goes on."""
         if self.running:
             raise InputError("restore: the Simulation runs")
+        try:
+            self._restore(checkpoint)
+        except InputError:
+            raise
+        except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError, MemoryError) as error:
+            why = " ".join(f"{type(error).__name__}: {error}".split())
+            raise InputError(f"checkpoint: does not fit a run of this system: {why[:200]}") from None
+
+    def _restore(self, checkpoint: Memory) -> None:
         own = {"integrator": self.method.name, **asdict(self.options)}
         for key, value in {"integrator": checkpoint["integrator"], **checkpoint["options"]}.items():
-            if own.get(key) != value:
+            if own.get(key) != (tuple(value) if isinstance(value, list) else value):
                 raise InputError(f"checkpoint: {key} is {value!r} there, and {own.get(key)!r} here")
         there, here = checkpoint["stepper"]["y"].shape, self._stepper.y.shape
         if there != here and not self._watching:
@@ -193,6 +223,7 @@ class Simulation:
         self.record = Record.recalled(checkpoint["record"])
         self._replaced = True
         self._points = []
+        self._check_step_at = 2 * self.record.steps
         self._last_good = self.state
 
     @property
@@ -226,13 +257,17 @@ class Simulation:
     @property
     def steps_done(self) -> int:
         """Steps since the start; where the present lies inside one, that one counts."""
-        return self._stepper.steps_done
+        return self._stepper.steps_done + (self._at is not None and self._at > self._stepper.time)
 
     def _now(self) -> Floats:
         if self._at is None:
             return self._stepper.y
         if self._present is None or self._present[0] != self._at:
-            self._present = self._at, self._stepper.at(self._at)
+            if self._at > self._stepper.time:
+                self._look_ahead(self._at)
+            else:
+                self._present = self._at, self._stepper.at(self._at)
+        assert self._present is not None
         return self._present[1]
 
     def energy(self) -> Energies:
@@ -291,6 +326,12 @@ class Simulation:
         Returns the Report. Raises InputError for arguments that make no sense, and RunError where the run blows up; the
         state is then that of the last sample.
         """
+        for key, function in (("observe", observe), ("progress", progress)):
+            if not (function is None or callable(function)):
+                raise InputError(f"run: {key} must be a function, got {shown(function)}")
+        if not isinstance(overwrite, bool | np.bool_):
+            raise InputError(f"run: overwrite must be True or False, got {shown(overwrite)}")
+        output = None if output is None else path_text("run: output", output)
         if output is None:
             output = self.output
             if output and (overwrite or not os.path.exists(output)):
@@ -317,6 +358,7 @@ class Simulation:
                 if writer:
                     writer.absorbed = self._watching.absorbed
             self._look(writer, observe, again=False)
+            self._check_step()
             if writer and self._replaced:
                 writer.flush(final=True, anew=True)
             self._replaced = False if writer else self._replaced
@@ -325,10 +367,14 @@ class Simulation:
             looked = True
             while not (plan.over(self) or interrupted() or self.stopped):
                 stop, stop_time = plan.next_stop(self)
-                self._advance(min(self._chunk, stop - self.steps_done), stop_time, plan.horizon(stop_time))
-                self._at = plan.present(self._stepper.time, stop_time)
+                steps = min(self._chunk, stop - self._stepper.steps_done)
+                held = self._advance(steps, stop_time, plan.horizon(stop_time), plan.end_time)
+                if held:
+                    self._look_ahead(plan.horizon(stop_time), counted=plan.horizon(stop_time) == plan.end_time)
+                else:
+                    self._at = plan.present(self._stepper.time, stop_time)
                 self.record.wall_seconds = spent_before + perf_counter() - began
-                looked = self.steps_done == stop or self._stepper.time >= stop_time
+                looked = held or self.steps_done == stop or self._stepper.time >= stop_time
                 if looked:
                     self._look(writer, observe)
                 elif writer:
@@ -346,18 +392,21 @@ class Simulation:
             raise KeyboardInterrupt
         return found
 
-    def go_to(self, step: int, time: float | None = None) -> None:
-        """Run to a step without a look; an adaptive method to a ``time`` inside the step that leads there."""
+    def go_to(self, step: int, time: float | None = None, end: float = np.inf) -> None:
+        """Run to a step without a look; an adaptive method to a ``time`` inside the step that leads there. ``end`` is
+        where the run was to end."""
         self._prepare()
-        horizon = np.inf if time is None else time
+        horizon, held = (np.inf if time is None else time), False
         with self._busy() as interrupted:
-            while self.steps_done < step and not interrupted():
+            while self.steps_done < step and not (held or interrupted()):
                 if self._watching:
                     self._watching.stopped = ""  # a run that an event ended, and that was continued
-                self._advance(min(self._chunk, step - self.steps_done), horizon=horizon)
+                held = self._advance(min(self._chunk, step - self._stepper.steps_done), horizon=horizon, end=end)
+                if self._stepper.time - self._stepper.last_step > horizon + 1e-9 * abs(horizon):
+                    raise InputError(f"step {step}: is not at time {horizon:g}, which lies at step {self.steps_done}")
         if interrupted():
             raise KeyboardInterrupt
-        if time is not None and self._stepper.time > time:
+        if time is not None and (held or self._stepper.time > time):
             self._at = time
         self._last_good = self.state
 
@@ -411,28 +460,50 @@ class Simulation:
         self._compiled = True
         self.record.compile_seconds += perf_counter() - began
 
-    def _advance(self, steps: int, until: float = np.inf, horizon: float = np.inf) -> None:
+    def _advance(self, steps: int, until: float = np.inf, horizon: float = np.inf, end: float = np.inf) -> bool:
+        """Take steps; whether the next one is held back, because it would take f beyond the ``end``."""
         began = perf_counter()
         if self._watching:
             self._watching.horizon = horizon
-        stepper = self._stepper
+        stepper: Any = self._stepper
+        limited = self.method.chooses_steps and not self._engine.foreign and self._flow.clocked
+        if limited:
+            stepper.end = end
+        self.record.steps += stepper.steps_done - self.steps_done  # a step that was begun is counted anew
         before, counts = stepper.steps_done, stepper.counts
         self._flow.forget_errors()
         status = stepper.advance(steps, until)
         self._at = self._present = None
-        after = stepper.counts
         self.record.steps += stepper.steps_done - before
-        self.record.force_evaluations += after.evaluations - counts.evaluations
-        self.record.jacobian_evaluations += after.jacobians - counts.jacobians
-        self.record.rejected_steps += after.rejected - counts.rejected
+        self._count(stepper.counts - counts)
         if status != OK or not (self._engine.foreign or np.isfinite(stepper.y).all()):  # the others look themselves
             self._fail(inside_step=status != OK, stopped=status == STOPPED)
         if stepper.steps_done == before:
-            return
+            return limited and not self._watching and steps > 0 and stepper.time < until
         elapsed = perf_counter() - began
         self._chunk = max(1, min(int(self._chunk * min(CHUNK_SECONDS / max(elapsed, 1e-9), 8.0)), 10**6))
+        return False
 
-    @np.errstate(over="ignore", invalid="ignore")
+    def _count(self, cost: Counts) -> None:
+        self.record.force_evaluations += cost.evaluations
+        self.record.jacobian_evaluations += cost.jacobians
+        self.record.rejected_steps += cost.rejected
+
+    def _look_ahead(self, time: float, counted: bool = False) -> None:
+        """Have the present inside the step that follows, which is not taken: it would lead beyond the run's end."""
+        stepper: Any = self._stepper
+        self._flow.forget_errors()
+        status, y, cost = stepper.ahead(time)
+        if status != OK or not np.isfinite(y).all():
+            self._at = self._present = None
+            self._fail(inside_step=status != OK, stopped=status == STOPPED)
+        if self._at is None or self._at <= stepper.time:
+            self.record.steps += 1
+        if counted:
+            self._count(cost)
+        self._at, self._present = time, (time, y)
+
+    @unwarned
     def _fail(self, inside_step: bool, stopped: bool = False) -> NoReturn:
         """Say what blew up, in the step going on or in the last one, and go back to the last sample."""
         last, stepper = self._last_good, self._stepper
@@ -521,6 +592,11 @@ class Simulation:
             self._flow.begin(self.record, self._now())
         sample = self.record.add(sample)
         self._last_good = self.state
+        if not len(samples) % COUNTED:  # how many a run that chooses its steps takes is not known before
+            try:
+                check_samples(len(samples), "every or interval")
+            except InputError as error:
+                raise RunError(f"stopped at step {self.steps_done} (t = {self.time:.6g}): {error}") from None
         if self._watched:
             self._points = [*self._points, (self.time, self._now().copy(), self._stepper.last_step)][-WATCHED_POINTS:]
         if writer:
@@ -530,8 +606,20 @@ class Simulation:
         if observe:
             observe(self)
 
+    def _check_step(self) -> None:
+        """Say where dt is beyond the limit of stability: at the start, then after twice the steps, and again."""
+        if not self._checked_steps or self.record.steps < self._check_step_at:
+            return
+        self._check_step_at = max(1, 2 * self.record.steps)
+        assert isinstance(self._flow, ParticleFlow)
+        assert self.dt is not None
+        warning = step_warning(self._flow, self.method, self.dt, self.time, self._now())
+        if warning and not any(TOO_LONG in line for line in self.record.warnings):
+            self.record.warnings.append(warning)
+
     def _warn(self) -> None:
         """Say what the method has to say, and where stability and not accuracy sets the steps."""
+        self._check_step()
         self.record.warnings += [
             line for line in getattr(self._stepper, "warnings", ()) if line not in self.record.warnings
         ]
@@ -539,7 +627,7 @@ class Simulation:
             return
         warning = stability_warning(self._flow, self.method, self._points)
         if warning and warning not in self.record.warnings:
-            self.record.warnings = [warning]
+            self.record.warnings = [*(w for w in self.record.warnings if TOO_LONG in w), warning]
 
     def _writer(self, output: Any, plan: Plan, overwrite: bool, options: FileOptions | None) -> Any:
         if output is None:
@@ -549,12 +637,15 @@ class Simulation:
         if not isinstance(self.system, System):
             raise InputError("output: a run's file holds particles, and a Problem has none; use observe")
         from kickdrift.trajectory.h5md import Writer
+        from kickdrift.trajectory.options import FileOptions
 
+        if not isinstance(options, FileOptions | None):
+            raise InputError(f"file: expected kd.FileOptions, got {shown(options)}")
         path = os.path.realpath(output)
         if path in self._files and not overwrite and os.path.exists(path):
             return Writer.append_to(
                 path, self._files[path][0], options=options, checkpoint=self.checkpoint, plan=plan.numbers,
-                at=(self.steps_done, self.time),
+                at=(self.steps_done, self.time), events=len(self.record.events),
             )  # fmt: skip
         method = {
             "integrator": self.integrator,
@@ -568,7 +659,9 @@ class Simulation:
             **self.options.extras(self.method.tunable),
             "options": asdict(self.options),
             "processor": processor(),
+            "features": features(),
         }
+        path = str(place(output))
         self._replaced = False  # a new file begins with a checkpoint
         system = self._watching.first if self._watching else self.system  # with the bodies that have left
         writer = Writer(
@@ -577,3 +670,14 @@ class Simulation:
         )  # fmt: skip
         self._files[path] = (writer.run_id, plan.every)
         return writer
+
+
+def _kind_of(value: Any) -> str:
+    """What was given in place of a System, and what to give instead."""
+    if isinstance(value, Simulation):
+        return "a Simulation: give its ``system``, or go on with the Simulation itself"
+    if isinstance(value, str | os.PathLike):
+        return f"{shown(value)}: give kd.load({shown(str(value))}), or kd.resume of a run's file"
+    if isinstance(value, type):
+        return f"the class {value.__name__}"
+    return type(value).__name__

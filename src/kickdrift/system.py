@@ -12,10 +12,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from kickdrift.box import Box
 from kickdrift.bridges import bridge
+from kickdrift.checks import listed, no_overflow, numbers, per_particle, whole_number
 from kickdrift.errors import InputError
 from kickdrift.events import Event, checked_events
 from kickdrift.state import Floats, State
 from kickdrift.units import UnitSystem, shown, unit_system
+
+Tolerance = float | Sequence[float]  # one number, or one for each component of y
 
 
 @dataclass(frozen=True)
@@ -27,14 +30,22 @@ class RunDefaults:
     steps: int | None = None
     time: float | None = None
     every: int | None = None
-    rtol: float | None = None
-    atol: float | None = None
+    rtol: Tolerance | None = None
+    atol: Tolerance | None = None
+    max_step: float | None = None
     coordinates: str | None = None
     corrector: int | None = None
     order: str | None = None
     eta: float | None = None
     scheme: str | None = None
     precision: str | None = None
+
+    def changed(self, **defaults: Any) -> RunDefaults:
+        """The same with these in their places; steps replace a time, and a time steps."""
+        for one, other in (("steps", "time"), ("time", "steps")):
+            if one in defaults:
+                defaults.setdefault(other, None)
+        return replace(self, **defaults)
 
 
 @dataclass(frozen=True)
@@ -104,34 +115,39 @@ class System:
         v = np.zeros((n, 3)) if velocities is None else _vectors("velocities", velocities)
         if v.shape != x.shape:
             raise InputError(f"velocities: expected shape {x.shape} like the positions, got {v.shape}")
-        m = np.asarray(masses, dtype=float)
-        if m.ndim > 1 or (m.ndim == 1 and len(m) != n):
-            raise InputError(f"masses: expected one number or {n}, got shape {m.shape}")
-        m = np.broadcast_to(m, (n,)).copy()
-        bad = np.flatnonzero(~(np.isfinite(m) & (m >= 0)))
-        if bad.size:
-            raise InputError(f"masses: particle {bad[0]} has mass {m[bad[0]]}; expected a finite number, zero or more")
-        kind_of = ["A"] * n if species is None else [str(s) for s in species]
+        m = per_particle("masses", masses, n, "mass", "a finite number")
+        kind_of = ["A"] * n if species is None else _named("species", _names(species))
         if len(kind_of) != n:
             raise InputError(f"species: expected {n} names, got {len(kind_of)}")
         kinds = tuple(dict.fromkeys(kind_of))
         number = {kind: k for k, kind in enumerate(kinds)}
         put = object.__setattr__
         put(self, "state", State(np.array([x.T, v.T]), m, np.arange(n, dtype=np.int64), Box.of(box)))
-        put(self, "forces", tuple(forces))
-        put(self, "units", unit_system(units) if isinstance(units, str) else units)
+        put(self, "forces", _forces(forces))
+        put(self, "units", units if isinstance(units, UnitSystem) else unit_system(units))
         put(self, "species", kinds)
-        put(self, "species_index", np.array([number[s] for s in kind_of], dtype=np.int32))
+        put(self, "species_index", np.fromiter(map(number.__getitem__, kind_of), np.int32, n))
         put(self, "names", body_names(names, n))
+        for key, value, kind in (
+            ("name", name, str),
+            ("run", run, RunDefaults),
+            ("source", source, str),
+            ("equilibration", equilibration, Equilibration),
+            ("invariants", invariants, Mapping),
+        ):
+            if not (isinstance(value, kind) or (value is None and kind is not str)):
+                expected = "text" if kind is str else f"a {kind.__name__}"
+                raise InputError(f"{key}: expected {expected}, got {shown(value)}")
         put(self, "name", name)
         put(self, "run", run or RunDefaults())
         put(self, "equilibration", equilibration)
         put(self, "invariants", dict(invariants or {}))
         put(self, "source", source)
-        put(self, "seed", seed)
+        put(self, "seed", None if seed is None else whole_number("seed", seed, 0))
         put(self, "radii", None if radii is None else body_radii(radii, n))
-        for force in self.forces:
-            force.check(self)
+        with no_overflow():
+            for force in self.forces:
+                force.check(self)
         put(self, "events", checked_events(self, events))
 
     def __len__(self) -> int:
@@ -168,7 +184,7 @@ class System:
     def under(self, forces: Iterable[Any]) -> System:
         """The same system, its bodies under their names and numbers, with these forces in place of its own."""
         other = copy(self)
-        object.__setattr__(other, "forces", tuple(forces))
+        object.__setattr__(other, "forces", _forces(forces))
         return other
 
     def watched(self, events: Iterable[Event]) -> System:
@@ -180,11 +196,8 @@ class System:
     def with_run(self, **defaults: Any) -> System:
         """The same system with these in its `RunDefaults`, as ``dt`` and ``integrator``; steps replace a time, and a
         time steps."""
-        for one, other in (("steps", "time"), ("time", "steps")):
-            if one in defaults:
-                defaults.setdefault(other, None)
         made = copy(self)
-        object.__setattr__(made, "run", replace(self.run, **defaults))
+        object.__setattr__(made, "run", self.run.changed(**defaults))
         return made
 
     # --- to and from other programs ---
@@ -288,11 +301,30 @@ class System:
         return max(3 * moving - 3, 0)
 
 
+def _forces(forces: Iterable[Any]) -> tuple[Any, ...]:
+    """The forces as a tuple, checked: each an object with ``check``, such as ``kd.Gravity()``."""
+    found = listed("forces", forces, "a list of forces, such as [kd.LennardJones(cutoff=2.5)]")
+    for k, force in enumerate(found):
+        if isinstance(force, type) or not callable(getattr(force, "check", None)):
+            raise InputError(f"forces[{k}]: expected a force, such as kd.LennardJones(cutoff=2.5), got {shown(force)}")
+    return tuple(found)
+
+
+def _names(species: Any) -> list[Any]:
+    return list(species) if isinstance(species, str) else listed("species", species, "a list of names")
+
+
+def _named(key: str, values: list[Any]) -> list[str]:
+    """The values as names; an InputError where one is neither text nor a whole number."""
+    wrong = {kind for kind in set(map(type, values)) if not issubclass(kind, str | int | np.integer) or kind is bool}
+    if wrong:
+        k, value = next((k, value) for k, value in enumerate(values) if type(value) in wrong)
+        raise InputError(f"{key}[{k}]: expected a name, got {shown(value)}")
+    return list(map(str, values))
+
+
 def _vectors(key: str, values: ArrayLike) -> Floats:
-    try:
-        array = np.array(values, dtype=float)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"{key}: expected numbers of shape (n, 3): {error}") from None
+    array = numbers(key, values, "numbers of shape (n, 3)")
     if array.ndim != 2 or array.shape[1] != 3 or len(array) == 0:
         raise InputError(f"{key}: expected shape (n, 3) with n >= 1, got {array.shape}")
     bad = np.argwhere(~np.isfinite(array))
@@ -306,25 +338,17 @@ def _vectors(key: str, values: ArrayLike) -> Floats:
 
 def body_radii(radii: ArrayLike, n: int) -> Floats:
     """The radii of n bodies, checked."""
-    try:
-        r = np.asarray(radii, dtype=float)
-    except (TypeError, ValueError):
-        raise InputError(f"radii: expected one number or {n}, got {shown(radii)}") from None
-    if r.ndim > 1 or (r.ndim == 1 and len(r) != n):
-        raise InputError(f"radii: expected one number or {n}, got shape {r.shape}")
-    r = np.broadcast_to(r, (n,)).copy()
-    bad = np.flatnonzero(~(np.isfinite(r) & (r >= 0)))
-    if bad.size:
-        raise InputError(f"radii: particle {bad[0]} has radius {r[bad[0]]}; expected a length, zero or more")
-    return r
+    return per_particle("radii", radii, n, "radius", "a length")
 
 
 def body_names(names: Sequence[str], n: int) -> tuple[str, ...]:
     """The names of n bodies, checked: none at all, or one for each and each its own."""
-    given = tuple(str(name) for name in names)
+    given = tuple(_named("names", listed("names", names, "a list of names")))
     if given and len(given) != n:
         raise InputError(f"names: expected {n}, one for each particle, got {len(given)}")
     seen: set[str] = set()
+    if len(set(given)) == len(given) and all(map(str.strip, given)):
+        return given
     for k, name in enumerate(given):
         if not name.strip() or name in seen:
             raise InputError(f"names: particle {k} is called {name!r}; expected a name that no other has")

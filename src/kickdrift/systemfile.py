@@ -7,6 +7,7 @@ import tomllib
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from io import BytesIO, TextIOWrapper
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -14,11 +15,13 @@ import numpy as np
 
 from kickdrift.bodies import cluster, on_orbits
 from kickdrift.builders import Structure, check_overlaps, lattice, maxwell_boltzmann, mixture, read_structure
+from kickdrift.capacity import check_room
+from kickdrift.checks import no_overflow, path_text, whole_number
 from kickdrift.coordinates import to_barycentric
 from kickdrift.errors import InputError
 from kickdrift.events.tables import events_of
+from kickdrift.files import SYSTEM_FILE_BYTES, content, unfit
 from kickdrift.forces import FORCES
-from kickdrift.forces.pair_law import PairForce
 from kickdrift.problem import Problem
 from kickdrift.schema import (
     ElementsTable,
@@ -28,7 +31,7 @@ from kickdrift.schema import (
     PositionsTable,
     SystemTable,
     checked,
-    force_table,
+    force_parameters,
     ode_table,
 )
 from kickdrift.state import Floats
@@ -94,8 +97,9 @@ def draws(data: dict[str, Any]) -> bool:
 
 def parsed(path: Path) -> tuple[str, dict[str, Any]]:
     """A system file's text, and what TOML makes of it; neither is checked further."""
+    stored = content(path, SYSTEM_FILE_BYTES, "a system file")
     with _named(f"{path}: "):
-        text = _text(path)
+        text = _text(stored)
         return text, _parsed(text)
 
 
@@ -115,21 +119,22 @@ def describe(path: str | os.PathLike[str]) -> Description:
     return Description(path.stem, path, str(data.get("title", comment)), str(data.get("units", "")))
 
 
+def is_shipped(name_or_path: str | os.PathLike[str]) -> bool:
+    """Whether it is the bare name of a system that ships; a file of that name is given as ./NAME."""
+    return isinstance(name_or_path, str) and Path(name_or_path).name == name_or_path and name_or_path in shipped()
+
+
 def find(name_or_path: str | os.PathLike[str]) -> Path:
     """The file that a name or path means; an InputError suggests the nearest name where there is none."""
-    given = os.fspath(name_or_path)
+    given = path_text("system", name_or_path)
     bare = isinstance(name_or_path, str) and Path(given).name == given and not given.endswith(".toml")
     known = shipped()
-    if bare and given in known:
+    if is_shipped(name_or_path):
         return known[given]
     path = Path(given)
-    try:
-        if path.is_file():
-            return path
-        what = "is a folder, not a system file" if path.is_dir() else "no such file"
-    except (OSError, ValueError) as error:
-        what = str(error)
-    if bare:
+    if (what := unfit(path, "a system file")) is None:
+        return path
+    if bare and not os.path.lexists(given):
         listed = f"{suggestion(given, known)} (shipped: {', '.join(known)})"
         raise InputError(f"{shown(given)} is neither a file nor a shipped system{listed}")
     raise InputError(f"{' '.join(given.split())}: {what}{suggestion(path.stem, known)}")
@@ -144,13 +149,11 @@ def _named(prefix: str) -> Iterator[None]:
         raise InputError(prefix + str(error)) from None
 
 
-def _text(path: Path) -> str:
+def _text(stored: bytes) -> str:
     try:
-        return path.read_text(encoding="utf-8-sig")
+        return TextIOWrapper(BytesIO(stored), encoding="utf-8-sig").read()
     except UnicodeDecodeError:
         raise InputError("not a text file in UTF-8") from None
-    except OSError as error:
-        raise InputError(f"cannot be read: {error.strerror}") from None
 
 
 def _parsed(text: str) -> dict[str, Any]:
@@ -160,10 +163,15 @@ def _parsed(text: str) -> dict[str, Any]:
         raise InputError(f"not valid TOML: {' '.join(str(error).split())}") from None
     except RecursionError:
         raise InputError("not valid TOML: nested too deeply") from None
+    except ValueError as error:  # an integer of thousands of digits
+        raise InputError(f"not valid TOML: {' '.join(str(error).split(';')[0].split())}") from None
 
 
 def _subject(data: dict[str, Any], path: Path, text: str, seed: int | None) -> System | Problem:
-    return _problem(data, path, text, seed) if "ode" in data else _system(data, path, text, seed)
+    if seed is not None:
+        seed = whole_number("seed", seed, 0)
+    with no_overflow():
+        return _problem(data, path, text, seed) if "ode" in data else _system(data, path, text, seed)
 
 
 def _problem(data: dict[str, Any], path: Path, text: str, seed: int | None) -> Problem:
@@ -253,16 +261,7 @@ def _force(given: dict[str, Any], units: UnitSystem, path: str) -> Any:
         hint = suggestion(name, FORCES)
         raise InputError(f"{path}.type: expected one of {', '.join(FORCES)}, got {shown(name)}{hint}")
     cls: Any = FORCES[name]
-    parameters = checked(force_table(cls), given, units, path).model_dump(exclude_unset=True)
-    del parameters["type"]
-    if "pairs" in parameters and issubclass(cls, PairForce):
-        pairs: dict[tuple[str, ...], Any] = {}
-        for k, pair in enumerate(parameters["pairs"]):
-            names = tuple(pair.pop("species"))
-            if names in pairs or names[::-1] in pairs:
-                raise InputError(f"{path}.pairs[{k}].species: the pair {'-'.join(names)} is given twice")
-            pairs[names] = pair
-        parameters["pairs"] = pairs
+    parameters = force_parameters(cls, given, units, path)
     with _named(f"{path}: "):
         return cls(**parameters)
 
@@ -298,12 +297,15 @@ def _start(table: SystemTable, units: UnitSystem, folder: Path, gravity: float |
                 if isinstance(particles, ElementsTable)
                 else cluster(particles, units, seed)
             )
+        if "\0" in particles.file:
+            raise InputError(f"file: expected the name of a file, got {shown(particles.file)}")
         with _named("file: "):
             return read_structure(folder / particles.file, units)
 
 
 def _on_lattice(particles: LatticeTable, lengths: list[float] | None, units: UnitSystem) -> Structure:
     count = particles.count
+    check_room("count", count)
     if isinstance(particles.species, dict):
         names = list(particles.species)
         if len(names) > 1 and particles.seed is None:
@@ -326,6 +328,8 @@ def _on_lattice(particles: LatticeTable, lengths: list[float] | None, units: Uni
 
 def _given(particles: PositionsTable, units: UnitSystem, gravity: float | None) -> Structure:
     n = len(particles.positions)
+    if isinstance(particles.species, dict) and len(particles.species) > 1:
+        raise InputError(f"species: expected one name or a list of {n}: fractions go with a lattice")
     species = list(particles.species) * n if isinstance(particles.species, dict) else particles.species
     if len(species) != n:
         raise InputError(f"species: expected one name or {n}, got {len(particles.species)}")

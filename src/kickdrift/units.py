@@ -15,6 +15,8 @@ from typing import Any
 
 from kickdrift import constants
 from kickdrift.errors import InputError
+from kickdrift.text import VALUE
+from kickdrift.text import shown as shown
 
 GM_SUN = 1.32712440040944e20  # m^3/s^2, DE421 (Folkner, Williams & Boggs 2009, IPN Progress Report 42-178)
 AU = constants.AU  # m, exact since IAU 2012; DE421's own is 0.37 m shorter, 7.5e-12 of G
@@ -67,8 +69,12 @@ _COMMON = (
     "eV meV keV J kJ cal kcal mol K mK bar atm Pa GPa hartree rydberg"
 )
 
+LONGEST = 200  # characters of a quantity
+
+# A number and its unit. Possessive quantifiers (++) never try a text twice, so that no text takes long to refuse.
+_QUANTITY = re.compile(r"([+-]?(?:\d++(?:\.\d*+)?|\.\d++)(?:[eE][+-]?\d++)?)\s*+(.*+)")
 # What is handed to pint's evaluator: names with small powers, products, quotients and brackets, and nothing else.
-_UNIT_TEXT = re.compile(r"(?:1(?=\s*/)|[(*/·\s]|(?:°?[^\W\d]+|\))(?:(?:\^|\*\*)?[+-]?\d{1,2}(?!\d))?)*")
+_UNIT_TEXT = re.compile(r"(?:1(?=\s*/)|[(*/·\s]|(?:°?[^\W\d]++|\))(?:(?:\^|\*\*)?[+-]?\d{1,2}(?!\d))?)*+")
 
 
 @dataclass(frozen=True)
@@ -145,12 +151,14 @@ def unit_system(name: str) -> UnitSystem:
         return UNIT_SYSTEMS[name]
     except (KeyError, TypeError):
         raise InputError(
-            f"units: expected one of {', '.join(UNIT_SYSTEMS)}, got {name!r}{suggestion(name, UNIT_SYSTEMS)}"
+            f"units: expected one of {', '.join(UNIT_SYSTEMS)}, got {shown(name)}{suggestion(name, UNIT_SYSTEMS)}"
         ) from None
 
 
 def suggestion(word: object, known: Any) -> str:
     """``; did you mean 'x'?`` where a known word is near, else nothing."""
+    if len(str(word)) > VALUE:
+        return ""
     near = difflib.get_close_matches(str(word).lower(), {str(k).lower(): k for k in known}, n=1, cutoff=0.6)
     return f"; did you mean {next(str(k) for k in known if str(k).lower() == near[0])!r}?" if near else ""
 
@@ -190,7 +198,7 @@ def quantity(value: Any, dimension: str, units: UnitSystem, key: str = "") -> fl
         raise InputError(f"{prefix}{expected}, got {shown(value)}")
     if units.reduced and dimension != "angle":
         raise InputError(f"{prefix}{units.name} quantities are plain numbers, got {shown(value)}")
-    match = re.fullmatch(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*", value)
+    match = _QUANTITY.fullmatch(value.strip()) if len(value) <= LONGEST else None
     if match is None:
         raise InputError(f"{prefix}{expected}{_example(dimension, units)}, got {shown(value)}")
     number, unit = float(match[1]), match[2]
@@ -212,12 +220,6 @@ def number_density(value: Any, units: UnitSystem, mass: float, key: str = "densi
         return quantity(value, "number density", units, key)
     except InputError:
         return quantity(value, "density", units, key) / mass
-
-
-def shown(value: object) -> str:
-    """The value as one short line, for a message."""
-    text = " ".join(repr(value).split())
-    return text if len(text) <= 60 else f"{text[:57]}..."
 
 
 def _powers(dimension: str) -> dict[str, int]:
@@ -266,15 +268,34 @@ def _convert(number: float, unit: str, dimension: str, units: UnitSystem, wrong:
         raise InputError(f"{prefix}cannot read the unit {shown(unit)}") from None
     given = registry.Quantity(number, parsed)
     try:
-        if dimension == "frequency" and "radian" in str(given.to_base_units().units):
-            raise InputError(f"{wrong}; a frequency counts cycles, not angles")
-        moles = given.dimensionality.get("[substance]", 0)
-        if moles:
-            given = given * registry.avogadro_constant**moles
+        if not _is_pure(registry, parsed, dimension):
+            hint = "; a frequency counts cycles, not angles" if dimension == "frequency" else ""
+            raise InputError(wrong + hint)
         if dimension == "energy" and given.dimensionality == {"[temperature]": 1}:
             return float(given.to("kelvin").magnitude) * units.boltzmann
+        moles = given.dimensionality.get("[substance]", 0)
+        if moles:
+            if moles != _moles(dimension):
+                raise InputError(wrong)
+            given = given * registry.avogadro_constant**moles
         return float(given.to(units.unit(dimension)).magnitude)
     except pint.PintError:
         raise InputError(wrong) from None
     except (OverflowError, ZeroDivisionError, ArithmeticError):
         return math.inf
+
+
+def _is_pure(registry: Any, unit: Any, dimension: str) -> bool:
+    """Whether no unit hides in this one that pint takes for the number 1, such as percent, bit or rad; an angle must be
+    radians (degrees, turns, …) and nothing else."""
+    root = registry.get_root_units(unit)[1]
+    if dimension == "angle":
+        return len(unit._units) == 1 and bool(root == registry.Unit("radian"))
+    return not any(registry.Unit(part).dimensionless for part in (*unit._units, *root._units))
+
+
+def _moles(dimension: str) -> int:
+    """The power of an amount of substance that a quantity of this dimension may have: energies and masses per mole, and
+    moles per volume."""
+    name = dimension.replace("_", " ")
+    return 1 if name == "number density" else -1 if name == "mass" or "E" in DIMENSIONS[name] else 0

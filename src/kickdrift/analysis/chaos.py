@@ -22,6 +22,7 @@ from kickdrift.errors import InputError
 from kickdrift.forces.variations import varied
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators import integrator as method_named
+from kickdrift.limits import steps_in
 from kickdrift.observers import Energies
 from kickdrift.simulation import Simulation
 from kickdrift.state import Floats
@@ -282,7 +283,7 @@ def first_deviation(n: int, seed: int) -> Floats:
 
 def cadence(length: float, dt: float) -> tuple[int, int]:
     """How many steps to take, and how many from look to look."""
-    steps = max(1, round(length / dt))
+    steps = max(1, round(steps_in("time", length, dt)))
     return steps, max(1, steps // LOOKS)
 
 

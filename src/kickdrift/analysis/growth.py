@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from kickdrift.analysis.drift import drift
+from kickdrift.analysis.drift import drift, rounding_of
 from kickdrift.state import Floats
 
 WINDOWS, LEAST_WINDOWS = 8, 7
@@ -24,7 +24,8 @@ class Growth:
     exponent, exponent_error : p of error ~ t^p and its standard error, fitted to the largest errors in the last six of
         eight windows of the pilot; of positions
     drift : at most, of the relative energy error per unit of time: slope and half-width of its 95 % interval together
-    verdict : of the energy's drift, "bounded", "secular drift", "random walk" or "not resolvable"
+    verdict : of the energy's drift, "bounded", "secular drift", "random walk", "round-off" or "not
+        resolvable"
     """
 
     exponent: float | None = None
@@ -38,9 +39,9 @@ class Growth:
         if ratio <= 1.0:
             return 1.0
         if self.drift is not None:
-            if not np.isfinite(self.drift):
+            if self.verdict == "not resolvable" or not np.isfinite(self.drift):
                 return None
-            wander = np.sqrt(ratio) if self.verdict == "random walk" else 1.0
+            wander = np.sqrt(ratio) if self.verdict in ("random walk", "round-off") else 1.0
             return float(np.hypot(wander, self.drift * length / np.sqrt(3.0) / error))
         if self.exponent is None or self.exponent_error is None:
             return None
@@ -69,5 +70,5 @@ def energy_growth(times: Floats, energies: Floats, errors: Floats) -> Growth:
     """How much the energy drifts, by the regression that knows of autocorrelation (``analysis.drift``)."""
     largest = float(np.abs(energies - energies[0]).max())
     scale = largest / float(errors.max()) if largest > 0 else 1.0
-    trend = drift(times, (energies - energies[0]) / scale)
+    trend = drift(times, (energies - energies[0]) / scale, rounding_of(energies[0], len(times)) / scale)
     return Growth(drift=abs(trend.slope) + trend.error, verdict=trend.verdict)

@@ -170,6 +170,8 @@ def gravity_of(run: reader.Run) -> float | None:
     for force in run.system_record["forces"]:
         if isinstance(force["parameters"], dict) and "G" in force["parameters"]:
             given = force["parameters"]["G"]
+            if not (given is None or (isinstance(given, int | float) and abs(given) < np.inf)):
+                raise InputError(f"{run.path}: damaged: the gravitational constant of its record is no number")
             return run.units.gravity if given is None else float(given)
     return None
 

@@ -112,7 +112,7 @@ def tolerances(subject: Subject, start: Any, rtol: float, name: str) -> dict[str
         return {"rtol": rtol}
     given = subject.run
     if given.rtol and given.atol:
-        return {"rtol": rtol, "atol": rtol * given.atol / given.rtol}
+        return {"rtol": rtol, "atol": float(np.min(rtol * np.asarray(given.atol) / given.rtol))}
     y = vector(start)
     halves = y.reshape(2, -1) if isinstance(subject, System) or subject.separable else y.reshape(1, -1)
     sizes = [float(np.sqrt(np.mean(half**2))) for half in halves]

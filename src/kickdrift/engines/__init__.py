@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 from kickdrift.errors import InputError
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators.method import MIXED
+from kickdrift.units import shown
 
 if TYPE_CHECKING:
     from kickdrift.engines.session import Job
@@ -67,7 +68,7 @@ class Engine:
 
     def method_name(self, name: str) -> str:
         """Our name of a method that was asked for by its name there, where ours has no method of that name."""
-        if name in INTEGRATORS:
+        if not isinstance(name, str) or name in INTEGRATORS:
             return name
         return next((ours for ours, theirs in self.methods.items() if theirs == name), name)
 
@@ -154,7 +155,7 @@ ENGINES: dict[str, Engine] = {
 def engine(name: str) -> Engine:
     """The engine of that name; an unknown one is an InputError that lists the names."""
     if not isinstance(name, str) or name not in ENGINES:
-        raise InputError(f"engine {name!r} is not one of {', '.join(ENGINES)}")
+        raise InputError(f"engine {shown(name)} is not one of {', '.join(ENGINES)}")
     return ENGINES[name]
 
 

@@ -41,9 +41,11 @@ class Processes:
             listening.bind(str(folder / "socket"))
             listening.listen(count)
             listening.settimeout(POLL_SECONDS)
-            path = os.pathsep.join([str(Path(kickdrift.__file__).parents[1]), os.environ.get("PYTHONPATH", "")])
+            folders = [str(Path(kickdrift.__file__).parents[1]), os.environ.get("PYTHONPATH", "")]
+            path = os.pathsep.join(each for each in folders if each)
             environment = {k: v for k, v in os.environ.items() if not k.startswith(("PMI_", "HYDRA_"))}
             environment |= {SOCKET: str(folder / "socket"), "PYTHONPATH": path, "OMP_NUM_THREADS": "1"}
+            environment["PYTHONSAFEPATH"] = "1"  # no module from the current folder, which may be anybody's
             words = [str(program), "-n", str(count), sys.executable, "-m", "kickdrift.engines.lammps_worker"]
             try:
                 self._process = subprocess.Popen(

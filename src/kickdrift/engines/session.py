@@ -28,7 +28,7 @@ from kickdrift.state import Floats
 if TYPE_CHECKING:
     from kickdrift.engines import Engine
     from kickdrift.integrators.method import Method
-    from kickdrift.integrators.stepping import Options
+    from kickdrift.integrators.options import Options
     from kickdrift.system import System
 
 

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 import kickdrift
+from kickdrift.capacity import PROCESS_BYTES, check_room
 from kickdrift.ensemble import running
 from kickdrift.ensemble import table as tables
 from kickdrift.ensemble.keys import path_of
@@ -25,8 +26,9 @@ from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators import integrator as method_named
 from kickdrift.integrators.method import Method
 from kickdrift.integrators.registration import REGISTERED
+from kickdrift.limits import whole_number
 from kickdrift.problem import Problem
-from kickdrift.run_plan import whole_number
+from kickdrift.run_plan import check_run
 from kickdrift.schema import RunTable
 from kickdrift.system import System
 from kickdrift.systemfile import find, parsed
@@ -91,6 +93,7 @@ class Ensemble:
         if replicas > 1 and not drawn:
             raise InputError(f"replicas: all {replicas} would be the same run: {self.name} leaves nothing to a seed")
         one = self._a_system()
+        check_run(one.run)
         self._units = one.units.name if isinstance(one, System) else ""
         self._recipe = self._recipe.knowing(self._registered(one))
 
@@ -134,6 +137,7 @@ class Ensemble:
         """
         if workers is not None:
             workers = whole_number("workers", workers, 1)
+            check_room("ensemble", workers, "workers", PROCESS_BYTES, "give fewer")
         recipe = self._recipe if trajectories is None else self._recipe.writing(trajectories)
         if output is None:
             recipe.refuse_frames(overwrite)
@@ -222,6 +226,7 @@ class Ensemble:
         """The rows of members as they are done, from the client or from processes of its own."""
         if not todo:
             return
+        workers = workers and min(workers, len(todo))
         with running.workers(workers) if client is None else nullcontext(client) as own:
             yield from running.rows(recipe, self.members, todo, own)
 

@@ -7,6 +7,7 @@ from copy import deepcopy
 from typing import Any
 
 from kickdrift.errors import InputError
+from kickdrift.limits import whole_text
 from kickdrift.schema import RunTable
 from kickdrift.units import shown, suggestion
 
@@ -58,10 +59,10 @@ def _index(place: Any, part: str, key: str) -> Any:
         return part
     if not isinstance(place, list):
         raise InputError(f"vary: {key}: {part!r} stands in {shown(place)}, which is no table or list")
-    if part.isdecimal():
-        if int(part) >= len(place):
+    if (number := whole_text(part)) is not None:
+        if number >= len(place):
             raise InputError(f"vary: {key}: there is no [{part}] in a list of {len(place)}, which are counted from 0")
-        return int(part)
+        return number
     called = [next((each[name] for name in _NAMES if name in each), "") for each in place if isinstance(each, dict)]
     if part not in called:
         raise InputError(f"vary: {key}: no entry is called {part!r}{suggestion(part, called)}")

@@ -10,9 +10,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from kickdrift.capacity import check_room
 from kickdrift.errors import InputError
-from kickdrift.units import shown
+from kickdrift.limits import whole_text
+from kickdrift.text import shown
 
+VALUE_BYTES = 32  # of memory that a value of a grid takes
+ROW_BYTES = 3000  # and a member's row
 DRAWS = ("uniform", "normal", "log-uniform")
 SPELLINGS = (
     "START:STOP:COUNT, log:START:STOP:COUNT, A,B,C, uniform:LOW:HIGH, normal:MEAN:DEVIATION or log-uniform:LOW:HIGH"
@@ -91,7 +95,9 @@ def members_of(vary: Mapping[str, Any], replicas: int, seed: int) -> Members:
             draws[key] = _checked(key, found)
         else:
             grids[key] = _grid(key, found)
-    return Members(grids, draws, int(replicas), int(seed))
+    found = Members(grids, draws, int(replicas), int(seed))
+    check_room("ensemble", found.points * found.replicas, "members", ROW_BYTES, "give fewer")
+    return found
 
 
 def spelled(key: str, text: str) -> list[Any] | Draw:
@@ -111,12 +117,16 @@ def spelled(key: str, text: str) -> list[Any] | Draw:
     if len(parts) != 3:
         raise InputError(f"vary: {key}: expected {SPELLINGS}, got {shown(text)}")
     start, stop = _number(key, parts[0]), _number(key, parts[1])
-    if not parts[2].isdigit() or int(parts[2]) < 1:
+    count = whole_text(parts[2])
+    if not count:
         raise InputError(f"vary: {key}: COUNT must be a whole number, one or more, got {shown(parts[2])}")
     if kind == "log" and not min(start, stop) > 0:
         raise InputError(f"vary: {key}: log takes positive numbers, got {shown(text)}")
-    values = (np.geomspace if kind == "log" else np.linspace)(start, stop, int(parts[2])).tolist()
-    whole = all(part.lstrip("-").isdigit() for part in parts) and all(value.is_integer() for value in values)
+    check_room(f"vary: {key}", count, "values", VALUE_BYTES, "give a smaller COUNT")
+    with np.errstate(all="ignore"):  # ends too far apart give values that are not finite, which are refused later
+        values = (np.geomspace if kind == "log" else np.linspace)(start, stop, count).tolist()
+    whole = all(whole_text(part.removeprefix("-")) is not None for part in parts)
+    whole = whole and all(value.is_integer() for value in values)
     return [int(value) for value in values] if whole else values
 
 
@@ -148,6 +158,8 @@ def _checked(key: str, draw: Draw) -> Draw:
         raise InputError(f"vary: {key}: a standard deviation is zero or more, got {high:g}")
     if draw.kind != "normal" and not low < high:
         raise InputError(f"vary: {key}: expected the low end before the high one, got {low:g} and {high:g}")
+    if not np.isfinite(high - low):
+        raise InputError(f"vary: {key}: the low end {low:g} and the high one {high:g} are too far apart")
     if draw.kind == "log-uniform" and not low > 0:
         raise InputError(f"vary: {key}: log-uniform takes positive numbers, got {low:g}")
     return draw

@@ -81,7 +81,7 @@ class SystemMaker:
             made = made(**own, **({"seed": seed} if "seed" in taken and "seed" not in own else {}))
             if not isinstance(made, System | Problem):
                 raise InputError(f"{self.name}(): returned a {type(made).__name__}, no System")
-        return made.with_run(**run) if isinstance(made, System) else made
+        return made.with_run(**run)
 
 
 @dataclass(frozen=True)

@@ -6,14 +6,17 @@ than keeps the workers busy, so that an ensemble of any size fits into memory.
 
 from __future__ import annotations
 
+import atexit
 import logging
+import os
 import sys
 import uuid
 from collections import deque
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from functools import partial
 from itertools import count, islice
+from multiprocessing import active_children, resource_tracker
 from time import monotonic
 from typing import Any
 
@@ -22,6 +25,7 @@ from kickdrift.ensemble.recipe import Recipe
 from kickdrift.ensemble.rows import FAILED, LOST, Row, row_of
 from kickdrift.ensemble.work import check, packed, timed_members
 from kickdrift.errors import InputError, RunError
+from kickdrift.interrupt import whole
 from kickdrift.printing import counted
 
 PATIENCE = 10.0  # seconds for a scheduler to answer
@@ -60,22 +64,65 @@ def workers(number: int | None = None, scheduler: str | None = None) -> Iterator
             with client:
                 yield client
         return
+    quiet_tracker()  # where it starts it lets this thread hear Ctrl-C
     with (
         _nobody_imports_main(),
         dask.config.set(LOCAL),
         silent("distributed"),
         silent("distributed.client"),
-        distributed.LocalCluster(
+        ExitStack() as stack,
+    ):
+        try:
+            with whole():
+                cluster = stack.enter_context(_cluster(number))
+                client = stack.enter_context(distributed.Client(cluster, set_as_default=False))
+            yield client
+        finally:
+            with whole():
+                stack.close()
+
+
+def _cluster(number: int | None) -> Any:
+    """New processes on this machine; a RunError where one of them dies before all are there."""
+    import distributed
+
+    try:
+        return distributed.LocalCluster(
             n_workers=number,
             threads_per_worker=1,
             processes=True,
             silence_logs=logging.CRITICAL,
             dashboard_address="127.0.0.1:0",  # one that is free; None means 8787, and a warning where it is taken
             preload="kickdrift.ensemble.preload",
-        ) as cluster,
-        distributed.Client(cluster, set_as_default=False) as client,
-    ):
-        yield client
+        )
+    except (RuntimeError, OSError) as error:
+        raise RunError(f"ensemble: the workers cannot be started: {_line(error)}") from None
+    except KeyboardInterrupt:  # the second; at the end of Python a cluster that is not there yet prints tracebacks
+        atexit.unregister(distributed.deploy.spec.close_clusters)
+        logging.getLogger("distributed").setLevel(logging.CRITICAL + 1)
+        for child in active_children():
+            child.kill()
+            child.join()
+        raise
+
+
+def quiet_tracker() -> None:
+    """Start the process in which Python tracks semaphores, with no standard error.
+
+    After a worker was killed that process prints tracebacks of semaphores that are gone.
+    """
+    try:
+        error = os.dup(2)
+    except OSError:  # there is no standard error
+        return
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(nowhere, 2)
+        resource_tracker.ensure_running()
+    finally:
+        os.dup2(error, 2)
+        os.close(error)
+        os.close(nowhere)
 
 
 @contextmanager

@@ -3,7 +3,6 @@ end one Parquet or HDF5 file with all provenance."""
 
 from __future__ import annotations
 
-import fcntl
 import json
 import os
 import tempfile
@@ -13,8 +12,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from kickdrift.ensemble.rows import LAST, LOST, MEMBER
+from kickdrift import kinds
+from kickdrift.ensemble.lock import Lock
+from kickdrift.ensemble.rows import DONE, FAILED, LAST, LOST, MEMBER
 from kickdrift.errors import InputError, RunError
+from kickdrift.files import descriptor, opened, refuse_unfit
 from kickdrift.outputs import checked_target, reason, written_whole
 
 if TYPE_CHECKING:
@@ -22,9 +24,11 @@ if TYPE_CHECKING:
 
     from kickdrift.ensemble.rows import Row
 
-SUFFIXES = (".parquet", ".h5")
+SUFFIXES = kinds.TABLE.suffixes
 PROVENANCE = "kickdrift"  # the name under which it stands in a file, and in a table's ``attrs``
 TEXTS = ("status", "error", "integrator", "energy_verdict", "verdict", "stopped", "warnings")  # "" where there is none
+SCALARS = (bool, int, float, str, list, type(None))  # what a cell may hold
+STATUSES = (DONE, FAILED, LOST)
 WHOLE = 2**63  # numbers from here on are floats
 
 
@@ -73,6 +77,13 @@ def records(table: DataFrame) -> list[Row]:
     return rows
 
 
+def _is_row(row: Any) -> bool:
+    """Whether it is a member's row, as far as the ensemble looks into it."""
+    if not (isinstance(row, dict) and all(isinstance(value, SCALARS) for value in row.values())):
+        return False
+    return type(row.get(MEMBER)) is int and row[MEMBER] >= 0 and row.get("status") in STATUSES
+
+
 def journal_of(output: Path) -> Path:
     """Where the journal of a table is."""
     return output.with_name(f"{output.name}.journal")
@@ -89,19 +100,15 @@ class Journal:
         self._lock: Any = None
 
     def __enter__(self) -> Journal:
-        self._lock = self.path.with_suffix(".lock").open("w")
-        try:
-            fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            self._lock.close()
-            raise InputError(f"{self.output}: another process is at work on it") from None
+        self._lock = Lock(self.path.with_suffix(".lock"), self.output)
         return self
 
     def __exit__(self, *_: object) -> None:
-        if self._file:
-            self._file.close()
-        self.path.with_suffix(".lock").unlink(missing_ok=True)
-        self._lock.close()
+        try:
+            if self._file:
+                self._file.close()
+        finally:
+            self._lock.release()
 
     def known(self) -> dict[int, Row]:
         """The members that are done already, by number, from the journal or the output; those whose workers died are
@@ -110,10 +117,13 @@ class Journal:
         if began is None and self.output.exists():
             table = read(self.output)
             began, found = table.attrs[PROVENANCE], records(table)
+            if not all(map(_is_row, found)):
+                raise InputError(f"{self.output}: is no table of an ensemble, or was damaged")
         if began is None:
             return {}
+        then = began.get("identity")
         for key, here in self.provenance["identity"].items():
-            if began.get("identity", {}).get(key) != here:
+            if not isinstance(then, dict) or then.get(key) != here:
                 raise InputError(f"{self.output}: holds an ensemble with another {key}; give --overwrite to begin anew")
         known = {row[MEMBER]: row for row in found if row["status"] != LOST}
         count = self.provenance["members"]
@@ -127,29 +137,31 @@ class Journal:
 
     def _read(self) -> tuple[dict[str, Any] | None, list[Row]]:
         """The provenance of the ensemble that was begun here, and its rows; what a kill cut short is left out."""
-        try:
-            lines = self.path.read_bytes().split(b"\n")[:-1]
-        except FileNotFoundError:
+        if not os.path.lexists(self.path):
             return None, []
+        with opened(self.path) as file:
+            lines = file.read().split(b"\n")[:-1]
         try:
             first, *rows = [json.loads(line) for line in lines]
-        except ValueError:
-            raise InputError(
-                f"{self.path}: is no journal of an ensemble, or was damaged; take it away, or give --overwrite"
-            ) from None
+        except (ValueError, RecursionError):
+            first, rows = None, []
+        if not isinstance(first, dict) or not all(map(_is_row, rows)):
+            raise InputError(f"{self.path}: is no journal of an ensemble, or was damaged; take it away")
         return first, rows
 
     def begin(self, rows: Iterable[Row]) -> None:
         """Open it, with these rows in it."""
-        with written_whole(self.path) as part:
+        with written_whole(self.path, kinds.JOURNAL, overwrite=True) as part:
             part.write_text("".join(json.dumps(each) + "\n" for each in (self.provenance, *rows)), encoding="utf-8")
-        self._file = self.path.open("a", encoding="utf-8")
+        flags = os.O_WRONLY | os.O_APPEND | getattr(os, "O_NOFOLLOW", 0)
+        self._file = open(self.path, "ab", buffering=0, opener=lambda name, _: descriptor(name, flags))  # noqa: SIM115
 
     def append(self, rows: Iterable[Row]) -> None:
         """Add rows; once this returns a kill of the process does not lose them."""
         try:
-            self._file.write("".join(json.dumps(row) + "\n" for row in rows))
-            self._file.flush()
+            lines = memoryview("".join(json.dumps(row) + "\n" for row in rows).encode())
+            while lines:
+                lines = lines[self._file.write(lines) :]
         except OSError as error:
             raise RunError(f"{self.path}: cannot be written: {reason(error)}") from None
 
@@ -161,7 +173,7 @@ class Journal:
 
 def write(table: DataFrame, output: Path) -> None:
     """Write the table in a file, whole or not at all; what is there is replaced."""
-    with written_whole(output) as part:
+    with written_whole(output, kinds.TABLE, overwrite=True) as part:
         if output.suffix.lower() == ".parquet":
             table.to_parquet(part, index=False)
         else:
@@ -173,20 +185,22 @@ def read(path: str | os.PathLike[str]) -> DataFrame:
     path = Path(path)
     if path.suffix.lower() not in SUFFIXES:
         raise InputError(f"{path}: the table of an ensemble ends in {' or '.join(SUFFIXES)}")
-    if not path.is_file():
-        raise InputError(f"{path}: no such file")
+    refuse_unfit(path)
     try:
         table = _read_parquet(path) if path.suffix.lower() == ".parquet" else _read_hdf5(path)
-    except (OSError, ValueError, KeyError) as error:
+    except InputError:
+        raise
+    except (OSError, ArithmeticError, LookupError, NotImplementedError, TypeError, ValueError) as error:
         raise InputError(f"{path}: cannot be read: {' '.join(str(error).split())}") from None
-    if PROVENANCE not in table.attrs:
+    if not isinstance(table.attrs.get(PROVENANCE), dict) or not {MEMBER, "status"} <= set(table.columns):
         raise InputError(f"{path}: is no table of an ensemble")
     return table
 
 
 def checked_output(output: str | os.PathLike[str]) -> Path:
     """The path of a table to be written or gone on with."""
-    path = checked_target(output, "the table of an ensemble", SUFFIXES, overwrite=True)
+    path = checked_target(output, kinds.TABLE, overwrite=True)
+    checked_target(journal_of(path), kinds.JOURNAL._replace(ours=lambda head, tail: True), overwrite=True)
     try:
         with tempfile.TemporaryFile(dir=path.parent):
             return path
@@ -197,13 +211,16 @@ def checked_output(output: str | os.PathLike[str]) -> Path:
 def _read_parquet(path: Path) -> DataFrame:
     import pandas as pd
 
-    return pd.read_parquet(path)
+    with opened(path) as file:
+        return pd.read_parquet(file)
 
 
 def _write_hdf5(table: DataFrame, path: Path) -> None:
     import h5py
 
-    with h5py.File(path, "w") as file:
+    from kickdrift.trajectory.opening import created
+
+    with created(path) as file:
         file.attrs[PROVENANCE] = json.dumps(table.attrs[PROVENANCE])
         file.attrs["columns"] = list(table.columns)
         for name in table.columns:
@@ -227,7 +244,9 @@ def _read_hdf5(path: Path) -> DataFrame:
     import h5py
     import pandas as pd
 
-    with h5py.File(path, "r") as file:
+    from kickdrift.trajectory.opening import open_to_read
+
+    with open_to_read(path) as file:
         columns: dict[str, Any] = {}
         for name in file.attrs["columns"]:
             dataset = file[_dataset(name)]

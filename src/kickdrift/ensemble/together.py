@@ -17,7 +17,8 @@ from kickdrift.ensemble.rows import DONE, Row, megno_columns, row_of, run_column
 from kickdrift.errors import KickdriftError
 from kickdrift.forces.simd import WIDTH
 from kickdrift.integrators import integrator
-from kickdrift.integrators.stepping import Options
+from kickdrift.integrators.options import Options
+from kickdrift.limits import steps_in
 from kickdrift.problem import Problem
 from kickdrift.system import System
 
@@ -82,8 +83,9 @@ def _steps(system: System) -> int | None:
         return None
     if run.time is None or run.dt is None:
         return run.steps
-    steps = round(run.time / run.dt)
-    return steps if abs(run.time / run.dt - steps) <= NEAR else None
+    exact = steps_in("time", run.time, run.dt)
+    steps = round(exact)
+    return steps if abs(exact - steps) <= NEAR else None
 
 
 def _megno_steps(system: System) -> int:

@@ -9,10 +9,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from types import NoneType
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
+from kickdrift.capacity import check_room
+from kickdrift.checks import is_number, number, positive
 from kickdrift.errors import InputError
 from kickdrift.units import shown, suggestion
 
@@ -24,6 +27,7 @@ if TYPE_CHECKING:
 Body = str | int
 Radii = float | Sequence[float] | Mapping[str, float]
 LINES = 20  # of events that are shown
+PAIR_BYTES = 200  # of a pair of bodies that is watched
 NAME_BYTES = 64  # of an event's name in a run's file
 
 
@@ -85,14 +89,14 @@ class Collision:
 
     def __post_init__(self) -> None:
         _one_of(self.kind, "action", self.action, self.actions)
-        if not (_is_number(self.restitution) and 0 <= self.restitution <= 1):
+        if not (is_number(self.restitution) and 0 <= self.restitution <= 1):
             raise InputError(f"{self.kind}: restitution must be a number from 0 to 1, got {shown(self.restitution)}")
         if self.restitution != 1 and self.action != "bounce":
             raise InputError(f"{self.kind}: restitution is for action 'bounce', not {self.action!r}")
         values = self.radii.items() if isinstance(self.radii, Mapping) else enumerate(_listed(self.radii))
         for key, radius in values:
-            if not (_is_number(radius) and math.isfinite(radius) and radius >= 0):
-                which = "" if _is_number(self.radii) else f"[{key}]"
+            if not (math.isfinite(number(radius)) and radius >= 0):
+                which = "" if is_number(self.radii) else f"[{key}]"
                 raise InputError(f"{self.kind}: radii{which} must be a length, zero or more, got {shown(radius)}")
 
     def radii_in(self, system: System) -> Floats:
@@ -107,7 +111,7 @@ class Collision:
             for name, radius in given.items():
                 radii[index_of(system, name, f"{self.kind}: radii")] = radius
             return radii
-        if _is_number(given):
+        if is_number(given):
             return np.full(n, float(given))  # type: ignore[arg-type]
         if len(given) != n:  # type: ignore[arg-type]
             raise InputError(f"{self.kind}: radii: expected one number or {n}, got {len(given)}")  # type: ignore[arg-type]
@@ -151,6 +155,9 @@ class Between:
     body: Body
     about: Body
 
+    def __post_init__(self) -> None:
+        _one_of("crossing", "quantity", self.quantity, ("approach", "height"))
+
 
 @dataclass(frozen=True)
 class Crossing:
@@ -182,7 +189,7 @@ class Crossing:
             raise InputError(f"crossing {self.name!r}: function must be callable, got {shown(self.function)}")
         if self.direction not in (-1, 0, 1):
             raise InputError(f"crossing {self.name!r}: direction must be -1, 0 or 1, got {shown(self.direction)}")
-        if not (_is_number(self.tolerance) and 0 < self.tolerance < 1):
+        if not (is_number(self.tolerance) and 0 < self.tolerance < 1):
             raise InputError(f"crossing {self.name!r}: tolerance must lie between 0 and 1, got {shown(self.tolerance)}")
 
     @property
@@ -251,6 +258,8 @@ def checked_events(subject: System | Problem, events: Iterable[Event]) -> tuple[
             continue
         if subject.box.periodic:
             raise InputError(f"{event.kind}: events need open space, and the box is periodic")
+        if isinstance(event, CloseApproach | Collision):
+            check_room(event.kind, len(subject) * (len(subject) - 1) // 2, "pairs of bodies", PAIR_BYTES)
         if isinstance(event, CloseApproach):
             bodies = [index_of(subject, body, f"{event.kind}: bodies") for body in event.bodies or ()]
             if len(set(bodies)) < len(bodies):
@@ -285,10 +294,26 @@ def event_lines(events: Sequence[dict[str, Any]]) -> list[tuple[str, str]]:
     return rows
 
 
+_NUMBER = (int, float)
+_ROW: dict[str, Any] = {
+    "kind": str, "time": _NUMBER, "step": int, "bodies": list, "ids": list, "distance": (*_NUMBER, NoneType),
+    "energy": (*_NUMBER, NoneType), "done": str,
+}  # fmt: skip
+
+
+def is_row(row: Any) -> bool:
+    """Whether a row that comes from a file is an entry of the log of events."""
+    if not (isinstance(row, dict) and row.keys() == _ROW.keys()):
+        return False
+    return all(isinstance(row[key], kind) for key, kind in _ROW.items()) and all(
+        isinstance(each, kind) for key, kind in (("bodies", str), ("ids", int)) for each in row[key]
+    )
+
+
 def _listed(radii: Any) -> Sequence[Any]:
     if radii is None:
         return []
-    if _is_number(radii):
+    if is_number(radii):
         return [radii]
     if isinstance(radii, str):
         raise InputError(f"collision: radii must be lengths, got {shown(radii)}")
@@ -310,16 +335,11 @@ def _several(kind: str, bodies: Any) -> tuple[Body, ...]:
     return found
 
 
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float | np.number) and not isinstance(value, bool)
-
-
 def _positive(kind: str, key: str, value: Any) -> None:
-    if not (_is_number(value) and math.isfinite(value) and value > 0):
-        raise InputError(f"{kind}: {key} must be a positive number, got {shown(value)}")
+    positive(f"{kind}: {key}", value)
 
 
 def _one_of(kind: str, key: str, value: Any, allowed: Sequence[str]) -> None:
-    if value not in allowed:
+    if not (isinstance(value, str) and value in allowed):
         hint = suggestion(value, allowed) if isinstance(value, str) else ""
         raise InputError(f"{kind}: {key} must be one of {', '.join(allowed)}, got {shown(value)}{hint}")

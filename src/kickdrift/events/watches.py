@@ -13,7 +13,7 @@ from kickdrift.errors import RunError
 from kickdrift.events import Between, CloseApproach, Collision, Crossing, Escape, binding, index_of
 from kickdrift.events.encounters import CLOSEST, contacts, crossings, passages, unbound
 from kickdrift.forces.central import gravitational_constant
-from kickdrift.memory import Remembering
+from kickdrift.memory import Memory, Remembering
 from kickdrift.state import Floats
 from kickdrift.system import System
 
@@ -210,6 +210,11 @@ class Contacts(Remembering):
         return Act(self.event, time, (i, j), gap(time) + reach)
 
     follow = begin
+
+    def recall(self, memory: Memory) -> None:
+        """Be what had this memory, of the bodies that are left."""
+        self.radii = np.zeros(len(self._system))
+        super().recall(memory)
 
     def touch(self, bodies: tuple[int, ...]) -> None:
         """Known from now on, until they are apart."""

@@ -2,7 +2,9 @@
 
 It stands where the Simulation has the method's own stepper and uses nothing of that but the ``Stepper`` protocol. What
 is searched is always a whole step of the method, whatever a run looks at in between, so that neither looks nor the
-pieces that a run is cut into change what is found, when, or the run's bits. What is found beyond the present of an
+pieces that a run is cut into change what is found, when, or the run's bits. One exception: where f depends on time and
+the method chooses its steps, the last step of a run until some time ends there, because f may have no value beyond.
+What is found beyond the present of an
 adaptive run, which may lie inside a step, waits until the present has come there.
 """
 
@@ -15,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from kickdrift.errors import InputError, RunError
-from kickdrift.events import CloseApproach, Collision, Crossing, Escape, Event
+from kickdrift.events import CloseApproach, Collision, Crossing, Escape, Event, is_row
 from kickdrift.events.collisions import bounced, joined, merged, without
 from kickdrift.events.watches import Act, Approaches, Contacts, Crossings, Escapes, Row, Span, entry
 from kickdrift.flow import flow_of
@@ -42,6 +44,7 @@ class WatchedStepper:
     stopped : what ended the run, "" where nothing did; whoever runs on clears it
     absorbed : of each body that left, by id, the id of the one that took it up, or ``NEVER_BACK``
     horizon : no look at the run before its next ``advance`` is later than this
+    end : f is evaluated at no later time: the step that would lead beyond it is cut off there, and searched like others
     first : the system with all its bodies, those that have left too
     writer : where events go besides the Simulation's record
     acting : whether any of the events may change what is conserved
@@ -51,7 +54,7 @@ class WatchedStepper:
         self._sim, self.inner = sim, inner
         self.first = sim.system  # with all its bodies
         self.stopped = ""
-        self.horizon = np.inf
+        self.horizon = self.end = np.inf
         self.absorbed: dict[int, int] = {}
         self.writer: Any = None
         self.acting = any(getattr(event, "action", "log") in ("merge", "bounce", "remove") for event in events)
@@ -176,11 +179,16 @@ class WatchedStepper:
         if system is not self._sim.system:
             self.inner = self._sim.stepper_for(system)
             self._aside()
+        flow: Any = self._sim._flow
+        if memory["y"].shape != flow.array(system.state).shape:
+            raise InputError("checkpoint: y has another shape than in a run of this system")
         self.inner.recall(memory)
         self.begin()
         for watch, known in zip(self._watches, events["watches"], strict=True):
             watch.recall(known)
         self._waiting = [(due, row) for due, row in events["waiting"]]
+        if not all(isinstance(due, int | float) and is_row(row) for due, row in self._waiting):
+            raise InputError("checkpoint: what its events wait for are none")
         if (act := events["act"]) is not None:
             event, span = self._acting[act["event"]], events["span"]
             self._act = Act(event, act["time"], tuple(act["bodies"]), act["distance"])
@@ -219,10 +227,20 @@ class WatchedStepper:
     def _step(self) -> int:
         inner = self.inner
         before, begin, done = inner.y.copy(), inner.time, inner.steps_done
-        status = inner.advance(1, np.inf)
+        status = self._one_step()
         if status == OK and inner.steps_done > done:
             self._search(before, begin, inner.y, inner.time)
         return status
+
+    def _one_step(self) -> int:
+        inner: Any = self.inner
+        done, inner.end = inner.steps_done, self.end
+        status = inner.advance(1, np.inf)
+        if status == OK and inner.steps_done == done and self.end < np.inf:
+            inner.clip = True
+            status = inner.advance(1, np.inf)
+            inner.clip = False
+        return int(status)
 
     def _search(self, y0: Floats, t0: float, y1: Floats, t1: float) -> None:
         """Log what happened in a span, up to the first event that changes the bodies, and keep that one."""

@@ -8,6 +8,7 @@ from kickdrift.forces.fields import DrivenField, HarmonicTrap, LinearDrag, Sprin
 from kickdrift.forces.gravity import Gravity
 from kickdrift.forces.lennard_jones import LennardJones
 from kickdrift.forces.oblateness import Oblateness
+from kickdrift.forces.registration import registered
 from kickdrift.forces.relativity import PostNewtonian
 from kickdrift.forces.tree import GravityTree
 
@@ -24,6 +25,13 @@ _ALL: tuple[Any, ...] = (
     LinearDrag,
 )
 FORCES: dict[str, Any] = {force.name: force for force in _ALL}
+_OWN = {(force.__module__, force.__qualname__): force for force in _ALL}
+
+
+def force_class(module: str, name: str) -> Any:
+    """The class of force of that module and qualified name, where it is kickdrift's or registered; else None."""
+    return _OWN.get((module, name)) or registered(module, name)
+
 
 __all__ = [
     "FORCES",
@@ -37,4 +45,5 @@ __all__ = [
     "PostNewtonian",
     "Springs",
     "UniformField",
+    "force_class",
 ]

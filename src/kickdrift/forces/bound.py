@@ -6,14 +6,18 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
+from numba.core.errors import NumbaError
 
+from kickdrift.checks import number
 from kickdrift.errors import InputError
 from kickdrift.forces.clusters import BUILT, JUMPS_ALLOWED, OUTER_BUILDS, PRUNES
 from kickdrift.forces.evaluate import SLOTS, derivative, measure
 from kickdrift.forces.kernel import GROW, OK
+from kickdrift.forces.law_check import not_compiled
 from kickdrift.forces.pair_kernel import PairKernel, grown, memory, ready, recalled, thinned, tuned
 from kickdrift.forces.pair_law import PairForce
 from kickdrift.state import Floats
+from kickdrift.units import shown
 
 
 class Measured(NamedTuple):
@@ -32,10 +36,12 @@ def most_threads() -> int:
     return int(config.NUMBA_NUM_THREADS)
 
 
-def check_threads(threads: int) -> None:
-    """Refuse more threads than numba has."""
-    if not 1 <= threads <= most_threads():
-        raise InputError(f"threads must be 1 to {most_threads()} here, got {threads}")
+def check_threads(threads: Any) -> int:
+    """A number of threads as an int; an InputError where it is not a whole number from 1 to what numba has."""
+    found = number(threads)
+    if not (found.is_integer() and 1 <= found <= most_threads()):
+        raise InputError(f"threads must be 1 to {most_threads()} here, got {shown(threads)}")
+    return int(found)
 
 
 class BoundForces:
@@ -50,8 +56,7 @@ class BoundForces:
     def __init__(
         self, system: Any, threads: int = 1, jumps: bool = True, thin: bool = False, mixed: bool = False
     ) -> None:
-        check_threads(threads)
-        self.threads = threads
+        self.threads = check_threads(threads)
         pairs = [isinstance(force, PairForce) for force in system.forces]
         if mixed and not any(pairs):
             raise InputError(f"precision: mixed is for pair forces, and {system.name!r} has none")
@@ -67,7 +72,7 @@ class BoundForces:
 
     def call(self, compiled: Callable[..., int], *args: Any) -> int:
         """``compiled(forces, *args)``, again whenever a list had to grow; its status, OK or BLOWN_UP."""
-        self.forces = tuple(ready(force) for force in self.forces)
+        self._compile()
         if self.threads > 1:
             from numba import set_num_threads
 
@@ -75,6 +80,16 @@ class BoundForces:
         while (status := compiled(self.forces, *args)) == GROW:
             self.forces = tuple(ready(grown(force)) for force in self.forces)
         return status
+
+    def _compile(self) -> None:
+        """Have the machine code of every force; a law that numba cannot compile is an InputError of one line."""
+        try:
+            self.forces = tuple(ready(force) for force in self.forces)
+        except NumbaError as error:
+            laws = [force.parts.law for force in self.forces if isinstance(force, PairKernel) and not force.compute]
+            if not laws:
+                raise
+            raise not_compiled(type(laws[0]), error) from None
 
     def measure(self, time: float, phase: Floats) -> Measured | None:
         """Accelerations and energies at positions and velocities ``phase`` (2, 3, n); None where they make no sense."""

@@ -1,63 +1,128 @@
-"""Work in chunks: one after the other or on threads, with the same machine code and so the same bits.
+"""Work in chunks: one after the other or on threads, by the same machine code and so to the same bits.
 
-A *task* is a jitted function ``task(bound, c)`` of a handle and a chunk's number; ``each_chunk(bound, task name)`` runs
-it for every chunk. Tasks are named, not passed, since a function that takes functions could not be cached.
+A *task* is a jitted function ``task(bound, c)`` of a handle and a chunk's number. ``each_chunk(bound, chunks, task
+name)`` runs the task for every chunk. Tasks are named, not passed, since a function that takes functions could not be
+cached. Either way of running calls the task by its address: the compiler makes one copy of a task, and cannot round
+differently in a second one.
 """
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit, prange, types
+from llvmlite import ir
+from numba import get_num_threads, njit, prange, types
+from numba.extending import intrinsic
 
-from kickdrift.forces.compiling import FAST_MATH, jit
-from kickdrift.forces.handle import Handle, address, handle_at
+from kickdrift.forces.compiling import as_written, callback
+from kickdrift.forces.handle import Handle, address
 from kickdrift.forces.inner import overload
 
 TASKS: dict[str, Any] = {}
+_WHOLE = ir.IntType(64)
+_CODE = ir.FunctionType(ir.VoidType(), [_WHOLE, _WHOLE])  # of a task: where its handle points, the chunk
+_LOOP = ir.FunctionType(ir.VoidType(), [_WHOLE, _WHOLE, _WHOLE])  # of the loop on threads: a task, its handle, how many
 
 
-class Serial(NamedTuple):
-    """Chunks one after the other."""
+class Chunks(NamedTuple):
+    """How many chunks, and how they run."""
 
-    chunks: int
+    number: int
+    loop: int  # address of the loop that shares chunks among threads; 0: one after the other
 
 
-class Parallel(NamedTuple):
-    """Chunks on as many threads as numba is set to."""
+def in_chunks(count: int, threads: int) -> Chunks:
+    """So many chunks, on threads where there are several of both."""
+    return Chunks(count, _loop_on_threads() if threads > 1 and count > 1 else 0)
 
-    chunks: int
+
+@cache
+def _loop_on_threads() -> int:
+    get_num_threads()  # starts numba's threads: machine code from the disk refers to them
+    return int(callback(_on_threads, types.void(types.intp, types.intp, types.intp), types.none).address)
+
+
+def _on_threads(code, place, count):
+    _shared_out(code, place, count)
+
+
+@njit(error_model="numpy", parallel=True)
+def _shared_out(code, place, count):
+    for c in prange(count):
+        _call_task(code, place, np.intp(c))  # c is unsigned here
 
 
 def chunk_task(function: Any) -> Any:
     """Register a task under its function's name."""
-    TASKS[function.__name__] = jit(function)
+    TASKS[function.__name__] = as_written(function)
     return TASKS[function.__name__]
 
 
-def each_chunk(bound: Any, threads: Serial | Parallel, name: str) -> None:
+def each_chunk(bound: Any, chunks: Chunks, name: str) -> None:
     """Run the task of that name on every chunk."""
     raise NotImplementedError("for compiled code")
 
 
 @overload(each_chunk, prefer_literal=True)
-def _each_chunk(bound, threads, name):
+def _each_chunk(bound, chunks, name):
     if not isinstance(name, types.StringLiteral) or not isinstance(bound, Handle):
         return None
+
+    def run(bound, chunks, name):
+        code, place = _task_code(bound, name), address(bound)
+        if chunks.loop == 0:
+            for c in range(chunks.number):
+                _call_task(code, place, c)
+        else:
+            _call_loop(chunks.loop, code, place, chunks.number)
+
+    return run
+
+
+@intrinsic(prefer_literal=True)
+def _task_code(typingctx, bound, name):
+    """The address of a task for that type of handle, as a function of two whole numbers."""
+    if not isinstance(name, types.StringLiteral):  # tried after the literal failed, whose error says more
+        return None
     task = TASKS[name.literal_value]
-    if threads.instance_class is Serial:
+    own = typingctx.resolve_function_type(types.Dispatcher(task), (bound, types.intp), {})
 
-        def serial(bound, threads, name):
-            for c in range(threads.chunks):
-                task(bound, c)
+    def codegen(context, builder, sig, args):
+        compiled = task.overloads[own.args]
+        entry_name = f"{compiled.fndesc.llvm_func_name}.entry"
+        entry = builder.module.globals.get(entry_name)
+        if entry is None:
+            entry = ir.Function(builder.module, _CODE, entry_name)
+            entry.linkage = "internal"
+            inside = ir.IRBuilder(entry.append_basic_block())
+            handle = inside.inttoptr(entry.args[0], context.get_value_type(bound))
+            context.add_linking_libs([compiled.library])
+            context.call_internal_no_propagate(inside, compiled.fndesc, own, [handle, entry.args[1]])
+            inside.ret_void()
+        return builder.ptrtoint(entry, _WHOLE)
 
-        return serial
-    restore = handle_at(bound)
+    return types.intp(bound, name), codegen
 
-    @njit(error_model="numpy", fastmath=FAST_MATH, parallel=True)
-    def on_threads(number, chunks):
-        for c in prange(chunks):
-            task(restore(number), np.intp(c))  # c is unsigned here, for which the task would be compiled anew
 
-    return lambda bound, threads, name: on_threads(address(bound), threads.chunks)
+@intrinsic
+def _call_task(typingctx, code, place, c):
+    """Run the task at that address on chunk c."""
+
+    def codegen(context, builder, sig, args):
+        builder.call(builder.inttoptr(args[0], _CODE.as_pointer()), args[1:])
+        return context.get_dummy_value()
+
+    return types.void(types.intp, types.intp, types.intp), codegen
+
+
+@intrinsic
+def _call_loop(typingctx, loop, code, place, count):
+    """Run the task at that address on all chunks, by the loop at another."""
+
+    def codegen(context, builder, sig, args):
+        builder.call(builder.inttoptr(args[0], _LOOP.as_pointer()), args[1:])
+        return context.get_dummy_value()
+
+    return types.void(types.intp, types.intp, types.intp, types.intp), codegen

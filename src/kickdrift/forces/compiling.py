@@ -12,7 +12,7 @@ import gc
 import hashlib
 import inspect
 import secrets
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from functools import cache
 from itertools import count
@@ -20,17 +20,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from llvmlite.binding import get_host_cpu_name
 from numba import types
 from numba.core.bytecode import FunctionIdentity
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, _CacheLocator
 from numba.core.ccallback import CFunc
-from numba.core.registry import CPUDispatcher
+from numba.core.registry import CPUDispatcher, cpu_target
 from numba.core.runtime import rtsys
 from numba.core.typing.templates import signature
 from numba.extending import intrinsic
 
-from kickdrift.cache import folder
+from kickdrift.cache import CODE, folder, make_private, warm
+from kickdrift.code_files import CodeFiles, at_leisure
 from kickdrift.forces.inner import OPTIONS, inner
 
 # Machine code is linked by names, in which numba tells functions apart by a count that begins at 1 in each process.
@@ -44,17 +44,28 @@ FAST_MATH = {"reassoc", "nsz", "arcp", "contract"}  # never nnan or ninf: blow-u
 jit = inner(fastmath=FAST_MATH, forceinline=False)
 # The same, always made part of the caller: handing over its arrays takes longer than a step of a few bodies.
 inlined = inner(fastmath=FAST_MATH, forceinline=True)
-# Always made part of the caller, sums in the order as written. A chunk task for threads goes through LLVM twice, in
-# numba's loop (which the process that compiles runs) and within its driver (which goes to the cache): where LLVM may
-# reassociate, the two can differ in the last bits.
+# Always made part of the caller, sums in the order as written.
 in_order = inner(fastmath={"nsz", "contract"}, forceinline=True)
 # Operation by operation as written, for what reassociation would undo.
 strict = inner(fastmath=False, forceinline=False)
+# The same, always made part of the caller: for all that forces on threads run. Where LLVM may choose which products to
+# fuse with sums, two copies of one formula can differ in the last bit; `simd.multiply_add` says where fusing pays.
+as_written = inner(fastmath=False, forceinline=True)
 
 
 def processor() -> str:
-    """What kind of processor the code is compiled for, as LLVM calls it: the same bits are promised on one kind."""
-    return str(get_host_cpu_name())
+    """The kind of processor that code is compiled for, in LLVM's words; the same bits are promised on one kind."""
+    return str(cpu_target.target_context.codegen().magic_tuple()[1])
+
+
+@cache
+def features() -> tuple[str, ...]:
+    """The processor features that code is compiled for ("avx2", "fma" …), sorted, in LLVM's words.
+
+    numba's settings (``NUMBA_CPU_NAME``, ``NUMBA_CPU_FEATURES``, ``NUMBA_ENABLE_AVX``) go before the machine's own.
+    """
+    named = cpu_target.target_context.codegen().magic_tuple()[2].split(",")
+    return tuple(sorted(name.removeprefix("+") for name in named if name.startswith("+")))
 
 
 @intrinsic
@@ -124,13 +135,16 @@ def fingerprint(cls: type) -> str:
 class _Locator(_CacheLocator):
     """Where one driver's machine code lies."""
 
-    def __init__(self, py_func: Callable[..., Any], name: str) -> None:
-        self._path = folder() / "jit" / name
+    def __init__(self, py_func: Callable[..., Any], path: Path) -> None:
+        self._path = path
         self._disambiguator = str(py_func.__code__.co_firstlineno)
         self._py_file = py_func.__code__.co_filename  # for numba's warnings
 
     def get_cache_path(self) -> str:
         return str(self._path)
+
+    def ensure_cache_path(self) -> None:
+        make_private(self._path)
 
     def get_source_stamp(self) -> str:
         return self._path.name
@@ -140,19 +154,20 @@ class _Locator(_CacheLocator):
 
 
 class _CacheImpl(CompileResultCacheImpl):
-    def __init__(self, py_func: Callable[..., Any], name: str) -> None:
+    def __init__(self, py_func: Callable[..., Any], path: Path) -> None:
         self._lineno = py_func.__code__.co_firstlineno
-        self._locator = _Locator(py_func, name)
+        self._locator = _Locator(py_func, path)
         self._filename_base = self.get_filename_base(f"{py_func.__module__}.{py_func.__qualname__}", "")
 
 
 class _FolderCache(FunctionCache):
     """numba's cache of one function, in a folder of our choosing."""
 
-    def __init__(self, py_func: Callable[..., Any], name: str, foreign: bool) -> None:
-        self._impl_class = lambda function: _CacheImpl(function, name)
+    def __init__(self, py_func: Callable[..., Any], path: Path, foreign: bool) -> None:
+        self._impl_class = lambda function: _CacheImpl(function, path)
         self._foreign = foreign
         super().__init__(py_func)
+        self._cache_file = CodeFiles(self._cache_path, self._impl.filename_base, self._impl.locator.get_source_stamp())
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         if self._foreign:
@@ -168,39 +183,48 @@ class _FolderCache(FunctionCache):
 
 
 class _DriverCache:
-    """The cache of one driver: a folder for the package, and one more for each user's class."""
+    """The cache of one driver: a folder for the package, and one more for each user's class. Code is read from every
+    place that is private, and kept in the one that can be written."""
 
     def __init__(self, py_func: Callable[..., Any]) -> None:
         self._py_func = py_func
-        self._folders: dict[str, _FolderCache] = {}
+        self._folders: dict[Path, _FolderCache] = {}
 
     @property
     def cache_path(self) -> str:
-        return str(folder() / "jit")
+        return str(folder() or "")
 
-    def _folder(self, sig: Any) -> _FolderCache:
+    def _folder(self, sig: Any) -> tuple[str, bool]:
+        """The name of the folder, and whether a user's class is in its code."""
         args = sig if isinstance(sig, tuple) else sig.args
         foreign = sorted({fingerprint(cls) for kind in args for cls in foreign_classes(kind)})
         return self._named(*foreign)
 
-    def _named(self, *foreign: str, kind: str = "") -> _FolderCache:
-        name = hashlib.sha256("".join([sources_hash(), *foreign, kind]).encode()).hexdigest()[:16]
-        if name not in self._folders:
-            self._folders[name] = _FolderCache(self._py_func, name, bool(foreign))
-        return self._folders[name]
+    def _named(self, *foreign: str, kind: str = "") -> tuple[str, bool]:
+        return hashlib.sha256("".join([sources_hash(), *foreign, kind]).encode()).hexdigest()[:16], bool(foreign)
+
+    def _caches(self, sig: Any, places: Iterable[Path | None]) -> Iterator[_FolderCache]:
+        name, foreign = self._folder(sig)
+        for path in (place / CODE / name for place in places if place is not None):
+            if path not in self._folders:
+                self._folders[path] = _FolderCache(self._py_func, path, foreign)
+            yield self._folders[path]
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        try:
-            found = self._folder(sig).load_overload(sig, target_context)
-        except ImportError:  # it refers to a module of the user's that this process cannot import
-            found = None
-        if found is None:
-            return None
-        args = sig if isinstance(sig, tuple) else sig.args
-        return found._replace(signature=signature(found.signature.return_type, *args))
+        for each in self._caches(sig, (*warm(), folder())):
+            try:
+                found = each.load_overload(sig, target_context)
+            except ImportError:  # it refers to a module of the user's that this process cannot import
+                found = None
+            if found is not None:
+                args = sig if isinstance(sig, tuple) else sig.args
+                return found._replace(signature=signature(found.signature.return_type, *args))
+        return None
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        self._folder(sig).save_overload(sig, data)
+        with at_leisure():
+            for each in self._caches(sig, [folder()]):
+                each.save_overload(sig, data)
 
     def enable(self) -> None: ...
 
@@ -216,7 +240,7 @@ class _CallbackCache(_DriverCache):
         super().__init__(py_func)
         self._kind = kind
 
-    def _folder(self, sig: Any) -> _FolderCache:
+    def _folder(self, sig: Any) -> tuple[str, bool]:
         return self._named(*sorted({fingerprint(cls) for cls in foreign_classes(self._kind)}), kind=str(self._kind))
 
 

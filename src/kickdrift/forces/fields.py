@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
+from kickdrift.checks import number as real
 from kickdrift.errors import InputError
 from kickdrift.units import shown
 
@@ -258,10 +259,9 @@ def _is_number(value: Any) -> bool:
 
 def number(name: str, key: str, value: Any) -> float:
     """The value as a finite float; an InputError that names the force and the key."""
-    try:
-        found = float("nan") if isinstance(value, str | bool) else float(value)
-    except (TypeError, ValueError, OverflowError):
-        found = float("nan")
+    if isinstance(value, np.ndarray) and value.ndim == 0:
+        value = value[()]
+    found = real(value)
     if not math.isfinite(found):
         raise InputError(f"{name}: {key}: expected a finite number, got {shown(value)}")
     return found

@@ -6,8 +6,10 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
+from kickdrift.checks import number, positive
 from kickdrift.errors import InputError
 from kickdrift.forces.central import check_masses, gravitational_constant
+from kickdrift.units import shown
 
 if TYPE_CHECKING:
     from kickdrift.system import System
@@ -38,10 +40,10 @@ class Gravity:
     dimensions: ClassVar[dict[str, str]] = {"G": "gravitational constant", "softening": "length"}
 
     def __post_init__(self) -> None:
-        if self.G is not None and not (math.isfinite(self.G) and self.G > 0):
-            raise InputError(f"gravity: G must be a positive number, got {self.G}")
-        if not (math.isfinite(self.softening) and self.softening >= 0):
-            raise InputError(f"gravity: softening must be a length, zero or more, got {self.softening}")
+        if self.G is not None:
+            positive("gravity: G", self.G)
+        if not (math.isfinite(number(self.softening)) and self.softening >= 0):
+            raise InputError(f"gravity: softening must be a length, zero or more, got {shown(self.softening)}")
 
     @property
     def may_overlap(self) -> bool:

@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.forces.central import gravitational_constant
-from kickdrift.forces.chunks import Parallel, Serial, chunk_task, each_chunk
+from kickdrift.forces.chunks import Chunks, chunk_task, each_chunk, in_chunks
 from kickdrift.forces.clusters import STRIDE, load_vector, store_vector
-from kickdrift.forces.compiling import in_order, never_inline
+from kickdrift.forces.compiling import as_written, never_inline
 from kickdrift.forces.kernel import OK, kernel
 from kickdrift.forces.simd import (
     WIDTH,
@@ -59,7 +59,7 @@ class GravityKernel(NamedTuple):
     x: NDArray[np.float64]  # (3 slots,)
     a: NDArray[np.float64]  # (chunks x 3 slots,) what each chunk adds to the accelerations
     sums: NDArray[np.float64]  # (chunks, 2) energy, virial
-    threads: Serial | Parallel
+    chunks: Chunks
 
 
 def bind(force: Gravity, system: System, threads: int) -> GravityKernel:
@@ -89,7 +89,7 @@ def bind(force: Gravity, system: System, threads: int) -> GravityKernel:
         x=x,
         a=aligned((chunks * clusters * STRIDE,)),
         sums=np.zeros((chunks, 2)),
-        threads=Parallel(chunks) if threads > 1 and chunks > 1 else Serial(chunks),
+        chunks=in_chunks(chunks, threads),
     )
 
 
@@ -114,10 +114,10 @@ def gravity_forces(force, t, x, v, a, sums):
         own[p + WIDTH] = x[1, i]
         own[p + 2 * WIDTH] = x[2, i]
     if sums is None:
-        each_chunk(force, force.threads, "pull")
+        each_chunk(force, force.chunks, "pull")
     else:
-        each_chunk(force, force.threads, "pull_and_sums")
-        for c in range(force.threads.chunks):
+        each_chunk(force, force.chunks, "pull_and_sums")
+        for c in range(force.chunks.number):
             sums[0] += force.sums[c, 0]
             sums[1] += force.sums[c, 1]
         massive = force.massive
@@ -132,11 +132,11 @@ def gravity_forces(force, t, x, v, a, sums):
     return OK
 
 
-@in_order
+@as_written
 def collect(force):
     """Add the chunks' accelerations up in chunk 0's, in one order."""
     a, part = force.a, force.clusters * STRIDE
-    for c in range(1, force.threads.chunks):
+    for c in range(1, force.chunks.number):
         for p in range(0, part, WIDTH):
             store(a, p, load(a, p) + load(a, c * part + p))
 
@@ -155,11 +155,11 @@ def pull_and_sums(force, c):
     sum_pairs(force, force.sums, c)
 
 
-@in_order
+@as_written
 def sum_pairs(force, sums, c):
     """Of the clusters of massive bodies chunk c has every 2 ``chunks``-th counted from c and from 2 ``chunks`` - 1 - c:
     a cluster's work grows with its number, and this shares it evenly."""
-    first, last = c * force.clusters, 2 * force.threads.chunks - 1
+    first, last = c * force.clusters, 2 * force.chunks.number - 1
     zero = splat(0.0)
     for cluster in range(first, first + force.clusters):
         store_vector(force.a, cluster, zero, zero, zero)
@@ -176,12 +176,12 @@ def sum_pairs(force, sums, c):
     cluster = force.sources + c
     while cluster < force.clusters:
         pull_massless(force, cluster, first)
-        cluster += force.threads.chunks
+        cluster += force.chunks.number
     if sums is not None:
         sums[c, 0], sums[c, 1] = lane_sum(energy), lane_sum(virial)
 
 
-@in_order
+@as_written
 def few_bodies(force, x, a, sums):
     """All of a few bodies' pairs from and to rows of numbers, x's and then y's and z's: a ring of eight, each further
     body with all of that, and a ring of those; nothing is stored and loaded again in between."""
@@ -218,14 +218,14 @@ def few_bodies(force, x, a, sums):
         sums[2] += 0.5 * n * (n - 1)
 
 
-@in_order
+@as_written
 def lanes_or_out(x, first, count):
     """So many numbers, and OUT."""
     lanes = lane_numbers()
     return select(lanes < float(count), load_first(x, first, count), OUT * (lanes + 1.0))
 
 
-@in_order
+@as_written
 def inside_cluster(force, sums, cluster, first):
     """The pairs within a cluster, whose accelerations begin at cluster ``first`` of those. Energy and virial, in
     lanes."""
@@ -236,7 +236,7 @@ def inside_cluster(force, sums, cluster, first):
     return energy, virial
 
 
-@in_order
+@as_written
 def ring(xi, yi, zi, gm_i, masses, softening2, sums):
     """The pairs of eight bodies: each with the next, second and third in a ring, which take the reaction, and with the
     one opposite, which sees to its own half. Where there are fewer, the others have no mass and stand OUT there.
@@ -254,8 +254,8 @@ def ring(xi, yi, zi, gm_i, masses, softening2, sums):
         w = gm_j * cube
         ax, ay, az = ax + w * dx, ay + w * dy, az + w * dz
         if turn < 3:
-            w = gm_i * cube
-            reaction_x, reaction_y, reaction_z = reaction_x - w * dx, reaction_y - w * dy, reaction_z - w * dz
+            w = -gm_i * cube
+            reaction_x, reaction_y, reaction_z = reaction_x + w * dx, reaction_y + w * dy, reaction_z + w * dz
         if sums is not None:
             gmm = masses * gm_j if turn < 3 else 0.5 * masses * gm_j
             energy = energy - gmm * inverse
@@ -264,7 +264,7 @@ def ring(xi, yi, zi, gm_i, masses, softening2, sums):
     return ax, ay, az, energy, virial
 
 
-@in_order
+@as_written
 def earlier_clusters(force, sums, cluster, first):
     """The bodies of a cluster, two at a time, with those of all earlier clusters, which take the reaction."""
     x, gm, a, masses = force.x, force.gm, force.a, force.masses
@@ -294,8 +294,8 @@ def earlier_clusters(force, sums, cluster, first):
                 energy = energy - masses[i] * gm_j * inverse_i - masses[i + 1] * gm_j * inverse_k
                 virial = virial - masses[i] * wi * (dx * dx + dy * dy + dz * dz)
                 virial = virial - masses[i + 1] * wk * (ex * ex + ey * ey + ez * ez)
-            wi, wk = gm_i * cube_i, gm_k * cube_k
-            store_vector(a, first + other, ajx - wi * dx - wk * ex, ajy - wi * dy - wk * ey, ajz - wi * dz - wk * ez)
+            wi, wk = -gm_i * cube_i, -gm_k * cube_k  # the reaction
+            store_vector(a, first + other, ajx + wi * dx + wk * ex, ajy + wi * dy + wk * ey, ajz + wi * dz + wk * ez)
         p = (first + cluster) * STRIDE + lane
         a[p] += lane_sum(aix)
         a[p + WIDTH] += lane_sum(aiy)
@@ -306,7 +306,7 @@ def earlier_clusters(force, sums, cluster, first):
     return energy, virial
 
 
-@in_order
+@as_written
 def pull_massless(force, cluster, first):
     """A cluster of massless particles, pulled by each massive body."""
     x, gm, softening2 = force.x, force.gm, force.softening2

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from llvmlite import ir
-from numba import carray, get_num_threads, typeof, types
+from numba import carray, typeof, types
 from numba.core.errors import TypingError
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from kickdrift.errors import InputError
-from kickdrift.forces.chunks import Parallel, Serial, each_chunk
+from kickdrift.forces.chunks import Chunks, each_chunk, in_chunks
 from kickdrift.forces.clusters import (
     BUILT,
     LANES,
@@ -21,6 +21,7 @@ from kickdrift.forces.clusters import (
     OUTER_BUILDS,
     ROOM_NEEDED,
     ROWS_PER_NEAR,
+    SHIFTS,
     STRIDE,
     ClusterList,
     cluster_list,
@@ -30,7 +31,7 @@ from kickdrift.forces.clusters import (
     store_vector,
     unsigned,
 )
-from kickdrift.forces.compiling import callback, driver, in_order, jit
+from kickdrift.forces.compiling import as_written, callback, driver, jit
 from kickdrift.forces.handle import Handle, handle_at, memory_of
 from kickdrift.forces.inner import overload
 from kickdrift.forces.kernel import OK, kernel
@@ -73,7 +74,7 @@ class PairWork(NamedTuple):
     inverse_masses: NDArray[np.float64]  # (n,)
     sums: NDArray[np.float64]  # (chunks, 3) energy, virial, pairs
     pairs: ClusterList
-    threads: Serial | Parallel
+    chunks: Chunks
 
 
 class _Addresses(NamedTuple):
@@ -105,8 +106,7 @@ class PairKernel(_Addresses):
         """The same with its machine code, compiled if need be; the parts live as long as it does."""
         if self.compute:
             return self
-        get_num_threads()  # starts numba's threads: machine code from the disk refers to them
-        parts = self.parts._replace(pairs=self.pairs._replace(code=list_code(self.pairs, self.parts.threads)))
+        parts = self.parts._replace(pairs=self.pairs._replace(code=list_code(self.pairs)))
         kind = typeof(parts)
         if kind not in _COMPUTE:
             _COMPUTE[kind] = callback(compute_for(kind), _SIGNATURE, kind)
@@ -183,10 +183,10 @@ def compute_for(kind: types.Type) -> Callable[..., int]:
 def remake(force, built_at, pruned_at):
     pairs = force.pairs
     pairs.counts[BUILT] = 0
-    status = refresh(pairs, built_at, force.threads)
+    status = refresh(pairs, built_at, force.chunks)
     if status == OK:
         copy(pruned_at, pairs.x)
-        prune(pairs, force.threads)
+        prune(pairs, force.chunks)
         spread(force.tables, pairs)
     return status
 
@@ -194,25 +194,25 @@ def remake(force, built_at, pruned_at):
 @jit
 def add_forces(force, wanted, x, a, sums):
     """a <- a + the accelerations (3, n); where ``wanted`` sums <- sums + energy, virial, pairs; a status."""
-    pairs, threads = force.pairs, force.threads
+    pairs, chunks = force.pairs, force.chunks
     builds = pairs.counts[OUTER_BUILDS]
-    status = refresh(pairs, x, threads)
+    status = refresh(pairs, x, chunks)
     if status != OK:
         return status
     if pairs.counts[OUTER_BUILDS] != builds:
         spread(force.tables, pairs)
     prepare(force.mixed, pairs)
     if not wanted:
-        each_chunk(force, threads, "chunk_forces")
+        each_chunk(force, chunks, "chunk_forces")
     else:
-        each_chunk(force, threads, "chunk_forces_and_sums")
-        for c in range(threads.chunks):
+        each_chunk(force, chunks, "chunk_forces_and_sums")
+        for c in range(chunks.number):
             sums[0] += force.sums[c, 0]
             sums[1] += force.sums[c, 1]
             sums[2] += force.sums[c, 2]
         sums[0] += force.tail[0]
         sums[1] += force.tail[1]
-    collect(pairs)
+    collect(pairs, chunks)
     place, total, inverse_masses = pairs.place, pairs.force[0], force.inverse_masses
     gx, gy, gz = left_over(force.mixed, place, total)
     for i in range(place.size):
@@ -277,13 +277,13 @@ def _spread(tables, pairs):
 
 
 @jit
-def collect(pairs):
+def collect(pairs, chunks):
     """Add the chunks' forces up in chunk 0's, in one order."""
     force, touched = pairs.force, pairs.touched
     total = force[0]
     for cluster in range(pairs.counts[N_CLUSTERS]):
         fx, fy, fz = splat(0.0), splat(0.0), splat(0.0)
-        for c in range(force.shape[0]):
+        for c in range(chunks.number):
             if touched[c, cluster]:
                 gx, gy, gz = load_vector(force[c], cluster)
                 fx, fy, fz = fx + gx, fy + gy, fz + gz
@@ -294,7 +294,7 @@ def law_class(force: PairForce) -> Any:
     """The class of a force's parameters, as compiled code takes it."""
     cls = force.Parameters
     if "compiled_law" not in vars(cls):
-        cls.compiled_law = in_order(cls.law)
+        cls.compiled_law = as_written(cls.law)
     return cls
 
 
@@ -331,7 +331,7 @@ def bind(force: PairForce, system: System, threads: int, mixed: bool = False) ->
         inverse_masses=1.0 / system.coherent_masses,
         sums=np.zeros((chunks, 3)),
         pairs=pairs,
-        threads=Parallel(chunks) if threads > 1 else Serial(chunks),
+        chunks=in_chunks(chunks, threads),
     )
     return PairKernel.of(work)
 
@@ -398,9 +398,21 @@ def memory(bound: PairKernel) -> dict[str, Any]:
 
 
 def recalled(bound: PairKernel, memory: dict[str, Any]) -> PairKernel:
-    """The bound force with the list that had this memory."""
+    """The bound force with the list that had this memory, which may come from a file: an InputError where it does not
+    fit these particles, since compiled code looks at no bounds."""
     if "inner_skin" not in memory:  # of a version that had other lists
         return bound
+    pairs = bound.pairs
+    _, most = skins(pairs.edges, pairs.cutoff, np.inf)
+    room, built_at, pruned_at = memory["room"], memory["built_at"], memory["pruned_at"]
+    shapes = [(built_at, pairs.built_at), (pruned_at, pairs.inner_reference)] if built_at is not None else []
+    if not (
+        0 <= memory["inner_skin"] <= memory["outer_skin"] <= most
+        and isinstance(room, int)
+        and 0 <= room <= pairs.near.shape[1] + len(pairs.filled) ** 2 * SHIFTS
+        and all(given.shape == own.shape and given.dtype == own.dtype for given, own in shapes)
+    ):
+        raise InputError("checkpoint: its pair list is not one of these particles")
     skins_then = {key: memory[key] for key in ("inner_skin", "outer_skin")}
     bound = with_room(bound, memory["room"]).with_list(**skins_then).ready()
     bound.pairs.counts[BUILT] = 0

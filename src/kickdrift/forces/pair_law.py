@@ -13,7 +13,12 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
+from kickdrift.checks import number
 from kickdrift.errors import InputError
+from kickdrift.forces.law_check import check_class, check_law
+from kickdrift.forces.law_state import check_stateless
+from kickdrift.forces.registration import register_force
+from kickdrift.units import shown
 
 if TYPE_CHECKING:
     from kickdrift.system import System
@@ -21,6 +26,7 @@ if TYPE_CHECKING:
 TRUNCATIONS = ("cut", "shift", "force-shift", "switch")
 SWITCH_START = 0.8  # of the cutoff, where the switch begins unless told
 DEFAULT_CUTOFF = 2.5  # sigma
+SHORTEST, LONGEST = 1e-100, 1e100  # of cutoffs: the volume of their sphere is a number, far from the limits of float64
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -57,27 +63,40 @@ class PairForce:
     dimensions: ClassVar[dict[str, str]]
 
     def __post_init__(self) -> None:
+        for key in (*self.Parameters._fields, "cutoff", "switch_start"):
+            if isinstance(value := getattr(self, key), np.generic | np.ndarray) and np.ndim(value) == 0:
+                object.__setattr__(self, key, value.item())  # a float32 would be computed with as one
         if self.truncation not in TRUNCATIONS:
-            raise InputError(f"{self.name}: truncation {self.truncation!r} is not one of {', '.join(TRUNCATIONS)}")
+            raise InputError(f"{self.name}: truncation {shown(self.truncation)} is not one of {', '.join(TRUNCATIONS)}")
         if self.mixing != "lorentz-berthelot":
-            raise InputError(f"{self.name}: mixing {self.mixing!r} is not one of lorentz-berthelot")
+            raise InputError(f"{self.name}: mixing {shown(self.mixing)} is not one of lorentz-berthelot")
+        if not isinstance(self.tail, bool | np.bool_):
+            raise InputError(f"{self.name}: tail must be True or False, got {shown(self.tail)}")
+        self._check_tables()
         if self.tail and self.truncation != "cut":
             raise InputError(f'{self.name}: tail = true completes truncation "cut", not "{self.truncation}"')
         for where, law in self._laws_given():
             for key, value in law._asdict().items():
-                if not math.isfinite(value) or (self.dimensions.get(key) == "length" and value <= 0):
+                if not math.isfinite(number(value)) or (self.dimensions.get(key) == "length" and value <= 0):
                     kind = "positive" if self.dimensions.get(key) == "length" else "finite"
-                    raise InputError(f"{self.name}: {key}{where} must be a {kind} number, got {value}")
+                    raise InputError(f"{self.name}: {key}{where} must be a {kind} number, got {shown(value)}")
         if self.cutoff is None:
             sigmas = [getattr(law, "sigma", None) for _, law in self._laws_given()]
             if not all(sigmas):
                 raise InputError(f"{self.name}: cutoff is needed")
             object.__setattr__(self, "cutoff", DEFAULT_CUTOFF * max(s for s in sigmas if s))
         assert self.cutoff is not None
-        if not (math.isfinite(self.cutoff) and self.cutoff > 0):
-            raise InputError(f"{self.name}: cutoff must be a positive length, got {self.cutoff}")
+        if not (math.isfinite(number(self.cutoff)) and self.cutoff > 0):
+            raise InputError(f"{self.name}: cutoff must be a positive length, got {shown(self.cutoff)}")
+        if not SHORTEST < self.cutoff < LONGEST:
+            raise InputError(
+                f"{self.name}: cutoff must be between {SHORTEST:g} and {LONGEST:g}, so that its powers are numbers, "
+                f"got {shown(self.cutoff)}"
+            )
         if self.truncation == "switch":
             start = SWITCH_START * self.cutoff if self.switch_start is None else self.switch_start
+            if not math.isfinite(number(start)):
+                raise InputError(f"{self.name}: switch_start must be a length, got {shown(start)}")
             if not 0 < start < self.cutoff:
                 raise InputError(
                     f"{self.name}: switch_start must lie between 0 and the cutoff {self.cutoff:g}, got {start:g}"
@@ -91,6 +110,19 @@ class PairForce:
         """The law's parameters where there is one species."""
         return self.Parameters(*(getattr(self, key) for key in self.Parameters._fields))
 
+    def _check_tables(self) -> None:
+        """Refuse ``species`` and ``pairs`` that are no tables of tables."""
+        for key, given in (("species", self.species), ("pairs", self.pairs)):
+            if given is None:
+                continue
+            if not isinstance(given, Mapping):
+                raise InputError(f"{self.name}: {key}: expected a table, got {shown(given)}")
+            for name, values in given.items():
+                if key == "pairs" and not (isinstance(name, tuple) and len(name) == 2):
+                    raise InputError(f"{self.name}: pairs: expected two names such as ('A', 'B'), got {shown(name)}")
+                if not isinstance(values, Mapping):
+                    raise InputError(f"{self.name}: {key}[{shown(name)}]: expected a table, got {shown(values)}")
+
     def _laws_given(self) -> list[tuple[str, Any]]:
         given = [("", self.law)] if not self.species else []
         given += [(f" of species {s}", self._filled(s, values)) for s, values in (self.species or {}).items()]
@@ -101,7 +133,9 @@ class PairForce:
         unknown = set(values) - set(self.Parameters._fields)
         if unknown:
             known = ", ".join(self.Parameters._fields)
-            raise InputError(f"{self.name}: {where}: unknown parameter {min(unknown)!r}; expected {known}")
+            raise InputError(
+                f"{self.name}: {where}: unknown parameter {shown(min(map(str, unknown)))}; expected {known}"
+            )
         return self.law._replace(**values)
 
     def pair_law(self, a: str, b: str) -> Any:
@@ -117,6 +151,8 @@ class PairForce:
         first, second = (self._filled(name, self.species[name])._asdict() for name in (a, b))
         if a != b and not set(first) <= {"epsilon", "sigma"}:
             raise InputError(f"{self.name}: pair {a}-{b} is needed: only epsilon and sigma can be mixed")
+        if a != b and first.get("epsilon", 0.0) * second.get("epsilon", 0.0) < 0:
+            raise InputError(f"{self.name}: pair {a}-{b} is needed: epsilons of different signs have no geometric mean")
         means = {"sigma": lambda p, q: 0.5 * (p + q), "epsilon": lambda p, q: math.sqrt(p * q)}
         return self.Parameters(**{k: first[k] if a == b else means[k](first[k], second[k]) for k in first})
 
@@ -149,7 +185,7 @@ class PairForce:
             )
         for a in system.species:
             for b in system.species:
-                self.pair_law(a, b)
+                check_law(self.name, self.pair_law(a, b), self.cutoff)
 
     def tail_corrections(self, system: System) -> tuple[float, float]:
         """Energy and virial from beyond the cutoff for a fluid that is uniform there, by quadrature of the law."""
@@ -197,7 +233,17 @@ def pair_law(cls: type) -> Any:
     The class's fields are the law's parameters, the force has them and those of ``PairForce``. ``law`` is compiled for
     SIMD lanes: ``+ - * / **`` with a whole power, comparisons, ``math.sqrt``, ``math.exp`` and ``math.log`` work. An
     optional ``dimensions`` names the kind of each parameter ("length", "energy", …) for system files with units.
+
+    A law must not keep state between calls, such as a counter or a random number: its code is compiled once and called
+    for many pairs in any order. The force is registered (see ``register_force``), so that ``resume`` finds the force.
+
+    Raises
+    ------
+    InputError
+        Where the code of the law shows that the law keeps state.
     """
+    check_class(cls)
+    check_stateless(cls.__name__, cls.law)  # type: ignore[attr-defined]
     fields: Any = cls._fields  # type: ignore[attr-defined]
     defaults: dict[str, float] = cls._field_defaults  # type: ignore[attr-defined]
     force = dataclasses.make_dataclass(
@@ -215,4 +261,4 @@ def pair_law(cls: type) -> Any:
     force.__qualname__ = cls.__qualname__
     cls.__qualname__ = f"{cls.__qualname__}.Parameters"  # so that pickle finds it where it now stands
     force.Parameters = cls  # type: ignore[attr-defined]
-    return force
+    return register_force(force)

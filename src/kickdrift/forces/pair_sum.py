@@ -23,7 +23,7 @@ from kickdrift.forces.clusters import (
     store_vector,
     table_place,
 )
-from kickdrift.forces.compiling import in_order, jit, never_inline
+from kickdrift.forces.compiling import as_written, jit, never_inline
 from kickdrift.forces.inner import overload
 from kickdrift.forces.simd import (
     WIDTH,
@@ -75,7 +75,7 @@ def chunk_forces_and_sums(force, c):
     sum_pairs(force, force.sums, c)
 
 
-@in_order
+@as_written
 def sum_pairs(force, sums, c):
     pairs = force.pairs
     x, reactions, table = working_arrays(force.mixed, pairs, c)
@@ -156,7 +156,7 @@ def sum_pairs(force, sums, c):
         sums[c, 2] = lane_sum(pair_count)
 
 
-@in_order
+@as_written
 def within(laws, x, cluster, cutoff2):
     """Forces on a cluster's eight by each other, with energy, virial and number of pairs: each lane meets the lanes one
     to four places on; those four on meet twice."""
@@ -265,7 +265,7 @@ def _fill_table(table, pairs, cluster, used):
     return single if table.dtype == types.float32 else double
 
 
-@in_order
+@as_written
 def store_twos(table, at, value):
     """Store lanes 0 and 1 eight times each in float32, then 2 and 3 a row further on, and so on."""
     store_single(table, at, two_of(value, 0))

@@ -43,7 +43,7 @@ from kickdrift.forces.simd_single import joined, load_single, store_single
 
 
 @jit
-def refresh(pairs, x, threads):
+def refresh(pairs, x, chunks):
     """Bring the list up to date with positions x (3, n): OK, GROW (room for ``counts[ROOM_NEEDED]``) or BLOWN_UP."""
     counts = pairs.counts
     if counts[BUILT]:
@@ -58,7 +58,7 @@ def refresh(pairs, x, threads):
             return OK
         outer, total = largest_move(pairs, pairs.outer_reference)
         if 4.0 * outer <= (pairs.outer_skin - pairs.inner_skin) ** 2:
-            prune(pairs, threads)
+            prune(pairs, chunks)
             return OK
     for k in range(3):
         for i in range(x.shape[1]):
@@ -67,19 +67,19 @@ def refresh(pairs, x, threads):
     counts[BUILT] = 0
     sort(pairs, x)
     copy_positions(pairs, x)
-    search(pairs, threads)
+    search(pairs, chunks)
     if counts[ROOM_NEEDED] > pairs.near.shape[1]:
         return GROW
     copy(flat(x), flat(pairs.built_at))
-    prune(pairs, threads)
+    prune(pairs, chunks)
     counts[BUILT] = 1
     return OK
 
 
 @jit
-def search(pairs, threads):
+def search(pairs, chunks):
     """Make the outer list from the sorted clusters."""
-    each_chunk(pairs, threads, "search_chunk")
+    each_chunk(pairs, chunks, "search_chunk")
     needed = 0
     for made in pairs.made:
         needed = max(needed, made)
@@ -89,9 +89,9 @@ def search(pairs, threads):
 
 
 @jit
-def prune(pairs, threads):
+def prune(pairs, chunks):
     """Make the inner list from the outer one."""
-    each_chunk(pairs, threads, "prune_chunk")
+    each_chunk(pairs, chunks, "prune_chunk")
     pairs.counts[PRUNES] += 1
     copy(pairs.x, pairs.inner_reference)
 

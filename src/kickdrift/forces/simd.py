@@ -3,9 +3,10 @@
 numba learns the types ``Lanes`` (LLVM's ``<8 x double>`` and ``<16 x float>``) and ``Mask``, with the arithmetic
 operators, the comparisons and a few functions lowered on them; LLVM then emits AVX-512, AVX2, SSE2 or NEON as the
 machine has it. Lanes mix with scalars, which are copied to all lanes. They have the fast-math flags of the function
-that they stand in, as scalars do. Division is a 14-bit estimate refined by a series where the machine has AVX-512 (its
-divide would take over half of a pair kernel's time), within 2 ulp, and so is ``inverse_sqrt``; r = 0, infinity and NaN
-give a result that is not finite, and so stay visible. `simd_single` has what float32 alone needs.
+that they stand in, as scalars do. In a function without such flags a product inside a sum is fused with it, always in
+the same way. Division is a 14-bit estimate refined by a series where numba compiles for AVX-512 (its divide would take
+over half of a pair kernel's time), within 2 ulp, and so is ``inverse_sqrt``; r = 0, infinity and NaN give a result that
+is not finite, and so stay visible. `simd_single` has what float32 alone needs.
 """
 
 from __future__ import annotations
@@ -15,13 +16,14 @@ import operator
 from collections.abc import Callable
 from typing import Any
 
-import llvmlite.binding as llvm
 import numpy as np
 from llvmlite import ir
-from numba import config, types
+from numba import types
 from numba.core import cgutils
 from numba.core.typing.templates import AbstractTemplate, ConcreteTemplate, infer_global, signature
 from numba.extending import intrinsic, lower_builtin, models, register_model
+
+from kickdrift.forces.compiling import features
 
 WIDTH = 8
 F64 = ir.DoubleType()
@@ -96,12 +98,6 @@ def _as(builder: ir.IRBuilder, value: ir.Value, kind: types.Type, vector: ir.Vec
     return value if isinstance(kind, Lanes) else _splat(builder, value, vector)
 
 
-def _has_avx512() -> bool:
-    if config.CPU_NAME or config.CPU_FEATURES:  # numba was told to compile for another machine
-        return "+avx512f" in (config.CPU_FEATURES or "")
-    return bool(llvm.get_host_cpu_features().get("avx512f", False))
-
-
 def _estimate(builder: ir.IRBuilder, name: str, x: ir.Value) -> ir.Value:
     """AVX-512's estimate of 1 / x (rcp14) or 1 / sqrt(x) (rsqrt14), to 14 bits."""
     letter = "d" if x.type == F64X8 else "s"
@@ -128,7 +124,7 @@ def _flags(context: Any) -> tuple[str, ...]:
 
 def _divide(builder: ir.IRBuilder, a: ir.Value, b: ir.Value, flags: tuple[str, ...]) -> ir.Value:
     """a / b; with an estimate y, e = 1 - b y < 2^-13: 1 / b = y (1 + e) (1 + e^2) to 2^-52, y (1 + e) to 2^-26."""
-    if not _has_avx512():
+    if "avx512f" not in features():
         return builder.fdiv(a, b, flags=flags)
     y = _estimate(builder, "rcp14", b)
     e = _fma(builder, builder.fneg(b), y, _constant(1.0, b.type), "fma")
@@ -138,9 +134,31 @@ def _divide(builder: ir.IRBuilder, a: ir.Value, b: ir.Value, flags: tuple[str, .
     return builder.fmul(a, y, flags=flags)
 
 
+def _is_product(value: ir.Value) -> bool:
+    return isinstance(value, ir.Instruction) and value.opname == "fmul"
+
+
+def _add(builder: ir.IRBuilder, a: ir.Value, b: ir.Value, flags: tuple[str, ...]) -> ir.Value:
+    """a + b, fused where one is a product; LLVM sees to that itself where it may (by the flag "contract")."""
+    if not flags and _is_product(b):
+        return _fma(builder, b.operands[0], b.operands[1], a)
+    if not flags and _is_product(a):
+        return _fma(builder, a.operands[0], a.operands[1], b)
+    return builder.fadd(a, b, flags=flags)
+
+
+def _subtract(builder: ir.IRBuilder, a: ir.Value, b: ir.Value, flags: tuple[str, ...]) -> ir.Value:
+    """a - b, likewise."""
+    if not flags and _is_product(b):
+        return _fma(builder, builder.fneg(b.operands[0]), b.operands[1], a)
+    if not flags and _is_product(a):
+        return _fma(builder, a.operands[0], a.operands[1], builder.fneg(b))
+    return builder.fsub(a, b, flags=flags)
+
+
 _ARITHMETIC: dict[Callable[..., Any], Callable[..., ir.Value]] = {
-    operator.add: lambda builder, a, b, flags: builder.fadd(a, b, flags=flags),
-    operator.sub: lambda builder, a, b, flags: builder.fsub(a, b, flags=flags),
+    operator.add: _add,
+    operator.sub: _subtract,
     operator.mul: lambda builder, a, b, flags: builder.fmul(a, b, flags=flags),
     operator.truediv: _divide,
 }
@@ -382,7 +400,7 @@ def inverse_sqrt(typingctx, value):
 
     def codegen(context, builder, sig, args):
         x = args[0]
-        if not _has_avx512():
+        if "avx512f" not in features():
             kind = ir.FunctionType(F64X8, [F64X8])
             root = builder.call(cgutils.get_or_insert_function(builder.module, kind, "llvm.sqrt.v8f64"), [x])
             return builder.fdiv(_constant(1.0), root, flags=_flags(context))

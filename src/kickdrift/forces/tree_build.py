@@ -16,7 +16,7 @@ from __future__ import annotations
 import math
 
 from kickdrift.forces.chunks import chunk_task
-from kickdrift.forces.compiling import in_order, jit, never_inline
+from kickdrift.forces.compiling import as_written, jit, never_inline
 from kickdrift.forces.simd import WIDTH, lane_max, lane_sum, load, select, splat
 
 # Columns of a node: what the walk looks at (G M, centre of mass, radius about it, bound, first cluster, the node that
@@ -168,7 +168,7 @@ def place(force, begin, end):
         force.gm[s] = force.gm_by_id[int(row[3])] if s < n else 0.0
 
 
-@in_order
+@as_written
 def moments(force, node):
     """Mass, centre of mass, and the moments about it: second, and third of the absolute distance."""
     x, y, z, gm, out = force.x[0], force.x[1], force.x[2], force.gm, force.nodes[node]

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.forces.central import gravitational_constant
-from kickdrift.forces.chunks import Parallel, Serial, chunk_task, each_chunk
-from kickdrift.forces.compiling import in_order, never_inline
+from kickdrift.forces.chunks import Chunks, chunk_task, each_chunk, in_chunks
+from kickdrift.forces.compiling import as_written, never_inline
 from kickdrift.forces.kernel import BLOWN_UP, OK, kernel
 from kickdrift.forces.simd import (
     WIDTH,
@@ -80,7 +80,7 @@ class TreeKernel(NamedTuple):
     tasks: NDArray[np.int64]  # nodes whose trees are built apart
     groups: NDArray[np.int64]  # nodes that walk together
     counts: NDArray[np.int64]  # how many tasks and groups there are
-    threads: Serial | Parallel
+    chunks: Chunks
 
 
 def bind(force: GravityTree, system: System, threads: int) -> TreeKernel:
@@ -103,7 +103,7 @@ def bind(force: GravityTree, system: System, threads: int) -> TreeKernel:
         tasks=np.zeros(clusters, np.int64),
         groups=np.zeros(clusters, np.int64),
         counts=np.zeros(2, np.int64),
-        threads=Parallel(CHUNKS) if threads > 1 else Serial(CHUNKS),
+        chunks=in_chunks(CHUNKS, threads),
     )
 
 
@@ -111,12 +111,12 @@ def bind(force: GravityTree, system: System, threads: int) -> TreeKernel:
 def tree_forces(force, t, x, v, a, sums):
     if not build(force, x):
         return BLOWN_UP
-    each_chunk(force, force.threads, "subtrees")
+    each_chunk(force, force.chunks, "subtrees")
     finish(force, GROUP)
     if sums is None:
-        each_chunk(force, force.threads, "pull_groups")
+        each_chunk(force, force.chunks, "pull_groups")
     else:
-        each_chunk(force, force.threads, "pull_groups_and_sums")
+        each_chunk(force, force.chunks, "pull_groups_and_sums")
         add_sums(force, sums)
     for s in range(x.shape[1]):
         i = int(force.rows[s, 3])
@@ -125,7 +125,7 @@ def tree_forces(force, t, x, v, a, sums):
     return OK
 
 
-@in_order
+@as_written
 def add_sums(force, sums):
     """Potential energy, virial and pairs; the virial is the sum of m x . a over particles, x from the centre of mass,
     which is that of r . F over pairs as far as the forces of two are opposite."""
@@ -159,7 +159,7 @@ def pull_groups_and_sums(force, c):
     walk_some(force, force.potential, c)
 
 
-@in_order
+@as_written
 def walk_some(force, potential, c):
     """Every CHUNKS-th block of groups from c on; neighbours walk one after the other, over nodes still in the cache."""
     count = force.counts[GROUPS]
@@ -169,7 +169,7 @@ def walk_some(force, potential, c):
             walk(force, potential, force.groups[g])
 
 
-@in_order
+@as_written
 def walk(force, potential, group):
     """Find what pulls a group, and add it up."""
     first, last = force.span[group, 0], force.span[group, 1]
@@ -212,7 +212,7 @@ def walk(force, potential, group):
     pull_of_particles(force, potential, first, last, near, n_near)
 
 
-@in_order
+@as_written
 def box(force, first, last):
     """The lowest and highest x, y, z of clusters first to last."""
     low, high = np.empty(3), np.empty(3)
@@ -226,7 +226,7 @@ def box(force, first, last):
     return low, high
 
 
-@in_order
+@as_written
 def distance2(row, low, high):
     """Squared distance from a node's centre of mass to the nearest point of a box."""
     total = 0.0
@@ -237,7 +237,7 @@ def distance2(row, low, high):
     return total
 
 
-@in_order
+@as_written
 def least_acceleration(force, first, last, low, high):
     """An estimate of the smallest |a| in a group: that of the smooth field at its clusters' centres, from masses alone.
 
@@ -277,7 +277,7 @@ def least_acceleration(force, first, last, low, high):
     return math.sqrt(-lane_max(size2))
 
 
-@in_order
+@as_written
 def pull_of_nodes(force, potential, first, last, found, count):
     """Add the pull of nodes: mass M and second moments S about the centre, for the softened U = -G / sqrt(r^2 +
     softening^2).
@@ -301,8 +301,8 @@ def pull_of_nodes(force, potential, first, last, found, count):
             sy = row[XY] * dx + row[YY] * dy + row[YZ] * dz
             sz = row[XZ] * dx + row[YZ] * dy + row[ZZ] * dz
             q = sx * dx + sy * dy + sz * dz
-            w = row[GM] * u3 + u5 * (2.5 * q * u2 - row[TRACE])
-            ax, ay, az = ax + (u5 * sx - w * dx), ay + (u5 * sy - w * dy), az + (u5 * sz - w * dz)
+            w = u5 * (row[TRACE] - 2.5 * q * u2) - row[GM] * u3
+            ax, ay, az = ax + (u5 * sx + w * dx), ay + (u5 * sy + w * dy), az + (u5 * sz + w * dz)
             if potential is not None:
                 phi = phi - (row[GM] * u + 0.5 * q * u5 - row[TRACE] / 3.0 * u3)
         store(force.a[0], s, ax)
@@ -312,7 +312,7 @@ def pull_of_nodes(force, potential, first, last, found, count):
             store(potential, s, load(potential, s) + phi)
 
 
-@in_order
+@as_written
 def pull_of_particles(force, potential, first, last, near, count):
     """Add the pull of the particles of clusters, one by one."""
     softening2, gm, zero = force.softening2, force.gm, splat(0.0)

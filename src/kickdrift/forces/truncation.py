@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
-from kickdrift.forces.compiling import in_order
+from kickdrift.forces.compiling import as_written
 from kickdrift.forces.inner import overload
 from kickdrift.forces.simd import Lanes, select
 
@@ -85,7 +85,7 @@ def truncated(truncation: Any, at_cutoff: Any, r2: Any, energy: Any, force_over_
 
 @overload(truncated)
 def _truncated(truncation, at_cutoff, r2, energy, force_over_r):
-    apply = in_order(truncation.instance_class.apply)
+    apply = as_written(truncation.instance_class.apply)
     return lambda truncation, at_cutoff, r2, energy, force_over_r: apply(
         truncation, at_cutoff, r2, energy, force_over_r
     )

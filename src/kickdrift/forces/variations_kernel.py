@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from kickdrift.forces.chunks import Parallel, Serial, chunk_task, each_chunk
+from kickdrift.forces.chunks import Chunks, chunk_task, each_chunk, in_chunks
 from kickdrift.forces.compiling import never_inline
 from kickdrift.forces.gravity_slope import Sources, pull_and_slope, sources_of
 from kickdrift.forces.kernel import OK, accelerate, kernel
@@ -25,7 +25,7 @@ class VariedGravity(NamedTuple):
     phase: NDArray[np.float64]  # (2, 3, n) positions and velocities of these
     a: NDArray[np.float64]  # (3, n) and their accelerations
     sources: Sources
-    threads: Serial | Parallel
+    chunks: Chunks
 
 
 class VariedForce(NamedTuple):
@@ -44,7 +44,7 @@ def bind(force: Any, system: System, threads: int, analytic: bool) -> VariedGrav
     n = len(system)
     room = force.bind(system, threads), np.zeros((2, 3, n)), np.zeros((3, n))
     if analytic:
-        return VariedGravity(*room, sources_of(force, system), Parallel(n) if threads > 1 else Serial(n))
+        return VariedGravity(*room, sources_of(force, system), in_chunks(n, threads))
     return VariedForce(*room, np.zeros((2, 3, n)), np.zeros((3, n)), np.zeros((3, n)))
 
 
@@ -66,7 +66,7 @@ def varied_gravity(force, t, x, v, a, sums):
     status = accelerate(force.force, t, phase[0], phase[1], own, sums)
     if status != OK:
         return status
-    each_chunk(force, force.threads, "slope_of_pull")
+    each_chunk(force, force.chunks, "slope_of_pull")
     for k in range(3):
         for i in range(n):
             a[k, i] += own[k, i]

@@ -19,6 +19,8 @@ from kickdrift.integrators import (
     wisdom_holman,
 )
 from kickdrift.integrators.method import Method
+from kickdrift.text import VALUE
+from kickdrift.units import shown
 
 INTEGRATORS: dict[str, Method] = {
     row.name: row
@@ -42,12 +44,12 @@ INTEGRATORS |= {alias: INTEGRATORS[name] for alias, name in splitting.ALIASES.it
 def integrator(name: str) -> Method:
     """The method of that name; for an unknown one an InputError that offers the nearest names."""
     if not isinstance(name, str):
-        raise InputError(f"integrator must be a name, got {name!r}")
+        raise InputError(f"integrator must be a name, got {shown(name)}")
     if name in INTEGRATORS:
         return INTEGRATORS[name]
-    near = get_close_matches(name, INTEGRATORS, 3, 0.5)
+    near = get_close_matches(name[:VALUE], INTEGRATORS, 3, 0.5)
     hint = f"did you mean {', '.join(near)}?" if near else "see: kickdrift list integrators"
-    raise InputError(f"integrator {name!r} is unknown; {hint}")
+    raise InputError(f"integrator {shown(name)} is unknown; {hint}")
 
 
 def integrators() -> list[str]:

@@ -11,15 +11,16 @@ from kickdrift.forces.evaluate import fill_derivative
 from kickdrift.forces.handle import handle
 from kickdrift.forces.kernel import GROW, OK, RAISED
 from kickdrift.integrators.loops import FRESH, REJECTED, STAGE, STEP, stage_state
+from kickdrift.integrators.options import Options
 from kickdrift.integrators.step_control import (
     FLOOR,
-    check_tolerances,
     controller,
     first_step,
     rejected_factor,
     step_factor,
+    tolerances_of,
 )
-from kickdrift.integrators.stepping import BEFORE, LAST, NEXT, STOPPED, TIME, ChosenSteps, Options
+from kickdrift.integrators.stepping import BEFORE, LAST, NEXT, STOPPED, TIME, ChosenSteps
 from kickdrift.state import Floats
 
 if TYPE_CHECKING:
@@ -34,7 +35,7 @@ ERROR, ERROR_BEFORE, REJECTED_LAST = range(4, 7)
 def scaled_error(y, trial, errors, h, k, rtol, atol):
     """The root mean square of the error estimate over its tolerance, atol + rtol |y|, |y| the larger of both ends
     (Hairer, Norsett & Wanner 1993, eq. II.4.11); with two rows of ``errors`` E5 and E3, E5^2 / sqrt(E5^2 + 0.01 E3^2)
-    (II.10). y and trial are (N,), k (stages, N)."""
+    (II.10). y, trial, rtol and atol are (N,), k (stages, N)."""
     first, second, stages = 0.0, 0.0, errors.shape[1]
     two = errors.shape[0] == 2
     for i in range(y.size):
@@ -43,7 +44,7 @@ def scaled_error(y, trial, errors, h, k, rtol, atol):
             e += errors[0, j] * k[j, i]
             if two:
                 e3 += errors[1, j] * k[j, i]
-        scale = atol + rtol * max(abs(y[i]), abs(trial[i]))
+        scale = atol[i] + rtol[i] * max(abs(y[i]), abs(trial[i]))
         first += (e / scale) ** 2
         second += (e3 / scale) ** 2
     if two:
@@ -54,23 +55,29 @@ def scaled_error(y, trial, errors, h, k, rtol, atol):
 
 
 @driver
-def adaptive_loop(forces, y, before, work, stages, errors, settings, numbers, clock, until, steps, cursor):
+def adaptive_loop(forces, y, before, work, stages, errors, rtol, atol, settings, numbers, clock, until, steps, cursor):
     """Steps until the clock has reached ``until``, or ``steps`` of them; a status, STOPPED where the step came to
-    nothing.
+    nothing. The loop ends before a step that would lead beyond the end, or cuts that step off there.
 
     ``before`` is y at the last step's start, ``work`` the trial state and the stages of the last step, the derivative
-    at its end last; ``settings`` rtol, atol and the exponent -1 / (q + 1) with its sign turned."""
+    at its end last; ``settings`` the exponent -1 / (q + 1) with its sign turned, the longest step, the end, and
+    whether to cut off (1 or 0)."""
     bound = handle(forces)
     count = stages.shape[1]
     trial, k = work[0], work[1:]
     flat_y, flat_trial, flat_k = y.reshape(-1), trial.reshape(-1), k.reshape((count + 1, -1))
-    rtol, atol, exponent = settings[0], settings[1], settings[2]
+    exponent, longest, end, clip = settings[0], settings[1], settings[2], settings[3] != 0.0
     c = np.zeros(count + 1)
     for stage in range(count + 1):
         for j in range(count):
             c[stage] += stages[stage, j]
     while cursor[STEP] < steps and clock[TIME] < until:
-        t = clock[TIME]
+        t, h = clock[TIME], min(clock[NEXT], longest)
+        last = t + h > end
+        if last:
+            if not clip:
+                return OK
+            h = end - t
         if cursor[STAGE] == 0:
             if cursor[FRESH]:
                 flat_k[0, :] = flat_k[count]
@@ -80,13 +87,12 @@ def adaptive_loop(forces, y, before, work, stages, errors, settings, numbers, cl
                     return status
             cursor[FRESH] = 0
             cursor[STAGE] = 1
-        h = clock[NEXT]
-        if not h > 10.0 * (np.nextafter(abs(t), np.inf) - abs(t)):
+        if not (last or h > 10.0 * (np.nextafter(abs(t), np.inf) - abs(t))):
             return STOPPED
         status = OK
         for stage in range(cursor[STAGE], count + 1):
             stage_state(flat_trial, flat_y, stages, stage, min(stage, count), h, flat_k)
-            status = fill_derivative(bound, t + c[stage] * h, trial, k[stage], cursor)
+            status = fill_derivative(bound, min(t + c[stage] * h, end), trial, k[stage], cursor)
             if status != OK:
                 cursor[STAGE] = stage
                 break
@@ -101,7 +107,8 @@ def adaptive_loop(forces, y, before, work, stages, errors, settings, numbers, cl
                 factor = min(1.0, factor)
             before[:] = y
             y[:] = trial
-            clock[BEFORE], clock[TIME], clock[LAST], clock[NEXT] = t, t + h, h, h * factor
+            following = max(h * factor, clock[NEXT]) if last else h * factor
+            clock[BEFORE], clock[TIME], clock[LAST], clock[NEXT] = t, end if last else t + h, h, following
             clock[ERROR_BEFORE], clock[ERROR], clock[REJECTED_LAST] = clock[ERROR], error, 0.0
             cursor[STAGE] = 0
             cursor[FRESH] = 1
@@ -122,7 +129,7 @@ class AdaptiveStepper(ChosenSteps):
 
     def __init__(self, flow: Flow, tableau: Tableau, options: Options) -> None:
         super().__init__(flow, options)
-        check_tolerances(self.rtol, self.atol)
+        self.rtol, self.atol = tolerances_of(flow, options)
         self._tableau, self._controller = tableau, controller(options.controller)
 
     def reset(self, y: Floats, time: float, steps: int) -> None:
@@ -137,18 +144,18 @@ class AdaptiveStepper(ChosenSteps):
         return self._work[1:]
 
     def _go(self, until: float, steps: int) -> int:
-        settings = np.array([self.rtol, self.atol, 1.0 / (self._tableau.error_order + 1)])
+        settings = np.array([1.0 / (self._tableau.error_order + 1), self._longest, self.end, float(self.clip)])
         self._k_done = []
         return self._flow.forces.call(
-            adaptive_loop, self.y, self._before, self._work, self._tableau.stages, self._tableau.error_rows, settings,
-            self._controller.numbers, self._clock, until, steps, self._cursor,
+            adaptive_loop, self.y, self._before, self._work, self._tableau.stages, self._tableau.error_rows, self.rtol,
+            self.atol, settings, self._controller.numbers, self._clock, until, steps, self._cursor,
         )  # fmt: skip
 
-    def _first_step(self) -> float:
-        f = self._flow.derivative(self.time, self.y)
-        self._extra_evaluations += 2
-        order = self._tableau.error_order
-        return first_step(self._flow.derivative, self.time, self.y, f, order, self.rtol, self.atol)
+    def _first_step(self) -> float | None:
+        f, order, limits = self._flow.derivative(self.time, self.y), self._tableau.error_order, (self.end, self.clip)
+        h = first_step(self._flow.derivative, self.time, self.y, f, order, self.rtol, self.atol, *limits)
+        self._extra_evaluations += 2 if h is not None else 0  # else all this is done again
+        return h
 
     def at(self, time: float) -> Floats:
         begin, h = self._clock[BEFORE], self._clock[LAST]
@@ -168,7 +175,7 @@ class AdaptiveStepper(ChosenSteps):
             begin, h = self._clock[BEFORE], self._clock[LAST]
             for row in self._tableau.extra:
                 y = self._before + h * np.tensordot(row, np.array(k), 1)
-                k.append(self._flow.derivative(begin + sum(row) * h, y))
+                k.append(self._flow.derivative(min(begin + sum(row) * h, self.time), y))
             self._k_done = k
         return np.array(self._k_done or self._stages)
 

@@ -13,8 +13,8 @@ from kickdrift.forces.evaluate import EVALUATIONS, SLOTS
 from kickdrift.forces.simd import WIDTH, aligned
 from kickdrift.integrators.batch_stepping import Deviations, Members, from_lanes, to_lanes
 from kickdrift.integrators.batch_wisdom_holman_loop import WAY, WORK, LaneOrbits, batch_wisdom_holman_loop
+from kickdrift.integrators.options import Options
 from kickdrift.integrators.splitting import Splitting
-from kickdrift.integrators.stepping import Options
 from kickdrift.integrators.wisdom_holman import JACOBI
 from kickdrift.integrators.wisdom_holman_limits import passages_and_hill, warning_lines
 from kickdrift.integrators.wisdom_holman_loop import (

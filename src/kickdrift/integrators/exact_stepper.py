@@ -18,7 +18,8 @@ from kickdrift.integrators.exact import Lattice
 from kickdrift.integrators.exact_list import AXIS, BUILT, CULPRIT, POSITION, ROOM_NEEDED, WHAT, Particles
 from kickdrift.integrators.exact_loop import FAR, ExactGravity, ExactPairs, SpeciesTables, exact_loop
 from kickdrift.integrators.loops import STEP
-from kickdrift.integrators.stepping import Options, Regular
+from kickdrift.integrators.options import Options
+from kickdrift.integrators.stepping import Regular
 from kickdrift.memory import Memory
 from kickdrift.state import Floats
 
@@ -186,7 +187,10 @@ class ExactStepper(Regular):
 
     def recall(self, memory: Memory) -> None:
         """See Stepper; the scales come first, for the state may not fit into the start's."""
-        self._set_scales(np.array(memory["spacing"]), np.array(memory["momentum"]))
+        spacing, momentum = np.array(memory["spacing"], dtype=float), np.array(memory["momentum"], dtype=float)
+        if momentum.shape != self._momentum.shape or spacing.shape != self._particles.spacing.shape:
+            raise InputError("checkpoint: its scales are not of a run of this system")
+        self._set_scales(spacing, momentum)
         super().recall(memory)
         self._show()
 

@@ -17,12 +17,14 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from kickdrift.errors import InputError
 from kickdrift.integrators.method import Method
 from kickdrift.state import Floats
 
 if TYPE_CHECKING:
     from kickdrift.flow import Flow
-    from kickdrift.integrators.stepping import Options, Stepper
+    from kickdrift.integrators.options import Options
+    from kickdrift.integrators.stepping import Stepper
 
 STAGES = 8  # nodes, the one at the step's start included
 DIGITS = 50  # of the nodes while they are worked out
@@ -127,11 +129,13 @@ class GaussRadau(Method):
 
     family = "Gauss-Radau"
     adaptive = True
-    tunable = ("rtol",)
+    tunable = ("rtol", "max_step")
 
     def checked(self, given: Options, asked: Options) -> Options:
         options = super().checked(given, asked)
-        return replace(options, rtol=EPSILON) if options.rtol is None else options
+        if isinstance(options.rtol, tuple):
+            raise InputError(f"rtol: {self.name} takes one number, got {len(options.rtol)}")
+        return replace(options, rtol=EPSILON if options.rtol is None else float(options.rtol))
 
     def stepper(self, flow: Flow, options: Options) -> Stepper:
         from kickdrift.integrators.gauss_radau_stepper import GaussRadauStepper

@@ -51,6 +51,7 @@ CONVERGED = 2.2e-16  # residual that another iteration would find, over the size
 ROUNDED = 1e-9  # a residual that stops shrinking below this is rounding; above, the iteration diverges
 PATIENCE = 3  # iterations in which residuals may grow, from a first guess
 SHORTEST_MOST = 100  # steps that long in a row
+NEAR = 1000.0  # shortest steps before the end: a step that has fallen to nothing there goes on to the end
 SHORTER = 0.25  # a step is rejected if the next one would be shorter by that factor; none is longer by its inverse
 
 
@@ -98,10 +99,27 @@ def iterate(bound, t, h, trial, trial_flat, dy, dy_flat, work, width, tables, ve
 
 @driver
 def gauss_radau_loop(
-    forces, y, trial, trial_flat, dy, dy_flat, workspace, numbers, velocities, eta, clock, until, steps, cursor
+    forces,
+    y,
+    trial,
+    trial_flat,
+    dy,
+    dy_flat,
+    workspace,
+    numbers,
+    velocities,
+    eta,
+    longest,
+    end,
+    clip,
+    clock,
+    until,
+    steps,
+    cursor,
 ):
     """Steps until the clock has reached ``until``, or ``steps`` of them; a status, STOPPED where the step came to
-    nothing.
+    nothing. No step is longer than ``longest``. The loop ends before a step that would lead beyond ``end``, or cuts
+    that step off there (``clip``).
 
     y, trial and dy are (2, rows, n) or (1, 1, n), the flat ones the same memory and some room after; ``velocities``
     tells whether the accelerations depend on them."""
@@ -112,7 +130,14 @@ def gauss_radau_loop(
     offset, width = (halves - 1) * size, workspace.shape[1]
     work, flat_y = flat(workspace), flat(y)
     while cursor[STEP] < steps and clock[TIME] < until:
-        t, h = clock[TIME], clock[NEXT]
+        t, h = clock[TIME], min(clock[NEXT], longest)
+        least = 10.0 * (np.nextafter(abs(t), np.inf) - abs(t))
+        near = h <= least and end - t <= NEAR * least  # as before a singularity at the end
+        last = t + h > end or near
+        if last:
+            if not clip:
+                return OK
+            h = end - t
         for half in range(halves):  # velocities for forces that take none but look at them, too
             copied(trial_flat, half * size, work, width, X if half < halves - 1 else V, size)
         if not cursor[FRESH]:
@@ -126,8 +151,7 @@ def gauss_radau_loop(
             if mask_bits(odd >= 0.0) != 255:
                 return BLOWN_UP
             cursor[FRESH] = 1
-        least = 10.0 * (np.nextafter(abs(t), np.inf) - abs(t))
-        if not h > least or clock[SHORTEST] > SHORTEST_MOST:
+        if not (last or h > least) or clock[SHORTEST] > SHORTEST_MOST:
             return STOPPED
         ratio = h / clock[STEP_LAST] if clock[STEP_LAST] > 0.0 and clock[SHORTEST] == 0.0 else 0.0
         predict(work, width, ratio, clock[RATIO], tables.shifts)
@@ -139,7 +163,9 @@ def gauss_radau_loop(
         if status == OK:
             wanted = next_step(work, width, NOW, ENDS, V, y.shape[1], y.shape[2], h, eta)
         too_long = not wanted >= SHORTER * h
-        if status != OK or (too_long and wanted > 4.0 * least):
+        if status != OK or (too_long and wanted > 4.0 * least and not near):
+            if near:
+                return STOPPED
             clock[NEXT] = wanted
             cursor[REJECTED] += 1
             continue
@@ -156,8 +182,13 @@ def gauss_radau_loop(
             copied(flat_y, 0, work, width, X, size)
         finish(work, width, V, LOST_V, tables.velocities, tables.velocities_low, h, False)
         copied(flat_y, offset, work, width, V, size)
-        clock[BEFORE], clock[STEP_LAST], clock[RATIO], clock[NEXT] = t, h, ratio, min(wanted, h / SHORTER)
-        advance_clock(clock, h)
+        following = min(wanted, h / SHORTER)
+        clock[BEFORE], clock[STEP_LAST], clock[RATIO] = t, h, ratio
+        clock[NEXT] = max(following, clock[NEXT]) if last else following
+        if last:
+            clock[TIME], clock[LOST_TIME] = end, 0.0
+        else:
+            advance_clock(clock, h)
         cursor[FRESH] = 0
         cursor[STEP] += 1
     return OK

@@ -21,7 +21,8 @@ from kickdrift.integrators.gauss_radau_series import (
     V,
     X,
 )
-from kickdrift.integrators.stepping import BEFORE, ChosenSteps, Options
+from kickdrift.integrators.options import Options
+from kickdrift.integrators.stepping import BEFORE, ChosenSteps
 from kickdrift.integrators.stepping import LAST as STEP_LAST
 from kickdrift.state import Floats
 
@@ -40,7 +41,9 @@ class GaussRadauStepper(ChosenSteps):
 
     def __init__(self, flow: Flow, options: Options) -> None:
         super().__init__(flow, options)
-        self.eta = (5040.0 * self.rtol) ** (1.0 / 7.0)
+        rtol, _ = options.tolerances
+        assert isinstance(rtol, float)
+        self.eta = (5040.0 * rtol) ** (1.0 / 7.0)
         self._velocities = flow.not_separable is not None
 
     def reset(self, y: Floats, time: float, steps: int) -> None:
@@ -73,7 +76,8 @@ class GaussRadauStepper(ChosenSteps):
     def _go(self, until: float, steps: int) -> int:
         return self._flow.forces.call(
             gauss_radau_loop, self.y, self._trial, self._flat[0], self._derivative, self._flat[1], self._work,
-            tables(), self._velocities, self.eta, self._clock, until, steps, self._cursor,
+            tables(), self._velocities, self.eta, self._longest, self.end, self.clip, self._clock, until, steps,
+            self._cursor,
         )  # fmt: skip
 
     def _first_step(self) -> float:

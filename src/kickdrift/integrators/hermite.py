@@ -10,7 +10,8 @@ from kickdrift.integrators.method import Method
 
 if TYPE_CHECKING:
     from kickdrift.flow import Flow
-    from kickdrift.integrators.stepping import Options, Stepper
+    from kickdrift.integrators.options import Options
+    from kickdrift.integrators.stepping import Stepper
 
 ETA = 0.02  # as in Makino & Aarseth 1992 and most that followed
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from kickdrift.forces.chunks import Parallel, Serial, chunk_task, each_chunk
+from kickdrift.forces.chunks import Chunks, chunk_task, each_chunk
 from kickdrift.forces.compiling import driver, jit, never_inline
 from kickdrift.forces.evaluate import EVALUATIONS
 from kickdrift.forces.gravity_slope import Sources, pull_and_slope
@@ -38,7 +38,7 @@ class Bodies(NamedTuple):
     steps: NDArray[np.float64]  # (n,) each body's own
     due: NDArray[np.int64]  # (n,) the bodies that the present step moves come first
     moved: NDArray[np.int64]  # (1,) how many these are
-    threads: Serial | Parallel
+    chunks: Chunks
 
 
 @chunk_task
@@ -61,9 +61,9 @@ def evaluate(bodies, time, cursor):
             sources.u[k, i] = series[V, k, i] + s * (a + s / 2 * jerk)
     count = bodies.moved[0]
     if count * n < WORTH_THREADS:
-        each_chunk(bodies, Serial(TASKS), "pulls_and_jerks")
+        each_chunk(bodies, Chunks(TASKS, 0), "pulls_and_jerks")
     else:
-        each_chunk(bodies, bodies.threads, "pulls_and_jerks")
+        each_chunk(bodies, bodies.chunks, "pulls_and_jerks")
     cursor[EVALUATIONS] += count
     total = 0.0
     for k in range(count):

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.spatial import cKDTree
 
-from kickdrift.forces.chunks import Parallel, Serial
+from kickdrift.forces.chunks import in_chunks
 from kickdrift.forces.evaluate import EVALUATIONS, SLOTS
 from kickdrift.forces.gravity_slope import sources_of
 from kickdrift.forces.kernel import OK
@@ -28,7 +28,8 @@ from kickdrift.integrators.hermite_loop import (
     hermite_start,
 )
 from kickdrift.integrators.loops import STEP
-from kickdrift.integrators.stepping import STOPPED, Counts, Options, Resumable
+from kickdrift.integrators.options import Options
+from kickdrift.integrators.stepping import STOPPED, Counts, Resumable
 from kickdrift.state import Floats
 
 if TYPE_CHECKING:
@@ -60,7 +61,7 @@ class HermiteStepper(Resumable):
             steps=np.zeros(n),
             due=np.zeros(n, np.int64),
             moved=np.zeros(1, np.int64),
-            threads=Parallel(TASKS) if flow.forces.threads > 1 else Serial(TASKS),
+            chunks=in_chunks(TASKS, flow.forces.threads),
         )
         self._cursor = np.zeros(SLOTS, np.int64)
         self._clock = np.zeros(6)

@@ -16,7 +16,8 @@ from kickdrift.state import Floats
 
 if TYPE_CHECKING:
     from kickdrift.flow import Flow
-    from kickdrift.integrators.stepping import Options, Stepper
+    from kickdrift.integrators.options import Options
+    from kickdrift.integrators.stepping import Stepper
 
 ITERATIONS = ("newton", "fixed-point")
 ROUNDING = 1e-15  # of a tableau's entries

@@ -10,7 +10,8 @@ import numpy as np
 
 from kickdrift.flow import ParticleFlow
 from kickdrift.forces.kernel import OK
-from kickdrift.integrators.stepping import STOPPED, Options
+from kickdrift.integrators.options import Options
+from kickdrift.integrators.stepping import STOPPED
 from kickdrift.integrators.stepwise import PythonStepper, check_unknowns, factored
 from kickdrift.memory import Memory
 from kickdrift.state import Floats

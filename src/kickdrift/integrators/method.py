@@ -5,16 +5,17 @@ from __future__ import annotations
 from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Any, ClassVar
 
-import numpy as np
-
+from kickdrift.checks import positive
 from kickdrift.errors import InputError
+from kickdrift.units import shown
 
 PRECISIONS = DOUBLE, MIXED = "double", "mixed"  # of pair forces
 
 if TYPE_CHECKING:
     from kickdrift.flow import Flow
     from kickdrift.integrators.batch_stepping import LaneStepper, Members
-    from kickdrift.integrators.stepping import Options, Stepper
+    from kickdrift.integrators.options import Options
+    from kickdrift.integrators.stepping import Stepper
     from kickdrift.state import Floats
     from kickdrift.system import System
 
@@ -103,7 +104,7 @@ class Method:
 
     @property
     def tunable(self) -> tuple[str, ...]:
-        return ("rtol", "atol", "controller") if self.adaptive else ("compensated",)
+        return ("rtol", "atol", "controller", "max_step") if self.adaptive else ("compensated",)
 
     @property
     def choices(self) -> dict[str, tuple[Any, ...]]:
@@ -133,7 +134,7 @@ class Method:
                 takes = ", ".join(("dt", *self.tunable))
                 raise InputError(f"{key}: {self.name} does not take it; it takes {takes}")
         if not isinstance(asked.compensated, bool):
-            raise InputError(f"compensated must be True or False, got {asked.compensated!r}")
+            raise InputError(f"compensated must be True or False, got {shown(asked.compensated)}")
         kept = {key: getattr(given, key) for key in self.tunable}
         for key, known in self.choices.items():
             if kept[key] is None:
@@ -141,12 +142,14 @@ class Method:
             elif kept[key] not in known:
                 names = [str(k) for k in known if k is not None]
                 between = "; " if any("," in name for name in names) else ", "
-                raise InputError(f"{key} {kept[key]!r} is unknown; known are {between.join(names)}")
+                raise InputError(f"{key} {shown(kept[key])} is unknown; known are {between.join(names)}")
         dt = asked.dt if self.adaptive else given.dt  # a file's dt is no first step for a method that chooses its own
         if given.precision not in (None, *PRECISIONS):
-            raise InputError(f"precision {given.precision!r} is unknown; known are {', '.join(PRECISIONS)}")
+            raise InputError(f"precision {shown(given.precision)} is unknown; known are {', '.join(PRECISIONS)}")
         if given.precision == MIXED and not self.mixed:
             raise InputError(f"precision: {self.name} adds up forces of its own, and takes {DOUBLE} alone")
+        if "max_step" in kept:
+            kept["max_step"] = checked_dt(kept["max_step"], "max_step")
         options = replace(type(given)(), dt=checked_dt(dt), precision=given.precision, **kept)
         if self.adaptive:
             from kickdrift.integrators.step_control import check_tolerances, controller
@@ -156,12 +159,6 @@ class Method:
         return options
 
 
-def checked_dt(dt: Any) -> float | None:
+def checked_dt(dt: Any, key: str = "dt") -> float | None:
     """A step, if one is given; an InputError where it is no positive finite time."""
-    if dt is not None and not (_is_number(dt) and np.isfinite(dt) and dt > 0):
-        raise InputError(f"dt must be a positive finite time, got {dt!r}")
-    return None if dt is None else float(dt)
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, (int, float, np.number)) and not isinstance(value, bool)
+    return None if dt is None else positive(key, dt, "a positive finite time")

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from kickdrift.errors import InputError
+from kickdrift.files import refuse_unfit
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators.method import Method
 from kickdrift.integrators.runge_kutta import Tableau
@@ -20,7 +21,8 @@ from kickdrift.integrators.splitting import Splitting
 
 if TYPE_CHECKING:
     from kickdrift.flow import Flow
-    from kickdrift.integrators.stepping import Options, Stepper
+    from kickdrift.integrators.options import Options
+    from kickdrift.integrators.stepping import Stepper
 
 REGISTERED: set[str] = set()  # the names that did not come with kickdrift
 
@@ -155,8 +157,7 @@ def unregister(name: str) -> None:
 
 def load_file(path: Path) -> None:
     """Run a Python file that registers methods; an InputError of one line where it fails."""
-    if not path.is_file():
-        raise InputError(f"{path}: no such file")
+    refuse_unfit(path)
     spec = spec_from_file_location(path.stem, path)
     if spec is None or spec.loader is None:
         raise InputError(f"{path}: the name of a Python file must end in .py")

@@ -9,7 +9,8 @@ from kickdrift.integrators.method import Method
 
 if TYPE_CHECKING:
     from kickdrift.flow import Flow
-    from kickdrift.integrators.stepping import Options, Stepper
+    from kickdrift.integrators.options import Options
+    from kickdrift.integrators.stepping import Stepper
 
 
 @dataclass(frozen=True)

@@ -8,17 +8,18 @@ import numpy as np
 
 from kickdrift.forces.kernel import BLOWN_UP, OK
 from kickdrift.integrators.adaptive import scaled_error
+from kickdrift.integrators.options import Options
 from kickdrift.integrators.rosenbrock import lower
 from kickdrift.integrators.step_control import (
     EPSILON,
     FLOOR,
-    check_tolerances,
     controller,
     first_step,
     rejected_factor,
     step_factor,
+    tolerances_of,
 )
-from kickdrift.integrators.stepping import STOPPED, Options
+from kickdrift.integrators.stepping import STOPPED
 from kickdrift.integrators.stepwise import PythonStepper, check_unknowns, factored
 from kickdrift.state import Floats
 
@@ -43,10 +44,9 @@ class RosenbrockStepper(PythonStepper):
 
     def __init__(self, flow: Flow, tableau: Rosenbrock, options: Options) -> None:
         super().__init__(flow)
-        self.rtol, self.atol = options.tolerances
-        check_tolerances(self.rtol, self.atol)
+        self.rtol, self.atol = tolerances_of(flow, options)
         check_unknowns(tableau.name, flow)
-        self._tableau, self._first = tableau, options.dt
+        self._tableau, self._first, self._longest = tableau, options.dt, options.longest
         self._numbers = controller(options.controller).numbers
         self._exponent = 1.0 / (tableau.error_order + 1)
         self._a, self._c = lower(tableau.a), lower(tableau.c)
@@ -63,19 +63,23 @@ class RosenbrockStepper(PythonStepper):
         f = self._f(t, y)
         if not np.isfinite(f).all():
             return self._blow_up(f)
-        h = self._next or self._first or first_step(self._f, t, y, f, self._tableau.error_order, self.rtol, self.atol)
+        h = min(self._next or self._first_step(self._f, f) or 0.0, self._longest)
+        last = t + h > self.end
+        h = self.end - t if last else h
         tangent = Tangent(f, self._jacobian(t, y), _by_time(self._f, t, y, f, h))
         if not np.isfinite(tangent.by_t).all():
             return self._blow_up(tangent.by_t)
-        while h > 10.0 * np.spacing(abs(t)):
+        while last or h > 10.0 * np.spacing(abs(t)):
             trial, error = self._try(self._f, t, y, h, tangent)
             if error <= 1.0:
                 factor = step_factor.py_func(self._numbers, self._exponent, error, *self._errors)
-                self._next = h * (min(1.0, factor) if rejected else factor)
+                following = h * (min(1.0, factor) if rejected else factor)
+                self._next = max(following, self._next) if last else following
                 self._errors = [error, self._errors[0]]
                 self._before, self.y, self._tangent = y, trial, None
-                self._begun, self.time, self.last_step = t, t + h, h
+                self._begun, self.time, self.last_step = t, self.end if last else t + h, h
                 return OK
+            last = False
             h *= rejected_factor.py_func(self._numbers, self._exponent, error)
             rejected = True
             self._counts.rejected += 1
@@ -84,6 +88,17 @@ class RosenbrockStepper(PythonStepper):
             return BLOWN_UP
         self.trouble = f"the step fell to {h:.3g}, which t = {t:.9g} can no longer tell from 0"
         return STOPPED
+
+    def _first_step(self, derivative: Derivative, f: Floats) -> float | None:
+        order, limits = self._tableau.error_order, (self.end, self.clip)
+        return self._first or first_step(derivative, self.time, self.y, f, order, self.rtol, self.atol, *limits)
+
+    def _fits(self) -> bool:
+        h: float | None = self._next
+        if not h:
+            f = self._flow.derivative(self.time, self.y)
+            h = self._first_step(self._flow.derivative, f) if np.isfinite(f).all() else 0.0
+        return h is not None and self.time + min(h, self._longest) <= self.end
 
     def _try(self, derivative: Derivative, t: float, y: Floats, h: float, tangent: Tangent) -> tuple[Floats, float]:
         """A step of h from (t, y): where it leads, and its error over the tolerance, infinite where it has none."""
@@ -95,7 +110,7 @@ class RosenbrockStepper(PythonStepper):
         u = np.zeros((len(method.m), *y.shape))
         for i, (alpha, gamma) in enumerate(zip(*method.sums, strict=True)):
             stage = y + np.tensordot(self._a[i, :i], u[:i], 1)
-            f = derivative(t + alpha * h, stage) if i else tangent.f
+            f = derivative(min(t + alpha * h, t + h, self.end), stage) if i else tangent.f
             right = f + np.tensordot(self._c[i, :i], u[:i], 1) / h + gamma * h * tangent.by_t
             if not np.isfinite(f).all():
                 self._bad = stage + f
@@ -125,8 +140,8 @@ class RosenbrockStepper(PythonStepper):
 
 def _by_time(derivative: Derivative, t: float, y: Floats, f: Floats, h: float) -> Floats:
     """df/dt by central differences, over a short part of the step, for f may change with t as fast as that; by forward
-    ones at a start before which f is no number."""
-    apart = max(EPSILON ** (1 / 3) * h, 1000.0 * float(np.spacing(abs(t))))
+    ones at a start before which f is no number. Neither goes beyond the step."""
+    apart = min(max(EPSILON ** (1 / 3) * h, 1000.0 * float(np.spacing(abs(t)))), h)
     after, before = t + apart, t - apart
     ahead, behind = derivative(after, y), derivative(before, y)
     if not np.isfinite(behind).all():

@@ -20,7 +20,8 @@ from kickdrift.state import Floats
 if TYPE_CHECKING:
     from kickdrift.flow import Flow
     from kickdrift.integrators.batch_stepping import LaneStepper, Members
-    from kickdrift.integrators.stepping import Options, Stepper
+    from kickdrift.integrators.options import Options
+    from kickdrift.integrators.stepping import Stepper
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,8 @@ from kickdrift.integrators.method import Method
 
 if TYPE_CHECKING:
     from kickdrift.flow import Flow
-    from kickdrift.integrators.stepping import Options, Stepper
+    from kickdrift.integrators.options import Options
+    from kickdrift.integrators.stepping import Stepper
 
 
 @dataclass(frozen=True)
@@ -34,7 +35,7 @@ class SciPyMethod(Method):
 
     @property
     def tunable(self) -> tuple[str, ...]:
-        return ("rtol", "atol")
+        return ("rtol", "atol", "max_step")
 
     def stepper(self, flow: Flow, options: Options) -> Stepper:
         from kickdrift.integrators.scipy_stepper import SciPyStepper

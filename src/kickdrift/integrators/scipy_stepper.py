@@ -5,15 +5,17 @@ from __future__ import annotations
 import warnings
 from dataclasses import replace
 from operator import attrgetter
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from scipy import integrate
 from scipy.linalg import LinAlgError
 
+from kickdrift.errors import InputError
 from kickdrift.forces.kernel import BLOWN_UP, OK
-from kickdrift.integrators.step_control import check_tolerances
-from kickdrift.integrators.stepping import STOPPED, Counts, Options
+from kickdrift.integrators.options import Options
+from kickdrift.integrators.step_control import EPSILON, first_step, tolerances_of
+from kickdrift.integrators.stepping import STOPPED, Counts
 from kickdrift.integrators.stepwise import PythonStepper, check_unknowns
 from kickdrift.memory import Memory, by_value, put_back
 from kickdrift.state import Floats
@@ -28,6 +30,8 @@ POINT = ("t", "y", "t_old", "status", "nfev", "njev", "nlu")
 MATRIX = ("h_abs", "h_abs_old", "error_norm_old", "jac_factor", "J")
 RETAKEN = 10_000  # steps for a look inside a step, at most; a solution that went astray may ask for any number
 OF_LSODA = "_lsoda_solver._integrator"
+NEXT_OF_LSODA = 11  # in its rwork: the step that it tries next (HCUR)
+FIRST_ORDER = {"BDF": 1, "Radau": 3, "LSODA": 1}  # by which the error of a first step is measured
 SOLVER_KEEPS = {
     "BDF": (*POINT, *MATRIX, "LU", "D", "order", "n_equal_steps"),
     "Radau": (*POINT, *MATRIX, "LU_real", "LU_complex", "current_jac", "f", "Z", "y_old"),
@@ -38,8 +42,22 @@ SOLVER_KEEPS = {
 }  # fmt: skip
 
 
+class Places(NamedTuple):
+    """Which of LSODA's whole numbers are the same in every run of a system, and which are orders, or matrix rows."""
+
+    same: list[int]
+    few: list[int] | slice
+
+
+LSODA_INTS = Places([*range(1, 7), 13, 30, 31, 32, 33, 44, 46, 47], [14, 16, 26, 27, 28, 29, 34, 38, 45])
+LSODA_WORK = Places([16, 17], slice(20, None))
+LSODA_ORDERS = 13  # and one more than the highest
+LSODA_SIZE = 18  # of state_ints: how many numbers of its table of differences are in use
+
+
 class SciPyStepper(PythonStepper):
-    """One of ``scipy.integrate.OdeSolver``, with no end to reach, so that its steps depend on none.
+    """One of ``scipy.integrate.OdeSolver``, with no end to reach, so that its steps depend on none. The length of its
+    first step is worked out here: SciPy's LSODA takes that from the end, and has none where f is zero at the start.
 
     All that it keeps from step to step is inside the solver; one that begins anew at a step point takes other steps. A
     checkpoint holds what is in there, by value, the factors of its matrices and LSODA's working memory included.
@@ -49,10 +67,9 @@ class SciPyStepper(PythonStepper):
 
     def __init__(self, flow: Flow, method: SciPyMethod, options: Options) -> None:
         super().__init__(flow)
-        self.rtol, self.atol = options.tolerances
-        check_tolerances(self.rtol, self.atol)
+        self.rtol, self.atol = tolerances_of(flow, options)
         check_unknowns(method.name, flow)
-        self._method, self._first = method, options.dt
+        self._method, self._first, self._longest = method, options.dt, options.longest
         self._analytic = flow.analytic
         self._jacobians_before = 0
 
@@ -70,6 +87,8 @@ class SciPyStepper(PythonStepper):
         return counts
 
     def _right_hand_side(self, time: float, y: Floats) -> Floats:
+        if self.end < time <= self.end + 4 * np.spacing(abs(self.end)):
+            time = self.end  # rounding of t + c h
         f = self._f(time, y.reshape(self.y.shape))
         self._bad = None if np.isfinite(f).all() else y.reshape(self.y.shape) + f
         return f.reshape(-1)
@@ -77,16 +96,45 @@ class SciPyStepper(PythonStepper):
     def _begin(self, time: float, y: Floats, first: float | None) -> Any:
         return self._solver_of(self._right_hand_side, self._jacobian, time, y, np.inf, first)
 
+    def _first_step(self, derivative: Derivative) -> float | None:
+        f = derivative(self.time, self.y)
+        if self._first or not np.isfinite(f).all():
+            return self._first or 1e-6  # the step itself will say what is wrong
+        order, limits = FIRST_ORDER[self._method.solver], (self.end, self.clip)
+        return first_step(derivative, self.time, self.y, f, order, self.rtol, self.atol, *limits)
+
+    def _fits(self) -> bool:
+        solver, least = self._solver, 10.0 * np.spacing(abs(self.time))
+        if solver is None:
+            h = self._first_step(self._flow.derivative)
+        elif self._method.solver == "LSODA":
+            h = float(attrgetter(OF_LSODA)(solver).rwork[NEXT_OF_LSODA]) * (1.0 + 4.0 * EPSILON)
+        else:
+            h = max(float(solver.h_abs), least)
+        return h is not None and self.time + min(h, self._longest) <= self.end
+
+    def _bound(self) -> None:
+        """Tell the solver where its steps end."""
+        solver, end = self._solver, self.end if self.clip else np.inf
+        solver.t_bound, solver.status = end, "running"
+        if self._method.solver == "LSODA":
+            attrgetter(OF_LSODA)(solver).rwork[0] = end
+
     def _solver_of(
         self, f: Derivative, jacobian: Derivative, time: float, y: Floats, end: float, first: float | None
     ) -> Any:
         def jac(time: float, y: Floats) -> Floats:
             return jacobian(time, y.reshape(self.y.shape))
 
-        return getattr(integrate, self._method.solver)(
-            f, time, y.reshape(-1).copy(), end, first_step=first, rtol=self.rtol, atol=self.atol,
-            jac=jac if self._analytic else None,
+        alike, least = bool(np.ptp(self.rtol) == 0.0), float(self.rtol.min())
+        one = alike or self._method.solver != "LSODA"
+        solver = getattr(integrate, self._method.solver)(
+            f, time, y.reshape(-1).copy(), end, first_step=first, max_step=self._longest,
+            rtol=least if one else self.rtol, atol=self.atol, jac=jac if self._analytic else None,
         )  # fmt: skip
+        if not alike:
+            solver.rtol = self.rtol  # BDF and Radau set their Newton iterations by one number, the smallest
+        return solver
 
     def memory(self) -> Memory:
         """See Stepper."""
@@ -103,7 +151,8 @@ class SciPyStepper(PythonStepper):
             return
         cost = replace(self._counts)
         self._solver = solver = self._begin(self.time, self.y, 1.0)
-        for key, value in memory["solver"].items():
+        known = self._checked(memory["solver"])
+        for key, value in known.items():
             if key == "D":
                 solver.D[: len(value)] = value
             else:
@@ -116,11 +165,37 @@ class SciPyStepper(PythonStepper):
         if self._lists:
             self._lists.recall(memory["forces"])  # beginning has used them
 
+    def _checked(self, memory: Memory) -> Memory:
+        """What the memory holds of this solver. LAPACK and LSODA look at no bounds, so numbers that are no places in
+        their arrays are an InputError."""
+        known = {key: memory[key] for key in SOLVER_KEEPS[self._method.solver]}
+        n, fits = self.y.size, True
+        for key in [key for key in known if key.startswith("LU")]:
+            if known[key] is not None:
+                factors, pivots = known[key]
+                fits &= factors.shape == (n, n) and factors.dtype.kind in "fc" and pivots.shape == (n,)
+                fits &= pivots.dtype.kind == "i" and bool(np.all((pivots >= 0) & (pivots < n)))
+        if self._method.solver == "LSODA":
+            fresh = self._solver_of(lambda t, y: 0.0 * y, lambda t, y: np.zeros((n, n)), 0.0, self.y, np.inf, 1.0)
+            fresh.step()
+            fits &= 0 <= int(known[f"{OF_LSODA}.state_ints"][LSODA_SIZE]) <= LSODA_ORDERS * n
+            for key, places, most in (("state_ints", LSODA_INTS, LSODA_ORDERS), ("iwork", LSODA_WORK, n)):
+                given, own = known[f"{OF_LSODA}.{key}"], getattr(attrgetter(OF_LSODA)(fresh), key)
+                fits &= given.shape == own.shape and given.dtype == own.dtype
+                fits &= bool(np.array_equal(given[places.same], np.asarray(own)[places.same]))
+                fits &= bool(np.all((given[places.few] >= 0) & (given[places.few] <= most)))
+        if not fits:
+            raise InputError(f"checkpoint: what {self._method.name} kept is not of a run of this system")
+        return known
+
     def _step(self) -> int:
         with warnings.catch_warnings(record=True) as said:
             warnings.simplefilter("always")
             try:
-                self._solver = self._solver or self._begin(self.time, self.y, self._first)
+                if self._solver is None:
+                    first = min(self._first_step(self._f) or np.inf, self._longest, self.end - self.time)
+                    self._solver = self._begin(self.time, self.y, first)
+                self._bound()
                 message = self._solver.step()
                 failed = self._solver.status == "failed" or not np.isfinite(self._solver.y).all()
             except (ValueError, RuntimeError, LinAlgError) as error:  # of matrices and states that are no numbers

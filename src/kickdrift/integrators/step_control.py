@@ -14,14 +14,19 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from numbers import Real
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from kickdrift.checks import positive
 from kickdrift.errors import InputError
 from kickdrift.forces.compiling import jit
 from kickdrift.state import Floats
+from kickdrift.units import shown
+
+if TYPE_CHECKING:
+    from kickdrift.flow import Flow
+    from kickdrift.integrators.options import Options
 
 EPSILON = float(np.finfo(float).eps)
 FLOOR = 1e-4
@@ -61,18 +66,36 @@ DEFAULT_CONTROLLER = "pi"
 def controller(name: str | None) -> Controller:
     """The controller of that name; an InputError names those there are."""
     chosen = DEFAULT_CONTROLLER if name is None else name
-    if chosen not in CONTROLLERS:
-        raise InputError(f"controller {chosen!r} is unknown; known are {', '.join(CONTROLLERS)}")
+    if not (isinstance(chosen, str) and chosen in CONTROLLERS):
+        raise InputError(f"controller {shown(chosen)} is unknown; known are {', '.join(CONTROLLERS)}")
     return CONTROLLERS[chosen]
 
 
-def check_tolerances(rtol: float, atol: float) -> None:
+def check_tolerances(rtol: Any, atol: Any) -> None:
     """Refuse tolerances that no step can meet."""
-    for key, value in (("rtol", rtol), ("atol", atol)):
-        if not (isinstance(value, Real) and np.isfinite(value) and value > 0):
-            raise InputError(f"{key} must be a positive number, got {value!r}")
-    if rtol < LEAST_RTOL:
-        raise InputError(f"rtol must be {LEAST_RTOL:.2g} or more, got {rtol:g}: below, rounding decides")
+    for key, values in (("rtol", rtol), ("atol", atol)):
+        for name, value in _named(key, values):
+            positive(name, value)
+            if key == "rtol" and value < LEAST_RTOL:
+                raise InputError(f"{name} must be {LEAST_RTOL:.2g} or more, got {value:g}: below, rounding decides")
+
+
+def _named(key: str, values: Any) -> list[tuple[str, Any]]:
+    return [(f"{key}[{k}]", v) for k, v in enumerate(values)] if isinstance(values, tuple) else [(key, values)]
+
+
+def tolerances_of(flow: Flow, options: Options) -> tuple[Floats, Floats]:
+    """rtol and atol for each component of the flattened y; an InputError where their number is another."""
+    check_tolerances(*options.tolerances)
+    size = flow.array(flow.subject.state).size  # type: ignore[arg-type]
+    found = []
+    for key, value in zip(("rtol", "atol"), options.tolerances, strict=True):
+        if isinstance(value, tuple) and flow.of_particles:
+            raise InputError(f"{key}: a System takes one number; one for each component of y is for a Problem")
+        if isinstance(value, tuple) and len(value) != size:
+            raise InputError(f"{key}: expected one number, or {size} as y has components, got {len(value)}")
+        found.append(np.full(size, value, dtype=float))
+    return found[0], found[1]
 
 
 @jit
@@ -103,19 +126,28 @@ def first_step(
     y: Floats,
     f: Floats,
     order: int,
-    rtol: float,
-    atol: float,
-) -> float:
+    rtol: Floats,
+    atol: Floats,
+    end: float = np.inf,
+    clip: bool = False,
+) -> float | None:
     """A first step that is neither far too long nor far too short (Hairer, Norsett & Wanner 1993, II.4, p. 169); one
-    evaluation of f. ``order`` is that of the solution by which the error is measured."""
+    evaluation of f. ``order`` is that of the solution by which the error is measured; ``rtol`` and ``atol`` have one
+    number for each component. None where that evaluation would lie beyond ``end``; with ``clip`` it is made there."""
 
     def norm(values: Any) -> float:
         return float(np.sqrt(np.mean(np.square(values))))
 
-    scale = atol + np.abs(y) * rtol
-    d0, d1 = norm(y / scale), norm(f / scale)
-    h0 = 1e-6 if d0 < 1e-5 or d1 < 1e-5 else 0.01 * d0 / d1
-    d2 = norm((derivative(time + h0, y + h0 * f) - f) / scale) / h0
+    scale = (atol + np.abs(y.reshape(-1)) * rtol).reshape(y.shape)
+    with np.errstate(all="ignore"):  # a scale near zero makes numbers that are not finite
+        d0, d1 = norm(y / scale), norm(f / scale)
+        h0 = 1e-6 if d0 < 1e-5 or d1 < 1e-5 else 0.01 * d0 / d1
+        h0 = h0 if 0.0 < h0 < np.inf else 1e-6
+        if time + h0 > end:
+            if not clip:
+                return None
+            h0 = end - time
+        d2 = norm((derivative(time + h0, y + h0 * f) - f) / scale) / h0
     if not np.isfinite(d2):
         return h0
     largest = max(d1, d2)

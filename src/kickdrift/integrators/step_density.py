@@ -11,7 +11,8 @@ from kickdrift.forces.evaluate import EVALUATIONS, SLOTS, fill_accelerations
 from kickdrift.forces.handle import handle
 from kickdrift.forces.kernel import OK
 from kickdrift.integrators.loops import STAGE, STEP, add_scaled
-from kickdrift.integrators.stepping import STOPPED, Counts, Options, Resumable
+from kickdrift.integrators.options import Options
+from kickdrift.integrators.stepping import STOPPED, Counts, Resumable
 from kickdrift.state import Floats
 
 if TYPE_CHECKING:
@@ -51,12 +52,15 @@ def density_at(a, clock):
 
 
 @driver
-def step_density_loop(forces, y, before, a, clock, until, steps, cursor):
+def step_density_loop(forces, y, before, a, clock, until, end, steps, cursor):
     """Steps until the clock has reached ``until``, or ``steps`` of them; a status, STOPPED where one would differ
-    tenfold from the one before. ``before`` is y at the last step's start, ``a`` the accelerations in its middle."""
+    tenfold from the one before. No force is evaluated beyond ``end``. ``before`` is y at the last step's start, ``a``
+    the accelerations in its middle."""
     bound = handle(forces)
     while cursor[STEP] < steps and clock[TIME] < until:
         tau = 1.0 / clock[DENSITY]
+        if clock[TIME] + 0.5 * tau > end:
+            return OK
         if cursor[STAGE] == 0:
             before[:] = y
             add_scaled(y[0], 0.5 * tau, y[1])
@@ -82,9 +86,11 @@ def step_density_loop(forces, y, before, a, clock, until, steps, cursor):
 class StepDensityStepper(Resumable):
     """The density of steps belongs to the state, and follows from it only at a start. A ``reset`` to where this
     integration stands, with the velocities as they are or all negated, therefore keeps it, and goes on or back the way
-    it came. A checkpoint holds its clock, which has the density and its scale, and where the last step began."""
+    it came. A checkpoint holds its clock, which has the density and its scale, and where the last step began.
 
-    keeps = ("_cursor", "_clock", "_extra_evaluations", "_scaled", "_start_of_step", "_last")
+    A step that is cut off at the end (``clip``) is a leapfrog step of that length, and the density stays as it is."""
+
+    keeps = ("_cursor", "_clock", "_extra_evaluations", "_scaled", "_start_of_step", "_last", "_cut")
 
     def __init__(self, flow: Flow, options: Options) -> None:
         assert options.dt is not None
@@ -108,6 +114,7 @@ class StepDensityStepper(Resumable):
         clock[TIME] = clock[BEFORE] = time
         if not stays:
             clock[DENSITY] = 0.0
+        self._cut = 0.0  # the length of the last step, where it was cut off
         self._cursor[STEP:] = 0
         self._flow.forces.forget()
 
@@ -139,10 +146,14 @@ class StepDensityStepper(Resumable):
         if self._clock[DENSITY] == 0.0 and steps:
             self._start()
         status = self._flow.forces.call(
-            step_density_loop, self.y, self._start_of_step, self._a, self._clock, until, steps, self._cursor
+            step_density_loop, self.y, self._start_of_step, self._a, self._clock, until, self.end, steps, self._cursor
         )
-        self.steps_done += int(self._cursor[STEP])
+        taken = int(self._cursor[STEP])
+        self.steps_done += taken
         self._cursor[STEP] = 0
+        self._cut = 0.0 if taken else self._cut
+        if status == OK and self.clip and taken < steps and self.time < until:
+            self._cut_off()
         self._last = self.y.copy()
         if status == STOPPED:
             self.trouble = (
@@ -152,17 +163,31 @@ class StepDensityStepper(Resumable):
             )
         return status
 
+    def _cut_off(self) -> None:
+        """A step that ends where f does."""
+        clock = self._clock
+        clock[BEFORE], self._start_of_step, self._cut = clock[TIME], self.y.copy(), self.end - self.time
+        clock[TIME] = self.end
+        self.y[:] = self._leapt(0.5 * self._cut, 0.5 * self._cut)
+        self._extra_evaluations += 1
+        self.steps_done += 1
+
     def at(self, time: float) -> Floats:
         """By the part of the last step that leads to the time: one more evaluation, thrown away."""
         clock = self._clock
-        begin, before = clock[BEFORE], self._start_of_step
+        begin = clock[BEFORE]
         if time == self.time or self.time == begin:
             return self.y.copy()
         part = (time - begin) / (self.time - begin)
-        first, second = 0.5 * part / clock[DENSITY_BEFORE], 0.5 * part / clock[DENSITY]
-        y = before.copy()
+        if self._cut:
+            return self._leapt(0.5 * part * self._cut, 0.5 * part * self._cut)
+        return self._leapt(0.5 * part / clock[DENSITY_BEFORE], 0.5 * part / clock[DENSITY])
+
+    def _leapt(self, first: float, second: float) -> Floats:
+        """y after two drifts from the last step's start, with a kick between them."""
+        y = self._start_of_step.copy()
         y[0] += first * y[1]
-        y[1] += (first + second) * self._flow.derivative(begin + first, y)[-1]
+        y[1] += (first + second) * self._flow.derivative(self._clock[BEFORE] + first, y)[-1]
         y[0] += second * y[1]
         return y
 

@@ -8,14 +8,16 @@ depend on, and ``recall`` puts a stepper that was made anew, in another process 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
-from dataclasses import asdict, dataclass, fields, replace
+from collections.abc import Callable
+from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from kickdrift.errors import InputError
 from kickdrift.forces.evaluate import EVALUATIONS, SLOTS
+from kickdrift.forces.kernel import OK
 from kickdrift.integrators.loops import REJECTED, STEP
 from kickdrift.memory import Memory, Remembering, by_value
 from kickdrift.state import Floats
@@ -23,10 +25,12 @@ from kickdrift.state import Floats
 if TYPE_CHECKING:
     from kickdrift.flow import Flow
     from kickdrift.forces.bound import BoundForces
+    from kickdrift.integrators.options import Options
 
 # The first slots of the clock of a loop that chooses its steps: the last step point, the step to try, the step that led
 # there, the time it began at.
 TIME, NEXT, LAST, BEFORE = range(4)
+MOST_STEPS = 2**62  # of a run
 STOPPED = 3  # besides the forces' OK, GROW and BLOWN_UP: the method itself cannot go on, and ``trouble`` says why
 
 
@@ -38,44 +42,15 @@ class Counts:
     rejected: int = 0
     jacobians: int = 0
 
-
-@dataclass(frozen=True)
-class Options:
-    """How a Simulation was asked to integrate; None where it was not said."""
-
-    dt: float | None = None
-    rtol: float | None = None
-    atol: float | None = None
-    controller: str | None = None
-    compensated: bool = False
-    iteration: str | None = None
-    coordinates: str | None = None
-    corrector: int | None = None
-    order: str | None = None
-    eta: float | None = None
-    scheme: str | None = None
-    precision: str | None = None
-
-    def or_else(self, defaults: Any) -> Options:
-        """The same, with what was not said taken from ``defaults`` where those have it."""
-        unsaid = [field.name for field in fields(self) if getattr(self, field.name) is None]
-        found: dict[str, Any] = {key: getattr(defaults, key, None) for key in unsaid}
-        return replace(self, **found)
-
-    def extras(self, tunable: Collection[str]) -> dict[str, Any]:
-        """What a run's file should say besides dt, of a method that takes these options."""
-        said = {key: value for key, value in asdict(self).items() if key != "dt" and value}
-        tolerances = zip(("rtol", "atol"), self.tolerances, strict=True)
-        return said | {key: value for key, value in tolerances if key in tunable}
-
-    @property
-    def tolerances(self) -> tuple[float, float]:
-        """rtol and atol, with what stands in where they were not said."""
-        return (1e-8 if self.rtol is None else self.rtol), (1e-10 if self.atol is None else self.atol)
+    def __sub__(self, before: Counts) -> Counts:
+        return Counts(*(getattr(self, each.name) - getattr(before, each.name) for each in fields(self)))
 
 
 class Stepper(Protocol):
-    """An integration under way."""
+    """An integration under way.
+
+    Steppers whose steps differ in length also have ``end``: they evaluate f at no later time. ``advance`` then stops
+    before the first step that would lead beyond it. With ``clip`` that step is cut off at ``end`` instead."""
 
     y: Floats
     steps_done: int
@@ -112,11 +87,16 @@ class Stepper(Protocol):
         """Be in the state of a stepper of the same method, options and bodies that had this memory."""
 
 
+AT_ONCE = 10_000  # steps of compiled code between two looks at Ctrl-C
+
+
 class Resumable(Remembering):
     """A stepper that remembers y, its step point, its forces' pair lists, and what else it ``keeps``."""
 
     y: Floats
     steps_done: int
+    end: float = np.inf  # see Stepper
+    clip: bool = False
     _flow: Flow
 
     @property
@@ -130,11 +110,35 @@ class Resumable(Remembering):
         return {**point, **Remembering.memory(self), "forces": self._lists.memory() if self._lists else []}
 
     def recall(self: Any, memory: Memory) -> None:
-        """See Stepper."""
-        self.reset(np.array(memory["y"]), memory["time"], memory["steps_done"])
+        """See Stepper. The memory may come from a file, and compiled code looks at no bounds: what does not fit is an
+        InputError. Whoever asks has seen that y has the shape of these bodies."""
+        y, steps = np.array(memory["y"], dtype=float), memory["steps_done"]
+        if not (isinstance(steps, int) and 0 <= steps < MOST_STEPS and np.isfinite(memory["time"])):
+            raise InputError("checkpoint: its step or its time makes no sense")
+        if "cursor" in memory and not np.all(memory["cursor"] >= 0):
+            raise InputError("checkpoint: cursor holds a negative number")
+        self.reset(y, memory["time"], steps)
         Remembering.recall(self, memory)
         if self._lists:
             self._lists.recall(memory["forces"])
+
+    def ahead(self: Any, time: float) -> tuple[int, Floats, Counts]:
+        """y at a time beyond the last step point, without an evaluation of f beyond it: a status, y, and what it
+        cost.
+
+        The steps that lead there are forgotten, unless they fail. So the run goes on as if nobody had asked."""
+        known, before, limits = self.memory(), self.counts, (self.end, self.clip)
+        self.end, self.clip = time, True
+        try:
+            status = OK
+            while status == OK and self.time < time:
+                status = self.advance(AT_ONCE, time)
+        finally:
+            self.end, self.clip = limits
+        y, cost = self.y.copy(), self.counts - before
+        if status == OK:
+            self.recall(known)
+        return status, y, cost
 
 
 class Regular(Resumable):
@@ -213,8 +217,7 @@ class ChosenSteps(Resumable):
     keeps: ClassVar[tuple[str, ...]] = ("_cursor", "_clock", "_extra_evaluations")
 
     def __init__(self, flow: Flow, options: Options) -> None:
-        self.rtol, self.atol = options.tolerances
-        self._flow, self._first = flow, options.dt
+        self._flow, self._first, self._longest = flow, options.dt, options.longest
         self._cursor = np.zeros(SLOTS, np.int64)
         self._clock = np.zeros(7)
         self._extra_evaluations = 0
@@ -240,8 +243,8 @@ class ChosenSteps(Resumable):
     def counts(self) -> Counts:
         return Counts(int(self._cursor[EVALUATIONS]) + self._extra_evaluations, int(self._cursor[REJECTED]))
 
-    def _first_step(self) -> float:
-        """How long the first step is to be."""
+    def _first_step(self) -> float | None:
+        """How long the first step is to be; None where finding out would take f beyond the end."""
         raise NotImplementedError
 
     def _go(self, until: float, steps: int) -> int:
@@ -250,7 +253,10 @@ class ChosenSteps(Resumable):
 
     def advance(self, steps: int, until: float = np.inf) -> int:
         if self._clock[NEXT] == 0.0 and steps:
-            self._clock[NEXT] = self._first or self._first_step()
+            first = self._first or self._first_step()
+            if first is None:
+                return OK
+            self._clock[NEXT] = first
         status = self._go(until, steps)
         self.steps_done += int(self._cursor[STEP])
         self._cursor[STEP] = 0

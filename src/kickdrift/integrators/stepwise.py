@@ -52,6 +52,10 @@ class PythonStepper(Resumable):
         """Take a step, ``y`` and ``time`` with it; a status."""
         raise NotImplementedError
 
+    def _fits(self) -> bool:
+        """Whether the next step can be tried without f beyond ``end``; costs and changes nothing."""
+        return True
+
     @property
     def counts(self) -> Counts:
         return replace(self._counts)
@@ -61,7 +65,7 @@ class PythonStepper(Resumable):
             self._flow.derivative(self.time, self.y)  # compiles what a step needs, and leaves the run's lists alone
         with np.errstate(all="ignore"):  # a trial that overflows is one that failed
             for _ in range(steps):
-                if self.time >= until:
+                if self.time >= until or not (self.clip or self.end == np.inf or self._fits()):
                     break
                 status = self._step()
                 if status != OK:

@@ -13,8 +13,9 @@ from kickdrift.forces.evaluate import SLOTS
 from kickdrift.forces.gravity import Gravity
 from kickdrift.forces.simd import WIDTH, aligned
 from kickdrift.integrators.loops import STEP
+from kickdrift.integrators.options import Options
 from kickdrift.integrators.splitting import Splitting
-from kickdrift.integrators.stepping import Options, Regular
+from kickdrift.integrators.stepping import Regular
 from kickdrift.integrators.wisdom_holman import JACOBI, corrector, undone
 from kickdrift.integrators.wisdom_holman_limits import passages_and_hill, warning_lines
 from kickdrift.integrators.wisdom_holman_loop import (

@@ -9,6 +9,7 @@ the text. Nothing in it is code.
 from __future__ import annotations
 
 import json
+import math
 import zlib
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -18,10 +19,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.errors import InputError
+from kickdrift.trajectory.contents import Contents, too_deep
 
 CHECKPOINTS = "kickdrift/checkpoints"
 BYTES_CHUNK = 64 * 1024
 ROWS_CHUNK = 128
+COLUMNS = {"data": "u1", "end": "i8", "step": "i8", "time": "f8", "crc32": "u4"}
 ROW_BYTES = 32  # of step, time, end and checksum
 
 Checkpoint = dict[str, Any]
@@ -48,9 +51,18 @@ def encoded(checkpoint: Checkpoint) -> bytes:
 
 
 def decoded(data: bytes) -> Checkpoint:
-    """The checkpoint that `encoded` was given, bit by bit; arrays are writable."""
+    """The checkpoint that `encoded` was given, bit by bit; arrays are writable. A ValueError where it gave no such
+    bytes."""
     end = 8 + int.from_bytes(data[:8], "little")
-    return _take(json.loads(data[8:end]), memoryview(data)[end:])
+    if end > len(data):
+        raise ValueError(f"a text of {end - 8} bytes in {len(data)}")
+    try:
+        text = json.loads(data[8:end].decode())
+        if not isinstance(text, dict) or too_deep(text):
+            raise ValueError("its text is no table of values")
+        return _take(text, memoryview(data)[end:])
+    except (RecursionError, TypeError, OverflowError, MemoryError) as error:
+        raise ValueError(str(error)) from None
 
 
 def _put(value: Any, arrays: list[bytes]) -> Any:
@@ -80,8 +92,13 @@ def _take(value: Any, arrays: memoryview) -> Any:
     if "array" not in value:
         return {key: _take(inner, arrays) for key, inner in value.items()}
     kind, shape, start = value["array"]
-    count = int(np.prod(shape, dtype=int))
-    flat: NDArray = np.frombuffer(arrays, kind, count, start)
+    dtype = np.dtype(kind)
+    if dtype.hasobject or not isinstance(start, int) or not all(isinstance(n, int) and n >= 0 for n in shape):
+        raise ValueError(f"an array of {dtype}, shape {shape}, from byte {start} on")
+    size = math.prod(shape) * dtype.itemsize
+    if not 0 <= start <= start + size <= len(arrays):
+        raise ValueError(f"an array of {size} bytes from byte {start} on, of {len(arrays)}")
+    flat: NDArray = np.frombuffer(arrays[start : start + size], dtype)
     return flat.reshape(shape).astype(flat.dtype.newbyteorder("="))  # a copy
 
 
@@ -90,33 +107,61 @@ class Table:
 
     Attributes
     ----------
+    file : h5py.File
     rows : int
-        Checkpoints that are whole.
+        Checkpoints that are whole, as far as the table itself is: those behind an end that cannot be do not count.
     """
 
     def __init__(self, file: h5py.File, path: Any) -> None:
-        self._group: h5py.Group = file[CHECKPOINTS]
-        self._path = path
-        self.rows = int(self._group["committed"][0])
+        self.file = file
+        self._contents = contents = Contents(file, path)
+        self._group = contents.group(CHECKPOINTS)
+        rows = int(contents.array(f"{CHECKPOINTS}/committed", "i8", (1,))[0])
+        if rows < 0:
+            raise contents.damaged(f"{CHECKPOINTS}/committed: expected a count, got {rows}")
+        self._data = {
+            name: contents.series(f"{CHECKPOINTS}/{name}", kind, 0 if name == "data" else rows)
+            for name, kind in COLUMNS.items()
+        }
+        ends = contents.read(self._data["end"], slice(rows))
+        wrong = (np.diff(ends, prepend=0) < 0) | (ends > self._data["data"].shape[0])
+        self.rows = int(np.argmax(wrong)) if wrong.any() else rows
 
     @property
     def steps(self) -> NDArray[np.int64]:
         """(rows,)"""
-        return self._group["step"][: self.rows]
+        return self._contents.read(self._data["step"], slice(self.rows))
 
     @property
     def times(self) -> NDArray[np.float64]:
         """(rows,) in the system's unit."""
-        return self._group["time"][: self.rows]
+        return self._contents.read(self._data["time"], slice(self.rows))
 
     def __getitem__(self, row: int) -> Checkpoint:
         """One checkpoint; an InputError where its bytes are not those that were written."""
-        ends = self._group["end"][: self.rows]
+        step = self.steps[row]
+        ends = self._contents.read(self._data["end"], slice(self.rows))
         begin, end = (int(ends[row - 1]) if row else 0), int(ends[row])
-        data = self._group["data"][begin:end].tobytes()
-        if zlib.crc32(data) != int(self._group["crc32"][row]):
-            raise InputError(f"{self._path}: damaged: the checkpoint of step {self._group['step'][row]} has changed")
-        return decoded(data)
+        data = self._contents.read(self._data["data"], slice(begin, end)).tobytes()
+        if zlib.crc32(data) != int(self._contents.read(self._data["crc32"], row)):
+            raise self._contents.damaged(f"the checkpoint of step {step} has changed")
+        try:
+            found = decoded(data)
+        except ValueError as error:
+            raise self._contents.damaged(f"the checkpoint of step {step} cannot be read: {error}") from None
+        if (found.get("step"), found.get("time")) != (step, self.times[row]):
+            raise self._contents.damaged(f"the checkpoint of step {step} is of another step or time")
+        return found
+
+    def damaged(self) -> list[int]:
+        """The steps of those that cannot be read."""
+        found = []
+        for row, step in enumerate(self.steps.tolist()):
+            try:
+                self[row]
+            except InputError:
+                found.append(step)
+        return found
 
     def add(self, stored: Stored, commit: Callable[[], None]) -> None:
         """Write one more; ``commit`` brings to the disk what was written so far. Doing it again after an interrupt does
@@ -137,6 +182,8 @@ class Table:
     def cut(self) -> bool:
         """Drop what a kill left behind the last whole one; whether there was any. See `Rows.cut`."""
         group, found = self._group, False
+        if group["committed"][0] > self.rows:
+            group["committed"][0] = self.rows
         size = int(group["end"][self.rows - 1]) if self.rows else 0
         for name in ("data", "end", "step", "time", "crc32"):
             wanted = size if name == "data" else self.rows
@@ -149,12 +196,7 @@ class Table:
 def new_table(file: h5py.File) -> None:
     """The group of a file in the making."""
     group = file.create_group(CHECKPOINTS)
-    for name, kind, chunk in (
-        ("data", "u1", BYTES_CHUNK),
-        ("end", "i8", ROWS_CHUNK),
-        ("step", "i8", ROWS_CHUNK),
-        ("time", "f8", ROWS_CHUNK),
-        ("crc32", "u4", ROWS_CHUNK),
-    ):
+    for name, kind in COLUMNS.items():
+        chunk = BYTES_CHUNK if name == "data" else ROWS_CHUNK
         group.create_dataset(name, (0,), kind, maxshape=(None,), chunks=(chunk,), track_times=False)
     group.create_dataset("committed", data=np.zeros(1, "i8"), track_times=False)

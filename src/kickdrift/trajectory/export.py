@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from kickdrift import kinds
 from kickdrift.errors import InputError
 from kickdrift.outputs import checked_target, written_whole
 from kickdrift.state import Floats
@@ -113,10 +114,11 @@ def export(
         Where the format cannot hold the run (it names the frame and the particle), MDAnalysis or ASE is missing, or a
         name is wrong. There is no new file then.
     """
-    target = checked_target(output, "the name of an export", FORMATS, overwrite)
+    kind = kinds.export(Path(output).suffix, tuple(FORMATS))
+    target = checked_target(output, kind, overwrite, [path])
     format = FORMATS[target.suffix.lower()]
     write = import_module(f"kickdrift.trajectory.{_WRITERS[format.package]}").write
-    with reader.open(path) as run, written_whole(target, overwrite=overwrite) as part:
+    with reader.open(path) as run, written_whole(target, kind, overwrite=overwrite) as part:
         frames = Chosen(run, start, stop, step, unwrapped)
         notes = write(frames, part, format, progress or (lambda done, of: None))
         if run.box.periodic and not unwrapped:

@@ -42,10 +42,12 @@ class Frame:
 
     @property
     def step(self) -> int:
+        self._run.check_clock(range(self.index, self.index + 1))
         return int(self._run.all_steps[self.index])
 
     @property
     def time(self) -> float:
+        self._run.check_clock(range(self.index, self.index + 1))
         return float(self._run.all_times[self.index])
 
     @property
@@ -92,6 +94,7 @@ class Frame:
         """
         from kickdrift.trajectory.record import system_of
 
+        self._run.refuse_changed()
         return system_of(self._run, self.index)
 
     @property
@@ -143,12 +146,14 @@ class Frames(Sequence[Frame]):
     @property
     def steps(self) -> NDArray[np.int64]:
         """(f,) of each frame."""
-        return self._run.all_steps[_slice(self._rows)]
+        self._run.check_clock(self._rows)
+        return self._run.all_steps[as_slice(self._rows)]
 
     @property
     def times(self) -> Floats:
         """(f,) of each frame."""
-        return self._run.all_times[_slice(self._rows)]
+        self._run.check_clock(self._rows)
+        return self._run.all_times[as_slice(self._rows)]
 
     @property
     def time(self) -> Floats:
@@ -180,7 +185,7 @@ class Frames(Sequence[Frame]):
     @property
     def observables(self) -> dict[str, Floats]:
         """Every observable as an array (f,) or (f, …), at the frames."""
-        return {name: self._forth(values) for name, values in self._run.framed(_slice(_forward(self._rows))).items()}
+        return {name: self._forth(values) for name, values in self._run.framed(as_slice(_forward(self._rows))).items()}
 
     @property
     def energies(self) -> EnergySeries:
@@ -207,7 +212,7 @@ class Frames(Sequence[Frame]):
         return dataset(self._run, self, {name: ("frame", values) for name, values in self.observables.items()})
 
     def _vectors(self, what: str, particles: slice = slice(None)) -> Floats:
-        return self._forth(self._run.vectors(what, _slice(_forward(self._rows)), particles))
+        return self._forth(self._run.vectors(what, as_slice(_forward(self._rows)), particles))
 
     def _forth(self, values: Floats) -> Floats:
         """What was read in ascending order, in this one's."""
@@ -226,7 +231,7 @@ def _forward(rows: range) -> range:
     return rows if rows.step > 0 else rows[::-1]
 
 
-def _slice(rows: range) -> slice:
+def as_slice(rows: range) -> slice:
     """What picks these rows of an array; a slice of its own counts a negative number from the end."""
     if not rows:
         return slice(0, 0)

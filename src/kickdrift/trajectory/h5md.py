@@ -25,11 +25,13 @@ from kickdrift.system import System
 from kickdrift.trajectory import creation, packing, reader
 from kickdrift.trajectory.cadence import Cadence
 from kickdrift.trajectory.checkpoints import Checkpoint, Stored, Table
+from kickdrift.trajectory.contents import Contents
+from kickdrift.trajectory.header import Committed
 from kickdrift.trajectory.layout import EVENT_WIDTH, header_image
 from kickdrift.trajectory.openfile import OpenFile, refuse_second
 from kickdrift.trajectory.options import FileOptions
 from kickdrift.trajectory.record import to_json
-from kickdrift.trajectory.rows import EventRow, FrameRow, Rows, SampleRow, before, same
+from kickdrift.trajectory.rows import EventRow, FrameRow, Rows, SampleRow, behind, same
 
 if TYPE_CHECKING:
     import h5py
@@ -94,7 +96,8 @@ class Writer:
             plan=plan,
             start=Cadence(checkpoint).take(),
         )
-        self._open(creation.create(Path(path), image, overwrite=overwrite), flush_bytes, options.flush, checkpoint)
+        own = creation.create(Path(path), image, overwrite=overwrite)
+        self._open(Path(path), flush_bytes, options.flush, checkpoint, own=own)
 
     @classmethod
     def append_to(
@@ -107,11 +110,14 @@ class Writer:
         checkpoint: Callable[[], Checkpoint] | None = None,
         plan: Sequence[float] = (),
         at: tuple[int, float] | None = None,
+        events: int = 0,
     ) -> Self:
         """Open a file to continue it; the InputError of a file that is not this run's names the other.
 
         Rows that a kill left half written are cut off. A file stays as it was begun: of ``options``, ``flush`` alone
         may differ. The next sample is ``at`` that step and time: a file that has come further is refused as it is.
+        Where the file's end is damaged, its rows from there on are cut off, and all but the first ``events``; then the
+        last whole sample must be ``at`` that point.
         """
         path = Path(path)
         if path.exists():
@@ -119,13 +125,18 @@ class Writer:
         with reader.open(path) as run:
             if run.run_id != run_id:
                 raise InputError(f"{path}: is the file of another run; give another name, or overwrite it")
-            if at and len(run.sample_steps) and _behind(at, (int(run.sample_steps[-1]), float(run.sample_times[-1]))):
-                raise InputError(f"{path}: ends at step {run.sample_steps[-1]}; step {at[0]} cannot follow it")
+            run.check_growing()
+            last, cut = run.last_point, run.kept != run.committed
+            if at and last and behind(at, last):
+                raise InputError(f"{path}: ends at step {last[0]}; step {at[0]} cannot follow it")
+            if cut and last and not (at and same(last, *at)):
+                raise InputError(f"{path}: damaged after step {last[0]}; resume the run, which goes on from there")
             for key in ("precision", "compress", "write"):
                 if options and getattr(options, key) != getattr(run.options, key):
                     raise InputError(f"{path}: was begun with {key}={getattr(run.options, key)!r}, and that stays")
         writer = cls.__new__(cls)
-        writer._open(path, flush_bytes, (options or FileOptions()).flush, checkpoint)
+        keep = run.kept._replace(events=min(events, run.committed.events)) if cut else None
+        writer._open(path, flush_bytes, (options or FileOptions()).flush, checkpoint, run_id, keep)
         if plan:
             writer._out.h5["kickdrift/plan"][...] = plan
             writer._out.commit()
@@ -137,17 +148,36 @@ class Writer:
         flush_bytes: int,
         flush_seconds: float,
         checkpoint: Callable[[], Checkpoint] | None,
+        run_id: str | None = None,
+        keep: Committed | None = None,
+        own: tuple[int, int] | None = None,
     ) -> None:
         self.path, self.flush_bytes, self.flush_seconds = path, flush_bytes, flush_seconds
         self.report: dict[str, Any] | None = None
         self.absorbed: Mapping[int, int] = {}
         self._cadence = Cadence(checkpoint)
-        self._out = OpenFile(path, flush_bytes + 2 * 2**20)
+        self._table: Table | None = None
+        self._out = OpenFile(path, flush_bytes + 2 * 2**20, own)
         self._closed = False
+        try:
+            with Contents(self._out.h5, path).guarded("its structure"):
+                if run_id is not None and self._out.h5["kickdrift"].attrs["run_id"] != run_id:
+                    raise InputError(f"{path}: another file has taken its place")
+                self._begin(keep)
+        except BaseException:
+            self._out.close()
+            raise
+        self._seen: list[EventRow] = []
+        self._clear()
+
+    def _begin(self, keep: Committed | None) -> None:
+        """Find where the file ends, and cut off what is no whole row; of whole ones, only those to ``keep`` stay."""
         self._rows = Rows(self._out)
+        if keep:
+            self._rows.keep(keep)
         if packing.is_packed(self._out.h5):
-            self._write(lambda: self._out.replace(packing.rewritten(self._out.h5, path, compress=False)))
-        if self._rows.cut() | Table(self._out.h5, path).cut():
+            self._write(self._unpack)
+        if self._rows.cut() | self._checkpoints.cut():
             self._out.commit(cut=True)
             self._out.reopen()
         own = self._out.h5["kickdrift"]
@@ -155,8 +185,13 @@ class Writer:
         self._out.commit()
         self.run_id: str = own.attrs["run_id"]
         self.last_sample, self.last_frame = self._rows.last_sample, self._rows.last_frame
-        self._seen: list[EventRow] = []
-        self._clear()
+
+    @property
+    def _checkpoints(self) -> Table:
+        """Those of the file as it is open now."""
+        if self._table is None or self._table.file is not self._out.h5:
+            self._table = Table(self._out.h5, self.path)
+        return self._table
 
     def extend(self, make: Callable[[h5py.File], None]) -> None:
         """Let ``make`` add groups and datasets to the file; see `OpenFile.extend` for how."""
@@ -190,7 +225,7 @@ class Writer:
         self._check_open()
         step, values = state.steps_done, {name: np.array(v, "f8") for name, v in (observables or {}).items()}
         last = self.last_sample
-        if last is not None and _behind((step, state.time), last):
+        if last is not None and behind((step, state.time), last):
             raise InputError(f"{self.path}: ends at step {last[0]}; step {step} cannot follow it")
         if wrong := self._rows.check(values):
             raise InputError(wrong)
@@ -267,7 +302,7 @@ class Writer:
         ``anew`` although there is one of that step already.
 
         Ctrl-C waits for it."""
-        self._flush(lambda: self._cadence.due(Table(self._out.h5, self.path), self.last_sample, final, anew))
+        self._flush(lambda: self._cadence.due(self._checkpoints, self.last_sample, final, anew))
 
     def _flush(self, checkpoint: Callable[[], Stored | None]) -> None:
         self._check_open()
@@ -285,7 +320,7 @@ class Writer:
     def _add(self, stored: Stored | None) -> None:
         self._rows.add(self._frames, self._samples, self._events)
         if stored:
-            Table(self._out.h5, self.path).add(stored, self._out.commit)
+            self._checkpoints.add(stored, self._out.commit)
 
     def close(self, *, whole: bool = True) -> None:
         """Flush, store the report if there is one, and close; a second call does nothing. A run that came to its end
@@ -311,7 +346,13 @@ class Writer:
         own["closed"][0] = 1
         self._out.commit()
         if own.attrs["compress"]:
-            os.replace(packing.rewritten(self._out.h5, self.path, compress=True), self.path)
+            with packing.rewritten(self._out.h5, self.path, compress=True) as part:
+                os.replace(part, self.path)
+
+    def _unpack(self) -> None:
+        """Go on in a file that is not compressed."""
+        with packing.rewritten(self._out.h5, self.path, compress=False) as part:
+            self._out.replace(part)
 
     def __enter__(self) -> Self:
         return self
@@ -324,8 +365,3 @@ class Writer:
         except RunError:
             if error is None:  # else the first error is the one to tell
                 raise
-
-
-def _behind(point: tuple[int, float], last: tuple[int, float]) -> bool:
-    """Whether a (step, time) lies before the last one."""
-    return point[0] < last[0] or (point[0] == last[0] and before(point[1], last[1]))

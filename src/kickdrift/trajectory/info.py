@@ -6,11 +6,18 @@ import os
 from typing import Any
 
 from kickdrift.events import event_lines
+from kickdrift.forces import force_class
 from kickdrift.printing import counted
 from kickdrift.run_plan import NEVER
+from kickdrift.text import clean
 from kickdrift.trajectory.reader import Run, open
+from kickdrift.units import shown
+
+SHOWN = 5  # of the forces that nobody here has registered
+WIDTH = 60  # of the column of keys, at most
 
 _METHOD_FIRST = ("engine", "engine_version", "processes", "integrator", "dt", "threads", "seed")
+RANGES = 20  # of damaged rows that are listed
 _METHOD_SHOWN = (*_METHOD_FIRST, "options")  # which say what the others say
 
 
@@ -22,8 +29,11 @@ def info(path: str | os.PathLike[str]) -> dict[str, Any]:
 
 def _summary(run: Run) -> dict[str, Any]:
     counts = {name: int((run.species_index == index).sum()) for index, name in enumerate(run.species)}
+    samples, damage = run.whole_samples(), run.damage()
     observables = {
-        name: {"first": values[0].tolist(), "last": values[-1].tolist()} for name, values in run.observables.items()
+        name: {"first": values[0].tolist(), "last": values[-1].tolist()}
+        for name, values in samples.observables.items()
+        if len(values)
     }
     return {
         "file": str(run.path),
@@ -40,16 +50,18 @@ def _summary(run: Run) -> dict[str, Any]:
             "energy": run.units.energy,
             "nominal": run.nominal_units,
         },
+        "unregistered": _unregistered(run),
         "method": run.method,
         "every": run.every,
         "frames": len(run),
-        "samples": len(run.sample_steps),
-        "steps": [int(run.sample_steps[0]), int(run.sample_steps[-1])] if len(run.sample_steps) else None,
-        "time": [float(run.sample_times[0]), float(run.sample_times[-1])] if len(run.sample_times) else None,
+        "samples": run.committed.samples,
+        "steps": [int(samples.steps[0]), int(samples.steps[-1])] if len(samples.steps) else None,
+        "time": [float(samples.times[0]), float(samples.times[-1])] if len(samples.times) else None,
         "observables": observables,
         "checkpoints": [] if run.checkpoints is None else run.checkpoints.steps.tolist(),
         "plan": run.plan,
         "unchanged": run.unchanged,
+        "damaged": damage._asdict(),
         "stopped": (run.report or {}).get("stopped", ""),
         "closed": run.closed,
         "half_written": run.half_written,
@@ -57,9 +69,18 @@ def _summary(run: Run) -> dict[str, Any]:
         "write": list(run.options.write),
         "compressed": run.packed,
         "compress": run.options.compress,
-        "events": run.events,
+        "events": run.whole_events(),
         "report": run.report,
     }
+
+
+def _unregistered(run: Run) -> list[str]:
+    """The forces that the file names and nobody here has registered: nothing is looked up in their modules."""
+    given = run.system_record.get("forces")
+    listed = [each for each in given if isinstance(each, dict)] if isinstance(given, list) else []
+    named = dict.fromkeys((str(each.get("module")), str(each.get("type"))) for each in listed)
+    unknown = [name for name in named if force_class(*name) is None]
+    return [shown(".".join(name))[1:-1] for name in unknown[:SHOWN]]
 
 
 def describe(found: dict[str, Any]) -> str:
@@ -74,6 +95,8 @@ def describe(found: dict[str, Any]) -> str:
     ]
     if units["nominal"]:
         rows.append(("", f"other programs see 1 {units['length']} as 1 angstrom and 1 {units['time']} as 1 ps"))
+    for force in found["unregistered"]:
+        rows.append(("force", f"{force} is registered nowhere: resume needs a program that registers the class"))
     method = found["method"]
     rows += [(key, _short(method[key])) for key in _METHOD_FIRST if method.get(key) is not None]
     rows += [(k, _short(value)) for k, value in method.items() if k not in _METHOD_SHOWN and value is not None]
@@ -92,13 +115,15 @@ def describe(found: dict[str, Any]) -> str:
         rows.append(("", f"{goal}; kickdrift resume goes on"))
     if not found["unchanged"]:
         rows.append(("system", "was changed after the run began, by its hash: the run cannot go on"))
+    rows += _damaged(found["damaged"], found["frames"])
     rows.append(("checkpoints", _checkpoints(found["checkpoints"])))
     report = found["report"] or {}
     report = {key: value for key, value in report.items() if key != "events"}
     rows += [(f"report: {key.replace('_', ' ')}", _short(value)) for key, value in _flat(report)]
     rows += event_lines(found["events"])
-    width = max(len(key) for key, _ in rows)
-    return "\n".join([found["file"], *(f"  {key:<{width}}  {value}".rstrip() for key, value in rows)])
+    width = min(WIDTH, max(len(key) for key, _ in rows))
+    lines = [found["file"], *(f"  {key:<{width}}  {value}".rstrip() for key, value in rows)]
+    return "\n".join(clean(line) for line in lines)
 
 
 def _box(lengths: list[float] | None, unit: str) -> str:
@@ -124,6 +149,29 @@ def _ending(found: dict[str, Any]) -> str:
         names = f"{', '.join(first)} and {last}" if first else last
         text += f"; behind the last whole ones, {names} were left half written"
     return text
+
+
+def _damaged(damage: dict[str, Any], frames: int) -> list[tuple[str, str]]:
+    """What is not as it was written, and what nobody can tell of."""
+    unchecked = damage["unchecked"]
+    found = {what: _ranges(numbers) for what, numbers in damage.items() if what != "unchecked" and numbers}
+    rows = [("damaged", f"{what}{' of step' * (what == 'checkpoints')} {text}") for what, text in found.items()]
+    if unchecked:
+        which = "no frame has one" if unchecked == frames else f"{counted(unchecked, 'frame')} without"
+        rows.append(("checksums", f"{which}, since an older kickdrift wrote them: damage there goes unnoticed"))
+    return rows
+
+
+def _ranges(numbers: list[int]) -> str:
+    """The numbers in words: "3, 7 to 9"."""
+    runs: list[list[int]] = []
+    for number in numbers:
+        if runs and number == runs[-1][1] + 1:
+            runs[-1][1] = number
+        else:
+            runs.append([number, number])
+    texts = [str(first) if first == last else f"{first} to {last}" for first, last in runs]
+    return ", ".join(texts[:RANGES]) + (f" and {len(texts) - RANGES} more stretches" if len(texts) > RANGES else "")
 
 
 def _goal(found: dict[str, Any]) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import platform
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
@@ -15,11 +14,11 @@ import h5py
 import numpy as np
 
 from kickdrift import constants
-from kickdrift.box import Box
 from kickdrift.errors import InputError
 from kickdrift.system import System
-from kickdrift.trajectory import checkpoints
+from kickdrift.trajectory import checkpoints, checksums
 from kickdrift.trajectory.checkpoints import Stored
+from kickdrift.trajectory.opening import created
 from kickdrift.trajectory.options import FileOptions
 from kickdrift.trajectory.record import record_of, to_json
 from kickdrift.units import DIMENSIONS, UnitSystem
@@ -34,6 +33,11 @@ PLAN_NUMBERS = 7  # what `run_plan.Plan` has
 EVENT_WIDTH = 6 + (KIND_BYTES + DONE_BYTES) // 8  # of an event's row, in numbers of 8 bytes
 CHUNK_BYTES = 128 * 1024  # of positions or velocities; a chunk holds a few dozen frames of some of the particles
 SERIES_CHUNK = 512  # rows of a series with one row for each frame or sample
+
+UNIT_KEYS = (
+    "name", "length", "time", "mass", "energy", "temperature", "boltzmann", "gravity", "light", "coherent_mass",
+    "nominal", "length_factor", "time_factor", "force_factor",
+)  # fmt: skip
 
 # Units that are lengths and times to MDAnalysis, in its own angstrom and ps.
 _ANGSTROM = {"angstrom": 1.0, "nm": 10.0, "m": 1e10}
@@ -153,7 +157,7 @@ def header_image(
 
     It is made in memory and written by plain file I/O, since a full disk is then an ordinary exception.
     """
-    with h5py.File(f"{run_id}.image", "w", driver="core", backing_store=False, libver="earliest") as file:
+    with created(f"{run_id}.image", driver="core", backing_store=False, libver="earliest") as file:
         # First, and so inside one page, as it must be to change in one write.
         committed = file.create_dataset(None, data=np.zeros(3, dtype="i8"), track_times=False)
         _particles(file, system, flush_frames, options)
@@ -177,10 +181,14 @@ def header_image(
         _text(own, "versions", to_json(versions()))
         new_series(own, "report", (), "u1", rows=CHUNK_BYTES // 8)
         _system(own.create_group("system"), system)
+        own.attrs["sha256"] = run_hash(file)
         samples = file.create_group(SAMPLES)
         new_series(samples, "step", (), "i8")
         new_series(samples, "time", (), "f8")
         _events(file)
+        vectors = [name for name in checksums.VECTORS if name in file[TRAJECTORY]]
+        block = file[TRAJECTORY]["position/value"].chunks[1]
+        checksums.new_group(file, len(system), block, vectors)
         checkpoints.new_table(file)
         if start is not None:
             checkpoints.Table(file, "").add(start, file.flush)
@@ -280,7 +288,37 @@ def system_hash(file: h5py.File) -> str:
     return found.hexdigest()
 
 
-def box_of(group: h5py.Group) -> Box:
-    """The box in the system's own units, from the ``kickdrift`` group."""
-    lengths = json.loads(group["system/record"].asstr()[()])["box"]
-    return Box(None if lengths is None else tuple(lengths))
+def run_hash(file: h5py.File) -> str:
+    """SHA-256, in hexadecimal digits, of all that a file says but once of its run, and that decides its numbers.
+
+    In this order: the texts of ``system/record``, ``system/source``, ``method`` and ``versions`` of ``kickdrift``; for
+    each key of UNIT_KEYS that is an attribute of ``kickdrift/units``, the key and its value, a text or a float64;
+    ``every`` (int64); ``boundary`` of the box; the names of the species in the order of their numbers; the attribute
+    ``unit`` of the masses; the checksums (`checksums.sums_of_array`) of ``system/phase``, ``mass``, ``id`` and
+    ``species``. Texts are UTF-8, and a zero byte follows each; numbers are little-endian. ``kickdrift`` carries it as
+    the attribute ``sha256`` from the file's beginning on.
+    """
+    own, particles = file["kickdrift"], file[TRAJECTORY]
+    found = hashlib.sha256()
+
+    def add(value: Any) -> None:
+        value = value.decode() if isinstance(value, bytes) else value
+        found.update(value.encode() + b"\0" if isinstance(value, str) else np.array(value, "<f8").tobytes())
+
+    for name in ("system/record", "system/source", "method", "versions"):
+        add(own[name].asstr()[()])
+    units = own["units"].attrs
+    for key in UNIT_KEYS:
+        if key in units:
+            add(key)
+            add(units[key])
+    found.update(np.array(own.attrs["every"], "<i8").tobytes())
+    for value in particles["box"].attrs["boundary"]:
+        add(value)
+    names = h5py.check_enum_dtype(particles["species"].dtype)
+    for name in sorted(names, key=names.__getitem__):
+        add(name)
+    add(particles["mass"].attrs["unit"])
+    for data in (own["system/phase"], particles["mass"], particles["id"], particles["species"]):
+        found.update(checksums.sums_of_array(data[()]).astype("<u8").tobytes())
+    return found.hexdigest()

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import os
-import shutil
 from collections.abc import Callable
 from pathlib import Path
 
 import h5py
 
 from kickdrift.errors import RunError
-from kickdrift.trajectory import creation
+from kickdrift.parts import private_place
 from kickdrift.trajectory.storage import PagedFile, in_use, open_to_write, write_error
 
 _writing: set[tuple[int, int]] = set()  # device and inode, since some systems' locks do not hold within one process
@@ -28,15 +27,16 @@ class OpenFile:
         Whether a write has failed, after which there must be no other.
     """
 
-    def __init__(self, path: Path, cache_bytes: int) -> None:
+    def __init__(self, path: Path, cache_bytes: int, own: tuple[int, int] | None = None) -> None:
         self.path, self._cache_bytes = path, cache_bytes
         self.failed = False
-        self._connect()
+        self._connect(own)
 
-    def _connect(self) -> None:
-        self._key = refuse_second(self.path)
+    def _connect(self, own: tuple[int, int] | None) -> None:
+        refuse_second(self.path)
         self._storage: PagedFile
-        self._storage, self.h5 = open_to_write(self.path, cache_bytes=self._cache_bytes)
+        self._storage, self.h5 = open_to_write(self.path, cache_bytes=self._cache_bytes, own=own)
+        self._key = self._storage.key
         _writing.add(self._key)
 
     def commit(self, *, cut: bool = False) -> None:
@@ -55,7 +55,7 @@ class OpenFile:
     def reopen(self) -> None:
         """HDF5 forgets by it which places in the file have become free, and does not use them again."""
         self.close()
-        self._connect()
+        self._connect(self._key)
 
     def check_there(self) -> None:
         """A RunError where the name is no longer that of the file that is open."""
@@ -86,10 +86,9 @@ class OpenFile:
     def extend(self, make: Callable[[h5py.File], None]) -> None:
         """Let ``make`` add groups and datasets: in a copy, which then takes the file's place, since no order of writes
         would let the file survive a kill meanwhile. It costs as much as the file is long."""
-        part = creation.part_of(self.path)
-        try:
-            shutil.copy(self.path, part)
-            storage, file = open_to_write(part)
+        with private_place(self.path) as part:
+            self._storage.copy_to(part)
+            storage, file = open_to_write(part, own=identity(part))
             try:
                 make(file)
                 file.close()
@@ -98,22 +97,24 @@ class OpenFile:
                 file.close()
                 storage.close()
             self.replace(part)
-        finally:
-            part.unlink(missing_ok=True)
 
     def replace(self, part: Path) -> None:
         """Give the file's name to another, and go on in that one."""
         self.close()
+        own = identity(part)
         try:
             os.replace(part, self.path)
         finally:
-            self._connect()
+            self._connect(own)
 
 
-def refuse_second(path: Path) -> tuple[int, int]:
-    """The file's device and inode; an InputError where this process is writing to it already."""
+def identity(path: Path) -> tuple[int, int]:
+    """Device and inode of a file."""
     status = path.stat()
-    key = (status.st_dev, status.st_ino)
-    if key in _writing:
+    return status.st_dev, status.st_ino
+
+
+def refuse_second(path: Path) -> None:
+    """An InputError where this process is writing to the file already."""
+    if identity(path) in _writing:
         raise in_use(path)
-    return key

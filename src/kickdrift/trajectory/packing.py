@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import h5py
 
-from kickdrift.trajectory import creation
+from kickdrift.parts import private_place
+from kickdrift.trajectory.opening import created
 from kickdrift.trajectory.storage import ALIGNMENT, PagedFile
 
 _FILTERS = {"compression": "gzip", "compression_opts": 4, "shuffle": True}
@@ -20,15 +24,15 @@ def is_packed(file: h5py.File) -> bool:
     return file["particles/trajectory/position/value"].compression is not None
 
 
-def rewritten(file: h5py.File, path: Path, *, compress: bool) -> Path:
+@contextmanager
+def rewritten(file: h5py.File, path: Path, *, compress: bool) -> Iterator[Path]:
     """A copy of an open file beside ``path``, every growing dataset compressed or every one plain; an OSError leaves
-    nothing. The caller gives it its name."""
-    part = creation.part_of(path)
-    part.write_bytes(b"")
-    try:
+    nothing. The caller gives it its name, or it is removed."""
+    with private_place(path) as part:
+        part.write_bytes(b"")
         storage = PagedFile(part)
         try:
-            with h5py.File(storage, "w", libver="earliest", **ALIGNMENT) as copy:
+            with created(storage, libver="earliest", **ALIGNMENT) as copy:
                 # What must begin in the first page: see `layout`.
                 names = ("kickdrift/committed", *(f"particles/trajectory/position/{key}" for key in ("step", "value")))
                 items = [file[name] for name in names]
@@ -38,11 +42,8 @@ def rewritten(file: h5py.File, path: Path, *, compress: bool) -> Path:
             storage.commit()
         finally:
             storage.close()
-    except BaseException:
-        part.unlink(missing_ok=True)
-        raise
-    os.chmod(part, path.stat().st_mode)
-    return part
+        os.chmod(part, path.stat().st_mode)
+        yield part
 
 
 def _address(item: Any) -> int:
@@ -92,7 +93,25 @@ def _copy_rows(item: h5py.Dataset, new: h5py.Dataset, storage: PagedFile) -> Non
     row = max(1, item.dtype.itemsize * int(item.size // max(1, item.shape[0])))
     block = item.chunks[0] * max(1, _COMMIT_BYTES // (row * item.chunks[0]))
     new.resize(item.shape[0], axis=0)
-    for start in range(0, item.shape[0], block):
-        new[start : start + block] = item[start : start + block]
+    rows = min(item.shape[0], _stored_rows(item))
+    for start in range(0, rows, block):
+        try:
+            new[start : start + block] = item[start : start + block]
+        except OSError:  # a damaged chunk
+            _copy_readable(item, new, start, min(start + block, rows))
         new.file.flush()
         storage.commit()
+
+
+def _stored_rows(item: h5py.Dataset) -> int:
+    """The rows up to the end of the last chunk; a file may claim more, of which nothing is stored."""
+    ends = [0]
+    item.id.chunk_iter(lambda chunk: ends.append(chunk.chunk_offset[0] + item.chunks[0]))
+    return int(max(ends))
+
+
+def _copy_readable(item: h5py.Dataset, new: h5py.Dataset, start: int, stop: int) -> None:
+    """The rows that HDF5 can read; the others keep the fill value, which their checksums tell from what was there."""
+    for row in range(start, stop):
+        with contextlib.suppress(OSError):
+            new[row] = item[row]

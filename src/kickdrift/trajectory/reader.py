@@ -2,27 +2,43 @@
 
 from __future__ import annotations
 
-import json
 import os
-from dataclasses import fields
+from functools import cached_property
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from kickdrift.checks import path_text
 from kickdrift.errors import InputError
 from kickdrift.state import Floats
-from kickdrift.trajectory.checkpoints import CHECKPOINTS, Table
-from kickdrift.trajectory.frames import EnergySeries, Frames, energies_of
-from kickdrift.trajectory.layout import EVENTS, SAMPLES, SCHEMA, TRAJECTORY, FileUnits, box_of, system_hash
-from kickdrift.trajectory.options import FileOptions
-from kickdrift.units import UnitSystem
+from kickdrift.trajectory import header
+from kickdrift.trajectory.checkpoints import CHECKPOINTS, COLUMNS, Table
+from kickdrift.trajectory.contents import Contents
+from kickdrift.trajectory.damage import Checks, Damage
+from kickdrift.trajectory.frames import EnergySeries, Frames, as_slice, energies_of
+from kickdrift.trajectory.header import CLOCK, EVENT_COLUMNS, Committed
+from kickdrift.trajectory.layout import SCHEMA, TRAJECTORY, FileUnits, run_hash, system_hash
+from kickdrift.trajectory.opening import open_to_read
+from kickdrift.trajectory.rows import behind
 
 if TYPE_CHECKING:
     from kickdrift.system import System
+
+
+CHANGED = "its system was changed after the run began (kickdrift/system, units, method, masses, ids or species)"
+
+
+class Samples(NamedTuple):
+    """Some samples: their numbers, steps, times and observables."""
+
+    rows: NDArray[np.int64]
+    steps: NDArray[np.int64]
+    times: Floats
+    observables: dict[str, Floats]
 
 
 class Run(Frames):
@@ -60,66 +76,48 @@ class Run(Frames):
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
         self.path = Path(path)
-        self._handle = _open_file(self.path)
+        self._handle = open_to_read(self.path)
         try:
+            self._contents = Contents(self._handle, self.path)
+            with self._contents.guarded("its beginning"):
+                _check_kind(self.path, self._handle)
             self._read_header()
-        except (KeyError, OSError, RuntimeError, ValueError) as error:
+        except BaseException:
             self.close()
-            if isinstance(error, InputError):
-                raise
-            raise InputError(f"{self.path}: damaged: {error}") from None
+            raise
 
     def _read_header(self) -> None:
-        file = self._file
-        _check_kind(self.path, file)
-        own, particles = file["kickdrift"], file[TRAJECTORY]
-        self.run_id = str(own.attrs["run_id"])
-        self.every = int(own.attrs["every"])
-        self.units = unit_system_of(own)
+        found = header.read(self._contents)
+        self.run_id, self.every, self.units, self.box = found.run_id, found.every, found.units, found.box
         self._factors = FileUnits.of(self.units)
         self.nominal_units = self._factors.nominal
-        self.box = box_of(own)
-        species = particles["species"]
-        names = h5py.check_enum_dtype(species.dtype) or {}
-        self.species = tuple(sorted(names, key=names.__getitem__))
-        self.species_index: NDArray[np.int32] = species[()].astype(np.int32)
-        self.masses: Floats = particles["mass"][()]
-        self.ids: NDArray[np.int64] = particles["id"][()]
-        self.system_source = str(own["system/source"].asstr()[()])
-        self.system_record: dict[str, Any] = json.loads(own["system/record"].asstr()[()])
-        self.names: tuple[str, ...] = tuple(self.system_record.get("names", ()))
-        self.method: dict[str, Any] = json.loads(own["method"].asstr()[()])
-        self.versions: dict[str, str] = json.loads(own["versions"].asstr()[()])
-        extras = {"forces": "force", "images": "image"}
-        dtype = particles["position/value"].dtype
-        self.options = FileOptions(
-            precision="float32" if dtype == np.float32 else "float64",
-            compress=bool(own.attrs["compress"]),
-            write=tuple(name for name, group in extras.items() if group in particles),
-        )
-        self.packed = particles["position/value"].compression is not None
-        self.closed = bool(own["closed"][0])
-        self.report: dict[str, Any] | None = json.loads(own["report"][()].tobytes()) if self.closed else None
+        self.species, self.species_index = found.species, found.species_index
+        self.masses, self.ids = found.masses, found.ids
+        self.system_source, self.system_record = found.source, found.record
+        self.names: tuple[str, ...] = tuple(found.record.get("names", ()))
+        self.method, self.versions = found.method, found.versions
+        self.options, self.packed = found.options, found.packed
+        self.report, self.closed = found.report, found.report is not None
+        self.half_written = found.half_written
         # What a kill left behind the last commit may be part of a row; it does not count.
-        frames, samples, self._events = (int(rows) for rows in own["committed"][()])
-        super().__init__(None, range(frames))
-        self._samples = samples
-        self.half_written = {
-            "frames": max(0, particles["position/value"].shape[0] - frames),
-            "samples": max(0, own["samples/step"].shape[0] - samples),
-            "events": max(0, own["events/step"].shape[0] - self._events),
-        }
-        self.all_steps: NDArray[np.int64] = particles["position/step"][:frames]
-        self.all_times: Floats = particles["position/time"][:frames] / self._factors.time
+        super().__init__(None, range(found.committed.frames))
+        self.committed = found.committed
+        self._samples = found.committed.samples
+        self._observables = found.observables
+        self._checks = Checks(self._contents, found)
+        self._written, self._growing = found.vectors, found.growing
+        clock = (self._contents.series(f"{TRAJECTORY}/position/{key}", kind, len(self)) for key, kind in CLOCK)
+        self.all_steps, times = (self._contents.read(series, slice(len(self))) for series in clock)
+        self.all_times: Floats = times / self._factors.time
+        self._wrong_clock = self._checks.clock
+        self._checks.refuse_uncounted()
 
     def __repr__(self) -> str:
         return f"<Run {self.path}: {len(self)} frames of {len(self.ids)} particles>"
 
     @property
     def _file(self) -> h5py.File:
-        if not self._handle:
-            raise InputError(f"{self.path}: is closed; read it inside of its with block")
-        return self._handle
+        return self._contents.file
 
     def vectors(self, what: str, frames: slice, particles: slice = slice(None)) -> Floats:
         """(f, n, 3) unwrapped "positions", "velocities" or "forces" of some frames and particles, read at once; an
@@ -129,26 +127,82 @@ class Run(Frames):
             "velocities": ("velocity", self._factors.velocity),
             "forces": ("force", self._factors.force),
         }[what]
-        group = self._file[TRAJECTORY]
-        if name not in group:
+        if name not in self._written:
             raise InputError(f"{self.path}: holds no {what}; a run writes them where it is asked to")
-        start, stop, step = frames.indices(len(self))
-        values: Floats = group[name]["value"][start:stop:step, particles].astype(np.float64, copy=False)
+        self.refuse_changed()
+        rows = range(*frames.indices(len(self)))
+        values: Floats = self._checked(name, rows, particles).astype(np.float64, copy=False)
         if factor != 1.0:
             values = values / factor
         if what == "positions" and self.box.lengths and "images" in self.options.write:
-            values += group["image/value"][start:stop:step, particles] * np.array(self.box.lengths)
+            values += self._checked("image", rows, particles) * np.array(self.box.lengths)
         return values
+
+    def _checked(self, name: str, rows: range, particles: slice) -> NDArray:
+        """(f, k, 3) of what frames hold, as it is stored; an InputError names the first that is damaged."""
+        self.check_clock(rows)
+        block, n = self._checks.block, len(self.ids)
+        low, high, step = particles.indices(n)
+        begin, end = low // block * block, min(n, -(-high // block) * block)
+        data = self._contents.anything(f"{TRAJECTORY}/{name}/value")
+        chosen = slice(rows.start, rows[-1] + 1 if rows else rows.start, rows.step), slice(begin, end)
+        try:
+            found = self._contents.read(data, chosen)
+        except InputError:
+            if len(rows) == 1:
+                raise self._damaged("frame", rows[0], self.all_steps) from None
+            for row in rows:
+                self._checked(name, range(row, row + 1), particles)  # which says which one it is
+            raise
+        wrong = self._checks.vectors(name, rows, found, begin // block)
+        if wrong.any():
+            raise self._damaged("frame", rows[int(np.argmax(wrong))], self.all_steps)
+        return found[:, low - begin : high - begin : step]
 
     def framed(self, frames: slice) -> dict[str, Floats]:
         """Every observable as an array (f,) or (f, …) at some frames."""
-        group = self._file["observables"]
-        return {name: group[name]["value"][frames] for name in group if len(self)}
+        rows = range(*frames.indices(len(self)))
+        wrong = self._checks.observables(rows)
+        if wrong.any():
+            raise self._damaged("frame", rows[int(np.argmax(wrong))], self.all_steps)
+        series = {name: header.framed(self._contents, name, len(self)) for name in self._observables if len(self)}
+        return {name: self._contents.read(data, frames) for name, data in series.items()}
+
+    def _damaged(self, what: str, row: int, steps: NDArray | None = None) -> InputError:
+        step = "" if steps is None else f" (step {steps[row]})"
+        return InputError(f"{self.path}: damaged: {what} {row}{step} is not what was written")
+
+    def check_clock(self, rows: range) -> None:
+        """An InputError where the step or time of one of these frames is damaged."""
+        wrong = self._wrong_clock[as_slice(rows)]
+        if wrong.any():
+            raise self._damaged("frame", rows[int(np.argmax(wrong))])
+
+    def refuse_changed(self) -> None:
+        """An InputError where what gives the numbers their meaning is not what it was, in a file that has a hash of it
+        all."""
+        if not self._as_given:
+            raise InputError(f"{self.path}: damaged: {CHANGED}")
+
+    @cached_property
+    def _as_given(self) -> bool:
+        """Whether all that was written once is as it was, as far as the file can tell."""
+        with self._contents.guarded("kickdrift"):
+            return bool(self._file["kickdrift"].attrs.get("sha256") in (None, run_hash(self._file)))
+
+    def damage(self) -> Damage:
+        """Which frames, samples, events and checkpoints are damaged. It reads the whole file."""
+        table = self.checkpoints
+        checks = self._checks
+        rows = [np.flatnonzero(wrong).tolist() for wrong in (checks.frames, checks.samples, checks.events)]
+        return Damage(rows[0], rows[1], rows[2], table.damaged() if table else [], len(self) - checks.checked)
 
     @property
     def unchanged(self) -> bool:
         """Whether the system in the file is the one that its run began with, by its hash."""
-        return bool(self._file["kickdrift/system"].attrs.get("sha256") == system_hash(self._file))
+        with self._contents.guarded("kickdrift/system"):
+            then = self._file["kickdrift/system"].attrs.get("sha256")
+            return bool(self._as_given and then == system_hash(self._file))
 
     @property
     def exact(self) -> bool:
@@ -159,17 +213,27 @@ class Run(Frames):
     @property
     def observables(self) -> dict[str, Floats]:
         """Every observable as an array (s,) or (s, …), at `sample_steps` and `sample_times`."""
-        names = [name for name in self._file[SAMPLES] if name not in ("step", "time")]
-        return {name: self._sampled(name) for name in names if self._samples}
+        return {name: self._sampled(name) for name in self._observables if self._samples}
 
     @property
     def events(self) -> list[dict[str, Any]]:
         """What `Simulation.events` of the run had: kind, time, step, bodies, ids, distance, energy, done.
 
         Close approaches that had not ended with the run come last."""
+        wrong = self._checks.events
+        if wrong.any():
+            raise self._damaged("event", int(np.argmax(wrong)))
+        return self.whole_events()
+
+    def whole_events(self) -> list[dict[str, Any]]:
+        """The `events` that are not damaged."""
         found: list[dict[str, Any]] = []
-        columns = {name: data[: self._events].tolist() for name, data in self._file[EVENTS].items()}
-        for k in range(self._events):
+        count = self.committed.events
+        columns = {
+            name: self._contents.read(header.event_column(self._contents, name, count), slice(count)).tolist()
+            for name in EVENT_COLUMNS
+        }
+        for k in np.flatnonzero(~self._checks.events).tolist():
             row = {name: values[k] for name, values in columns.items()}
             ids = [each for each in row["ids"] if each >= 0]
             found.append(
@@ -228,26 +292,87 @@ class Run(Frames):
         """The System that the run was given, from the file alone; ``run[k].system()`` is that at a frame."""
         from kickdrift.trajectory.record import system_of
 
+        self.refuse_changed()
         return system_of(self)
 
     def _sampled(self, name: str) -> NDArray:
-        return self._file[SAMPLES][name][: self._samples]
+        """A series of the samples; an InputError names the first sample that is damaged."""
+        wrong = self._checks.samples
+        if wrong.any():
+            raise self._damaged("sample", int(np.argmax(wrong)))
+        return self._series(name)
+
+    def _series(self, name: str) -> NDArray:
+        return self._contents.read(header.sampled(self._contents, name, self._samples), slice(self._samples))
+
+    def whole_samples(self) -> Samples:
+        """The samples that are not damaged."""
+        kept = np.flatnonzero(~self._checks.samples)
+        observables = {name: self._series(name)[kept] for name in self._observables}
+        return Samples(kept, self._series("step")[kept], self._series("time")[kept], observables)
+
+    def check_growing(self) -> None:
+        """An InputError where no rows can be added to the file, since another program has written it anew."""
+        contents, (frames, samples, events) = self._contents, self.committed
+        for name in self._observables:
+            header.framed(contents, name, frames)
+            header.sampled(contents, name, samples)
+        for name in EVENT_COLUMNS:
+            header.event_column(contents, name, events)
+        contents.dataset("kickdrift/report", "u1", (None,))
+        checkpoints = [f"{CHECKPOINTS}/{name}" for name in COLUMNS] if self._contents.has(CHECKPOINTS) else []
+        with self._contents.guarded("its beginning"):
+            layout = self._file.id.get_create_plist()
+            if layout.get_version()[0] or layout.get_sizes() != (8, 8) or layout.get_userblock():
+                raise InputError(f"{self.path}: has been written anew by another program; the run cannot go on in it")
+        for name in (*(name for names in self._growing.values() for name in names), "kickdrift/report", *checkpoints):
+            with self._contents.guarded(name):
+                data = self._file[name]
+                if data.chunks is None or data.maxshape[0] is not None:
+                    raise InputError(f"{self.path}: {name} is of fixed size; the run cannot go on in this file")
+
+    @cached_property
+    def kept(self) -> Committed:
+        """The rows that a run which is resumed goes on after: all but those of a damaged end."""
+        frames, samples, events = self.committed
+        while frames and (self._checks.clock[frames - 1] or self._checks.frame(frames - 1)):
+            frames -= 1
+        while samples and self._checks.samples[samples - 1]:
+            samples -= 1
+        if (frames, samples) == self.committed[:2]:
+            return self.committed
+        at = list(zip(self._series("step").tolist(), self._series("time").tolist(), strict=True))
+        there = list(zip(self.all_steps.tolist(), self.all_times.tolist(), strict=True))
+        if frames < len(self):  # a damaged frame comes after the last whole one
+            last = there[frames - 1] if frames else (-1, 0.0)
+            while samples and behind(last, at[samples - 1]):
+                samples -= 1
+        while frames and not (samples and not behind(at[samples - 1], there[frames - 1])):
+            frames -= 1
+        return Committed(frames, samples, events)
+
+    @property
+    def last_point(self) -> tuple[int, float] | None:
+        """Step and time of the last sample of those `kept`."""
+        row = self.kept.samples - 1
+        return None if row < 0 else (int(self._series("step")[row]), float(self._series("time")[row]))
 
     @property
     def checkpoints(self) -> Table | None:
         """What the run can be taken up again from; None in a file that has none."""
-        return Table(self._file, self.path) if CHECKPOINTS in self._file else None
+        if not self._contents.has(CHECKPOINTS):
+            return None
+        return Table(self._file, self.path)
 
     @property
     def plan(self) -> list[float]:
         """The numbers of the `run_plan.Plan` of the last run into this file; empty where it is not known."""
-        numbers = self._file["kickdrift/plan"][()].tolist() if "kickdrift/plan" in self._file else [np.nan]
-        return [] if np.isnan(numbers[0]) else numbers
+        return header.plan_numbers(self._contents)
 
     @property
     def initial_phase(self) -> Floats:
         """(2, 3, n) positions and velocities of the System that the run was given."""
-        return self._file["kickdrift/system/phase"][()]
+        return self._contents.array("kickdrift/system/phase", "f8", (2, 3, len(self.ids)))
 
     def universe(self) -> Any:
         """An MDAnalysis Universe of this file, with names, types and masses; nominal units where the file's are."""
@@ -265,34 +390,6 @@ class Run(Frames):
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
-
-
-def unit_system_of(own: h5py.Group) -> UnitSystem:
-    """The unit system that a file states, which need not be one that this version knows by name."""
-    stored = own["units"].attrs
-    values: dict[str, Any] = {}
-    for key in (field.name for field in fields(UnitSystem) if field.name in stored):
-        values[key] = stored[key] if isinstance(stored[key], str) else float(stored[key])
-    return UnitSystem(**values)
-
-
-def _open_file(path: Path) -> h5py.File:
-    if not path.exists():
-        raise InputError(f"{path}: no such file")
-    if path.is_dir():
-        raise InputError(f"{path}: is a folder, not a file")
-    try:
-        return h5py.File(path, "r", locking="best-effort")
-    except BlockingIOError:
-        raise InputError(f"{path}: a run is writing to it at this moment; it can be read when that is over") from None
-    except PermissionError:
-        raise InputError(f"{path}: no permission to read it") from None
-    except OSError as error:
-        if "truncated file" in str(error):
-            raise InputError(f"{path}: is truncated: its end is missing (copied in part?)") from None
-        if not h5py.is_hdf5(path):
-            raise InputError(f"{path}: is not an HDF5 file") from None
-        raise InputError(f"{path}: cannot be read: {error}") from None
 
 
 def _check_kind(path: Path, file: h5py.File) -> None:
@@ -314,4 +411,4 @@ def _check_kind(path: Path, file: h5py.File) -> None:
 
 def open(path: str | os.PathLike[str]) -> Run:
     """A run's file as a Run; the InputError of a file that is none says what it is instead."""
-    return Run(path)
+    return Run(path_text("path", path))

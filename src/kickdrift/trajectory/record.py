@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import inspect
 import json
-import sys
 from collections.abc import Iterable, Mapping
 from dataclasses import fields, is_dataclass
 from typing import TYPE_CHECKING, Any
@@ -13,14 +12,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from kickdrift.errors import InputError
-from kickdrift.events import Between, CloseApproach, Collision, Crossing, Escape, Event
-from kickdrift.forces import FORCES
+from kickdrift.events import Event
+from kickdrift.schema import checked
 from kickdrift.system import Equilibration, RunDefaults, System
+from kickdrift.trajectory.named import Record, about, defaults_of, event_of, force_of
 
 if TYPE_CHECKING:
     from kickdrift.trajectory.reader import Run
-
-_EVENTS: dict[str, Any] = {event.__name__: event for event in (CloseApproach, Collision, Crossing, Escape)}
 
 
 def to_json(value: Any) -> str:
@@ -73,7 +71,7 @@ def record_of(system: System) -> dict[str, Any]:
 
 
 def _described(thing: Any) -> dict[str, Any]:
-    found = {"type": type(thing).__name__, "module": type(thing).__module__, "parameters": thing}
+    found = {"type": type(thing).__qualname__, "module": type(thing).__module__, "parameters": thing}
     return found | ({"source": source} if (source := _source_hash(thing)) else {})
 
 
@@ -93,9 +91,16 @@ def _source_hash(thing: Any) -> str:
 
 def changed_sources(system: System, run: Run) -> list[str]:
     """The forces of the user's own whose source is not what it was when the run began."""
-    then = [force.get("source", "") for force in run.system_record["forces"]]
+    then = [force.source for force in checked_record(run).forces]
     pairs = zip(system.forces, then, strict=True)
     return [type(force).__name__ for force, source in pairs if source != _source_hash(force)]
+
+
+def checked_record(run: Run) -> Record:
+    """What the file says of its system; an InputError where that is not what kickdrift writes."""
+    with about(run.path, "damaged: kickdrift/system/record"):
+        record: Record = checked(Record, run.system_record, None)
+        return record
 
 
 def system_of(
@@ -103,34 +108,33 @@ def system_of(
 ) -> System:
     """The System that a run was given, or the same at one of the run's frames, at that frame's time.
 
-    Forces that the file names by a class of the user's own are found where that class's module has been imported. An
-    InputError says what cannot be had from the file, and which frame has bodies that have merged or left. ``forces``
-    and ``events`` take the place of the file's.
+    A force of the user's own is found where its class is registered (see ``register_force``); nothing else of a module
+    can be named. An InputError says what cannot be had from the file, and which frame has bodies that have merged or
+    left. ``forces`` and ``events`` take the place of the file's.
     """
-    record = run.system_record
+    record = checked_record(run)
     start = run.initial_phase
-    species = [run.species[k] for k in run.species_index]
-    known = {each.name for each in fields(RunDefaults)}
-    system = System(
-        start[0].T,
-        start[1].T,
-        run.masses,
-        run.box,
-        [_force(given, str(run.path)) for given in record["forces"]] if forces is None else forces,
-        run.units,
-        species,
-        record["name"],
-        RunDefaults(**{key: value for key, value in record["run"].items() if key in known}),
-        Equilibration(**record["equilibration"]) if record["equilibration"] else None,
-        record["invariants"],
-        run.system_source,
-        record["seed"],
-        run.names,
-        record.get("radii"),
-        [_event(given, str(run.path)) for given in record.get("events", ())] if events is None else events,
-    )
+    with about(run.path):
+        system = System(
+            start[0].T,
+            start[1].T,
+            run.masses,
+            run.box,
+            [force_of(given) for given in record.forces] if forces is None else forces,
+            run.units,
+            [run.species[k] for k in run.species_index],
+            record.name,
+            defaults_of(RunDefaults, record.run, "run"),
+            defaults_of(Equilibration, record.equilibration, "equilibrate") if record.equilibration else None,
+            record.invariants,
+            run.system_source,
+            record.seed,
+            run.names,
+            record.radii,
+            [event_of(given) for given in record.events] if events is None else events,
+        )
     if frame is None:
-        return system.at(start, record["time"], record["steps_done"], run.ids)
+        return system.at(start, record.time, record.steps_done, run.ids)
     shown = run[frame]
     gone = [event for event in run.events if event["time"] <= shown.time and _changed(event)]
     if gone:
@@ -145,43 +149,18 @@ def _changed(event: Mapping[str, Any]) -> bool:
     return any(word in event["done"] for word in ("merged into", "removed"))
 
 
-def _force(given: Mapping[str, Any], path: str) -> Any:
-    name, module = given["type"], given["module"]
-    own = {(cls.__name__, cls.__module__): cls for cls in FORCES.values()}
-    cls = own.get((name, module)) or getattr(sys.modules.get(module), name, None)
-    if cls is None:
-        raise InputError(
-            f"{path}: force {name} is of module {module}, which is not loaded; import it first (on the command line "
-            "by --load FILE.py), or give the system"
-        )
-    parameters = dict(given["parameters"])
-    for key, value in parameters.items():
-        if isinstance(value, list) and value and all(_is_item(each) for each in value):
-            parameters[key] = {tuple(pair): inner for pair, inner in value}
-    return cls(**parameters)
-
-
-def _is_item(value: Any) -> bool:
-    """Whether it is what `to_json` makes of a dictionary's item whose key is a tuple."""
-    return isinstance(value, list) and len(value) == 2 and isinstance(value[0], list) and isinstance(value[1], dict)
-
-
-def _event(given: Mapping[str, Any], path: str) -> Event:
-    parameters = dict(given["parameters"])
-    function = parameters.get("function")
-    if isinstance(function, str):
-        raise InputError(f"{path}: event {given['kind']!r} has a function of the user's own; give the events again")
-    if function is not None:
-        parameters["function"] = Between(**function)
-    return _EVENTS[given["type"]](**parameters)
+def _compared(force: Mapping[str, Any]) -> dict[str, Any]:
+    """What makes a force another one; a file of version 0.1.0 has no qualified names."""
+    return {"type": force["type"].rpartition(".")[2], **{key: force.get(key) for key in ("module", "parameters")}}
 
 
 def differences(system: System, run: Run) -> list[str]:
     """What differs between a System and the one that a run was given; empty where the run is this System's."""
+    checked_record(run)
     here, there = json.loads(to_json(record_of(system))), dict(run.system_record)
     skipped = {"name", "invariants", "run", "equilibration", "seed"}  # which do not change what the forces do
     for record in (here, there):
-        record["forces"] = [{k: v for k, v in force.items() if k != "source"} for force in record["forces"]]
+        record["forces"] = [_compared(force) for force in record["forces"]]
     found = [key for key in here if key not in skipped and here[key] != there.get(key)]
     state, species = system.state, [run.species[k] for k in run.species_index]
     arrays = {

@@ -7,29 +7,33 @@ lies between is run again without a look, which changes no bits and takes no lon
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping
-from dataclasses import fields, replace
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterable
+from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from kickdrift.engines import NATIVE
 from kickdrift.errors import InputError
 from kickdrift.forces.bound import most_threads
-from kickdrift.forces.compiling import processor
-from kickdrift.integrators.stepping import Options
+from kickdrift.forces.compiling import features, processor
 from kickdrift.observers import Sample
-from kickdrift.run_plan import NEVER, Plan
+from kickdrift.printing import counted
+from kickdrift.run_plan import NEVER, Plan, check_samples, whole_number
 from kickdrift.simulation import Simulation
+from kickdrift.system import System
 from kickdrift.trajectory import reader
 from kickdrift.trajectory.layout import versions
-from kickdrift.trajectory.reader import Run
+from kickdrift.trajectory.named import about, method_of, options_of
+from kickdrift.trajectory.reader import CHANGED, Run
 from kickdrift.trajectory.record import changed_sources, differences, system_of
 from kickdrift.trajectory.rows import before, same
+from kickdrift.units import shown
 
 if TYPE_CHECKING:
     from kickdrift.events import Event
-    from kickdrift.system import System
+
+_NEW = "a new run can begin at a frame"
 
 
 def resume(
@@ -51,7 +55,7 @@ def resume(
     ----------
     path : of a file that `Simulation.run` wrote, also of a run that was killed
     step : a step from the file's first to its last, frame or not; default its end
-    system : that of the run, where its forces are of a class that is not imported; another one is an InputError
+    system : that of the run, where its forces are of a class that is not registered; another one is an InputError
     events : those of the run, where they have functions of the user's own
     threads : default those of the run, or as many as there are; the bits do not depend on it
 
@@ -62,16 +66,19 @@ def resume(
     """
     if step is not None and (isinstance(step, bool) or not isinstance(step, int | np.integer)):
         raise InputError(f"step: expected a whole number, got {step!r}")
+    if not isinstance(system, System | None):
+        raise InputError(f"system: expected a System, got {shown(system)}")
     with reader.open(path) as run:
         sim = _simulation(run, system, events, threads)
         end = step is None
-        steps, times = run.sample_steps, run.sample_times
-        last = (int(steps[-1]), float(times[-1])) if len(steps) else None
-        goal = _goal(run, step, last)
-        _restore(sim, run, goal)
-        sim.go_to(*goal)
-        _samples(sim, run, goal)
-        sim.record.warnings += _warnings(sim, run, goal)
+        goal = _goal(run, step, run.last_point)
+        damaged = _restore(sim, run, goal)
+        sim.go_to(*goal, end=Plan.of(run.plan).end_time if run.plan else np.inf)
+        at, when = goal
+        if when is not None and not same((at, when), sim.steps_done, sim.time):
+            raise InputError(f"{run.path}: damaged: its last sample is of step {at} and time {when:g}, and no step is")
+        damaged += _samples(sim, run, goal)
+        sim.record.warnings += [*damaged, *_warnings(sim, run, goal)]
         if end:
             path = os.path.realpath(path)
             sim.continue_in(path, run.run_id, run.every, Plan.of(run.plan) if run.plan else None)
@@ -85,7 +92,11 @@ def continued(sim: Simulation, steps: int | None, time: float | None) -> Plan:
     begin = sim.record.samples[0].time if sim.record.samples else sim.time
     if sim.dt is not None and not sim.method.chooses_steps:
         begin = sim.time - sim.steps_done * sim.dt
+    if time is not None and not np.isfinite(time):
+        raise InputError(f"time must be a finite time, got {time!r}")
     if time is not None and sim.method.chooses_steps:
+        if plan.interval:
+            check_samples((begin + time - sim.time) / plan.interval, "interval")
         if begin + time < sim.time:
             raise InputError(f"{sim.output}: has come further than a time of {time:g}, to {sim.time - begin:.12g}")
         return replace(plan, end_step=NEVER, end_time=begin + time)
@@ -95,8 +106,11 @@ def continued(sim: Simulation, steps: int | None, time: float | None) -> Plan:
         steps = sim.steps_done + sim.steps_to(until=begin + time)
     if steps is None:
         return plan
+    steps = whole_number("steps", steps, 0)
     if steps < sim.steps_done:
         raise InputError(f"{sim.output}: has come further than step {steps}, to step {sim.steps_done}")
+    if plan.every:
+        check_samples((steps - sim.steps_done) / plan.every, "every")
     return replace(plan, end_step=steps, end_time=np.inf)
 
 
@@ -105,26 +119,22 @@ def _simulation(run: Run, system: System | None, events: Iterable[Event] | None,
     if not run.checkpoints or not run.checkpoints.rows:
         raise InputError(
             f"{run.path}: holds no checkpoint (kickdrift/checkpoints), which is what a run is taken up again from; "
-            f"a new one can begin at a frame"
+            f"{_NEW}"
         )
     if not run.unchanged:
-        raise InputError(
-            f"{run.path}: its system was changed after the run began (kickdrift/system, masses, ids or "
-            "species), so that it cannot go on"
-        )
+        raise InputError(f"{run.path}: {CHANGED}, so that it cannot go on")
     if system is None:
         system = system_of(run, events=events)
     else:
         system = system if events is None else system.watched(events)
         if others := [key for key in differences(system, run) if key != "events" or events is None]:
             raise InputError(f"{run.path}: is the run of another system: {', '.join(others)} differ")
-    known_options = {each.name for each in fields(Options)}
-    options: Mapping[str, Any] = {k: v for k, v in run.method["options"].items() if k in known_options}
-    name = run.method["integrator"]
-    return Simulation(
-        system, name, threads=threads or min(int(run.method["threads"]), most_threads()),
-        engine=run.method.get("engine", NATIVE), processes=int(run.method.get("processes", 1)), **options,
-    )  # fmt: skip
+    with about(run.path):
+        method = method_of(run.method)
+        return Simulation(
+            system, method.integrator, threads=threads or min(method.threads, most_threads()), engine=method.engine,
+            processes=min(method.processes, os.cpu_count() or 1), **options_of(method.options),
+        )  # fmt: skip
 
 
 def _goal(run: Run, step: int | None, last: tuple[int, float] | None) -> tuple[int, float | None]:
@@ -139,15 +149,27 @@ def _goal(run: Run, step: int | None, last: tuple[int, float] | None) -> tuple[i
     return step, None
 
 
-def _restore(sim: Simulation, run: Run, goal: tuple[int, float | None]) -> None:
-    """Put the Simulation to the last checkpoint that does not lie behind the goal."""
+def _restore(sim: Simulation, run: Run, goal: tuple[int, float | None]) -> list[str]:
+    """Put the Simulation to the last whole checkpoint that does not lie behind the goal; what is damaged, in words."""
     table = run.checkpoints
     assert table is not None
     step, time = goal
     reached = [
         row for row, point in enumerate(zip(table.steps, table.times, strict=True)) if not _behind(*point, step, time)
     ]
-    sim.restore(table[reached[-1]])
+    found = []
+    for row in reversed(reached):
+        try:
+            checkpoint = table[row]
+        except InputError as error:
+            found.append(f"{str(error).removeprefix(f'{run.path}: ')}; an earlier one takes its place")
+            continue
+        try:
+            sim.restore(checkpoint)
+        except InputError as error:
+            raise InputError(f"{run.path}: {error}") from None
+        return found
+    raise InputError(f"{run.path}: damaged: no checkpoint up to step {step} is whole; {_NEW}")
 
 
 def _behind(at: int, when: float, step: int, time: float | None) -> bool:
@@ -155,15 +177,24 @@ def _behind(at: int, when: float, step: int, time: float | None) -> bool:
     return at > step or (at == step and time is not None and before(time, when))
 
 
-def _samples(sim: Simulation, run: Run, goal: tuple[int, float | None]) -> None:
-    """The record of the run so far: the file's samples."""
+def _samples(sim: Simulation, run: Run, goal: tuple[int, float | None]) -> list[str]:
+    """The record of the run so far: the file's whole samples. What is damaged, in words."""
     step, time = goal
-    found = run.observables
-    for k, (at, when) in enumerate(zip(run.sample_steps, run.sample_times, strict=True)):
-        if _behind(at, when, step, time):
+    found, kept = run.whole_samples(), run.kept
+    for k, (at, when) in enumerate(zip(found.steps, found.times, strict=True)):
+        if found.rows[k] >= kept.samples or _behind(at, when, step, time):
             break
-        values = {name: values[k] for name, values in found.items()}
-        sim.record.samples.append(Sample.of(int(at), float(when), values))
+        values = {name: values[k] for name, values in found.observables.items()}
+        try:
+            sim.record.samples.append(Sample.of(int(at), float(when), values))
+        except (KeyError, TypeError, ValueError) as error:
+            raise InputError(f"{run.path}: damaged: its samples are not those of a run: {error}") from None
+    lines = []
+    if kept != run.committed:
+        lines.append(f"the file's end is damaged: what follows step {step} is computed again")
+    if lost := kept.samples - int(np.count_nonzero(found.rows < kept.samples)):
+        lines.append(f"{counted(lost, 'sample')} of the file damaged, and left out of the report")
+    return lines
 
 
 def _warnings(sim: Simulation, run: Run, goal: tuple[int, float | None]) -> list[str]:
@@ -179,14 +210,23 @@ def _warnings(sim: Simulation, run: Run, goal: tuple[int, float | None]) -> list
         for key in ("kickdrift", "numba", "llvmlite", "processor")
         if then.get(key) != now[key]
     ]
+    if "features" in run.method:  # older files name the processor alone
+        changed += _changed_features(set(run.method["features"]), set(features()))
     found = [f"the same bits are not promised: {'; '.join(changed)}"] if changed else []
     found += [f"{name}: its source has changed since the run began" for name in changed_sources(sim.system, run)]
-    there = np.flatnonzero(run.steps == goal[0])
-    frame = run[int(there[-1])] if there.size else None
-    if frame and same((frame.step, frame.time), sim.steps_done, sim.time):
+    there = np.flatnonzero(run.all_steps == goal[0])
+    frame = int(there[-1]) if there.size else len(run)
+    if frame < run.kept.frames and same((goal[0], run.all_times[frame]), sim.steps_done, sim.time):
         state = sim.state
         if np.array_equal(state.ids, run.ids) and run.exact:
-            apart = float(np.abs(frame.positions - state.positions).max())
+            apart = float(np.abs(run[frame].positions - state.positions).max())
             if apart:
                 found.append(f"the run goes on {apart:.3g} away from the file's frame there: it is not the same run")
     return found
+
+
+def _changed_features(then: set[str], now: set[str]) -> list[str]:
+    """The processor features that code was compiled for at only one of the two times, in words."""
+    lost, new = ", ".join(sorted(then - now)), ", ".join(sorted(now - then))
+    found = [f"compiled for {lost} then, not now"] if lost else []
+    return found + ([f"compiled for {new} now, not then"] if new else [])

@@ -12,7 +12,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from kickdrift.box import Box
 from kickdrift.state import Floats
-from kickdrift.trajectory import reader
+from kickdrift.trajectory import checksums, header
+from kickdrift.trajectory.checksums import CHECKSUMS
+from kickdrift.trajectory.contents import Contents
 from kickdrift.trajectory.layout import (
     EVENTS,
     SAMPLES,
@@ -85,21 +87,38 @@ class Rows:
     def __init__(self, out: OpenFile) -> None:
         self._out = out
         file = self._file
-        own = file["kickdrift"]
-        self._units = reader.unit_system_of(own)
+        contents = Contents(file, out.path)
+        found = header.read(contents)
+        self._units = found.units
         self._factors = FileUnits.of(self._units)
-        self.ids: NDArray[np.int64] = file[TRAJECTORY]["id"][()]
-        self.frames, self.samples, self.events = (int(rows) for rows in own["committed"][()])
-        names = [name for name in file[SAMPLES] if name not in ("step", "time")]
-        self.shapes: dict[str, tuple[int, ...]] = {name: file[SAMPLES][name].shape[1:] for name in names}
+        self.ids = found.ids
+        self.frames, self.samples, self.events = found.committed
+        self.shapes = {name: header.shape_of(contents, name) for name in found.observables}
         self.complete = True
         self._shapes_known = self.samples > 0 or bool(self.shapes)
-        extras = {"forces": "force", "images": "image"}
-        self.write = tuple(name for name, group in extras.items() if f"{TRAJECTORY}/{group}" in file)
+        self.write = found.options.write
+        self._growing, self._vectors, self._block = found.growing, found.vectors, 0
+        self._look_for_checksums()
 
     @property
     def _file(self) -> h5py.File:
         return self._out.h5
+
+    def _look_for_checksums(self) -> None:
+        """Whether the file has them of all its rows; else an older kickdrift has written to it, and it gets no more."""
+        if CHECKSUMS in self._file:
+            group, rows = (
+                self._file[CHECKSUMS],
+                (("frame", self.frames), ("sample", self.samples), ("event", self.events)),
+            )
+            if all(group[name].shape[0] >= count for name, count in rows):
+                self._block = int(group.attrs["particles"])
+
+    def keep(self, rows: header.Committed) -> None:
+        """Let no more than these rows count; `cut` takes the others away."""
+        self._file["kickdrift/committed"][...] = rows
+        self._out.commit()
+        self.frames, self.samples, self.events = rows
 
     def cut(self) -> bool:
         """Take away what was left half written; whether there was any.
@@ -107,13 +126,11 @@ class Rows:
         Chunks become free by it, and HDF5 would put new ones there: commit and open the file anew, which forgets them.
         """
         file, found = self._file, False
-        per_frame = [*(f"{TRAJECTORY}/{name}" for name in ("position", "velocity", "force", "image", "box/edges"))]
-        per_frame += [f"observables/{name}" for name in file["observables"]]
-        grown = [*((name, self.frames) for name in per_frame if name in file), (SAMPLES, self.samples)]
-        for group, rows in [*grown, (EVENTS, self.events)]:
-            for data in file[group].values():
-                if data.shape[0] > rows:
-                    data.resize(rows, axis=0)
+        rows = {"frame": self.frames, "sample": self.samples, "event": self.events}
+        for table, names in self._growing.items():
+            for name in (*names, f"{CHECKSUMS}/{table}"):
+                if name in file and file[name].shape[0] > rows[table]:
+                    file[name].resize(rows[table], axis=0)
                     found = True
         return found
 
@@ -134,39 +151,83 @@ class Rows:
     def add(self, frames: Sequence[FrameRow], samples: Sequence[SampleRow], events: Sequence[EventRow] = ()) -> None:
         """Write the rows and bring them to the disk. Doing it again after an interrupt does no harm."""
         file, factors = self._file, self._factors
-        self._put(f"{SAMPLES}/step", self.samples, [row.step for row in samples])
-        self._put(f"{SAMPLES}/time", self.samples, [row.time for row in samples])
-        for name in self.shapes:
-            self._put(f"{SAMPLES}/{name}", self.samples, [row.observables[name] for row in samples])
-            self._put(f"observables/{name}/value", self.frames, [row.observables[name] for row in frames])
-        self._put(f"{TRAJECTORY}/position/time", self.frames, [row.time * factors.time for row in frames])
-        self._put(f"{TRAJECTORY}/velocity/value", self.frames, [row.velocities * factors.velocity for row in frames])
-        if "forces" in self.write:
-            forces = [row.forces * factors.force for row in frames if row.forces is not None]
-            self._put(f"{TRAJECTORY}/force/value", self.frames, forces)
-        positions = [row.positions for row in frames]
-        if "images" in self.write:
-            inside = [row.box.wrap(row.positions) for row in frames]
-            images = [images_of(row.positions, within, row.box) for row, within in zip(frames, inside, strict=True)]
-            self._put(f"{TRAJECTORY}/image/value", self.frames, images)
-            positions = inside
+        self._put_all(self._checked("sample", self._sample_columns(samples)), self.samples)
+        self._put_all(self._checked("event", self._event_columns(events)), self.events)
+        observables = self._columns(
+            {f"observables/{name}/value": [row.observables[name] for row in frames] for name in self.shapes}
+        )
+        edges: dict[str, Sequence[ArrayLike]] = {}
         if f"{TRAJECTORY}/box/edges" in file:
-            edges = [np.array(row.box.lengths) * factors.length for row in frames]
-            self._put(f"{TRAJECTORY}/box/edges/value", self.frames, edges)
-        for name in EventRow._fields:
-            values = [getattr(row, name) for row in events]
-            texts = name in ("kind", "done")
-            self._put(f"{EVENTS}/{name}", self.events, [text.encode() for text in values] if texts else values)
+            edges[f"{TRAJECTORY}/box/edges/value"] = [np.array(row.box.lengths) * factors.length for row in frames]
+        step, time = f"{TRAJECTORY}/position/step", f"{TRAJECTORY}/position/time"
+        steps, times = [row.step for row in frames], [row.time * factors.time for row in frames]
+        clock = self._columns({step: steps, time: times, **edges})
+        vectors = self._columns(self._vector_columns(frames))
+        columns = observables | clock | vectors
+        if self._block and frames:
+            columns[f"{CHECKSUMS}/frame"] = self._frame_sums(clock, observables, vectors)
+        last = {name: columns.pop(name) for name in (step, f"{TRAJECTORY}/position/value") if name in columns}
+        self._put_all(columns, self.frames)
         self._out.commit()
         # Positions and their steps grow last and in one write: MDAnalysis counts frames by the first and ends a loop by
         # the second, and so finds everything else there after a kill.
-        self._put(f"{TRAJECTORY}/position/step", self.frames, [row.step for row in frames])
-        self._put(f"{TRAJECTORY}/position/value", self.frames, [each * factors.length for each in positions])
+        self._put_all(last, self.frames)
         self._out.commit()
         total = self.frames + len(frames), self.samples + len(samples), self.events + len(events)
         file["kickdrift/committed"][...] = total  # in one page: the three are of one moment
         self._out.commit()
         self.frames, self.samples, self.events = total
+
+    def _sample_columns(self, samples: Sequence[SampleRow]) -> dict[str, Sequence[ArrayLike]]:
+        columns: dict[str, Sequence[ArrayLike]] = {
+            f"{SAMPLES}/step": [row.step for row in samples],
+            f"{SAMPLES}/time": [row.time for row in samples],
+        }
+        return columns | {f"{SAMPLES}/{name}": [row.observables[name] for row in samples] for name in self.shapes}
+
+    def _event_columns(self, events: Sequence[EventRow]) -> dict[str, Sequence[ArrayLike]]:
+        columns: dict[str, Sequence[Any]] = {name: [getattr(row, name) for row in events] for name in EventRow._fields}
+        texts = {name: [text.encode() for text in columns[name]] for name in ("kind", "done")}
+        return {f"{EVENTS}/{name}": column for name, column in (columns | texts).items()}
+
+    def _vector_columns(self, frames: Sequence[FrameRow]) -> dict[str, Sequence[ArrayLike]]:
+        """The frames' vectors by the names of their groups, in the file's units."""
+        factors = self._factors
+        columns: dict[str, Sequence[ArrayLike]] = {
+            "velocity": [row.velocities * factors.velocity for row in frames],
+        }
+        if "forces" in self.write:
+            columns["force"] = [row.forces * factors.force for row in frames if row.forces is not None]
+        positions = [row.positions for row in frames]
+        if "images" in self.write:
+            inside = [row.box.wrap(row.positions) for row in frames]
+            pairs = zip(frames, inside, strict=True)
+            columns["image"] = [images_of(row.positions, within, row.box) for row, within in pairs]
+            positions = inside
+        columns["position"] = [each * factors.length for each in positions]
+        return {f"{TRAJECTORY}/{name}/value": column for name, column in columns.items()}
+
+    def _columns(self, given: Mapping[str, Sequence[ArrayLike]]) -> dict[str, NDArray]:
+        """Columns as they are stored."""
+        with np.errstate(over="ignore"):  # of float32
+            return {name: np.asarray(rows, self._file[name].dtype) for name, rows in given.items() if len(rows)}
+
+    def _checked(self, table: str, given: Mapping[str, Sequence[ArrayLike]]) -> dict[str, NDArray]:
+        """Columns as they are stored, with that of their checksums."""
+        columns = self._columns(given)
+        if self._block and columns:
+            columns[f"{CHECKSUMS}/{table}"] = checksums.sums_of_columns(list(columns.values()))
+        return columns
+
+    def _frame_sums(
+        self, clock: Mapping[str, NDArray], observables: Mapping[str, NDArray], vectors: Mapping[str, NDArray]
+    ) -> checksums.Sums:
+        """(frames, columns): see `checksums`."""
+        tables = [list(clock.values()), list(observables.values())]
+        frames = len(tables[0][0])
+        found = [checksums.sums_of_columns(t)[:, None] if t else np.zeros((frames, 1), "u8") for t in tables]
+        values = (vectors[f"{TRAJECTORY}/{name}/value"] for name in self._vectors)
+        return np.concatenate([*found, *(checksums.sums_of_vectors(each, self._block) for each in values)], axis=1)
 
     def check(self, observables: Mapping[str, NDArray[np.float64]]) -> str | None:
         """What is wrong with these observables, if anything; the first ones say what the others must be."""
@@ -189,13 +250,18 @@ class Rows:
                 new_series(group, key, shape, "f8").attrs["unit"] = unit
             for key in ("step", "time"):
                 element[key] = file[f"{TRAJECTORY}/position/{key}"]
+        if self._block:
+            checksums.name_observables(file, list(self.shapes))
         self.complete = True
 
-    def _put(self, name: str, start: int, rows: Sequence[ArrayLike]) -> None:
-        if rows:
-            data = self._file[name]
-            data.resize(start + len(rows), axis=0)
-            data[start:] = np.asarray(rows)
+    def _put_all(self, columns: Mapping[str, NDArray], start: int) -> None:
+        for name, rows in columns.items():
+            self._put(name, start, rows)
+
+    def _put(self, name: str, start: int, rows: NDArray) -> None:
+        data = self._file[name]
+        data.resize(start + len(rows), axis=0)
+        data[start:] = rows
 
 
 def images_of(positions: Floats, within: Floats, box: Box) -> NDArray[np.int32]:
@@ -214,3 +280,8 @@ def same(point: tuple[int, float] | None, step: int, time: float) -> bool:
 def before(time: float, other: float) -> bool:
     """Whether a time lies before another by more than rounding."""
     return time < other and not math.isclose(time, other, rel_tol=ROUNDING)
+
+
+def behind(point: tuple[int, float], last: tuple[int, float]) -> bool:
+    """Whether a (step, time) lies before the last one."""
+    return point[0] < last[0] or (point[0] == last[0] and before(point[1], last[1]))

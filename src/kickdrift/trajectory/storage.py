@@ -41,11 +41,9 @@ import h5py
 import numpy as np
 
 from kickdrift.errors import InputError, RunError
-
-try:
-    import fcntl
-except ImportError:  # Windows, where HDF5 locks nothing either
-    fcntl = None  # type: ignore[assignment]
+from kickdrift.files import descriptor
+from kickdrift.trajectory.locking import copy, detached, lock, locked
+from kickdrift.trajectory.opening import open_stored
 
 PAGE = 4096
 ALIGNMENT = {"alignment_threshold": 2048, "alignment_interval": PAGE}  # below the smallest index node, 2096 bytes
@@ -55,23 +53,22 @@ _SIGNATURE = b"\x89HDF\r\n\x1a\n"
 _JOURNAL = b"kd redo\0"  # how one begins; its length, its CRC-32 (int64 each) and the pieces follow
 _HEAD = len(_JOURNAL) + 16
 _CHUNK_INDEX = b"TREE\x01"  # how a node begins, and its level is the byte after
-_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+_FULL = (errno.ENOSPC, errno.EDQUOT)
 
 
 class PagedFile:
     """A file for h5py's file-object driver, locked against other programs as long as it is open.
 
-    ``BlockingIOError`` where another program has it; `commit` alone changes the disk, and may raise an OSError.
+    ``BlockingIOError`` where another program has it; `commit` alone changes the disk, and may raise an OSError. A
+    symbolic link is not followed, and a file with hard links is copied first, so that no other name's file changes.
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
-        self._raw = open(path, "r+b", buffering=0)  # noqa: SIM115
-        try:
-            _lock(self._raw)
-        except BaseException:
-            self._raw.close()
-            raise
-        self._on_disk = os.fstat(self._raw.fileno()).st_size
+        self._raw = locked(path)
+        if os.fstat(self._raw.fileno()).st_nlink > 1:
+            self._raw = detached(Path(path), self._raw)
+        status = os.fstat(self._raw.fileno())
+        self.key, self._on_disk = (status.st_dev, status.st_ino), status.st_size
         self._end = self._end_on_disk()
         self._finish()
         self._size = self._on_disk
@@ -161,7 +158,7 @@ class PagedFile:
 
     def _finish(self) -> None:
         """The rest of a commit that a kill cut short, where it had come as far as its journal."""
-        if self._read(0, len(_SIGNATURE)) != _SIGNATURE:
+        if self._read(0, len(_SIGNATURE)) != _SIGNATURE or self._end > self._on_disk:
             return
         head = self._read(self._end, _HEAD)
         if not head.startswith(_JOURNAL):
@@ -170,11 +167,18 @@ class PagedFile:
         if self._end + _HEAD + size > self._on_disk:
             return
         data = self._read(self._end + _HEAD, size)
-        if zlib.crc32(data) == check:
-            self._place(_journalled(data))
+        if zlib.crc32(data) != check:
+            return
+        pieces = _journalled(data)
+        if all(offset + len(piece) <= self._end for offset, piece in pieces):
+            self._place(pieces)
 
     def _end_on_disk(self) -> int:
         return int.from_bytes(self._read(0, _SUPERBLOCK)[_END], "little")
+
+    def copy_to(self, path: Path) -> None:
+        """Write what is on the disk to another file, with the same permissions."""
+        copy(self._raw, path)
 
     def close(self) -> None:
         """Let go of the file; what was not committed is forgotten."""
@@ -258,31 +262,47 @@ def _int64(number: int) -> bytes:
     return number.to_bytes(8, "little")
 
 
-def _lock(raw: Any) -> None:
-    """The lock that HDF5 itself takes and looks for; some file systems have none."""
-    if fcntl is None:
-        return
-    try:
-        fcntl.flock(raw.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        raise
-    except OSError:
-        pass
-
-
-def open_to_write(path: Path, *, cache_bytes: int = 2**20) -> tuple[PagedFile, h5py.File]:
-    """The file, open and locked; an InputError where another program has it, or where it is no HDF5 file."""
+def open_to_write(
+    path: Path, *, cache_bytes: int = 2**20, own: tuple[int, int] | None = None
+) -> tuple[PagedFile, h5py.File]:
+    """The file, open and locked; an InputError where another program has it, it is no HDF5 file or leads out of
+    itself. ``own`` is the device and inode of a file that this process made, whose structure is known."""
     try:
         storage = PagedFile(path)
     except BlockingIOError:
         raise in_use(path) from None
+    except InputError:
+        raise
     except OSError as error:
-        raise InputError(f"{path}: cannot be opened for writing: {(error.strerror or str(error)).lower()}") from None
+        raise InputError(f"{path}: cannot be opened for writing: {unwritable(error)}") from None
     try:
-        return storage, h5py.File(storage, "r+", libver="earliest", rdcc_nbytes=cache_bytes, **ALIGNMENT)
-    except OSError as error:
+        return storage, open_stored(storage, path, own=storage.key == own, rdcc_nbytes=cache_bytes, **ALIGNMENT)
+    except InputError:
         storage.close()
-        raise InputError(f"{path}: cannot be opened for writing: {error}") from None
+        raise
+    except (OSError, RuntimeError, ValueError) as error:
+        storage.close()
+        raise InputError(f"{path}: cannot be opened for writing: {' '.join(str(error).split())}") from None
+
+
+def unwritable(error: OSError) -> str:
+    """Why the system refused to open a file for writing."""
+    if error.errno == errno.ELOOP:
+        return "a symbolic link has taken its place"
+    return (error.strerror or str(error)).lower()
+
+
+def refuse_in_use(path: Path) -> None:
+    """An InputError where another program has the file locked."""
+    try:
+        raw = open(path, "rb", opener=lambda name, _: descriptor(name))  # noqa: SIM115
+    except (OSError, InputError):  # whether it can be replaced is the folder's affair
+        return
+    with raw:
+        try:
+            lock(raw)
+        except BlockingIOError:
+            raise in_use(path) from None
 
 
 def in_use(path: Path) -> InputError:
@@ -293,6 +313,8 @@ def write_error(path: Path, error: OSError) -> RunError:
     """Why a commit failed, in one line."""
     if error.errno in _FULL:
         return RunError(f"{path}: disk full: no room for the next frames, {free_bytes(path):,} bytes free")
+    if error.errno == errno.EFBIG:
+        return RunError(f"{path}: may not grow further: a limit on the size of a file is reached (see ulimit -f)")
     return RunError(f"{path}: writing failed: {(error.strerror or str(error)).lower()}")
 
 

@@ -38,7 +38,7 @@ def write(chosen: Chosen, path: Path, format: Format, progress: Callable[[int, i
             writer.write(universe.atoms)
             progress(done, len(chosen))
     if not target.whole(path):
-        raise RunError("the export did not come out whole; is the disk full?")
+        raise RunError("the export did not come out whole; is the disk full, or the size of files limited?")
     return target.notes
 
 

@@ -7,13 +7,13 @@ from collections.abc import Container, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import h5py
 import numpy as np
 
 from kickdrift import constants
 from kickdrift.errors import InputError
 from kickdrift.state import Floats
 from kickdrift.trajectory.layout import TRAJECTORY, FileUnits
+from kickdrift.trajectory.opening import open_to_read
 
 if TYPE_CHECKING:
     from kickdrift.trajectory.reader import Run
@@ -61,7 +61,7 @@ class Unwrapping:
         self.path, self.edges = path.absolute(), np.array(lengths) * factor
 
     def __call__(self, ts: Any) -> Any:
-        with h5py.File(self.path, "r", locking="best-effort") as file:  # cheap: MDAnalysis has it open
+        with open_to_read(self.path) as file:
             ts.positions = ts.positions + file[TRAJECTORY]["image/value"][ts.frame] * self.edges
         return ts
 

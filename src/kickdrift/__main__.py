@@ -1,0 +1,5 @@
+"""``python -m kickdrift``: the command line."""
+
+from kickdrift.cli import main
+
+main()

@@ -1,0 +1,115 @@
+"""Files that a user names as input: nothing but a regular file is opened, and no open waits for another program."""
+
+from __future__ import annotations
+
+import errno
+import os
+import stat
+from pathlib import Path
+from typing import BinaryIO
+
+from kickdrift.errors import InputError
+
+SYSTEM_FILE_BYTES = 16 * 2**20  # about 200,000 particles line by line; more belong in a structure file
+_WORDS = {
+    errno.ENOENT: "no such file",
+    errno.ENOTDIR: "no such file",
+    errno.EACCES: "no permission to read it",
+    errno.EPERM: "no permission to read it",
+    errno.ELOOP: "is a loop of symbolic links",
+    errno.ENAMETOOLONG: "the name is too long",
+    errno.ENXIO: "is a socket or device, not a file",
+}
+_KINDS = {
+    stat.S_IFDIR: "is a folder",
+    stat.S_IFIFO: "is a pipe",
+    stat.S_IFCHR: "is a device",
+    stat.S_IFBLK: "is a device",
+    stat.S_IFSOCK: "is a socket",
+}
+
+
+def unfit(path: str | os.PathLike[str], what: str = "a file") -> str | None:
+    """Why the path is not that of a regular file, in words; None where it is one. Nothing is opened."""
+    try:
+        return _unfit(os.stat(path), what)
+    except (OSError, ValueError) as error:
+        return reason(error)
+
+
+def refuse_unfit(path: str | os.PathLike[str], what: str = "a file") -> None:
+    """An InputError where the path is not that of a regular file."""
+    if why := unfit(path, what):
+        raise InputError(f"{shown_path(path)}: {why}")
+
+
+def descriptor(path: str | os.PathLike[str], flags: int = os.O_RDONLY, what: str = "a file") -> int:
+    """Open a regular file without waiting and return its descriptor; OSError, or an InputError where the path is not
+    that of a regular file.
+
+    The type is looked at before the file is opened, since opening a device may do something, and after, since another
+    file may have taken the name meanwhile.
+    """
+    if why := _unfit(os.stat(path), what):
+        raise InputError(f"{shown_path(path)}: {why}")
+    number = os.open(path, flags | _flag("O_NONBLOCK") | _flag("O_CLOEXEC") | _flag("O_NOCTTY") | _flag("O_BINARY"))
+    if why := _unfit(os.fstat(number), what):
+        os.close(number)
+        raise InputError(f"{shown_path(path)}: {why}")
+    return number
+
+
+def opened(path: str | os.PathLike[str], what: str = "a file") -> BinaryIO:
+    """A regular file, open for reading; an InputError says why it cannot be."""
+    try:
+        return os.fdopen(descriptor(path, what=what), "rb")
+    except (OSError, ValueError) as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(f"{shown_path(path)}: {reason(error)}") from None
+
+
+def content(path: str | os.PathLike[str], most: int, what: str = "a file") -> bytes:
+    """The bytes of a regular file; an InputError where there are more than ``most``, also where the file grows while
+    it is read."""
+    with opened(path, what) as file:
+        found = file.read(most + 1)
+    if len(found) > most:
+        raise InputError(f"{shown_path(path)}: is too large: {what} has at most {most:,} bytes")
+    return found
+
+
+def shown_path(path: str | os.PathLike[str]) -> str:
+    """A path as a message has it: bytes that are no UTF-8 are written as numbers."""
+    return os.fspath(path).encode("utf-8", "surrogateescape").decode("utf-8", "backslashreplace")
+
+
+def reason(error: OSError | ValueError) -> str:
+    """Why the system refused to read, in words."""
+    if not isinstance(error, OSError):
+        return "the name has a null character"
+    return _WORDS.get(error.errno or 0, (error.strerror or str(error)).lower())
+
+
+def _unfit(status: os.stat_result, what: str) -> str | None:
+    if stat.S_ISREG(status.st_mode):
+        return None
+    return f"{_KINDS.get(stat.S_IFMT(status.st_mode), 'is no regular file')}, not {what}"
+
+
+def _flag(name: str) -> int:
+    return getattr(os, name, 0)  # Windows has few of them
+
+
+def same_file(one: str | os.PathLike[str], other: str | os.PathLike[str]) -> bool:
+    """Whether two names are of one file that exists."""
+    try:
+        return os.path.samestat(os.stat(one), os.stat(other))
+    except (OSError, ValueError):
+        return False
+
+
+def place(path: str | os.PathLike[str]) -> Path:
+    """Where a name lies: the folder with its symbolic links followed, the name itself as it is."""
+    path = Path(os.path.abspath(path))
+    return Path(os.path.realpath(path.parent)) / path.name

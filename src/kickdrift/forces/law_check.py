@@ -1,0 +1,91 @@
+"""A user's pair law, tried before it is compiled: every error is one line that quotes the law."""
+
+from __future__ import annotations
+
+import inspect
+import linecache
+import re
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+
+from kickdrift.checks import is_number
+from kickdrift.errors import InputError
+from kickdrift.text import clean
+from kickdrift.units import shown
+
+PAIR = "energy and force over r"  # what a law returns
+_COLOUR = re.compile(r"\x1b\[[0-9;]*m")  # numba colours its messages where colorama is installed
+_PLACE = re.compile(r'File "(?P<file>[^"]+)", line (?P<line>\d+)')
+
+
+def check_class(cls: Any) -> None:
+    """Refuse what is no NamedTuple class with a ``law(p, r2)``."""
+    if not (isinstance(cls, type) and issubclass(cls, tuple) and hasattr(cls, "_fields")):
+        raise InputError(f"pair_law: expected a NamedTuple class with law(p, r2), got {shown(cls)}")
+    law = getattr(cls, "law", None)
+    if not inspect.isfunction(getattr(law, "py_func", law)):
+        raise InputError(f"{cls.__name__}: law must be a function law(p, r2), got {shown(law)}")
+    try:
+        inspect.signature(law).bind(None, 1.0)  # type: ignore[arg-type]
+    except TypeError:
+        given = inspect.signature(law)  # type: ignore[arg-type]
+        raise InputError(f"{cls.__name__}: law must take (p, r2), and takes {given}") from None
+
+
+def check_law(name: str, law: Any, r: float) -> None:
+    """Refuse a law that raises at the distance r, or gives anything but two finite numbers."""
+    at = f"law(p, r2) at the cutoff, r2 = {r * r:.6g}"
+    try:
+        with np.errstate(all="ignore"):
+            found = law.law(r * r)
+    except Exception as error:  # whatever a user's function raises
+        text = " ".join(f"{type(error).__name__}: {error}".split())
+        raise InputError(f"{name}: {at}, raised {text}{_where(error.__traceback__)}") from None
+    if (
+        isinstance(found, str)
+        or not isinstance(found, tuple | list)
+        or len(found) != 2
+        or not all(map(is_number, found))
+    ):
+        raise InputError(f"{name}: {at}, must return two numbers, {PAIR}; it returned {shown(found)}")
+    if not np.isfinite(np.array(found, dtype=float)).all():
+        raise InputError(f"{name}: {at}, must return finite numbers; it returned {shown(tuple(map(float, found)))}")
+
+
+def not_compiled(law: Any, error: Exception) -> InputError:
+    """What to say of a law that numba cannot compile: numba's own words, and the line of the law."""
+    code = getattr(law.law, "py_func", law.law).__code__
+    own = range(code.co_firstlineno, max((line or 0) for *_, line in code.co_lines()) + 1)
+    lines = [line.strip() for line in _COLOUR.sub("", str(error)).splitlines() if line.strip()]
+    for k, line in enumerate(lines):
+        place = _PLACE.search(line)
+        if place and int(place["line"]) in own and code.co_filename.endswith(place["file"].lstrip("./")):
+            number = int(place["line"])
+            where = f", line {number}: {shown(linecache.getline(code.co_filename, number).strip())}"
+            return _not_compiled(law, where, _reason(lines[:k]))
+    return _not_compiled(law, "", _reason(lines))
+
+
+def _not_compiled(law: Any, where: str, why: str) -> InputError:
+    return InputError(f"{law.__qualname__.split('.')[-2]}: law does not compile for SIMD lanes{where}: {why}")
+
+
+def _reason(lines: list[str]) -> str:
+    """What numba says after the last stage that failed."""
+    failed = [k for k, line in enumerate(lines) if line.startswith("Failed in")]
+    rest = [line for line in lines[failed[-1] + 1 if failed else 0 :] if not line.startswith("During:")]
+    call = next((line.removeprefix(">>> ") for line in rest if line.startswith(">>> ")), "")
+    return clean(f"{rest[0] if rest else 'numba gives no reason'} {call}".strip(), 200)
+
+
+def _where(traceback: TracebackType | None) -> str:
+    """The line of the law that raised."""
+    place = ""
+    while traceback is not None:
+        code, number = traceback.tb_frame.f_code, traceback.tb_lineno
+        if code.co_name == "law" or place:
+            place = f", in line {number}: {shown(linecache.getline(code.co_filename, number).strip())}"
+        traceback = traceback.tb_next
+    return place

@@ -1,0 +1,47 @@
+"""Where a file comes into being before it is given its name: a folder beside it that nobody else can look into."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import shutil
+import stat
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+PREFIX, SUFFIX = ".kickdrift-", ".part"
+STALE = 3600.0  # seconds: what nobody has written to for so long is what a kill left
+
+
+@contextmanager
+def private_place(path: Path) -> Iterator[Path]:
+    """A path of the same name in a new folder beside ``path``, private and under a name that cannot be guessed. The
+    folder is removed at the end, with what is still in it; so are those that a kill left there."""
+    _remove_stale(path.parent)
+    folder = Path(tempfile.mkdtemp(SUFFIX, PREFIX, path.parent))  # 0700
+    try:
+        yield folder / path.name
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def _remove_stale(folder: Path) -> None:
+    """Folders of this kind, of this user, that have not changed for long."""
+    with contextlib.suppress(OSError), os.scandir(folder) as found:
+        for entry in found:
+            if entry.name.startswith(PREFIX) and entry.name.endswith(SUFFIX):
+                with contextlib.suppress(OSError):
+                    _remove_if_stale(entry)
+
+
+def _remove_if_stale(entry: os.DirEntry[str]) -> None:
+    status = entry.stat(follow_symlinks=False)
+    if not stat.S_ISDIR(status.st_mode) or status.st_uid != getattr(os, "getuid", lambda: status.st_uid)():
+        return
+    with os.scandir(entry.path) as inside:
+        latest = max([status.st_mtime, *(each.stat(follow_symlinks=False).st_mtime for each in inside)])
+    if latest < time.time() - STALE:
+        shutil.rmtree(entry.path, ignore_errors=True)

@@ -1,0 +1,273 @@
+"""What a run's file says once, checked: the system's particles and units, the method, and how many rows are whole."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, fields
+from typing import Any, NamedTuple
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from kickdrift.box import Box
+from kickdrift.state import Floats
+from kickdrift.trajectory import stored
+from kickdrift.trajectory.checksums import CHECKSUMS, VECTORS
+from kickdrift.trajectory.contents import Contents
+from kickdrift.trajectory.layout import DONE_BYTES, EVENTS, KIND_BYTES, PLAN_NUMBERS, SAMPLES, TRAJECTORY
+from kickdrift.trajectory.options import FileOptions
+from kickdrift.units import UnitSystem, shown
+
+EVENT_COLUMNS: dict[str, tuple[str, tuple[int, ...]]] = {  # in the order of their checksum
+    "time": ("f8", ()),
+    "step": ("i8", ()),
+    "ids": ("i8", (2,)),
+    "distance": ("f8", ()),
+    "energy": ("f8", ()),
+    "kind": (f"S{KIND_BYTES}", ()),
+    "done": (f"S{DONE_BYTES}", ()),
+}
+_NUMBERS = ("kinetic_energy", "potential_energy", "total_energy", "temperature", "pressure", "pairs", "energy_taken")
+_VECTORS = ("momentum", "angular_momentum", "centre_of_mass", "centre_of_mass_velocity", "momentum_taken")
+SHAPES: dict[str, tuple[int, ...]] = dict.fromkeys(_NUMBERS, ()) | dict.fromkeys(_VECTORS, (3,))  # of known observables
+CLOCK = (("step", "i8"), ("time", "f8"))
+_TEXTS = ("name", "length", "time", "mass", "energy", "temperature")  # attributes of the units
+# A power of a number, or a text without end: a program that reads units would take for ever to work these out.
+_COSTLY = re.compile(r"[\d)]\s*(?:\^|\*\*)|\d{4}|.{61}", re.DOTALL)
+
+
+class Committed(NamedTuple):
+    """How many rows are whole."""
+
+    frames: int
+    samples: int
+    events: int
+
+
+@dataclass(frozen=True)
+class Header:
+    """See `Run` for what is public there."""
+
+    run_id: str
+    every: int
+    units: UnitSystem
+    box: Box
+    species: tuple[str, ...]
+    species_index: NDArray[np.int32]
+    masses: Floats
+    ids: NDArray[np.int64]
+    source: str
+    record: dict[str, Any]
+    method: dict[str, Any]
+    versions: dict[str, Any]
+    options: FileOptions
+    packed: bool
+    report: dict[str, Any] | None
+    committed: Committed
+    half_written: dict[str, int]
+    vectors: tuple[str, ...]  # groups of the frames, in the order of VECTORS
+    observables: tuple[str, ...]
+
+    @property
+    def growing(self) -> dict[str, list[str]]:
+        """The datasets that have a row for each frame, sample and event, by the names of their checksums."""
+        clock = [key for key, _ in CLOCK]
+        frames = [f"{TRAJECTORY}/position/{key}" for key in clock]
+        frames += [f"{TRAJECTORY}/{name}/value" for name in self.vectors]
+        frames += [f"{TRAJECTORY}/box/edges/value"] if self.box.periodic else []
+        return {
+            "frame": [*frames, *(f"observables/{name}/value" for name in self.observables)],
+            "sample": [f"{SAMPLES}/{name}" for name in (*clock, *self.observables)],
+            "event": [f"{EVENTS}/{name}" for name in EVENT_COLUMNS],
+        }
+
+
+def read(contents: Contents) -> Header:
+    """The header; an InputError says what is wrong with it."""
+    own, particles = "kickdrift", TRAJECTORY
+    record = stored.read(contents, f"{own}/system/record", stored.RecordText)
+    species, index = _species(contents)
+    n = len(index)
+    masses = contents.array(f"{particles}/mass", "f8", (n,))
+    ids = contents.array(f"{particles}/id", "i8", (n,))
+    _check_particles(contents, record, species, index, ids)
+    frames, samples, events = counts = contents.array(f"{own}/committed", "i8", (3,)).tolist()
+    if min(counts) < 0:
+        raise contents.damaged(f"{own}/committed: expected three counts, got {counts}")
+    vectors = tuple(name for name in VECTORS if name in VECTORS[:2] or contents.has(f"{particles}/{name}"))
+    values = [_vectors(contents, name, frames, n) for name in vectors]
+    for key, kind in CLOCK:
+        contents.series(f"{particles}/position/{key}", kind, frames)
+    if record["box"] is not None:
+        contents.series(f"{particles}/box/edges/value", "f8", frames, (3,))
+    series = [sampled(contents, key, samples) for key, _ in CLOCK]
+    contents.dataset(f"{own}/system/phase", "f8", (2, 3, n))
+    closed = bool(contents.array(f"{own}/closed", "i1", (1,))[0])
+    extras = {"forces": "force", "images": "image"}
+    with contents.guarded(f"{particles}/position/value"):
+        packed = values[0].compression is not None
+    return Header(
+        run_id=contents.attribute(own, "run_id", str),
+        every=contents.attribute(own, "every", int),
+        units=units_of(contents),
+        box=Box(None if record["box"] is None else tuple(record["box"])),
+        species=species,
+        species_index=index,
+        masses=masses,
+        ids=ids,
+        source=contents.text(f"{own}/system/source"),
+        record=record,
+        method=stored.read(contents, f"{own}/method", stored.MethodText),
+        versions=stored.read(contents, f"{own}/versions", stored.VersionsText),
+        options=FileOptions(
+            precision="float32" if values[0].dtype.itemsize == 4 else "float64",
+            compress=contents.attribute(own, "compress", bool),
+            write=tuple(name for name, group in extras.items() if group in vectors),
+        ),
+        packed=packed,
+        report=_report(contents) if closed else None,
+        committed=Committed(frames, samples, events),
+        half_written={
+            "frames": values[0].shape[0] - frames,
+            "samples": series[0].shape[0] - samples,
+            "events": event_column(contents, "step", events).shape[0] - events,
+        },
+        vectors=vectors,
+        observables=_observables(contents),
+    )
+
+
+def units_of(contents: Contents) -> UnitSystem:
+    """The unit system that a file states, which need not be one that this version knows by name."""
+    name, values = "kickdrift/units", {}
+    attributes = contents.group(name).attrs
+    for key in (field.name for field in fields(UnitSystem)):
+        with contents.guarded(name):
+            there = key in attributes
+        if there or key in _TEXTS or key == "boltzmann":
+            values[key] = contents.attribute(name, key, str if key in _TEXTS else float)
+            if key in _TEXTS and _COSTLY.search(values[key]):
+                raise contents.damaged(f"{name}: {key}: {shown(values[key])} is no unit")
+    return UnitSystem(**values)
+
+
+def _species(contents: Contents) -> tuple[tuple[str, ...], NDArray[np.int32]]:
+    """Their names, and the (n,) indices of the particles'."""
+    name = f"{TRAJECTORY}/species"
+    data = contents.dataset(name, "i4", (None,))
+    with contents.guarded(name):
+        named = h5py.check_enum_dtype(data.dtype) or {}
+        index = data[()].astype(np.int32)
+    species = tuple(sorted(named, key=named.__getitem__))
+    if not len(index):
+        raise contents.damaged(f"{name} holds no particle")
+    if sorted(named.values()) != list(range(len(named))) or not 0 <= index.min() <= index.max() < len(named):
+        raise contents.damaged(f"{name}: its numbers are not those of {len(named)} names")
+    return species, index
+
+
+def _check_particles(
+    contents: Contents, record: dict[str, Any], species: tuple[str, ...], index: NDArray, ids: NDArray
+) -> None:
+    """What several places say of the particles is the same."""
+    n = len(index)
+    for key, found in (("names", record.get("names") or ids), ("radii", record.get("radii") or ids)):
+        if len(found) != n:
+            raise contents.damaged(f"kickdrift/system/record: {key}: {len(found)} of them for {n} particles")
+    if record["particles"] != n:
+        raise contents.damaged(f"kickdrift/system/record: {record['particles']} particles, and {n} have a species")
+    if sorted(record["species"]) != sorted(species):
+        raise contents.damaged(f"kickdrift/system/record: its species are not those of {TRAJECTORY}/species")
+    if len(np.unique(ids)) != n:
+        raise contents.damaged(f"{TRAJECTORY}/id: two particles have one id")
+
+
+def _vectors(contents: Contents, name: str, frames: int, n: int) -> h5py.Dataset:
+    return contents.series(f"{TRAJECTORY}/{name}/value", "i4" if name == "image" else "f8 f4", frames, (n, 3))
+
+
+def _report(contents: Contents) -> dict[str, Any]:
+    name = "kickdrift/report"
+    data = contents.array(name, "u1", (None,))
+    with contents.guarded(name):
+        text = data.tobytes().decode()
+    return stored.checked(contents, contents.parsed(text, name), stored.ReportText, name)
+
+
+def _observables(contents: Contents) -> tuple[str, ...]:
+    """The run's observables; what others have put beside them is passed over.
+
+    A file with checksums names them. In an older one they are the growing series that samples and frames have.
+    """
+    if contents.has(CHECKSUMS):
+        return named(contents)
+    return tuple(name for name in contents.names(SAMPLES) if name not in dict(CLOCK) and _ours(contents, name))
+
+
+def shape_of(contents: Contents, name: str) -> tuple[int, ...]:
+    """The shape of an observable."""
+    data = contents.anything(f"{SAMPLES}/{name}")
+    with contents.guarded(f"{SAMPLES}/{name}"):
+        shape = tuple(data.shape[1:])
+    if shape != SHAPES.get(name, shape):
+        raise contents.damaged(f"{SAMPLES}/{name} has rows of {shape}; expected {SHAPES[name]}")
+    return shape
+
+
+def sampled(contents: Contents, name: str, samples: int) -> h5py.Dataset:
+    """The series of an observable, or the clock, at the samples."""
+    if name in dict(CLOCK):
+        return contents.series(f"{SAMPLES}/{name}", dict(CLOCK)[name], samples)
+    return contents.series(f"{SAMPLES}/{name}", "f8", samples, shape_of(contents, name))
+
+
+def framed(contents: Contents, name: str, frames: int) -> h5py.Dataset:
+    """The series of an observable at the frames."""
+    return contents.series(f"observables/{name}/value", "f8", frames, shape_of(contents, name))
+
+
+def event_column(contents: Contents, name: str, events: int) -> h5py.Dataset:
+    """A column of the table of events."""
+    kind, shape = EVENT_COLUMNS[name]
+    return contents.series(f"{EVENTS}/{name}", kind, events, shape)
+
+
+def named(contents: Contents) -> tuple[str, ...]:
+    """The observables that the checksums cover, in their order."""
+    group = contents.group(CHECKSUMS)
+    with contents.guarded(CHECKSUMS):
+        if "observables" not in group.attrs:
+            return ()
+        names = group.attrs["observables"]
+        found = tuple(each.decode() if isinstance(each, bytes) else str(each) for each in np.ravel(names))
+    if any(not name or "/" in name or name in dict(CLOCK) for name in found) or len(set(found)) < len(found):
+        raise contents.damaged(f"{CHECKSUMS}: its observables have no good names")
+    return found
+
+
+def _ours(contents: Contents, name: str) -> bool:
+    """Whether a series of samples is one that grows, as ours do, and that frames have too."""
+    with contents.guarded(f"{SAMPLES}/{name}"):
+        data, group = contents.file[SAMPLES][name], contents.file["observables"].get(name)
+        grows = isinstance(data, h5py.Dataset) and data.maxshape is not None and data.maxshape[:1] == (None,)
+        return grows and data.dtype == "f8" and isinstance(group, h5py.Group) and "value" in group
+
+
+def plan_numbers(contents: Contents) -> list[float]:
+    """The numbers of the last plan (see `run_plan.Plan`); empty where it is not known."""
+    name = "kickdrift/plan"
+    if not contents.has(name):
+        return []
+    numbers: list[float] = contents.array(name, "f8", (PLAN_NUMBERS,)).tolist()
+    if np.isnan(numbers[0]):
+        return []
+    begin_step, begin_time, end_step, end_time, every, interval, exact = numbers
+    whole = all(0 <= number < 2**63 and number == round(number) for number in (begin_step, end_step, every))
+    whole = whole and begin_step <= end_step
+    timely = np.isfinite(begin_time) and begin_time <= end_time
+    ends = [abs(time) for time in (begin_time, end_time) if np.isfinite(time)]
+    even = interval == 0.0 or (np.isfinite(interval) and interval > 1e-15 * max(ends))
+    if not (whole and timely and even and exact in (0.0, 1.0)):
+        raise contents.damaged(f"{name}: {numbers} is no plan of a run")
+    return numbers

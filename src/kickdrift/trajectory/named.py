@@ -1,0 +1,193 @@
+"""What a run's file may name: forces, events, methods and defaults.
+
+Names are looked up in registries alone, never in a module, and parameters are checked before anything is called with
+them. So a file is data, whoever wrote it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import MISSING, fields
+from functools import cache
+from inspect import Parameter, signature
+from typing import Any, get_type_hints
+
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, create_model
+from pydantic.errors import PydanticUserError
+
+from kickdrift.engines import engine as engine_named
+from kickdrift.errors import InputError
+from kickdrift.events import Between, CloseApproach, Collision, Crossing, Escape, Event
+from kickdrift.forces import force_class
+from kickdrift.integrators import integrator as method_named
+from kickdrift.run_plan import NEVER
+from kickdrift.schema import checked, force_parameters
+from kickdrift.schema_base import Table
+from kickdrift.system import Equilibration, RunDefaults
+from kickdrift.units import UNIT_SYSTEMS, shown
+
+PLAIN = UNIT_SYSTEMS["lj"]  # quantities here are numbers, never text with a unit
+EVENTS: dict[str, Any] = {event.__name__: event for event in (CloseApproach, Collision, Crossing, Escape)}
+
+
+class Known(BaseModel):
+    """Part of a file's JSON: keys that this version does not know are passed over."""
+
+    model_config = ConfigDict(extra="ignore", allow_inf_nan=False)
+
+
+class Named(Known):
+    """A force or an event, by its class."""
+
+    type: str
+    module: str = ""
+    kind: str = ""
+    source: str = ""
+    parameters: dict[str, Any]
+
+
+class Record(Known):
+    """What `record_of` writes and `system_of` reads."""
+
+    name: str
+    forces: list[Named]
+    events: list[Named] = []
+    run: dict[str, Any]
+    equilibration: dict[str, Any] | None
+    invariants: dict[str, Any]
+    seed: int | None
+    radii: list[FiniteFloat] | None = None
+    time: FiniteFloat
+    steps_done: int = Field(ge=0, lt=NEVER)
+
+
+class Method(Known):
+    """What a run's file says of its method."""
+
+    integrator: str
+    options: dict[str, Any]
+    threads: int = Field(ge=1)
+    engine: str
+    processes: int = Field(1, ge=1)
+
+
+@contextmanager
+def about(path: Any, what: str = "") -> Iterator[None]:
+    """Put the file, and the part of it, before the message of an InputError."""
+    try:
+        yield
+    except InputError as error:
+        text, start = str(error), f"{path}: "
+        raise InputError(text if text.startswith(start) else f"{start}{what and what + ': '}{text}") from None
+
+
+def plain(text: str) -> str:
+    """A name from a file as one short piece of printable text."""
+    return shown(text)[1:-1]
+
+
+# --- forces ---
+
+
+def force_of(given: Named) -> Any:
+    """The force that a file describes; an InputError where it may not name that class, or its parameters make no
+    sense."""
+    cls, name = force_class(given.module, given.type), plain(given.type.rpartition(".")[2])
+    if cls is None:
+        raise InputError(
+            f"force {name} is of module {plain(given.module)}, which is not loaded or registers no such force; load it "
+            "first (on the command line by --load FILE.py), or give the system"
+        )
+    parameters = {key: value for key, value in given.parameters.items() if value is not None or key not in _left(cls)}
+    if isinstance(pairs := parameters.get("pairs"), list) and all(_is_item(each) for each in pairs):
+        parameters["pairs"] = [{"species": names, **inner} for names, inner in pairs]
+    try:
+        return cls(**force_parameters(cls, {"type": name, **parameters}, PLAIN, f"force {name}"))
+    except InputError:
+        raise
+    except (ArithmeticError, LookupError, NameError, PydanticUserError, TypeError, ValueError) as error:
+        why = " ".join(str(error).split())
+        raise InputError(f"force {name}: cannot be made of the file's parameters: {why[:200]}") from None
+
+
+def _left(cls: type) -> list[str]:
+    """The parameters of a class that are None where they are not given."""
+    found = signature(cls).parameters.items()
+    return [key for key, each in found if each.default is None or each.default is Parameter.empty]
+
+
+def _is_item(value: Any) -> bool:
+    """Whether it is what `to_json` makes of a dictionary's item whose key is a tuple."""
+    return isinstance(value, list) and len(value) == 2 and isinstance(value[0], list) and isinstance(value[1], dict)
+
+
+# --- events, defaults, method ---
+
+
+def event_of(given: Named) -> Event:
+    """The event that a file describes."""
+    name = plain(given.kind or given.type)
+    cls = EVENTS.get(given.type)
+    if cls is None:
+        raise InputError(f"event {name}: expected one of {', '.join(EVENTS)}, got {plain(given.type)}")
+    parameters = dict(given.parameters)
+    function = parameters.pop("function", None)
+    if cls is Crossing:
+        if not isinstance(function, Mapping):
+            raise InputError(f"event {name!r} has a function of the user's own; give the events again")
+        function = Between(**_checked(Between, dict(function), f"event {name}.function"))
+    found = _checked(cls, parameters, f"event {name}")
+    return cls(**found) if cls is not Crossing else cls(function=function, **found)
+
+
+def defaults_of(cls: type[RunDefaults] | type[Equilibration], given: Mapping[str, Any], what: str) -> Any:
+    """The RunDefaults or the Equilibration that a file describes."""
+    return cls(**_checked(cls, {key: value for key, value in given.items() if key in _fields(cls)}, what))
+
+
+def options_of(given: Mapping[str, Any]) -> dict[str, Any]:
+    """The options of a method that a file describes; one that this version does not know must not have been set."""
+    from kickdrift.integrators.options import Options
+
+    known = _fields(Options)
+    for key, value in given.items():
+        if key not in known and value not in (None, False):
+            raise InputError(f"method: option {plain(key)} is not known to this version of kickdrift")
+    return _checked(Options, {key: value for key, value in given.items() if key in known}, "method")
+
+
+def method_of(given: Any) -> Method:
+    """What a file says of its method, with names that are registered."""
+    method: Method = checked(Method, {"engine": "native"} | given if isinstance(given, dict) else given, None, "method")
+    method_named(method.integrator)
+    engine_named(method.engine)
+    return method
+
+
+def _checked(cls: type, given: dict[str, Any], what: str) -> dict[str, Any]:
+    """Arguments of a dataclass; an InputError for unknown names and for values of another type."""
+    found = checked(_table(cls), given, None, what)
+    return {key: getattr(found, key) for key in found.model_fields_set}
+
+
+def _fields(cls: type) -> dict[str, Any]:
+    return {each.name: each for each in fields(cls)}
+
+
+@cache
+def _table(cls: type) -> type[Table]:
+    """A dataclass's arguments as a table; what an event's function is, is known elsewhere."""
+    hints = get_type_hints(cls)
+    own: dict[str, Any] = {
+        key: (hints[key], ... if each.default is MISSING else each.default)
+        for key, each in _fields(cls).items()
+        if key != "function"
+    }
+    return create_model(cls.__name__, __base__=Lenient, **own)
+
+
+class Lenient(Table):
+    """A table whose numbers may be whole or not, as a program gave them."""
+
+    model_config = ConfigDict(extra="forbid", strict=False, allow_inf_nan=False)

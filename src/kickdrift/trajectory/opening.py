@@ -1,0 +1,200 @@
+"""The one way to open an HDF5 file: before anything is read, its structure is walked, and what leads out of the file is
+refused, and so is damage that HDF5 itself does not survive (see `heaps`).
+
+HDF5 follows external links, external raw storage and virtual datasets into any file that this process may read or
+write. kickdrift writes none of these, nor soft links or references, so a file that holds one is refused whole. The walk
+reads object headers and heaps alone, follows nothing, and opens no other file.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import h5py
+from h5py import h5a, h5d, h5g, h5l, h5o, h5t
+
+from kickdrift.errors import InputError
+from kickdrift.files import descriptor, reason, shown_path
+from kickdrift.trajectory.heaps import Heaps
+
+DEEPEST = 32  # groups within groups
+MOST = 10_000  # objects, and attributes
+OURS = ("h5md", "kickdrift", "observables", "particles", "table")  # what kickdrift itself reads, at the top
+FILTERS = (1, 2, 3, 4, 5, 6, 32000)  # HDF5's own and h5py's LZF; any other is code that HDF5 would load from a folder
+SETTLED = 2.0  # seconds: a file that has not changed for so long cannot change again without another time in its status
+_last: list[tuple[int, ...]] = [()]  # the status of the file that was walked last, which need not be walked again
+_LINKS = {h5l.TYPE_SOFT: "a soft link", h5l.TYPE_EXTERNAL: "an external link"}
+
+
+def open_to_read(path: str | os.PathLike[str]) -> h5py.File:
+    """An HDF5 file open for reading; an InputError where it cannot be read, is being written to or leads out of
+    itself."""
+    number = _descriptor(path)
+    try:
+        status = os.fstat(number)
+        name = f"/dev/fd/{number}"  # the very file that was looked at, whatever has taken its name since
+        name = name if os.path.exists(name) else os.fspath(path)
+        try:
+            file = h5py.File(name, "r", locking="best-effort")
+        except (OSError, RuntimeError, ValueError) as error:
+            raise InputError(f"{shown_path(path)}: {_why_not(name, error)}") from None
+        key = (status.st_dev, status.st_ino, status.st_size, status.st_mtime_ns, status.st_ctime_ns)
+        if key == _last[0]:
+            return file
+        with open(number, "rb", buffering=0, closefd=False) as source:
+            _walked(path, file, source)
+    finally:
+        os.close(number)
+    if max(status.st_mtime, status.st_ctime) < time.time() - SETTLED:
+        _last[0] = key
+    return file
+
+
+def open_stored(storage: Any, path: str | os.PathLike[str], *, own: bool = False, **options: Any) -> h5py.File:
+    """The HDF5 file in a file object, open for writing; OSError, or an InputError where the file leads out of itself
+    or is damaged. A file of this process's ``own`` making is not looked through."""
+    file = h5py.File(storage, "r+", libver="earliest", **options)
+    return file if own else _walked(path, file, storage)
+
+
+def created(place: Any, **options: Any) -> h5py.File:
+    """A new HDF5 file: in a file object, or under a name that nobody else can know."""
+    return h5py.File(place, "w", **options)
+
+
+def refuse_ways_out(path: str | os.PathLike[str], file: h5py.File, source: Any) -> None:
+    """An InputError that names the file and the object, where the structure leads out of the file, goes round in
+    circles or is damaged. The bytes of the file come from ``source``, a file object."""
+    walk = _Walk(shown_path(path))
+    with walk.at("/"):
+        walk.heaps = Heaps(file, source)
+        walk.look(file.id, "", ())
+
+
+class _Walk:
+    """Every object of a file, each looked at once however many names it has."""
+
+    heaps: Heaps
+
+    def __init__(self, path: str) -> None:
+        self.path = path
+        self.seen: set[int] = set()
+        self.attributes = 0
+
+    @contextmanager
+    def at(self, name: str) -> Iterator[None]:
+        """Name the object where HDF5 cannot read it."""
+        try:
+            yield
+        except InputError:
+            raise
+        except (OSError, RuntimeError, ValueError, KeyError, TypeError, OverflowError, MemoryError) as error:
+            raise InputError(f"{self.path}: damaged: {_shown(name)}: {_one_line(error)}") from None
+
+    def refuse(self, name: str, what: str) -> None:
+        raise InputError(f"{self.path}: {_shown(name)} {what}; such a file is not opened")
+
+    def look(self, item: Any, name: str, above: tuple[int, ...]) -> None:
+        """One object, and what is in it."""
+        found = h5o.get_info(item)
+        if found.addr in above:
+            self.refuse(name, "is a group that holds itself")
+        if found.addr in self.seen:
+            return
+        self.seen.add(found.addr)
+        if len(self.seen) > MOST:
+            self.refuse("/", f"holds more than {MOST:,} objects")
+        self._attributes(item, name, found)
+        if isinstance(item, h5d.DatasetID):
+            self.heaps.check_dataset(found.addr, item)
+            self._dataset(item, name)
+        elif isinstance(item, h5t.TypeID):
+            if item.detect_class(h5t.REFERENCE):
+                self.refuse(name, "is a type of references")
+        else:
+            self._group(item, name, (*above, found.addr))
+
+    def _group(self, group: Any, name: str, above: tuple[int, ...]) -> None:
+        if len(above) > DEEPEST:
+            self.refuse(name, f"lies more than {DEEPEST} groups deep")
+        links: list[tuple[bytes, int]] = []
+
+        def note(link: bytes, about: Any) -> int | None:
+            links.append((link, about.type))
+            return 1 if len(links) > MOST else None  # anything but None ends it
+
+        group = group if isinstance(group, h5g.GroupID) else h5g.open(group, b"/")
+        group.links.iterate(note, info=True)
+        if len(links) > MOST:
+            self.refuse(name or "/", f"holds more than {MOST:,} names")
+        for link, kind in links:
+            inner = f"{name}/{link.decode('utf-8', 'backslashreplace')}"
+            if kind != h5l.TYPE_HARD:
+                self.refuse(inner, f"is {_LINKS.get(kind, 'a link of unknown kind')}")
+            with self.at(inner):
+                self.look(h5o.open(group, link), inner, above)
+
+    def _dataset(self, data: Any, name: str) -> None:
+        made = data.get_create_plist()
+        if made.get_external_count():
+            self.refuse(name, "keeps its values in another file")
+        if made.get_layout() == h5d.VIRTUAL:
+            self.refuse(name, "is a virtual dataset, whose values are in other files")
+        if data.get_type().detect_class(h5t.REFERENCE):
+            self.refuse(name, "holds references")
+        if name.split("/")[1] in OURS:
+            for k in range(made.get_nfilters()):
+                if (number := made.get_filter(k)[0]) not in FILTERS:
+                    self.refuse(name, f"needs filter {number}, which kickdrift does not use")
+
+    def _attributes(self, item: Any, name: str, about: Any) -> None:
+        self.attributes += about.num_attrs
+        if self.attributes > MOST:
+            self.refuse(name or "/", f"and the objects before it have more than {MOST:,} attributes")
+        there = [h5a.open(item, index=k) for k in range(about.num_attrs)]
+        if any(each.get_type().detect_class(h5t.REFERENCE) for each in there):
+            self.refuse(name or "/", "has an attribute of references")
+        self.heaps.check_attributes(about.addr, there)
+
+
+def _walked(path: str | os.PathLike[str], file: h5py.File, source: Any) -> h5py.File:
+    try:
+        refuse_ways_out(path, file, source)
+    except BaseException:
+        file.close()
+        raise
+    return file
+
+
+def _descriptor(path: str | os.PathLike[str]) -> int:
+    try:
+        return descriptor(path)
+    except (OSError, ValueError) as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(f"{shown_path(path)}: {reason(error)}") from None
+
+
+def _why_not(name: str, error: Exception) -> str:
+    """Why HDF5 cannot open a file."""
+    if isinstance(error, BlockingIOError):
+        return "a run is writing to it at this moment; it can be read when that is over"
+    if "truncated file" in str(error):
+        return "is truncated: its end is missing (copied in part?)"
+    if not h5py.is_hdf5(name):
+        return "is not an HDF5 file"
+    return f"cannot be read: {_one_line(error)}"
+
+
+def _one_line(error: BaseException) -> str:
+    return " ".join(str(error).split())[:200] or type(error).__name__
+
+
+def _shown(name: str) -> str:
+    """An object's name in a message: without control characters, and not without end."""
+    text = "".join(each if each.isprintable() else f"\\x{ord(each):02x}" for each in name)
+    return text if len(text) <= 100 else f"{text[:97]}…"

@@ -1,0 +1,139 @@
+"""What the JSON texts of a run's file may say: a pydantic model for each. Keys that are not known are passed over."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError
+
+from kickdrift.trajectory.contents import Contents, short
+
+Whole = Annotated[int, Field(ge=0, lt=2**63)]
+Number = Annotated[int, Field(ge=1, lt=2**31)]
+Positive = Annotated[float, Field(gt=0)]
+Name = Annotated[str, StringConstraints(pattern=r"^[^/\x00-\x1f\x7f][^\x00-\x1f\x7f]{0,199}$")]  # of a method
+
+
+class Stored(BaseModel):
+    model_config = ConfigDict(extra="ignore", strict=True, allow_inf_nan=False)
+
+
+class Described(Stored):
+    """A force or an event of the system."""
+
+    type: str
+    module: str
+    parameters: Any
+    source: str = ""
+
+
+class RunText(Stored):
+    """What the system file's [run] said."""
+
+    integrator: Name | None = None
+    dt: Positive | None = None
+    steps: Whole | None = None
+    time: Positive | None = None
+    every: Whole | None = None
+    rtol: float | None = None
+    atol: float | None = None
+    coordinates: str | None = None
+    corrector: int | None = None
+    order: str | int | None = None
+    eta: float | None = None
+    scheme: str | None = None
+    precision: Literal["double", "mixed"] | None = None
+
+
+class EquilibrationText(Stored):
+    temperature: float
+    time: float
+    interval: Number = 10
+
+
+class RecordText(Stored):
+    """`kickdrift/system/record`."""
+
+    name: str
+    units: str
+    particles: Whole
+    box: Annotated[list[Positive], Field(min_length=3, max_length=3)] | None
+    species: list[str]
+    names: list[str] = []
+    radii: list[float] | None = None
+    events: list[Described] = []
+    forces: list[Described]
+    run: RunText = RunText()
+    equilibration: EquilibrationText | None = None
+    invariants: dict[str, Any] = {}
+    seed: Whole | None = None
+    time: float
+    steps_done: Whole
+
+
+class OptionsText(RunText):
+    """Options of a method; those of its own kind are checked when it is made."""
+
+
+class MethodText(Stored):
+    """`kickdrift/method`."""
+
+    integrator: Name | None = None
+    order: int | None = None
+    dt: Positive | None = None
+    threads: Number = 1
+    seed: int | None = None
+    engine: Name = "native"
+    engine_version: str | None = None
+    processes: Number = 1
+    precision: Literal["double", "mixed"] | None = None
+    options: OptionsText = OptionsText()
+    processor: str = "unknown"
+
+
+class VersionsText(Stored):
+    """`kickdrift/versions`."""
+
+    kickdrift: str | None = None
+    numba: str | None = None
+    llvmlite: str | None = None
+
+
+class EventText(Stored):
+    """An event that went on when the run ended."""
+
+    kind: str
+    time: float
+    step: Whole
+    bodies: list[str]
+    ids: list[int]
+    distance: float | None
+    energy: float | None
+    done: str
+
+
+class ReportText(Stored):
+    """`kickdrift/report`."""
+
+    stopped: str = ""
+    events: list[EventText] = []
+    warnings: list[str] = []
+
+
+def checked(contents: Contents, given: Any, model: type[Stored], name: str) -> dict[str, Any]:
+    """What a JSON text of that ``name`` says, once the ``model`` has found no fault with it."""
+    try:
+        model.model_validate(given)
+    except ValidationError as errors:
+        error = errors.errors(include_url=False)[0]
+        place = ".".join(str(part) for part in error["loc"])
+        what = f"{name}{': ' * bool(place)}{place}: {error['msg']}"
+        raise contents.damaged(what if error["type"] == "missing" else f"{what}, got {short(error['input'])}") from None
+    except (RecursionError, ValueError, TypeError) as error:
+        raise contents.damaged(f"{name}: {error}") from None
+    return dict(given)
+
+
+def read(contents: Contents, name: str, model: type[Stored]) -> dict[str, Any]:
+    """A JSON text of the file, checked."""
+    return checked(contents, contents.json(name), model, name)

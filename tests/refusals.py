@@ -1,0 +1,19 @@
+"""What every refused command looks like."""
+
+from __future__ import annotations
+
+from kickdrift.text import LINE
+
+
+def assert_refused(result, *parts, status=2):
+    """One line on standard error that holds the parts, nothing on standard output, and the exit status."""
+    code, out, err = result
+    assert code == status, err
+    assert out == ""
+    assert err.startswith("kickdrift: ")
+    assert err.count("\n") == 1
+    assert err.endswith("\n")
+    assert "Traceback" not in err
+    assert len(err) < LINE + 50
+    for part in parts:
+        assert part in err

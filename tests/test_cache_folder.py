@@ -1,0 +1,211 @@
+"""Where compiled code is kept: in folders that are the user's alone, and whatever happens to the files there."""
+
+from __future__ import annotations
+
+import os
+import pickle
+import stat
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from kickdrift import cache
+from kickdrift.cache import make_private
+from kickdrift.code_files import DIGEST, CodeFiles
+from kickdrift.forces import compiling
+
+pytestmark = pytest.mark.skipif(not hasattr(os, "getuid"), reason="permissions of a kind that this system has not")
+
+
+@pytest.fixture
+def place(tmp_path, monkeypatch):
+    """A package whose own folder cannot be had, and a user with a home of their own."""
+    (tmp_path / "site-packages").write_text("a file where a folder would be")
+    (tmp_path / "tmp").mkdir()
+    monkeypatch.setattr(cache, "__file__", str(tmp_path / "site-packages" / "cache.py"))
+    monkeypatch.setattr(cache.tempfile, "tempdir", str(tmp_path / "tmp"))
+    monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
+    monkeypatch.setenv("HOME", str(tmp_path / "home"))
+    monkeypatch.setattr(cache, "folder", cache.folder.__wrapped__)
+    return tmp_path
+
+
+def mode(path):
+    return stat.S_IMODE(os.stat(path).st_mode)
+
+
+def test_the_folder_is_private(place):
+    own = place / "home" / ".cache" / "kickdrift"
+    previous = os.umask(0o002)
+    try:
+        assert cache.folder() == own
+        make_private(own / cache.CODE / "abc")
+    finally:
+        os.umask(previous)
+    assert [mode(each) for each in (own, own / cache.CODE, own / cache.CODE / "abc")] == [0o700] * 3
+    assert cache.folder() == own
+
+
+@pytest.mark.parametrize("what", ["the folder", "its code", "around"])
+def test_a_folder_that_others_can_write_to_is_not_used(place, what):
+    own = place / "home" / ".cache" / "kickdrift"
+    (own / cache.CODE).mkdir(parents=True)
+    os.chmod({"the folder": own, "its code": own / cache.CODE, "around": own.parent}[what], 0o777)
+    wanted = own.with_name("kickdrift-private") if what != "around" else place / "tmp" / f"kickdrift-{os.getuid()}"
+    assert cache.folder() == wanted
+    assert mode(wanted) == 0o700
+    os.chmod(own.parent, 0o1777)  # sticky: nobody can replace what is another's
+    assert cache.folder() == own.with_name("kickdrift-private" if what != "around" else "kickdrift")
+
+
+@pytest.mark.skipif(os.name == "nt" or os.getuid() != 0, reason="only root can give a folder away")
+def test_a_folder_of_another_user_is_not_used(place):
+    own = place / "home" / ".cache" / "kickdrift"
+    own.mkdir(parents=True)
+    os.chown(own, 12345, 12345)
+    assert cache.folder() == own.with_name("kickdrift-private")
+
+
+def test_no_home(place, monkeypatch):
+    monkeypatch.delenv("HOME")
+    monkeypatch.setattr("pwd.getpwuid", lambda user: (_ for _ in ()).throw(KeyError(user)))
+    own = place / "tmp" / f"kickdrift-{os.getuid()}"
+    assert cache.folder() == own
+    assert mode(own) == 0o700
+    monkeypatch.setenv("XDG_CACHE_HOME", "relative")  # would be in whatever folder this is
+    assert cache.folder() == own
+    assert not Path("relative").exists()
+
+
+def test_a_temporary_folder_goes_with_the_process(place, monkeypatch):
+    removed = []
+    monkeypatch.delenv("HOME")
+    monkeypatch.setattr("pwd.getpwuid", lambda user: (_ for _ in ()).throw(KeyError(user)))
+    monkeypatch.setattr(cache.atexit, "register", removed.append)
+    taken = place / "tmp" / f"kickdrift-{os.getuid()}"
+    taken.mkdir()
+    os.chmod(taken, 0o777)
+    made = cache.folder()
+    assert made.parent == place / "tmp"
+    assert (made != taken, mode(made)) == (True, 0o700)
+    (made / "code").write_text("x")
+    (clear,) = removed
+    monkeypatch.setattr(cache.os, "getpid", lambda: -1)
+    clear()
+    assert made.exists(), "a copy of the process leaves the folder alone"
+    monkeypatch.undo()
+    clear()
+    assert not made.exists()
+
+
+def test_nowhere_to_write(place, monkeypatch):
+    monkeypatch.setattr(cache, "_writable", lambda place: False)
+    monkeypatch.setattr(cache.tempfile, "mkdtemp", lambda **how: (_ for _ in ()).throw(FileNotFoundError("none")))
+    assert cache.folder() is None
+
+
+def test_a_warm_folder_that_cannot_be_written_is_read(place, monkeypatch):
+    package = place / "package"
+    (package / "__pycache__" / cache.CODE).mkdir(parents=True)
+    monkeypatch.setattr(cache, "__file__", str(package / "cache.py"))
+    monkeypatch.setattr(cache, "_writable", lambda place: package not in place.parents)
+    assert cache.folder() == place / "home" / ".cache" / "kickdrift"
+    assert cache.warm.__wrapped__() == (package / "__pycache__",)
+    os.chmod(package / "__pycache__", 0o775)
+    assert cache.warm.__wrapped__() == ()
+
+
+def files(path):
+    make_private(path)
+    return CodeFiles(str(path), "function-1.py311", "stamp")
+
+
+class Harmful:
+    """A pickle that says that it was loaded."""
+
+    def __init__(self, path):
+        self.path = path
+
+    def __reduce__(self):
+        return Path.touch, (Path(self.path),)
+
+
+def test_damaged_files_count_as_not_there(tmp_path):
+    at = tmp_path / "cache" / "jit" / "abc"
+    own = files(at)
+    own.save("key", {"code": b"x" * 1000})
+    assert own.load("key") == {"code": b"x" * 1000}
+    assert own.load("another key") is None
+    assert CodeFiles(str(at), "function-1.py311", "another stamp").load("key") is None
+    index, code = at / "function-1.py311.nbi", at / "function-1.py311.1.nbc"
+    mark = tmp_path / "loaded"
+    for path in (index, code):
+        good = path.read_bytes()
+        flipped = good[: DIGEST + 5] + bytes([good[DIGEST + 5] ^ 1]) + good[DIGEST + 6 :]
+        foreign = pickle.dumps(Harmful(mark))
+        for bad in (b"", good[: DIGEST - 1], good[:DIGEST], good[:-1], good + b"x", flipped, foreign, b"\0" * 500):
+            path.write_bytes(bad)
+            assert own.load("key") is None
+            own.save("key", {"code": b"new"})  # what was compiled anew is found again
+            assert files(at).load("key") == {"code": b"new"}
+            path.write_bytes(good)
+        path.unlink()
+        path.mkdir()
+        assert own.load("key") is None
+        path.rmdir()
+        os.mkfifo(path)
+        assert own.load("key") is None
+        path.unlink()
+        (tmp_path / "elsewhere").write_bytes(good)
+        path.symlink_to(tmp_path / "elsewhere")
+        assert own.load("key") is None
+        path.unlink()
+        path.write_bytes(good)
+        os.chmod(path, 0o666)
+        assert own.load("key") is None
+        os.chmod(path, 0o600)
+    assert not mark.exists()
+
+
+def test_a_function_whose_files_are_damaged_is_compiled_anew(tmp_path, monkeypatch):
+    home = tmp_path / "home"
+    monkeypatch.setattr(compiling, "folder", lambda: home)
+    monkeypatch.setattr(compiling, "warm", lambda: ())
+
+    def add(a, b):
+        return a + b
+
+    def hits():
+        made = compiling.driver(add)
+        assert made(1, 2) == 3
+        return sum(made.stats.cache_hits.values())
+
+    assert (hits(), hits()) == (0, 1)
+    (code,), (index,) = home.rglob("*.nbc"), home.rglob("*.nbi")
+    assert mode(code.parent) == 0o700
+    for path in (code, index):
+        path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+        assert (hits(), hits()) == (0, 1)
+    monkeypatch.setattr(compiling, "warm", lambda: (home,))
+    monkeypatch.setattr(compiling, "folder", lambda: None)
+    assert hits() == 1, "a warm cache is read where nothing can be written"
+    monkeypatch.setattr(compiling, "warm", lambda: ())
+    assert hits() == 0
+    monkeypatch.setattr(compiling, "folder", lambda: Path("/dev/null"))
+    assert hits() == 0, "what cannot be saved is no error"
+
+
+def test_a_process_without_a_home_leaves_nothing(tmp_path):
+    (tmp_path / "tmp").mkdir()
+    (tmp_path / "tmp" / f"kickdrift-{os.getuid()}").write_text("taken")
+    environment = {key: value for key, value in os.environ.items() if key not in ("HOME", "XDG_CACHE_HOME")}
+    environment |= {"TMPDIR": str(tmp_path / "tmp"), "HOME": "relative"}
+    code = (
+        "import kickdrift.cache as cache; cache.__file__ = '/dev/null/cache.py';"
+        "made = cache.folder(); (made / 'x').touch(); print(made)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)
+    assert str(tmp_path / "tmp" / "kickdrift-") in done.stdout
+    assert [each.name for each in (tmp_path / "tmp").iterdir()] == [f"kickdrift-{os.getuid()}"]
