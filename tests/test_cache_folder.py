@@ -11,10 +11,11 @@ from pathlib import Path
 
 import pytest
 
-from kickdrift import cache
-from kickdrift.cache import make_private
-from kickdrift.code_files import DIGEST, CodeFiles
-from kickdrift.forces import compiling
+from kickdrift.jit import cache as code_cache
+from kickdrift.jit import folders
+from kickdrift.jit.code_files import DIGEST, CodeFiles
+from kickdrift.jit.compile import driver
+from kickdrift.jit.folders import make_private
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "getuid"), reason="permissions of a kind that this system has not")
 
@@ -24,11 +25,11 @@ def place(tmp_path, monkeypatch):
     """A package whose own folder cannot be had, and a user with a home of their own."""
     (tmp_path / "site-packages").write_text("a file where a folder would be")
     (tmp_path / "tmp").mkdir()
-    monkeypatch.setattr(cache, "__file__", str(tmp_path / "site-packages" / "cache.py"))
-    monkeypatch.setattr(cache.tempfile, "tempdir", str(tmp_path / "tmp"))
+    monkeypatch.setattr(folders, "__file__", str(tmp_path / "site-packages" / "jit" / "folders.py"))
+    monkeypatch.setattr(folders.tempfile, "tempdir", str(tmp_path / "tmp"))
     monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
     monkeypatch.setenv("HOME", str(tmp_path / "home"))
-    monkeypatch.setattr(cache, "folder", cache.folder.__wrapped__)
+    monkeypatch.setattr(folders, "folder", folders.folder.__wrapped__)
     return tmp_path
 
 
@@ -40,24 +41,24 @@ def test_the_folder_is_private(place):
     own = place / "home" / ".cache" / "kickdrift"
     previous = os.umask(0o002)
     try:
-        assert cache.folder() == own
-        make_private(own / cache.CODE / "abc")
+        assert folders.folder() == own
+        make_private(own / folders.CODE / "abc")
     finally:
         os.umask(previous)
-    assert [mode(each) for each in (own, own / cache.CODE, own / cache.CODE / "abc")] == [0o700] * 3
-    assert cache.folder() == own
+    assert [mode(each) for each in (own, own / folders.CODE, own / folders.CODE / "abc")] == [0o700] * 3
+    assert folders.folder() == own
 
 
 @pytest.mark.parametrize("what", ["the folder", "its code", "around"])
 def test_a_folder_that_others_can_write_to_is_not_used(place, what):
     own = place / "home" / ".cache" / "kickdrift"
-    (own / cache.CODE).mkdir(parents=True)
-    os.chmod({"the folder": own, "its code": own / cache.CODE, "around": own.parent}[what], 0o777)
+    (own / folders.CODE).mkdir(parents=True)
+    os.chmod({"the folder": own, "its code": own / folders.CODE, "around": own.parent}[what], 0o777)
     wanted = own.with_name("kickdrift-private") if what != "around" else place / "tmp" / f"kickdrift-{os.getuid()}"
-    assert cache.folder() == wanted
+    assert folders.folder() == wanted
     assert mode(wanted) == 0o700
     os.chmod(own.parent, 0o1777)  # sticky: nobody can replace what is another's
-    assert cache.folder() == own.with_name("kickdrift-private" if what != "around" else "kickdrift")
+    assert folders.folder() == own.with_name("kickdrift-private" if what != "around" else "kickdrift")
 
 
 @pytest.mark.skipif(os.name == "nt" or os.getuid() != 0, reason="only root can give a folder away")
@@ -65,17 +66,17 @@ def test_a_folder_of_another_user_is_not_used(place):
     own = place / "home" / ".cache" / "kickdrift"
     own.mkdir(parents=True)
     os.chown(own, 12345, 12345)
-    assert cache.folder() == own.with_name("kickdrift-private")
+    assert folders.folder() == own.with_name("kickdrift-private")
 
 
 def test_no_home(place, monkeypatch):
     monkeypatch.delenv("HOME")
     monkeypatch.setattr("pwd.getpwuid", lambda user: (_ for _ in ()).throw(KeyError(user)))
     own = place / "tmp" / f"kickdrift-{os.getuid()}"
-    assert cache.folder() == own
+    assert folders.folder() == own
     assert mode(own) == 0o700
     monkeypatch.setenv("XDG_CACHE_HOME", "relative")  # would be in whatever folder this is
-    assert cache.folder() == own
+    assert folders.folder() == own
     assert not Path("relative").exists()
 
 
@@ -83,16 +84,16 @@ def test_a_temporary_folder_goes_with_the_process(place, monkeypatch):
     removed = []
     monkeypatch.delenv("HOME")
     monkeypatch.setattr("pwd.getpwuid", lambda user: (_ for _ in ()).throw(KeyError(user)))
-    monkeypatch.setattr(cache.atexit, "register", removed.append)
+    monkeypatch.setattr(folders.atexit, "register", removed.append)
     taken = place / "tmp" / f"kickdrift-{os.getuid()}"
     taken.mkdir()
     os.chmod(taken, 0o777)
-    made = cache.folder()
+    made = folders.folder()
     assert made.parent == place / "tmp"
     assert (made != taken, mode(made)) == (True, 0o700)
     (made / "code").write_text("x")
     (clear,) = removed
-    monkeypatch.setattr(cache.os, "getpid", lambda: -1)
+    monkeypatch.setattr(folders.os, "getpid", lambda: -1)
     clear()
     assert made.exists(), "a copy of the process leaves the folder alone"
     monkeypatch.undo()
@@ -101,20 +102,20 @@ def test_a_temporary_folder_goes_with_the_process(place, monkeypatch):
 
 
 def test_nowhere_to_write(place, monkeypatch):
-    monkeypatch.setattr(cache, "_writable", lambda place: False)
-    monkeypatch.setattr(cache.tempfile, "mkdtemp", lambda **how: (_ for _ in ()).throw(FileNotFoundError("none")))
-    assert cache.folder() is None
+    monkeypatch.setattr(folders, "_writable", lambda place: False)
+    monkeypatch.setattr(folders.tempfile, "mkdtemp", lambda **how: (_ for _ in ()).throw(FileNotFoundError("none")))
+    assert folders.folder() is None
 
 
 def test_a_warm_folder_that_cannot_be_written_is_read(place, monkeypatch):
     package = place / "package"
-    (package / "__pycache__" / cache.CODE).mkdir(parents=True)
-    monkeypatch.setattr(cache, "__file__", str(package / "cache.py"))
-    monkeypatch.setattr(cache, "_writable", lambda place: package not in place.parents)
-    assert cache.folder() == place / "home" / ".cache" / "kickdrift"
-    assert cache.warm.__wrapped__() == (package / "__pycache__",)
+    (package / "__pycache__" / folders.CODE).mkdir(parents=True)
+    monkeypatch.setattr(folders, "__file__", str(package / "jit" / "folders.py"))
+    monkeypatch.setattr(folders, "_writable", lambda place: package not in place.parents)
+    assert folders.folder() == place / "home" / ".cache" / "kickdrift"
+    assert folders.warm.__wrapped__() == (package / "__pycache__",)
     os.chmod(package / "__pycache__", 0o775)
-    assert cache.warm.__wrapped__() == ()
+    assert folders.warm.__wrapped__() == ()
 
 
 def files(path):
@@ -171,14 +172,14 @@ def test_damaged_files_count_as_not_there(tmp_path):
 
 def test_a_function_whose_files_are_damaged_is_compiled_anew(tmp_path, monkeypatch):
     home = tmp_path / "home"
-    monkeypatch.setattr(compiling, "folder", lambda: home)
-    monkeypatch.setattr(compiling, "warm", lambda: ())
+    monkeypatch.setattr(code_cache, "folder", lambda: home)
+    monkeypatch.setattr(code_cache, "warm", lambda: ())
 
     def add(a, b):
         return a + b
 
     def hits():
-        made = compiling.driver(add)
+        made = driver(add)
         assert made(1, 2) == 3
         return sum(made.stats.cache_hits.values())
 
@@ -188,12 +189,12 @@ def test_a_function_whose_files_are_damaged_is_compiled_anew(tmp_path, monkeypat
     for path in (code, index):
         path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
         assert (hits(), hits()) == (0, 1)
-    monkeypatch.setattr(compiling, "warm", lambda: (home,))
-    monkeypatch.setattr(compiling, "folder", lambda: None)
+    monkeypatch.setattr(code_cache, "warm", lambda: (home,))
+    monkeypatch.setattr(code_cache, "folder", lambda: None)
     assert hits() == 1, "a warm cache is read where nothing can be written"
-    monkeypatch.setattr(compiling, "warm", lambda: ())
+    monkeypatch.setattr(code_cache, "warm", lambda: ())
     assert hits() == 0
-    monkeypatch.setattr(compiling, "folder", lambda: Path("/dev/null"))
+    monkeypatch.setattr(code_cache, "folder", lambda: Path("/dev/null"))
     assert hits() == 0, "what cannot be saved is no error"
 
 
@@ -203,8 +204,8 @@ def test_a_process_without_a_home_leaves_nothing(tmp_path):
     environment = {key: value for key, value in os.environ.items() if key not in ("HOME", "XDG_CACHE_HOME")}
     environment |= {"TMPDIR": str(tmp_path / "tmp"), "HOME": "relative"}
     code = (
-        "import kickdrift.cache as cache; cache.__file__ = '/dev/null/cache.py';"
-        "made = cache.folder(); (made / 'x').touch(); print(made)"
+        "import kickdrift.jit.folders as folders; folders.__file__ = '/dev/null/jit/folders.py';"
+        "made = folders.folder(); (made / 'x').touch(); print(made)"
     )
     done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)
     assert str(tmp_path / "tmp" / "kickdrift-") in done.stdout

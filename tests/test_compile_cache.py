@@ -12,16 +12,16 @@ import numpy as np
 import pytest
 from numba import typeof
 
-from kickdrift.cache import folder
 from kickdrift.forces.bound import BoundForces
-from kickdrift.forces.compiling import fingerprint, foreign_classes
+from kickdrift.jit.cache import fingerprint, foreign_classes
+from kickdrift.jit.folders import folder
 from kickdrift.system import System
 
 MEASURE = """
 import sys
 from pathlib import Path
-import kickdrift.forces.compiling as compiling
-compiling.folder = lambda: Path(sys.argv[1])
+import kickdrift.jit.cache as code_cache
+code_cache.folder = lambda: Path(sys.argv[1])
 from kickdrift.forces.bound import BoundForces
 from kickdrift.system import System
 

@@ -15,10 +15,10 @@ from problems import kepler
 import kickdrift as kd
 from kickdrift.builders import lattice, maxwell_boltzmann
 from kickdrift.errors import InputError, RunError
-from kickdrift.forces.compiling import jit
 from kickdrift.forces.pair_law import pair_law
 from kickdrift.integrators import exact_stepper, loops
 from kickdrift.integrators.exact import Lattice
+from kickdrift.jit.compile import jit
 
 
 def fluid(count: int = 125, truncation: str = "shift", mixture: bool = False) -> kd.System:

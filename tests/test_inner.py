@@ -7,8 +7,8 @@ import pickle
 import numpy as np
 import pytest
 
-from kickdrift.forces.compiling import driver, in_order, inlined, jit, strict
-from kickdrift.forces.inner import _InnerLibrary, overload
+from kickdrift.jit.compile import driver, in_order, inlined, jit, strict
+from kickdrift.jit.inner import _InnerLibrary, overload
 
 KINDS = {"jit": jit, "inlined": inlined, "in_order": in_order, "strict": strict}
 

@@ -11,9 +11,10 @@ from hypothesis import strategies as st
 from kepler_oracle import moved
 from problems import kepler
 
-from kickdrift.forces.compiling import jit
-from kickdrift.forces.simd import aligned, load, mask_bits, store
 from kickdrift.integrators.kepler import kepler_step, lanes_increments
+from kickdrift.jit.compile import jit
+from kickdrift.jit.masks import mask_bits
+from kickdrift.jit.memory import aligned, load, store
 
 EPS = float(np.finfo(float).eps)
 

@@ -10,8 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from kickdrift import cache, plots
+from kickdrift import plots
 from kickdrift.errors import InputError
+from kickdrift.jit import folders
 from kickdrift.state import State
 from kickdrift.system import System
 from kickdrift.trajectory.h5md import Writer
@@ -179,9 +180,9 @@ assert dict(os.environ) == before
 
 
 def test_the_cache_folder_is_writable_and_falls_back(tmp_path, monkeypatch):
-    assert cache.folder() == Path(cache.__file__).resolve().parent / "__pycache__"
+    assert folders.folder() == Path(folders.__file__).resolve().parents[1] / "__pycache__"
     blocked = tmp_path / "site-packages"
     blocked.write_text("a file where a folder would be")
-    monkeypatch.setattr(cache, "__file__", str(blocked / "cache.py"))
+    monkeypatch.setattr(folders, "__file__", str(blocked / "jit" / "folders.py"))
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "xdg"))
-    assert cache.folder.__wrapped__() == tmp_path / "xdg" / "kickdrift"
+    assert folders.folder.__wrapped__() == tmp_path / "xdg" / "kickdrift"

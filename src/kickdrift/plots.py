@@ -14,9 +14,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from kickdrift import cache, outputs
+from kickdrift import outputs
 from kickdrift.analysis.structure import radial_distribution
 from kickdrift.errors import InputError
+from kickdrift.jit import folders
 from kickdrift.kinds import FIGURE
 from kickdrift.state import Floats
 from kickdrift.trajectory import reader
@@ -213,7 +214,7 @@ def checked_target(output: str | os.PathLike[str], overwrite: bool, *inputs: str
 @contextmanager
 def _own_matplotlib_folder() -> Iterator[None]:
     """Let matplotlib, if it is loaded here first, keep its font list in kickdrift's cache, not in the user's home."""
-    own = cache.folder()
+    own = folders.folder()
     if "matplotlib" in sys.modules or "MPLCONFIGDIR" in os.environ or own is None:
         yield
         return

@@ -24,13 +24,13 @@ from kickdrift.events.watching import WatchedStepper
 from kickdrift.files import place
 from kickdrift.flow import Flow, ParticleFlow, flow_of
 from kickdrift.forces.bound import check_threads
-from kickdrift.forces.compiling import features, processor
 from kickdrift.forces.kernel import OK
 from kickdrift.integrators import integrator as method_named
 from kickdrift.integrators.method import MIXED
 from kickdrift.integrators.options import Options
 from kickdrift.integrators.stepping import STOPPED, Counts, Stepper
 from kickdrift.interrupt import interruptible
+from kickdrift.jit.compile import features, processor
 from kickdrift.memory import Memory
 from kickdrift.observers import Energies, Record, Sample
 from kickdrift.problem import Problem

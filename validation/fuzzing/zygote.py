@@ -140,7 +140,7 @@ def main() -> None:
     os.environ["KICKDRIFT_FUZZ_BASE"] = str(base)
     tolerated: tuple[str, ...] = ()
     if settings["warm"]:
-        from kickdrift.cache import folder as cache_folder
+        from kickdrift.jit.folders import folder as cache_folder
 
         tolerated = (str(cache_folder()),)
         listen_to_compiler()

@@ -19,8 +19,10 @@ from pathlib import Path
 from time import process_time
 
 from kickdrift.bench import processor
-from kickdrift.forces.compiling import jit
-from kickdrift.forces.simd import WIDTH, aligned, lane_sum, load, multiply_add, splat
+from kickdrift.jit.compile import jit
+from kickdrift.jit.lanes import lane_sum, multiply_add, splat
+from kickdrift.jit.memory import aligned, load
+from kickdrift.jit.vectors import WIDTH
 
 CACHES = Path("/sys/devices/system/cpu/cpu0/cache")
 GUESSED = {"L1": 48 << 10, "L2": 2 << 20, "L3": 32 << 20}

@@ -34,13 +34,15 @@ import kickdrift as kd
 from kickdrift.bench import processor
 from kickdrift.forces.bound import BoundForces
 from kickdrift.forces.clusters import N_CLUSTERS
-from kickdrift.forces.compiling import jit
-from kickdrift.forces.handle import handle, unowned
 from kickdrift.forces.kernel import accelerate
-from kickdrift.forces.simd import WIDTH, aligned, flat, lane_max, splat
 from kickdrift.integrators.gauss_radau import tables
 from kickdrift.integrators.gauss_radau_series import NODES, correct, prepare
 from kickdrift.integrators.wisdom_holman_loop import drift, heliocentric_kick, jacobi_kick, jump
+from kickdrift.jit.compile import jit
+from kickdrift.jit.handle import handle, unowned
+from kickdrift.jit.lanes import lane_max, splat
+from kickdrift.jit.memory import aligned, flat
+from kickdrift.jit.vectors import WIDTH
 
 BEGIN, END = "<!-- roofline.py writes from here -->", "<!-- to here -->"
 LATENCY, FLOPS, MIXED = "chains of additions", "arithmetic", "loads beside arithmetic"

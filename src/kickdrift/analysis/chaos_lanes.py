@@ -12,8 +12,9 @@ from kickdrift.analysis import chaos
 from kickdrift.batch import common, members_of, run_lanes
 from kickdrift.errors import InputError
 from kickdrift.forces.batch_gravity import LOOK, measure_in_lanes
-from kickdrift.forces.simd import WIDTH, aligned
 from kickdrift.integrators.batch_stepping import Deviations, Members, from_lanes, to_lanes
+from kickdrift.jit.memory import aligned
+from kickdrift.jit.vectors import WIDTH
 from kickdrift.state import Floats
 from kickdrift.system import System
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.box import Box
-from kickdrift.forces.compiling import driver
+from kickdrift.jit.compile import driver
 from kickdrift.state import Floats
 
 

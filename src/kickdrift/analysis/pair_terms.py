@@ -7,10 +7,12 @@ from typing import Any
 import numpy as np
 
 from kickdrift.forces import pair_kernel, pair_sum
-from kickdrift.forces.compiling import driver
 from kickdrift.forces.pair_law import PairForce
-from kickdrift.forces.simd import WIDTH, lanes_like, load, store
 from kickdrift.forces.truncation import AtCutoff
+from kickdrift.jit.compile import driver
+from kickdrift.jit.lanes import lanes_like
+from kickdrift.jit.memory import load, store
+from kickdrift.jit.vectors import WIDTH
 from kickdrift.state import Floats
 
 

@@ -21,11 +21,11 @@ from kickdrift.ensemble.members import Members, members_of
 from kickdrift.ensemble.recipe import MEGNO, RUN, Measure, Recipe, SystemMaker, SystemText, seeded
 from kickdrift.ensemble.rows import COLUMNS, DONE, MEMBER, Row
 from kickdrift.errors import InputError
-from kickdrift.forces.compiling import processor
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators import integrator as method_named
 from kickdrift.integrators.method import Method
 from kickdrift.integrators.registration import REGISTERED
+from kickdrift.jit.compile import processor
 from kickdrift.limits import whole_number
 from kickdrift.problem import Problem
 from kickdrift.run_plan import check_run

@@ -15,9 +15,9 @@ from kickdrift.ensemble.members import Member
 from kickdrift.ensemble.recipe import MEGNO, Recipe
 from kickdrift.ensemble.rows import DONE, Row, megno_columns, row_of, run_columns
 from kickdrift.errors import KickdriftError
-from kickdrift.forces.simd import WIDTH
 from kickdrift.integrators import integrator
 from kickdrift.integrators.options import Options
+from kickdrift.jit.vectors import WIDTH
 from kickdrift.limits import steps_in
 from kickdrift.problem import Problem
 from kickdrift.system import System

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from kickdrift.forces.compiling import driver, jit
+from kickdrift.jit.compile import driver, jit
 
 SMALLEST = 1e-14  # of the step: turning points nearer than this are one
 POINTS = 8  # the two ends, five zeros at most in between, and one to spare

@@ -11,9 +11,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from kickdrift.forces.compiling import driver, in_order
-from kickdrift.forces.handle import handle, unowned
-from kickdrift.forces.simd import WIDTH, inverse_sqrt, load, splat, store
+from kickdrift.jit.compile import driver, in_order
+from kickdrift.jit.handle import handle, unowned
+from kickdrift.jit.lanes import inverse_sqrt, splat
+from kickdrift.jit.memory import load, store
+from kickdrift.jit.vectors import WIDTH
 
 # Rows of a look: energies, momentum, angular momentum about the origin.
 KINETIC, POTENTIAL, MOMENTUM, ANGULAR = 0, 1, 2, 5

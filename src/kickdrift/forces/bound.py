@@ -6,7 +6,6 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba.core.errors import NumbaError
 
 from kickdrift.checks import number
 from kickdrift.errors import InputError
@@ -16,6 +15,7 @@ from kickdrift.forces.kernel import GROW, OK
 from kickdrift.forces.law_check import not_compiled
 from kickdrift.forces.pair_kernel import PairKernel, grown, memory, ready, recalled, thinned, tuned
 from kickdrift.forces.pair_law import PairForce
+from kickdrift.jit.numba_private import NumbaError
 from kickdrift.state import Floats
 from kickdrift.units import shown
 

@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from llvmlite import ir
 from numba import carray, cfunc, njit, types
-from numba.core.errors import NumbaError
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from kickdrift.errors import InputError
-from kickdrift.forces.inner import overload
 from kickdrift.forces.kernel import OK, RAISED, kernel
+from kickdrift.jit.inner import overload
+from kickdrift.jit.numba_private import NumbaError
 
 if TYPE_CHECKING:
     from kickdrift.problem import Function, Problem

@@ -7,12 +7,14 @@ from typing import Any
 import numpy as np
 from numba import types
 
-from kickdrift.forces.compiling import driver, inlined
 from kickdrift.forces.equation import EquationKernel, call_at
-from kickdrift.forces.handle import handle, part
-from kickdrift.forces.inner import overload
 from kickdrift.forces.kernel import BLOWN_UP, OK, RAISED, accelerate
-from kickdrift.forces.simd import WIDTH, flat, lane_sum, load, load_first, splat, store, store_first
+from kickdrift.jit.compile import driver, inlined
+from kickdrift.jit.handle import handle, part
+from kickdrift.jit.inner import overload
+from kickdrift.jit.lanes import lane_sum, splat
+from kickdrift.jit.memory import flat, load, load_first, store, store_first
+from kickdrift.jit.vectors import WIDTH
 
 EVALUATIONS = 0  # slot of a loop's cursor: how often the forces were evaluated
 SLOTS = 5  # of a cursor; the others are the loops' own

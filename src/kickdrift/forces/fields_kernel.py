@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from kickdrift.forces.compiling import never_inline
 from kickdrift.forces.fields import DrivenField, HarmonicTrap, LinearDrag, Springs, UniformField
 from kickdrift.forces.kernel import OK, kernel
+from kickdrift.jit.compile import never_inline
 
 if TYPE_CHECKING:
     from kickdrift.system import System

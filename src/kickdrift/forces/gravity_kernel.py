@@ -15,25 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.forces.central import gravitational_constant
-from kickdrift.forces.chunks import Chunks, chunk_task, each_chunk, in_chunks
 from kickdrift.forces.clusters import STRIDE, load_vector, store_vector
-from kickdrift.forces.compiling import as_written, never_inline
 from kickdrift.forces.kernel import OK, kernel
-from kickdrift.forces.simd import (
-    WIDTH,
-    aligned,
-    flat,
-    inverse_sqrt,
-    lane_numbers,
-    lane_sum,
-    load,
-    load_first,
-    rotated,
-    select,
-    splat,
-    store,
-    store_first,
-)
+from kickdrift.jit.chunks import Chunks, chunk_task, each_chunk, in_chunks
+from kickdrift.jit.compile import as_written, never_inline
+from kickdrift.jit.lanes import inverse_sqrt, lane_numbers, lane_sum, rotated, splat
+from kickdrift.jit.masks import select
+from kickdrift.jit.memory import aligned, flat, load, load_first, store, store_first
+from kickdrift.jit.vectors import WIDTH
 
 if TYPE_CHECKING:
     from kickdrift.forces.gravity import Gravity

@@ -13,8 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.forces.central import gravitational_constant
-from kickdrift.forces.compiling import jit
-from kickdrift.forces.simd import WIDTH, lane_numbers, lane_sum, load, select, splat
+from kickdrift.jit.compile import jit
+from kickdrift.jit.lanes import lane_numbers, lane_sum, splat
+from kickdrift.jit.masks import select
+from kickdrift.jit.memory import load
+from kickdrift.jit.vectors import WIDTH
 
 if TYPE_CHECKING:
     from kickdrift.forces.gravity import Gravity

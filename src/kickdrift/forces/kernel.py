@@ -11,9 +11,9 @@ from typing import Any
 
 from numba import types
 
-from kickdrift.forces.compiling import jit
-from kickdrift.forces.handle import Handle, part
-from kickdrift.forces.inner import overload
+from kickdrift.jit.compile import jit
+from kickdrift.jit.handle import Handle, part
+from kickdrift.jit.inner import overload
 
 OK, GROW, BLOWN_UP = 0, 1, 2  # what a force evaluation can end in: done, a list has no room, positions make no sense
 RAISED = 4  # Python code inside raised, and no other step is to be tried; 3 is a stepper's STOPPED

@@ -13,11 +13,12 @@ from numba import carray, typeof, types
 from numba.extending import intrinsic
 
 from kickdrift.forces import pairlist
-from kickdrift.forces.chunks import Chunks
 from kickdrift.forces.clusters import ClusterList
-from kickdrift.forces.compiling import callback, jit
-from kickdrift.forces.handle import Handle, address, handle_at
 from kickdrift.forces.kernel import OK
+from kickdrift.jit.callback import callback
+from kickdrift.jit.chunks import Chunks
+from kickdrift.jit.compile import jit
+from kickdrift.jit.handle import Handle, address, handle_at
 
 REFRESH, PRUNE = range(2)  # what the code is asked for
 _CODE: dict[Any, Any] = {}  # by the type of list

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.forces.central import Attraction
-from kickdrift.forces.compiling import never_inline
 from kickdrift.forces.kernel import OK, kernel
+from kickdrift.jit.compile import never_inline
 
 if TYPE_CHECKING:
     from kickdrift.forces.oblateness import Oblateness

@@ -8,12 +8,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from llvmlite import ir
 from numba import carray, typeof, types
-from numba.core.errors import TypingError
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from kickdrift.errors import InputError
-from kickdrift.forces.chunks import Chunks, each_chunk, in_chunks
 from kickdrift.forces.clusters import (
     BUILT,
     LANES,
@@ -31,14 +29,19 @@ from kickdrift.forces.clusters import (
     store_vector,
     unsigned,
 )
-from kickdrift.forces.compiling import as_written, callback, driver, jit
-from kickdrift.forces.handle import Handle, handle_at, memory_of
-from kickdrift.forces.inner import overload
 from kickdrift.forces.kernel import OK, kernel
 from kickdrift.forces.list_code import list_code, prune, refresh
 from kickdrift.forces.pair_sum import narrow
-from kickdrift.forces.simd import WIDTH, aligned, splat
 from kickdrift.forces.truncation import AtCutoff, Cut, ForceShift, Shift, Switch
+from kickdrift.jit.callback import callback
+from kickdrift.jit.chunks import Chunks, each_chunk, in_chunks
+from kickdrift.jit.compile import as_written, driver, jit
+from kickdrift.jit.handle import Handle, handle_at, memory_of
+from kickdrift.jit.inner import overload
+from kickdrift.jit.lanes import splat
+from kickdrift.jit.memory import aligned
+from kickdrift.jit.numba_private import TypingError
+from kickdrift.jit.vectors import WIDTH
 from kickdrift.state import Floats
 
 if TYPE_CHECKING:

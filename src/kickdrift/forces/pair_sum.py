@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 from numba import types
 
-from kickdrift.forces.chunks import chunk_task
 from kickdrift.forces.clusters import (
     APART,
     N_CLUSTERS,
@@ -23,27 +22,14 @@ from kickdrift.forces.clusters import (
     store_vector,
     table_place,
 )
-from kickdrift.forces.compiling import as_written, jit, never_inline
-from kickdrift.forces.inner import overload
-from kickdrift.forces.simd import (
-    WIDTH,
-    broadcast,
-    entry,
-    lane_numbers,
-    lane_sum,
-    lanes_like,
-    load,
-    lowest_bit,
-    multiply_add,
-    named_lanes,
-    rotated,
-    select,
-    single_type,
-    splat,
-    store,
-    sums_of_rows,
-)
-from kickdrift.forces.simd_single import (
+from kickdrift.forces.truncation import truncated
+from kickdrift.jit.chunks import chunk_task
+from kickdrift.jit.compile import as_written, jit, never_inline
+from kickdrift.jit.inner import overload
+from kickdrift.jit.lanes import lane_numbers, lane_sum, lanes_like, multiply_add, rotated, splat
+from kickdrift.jit.masks import lowest_bit, select
+from kickdrift.jit.memory import broadcast, entry, load, named_lanes, store, sums_of_rows
+from kickdrift.jit.single import (
     halves,
     joined,
     load_single,
@@ -53,7 +39,7 @@ from kickdrift.forces.simd_single import (
     store_single,
     two_of,
 )
-from kickdrift.forces.truncation import truncated
+from kickdrift.jit.vectors import WIDTH, single_type
 
 PLACES = (
     table_place.py_func(2, 1, 0),

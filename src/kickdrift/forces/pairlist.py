@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from kickdrift.forces.chunks import chunk_task, each_chunk
 from kickdrift.forces.clusters import (
     BUILT,
     JUMPS_ALLOWED,
@@ -36,10 +35,13 @@ from kickdrift.forces.clusters import (
     sort,
     table_place,
 )
-from kickdrift.forces.compiling import jit, never_inline
 from kickdrift.forces.kernel import BLOWN_UP, GROW, OK
-from kickdrift.forces.simd import WIDTH, append_members, count_ones, flat, mask_bits
-from kickdrift.forces.simd_single import joined, load_single, store_single
+from kickdrift.jit.chunks import chunk_task, each_chunk
+from kickdrift.jit.compile import jit, never_inline
+from kickdrift.jit.masks import count_ones, mask_bits
+from kickdrift.jit.memory import append_members, flat
+from kickdrift.jit.single import joined, load_single, store_single
+from kickdrift.jit.vectors import WIDTH
 
 
 @jit

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.forces.central import Attraction
-from kickdrift.forces.compiling import jit, never_inline
 from kickdrift.forces.kernel import OK, kernel
+from kickdrift.jit.compile import jit, never_inline
 
 if TYPE_CHECKING:
     from kickdrift.forces.relativity import PostNewtonian

@@ -15,9 +15,12 @@ from __future__ import annotations
 
 import math
 
-from kickdrift.forces.chunks import chunk_task
-from kickdrift.forces.compiling import as_written, jit, never_inline
-from kickdrift.forces.simd import WIDTH, lane_max, lane_sum, load, select, splat
+from kickdrift.jit.chunks import chunk_task
+from kickdrift.jit.compile import as_written, jit, never_inline
+from kickdrift.jit.lanes import lane_max, lane_sum, splat
+from kickdrift.jit.masks import select
+from kickdrift.jit.memory import load
+from kickdrift.jit.vectors import WIDTH
 
 # Columns of a node: what the walk looks at (G M, centre of mass, radius about it, bound, first cluster, the node that
 # follows its tree) fills one cache line, the moments another.

@@ -12,21 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.forces.central import gravitational_constant
-from kickdrift.forces.chunks import Chunks, chunk_task, each_chunk, in_chunks
-from kickdrift.forces.compiling import as_written, never_inline
 from kickdrift.forces.kernel import BLOWN_UP, OK, kernel
-from kickdrift.forces.simd import (
-    WIDTH,
-    aligned,
-    inverse_sqrt,
-    lane_max,
-    lane_numbers,
-    lane_sum,
-    load,
-    select,
-    splat,
-    store,
-)
 from kickdrift.forces.tree_build import (
     BEYOND,
     BOUND,
@@ -49,6 +35,12 @@ from kickdrift.forces.tree_build import (
     build,
     finish,
 )
+from kickdrift.jit.chunks import Chunks, chunk_task, each_chunk, in_chunks
+from kickdrift.jit.compile import as_written, never_inline
+from kickdrift.jit.lanes import inverse_sqrt, lane_max, lane_numbers, lane_sum, splat
+from kickdrift.jit.masks import select
+from kickdrift.jit.memory import aligned, load, store
+from kickdrift.jit.vectors import WIDTH
 
 if TYPE_CHECKING:
     from kickdrift.forces.tree import GravityTree

@@ -6,9 +6,10 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
-from kickdrift.forces.compiling import as_written
-from kickdrift.forces.inner import overload
-from kickdrift.forces.simd import Lanes, select
+from kickdrift.jit.compile import as_written
+from kickdrift.jit.inner import overload
+from kickdrift.jit.masks import select
+from kickdrift.jit.vectors import Lanes
 
 
 class AtCutoff(NamedTuple):

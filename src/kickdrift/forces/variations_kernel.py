@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from kickdrift.forces.chunks import Chunks, chunk_task, each_chunk, in_chunks
-from kickdrift.forces.compiling import never_inline
 from kickdrift.forces.gravity_slope import Sources, pull_and_slope, sources_of
 from kickdrift.forces.kernel import OK, accelerate, kernel
+from kickdrift.jit.chunks import Chunks, chunk_task, each_chunk, in_chunks
+from kickdrift.jit.compile import never_inline
 
 if TYPE_CHECKING:
     from kickdrift.system import System

@@ -6,9 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from kickdrift.forces.compiling import driver, jit
 from kickdrift.forces.evaluate import fill_derivative
-from kickdrift.forces.handle import handle
 from kickdrift.forces.kernel import GROW, OK, RAISED
 from kickdrift.integrators.loops import FRESH, REJECTED, STAGE, STEP, stage_state
 from kickdrift.integrators.options import Options
@@ -21,6 +19,8 @@ from kickdrift.integrators.step_control import (
     tolerances_of,
 )
 from kickdrift.integrators.stepping import BEFORE, LAST, NEXT, STOPPED, TIME, ChosenSteps
+from kickdrift.jit.compile import driver, jit
+from kickdrift.jit.handle import handle
 from kickdrift.state import Floats
 
 if TYPE_CHECKING:

@@ -16,11 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.forces.batch_gravity import look_in_lanes, pull_in_lanes
-from kickdrift.forces.compiling import driver, in_order, jit
 from kickdrift.forces.evaluate import EVALUATIONS
-from kickdrift.forces.handle import handle, unowned
-from kickdrift.forces.simd import WIDTH, any_lane, load, splat, store
 from kickdrift.integrators.loops import FRESH
+from kickdrift.jit.compile import driver, in_order, jit
+from kickdrift.jit.handle import handle, unowned
+from kickdrift.jit.lanes import splat
+from kickdrift.jit.masks import any_lane
+from kickdrift.jit.memory import load, store
+from kickdrift.jit.vectors import WIDTH
 
 
 class Watch(NamedTuple):

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from kickdrift.forces.batch_gravity import LOOK, LaneBodies
 from kickdrift.forces.evaluate import EVALUATIONS, SLOTS
-from kickdrift.forces.simd import WIDTH, aligned
+from kickdrift.jit.memory import aligned
+from kickdrift.jit.vectors import WIDTH
 from kickdrift.state import Floats
 
 if TYPE_CHECKING:

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from kickdrift.coordinates import to_democratic, to_jacobi
 from kickdrift.forces.batch_gravity import LOOK, LaneBodies
 from kickdrift.forces.evaluate import EVALUATIONS, SLOTS
-from kickdrift.forces.simd import WIDTH, aligned
 from kickdrift.integrators.batch_stepping import Deviations, Members, from_lanes, to_lanes
 from kickdrift.integrators.batch_wisdom_holman_loop import WAY, WORK, LaneOrbits, batch_wisdom_holman_loop
 from kickdrift.integrators.options import Options
@@ -30,6 +29,8 @@ from kickdrift.integrators.wisdom_holman_loop import (
     UNBOUND,
     WHICH,
 )
+from kickdrift.jit.memory import aligned
+from kickdrift.jit.vectors import WIDTH
 from kickdrift.state import Floats
 
 

@@ -12,10 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.forces.batch_gravity import LaneBodies, load3, look_in_lanes, store3
-from kickdrift.forces.compiling import driver, in_order, jit
 from kickdrift.forces.evaluate import EVALUATIONS
-from kickdrift.forces.handle import handle, unowned
-from kickdrift.forces.simd import WIDTH, any_lane, inverse_sqrt, load, mask_bits, select, splat, store
 from kickdrift.integrators.batch_loops import copy_in_lanes
 from kickdrift.integrators.kepler import kepler_increments, lanes_increments
 from kickdrift.integrators.loops import FRESH
@@ -31,6 +28,12 @@ from kickdrift.integrators.wisdom_holman_loop import (
     WHICH,
     central_part,
 )
+from kickdrift.jit.compile import driver, in_order, jit
+from kickdrift.jit.handle import handle, unowned
+from kickdrift.jit.lanes import inverse_sqrt, splat
+from kickdrift.jit.masks import any_lane, mask_bits, select
+from kickdrift.jit.memory import load, store
+from kickdrift.jit.vectors import WIDTH
 
 # Vectors of ``work``: positions from the central body, their offset from Jacobi's, the pull of the other bodies, the
 # kick; WAY has increments that are solved one by one, and dt.

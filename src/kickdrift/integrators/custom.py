@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
-from kickdrift.forces.compiling import driver, jit
 from kickdrift.forces.evaluate import fill_accelerations
-from kickdrift.forces.handle import handle
-from kickdrift.forces.inner import overload
 from kickdrift.forces.kernel import OK
 from kickdrift.integrators.loops import STAGE, STEP
+from kickdrift.jit.compile import driver, jit
+from kickdrift.jit.handle import handle
+from kickdrift.jit.inner import overload
 
 STATUS = STAGE  # of the cursor: what went wrong inside the step
 

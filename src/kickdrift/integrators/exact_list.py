@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from kickdrift.forces.compiling import strict
 from kickdrift.forces.kernel import GROW, OK
+from kickdrift.jit.compile import strict
 
 REACH = 2  # cells to look through on each side; cells are at least 1 / REACH of the list's radius wide
 

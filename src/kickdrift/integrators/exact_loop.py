@@ -13,9 +13,7 @@ import numpy as np
 from numba import types
 from numpy.typing import NDArray
 
-from kickdrift.forces.compiling import driver, strict
 from kickdrift.forces.evaluate import EVALUATIONS
-from kickdrift.forces.inner import overload
 from kickdrift.forces.kernel import BLOWN_UP, OK
 from kickdrift.forces.truncation import AtCutoff
 from kickdrift.integrators.exact_list import (
@@ -32,6 +30,8 @@ from kickdrift.integrators.exact_list import (
 )
 from kickdrift.integrators.loops import FRESH, STAGE, STEP
 from kickdrift.integrators.stepping import STOPPED
+from kickdrift.jit.compile import driver, strict
+from kickdrift.jit.inner import overload
 
 # What one pair's half kick may be at most. Momenta reach to 2^62, so it takes 32 such partners at once for a sum to
 # wrap around unseen; a start's largest momentum is 2^54 to 2^55.

@@ -9,11 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from kickdrift.forces.compiling import driver, inlined, strict
 from kickdrift.forces.evaluate import fill_last
-from kickdrift.forces.handle import handle, unowned
 from kickdrift.forces.kernel import BLOWN_UP, GROW, OK, RAISED
-from kickdrift.forces.simd import WIDTH, flat, lane_max, load, mask_bits, plus, splat, store
 from kickdrift.integrators.gauss_radau_series import (
     AHEAD,
     AT_NODE,
@@ -42,6 +39,12 @@ from kickdrift.integrators.gauss_radau_step import TERMS, next_step
 from kickdrift.integrators.loops import FRESH, REJECTED, STEP
 from kickdrift.integrators.stepping import BEFORE, NEXT, STOPPED, TIME
 from kickdrift.integrators.stepping import LAST as STEP_LAST
+from kickdrift.jit.compile import driver, inlined, strict
+from kickdrift.jit.handle import handle, unowned
+from kickdrift.jit.lanes import lane_max, plus, splat
+from kickdrift.jit.masks import mask_bits
+from kickdrift.jit.memory import flat, load, store
+from kickdrift.jit.vectors import WIDTH
 
 # Further slots of the clock: what rounding lost of the last step point, the last step's length over that of the one
 # before; how many steps in a row were too long, but the shortest there are.

@@ -8,20 +8,12 @@ handing over arrays would.
 
 from __future__ import annotations
 
-from kickdrift.forces.compiling import in_order, inlined
-from kickdrift.forces.simd import (
-    WIDTH,
-    lane_max,
-    load,
-    minus,
-    multiply_add,
-    plus,
-    select,
-    splat,
-    store,
-    store_first,
-)
 from kickdrift.integrators.gauss_radau_step import TERMS, larger
+from kickdrift.jit.compile import in_order, inlined
+from kickdrift.jit.lanes import lane_max, minus, multiply_add, plus, splat
+from kickdrift.jit.masks import select
+from kickdrift.jit.memory import load, store, store_first
+from kickdrift.jit.vectors import WIDTH
 
 # Rows of the workspace, (ROWS, width): position and velocity at the step's start (y of a first-order problem in the
 # velocity's place), what rounding has lost of both, both at the start of the step before; the coefficients of this step

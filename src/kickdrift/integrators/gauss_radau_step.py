@@ -15,8 +15,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from kickdrift.forces.compiling import inlined
-from kickdrift.forces.simd import WIDTH, inverse_sqrt, lane_max, lane_numbers, lane_sum, load, select, splat, store
+from kickdrift.jit.compile import inlined
+from kickdrift.jit.lanes import inverse_sqrt, lane_max, lane_numbers, lane_sum, splat
+from kickdrift.jit.masks import select
+from kickdrift.jit.memory import load, store
+from kickdrift.jit.vectors import WIDTH
 
 GUARD = 0.25  # of the square of the next derivatives' time scale
 TERMS = 8  # of a(s); it has as many derivatives, itself included

@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from kickdrift.forces.simd import aligned
 from kickdrift.integrators.gauss_radau import STAGES, tables
 from kickdrift.integrators.gauss_radau_loop import CONVERGED, MOST, gauss_radau_loop
 from kickdrift.integrators.gauss_radau_series import (
@@ -24,6 +23,7 @@ from kickdrift.integrators.gauss_radau_series import (
 from kickdrift.integrators.options import Options
 from kickdrift.integrators.stepping import BEFORE, ChosenSteps
 from kickdrift.integrators.stepping import LAST as STEP_LAST
+from kickdrift.jit.memory import aligned
 from kickdrift.state import Floats
 
 if TYPE_CHECKING:

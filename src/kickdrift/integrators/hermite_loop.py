@@ -8,14 +8,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from kickdrift.forces.chunks import Chunks, chunk_task, each_chunk
-from kickdrift.forces.compiling import driver, jit, never_inline
 from kickdrift.forces.evaluate import EVALUATIONS
 from kickdrift.forces.gravity_slope import Sources, pull_and_slope
-from kickdrift.forces.handle import handle
 from kickdrift.forces.kernel import BLOWN_UP, OK
 from kickdrift.integrators.loops import STEP
 from kickdrift.integrators.stepping import STOPPED
+from kickdrift.jit.chunks import Chunks, chunk_task, each_chunk
+from kickdrift.jit.compile import driver, jit, never_inline
+from kickdrift.jit.handle import handle
 
 # Rows of a body's Taylor series at its own time.
 X, V, A, JERK, SNAP, CRACKLE = range(6)

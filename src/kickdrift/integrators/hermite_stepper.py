@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.spatial import cKDTree
 
-from kickdrift.forces.chunks import in_chunks
 from kickdrift.forces.evaluate import EVALUATIONS, SLOTS
 from kickdrift.forces.gravity_slope import sources_of
 from kickdrift.forces.kernel import OK
@@ -30,6 +29,7 @@ from kickdrift.integrators.hermite_loop import (
 from kickdrift.integrators.loops import STEP
 from kickdrift.integrators.options import Options
 from kickdrift.integrators.stepping import STOPPED, Counts, Resumable
+from kickdrift.jit.chunks import in_chunks
 from kickdrift.state import Floats
 
 if TYPE_CHECKING:

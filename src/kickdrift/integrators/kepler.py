@@ -17,8 +17,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from kickdrift.forces.compiling import inlined, jit
-from kickdrift.forces.simd import any_lane, inverse_sqrt, lanes_like, select
+from kickdrift.jit.compile import inlined, jit
+from kickdrift.jit.lanes import inverse_sqrt, lanes_like
+from kickdrift.jit.masks import any_lane, select
 
 SERIES = 0.7  # the largest |beta X^2| that eight terms of the series give to round-off; beyond, X is halved
 SETTLED = 1e-9  # the square of the last correction, in units of what X changes over, that leaves an error below 1e-17

@@ -10,11 +10,12 @@ pair list without room) and go on there.
 
 from __future__ import annotations
 
-from kickdrift.forces.compiling import driver, inlined, jit, strict
 from kickdrift.forces.evaluate import fill_accelerations, fill_derivative
-from kickdrift.forces.handle import handle, unowned
 from kickdrift.forces.kernel import OK
-from kickdrift.forces.simd import WIDTH, flat, load, load_first, store, store_first
+from kickdrift.jit.compile import driver, inlined, jit, strict
+from kickdrift.jit.handle import handle, unowned
+from kickdrift.jit.memory import flat, load, load_first, store, store_first
+from kickdrift.jit.vectors import WIDTH
 
 # Slots of the cursor, after EVALUATIONS: steps done in this call, stage to do, whether `work` holds the derivative at
 # y, steps rejected.

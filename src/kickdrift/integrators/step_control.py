@@ -20,7 +20,7 @@ import numpy as np
 
 from kickdrift.checks import positive
 from kickdrift.errors import InputError
-from kickdrift.forces.compiling import jit
+from kickdrift.jit.compile import jit
 from kickdrift.state import Floats
 from kickdrift.units import shown
 

@@ -6,13 +6,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from kickdrift.forces.compiling import driver, jit
 from kickdrift.forces.evaluate import EVALUATIONS, SLOTS, fill_accelerations
-from kickdrift.forces.handle import handle
 from kickdrift.forces.kernel import OK
 from kickdrift.integrators.loops import STAGE, STEP, add_scaled
 from kickdrift.integrators.options import Options
 from kickdrift.integrators.stepping import STOPPED, Counts, Resumable
+from kickdrift.jit.compile import driver, jit
+from kickdrift.jit.handle import handle
 from kickdrift.state import Floats
 
 if TYPE_CHECKING:

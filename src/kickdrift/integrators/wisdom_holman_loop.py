@@ -12,29 +12,17 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from kickdrift.forces.compiling import driver, inlined, jit
 from kickdrift.forces.evaluate import EVALUATIONS, fill_accelerations
-from kickdrift.forces.handle import handle, unowned
-from kickdrift.forces.inner import overload
 from kickdrift.forces.kernel import BLOWN_UP, OK
-from kickdrift.forces.simd import (
-    WIDTH,
-    any_lane,
-    inverse_sqrt,
-    lane_numbers,
-    lane_sum,
-    load,
-    mask_bits,
-    minus,
-    plus,
-    rotated,
-    select,
-    splat,
-    store,
-    sums_before,
-)
 from kickdrift.integrators.kepler import kepler_increments, lanes_increments
 from kickdrift.integrators.loops import FRESH, STAGE, STEP
+from kickdrift.jit.compile import driver, inlined, jit
+from kickdrift.jit.handle import handle, unowned
+from kickdrift.jit.inner import overload
+from kickdrift.jit.lanes import inverse_sqrt, lane_numbers, lane_sum, minus, plus, rotated, splat, sums_before
+from kickdrift.jit.masks import any_lane, mask_bits, select
+from kickdrift.jit.memory import load, store
+from kickdrift.jit.vectors import WIDTH
 
 # Rows of ``table``: GM of the Kepler motion; G m; the body's share m_i / M_i of the mass up to it; 1 / (G M_(i-1)), of
 # the mass inside; the others' share of that, 1 - m_0 / M_(i-1) (in

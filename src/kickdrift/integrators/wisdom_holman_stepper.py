@@ -11,7 +11,6 @@ from kickdrift.forces.bound import BoundForces
 from kickdrift.forces.central import gravitational_constant
 from kickdrift.forces.evaluate import SLOTS
 from kickdrift.forces.gravity import Gravity
-from kickdrift.forces.simd import WIDTH, aligned
 from kickdrift.integrators.loops import STEP
 from kickdrift.integrators.options import Options
 from kickdrift.integrators.splitting import Splitting
@@ -34,6 +33,8 @@ from kickdrift.integrators.wisdom_holman_loop import (
     Bodies,
     wisdom_holman_loop,
 )
+from kickdrift.jit.memory import aligned
+from kickdrift.jit.vectors import WIDTH
 from kickdrift.state import Floats
 
 if TYPE_CHECKING:

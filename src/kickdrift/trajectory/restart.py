@@ -16,7 +16,7 @@ import numpy as np
 from kickdrift.engines import NATIVE
 from kickdrift.errors import InputError
 from kickdrift.forces.bound import most_threads
-from kickdrift.forces.compiling import features, processor
+from kickdrift.jit.compile import features, processor
 from kickdrift.observers import Sample
 from kickdrift.printing import counted
 from kickdrift.run_plan import NEVER, Plan, check_samples, whole_number

@@ -11,12 +11,16 @@ from collections.abc import Callable
 from typing import Any
 
 from numba import extending
-from numba._dynfunc import make_function
-from numba.core.codegen import JITCodeLibrary
-from numba.core.compiler import CompilerBase, DefaultPassBuilder
-from numba.core.compiler_machinery import register_pass
-from numba.core.registry import CPUDispatcher
-from numba.core.typed_passes import NativeLowering
+
+from kickdrift.jit.numba_private import (
+    CompilerBase,
+    CPUDispatcher,
+    DefaultPassBuilder,
+    JITCodeLibrary,
+    NativeLowering,
+    make_function,
+    register_pass,
+)
 
 OPTIONS = {"nopython": True, "boundscheck": None, "error_model": "numpy"}  # of all that kickdrift compiles
 

@@ -13,12 +13,10 @@ from typing import Any
 import numpy as np
 from llvmlite import ir
 from numba import typeof, types
-from numba.core import cgutils
-from numba.core.imputils import impl_ret_borrowed
-from numba.core.registry import cpu_target
-from numba.core.typing.templates import AttributeTemplate, infer_getattr
 from numba.extending import intrinsic, lower_getattr_generic, models, register_model
 from numpy.typing import NDArray
+
+from kickdrift.jit.numba_private import AttributeTemplate, cgutils, cpu_target, impl_ret_borrowed, infer_getattr
 
 
 class Handle(types.Type):

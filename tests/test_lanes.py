@@ -14,26 +14,11 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from numba.core.errors import TypingError
 
-from kickdrift.forces.compiling import as_written, jit
-from kickdrift.forces.simd import (
-    WIDTH,
-    aligned,
-    any_lane,
-    flat,
-    inverse_sqrt,
-    lane_max,
-    lane_numbers,
-    lane_sum,
-    load,
-    load_first,
-    mask_bits,
-    multiply_add,
-    rotated,
-    select,
-    splat,
-    store,
-    store_first,
-)
+from kickdrift.jit.compile import as_written, jit
+from kickdrift.jit.lanes import inverse_sqrt, lane_max, lane_numbers, lane_sum, multiply_add, rotated, splat
+from kickdrift.jit.masks import any_lane, mask_bits, select
+from kickdrift.jit.memory import aligned, flat, load, load_first, store, store_first
+from kickdrift.jit.vectors import WIDTH
 
 POWERS = (1, 2, 3, 5, 6, 12, 31, 32)
 SPECIAL = (0.0, -0.0, np.inf, -np.inf, np.nan, 5e-324, 1e-310, 2.3e-308, 1e-154, 1.0, -3.0, 1e154, 8.9e307, -1.7e308)
@@ -298,8 +283,9 @@ def test_other_powers_are_refused(exponent):
 
 WITHOUT_AVX = """
 import numpy as np
-from kickdrift.forces.compiling import features, jit
-from kickdrift.forces.simd import inverse_sqrt, load, store
+from kickdrift.jit.compile import features, jit
+from kickdrift.jit.lanes import inverse_sqrt
+from kickdrift.jit.memory import load, store
 
 @jit
 def quotient(a, out):

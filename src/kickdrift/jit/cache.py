@@ -1,19 +1,17 @@
-"""How kickdrift compiles: numba's flags in one place, and a cache on disk that sees every edit.
+"""The cache of machine code on disk, which sees every edit.
 
-Only drivers (the functions that Python calls) are cached; what they call is compiled into them. numba's own index
-notices changes in the driver's file alone, so ours is a folder named by a hash of all the sources that it is compiled
-from. A driver that was compiled around a class from outside the package (a user's force) gets a folder of its own,
-named by that class's source too: it never shares an index with the package.
+Only drivers (the functions that Python calls) and callbacks are cached; what they call is compiled into them. numba's
+own index notices changes in the driver's file alone, so ours is a folder named by a hash of all the sources that it is
+compiled from. A driver that was compiled around a class from outside the package (a user's force) gets a folder of its
+own, named by that class's source too: it never shares an index with the package.
 """
 
 from __future__ import annotations
 
-import gc
 import hashlib
 import inspect
 import secrets
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
 from functools import cache
 from itertools import count
 from pathlib import Path
@@ -21,64 +19,22 @@ from typing import Any
 
 import numpy as np
 from numba import types
-from numba.core.bytecode import FunctionIdentity
-from numba.core.caching import CompileResultCacheImpl, FunctionCache, _CacheLocator
-from numba.core.ccallback import CFunc
-from numba.core.registry import CPUDispatcher, cpu_target
-from numba.core.runtime import rtsys
-from numba.core.typing.templates import signature
-from numba.extending import intrinsic
 
-from kickdrift.cache import CODE, folder, make_private, warm
-from kickdrift.code_files import CodeFiles, at_leisure
-from kickdrift.forces.inner import OPTIONS, inner
+from kickdrift.jit.code_files import CodeFiles, at_leisure
+from kickdrift.jit.folders import CODE, folder, make_private, warm
+from kickdrift.jit.numba_private import (
+    CacheLocator,
+    CompileResultCacheImpl,
+    FunctionCache,
+    FunctionIdentity,
+    rtsys,
+    signature,
+)
 
 # Machine code is linked by names, in which numba tells functions apart by a count that begins at 1 in each process.
 # Two functions (such as one function for two forces of equal types) that two processes compiled can have one name, and
 # a process that loads both from the disk would run the first for both. Counts that begin anywhere do not meet.
 FunctionIdentity._unique_ids = count(secrets.randbits(60))
-
-FAST_MATH = {"reassoc", "nsz", "arcp", "contract"}  # never nnan or ninf: blow-ups are found by their NaN
-
-# What is not said a compiled function takes over from its caller: hence each False below.
-jit = inner(fastmath=FAST_MATH, forceinline=False)
-# The same, always made part of the caller: handing over its arrays takes longer than a step of a few bodies.
-inlined = inner(fastmath=FAST_MATH, forceinline=True)
-# Always made part of the caller, sums in the order as written.
-in_order = inner(fastmath={"nsz", "contract"}, forceinline=True)
-# Operation by operation as written, for what reassociation would undo.
-strict = inner(fastmath=False, forceinline=False)
-# The same, always made part of the caller: for all that forces on threads run. Where LLVM may choose which products to
-# fuse with sums, two copies of one formula can differ in the last bit; `simd.multiply_add` says where fusing pays.
-as_written = inner(fastmath=False, forceinline=True)
-
-
-def processor() -> str:
-    """The kind of processor that code is compiled for, in LLVM's words; the same bits are promised on one kind."""
-    return str(cpu_target.target_context.codegen().magic_tuple()[1])
-
-
-@cache
-def features() -> tuple[str, ...]:
-    """The processor features that code is compiled for ("avx2", "fma" …), sorted, in LLVM's words.
-
-    numba's settings (``NUMBA_CPU_NAME``, ``NUMBA_CPU_FEATURES``, ``NUMBA_ENABLE_AVX``) go before the machine's own.
-    """
-    named = cpu_target.target_context.codegen().magic_tuple()[2].split(",")
-    return tuple(sorted(name.removeprefix("+") for name in named if name.startswith("+")))
-
-
-@intrinsic
-def never_inline(typingctx):
-    """Called in a function's body: keep it one piece of machine code wherever it is called from, so that it rounds
-    alike."""
-
-    def codegen(context, builder, sig, args):
-        builder.function.attributes.discard("alwaysinline")  # which it may have taken over from its caller
-        builder.function.attributes.add("noinline")
-        return context.get_dummy_value()
-
-    return types.void(), codegen
 
 
 @cache
@@ -86,7 +42,7 @@ def sources_hash() -> str:
     """A short hash of every source file that compiled code comes from."""
     digest = hashlib.sha256()
     package = Path(__file__).parents[1]
-    folders = [*package.glob("forces/*.py"), *package.glob("integrators/*.py")]
+    folders = [path for name in ("jit", "forces", "integrators") for path in package.glob(f"{name}/*.py")]
     for path in sorted([*folders, package / "events/encounters.py"]):
         digest.update(path.name.encode() + b"\0" + path.read_bytes())
     return digest.hexdigest()[:16]
@@ -132,7 +88,7 @@ def fingerprint(cls: type) -> str:
     return f"{cls.__module__}.{cls.__qualname__}" + "".join(_described(body, seen) for body in bodies)
 
 
-class _Locator(_CacheLocator):
+class _Locator(CacheLocator):
     """Where one driver's machine code lies."""
 
     def __init__(self, py_func: Callable[..., Any], path: Path) -> None:
@@ -182,7 +138,7 @@ class _FolderCache(FunctionCache):
         return str(sig), codegen.magic_tuple()  # by name: a class of the user's script is a new object in each process
 
 
-class _DriverCache:
+class DriverCache:
     """The cache of one driver: a folder for the package, and one more for each user's class. Code is read from every
     place that is private, and kept in the one that can be written."""
 
@@ -233,7 +189,7 @@ class _DriverCache:
     def flush(self) -> None: ...
 
 
-class _CallbackCache(_DriverCache):
+class CallbackCache(DriverCache):
     """The cache of a function of plain numbers that is made around a type: a folder for each type."""
 
     def __init__(self, py_func: Callable[..., Any], kind: types.Type) -> None:
@@ -242,41 +198,3 @@ class _CallbackCache(_DriverCache):
 
     def _folder(self, sig: Any) -> tuple[str, bool]:
         return self._named(*sorted({fingerprint(cls) for cls in foreign_classes(self._kind)}), kind=str(self._kind))
-
-
-def callback(function: Callable[..., Any], of: Any, kind: types.Type) -> Any:
-    """Compile a function with the signature ``of`` plain numbers and pointers, which code that knows its ``address``
-    calls; ``kind`` is the type that it is made around, and its machine code is kept on disk for each."""
-    made: Any = CFunc(function, (of.args, of.return_type), {}, OPTIONS | {"fastmath": FAST_MATH})
-    made._cache = _CallbackCache(function, kind)
-    with no_collection():
-        made.compile()
-    return made
-
-
-class _Driver(CPUDispatcher):
-    """A compiled function that Python calls."""
-
-    def compile(self, sig: Any) -> Any:
-        with no_collection():
-            return super().compile(sig)
-
-
-@contextmanager
-def no_collection() -> Iterator[None]:
-    """Inside, Python looks for no garbage: of the many objects that numba makes there is none, and looking through them
-    again and again took a tenth of the time to compile."""
-    enabled = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if enabled:
-            gc.enable()
-
-
-def driver(function: Callable[..., Any]) -> Any:
-    """Compile a function that Python calls, with its machine code kept on disk."""
-    dispatcher = _Driver(function, targetoptions=OPTIONS | {"fastmath": FAST_MATH, "nogil": True})
-    dispatcher._cache = _DriverCache(function)
-    return dispatcher

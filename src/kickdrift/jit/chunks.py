@@ -16,9 +16,10 @@ from llvmlite import ir
 from numba import get_num_threads, njit, prange, types
 from numba.extending import intrinsic
 
-from kickdrift.forces.compiling import as_written, callback
-from kickdrift.forces.handle import Handle, address
-from kickdrift.forces.inner import overload
+from kickdrift.jit.callback import callback
+from kickdrift.jit.compile import as_written
+from kickdrift.jit.handle import Handle, address
+from kickdrift.jit.inner import overload
 
 TASKS: dict[str, Any] = {}
 _WHOLE = ir.IntType(64)

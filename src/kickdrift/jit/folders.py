@@ -42,7 +42,7 @@ def warm() -> tuple[Path, ...]:
 
 
 def _candidates() -> Iterator[Path]:
-    yield Path(__file__).resolve().parent / "__pycache__"
+    yield Path(__file__).resolve().parents[1] / "__pycache__"
     given = Path(os.environ.get("XDG_CACHE_HOME", ""))
     try:
         home = given if given.is_absolute() else Path("~/.cache").expanduser()  # a relative one does not count

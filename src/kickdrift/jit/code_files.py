@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from numba.core.caching import IndexDataCacheFile
+from kickdrift.jit.numba_private import IndexDataCacheFile
 
 DIGEST = hashlib.sha256().digest_size
 

@@ -1,14 +1,14 @@
-"""What kernels in mixed precision need beside the arithmetic of `simd`: 16 lanes of float32 made of eight float64, and
+"""What kernels in mixed precision need beside the arithmetic of `lanes`: 16 lanes of float32 made of eight float64, and
 back."""
 
 from __future__ import annotations
 
 from llvmlite import ir
 from numba import types
-from numba.core import cgutils
 from numba.extending import intrinsic
 
-from kickdrift.forces.simd import F32X16, F64X8, I32, WIDTH, Lanes, _as, _pointer, lanes_type, single_type
+from kickdrift.jit.numba_private import cgutils
+from kickdrift.jit.vectors import F32X16, F64X8, I32, WIDTH, Lanes, as_lanes, lanes_type, pointer_to, single_type
 
 F32X8 = ir.VectorType(ir.FloatType(), WIDTH)
 
@@ -29,7 +29,8 @@ def joined(typingctx, low, high):
 
     def codegen(context, builder, sig, args):
         halves = [
-            builder.fptrunc(_as(builder, value, kind, F64X8), F32X8) for value, kind in zip(args, sig.args, strict=True)
+            builder.fptrunc(as_lanes(builder, value, kind, F64X8), F32X8)
+            for value, kind in zip(args, sig.args, strict=True)
         ]
         return _joined(builder, *halves)
 
@@ -65,7 +66,7 @@ def load_twice(typingctx, array, index):
     """Eight neighbours of a contiguous float32 array in both halves."""
 
     def codegen(context, builder, sig, args):
-        value = builder.load(_pointer(context, builder, sig, args, F32X8))
+        value = builder.load(pointer_to(context, builder, sig, args, F32X8))
         value.align = 4
         order = ir.Constant(ir.VectorType(I32, 2 * WIDTH), 2 * list(range(WIDTH)))
         return builder.shuffle_vector(value, value, order)
@@ -78,7 +79,7 @@ def load_single(typingctx, array, index):
     """16 neighbours of a contiguous float32 array."""
 
     def codegen(context, builder, sig, args):
-        value = builder.load(_pointer(context, builder, sig, args, F32X16))
+        value = builder.load(pointer_to(context, builder, sig, args, F32X16))
         value.align = 4
         return value
 
@@ -90,7 +91,7 @@ def store_single(typingctx, array, index, value):
     """Write 16 neighbours."""
 
     def codegen(context, builder, sig, args):
-        written = builder.store(args[2], _pointer(context, builder, sig, args, F32X16))
+        written = builder.store(args[2], pointer_to(context, builder, sig, args, F32X16))
         written.align = 4
         return context.get_dummy_value()
 
@@ -103,7 +104,7 @@ def store_narrow(typingctx, array, index, value):
 
     def codegen(context, builder, sig, args):
         narrow = builder.fptrunc(args[2], F32X8)
-        written = builder.store(narrow, _pointer(context, builder, sig, args, F32X8))
+        written = builder.store(narrow, pointer_to(context, builder, sig, args, F32X8))
         written.align = 4
         return context.get_dummy_value()
 
@@ -112,7 +113,7 @@ def store_narrow(typingctx, array, index, value):
 
 @intrinsic
 def named_lanes_single(typingctx, like, table, row, next_row, index):
-    """As `simd.named_lanes`, with ``row`` in the lower eight lanes and ``next_row`` in the upper."""
+    """As `memory.named_lanes`, with ``row`` in the lower eight lanes and ``next_row`` in the upper."""
     result = types.NamedTuple([single_type] * len(like), like.instance_class)
 
     def codegen(context, builder, sig, args):

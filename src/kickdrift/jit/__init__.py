@@ -1,0 +1,1 @@
+"""How kickdrift compiles and caches: numba and LLVM, and no physics."""

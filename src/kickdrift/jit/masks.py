@@ -1,0 +1,77 @@
+"""Masks of lanes: and, or, the choice between two values, and their bits as a whole number."""
+
+from __future__ import annotations
+
+import operator
+
+from llvmlite import ir
+from numba import types
+from numba.extending import intrinsic, lower_builtin
+
+from kickdrift.jit.lanes import register
+from kickdrift.jit.numba_private import signature
+from kickdrift.jit.vectors import Lanes, Mask, as_lanes, mask_type, single_mask_type
+
+register(operator.and_, [signature(mask, mask, mask) for mask in (mask_type, single_mask_type)])
+register(operator.or_, [signature(mask, mask, mask) for mask in (mask_type, single_mask_type)])
+
+
+@lower_builtin(operator.and_, Mask, Mask)
+def _and(context, builder, sig, args):
+    return builder.and_(*args)
+
+
+@lower_builtin(operator.or_, Mask, Mask)
+def _or(context, builder, sig, args):
+    return builder.or_(*args)
+
+
+@intrinsic
+def select(typingctx, mask, yes, no):
+    """``yes`` where the mask is set, else ``no`` (lanes or a number); what is not chosen has no influence, NaN or
+    not."""
+
+    def codegen(context, builder, sig, args):
+        return builder.select(args[0], args[1], as_lanes(builder, args[2], sig.args[2], sig.args[1].vector))
+
+    return yes(yes.mask, yes, no if isinstance(no, Lanes) else types.float64), codegen
+
+
+@intrinsic
+def mask_bits(typingctx, mask):
+    """The mask as a whole number, lane k in bit k."""
+
+    def codegen(context, builder, sig, args):
+        return builder.zext(builder.bitcast(args[0], ir.IntType(sig.args[0].count)), ir.IntType(64))
+
+    return types.int64(mask), codegen
+
+
+@intrinsic
+def any_lane(typingctx, mask):
+    """Whether one lane of the mask is set."""
+
+    def codegen(context, builder, sig, args):
+        return builder.icmp_unsigned("!=", builder.bitcast(args[0], ir.IntType(8)), ir.IntType(8)(0))
+
+    return types.boolean(mask_type), codegen
+
+
+@intrinsic
+def lowest_bit(typingctx, bits):
+    """The number of the lowest bit that is set, of one at least."""
+
+    def codegen(context, builder, sig, args):
+        return builder.cttz(args[0], ir.IntType(1)(1))
+
+    return types.int64(types.int64), codegen
+
+
+@intrinsic
+def count_ones(typingctx, bits):
+    """How many bits of a whole number are set."""
+
+    def codegen(context, builder, sig, args):
+        return builder.ctpop(args[0])
+
+    return types.int64(types.int64), codegen

@@ -1,0 +1,199 @@
+"""Arrays and lanes: reading, writing and the layout that both need."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from llvmlite import ir
+from numba import types
+from numba.extending import intrinsic
+
+from kickdrift.jit.numba_private import cgutils
+from kickdrift.jit.vectors import F64X8, I1X8, I32, WIDTH, constant, copied, first_lanes, lanes_type, pointer_to
+
+
+def aligned(shape: tuple[int, ...], fill: float | None = 0.0, dtype: Any = np.float64) -> np.ndarray:
+    """An array that begins on a 64-byte boundary, so that eight lanes never straddle two cache lines.
+
+    Without ``fill`` its memory is not touched, and so not taken from the system before it is used.
+    """
+    count, line = int(np.prod(shape)), 64 // np.dtype(dtype).itemsize
+    raw = np.empty(count + line, dtype)
+    skip = (-raw.ctypes.data % 64) // raw.itemsize
+    array = raw[skip : skip + count].reshape(shape)
+    if fill is not None:
+        array[...] = fill
+    return array
+
+
+@intrinsic
+def load(typingctx, array, index):
+    """Eight neighbours of a contiguous float64 array, from ``index`` on."""
+
+    def codegen(context, builder, sig, args):
+        value = builder.load(pointer_to(context, builder, sig, args))
+        value.align = 8
+        return value
+
+    return lanes_type(array, types.intp), codegen
+
+
+@intrinsic
+def store(typingctx, array, index, value):
+    """Write eight neighbours."""
+
+    def codegen(context, builder, sig, args):
+        written = builder.store(args[2], pointer_to(context, builder, sig, args))
+        written.align = 8
+        return context.get_dummy_value()
+
+    return types.void(array, types.intp, lanes_type), codegen
+
+
+@intrinsic
+def load_first(typingctx, array, index, count):
+    """The first ``count`` of eight neighbours, zero in the other lanes, whose memory is not touched."""
+
+    def codegen(context, builder, sig, args):
+        pointer = pointer_to(context, builder, sig, args)
+        kind = ir.FunctionType(F64X8, [pointer.type, I32, I1X8, F64X8])
+        masked = cgutils.get_or_insert_function(builder.module, kind, "llvm.masked.load.v8f64.p0")
+        return builder.call(masked, [pointer, I32(8), first_lanes(builder, args[2]), constant(0.0)])
+
+    return lanes_type(array, types.intp, types.intp), codegen
+
+
+@intrinsic
+def store_first(typingctx, array, index, value, count):
+    """Write the first ``count`` of eight neighbours."""
+
+    def codegen(context, builder, sig, args):
+        pointer = pointer_to(context, builder, sig, args)
+        kind = ir.FunctionType(ir.VoidType(), [F64X8, pointer.type, I32, I1X8])
+        masked = cgutils.get_or_insert_function(builder.module, kind, "llvm.masked.store.v8f64.p0")
+        builder.call(masked, [args[2], pointer, I32(8), first_lanes(builder, args[3])])
+        return context.get_dummy_value()
+
+    return types.void(array, types.intp, lanes_type, types.intp), codegen
+
+
+@intrinsic
+def flat(typingctx, array):
+    """All numbers of a contiguous float64 array in one row; it shares the memory and keeps nothing alive."""
+    row = types.Array(types.float64, 1, "C")
+
+    def codegen(context, builder, sig, args):
+        whole = context.make_array(sig.args[0])(context, builder, args[0])
+        view = context.make_array(row)(context, builder)
+        size = [whole.nitems]
+        context.populate_array(
+            view, data=whole.data, shape=size, strides=[whole.itemsize], itemsize=whole.itemsize, meminfo=None
+        )
+        return view._getvalue()
+
+    return row(array) if array.layout == "C" else None, codegen
+
+
+@intrinsic
+def broadcast(typingctx, array, index):
+    """The number at ``index``, which is not negative, of a contiguous array, in all lanes."""
+
+    def codegen(context, builder, sig, args):
+        array = context.make_array(sig.args[0])(context, builder, args[0])
+        return copied(builder, builder.load(builder.gep(array.data, [args[1]])))
+
+    return lanes_type(array, types.intp), codegen
+
+
+@intrinsic
+def entry(typingctx, array, row, column):
+    """``array[row, column]`` of a contiguous matrix of int32; neither may be negative."""
+
+    def codegen(context, builder, sig, args):
+        array = context.make_array(sig.args[0])(context, builder, args[0])
+        width = cgutils.unpack_tuple(builder, array.shape)[1]
+        number = builder.load(builder.gep(array.data, [builder.add(builder.mul(args[1], width), args[2])]))
+        return builder.sext(number, ir.IntType(64))
+
+    return types.int64(array, types.intp, types.intp), codegen
+
+
+@intrinsic
+def append_members(typingctx, rows, at, listed, members, start, count, bit, plus):
+    """Write those of the eight whole numbers ``listed[start:start + 8]``, ``count`` at most, whose ``members`` has that
+    bit set, each with ``plus`` added, to the matrix ``rows`` of two int32 from row ``at`` on; how many they are."""
+    whole = ir.IntType(64)
+    eight = ir.VectorType(whole, WIDTH)
+
+    def codegen(context, builder, sig, args):
+        target, source, chosen = (context.make_array(sig.args[k])(context, builder, args[k]).data for k in (0, 2, 3))
+
+        def spread(value):
+            one = builder.insert_element(ir.Constant(eight, ir.Undefined), value, I32(0))
+            zeros = ir.Constant(ir.VectorType(I32, WIDTH), [0] * WIDTH)
+            return builder.shuffle_vector(one, ir.Constant(eight, ir.Undefined), zeros)
+
+        def loaded(data):
+            value = builder.load(builder.bitcast(builder.gep(data, [args[4]]), eight.as_pointer()))
+            value.align = 8
+            return value
+
+        given = builder.icmp_signed("<", ir.Constant(eight, list(range(WIDTH))), spread(args[5]))
+        both = builder.and_(loaded(chosen), spread(args[6]))
+        mask = builder.and_(given, builder.icmp_unsigned("!=", both, ir.Constant(eight, [0] * WIDTH)))
+        pointer = builder.gep(builder.bitcast(target, whole.as_pointer()), [args[1]])
+        kind = ir.FunctionType(ir.VoidType(), [eight, pointer.type, I1X8])
+        write = cgutils.get_or_insert_function(builder.module, kind, "llvm.masked.compressstore.v8i64")
+        builder.call(write, [builder.add(loaded(source), spread(args[7])), pointer, mask])
+        return builder.ctpop(builder.zext(builder.bitcast(mask, ir.IntType(8)), whole))
+
+    return types.int64(rows, types.intp, listed, members, types.intp, types.int64, types.int64, types.int64), codegen
+
+
+@intrinsic
+def sums_of_rows(typingctx, array, index, stride):
+    """The lanes' sums of eight times eight numbers of a float64 array, from ``index`` on and ``stride`` apart: lane k
+    is the sum of the k-th eight."""
+
+    def codegen(context, builder, sig, args):
+        data = context.make_array(sig.args[0])(context, builder, args[0]).data
+        rows = []
+        for k in range(WIDTH):
+            offset = builder.add(args[1], builder.mul(args[2], context.get_constant(types.intp, k)))
+            rows.append(builder.load(builder.bitcast(builder.gep(data, [offset]), F64X8.as_pointer())))
+            rows[-1].align = 8
+
+        def added(a, b, low, high):
+            chosen = (ir.Constant(ir.VectorType(I32, WIDTH), order) for order in (low, high))
+            first, second = (builder.shuffle_vector(a, b, order) for order in chosen)
+            return builder.fadd(first, second)
+
+        by_one = ([0, 8, 2, 10, 4, 12, 6, 14], [1, 9, 3, 11, 5, 13, 7, 15])
+        by_two = ([0, 1, 4, 5, 8, 9, 12, 13], [2, 3, 6, 7, 10, 11, 14, 15])
+        twos = [added(rows[k], rows[k + 1], *by_one) for k in (0, 2, 4, 6)]
+        fours = [added(twos[k], twos[k + 1], *by_two) for k in (0, 2)]
+        return added(fours[0], fours[1], *by_two)
+
+    return lanes_type(array, types.intp, types.intp), codegen
+
+
+@intrinsic
+def named_lanes(typingctx, like, table, row, index):
+    """A NamedTuple of the class of ``like`` whose k-th field is the eight numbers ``table[k, row, index:index +
+    8]``."""
+    result = types.NamedTuple([lanes_type] * len(like), like.instance_class)
+
+    def codegen(context, builder, sig, args):
+        array = context.make_array(sig.args[1])(context, builder, args[1])
+        shape = cgutils.unpack_tuple(builder, array.shape)
+        fields = []
+        for k in range(len(sig.args[0])):
+            offset = builder.add(builder.mul(context.get_constant(types.intp, k), shape[1]), args[2])
+            offset = builder.add(builder.mul(offset, shape[2]), args[3])
+            pointer = builder.bitcast(builder.gep(array.data, [offset]), F64X8.as_pointer())
+            fields.append(builder.load(pointer))
+            fields[-1].align = 8
+        return context.make_tuple(builder, sig.return_type, fields)
+
+    return result(like, table, types.intp, types.intp), codegen

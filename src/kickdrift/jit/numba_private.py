@@ -1,0 +1,62 @@
+"""Every name that kickdrift takes from the inside of numba, which may change in any version; each is looked for here.
+
+A name that is missing, or a version of numba that was never tried, is an `InputError` of one line.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import Any
+
+import numba
+
+from kickdrift.errors import InputError
+
+OLDEST, NEWEST = (0, 61), (0, 68)  # versions that the tests ran with; pyproject.toml has the same bounds
+
+
+def _version() -> tuple[int, int]:
+    major, minor = numba.__version__.split(".")[:2]
+    return int(major), int(minor)
+
+
+def _works() -> str:
+    return f"numba {'.'.join(map(str, OLDEST))} to {'.'.join(map(str, NEWEST))} works"
+
+
+def private(module: str, name: str) -> Any:
+    """The object of that name; an InputError where this numba has none."""
+    try:
+        return getattr(import_module(f"numba.{module}"), name)
+    except (ImportError, AttributeError):
+        raise InputError(f"numba {numba.__version__} has no numba.{module}.{name}; {_works()}") from None
+
+
+if not OLDEST <= _version() <= NEWEST:
+    raise InputError(f"numba {numba.__version__} is not supported; {_works()}")
+
+NumbaError = private("core.errors", "NumbaError")
+TypingError = private("core.errors", "TypingError")
+make_function = private("_dynfunc", "make_function")
+FunctionIdentity = private("core.bytecode", "FunctionIdentity")
+CompileResultCacheImpl = private("core.caching", "CompileResultCacheImpl")
+FunctionCache = private("core.caching", "FunctionCache")
+IndexDataCacheFile = private("core.caching", "IndexDataCacheFile")
+CacheLocator = private("core.caching", "_CacheLocator")
+CFunc = private("core.ccallback", "CFunc")
+cgutils = private("core", "cgutils")
+JITCodeLibrary = private("core.codegen", "JITCodeLibrary")
+CompilerBase = private("core.compiler", "CompilerBase")
+DefaultPassBuilder = private("core.compiler", "DefaultPassBuilder")
+register_pass = private("core.compiler_machinery", "register_pass")
+impl_ret_borrowed = private("core.imputils", "impl_ret_borrowed")
+CPUDispatcher = private("core.registry", "CPUDispatcher")
+cpu_target = private("core.registry", "cpu_target")
+rtsys = private("core.runtime", "rtsys")
+NativeLowering = private("core.typed_passes", "NativeLowering")
+AbstractTemplate = private("core.typing.templates", "AbstractTemplate")
+AttributeTemplate = private("core.typing.templates", "AttributeTemplate")
+ConcreteTemplate = private("core.typing.templates", "ConcreteTemplate")
+infer_getattr = private("core.typing.templates", "infer_getattr")
+infer_global = private("core.typing.templates", "infer_global")
+signature = private("core.typing.templates", "signature")
