@@ -151,7 +151,7 @@ def test_test_particles_anywhere(massive):
 def test_sources_are_the_massive_bodies_alone():
     """Sun, planets and 2000 test particles: each pair of a body with another, and none more."""
     system = cloud(2009, massless=2000)
-    force = BoundForces(system).forces[0]
+    force = BoundForces(system).forces[0].parts
     assert (force.massive, force.sources, force.clusters) == (9, 2, 252)
     assert_right(system)
 

@@ -34,7 +34,7 @@ import kickdrift as kd
 from kickdrift.bench import processor
 from kickdrift.forces.bound import BoundForces
 from kickdrift.forces.clusters import N_CLUSTERS
-from kickdrift.forces.kernel import accelerate
+from kickdrift.forces.seam import accelerate
 from kickdrift.integrators.gauss_radau import tables
 from kickdrift.integrators.gauss_radau_series import NODES, correct, prepare
 from kickdrift.integrators.wisdom_holman_loop import drift, heliocentric_kick, jacobi_kick, jump
@@ -191,8 +191,8 @@ def gravity(watch: Watch, count: int) -> float:
     """Nanoseconds a pair."""
     start = planets() if count == 9 else stars(count)
     x = np.ascontiguousarray(start.positions.T)
-    forces, a = BoundForces(start.system).forces, np.zeros_like(x)
-    return watch.nanoseconds(lambda rounds: evaluations(forces, x, a, rounds)) / (count * (count - 1) / 2)
+    bound, a = BoundForces(start.system), np.zeros_like(x)
+    return watch.nanoseconds(lambda rounds: bound.call(evaluations, x, a, rounds)) / (count * (count - 1) / 2)
 
 
 def wisdom_holman(watch: Watch) -> dict[str, float]:

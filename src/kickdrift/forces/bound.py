@@ -11,10 +11,11 @@ from kickdrift.checks import number
 from kickdrift.errors import InputError
 from kickdrift.forces.clusters import BUILT, JUMPS_ALLOWED, OUTER_BUILDS, PRUNES
 from kickdrift.forces.evaluate import SLOTS, derivative, measure
-from kickdrift.forces.kernel import GROW, OK
+from kickdrift.forces.kernel import GROW, OK, BoundForce
 from kickdrift.forces.law_check import not_compiled
-from kickdrift.forces.pair_kernel import PairKernel, grown, memory, ready, recalled, thinned, tuned
+from kickdrift.forces.pair_kernel import PairKernel, grown, memory, recalled, thinned, tuned
 from kickdrift.forces.pair_law import PairForce
+from kickdrift.forces.seam import Forces, few_of, table_of
 from kickdrift.jit.numba_private import NumbaError
 from kickdrift.state import Floats
 from kickdrift.units import shown
@@ -44,6 +45,14 @@ def check_threads(threads: Any) -> int:
     return int(found)
 
 
+def _compiled(force: BoundForce) -> BoundForce:
+    try:
+        return force.ready()
+    except NumbaError as error:
+        law = type(force.parts.law) if isinstance(force, PairKernel) else None
+        raise not_compiled(law or type(force.parts), error) from None
+
+
 class BoundForces:
     """The forces of a System, or of what stands for one, with their pair lists, which live as long as this object.
 
@@ -60,10 +69,11 @@ class BoundForces:
         pairs = [isinstance(force, PairForce) for force in system.forces]
         if mixed and not any(pairs):
             raise InputError(f"precision: mixed is for pair forces, and {system.name!r} has none")
-        self.forces: tuple[Any, ...] = tuple(
-            force.bind(system, threads, mixed) if pair else force.bind(system, threads)
+        self.forces: tuple[BoundForce, ...] = tuple(
+            force.bind(system, threads, mixed) if pair else BoundForce(force.bind(system, threads))
             for force, pair in zip(system.forces, pairs, strict=True)
         )
+        self._table: tuple[tuple[BoundForce, ...], Forces] | None = None  # and the forces that it is of
         if thin:
             self.forces = tuple(thinned(force) for force in self.forces)
         for force in self.forces:
@@ -71,25 +81,25 @@ class BoundForces:
                 force.pairs.counts[JUMPS_ALLOWED] = jumps
 
     def call(self, compiled: Callable[..., int], *args: Any) -> int:
-        """``compiled(forces, *args)``, again whenever a list had to grow; its status, OK or BLOWN_UP."""
-        self._compile()
+        """``compiled(table of the forces, *args)``, again whenever a list had to grow; its status, OK or BLOWN_UP."""
+        table = self._ready()
         if self.threads > 1:
             from numba import set_num_threads
 
             set_num_threads(self.threads)
-        while (status := compiled(self.forces, *args)) == GROW:
-            self.forces = tuple(ready(grown(force)) for force in self.forces)
+        while (status := compiled(table, *args)) == GROW:
+            self.forces = tuple(grown(force) for force in self.forces)
+            table = self._ready()
         return status
 
-    def _compile(self) -> None:
-        """Have the machine code of every force; a law that numba cannot compile is an InputError of one line."""
-        try:
-            self.forces = tuple(ready(force) for force in self.forces)
-        except NumbaError as error:
-            laws = [force.parts.law for force in self.forces if isinstance(force, PairKernel) and not force.compute]
-            if not laws:
-                raise
-            raise not_compiled(type(laws[0]), error) from None
+    def _ready(self) -> Forces:
+        """The table of the forces, compiled if need be; a law that numba cannot compile is an InputError of one
+        line."""
+        if self._table is None or self._table[0] is not self.forces:
+            few = few_of(self.forces)
+            self.forces = tuple(force if force is few else _compiled(force) for force in self.forces)
+            self._table = self.forces, table_of(self.forces)
+        return self._table[1]
 
     def measure(self, time: float, phase: Floats) -> Measured | None:
         """Accelerations and energies at positions and velocities ``phase`` (2, 3, n); None where they make no sense."""
@@ -125,7 +135,10 @@ class BoundForces:
     def recall(self, memory: list[dict[str, Any] | None]) -> None:
         """Have the lists that had this memory."""
         pairs = zip(self.forces, memory, strict=True)
-        self.forces = tuple(force if kept is None else recalled(force, kept) for force, kept in pairs)
+        self.forces = tuple(
+            recalled(force, kept) if isinstance(force, PairKernel) and kept is not None else force
+            for force, kept in pairs
+        )
 
     @property
     def list_builds(self) -> tuple[int, int]:

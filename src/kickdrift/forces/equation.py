@@ -49,7 +49,7 @@ def call_at(typingctx, address, t, y, dy):
     return types.int64(address, t, y, dy), codegen
 
 
-@kernel(EquationKernel)
+@kernel(EquationKernel, rows=1)
 def right_hand_side(force, t, x, v, a, sums):
     m, y, dy = x.shape[1], force.y, force.dy
     for i in range(m):
@@ -158,6 +158,6 @@ class RightHandSide:
         self.callback = Callback(problem.f, n, n, problem.compiled, f"{problem.name}: f")
 
     def bind(self, problem: Problem, threads: int = 1) -> EquationKernel:
-        """The compiled form: a NamedTuple that ``accelerate`` knows."""
+        """The parts: a NamedTuple with a compiled body."""
         n = len(problem)
         return EquationKernel(self.callback.address, problem.separable, np.zeros(n), np.zeros(n))

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numba import types
 
-from kickdrift.forces.equation import EquationKernel, call_at
-from kickdrift.forces.kernel import BLOWN_UP, OK, RAISED, accelerate
-from kickdrift.jit.compile import driver, inlined
-from kickdrift.jit.handle import handle, part
-from kickdrift.jit.inner import overload
+from kickdrift.forces.equation import call_at
+from kickdrift.forces.kernel import BLOWN_UP, OK, RAISED
+from kickdrift.forces.seam import accelerate
+from kickdrift.jit.compile import driver, inlined, jit
+from kickdrift.jit.handle import handle
 from kickdrift.jit.lanes import lane_sum, splat
 from kickdrift.jit.memory import flat, load, load_first, store, store_first
 from kickdrift.jit.vectors import WIDTH
@@ -31,53 +28,11 @@ def fill_accelerations(bound, t, x, v, a, sums, cursor):
     return OK if np.isfinite(sum_of(a)) else BLOWN_UP
 
 
-def fill_derivative(bound: Any, t: float, y: Any, dy: Any, cursor: Any) -> int:
+@jit
+def fill_derivative(bound, t, y, dy, cursor):
     """dy <- f(t, y); a status. y and dy are (2, rows, n), positions and velocities, or (1, 1, n), a first-order ODE."""
-    raise NotImplementedError("for compiled code")
-
-
-def fill_last(bound: Any, t: float, y: Any, dy: Any, cursor: Any) -> int:
-    """dy[-1] <- that of f(t, y) alone: the accelerations, for those who know the velocities, and who see for themselves
-    whether they are finite; a status."""
-    raise NotImplementedError("for compiled code")
-
-
-def _alone(bound: Any) -> bool:
-    """Whether there is a Problem's function and no force."""
-    return [kind.instance_class for kind in bound.kind if isinstance(kind, types.BaseNamedTuple)] == [EquationKernel]
-
-
-@overload(fill_derivative)
-def _fill_derivative(bound, t, y, dy, cursor):
-    return straight if _alone(bound) else through_forces
-
-
-@overload(fill_last, forceinline=True)
-def _fill_last(bound, t, y, dy, cursor):
-    return straight if _alone(bound) else accelerations_alone
-
-
-def straight(bound, t, y, dy, cursor):
-    """A Problem alone: its function takes y and gives dy as they lie in memory, a tenth of the way through forces."""
-    cursor[EVALUATIONS] += 1
-    if call_at(part(bound, 0).address, t, y, dy) != 0:
-        return RAISED
-    total = 0.0
-    for half in range(dy.shape[0]):
-        for i in range(dy.shape[2]):
-            total += dy[half, 0, i]
-    return OK if np.isfinite(total) else BLOWN_UP
-
-
-def accelerations_alone(bound, t, y, dy, cursor):
-    last = y.shape[0] - 1
-    clear(dy[last])
-    cursor[EVALUATIONS] += 1
-    return accelerate(bound, t, y[0], y[last], dy[last], None)
-
-
-def through_forces(bound, t, y, dy, cursor):
-    """Velocities, and accelerations that the forces add up to."""
+    if bound.equation != 0:
+        return call_equation(bound, t, y, dy, cursor)
     last = y.shape[0] - 1
     status = fill_accelerations(bound, t, y[0], y[last], dy[last], None, cursor)
     if last:
@@ -85,6 +40,31 @@ def through_forces(bound, t, y, dy, cursor):
             for i in range(y.shape[2]):
                 dy[0, k, i] = y[1, k, i]
     return status
+
+
+@inlined
+def fill_last(bound, t, y, dy, cursor):
+    """dy[-1] <- that of f(t, y) alone: the accelerations, for those who know the velocities, and who see for themselves
+    whether they are finite; a status."""
+    if bound.equation != 0:
+        return call_equation(bound, t, y, dy, cursor)
+    last = y.shape[0] - 1
+    clear(dy[last])
+    cursor[EVALUATIONS] += 1
+    return accelerate(bound, t, y[0], y[last], dy[last], None)
+
+
+@jit
+def call_equation(bound, t, y, dy, cursor):
+    """A Problem's function takes y and gives dy as they lie in memory."""
+    cursor[EVALUATIONS] += 1
+    if call_at(bound.equation, t, y, dy) != 0:
+        return RAISED
+    total = 0.0
+    for half in range(dy.shape[0]):
+        for i in range(dy.shape[2]):
+            total += dy[half, 0, i]
+    return OK if np.isfinite(total) else BLOWN_UP
 
 
 @inlined

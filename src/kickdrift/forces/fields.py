@@ -41,7 +41,7 @@ class Field:
         """Refuse a system that this force cannot run on."""
 
     def bind(self, system: System, threads: int = 1) -> Any:
-        """The compiled form of this force for a System: a NamedTuple that ``accelerate`` knows."""
+        """The parts of this force for a System: a NamedTuple with a compiled body."""
         from kickdrift.forces.fields_kernel import bind
 
         return bind(self, system)

@@ -58,7 +58,7 @@ class Gravity:
         check_masses(self.name, system)
 
     def bind(self, system: System, threads: int = 1) -> Any:
-        """The compiled form of this force for a System: a NamedTuple that ``accelerate`` knows."""
+        """The parts of this force for a System: a NamedTuple with a compiled body."""
         from kickdrift.forces.gravity_kernel import bind
 
         return bind(self, system, threads)

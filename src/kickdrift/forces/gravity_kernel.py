@@ -50,6 +50,27 @@ class GravityKernel(NamedTuple):
     sums: NDArray[np.float64]  # (chunks, 2) energy, virial
     chunks: Chunks
 
+    @property
+    def is_few(self) -> bool:
+        """Whether all bodies have a mass and stay in registers."""
+        return len(self.place) == self.massive <= FEW
+
+    @property
+    def few_bodies(self) -> FewBodies:
+        """These bodies in a form of their own."""
+        room = np.zeros((2, FEW))
+        room[:, : len(self.gm)] = self.gm, self.masses
+        return FewBodies(self.softening2, self.massive, room[0], room[1])
+
+
+class FewBodies(NamedTuple):
+    """Gravity among few bodies."""
+
+    softening2: float
+    massive: int
+    gm: NDArray[np.float64]  # (FEW,) G m
+    masses: NDArray[np.float64]  # (FEW,) coherent
+
 
 def bind(force: Gravity, system: System, threads: int) -> GravityKernel:
     """The force for this System, on this many threads."""

@@ -1,7 +1,8 @@
-"""Forces dispatch on type inside compiled code: one generic ``accelerate``, one compiled body per NamedTuple class.
+"""A force bound to a System: machine code at an address, and its parameters in memory.
 
-A force that a user hands over is *bound* to a System first: ``force.bind(system, threads)`` returns a NamedTuple of
-numbers and arrays, and the body registered for its class is what the step loop is compiled around.
+``force.bind(system, threads)`` of a force that a user hands over returns its *parts*, a NamedTuple of numbers and
+arrays. The body registered for the class of the parts is compiled once for each type of parts, and step loops call the
+body by its address. So a new force compiles alone, and a step loop is compiled once for all forces.
 """
 
 from __future__ import annotations
@@ -9,54 +10,119 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from numba import types
+from llvmlite import ir
+from numba import carray, typeof, types
+from numba.extending import intrinsic
 
+from kickdrift.jit.callback import callback
 from kickdrift.jit.compile import jit
-from kickdrift.jit.handle import Handle, part
+from kickdrift.jit.handle import Handle, handle_at, memory_of
 from kickdrift.jit.inner import overload
+from kickdrift.jit.numba_private import TypingError
 
 OK, GROW, BLOWN_UP = 0, 1, 2  # what a force evaluation can end in: done, a list has no room, positions make no sense
 RAISED = 4  # Python code inside raised, and no other step is to be tried; 3 is a stepper's STOPPED
 
+FORCES, FORCES_AND_SUMS, REMAKE = range(3)  # what a bound force is asked for; REMAKE is for pair lists alone
 KERNELS: dict[type, Any] = {}
+_ROWS: dict[type, int] = {}
+_NUMBERS = types.CPointer(types.float64)
+SIGNATURE = types.int64(types.intp, types.int64, types.int64, types.float64, _NUMBERS, _NUMBERS, _NUMBERS, _NUMBERS)
+_COMPUTE: dict[Any, Any] = {}  # machine code by the type of parts
 
 
-def kernel(cls: type) -> Callable[[Callable[..., Any]], Any]:
-    """Register the compiled body of a force whose bound form is the NamedTuple class ``cls``.
+def kernel(cls: type, rows: int = 3) -> Callable[[Callable[..., Any]], Any]:
+    """Register the compiled body of a force whose parts are the NamedTuple class ``cls``.
 
     The body is ``body(force, t, x, v, a, sums) -> status``: it adds the accelerations (3, n) of positions x and
     velocities v, both (3, n), to ``a``; where ``sums`` is not None it adds the potential energy to ``sums[0]``, the
     virial (the sum of r . F over pairs) to ``sums[1]`` and the number of interacting pairs to ``sums[2]``; it returns
-    0, or what went wrong (GROW, BLOWN_UP).
+    0, or what went wrong (GROW, BLOWN_UP). ``rows`` is the number of rows of these arrays.
     """
 
     def register(body: Callable[..., Any]) -> Any:
-        KERNELS[cls] = jit(body)
+        KERNELS[cls], _ROWS[cls] = jit(body), rows
         cls.kernel_sources = (body,)  # type: ignore[attr-defined]
         return KERNELS[cls]
 
     return register
 
 
-def accelerate(force: Any, t: float, x: Any, v: Any, a: Any, sums: Any) -> int:
-    """Add the accelerations of one bound force, or of a tuple of them, to ``a``; the status of the first that fails."""
+class BoundForce:
+    """A force of one System.
+
+    Attributes
+    ----------
+    parts : NamedTuple of numbers and arrays
+    address, work : of the machine code, and of the parts in memory; 0 until the force is `ready`
+    """
+
+    address = work = 0
+
+    def __init__(self, parts: Any) -> None:
+        self.parts = parts
+
+    def ready(self) -> BoundForce:
+        """The same force with its machine code, compiled if need be; the parts live as long as it does."""
+        return self if self.work else self._compiled(self.parts)
+
+    def _compiled(self, parts: Any) -> Any:
+        kind = typeof(parts)
+        if kind not in _COMPUTE:
+            _COMPUTE[kind] = callback(self._compute_for(kind), SIGNATURE, kind)
+        made = type(self)(parts)
+        made._memory = memory_of(parts)  # type: ignore[attr-defined]
+        made.address, made.work = int(_COMPUTE[kind].address), int(made._memory.ctypes.data)  # type: ignore[attr-defined]
+        return made
+
+    def _compute_for(self, kind: types.Type) -> Callable[..., int]:
+        return compute_for(kind)
+
+
+def compute_for(kind: types.Type) -> Callable[..., int]:
+    """The body for parts of that type, as a function to be compiled for its address."""
+    restore = handle_at(Handle(kind))
+    rows = _ROWS[kind.instance_class]
+
+    def compute(work, what, n, t, x, v, a, sums):
+        force, shape = restore(work), (rows, n)
+        if what == FORCES:
+            return run_body(force, t, carray(x, shape), carray(v, shape), carray(a, shape), None)
+        return run_body(force, t, carray(x, shape), carray(v, shape), carray(a, shape), carray(sums, (3,)))
+
+    return compute
+
+
+def run_body(force: Any, t: float, x: Any, v: Any, a: Any, sums: Any) -> int:
+    """Run the body that is registered for the class of these parts; its status."""
     raise NotImplementedError("for compiled code")
 
 
-@overload(accelerate, forceinline=True)
-def _accelerate(force, t, x, v, a, sums):
-    kind = force.kind if isinstance(force, Handle) else force  # a force of numbers alone comes by value
-    if isinstance(kind, types.BaseNamedTuple):
-        return KERNELS[kind.instance_class].py_func
-    return sum_of_forces(len(kind))
+@overload(run_body, forceinline=True)
+def _run_body(force, t, x, v, a, sums):
+    kind = force.kind if isinstance(force, Handle) else force
+    return KERNELS[kind.instance_class].py_func
 
 
-def sum_of_forces(count: int) -> Callable[..., Any]:
-    """The body for a tuple of ``count`` forces."""
-    lines = [
-        f"    status = accelerate(part(force, {k}), t, x, v, a, sums)\n    if status: return status"
-        for k in range(count)
-    ]
-    scope = {"accelerate": accelerate, "part": part}
-    exec("\n".join(["def each(force, t, x, v, a, sums):", *lines, "    return 0"]), scope)
-    return scope["each"]
+@intrinsic
+def call_force(typingctx, address, work, what, t, x, v, a, sums):
+    """Run the machine code at ``address`` with the parts at ``work``: what is done with the arrays, x, v and a of
+    (rows, n), depends on ``what`` it is asked for; a status. ``sums`` may be None."""
+    arrays = [kind for kind in (x, v, a, sums) if isinstance(kind, types.Array)]
+    if any(array.layout != "C" for array in arrays):
+        raise TypingError("a force takes contiguous arrays")
+
+    def codegen(context, builder, sig, args):
+        whole, double = ir.IntType(64), ir.DoubleType()
+        numbers = double.as_pointer()
+        kind = ir.FunctionType(whole, [whole, whole, whole, double, numbers, numbers, numbers, numbers])
+        made = [
+            context.make_array(of)(context, builder, array)
+            for of, array in zip(sig.args[4:], args[4:], strict=True)
+            if isinstance(of, types.Array)
+        ]
+        n = builder.extract_value(made[0].shape, 1)
+        data = [array.data for array in made] + [ir.Constant(numbers, None)] * (4 - len(made))
+        return builder.call(builder.inttoptr(args[0], kind.as_pointer()), [args[1], args[2], n, args[3], *data])
+
+    return types.int64(address, work, types.int64, types.float64, x, v, a, sums), codegen

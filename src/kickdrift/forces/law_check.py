@@ -54,9 +54,12 @@ def check_law(name: str, law: Any, r: float) -> None:
         raise InputError(f"{name}: {at}, must return finite numbers; it returned {shown(tuple(map(float, found)))}")
 
 
-def not_compiled(law: Any, error: Exception) -> InputError:
-    """What to say of a law that numba cannot compile: numba's own words, and the line of the law."""
-    code = getattr(law.law, "py_func", law.law).__code__
+def not_compiled(cls: Any, error: Exception) -> InputError:
+    """What to say of a pair law, or of a force's parts, that numba cannot compile: numba's own words, and the line."""
+    what = f"{cls.__qualname__.split('.')[-2]}: law does not compile for SIMD lanes" if hasattr(cls, "law") else ""
+    function = cls.law if what else cls.kernel_sources[0]
+    what = what or f"{cls.__name__}: its kernel {function.__name__} does not compile"
+    code = getattr(function, "py_func", function).__code__
     own = range(code.co_firstlineno, max((line or 0) for *_, line in code.co_lines()) + 1)
     lines = [line.strip() for line in _COLOUR.sub("", str(error)).splitlines() if line.strip()]
     for k, line in enumerate(lines):
@@ -64,12 +67,8 @@ def not_compiled(law: Any, error: Exception) -> InputError:
         if place and int(place["line"]) in own and code.co_filename.endswith(place["file"].lstrip("./")):
             number = int(place["line"])
             where = f", line {number}: {shown(linecache.getline(code.co_filename, number).strip())}"
-            return _not_compiled(law, where, _reason(lines[:k]))
-    return _not_compiled(law, "", _reason(lines))
-
-
-def _not_compiled(law: Any, where: str, why: str) -> InputError:
-    return InputError(f"{law.__qualname__.split('.')[-2]}: law does not compile for SIMD lanes{where}: {why}")
+            return InputError(f"{what}{where}: {_reason(lines[:k])}")
+    return InputError(f"{what}: {_reason(lines)}")
 
 
 def _reason(lines: list[str]) -> str:

@@ -83,7 +83,7 @@ class Oblateness:
         gravitational_constant(self.name, self.G, system)
 
     def bind(self, system: System, threads: int = 1) -> Any:
-        """The compiled form of this force for a System: a NamedTuple that ``accelerate`` knows."""
+        """The parts of this force for a System: a NamedTuple with a compiled body."""
         from kickdrift.forces.oblateness_kernel import bind
 
         return bind(self, system)

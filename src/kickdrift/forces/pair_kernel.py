@@ -6,9 +6,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from llvmlite import ir
-from numba import carray, typeof, types
-from numba.extending import intrinsic
+from numba import carray, types
 from numpy.typing import NDArray
 
 from kickdrift.errors import InputError
@@ -29,18 +27,16 @@ from kickdrift.forces.clusters import (
     store_vector,
     unsigned,
 )
-from kickdrift.forces.kernel import OK, kernel
+from kickdrift.forces.kernel import FORCES_AND_SUMS, OK, REMAKE, BoundForce, call_force
 from kickdrift.forces.list_code import list_code, prune, refresh
 from kickdrift.forces.pair_sum import narrow
 from kickdrift.forces.truncation import AtCutoff, Cut, ForceShift, Shift, Switch
-from kickdrift.jit.callback import callback
 from kickdrift.jit.chunks import Chunks, each_chunk, in_chunks
 from kickdrift.jit.compile import as_written, driver, jit
-from kickdrift.jit.handle import Handle, handle_at, memory_of
+from kickdrift.jit.handle import Handle, handle_at
 from kickdrift.jit.inner import overload
 from kickdrift.jit.lanes import splat
 from kickdrift.jit.memory import aligned
-from kickdrift.jit.numba_private import TypingError
 from kickdrift.jit.vectors import WIDTH
 from kickdrift.state import Floats
 
@@ -80,100 +76,45 @@ class PairWork(NamedTuple):
     chunks: Chunks
 
 
-class _Addresses(NamedTuple):
-    compute: int
-    work: int
-
-
-class PairKernel(_Addresses):
-    """A pair force as the loops know it: two addresses, so that they are compiled once for all laws, truncations and
-    mixtures, and `compute` once for each.
-
-    Attributes
-    ----------
-    compute : of the machine code; 0 until it is `ready`
-    work : of the PairWork in memory
-    parts : PairWork
-    """
-
-    parts: PairWork
-
-    @classmethod
-    def of(cls, parts: PairWork) -> PairKernel:
-        """The force with these parts; nothing is compiled yet."""
-        made = cls(0, 0)
-        made.parts = parts
-        return made
+class PairKernel(BoundForce):
+    """A bound pair force: ``parts`` is a PairWork. Its lists change by making another."""
 
     def ready(self) -> PairKernel:
-        """The same with its machine code, compiled if need be; the parts live as long as it does."""
-        if self.compute:
+        """See BoundForce."""
+        if self.work:
             return self
-        parts = self.parts._replace(pairs=self.pairs._replace(code=list_code(self.pairs)))
-        kind = typeof(parts)
-        if kind not in _COMPUTE:
-            _COMPUTE[kind] = callback(compute_for(kind), _SIGNATURE, kind)
-        memory = memory_of(parts)
-        made = PairKernel(_COMPUTE[kind].address, memory.ctypes.data)
-        made.parts, made._memory = parts, memory  # type: ignore[attr-defined]
+        made: PairKernel = self._compiled(self.parts._replace(pairs=self.pairs._replace(code=list_code(self.pairs))))
         return made
+
+    def _compute_for(self, kind: types.Type) -> Callable[..., int]:
+        return compute_for(kind)
 
     @property
     def pairs(self) -> ClusterList:
         """The list."""
-        return self.parts.pairs
+        pairs: ClusterList = self.parts.pairs
+        return pairs
 
     def with_list(self, **changes: Any) -> PairKernel:
         """The same force with these parts of its list changed."""
-        return PairKernel.of(self.parts._replace(pairs=self.pairs._replace(**changes)))
+        return PairKernel(self.parts._replace(pairs=self.pairs._replace(**changes)))
 
     def remake(self, built_at: Floats, pruned_at: Floats) -> int:
         """Make the list that was made at positions ``built_at`` (3, n) and last pruned where its ``inner_reference``
         was ``pruned_at``; a status."""
-        return ask(self.compute, self.work, REMAKE, built_at, pruned_at, np.zeros(1))
-
-
-FORCES, FORCES_AND_SUMS, REMAKE = range(3)  # what `compute` is asked for
-_COMPUTE: dict[Any, Any] = {}  # by the type of PairWork
-_NUMBERS = types.CPointer(types.float64)
-_SIGNATURE = types.int64(types.intp, types.int64, types.int64, _NUMBERS, _NUMBERS, _NUMBERS)
-
-
-@intrinsic
-def call_pairs(typingctx, compute, work, what, x, a, sums):
-    """Call the ``compute`` of a pair force: positions (3, n), and what is done with the other two arrays depends on
-    what it is asked for; a status."""
-    if any(array.layout != "C" for array in (x, a, sums)):
-        raise TypingError("a pair force takes contiguous arrays")
-
-    def codegen(context, builder, sig, args):
-        whole, number = ir.IntType(64), ir.DoubleType().as_pointer()
-        kind = ir.FunctionType(whole, [whole, whole, whole, number, number, number])
-        arrays = [context.make_array(sig.args[k])(context, builder, args[k]) for k in (3, 4, 5)]
-        n = builder.extract_value(arrays[0].shape, 1)
-        pointer = builder.inttoptr(args[0], kind.as_pointer())
-        return builder.call(pointer, [args[1], args[2], n, *(array.data for array in arrays)])
-
-    return types.int64(compute, work, types.int64, x, a, sums), codegen
+        return ask(self.address, self.work, REMAKE, built_at, pruned_at)
 
 
 @driver
-def ask(compute, work, what, x, a, sums):
-    return call_pairs(compute, work, what, x, a, sums)
-
-
-@kernel(PairKernel)
-def pair_forces(force, t, x, v, a, sums):
-    if sums is None:
-        return call_pairs(force.compute, force.work, FORCES, x, a, a)
-    return call_pairs(force.compute, force.work, FORCES_AND_SUMS, x, a, sums)
+def ask(address, work, what, x, a):
+    return call_force(address, work, what, 0.0, x, x, a, None)
 
 
 def compute_for(kind: types.Type) -> Callable[..., int]:
     """All that is done with a PairWork of that type, as a function to be compiled for its address."""
     restore = handle_at(Handle(kind))
 
-    def compute(work, what, n, x, a, sums):
+    def compute(work, what, n, t, x, v, a, sums):
         force = restore(work)
         if what == REMAKE:
             return remake(force, carray(x, (3, n)), carray(a, force.pairs.x.shape))
@@ -336,7 +277,7 @@ def bind(force: PairForce, system: System, threads: int, mixed: bool = False) ->
         pairs=pairs,
         chunks=in_chunks(chunks, threads),
     )
-    return PairKernel.of(work)
+    return PairKernel(work)
 
 
 def truncation_of(force: PairForce) -> Any:
@@ -348,11 +289,6 @@ def truncation_of(force: PairForce) -> Any:
         "force-shift": ForceShift(cutoff),
         "switch": Switch(start**2, 1.0 / (cutoff**2 - start**2)),
     }[force.truncation]
-
-
-def ready(bound: Any) -> Any:
-    """The bound force with its machine code, where it has its own."""
-    return bound.ready() if isinstance(bound, PairKernel) else bound
 
 
 def grown(bound: Any) -> Any:

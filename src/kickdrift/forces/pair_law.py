@@ -220,7 +220,7 @@ class PairForce:
         return energy, virial
 
     def bind(self, system: System, threads: int = 1, mixed: bool = False) -> Any:
-        """The compiled form of this force for a System: a NamedTuple that ``accelerate`` knows; in mixed precision, if
+        """The parts of this force for a System, a NamedTuple with a compiled body; in mixed precision, if
         so."""
         from kickdrift.forces.pair_kernel import bind
 

@@ -87,7 +87,7 @@ class PostNewtonian:
         self.light(system)
 
     def bind(self, system: System, threads: int = 1) -> Any:
-        """The compiled form of this force for a System: a NamedTuple that ``accelerate`` knows."""
+        """The parts of this force for a System: a NamedTuple with a compiled body."""
         from kickdrift.forces.relativity_kernel import bind
 
         return bind(self, system)

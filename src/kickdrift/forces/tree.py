@@ -68,7 +68,7 @@ class GravityTree:
         return self.softening > 0
 
     def bind(self, system: System, threads: int = 1) -> Any:
-        """The compiled form of this force for a System: a NamedTuple that ``accelerate`` knows."""
+        """The parts of this force for a System: a NamedTuple with a compiled body."""
         from kickdrift.forces.tree_kernel import bind
 
         return bind(self, system, threads)

@@ -41,7 +41,7 @@ class Varied:
         """Refuse nothing: the System itself was checked."""
 
     def bind(self, system: System, threads: int = 1) -> Any:
-        """The compiled form: a NamedTuple that ``accelerate`` knows."""
+        """The parts: a NamedTuple with a compiled body."""
         from kickdrift.forces.variations_kernel import bind
 
         return bind(self.force, self.system, threads, analytic=isinstance(self.force, Gravity))

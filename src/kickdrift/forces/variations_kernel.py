@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.forces.gravity_slope import Sources, pull_and_slope, sources_of
-from kickdrift.forces.kernel import OK, accelerate, kernel
+from kickdrift.forces.kernel import OK, kernel, run_body
 from kickdrift.jit.chunks import Chunks, chunk_task, each_chunk, in_chunks
 from kickdrift.jit.compile import never_inline
 
@@ -63,7 +63,7 @@ def varied_gravity(force, t, x, v, a, sums):
         for i in range(n):
             phase[0, k, i], phase[1, k, i], own[k, i] = x[k, i], v[k, i], 0.0
             sources.x[k, i], sources.u[k, i] = x[k, i], x[k, n + i]
-    status = accelerate(force.force, t, phase[0], phase[1], own, sums)
+    status = run_body(force.force, t, phase[0], phase[1], own, sums)
     if status != OK:
         return status
     each_chunk(force, force.chunks, "slope_of_pull")
@@ -85,7 +85,7 @@ def varied_force(force, t, x, v, a, sums):
             phase[0, k, i], phase[1, k, i], own[k, i] = x[k, i], v[k, i], 0.0
             size = max(size, abs(x[k, i]), abs(v[k, i]))
             deviation = max(deviation, abs(x[k, n + i]), abs(v[k, n + i]))
-    status = accelerate(force.force, t, phase[0], phase[1], own, sums)
+    status = run_body(force.force, t, phase[0], phase[1], own, sums)
     if status != OK:
         return status
     h = STEP * size / deviation if size > 0.0 and deviation > 0.0 else STEP
@@ -96,7 +96,7 @@ def varied_force(force, t, x, v, a, sums):
                 displaced[0, k, i] = x[k, i] + sign * h * x[k, n + i]
                 displaced[1, k, i] = v[k, i] + sign * h * v[k, n + i]
                 there[k, i] = 0.0
-        status = accelerate(force.force, t, displaced[0], displaced[1], there, None)
+        status = run_body(force.force, t, displaced[0], displaced[1], there, None)
         if status != OK:
             return status
     for k in range(3):

@@ -7,7 +7,7 @@ and those without are each filled up to a multiple of eight with massless ones o
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,6 @@ from kickdrift.integrators.kepler import kepler_increments, lanes_increments
 from kickdrift.integrators.loops import FRESH, STAGE, STEP
 from kickdrift.jit.compile import driver, inlined, jit
 from kickdrift.jit.handle import handle, unowned
-from kickdrift.jit.inner import overload
 from kickdrift.jit.lanes import inverse_sqrt, lane_numbers, lane_sum, minus, plus, rotated, splat, sums_before
 from kickdrift.jit.masks import any_lane, mask_bits, select
 from kickdrift.jit.memory import load, store
@@ -432,34 +431,13 @@ def add_accelerations(bodies, dt):
     add_centre(bodies.centre, 1, dt * load(bodies.centre[4], 0))
 
 
-def others_act(forces: Any) -> bool:
-    """Whether there are forces besides gravity; known when the loop is compiled."""
-    raise NotImplementedError("for compiled code")
-
-
-def fill_others(forces: Any, bodies: Any, t: float, cursor: Any) -> int:
+@jit
+def fill_others(forces, bodies, t, cursor):
     """bodies.a <- the accelerations by the forces besides gravity; a status."""
-    raise NotImplementedError("for compiled code")
-
-
-@overload(others_act)
-def _others_act(forces):
-    act = len(forces) > 0
-    return lambda forces: act
-
-
-@overload(fill_others)
-def _fill_others(forces, bodies, t, cursor):
-    if len(forces) == 0:
-        return lambda forces, bodies, t, cursor: OK
-
-    def fill(forces, bodies, t, cursor):
-        fill_positions(bodies)
-        status = fill_accelerations(handle(forces), t, bodies.x[0], bodies.x[1], bodies.a, None, cursor)
-        cursor[EVALUATIONS] -= 1  # the kick counts
-        return status
-
-    return fill
+    fill_positions(bodies)
+    status = fill_accelerations(forces, t, bodies.x[0], bodies.x[1], bodies.a, None, cursor)
+    cursor[EVALUATIONS] -= 1  # the kick counts
+    return status
 
 
 # --- steps ---
@@ -469,10 +447,10 @@ def _fill_others(forces, bodies, t, cursor):
 def wisdom_holman_loop(forces, bodies, stages, dt, start, first, steps, cursor):
     """``steps`` times the row of drifts (``stages[0]``), each followed by its kick (``stages[1]``); ``stages[2]`` is
     the part of dt that has passed at the kick. ``forces`` are those besides gravity; the rest as in ``loops``."""
-    bound = handle(bodies)
+    bound, others = handle(bodies), handle(forces)
     stages, cursor = unowned(stages), unowned(cursor)
     drifts, kicks, passed = stages[0], stages[1], stages[2]
-    with_jump = not bodies.jacobi
+    with_jump, others_act = not bodies.jacobi, others.table.shape[0] > 0
     while cursor[STEP] < steps:
         for stage in range(cursor[STAGE], kicks.size):
             t = start + (first + cursor[STEP] + passed[stage]) * dt
@@ -483,22 +461,23 @@ def wisdom_holman_loop(forces, bodies, stages, dt, start, first, steps, cursor):
                     if status != OK:
                         cursor[STAGE] = stage
                         return status
-                if with_jump and h != 0.0 and others_act(forces):
+                if with_jump and h != 0.0 and others_act:
                     jump(bound, 0.5 * h)
                 cursor[FRESH] = 1
             if h != 0.0:
-                status = fill_others(forces, bound, t, cursor)
-                if status != OK:
-                    cursor[STAGE] = stage
-                    return status
+                if others_act:
+                    status = fill_others(others, bound, t, cursor)
+                    if status != OK:
+                        cursor[STAGE] = stage
+                        return status
                 if with_jump:
                     heliocentric_kick(bound, h, t)
                 else:
                     jacobi_kick(bound, h, t)
-                if others_act(forces):
+                if others_act:
                     add_accelerations(bound, h)
                 if with_jump:
-                    jump(bound, 0.5 * h if others_act(forces) else h)
+                    jump(bound, 0.5 * h if others_act else h)
                 cursor[EVALUATIONS] += 1
             cursor[FRESH] = 0
         cursor[STAGE] = 0

@@ -7,7 +7,9 @@ through it. A handle lives as long as the call of the function that made it, and
 
 from __future__ import annotations
 
+import ctypes
 from collections.abc import Iterator
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -16,7 +18,15 @@ from numba import typeof, types
 from numba.extending import intrinsic, lower_getattr_generic, models, register_model
 from numpy.typing import NDArray
 
-from kickdrift.jit.numba_private import AttributeTemplate, cgutils, cpu_target, impl_ret_borrowed, infer_getattr
+from kickdrift.jit.compile import driver
+from kickdrift.jit.numba_private import (
+    AttributeTemplate,
+    as_dtype,
+    cgutils,
+    cpu_target,
+    impl_ret_borrowed,
+    infer_getattr,
+)
 
 
 class Handle(types.Type):
@@ -128,23 +138,51 @@ def address(typingctx, of):
 
 def memory_of(value: tuple[Any, ...]) -> NDArray[np.int64]:
     """A NamedTuple in memory as compiled code lays it out, for `handle_at` to find there; it keeps no array alive."""
-    memory = np.array(list(_words(value)), np.int64)
-    context, kind = cpu_target.target_context, typeof(value)
-    assert memory.nbytes == context.get_abi_sizeof(context.get_value_type(kind)), kind
+    kind = typeof(value)
+    context = cpu_target.target_context
+    memory = np.zeros(-(-context.get_abi_sizeof(context.get_value_type(kind)) // 8), np.int64)
+    _put(value, kind, memory.ctypes.data)
     return memory
 
 
-def _words(value: Any) -> Iterator[Any]:
-    """Its words of eight bytes, as whole numbers."""
+def _put(value: Any, kind: types.Type, place: int) -> None:
     if isinstance(value, tuple):
-        for part in value:
-            yield from _words(part)
-    elif isinstance(value, np.ndarray):  # unowned, as in `_unowned`
-        yield from (0, 0, value.size, value.itemsize, value.ctypes.data, *value.shape, *value.strides)
-    elif isinstance(value, float):
-        yield np.float64(value).view(np.int64)
-    else:
-        yield value or 0  # None takes room too
+        for part, inner, offset in zip(value, kind, _offsets(kind), strict=True):
+            _put(part, inner, place + offset)
+    elif isinstance(value, np.ndarray):
+        put_array(value, place)
+    elif value is not None:
+        number = as_dtype(kind).type(value)
+        ctypes.memmove(place, number.tobytes(), number.nbytes)
+
+
+@cache
+def _offsets(kind: types.BaseTuple) -> tuple[int, ...]:
+    """Where LLVM puts the parts of a tuple of that type, in bytes from its beginning."""
+    context = cpu_target.target_context
+    whole = context.get_value_type(kind)
+    if isinstance(whole, ir.ArrayType):
+        size = context.get_abi_sizeof(whole.element)
+        return tuple(range(0, size * whole.count, size))
+    return tuple(whole.get_element_offset(context.target_data, k) for k in range(len(kind)))
+
+
+@driver
+def put_array(array, place):
+    """Write how compiled code knows the array, unowned, to the memory at ``place``."""
+    write_at(place, array)
+
+
+@intrinsic
+def write_at(typingctx, place, array):
+    """Write an array's structure to an address."""
+
+    def codegen(context, builder, sig, args):
+        value = _unowned(context, builder, array, args[1])
+        builder.store(value, builder.inttoptr(args[0], value.type.as_pointer()))
+        return context.get_dummy_value()
+
+    return types.void(types.intp, array), codegen
 
 
 def handle_at(kind: Handle) -> Any:

@@ -1,0 +1,64 @@
+"""The one seam between methods and forces: a table of bound forces, which every step loop takes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import types
+from numpy.typing import NDArray
+
+from kickdrift.forces.equation import EquationKernel
+from kickdrift.forces.gravity_kernel import FEW, FewBodies, GravityKernel, few_bodies
+from kickdrift.forces.kernel import FORCES, FORCES_AND_SUMS, OK, BoundForce, call_force
+from kickdrift.jit.inner import overload
+from kickdrift.jit.memory import flat
+
+NOBODY = FewBodies(0.0, 0, np.zeros(FEW), np.zeros(FEW))
+
+
+class Forces(NamedTuple):
+    """All forces of a System, or a Problem's function, as compiled code takes them; always of one type."""
+
+    table: NDArray[np.int64]  # (forces, 2) addresses of machine code and of parts; zeros: gravity among few bodies
+    equation: int  # address of a Problem's function; 0 for particles
+    few: FewBodies
+
+
+def table_of(forces: Sequence[BoundForce]) -> Forces:
+    """The table of these forces, which are ready. It lives as long as they do."""
+    rows = np.array([(force.address, force.work) for force in forces], np.int64).reshape(-1, 2)
+    few = few_of(forces)
+    equations = [force.parts.address for force in forces if isinstance(force.parts, EquationKernel)]
+    return Forces(rows, equations[0] if equations else 0, few.parts.few_bodies if few else NOBODY)
+
+
+def few_of(forces: Sequence[BoundForce]) -> BoundForce | None:
+    """The force that needs no machine code of its own: gravity among so few bodies that loops have them in
+    registers."""
+    return next((each for each in forces if isinstance(each.parts, GravityKernel) and each.parts.is_few), None)
+
+
+def accelerate(forces: Any, t: float, x: Any, v: Any, a: Any, sums: Any) -> int:
+    """Add the accelerations of all forces to ``a``, and to ``sums`` energy, virial and pairs unless it is None; the
+    status of the first force that fails."""
+    raise NotImplementedError("for compiled code")
+
+
+@overload(accelerate, forceinline=True)
+def _accelerate(forces, t, x, v, a, sums):
+    what = FORCES if isinstance(sums, types.NoneType) else FORCES_AND_SUMS
+
+    def each(forces, t, x, v, a, sums):
+        table = forces.table
+        for k in range(table.shape[0]):
+            if table[k, 0] == 0:
+                few_bodies(forces.few, flat(x), flat(a), sums)
+            else:
+                status = call_force(table[k, 0], table[k, 1], what, t, x, v, a, sums)
+                if status != OK:
+                    return status
+        return OK
+
+    return each
