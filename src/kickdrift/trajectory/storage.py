@@ -34,6 +34,8 @@ import errno
 import os
 import shutil
 import zlib
+from collections.abc import Iterator
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -73,7 +75,12 @@ class PagedFile:
         self._finish()
         self._size = self._on_disk
         self._at = 0
+        self._forget()
+
+    def _forget(self) -> None:
+        """Begin anew with what waits in memory: pages of what the disk has, and all that lies behind its end."""
         self._pages: dict[int, bytearray] = {}
+        self._base, self._tail = self._end, bytearray()
 
     # --- what h5py calls ---
 
@@ -92,34 +99,59 @@ class PagedFile:
     def readinto(self, buffer: Any) -> int:
         view = memoryview(buffer).cast("B")
         begin, end = self._at, self._at + len(view)
-        view[:] = self._read(begin, len(view))
-        for page in range(begin // PAGE, -(-end // PAGE)):
-            if page in self._pages:
-                start = page * PAGE
-                low, high = max(begin, start), min(end, start + PAGE)
-                view[low - begin : high - begin] = self._pages[page][low - start : high - start]
+        known = self._base + len(self._tail)
+        if begin < self._base or end > known:
+            view[:] = self._read(begin, len(view))
+            for page in range(begin // PAGE, -(-min(end, self._base) // PAGE)):
+                if page in self._pages:
+                    start = page * PAGE
+                    low, high = max(begin, start), min(end, start + PAGE, self._base)
+                    view[low - begin : high - begin] = self._pages[page][low - start : high - start]
+        low, high = max(begin, self._base), min(end, known)
+        if low < high:
+            with memoryview(self._tail) as tail:
+                view[low - begin : high - begin] = tail[low - self._base : high - self._base]
         self._at = end
         return len(view)
 
     def write(self, data: Any) -> int:
         view = memoryview(data).cast("B")
+        known = min(max(self._base - self._at, 0), len(view))
+        self._write_pages(view[:known])
+        if known < len(view):
+            self._write_tail(self._at + known, view[known:])
+        self._at += len(view)
+        self._size = max(self._size, self._at)
+        return len(view)
+
+    def _write_pages(self, view: memoryview) -> None:
+        """Before the end of what the disk has."""
         done = 0
         while done < len(view):
-            page, offset = divmod(self._at, PAGE)
+            page, offset = divmod(self._at + done, PAGE)
             piece = view[done : done + PAGE - offset]
             if page not in self._pages:
                 whole = len(piece) == PAGE
                 self._pages[page] = bytearray(PAGE) if whole else bytearray(self._read(page * PAGE, PAGE))
             self._pages[page][offset : offset + len(piece)] = piece
-            self._at += len(piece)
             done += len(piece)
-        self._size = max(self._size, self._at)
-        return len(view)
+
+    def _write_tail(self, place: int, view: memoryview) -> None:
+        """Behind it, where all waits in one piece: a page for a page would cost more than the writing."""
+        known = self._base + len(self._tail)
+        if known < place:
+            self._tail += self._read(known, place - known)
+        start = place - self._base
+        again = min(len(self._tail) - start, len(view))
+        with memoryview(self._tail) as tail:
+            tail[start : start + again] = view[:again]
+        self._tail += view[again:]
 
     def truncate(self, size: int | None = None) -> int:
         self._size = self._at if size is None else size
         for page in [page for page in self._pages if page * PAGE >= self._size]:
             del self._pages[page]
+        del self._tail[max(self._size - self._base, 0) :]
         return self._size
 
     def flush(self) -> None:
@@ -146,7 +178,7 @@ class PagedFile:
             self._resize(self._end)
             raise
         self._place(placed)
-        self._pages.clear()
+        self._forget()
 
     def _place(self, pieces: list[tuple[int, bytes]]) -> None:
         """Change what is there already, and cut off what lies behind the file's end."""
@@ -182,25 +214,21 @@ class PagedFile:
 
     def close(self) -> None:
         """Let go of the file; what was not committed is forgotten."""
-        self._pages.clear()
+        self._forget()
         self._raw.close()
 
-    def _pieces(self, cut: bool) -> tuple[list[tuple[int, bytes]], list[tuple[int, bytes]]]:
+    def _pieces(self, cut: bool) -> tuple[list[tuple[int, bytearray]], list[tuple[int, bytes]]]:
         """What lies behind the end, and what changes before it, each in the order of a commit."""
-        fresh: list[tuple[int, bytearray]] = []
         placed: list[tuple[tuple[int, ...], int, bytes]] = []
-        for page in sorted(self._pages):
-            start, data = page * PAGE, self._pages[page]
-            known = min(max(self._end - start, 0), PAGE)
-            if known:
-                placed += _changes(start, self._read(start, known), data[:known], cut, self._size < self._end)
-            if new := data[known : max(self._size - start, 0)]:
-                if fresh and fresh[-1][0] + len(fresh[-1][1]) == start + known:
-                    fresh[-1][1].extend(new)
-                else:
-                    fresh.append((start + known, bytearray(new)))
+        for first, last in _runs(sorted(self._pages)):
+            begin, end = first * PAGE, min(last * PAGE, self._base)
+            old = memoryview(self._read(begin, end - begin))
+            for page in range(first, last):
+                start, known = page * PAGE, min(end - page * PAGE, PAGE)
+                before = old[start - begin : start - begin + known]
+                placed += _changes(start, before, self._pages[page][:known], cut, self._size < self._base)
         placed.sort(key=lambda piece: piece[0])
-        return [(offset, bytes(data)) for offset, data in fresh], [(offset, data) for _, offset, data in placed]
+        return [(self._base, self._tail)] if self._tail else [], [(offset, data) for _, offset, data in placed]
 
     def _read(self, offset: int, size: int) -> bytes:
         """From the disk; zeros behind its end."""
@@ -210,11 +238,12 @@ class PagedFile:
             found += more
         return found.ljust(size, b"\0")
 
-    def _put(self, offset: int, data: bytes) -> None:
+    def _put(self, offset: int, data: bytes | bytearray) -> None:
         self._raw.seek(offset)
-        view = memoryview(data)
-        while view:
-            view = view[self._raw.write(view) :]
+        done = 0
+        with memoryview(data) as view:
+            while done < len(view):
+                done += self._raw.write(view[done:])
         self._on_disk = max(self._on_disk, offset + len(data))
 
     def _resize(self, size: int) -> None:
@@ -222,8 +251,15 @@ class PagedFile:
         self._on_disk = size
 
 
+def _runs(pages: list[int]) -> Iterator[tuple[int, int]]:
+    """The first of each row of pages that follow each other, and the page behind its last."""
+    begins = [k for k, page in enumerate(pages) if not k or pages[k - 1] + 1 < page]
+    for begin, end in pairwise([*begins, len(pages)]):
+        yield pages[begin], pages[end - 1] + 1
+
+
 def _changes(
-    start: int, old: bytes, new: bytearray, cut: bool, shrinks: bool
+    start: int, old: memoryview, new: bytearray, cut: bool, shrinks: bool
 ) -> list[tuple[tuple[int, ...], int, bytes]]:
     """The pieces of a page that differ, each with its rank in the order of a commit and where it goes."""
     found = []
