@@ -166,16 +166,14 @@ class Table:
     def add(self, stored: Stored, commit: Callable[[], None]) -> None:
         """Write one more; ``commit`` brings to the disk what was written so far. Doing it again after an interrupt does
         no harm."""
-        group, row = self._group, self.rows
-        begin = int(group["end"][row - 1]) if row else 0
-        end = begin + len(stored.data)
-        for name, size in (("data", end), ("end", row + 1), ("step", row + 1), ("time", row + 1), ("crc32", row + 1)):
-            group[name].resize(size, axis=0)
-        group["data"][begin:end] = np.frombuffer(stored.data, "u1")
-        group["end"][row], group["crc32"][row] = end, zlib.crc32(stored.data)
-        group["step"][row], group["time"][row] = stored.step, stored.time
+        row = self.rows
+        begin = int(self._data["end"][row - 1]) if row else 0
+        for name, values in _columns(stored, begin).items():
+            data, start = self._data[name], begin if name == "data" else row
+            data.resize(start + len(values), axis=0)
+            data[start:] = values
         commit()
-        group["committed"][0] = row + 1
+        self._group["committed"][0] = row + 1
         commit()
         self.rows += 1
 
@@ -193,10 +191,20 @@ class Table:
         return found
 
 
-def new_table(file: h5py.File) -> None:
-    """The group of a file in the making."""
+def _columns(stored: Stored, begin: int) -> dict[str, NDArray]:
+    """What each column gets of a checkpoint whose bytes ``begin`` there."""
+    row = {
+        "end": begin + len(stored.data), "step": stored.step, "time": stored.time, "crc32": zlib.crc32(stored.data)
+    }  # fmt: skip
+    return {"data": np.frombuffer(stored.data, "u1")} | {k: np.array([row[k]], COLUMNS[k]) for k in row}
+
+
+def new_table(file: h5py.File, first: Stored | None = None) -> None:
+    """The group of a file in the making, with a ``first`` checkpoint."""
     group = file.create_group(CHECKPOINTS)
+    columns = _columns(first, 0) if first else {}
     for name, kind in COLUMNS.items():
         chunk = BYTES_CHUNK if name == "data" else ROWS_CHUNK
-        group.create_dataset(name, (0,), kind, maxshape=(None,), chunks=(chunk,), track_times=False)
-    group.create_dataset("committed", data=np.zeros(1, "i8"), track_times=False)
+        data = columns.get(name, np.zeros(0, kind))
+        group.create_dataset(name, data=data, maxshape=(None,), chunks=(chunk,), track_times=False)
+    group.create_dataset("committed", data=np.full(1, int(first is not None), "i8"), track_times=False)

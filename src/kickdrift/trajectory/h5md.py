@@ -26,7 +26,7 @@ from kickdrift.trajectory import creation, packing, reader
 from kickdrift.trajectory.cadence import Cadence
 from kickdrift.trajectory.checkpoints import Checkpoint, Stored, Table
 from kickdrift.trajectory.contents import Contents
-from kickdrift.trajectory.header import Committed
+from kickdrift.trajectory.header import Committed, Outline, outline_of
 from kickdrift.trajectory.layout import EVENT_WIDTH, header_image
 from kickdrift.trajectory.openfile import OpenFile, refuse_second
 from kickdrift.trajectory.options import FileOptions
@@ -97,7 +97,7 @@ class Writer:
             start=Cadence(checkpoint).take(),
         )
         own = creation.create(Path(path), image, overwrite=overwrite)
-        self._open(Path(path), flush_bytes, options.flush, checkpoint, own=own)
+        self._open(Path(path), flush_bytes, options.flush, checkpoint, made=(own, outline_of(system, options)))
 
     @classmethod
     def append_to(
@@ -150,29 +150,36 @@ class Writer:
         checkpoint: Callable[[], Checkpoint] | None,
         run_id: str | None = None,
         keep: Committed | None = None,
-        own: tuple[int, int] | None = None,
+        made: tuple[tuple[int, int], Outline] | None = None,
     ) -> None:
         self.path, self.flush_bytes, self.flush_seconds = path, flush_bytes, flush_seconds
         self.report: dict[str, Any] | None = None
         self.absorbed: Mapping[int, int] = {}
         self._cadence = Cadence(checkpoint)
         self._table: Table | None = None
-        self._out = OpenFile(path, flush_bytes + 2 * 2**20, own)
+        self._out = OpenFile(path, flush_bytes + 2 * 2**20, made[0] if made else None)
         self._closed = False
         try:
             with Contents(self._out.h5, path).guarded("its structure"):
                 if run_id is not None and self._out.h5["kickdrift"].attrs["run_id"] != run_id:
                     raise InputError(f"{path}: another file has taken its place")
-                self._begin(keep)
+                self._begin(keep, made[1] if made and made[0] == self._out.key else None)
         except BaseException:
             self._out.close()
             raise
         self._seen: list[EventRow] = []
         self._clear()
 
-    def _begin(self, keep: Committed | None) -> None:
-        """Find where the file ends, and cut off what is no whole row; of whole ones, only those to ``keep`` stay."""
-        self._rows = Rows(self._out)
+    def _begin(self, keep: Committed | None, made: Outline | None) -> None:
+        """Find where the file ends; ``made`` is what it holds where this process has just made it."""
+        self._rows = Rows(self._out, made)
+        if not made:
+            self._cut_off(keep)
+        self.run_id: str = self._out.h5["kickdrift"].attrs["run_id"]
+        self.last_sample, self.last_frame = self._rows.last_sample, self._rows.last_frame
+
+    def _cut_off(self, keep: Committed | None) -> None:
+        """Take away what is no whole row; of whole ones, only those to ``keep`` stay. The run has not ended."""
         if keep:
             self._rows.keep(keep)
         if packing.is_packed(self._out.h5):
@@ -180,11 +187,8 @@ class Writer:
         if self._rows.cut() | self._checkpoints.cut():
             self._out.commit(cut=True)
             self._out.reopen()
-        own = self._out.h5["kickdrift"]
-        own["closed"][0] = 0
+        self._out.h5["kickdrift/closed"][0] = 0
         self._out.commit()
-        self.run_id: str = own.attrs["run_id"]
-        self.last_sample, self.last_frame = self._rows.last_sample, self._rows.last_frame
 
     @property
     def _checkpoints(self) -> Table:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from kickdrift.box import Box
 from kickdrift.state import Floats
+from kickdrift.system import System
 from kickdrift.trajectory import stored
 from kickdrift.trajectory.checksums import CHECKSUMS, VECTORS
 from kickdrift.trajectory.contents import Contents
@@ -31,6 +32,7 @@ EVENT_COLUMNS: dict[str, tuple[str, tuple[int, ...]]] = {  # in the order of the
 _NUMBERS = ("kinetic_energy", "potential_energy", "total_energy", "temperature", "pressure", "pairs", "energy_taken")
 _VECTORS = ("momentum", "angular_momentum", "centre_of_mass", "centre_of_mass_velocity", "momentum_taken")
 SHAPES: dict[str, tuple[int, ...]] = dict.fromkeys(_NUMBERS, ()) | dict.fromkeys(_VECTORS, (3,))  # of known observables
+EXTRAS = {"force": "forces", "image": "images"}  # groups of the frames, and what options call them
 CLOCK = (("step", "i8"), ("time", "f8"))
 _TEXTS = ("name", "length", "time", "mass", "energy", "temperature")  # attributes of the units
 # A power of a number, or a text without end: a program that reads units would take for ever to work these out.
@@ -45,27 +47,15 @@ class Committed(NamedTuple):
     events: int
 
 
-@dataclass(frozen=True)
-class Header:
-    """See `Run` for what is public there."""
+@dataclass(frozen=True, kw_only=True)
+class Outline:
+    """What it takes to add rows to a file."""
 
-    run_id: str
-    every: int
     units: UnitSystem
     box: Box
-    species: tuple[str, ...]
-    species_index: NDArray[np.int32]
-    masses: Floats
     ids: NDArray[np.int64]
-    source: str
-    record: dict[str, Any]
-    method: dict[str, Any]
-    versions: dict[str, Any]
     options: FileOptions
-    packed: bool
-    report: dict[str, Any] | None
     committed: Committed
-    half_written: dict[str, int]
     vectors: tuple[str, ...]  # groups of the frames, in the order of VECTORS
     observables: tuple[str, ...]
 
@@ -81,6 +71,37 @@ class Header:
             "sample": [f"{SAMPLES}/{name}" for name in (*clock, *self.observables)],
             "event": [f"{EVENTS}/{name}" for name in EVENT_COLUMNS],
         }
+
+
+@dataclass(frozen=True, kw_only=True)
+class Header(Outline):
+    """See `Run` for what is public there."""
+
+    run_id: str
+    every: int
+    species: tuple[str, ...]
+    species_index: NDArray[np.int32]
+    masses: Floats
+    source: str
+    record: dict[str, Any]
+    method: dict[str, Any]
+    versions: dict[str, Any]
+    packed: bool
+    report: dict[str, Any] | None
+    half_written: dict[str, int]
+
+
+def outline_of(system: System, options: FileOptions) -> Outline:
+    """That of a new file, whose header need not be read."""
+    return Outline(
+        units=system.units,
+        box=system.box,
+        ids=system.state.ids,
+        options=options,
+        committed=Committed(0, 0, 0),
+        vectors=tuple(name for name in VECTORS if name in VECTORS[:2] or EXTRAS.get(name) in options.write),
+        observables=(),
+    )
 
 
 def read(contents: Contents) -> Header:
@@ -104,7 +125,6 @@ def read(contents: Contents) -> Header:
     series = [sampled(contents, key, samples) for key, _ in CLOCK]
     contents.dataset(f"{own}/system/phase", "f8", (2, 3, n))
     closed = bool(contents.array(f"{own}/closed", "i1", (1,))[0])
-    extras = {"forces": "force", "images": "image"}
     with contents.guarded(f"{particles}/position/value"):
         packed = values[0].compression is not None
     return Header(
@@ -123,7 +143,7 @@ def read(contents: Contents) -> Header:
         options=FileOptions(
             precision="float32" if values[0].dtype.itemsize == 4 else "float64",
             compress=contents.attribute(own, "compress", bool),
-            write=tuple(name for name, group in extras.items() if group in vectors),
+            write=tuple(name for group, name in EXTRAS.items() if group in vectors),
         ),
         packed=packed,
         report=_report(contents) if closed else None,

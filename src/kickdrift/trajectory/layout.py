@@ -189,9 +189,7 @@ def header_image(
         vectors = [name for name in checksums.VECTORS if name in file[TRAJECTORY]]
         block = file[TRAJECTORY]["position/value"].chunks[1]
         checksums.new_group(file, len(system), block, vectors)
-        checkpoints.new_table(file)
-        if start is not None:
-            checkpoints.Table(file, "").add(start, file.flush)
+        checkpoints.new_table(file, start)
         file.flush()
         return bytes(file.id.get_file_image())
 

@@ -23,6 +23,8 @@ class OpenFile:
     path : Path
     h5 : h5py.File
         What is written to it reaches the disk with `commit`; another object after `replace` and `extend`.
+    key : (int, int)
+        Device and inode.
     failed : bool
         Whether a write has failed, after which there must be no other.
     """
@@ -36,8 +38,15 @@ class OpenFile:
         refuse_second(self.path)
         self._storage: PagedFile
         self._storage, self.h5 = open_to_write(self.path, cache_bytes=self._cache_bytes, own=own)
-        self._key = self._storage.key
-        _writing.add(self._key)
+        self._datasets: dict[str, h5py.Dataset] = {}
+        self.key = self._storage.key
+        _writing.add(self.key)
+
+    def dataset(self, name: str) -> h5py.Dataset:
+        """The dataset of that name; to find one takes longer than to write a few rows."""
+        if name not in self._datasets:
+            self._datasets[name] = self.h5[name]
+        return self._datasets[name]
 
     def commit(self, *, cut: bool = False) -> None:
         """Bring what was written to the disk; the OSError of a full one leaves the file as it was."""
@@ -50,18 +59,18 @@ class OpenFile:
             self.h5.close()
         finally:
             self._storage.close()
-            _writing.discard(self._key)
+            _writing.discard(self.key)
 
     def reopen(self) -> None:
         """HDF5 forgets by it which places in the file have become free, and does not use them again."""
         self.close()
-        self._connect(self._key)
+        self._connect(self.key)
 
     def check_there(self) -> None:
         """A RunError where the name is no longer that of the file that is open."""
         try:
             found = self.path.stat()
-            if (found.st_dev, found.st_ino) == self._key:
+            if (found.st_dev, found.st_ino) == self.key:
                 return
         except (FileNotFoundError, NotADirectoryError):
             pass

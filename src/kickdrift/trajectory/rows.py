@@ -25,6 +25,7 @@ from kickdrift.trajectory.layout import (
 )
 from kickdrift.trajectory.openfile import OpenFile
 
+VECTORS_NDIM = 3  # of vectors (frames, n, 3)
 Observables = dict[str, NDArray[np.float64]]
 
 
@@ -84,11 +85,11 @@ class Rows:
         Which of "forces" and "images" the frames have.
     """
 
-    def __init__(self, out: OpenFile) -> None:
+    def __init__(self, out: OpenFile, made: header.Outline | None = None) -> None:
+        """``made`` is what the file holds where this process has just made the file."""
         self._out = out
-        file = self._file
-        contents = Contents(file, out.path)
-        found = header.read(contents)
+        contents = Contents(self._file, out.path)
+        found = made or header.read(contents)
         self._units = found.units
         self._factors = FileUnits.of(self._units)
         self.ids = found.ids
@@ -98,6 +99,7 @@ class Rows:
         self._shapes_known = self.samples > 0 or bool(self.shapes)
         self.write = found.options.write
         self._growing, self._vectors, self._block = found.growing, found.vectors, 0
+        self._periodic = found.box.periodic
         self._look_for_checksums()
 
     @property
@@ -107,12 +109,9 @@ class Rows:
     def _look_for_checksums(self) -> None:
         """Whether the file has them of all its rows; else an older kickdrift has written to it, and it gets no more."""
         if CHECKSUMS in self._file:
-            group, rows = (
-                self._file[CHECKSUMS],
-                (("frame", self.frames), ("sample", self.samples), ("event", self.events)),
-            )
-            if all(group[name].shape[0] >= count for name, count in rows):
-                self._block = int(group.attrs["particles"])
+            rows = (("frame", self.frames), ("sample", self.samples), ("event", self.events))
+            if all(self._out.dataset(f"{CHECKSUMS}/{name}").shape[0] >= count for name, count in rows):
+                self._block = int(self._file[CHECKSUMS].attrs["particles"])
 
     def keep(self, rows: header.Committed) -> None:
         """Let no more than these rows count; `cut` takes the others away."""
@@ -129,8 +128,8 @@ class Rows:
         rows = {"frame": self.frames, "sample": self.samples, "event": self.events}
         for table, names in self._growing.items():
             for name in (*names, f"{CHECKSUMS}/{table}"):
-                if name in file and file[name].shape[0] > rows[table]:
-                    file[name].resize(rows[table], axis=0)
+                if name in file and (data := self._out.dataset(name)).shape[0] > rows[table]:
+                    data.resize(rows[table], axis=0)
                     found = True
         return found
 
@@ -150,19 +149,19 @@ class Rows:
 
     def add(self, frames: Sequence[FrameRow], samples: Sequence[SampleRow], events: Sequence[EventRow] = ()) -> None:
         """Write the rows and bring them to the disk. Doing it again after an interrupt does no harm."""
-        file, factors = self._file, self._factors
+        factors = self._factors
         self._put_all(self._checked("sample", self._sample_columns(samples)), self.samples)
         self._put_all(self._checked("event", self._event_columns(events)), self.events)
         observables = self._columns(
             {f"observables/{name}/value": [row.observables[name] for row in frames] for name in self.shapes}
         )
         edges: dict[str, Sequence[ArrayLike]] = {}
-        if f"{TRAJECTORY}/box/edges" in file:
+        if self._periodic:
             edges[f"{TRAJECTORY}/box/edges/value"] = [np.array(row.box.lengths) * factors.length for row in frames]
         step, time = f"{TRAJECTORY}/position/step", f"{TRAJECTORY}/position/time"
         steps, times = [row.step for row in frames], [row.time * factors.time for row in frames]
         clock = self._columns({step: steps, time: times, **edges})
-        vectors = self._columns(self._vector_columns(frames))
+        vectors = self._vector_columns(frames) if frames else {}
         columns = observables | clock | vectors
         if self._block and frames:
             columns[f"{CHECKSUMS}/frame"] = self._frame_sums(clock, observables, vectors)
@@ -174,7 +173,7 @@ class Rows:
         self._put_all(last, self.frames)
         self._out.commit()
         total = self.frames + len(frames), self.samples + len(samples), self.events + len(events)
-        file["kickdrift/committed"][...] = total  # in one page: the three are of one moment
+        self._out.dataset("kickdrift/committed")[...] = total  # in one page: the three are of one moment
         self._out.commit()
         self.frames, self.samples, self.events = total
 
@@ -190,27 +189,28 @@ class Rows:
         texts = {name: [text.encode() for text in columns[name]] for name in ("kind", "done")}
         return {f"{EVENTS}/{name}": column for name, column in (columns | texts).items()}
 
-    def _vector_columns(self, frames: Sequence[FrameRow]) -> dict[str, Sequence[ArrayLike]]:
-        """The frames' vectors by the names of their groups, in the file's units."""
+    def _vector_columns(self, frames: Sequence[FrameRow]) -> dict[str, NDArray]:
+        """The frames' vectors by the names of their datasets, as they are stored."""
         factors = self._factors
-        columns: dict[str, Sequence[ArrayLike]] = {
-            "velocity": [row.velocities * factors.velocity for row in frames],
+        columns: dict[str, tuple[Sequence[NDArray], float]] = {
+            "velocity": ([row.velocities for row in frames], factors.velocity),
         }
         if "forces" in self.write:
-            columns["force"] = [row.forces * factors.force for row in frames if row.forces is not None]
+            columns["force"] = [row.forces for row in frames if row.forces is not None], factors.force
         positions = [row.positions for row in frames]
         if "images" in self.write:
             inside = [row.box.wrap(row.positions) for row in frames]
             pairs = zip(frames, inside, strict=True)
-            columns["image"] = [images_of(row.positions, within, row.box) for row, within in pairs]
+            columns["image"] = [images_of(row.positions, within, row.box) for row, within in pairs], 1
             positions = inside
-        columns["position"] = [each * factors.length for each in positions]
-        return {f"{TRAJECTORY}/{name}/value": column for name, column in columns.items()}
+        columns["position"] = positions, factors.length
+        named = {f"{TRAJECTORY}/{name}/value": column for name, column in columns.items()}
+        return {name: _times(*column, self._file[name].dtype) for name, column in named.items()}
 
     def _columns(self, given: Mapping[str, Sequence[ArrayLike]]) -> dict[str, NDArray]:
         """Columns as they are stored."""
         with np.errstate(over="ignore"):  # of float32
-            return {name: np.asarray(rows, self._file[name].dtype) for name, rows in given.items() if len(rows)}
+            return {name: np.asarray(rows, self._out.dataset(name).dtype) for name, rows in given.items() if len(rows)}
 
     def _checked(self, table: str, given: Mapping[str, Sequence[ArrayLike]]) -> dict[str, NDArray]:
         """Columns as they are stored, with that of their checksums."""
@@ -259,9 +259,21 @@ class Rows:
             self._put(name, start, rows)
 
     def _put(self, name: str, start: int, rows: NDArray) -> None:
-        data = self._file[name]
-        data.resize(start + len(rows), axis=0)
-        data[start:] = rows
+        # A dataset that stays open keeps chunks in memory: megabytes of vectors.
+        data = (self._out.dataset(name) if rows.ndim < VECTORS_NDIM else self._file[name]).id
+        data.set_extent((start + len(rows), *rows.shape[1:]))  # by h5py's other names it takes three times as long
+        place = data.get_space()
+        place.select_hyperslab((start, *(0 for _ in rows.shape[1:])), rows.shape)
+        data.write(h5py.h5s.create_simple(rows.shape), place, np.ascontiguousarray(rows))
+
+
+def _times(vectors: Sequence[NDArray], factor: float, dtype: np.dtype) -> NDArray:
+    """(frames, n, 3) vectors (n, 3) times a number, with no copy between."""
+    found = np.empty((len(vectors), *vectors[0].shape), dtype)
+    with np.errstate(over="ignore"):  # of float32
+        for row, each in zip(found, vectors, strict=True):
+            np.multiply(each, factor, out=row, casting="same_kind")
+    return found
 
 
 def images_of(positions: Floats, within: Floats, box: Box) -> NDArray[np.int32]:
