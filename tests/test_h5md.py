@@ -20,9 +20,11 @@ import pytest
 from kickdrift.errors import InputError, RunError
 from kickdrift.state import State
 from kickdrift.system import System
-from kickdrift.trajectory import reader, storage
+from kickdrift.trajectory import header, reader, storage
+from kickdrift.trajectory.contents import Contents
 from kickdrift.trajectory.h5md import Writer
 from kickdrift.trajectory.info import describe, info
+from kickdrift.trajectory.options import FileOptions
 from kickdrift.units import UnitSystem
 
 METHOD = {"integrator": "velocity-verlet", "dt": 0.005, "threads": 1, "seed": 7}
@@ -46,6 +48,26 @@ def test_bodies_keep_their_names(tmp_path):
         assert list(run.universe().atoms.names) == ["Sun", "Jupiter"]
     assert system.body(1) == "Jupiter"
     assert make_system().body(1) == "particle 1"
+
+
+@pytest.mark.parametrize("units", ["lj", "si"])
+@pytest.mark.parametrize(
+    ("box", "precision", "write"),
+    [
+        (None, "float64", ()),
+        (None, "float32", ("forces",)),
+        ((5.0, 6.0, 7.0), "float32", ()),
+        ((5.0, 6.0, 7.0), "float64", ("forces", "images")),
+    ],
+)
+def test_what_a_new_file_holds_is_known_without_reading_it(path, units, box, precision, write):
+    system, options = make_system(box=box, units=units), FileOptions(precision=precision, write=write)
+    Writer(path, system, method=METHOD, every=10, options=options).close()
+    with h5py.File(path) as file:
+        found = header.read(Contents(file, path))
+    for name, known in vars(header.outline_of(system, options)).items():
+        np.testing.assert_equal(getattr(found, name), known, err_msg=name)
+    assert found.growing == header.outline_of(system, options).growing
 
 
 def make_state(system: System, step: int, dt=0.005) -> State:
