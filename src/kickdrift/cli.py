@@ -91,7 +91,10 @@ def options(
     load: Annotated[
         list[Path] | None,
         typer.Option(
-            "--load", metavar="FILE.py", envvar="KICKDRIFT_LOAD", help="First run a file that registers methods."
+            "--load",
+            metavar="FILE.py",
+            envvar="KICKDRIFT_LOAD",
+            help="First run a file that registers methods, forces.",
         ),
     ] = None,
 ) -> None:

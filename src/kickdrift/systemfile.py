@@ -258,7 +258,7 @@ def _force(given: dict[str, Any], units: UnitSystem, path: str) -> Any:
         raise InputError(f"{path}.type: required key is missing; expected one of {', '.join(FORCES)}")
     name = given["type"]
     if not isinstance(name, str) or name not in FORCES:
-        hint = suggestion(name, FORCES)
+        hint = suggestion(name, FORCES) or "; a force of your own comes with --load FILE.py"
         raise InputError(f"{path}.type: expected one of {', '.join(FORCES)}, got {shown(name)}{hint}")
     cls: Any = FORCES[name]
     parameters = force_parameters(cls, given, units, path)

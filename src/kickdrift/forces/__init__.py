@@ -1,4 +1,4 @@
-"""The registry of forces, by the name that system files use. Reading it compiles nothing."""
+"""The forces that ship. Reading them compiles nothing."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from kickdrift.forces.fields import DrivenField, HarmonicTrap, LinearDrag, Sprin
 from kickdrift.forces.gravity import Gravity
 from kickdrift.forces.lennard_jones import LennardJones
 from kickdrift.forces.oblateness import Oblateness
-from kickdrift.forces.registration import registered
+from kickdrift.forces.registration import FORCES, registered
 from kickdrift.forces.relativity import PostNewtonian
 from kickdrift.forces.tree import GravityTree
 
@@ -24,7 +24,7 @@ _ALL: tuple[Any, ...] = (
     DrivenField,
     LinearDrag,
 )
-FORCES: dict[str, Any] = {force.name: force for force in _ALL}
+FORCES.update({force.name: force for force in _ALL})
 _OWN = {(force.__module__, force.__qualname__): force for force in _ALL}
 
 

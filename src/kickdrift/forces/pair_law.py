@@ -235,12 +235,13 @@ def pair_law(cls: type) -> Any:
     optional ``dimensions`` names the kind of each parameter ("length", "energy", …) for system files with units.
 
     A law must not keep state between calls, such as a counter or a random number: its code is compiled once and called
-    for many pairs in any order. The force is registered (see ``register_force``), so that ``resume`` finds the force.
+    for many pairs in any order. The force is registered under the class's name in lower case, with hyphens:
+    "morse" for ``Morse``. System files and ``resume`` find the force by it (see ``register_force``).
 
     Raises
     ------
     InputError
-        Where the code of the law shows that the law keeps state.
+        Where the code of the law shows that the law keeps state, and where the name belongs to another force.
     """
     check_class(cls)
     check_stateless(cls.__name__, cls.law)  # type: ignore[attr-defined]

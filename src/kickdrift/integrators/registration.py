@@ -156,7 +156,7 @@ def unregister(name: str) -> None:
 
 
 def load_file(path: Path) -> None:
-    """Run a Python file that registers methods; an InputError of one line where it fails."""
+    """Run a Python file that registers methods or forces; an InputError of one line where it fails."""
     refuse_unfit(path)
     spec = spec_from_file_location(path.stem, path)
     if spec is None or spec.loader is None:
