@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from numba import njit, types
 from numba.core.errors import TypingError
 
 from kickdrift.jit.compile import as_written, jit
@@ -330,3 +331,21 @@ def test_a_product_inside_a_sum_is_fused_in_one_way_only():
     ]
     apart = [a * b + c, c - a * b, a * b - c]
     assert any(np.array_equal(out, expected) for expected in (fused, apart))
+
+
+@pytest.mark.parametrize(("first", "whole"), [("strict", types.int8), ("fast", types.int16)])
+def test_a_power_has_the_flags_of_its_own_function(first, whole):
+    """numba compiles x**k once for each pair of types, whatever flags the functions have that use it."""
+    flags = {"strict": False, "fast": {"contract"}}
+    marked = {}
+    for name in sorted(flags, key=lambda name: name != first):
+
+        def power(x, k):
+            return x**k
+
+        made = njit(types.float64(types.float64, whole), fastmath=flags[name], error_model="numpy")(power)
+        (code,) = made.inspect_llvm().values()
+        products = [line for line in code.splitlines() if " fmul " in line]
+        assert products
+        marked[name] = {"contract" in line for line in products}
+    assert marked == {"strict": {False}, "fast": {True}}

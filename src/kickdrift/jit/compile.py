@@ -13,7 +13,7 @@ from numba.extending import intrinsic
 
 from kickdrift.jit.cache import DriverCache
 from kickdrift.jit.inner import OPTIONS, inner
-from kickdrift.jit.numba_private import CPUDispatcher, cpu_target
+from kickdrift.jit.numba_private import CPUContext, CPUDispatcher, cpu_target
 
 FAST_MATH = {"reassoc", "nsz", "arcp", "contract"}  # never nnan or ninf: blow-ups are found by their NaN
 # What is not said a compiled function takes over from its caller: hence each False below.
@@ -27,6 +27,25 @@ strict = inner(fastmath=False, forceinline=False)
 # The same, always made part of the caller: for all that forces on threads run. Where LLVM may choose which products to
 # fuse with sums, two copies of one formula can differ in the last bit; `lanes.multiply_add` says where fusing pays.
 as_written = inner(fastmath=False, forceinline=True)
+
+
+def _internal_functions(context: Any) -> dict[Any, Any]:
+    """The functions that numba compiles by itself, such as ``x**2``, with the fast-math flags of this context.
+
+    numba keeps one copy of each for all flags, those of the function that needed it first. Then the bits of a power
+    would depend on what else was compiled before, or was found in the cache.
+    """
+    flags = context.fastmath.flags if context.fastmath else ()
+    found: dict[Any, Any] = context.internal_functions.setdefault(frozenset(flags), {})
+    return found
+
+
+def _begin_internal_functions(context: Any, _: Any) -> None:
+    context.internal_functions = {}
+
+
+CPUContext.cached_internal_func = property(_internal_functions, _begin_internal_functions)
+_begin_internal_functions(cpu_target.target_context, {})
 
 
 def processor() -> str:
