@@ -13,7 +13,7 @@ import pytest
 from numba import typeof
 
 from kickdrift.forces.bound import BoundForces
-from kickdrift.jit.cache import fingerprint, foreign_classes
+from kickdrift.jit.sources import Sources, fingerprint
 from kickdrift.jit.folders import folder
 from kickdrift.system import System
 

@@ -28,6 +28,8 @@ OPTIONS = {"nopython": True, "boundscheck": None, "error_model": "numpy"}  # of 
 class _InnerLibrary(JITCodeLibrary):
     """LLVM code to be linked into other libraries, as it was lowered."""
 
+    function: Callable[..., Any]  # that it is the code of
+
     def _optimize_final_module(self) -> None: ...
 
     def _finalize_final_module(self) -> None:
@@ -40,6 +42,7 @@ class _InnerLowering(NativeLowering):
 
     def run_pass(self, state: Any) -> bool:
         state.library = _InnerLibrary(state.targetctx.codegen(), state.func_id.func_qualname)
+        state.library.function = state.func_id.func
         state.flags.no_cpython_wrapper = state.flags.no_cfunc_wrapper = state.flags.no_compile = True
         super().run_pass(state)
         lowered = state.cr
@@ -76,6 +79,17 @@ class Inner(CPUDispatcher):
         if self._alone is None:
             self._alone = CPUDispatcher(self.py_func, self.locals, self.targetoptions)
         return self._alone  # which numba then calls
+
+
+def functions_in(library: Any) -> list[Callable[..., Any]]:
+    """The functions for compiled code whose code went into a library, directly or not."""
+    found, waiting = {}, [library]
+    while waiting:
+        each = waiting.pop()
+        if id(each) not in found:
+            found[id(each)] = each
+            waiting += each._linking_libraries
+    return [each.function for each in found.values() if isinstance(each, _InnerLibrary)]
 
 
 def inner(**options: Any) -> Callable[[Callable[..., Any]], Inner]:

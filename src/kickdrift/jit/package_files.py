@@ -1,0 +1,125 @@
+"""The package's own source files: from which of them a module's code can come, and what they hold.
+
+Code of a module can come from the module's file and from every file of the package that it imports, directly or not.
+Imports are read from the text, wherever in the file they stand. No module is imported for this, and only files that
+matter are read: about a millisecond for a step loop.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import re
+from collections.abc import Iterable, Iterator
+from functools import cache
+from pathlib import Path
+from typing import NamedTuple
+
+PACKAGE = Path(__file__).parents[1]
+NAME = __name__.partition(".")[0]
+
+# An import of the package's own. What type checkers alone read makes no code.
+_IMPORT = re.compile(
+    rf"^[ \t]*(?:from[ \t]+({NAME}[\w.]*)[ \t]+import[ \t]*(\([^)]*\)|[^\n]*)|import[ \t]+([^\n]*))", re.MULTILINE
+)
+_FOR_TYPE_CHECKERS = re.compile(r"^if TYPE_CHECKING:\n(?:[ \t][^\n]*\n|\n)*", re.MULTILINE)
+_COMMENT = re.compile(r"#[^\n]*")
+
+
+class UnknownSource(Exception):
+    """Something of which equal descriptions do not mean equal code; what uses it is not kept on disk."""
+
+
+class _File(NamedTuple):
+    path: str
+    stamp: tuple[int, ...]
+
+
+def _stamp(found: os.stat_result) -> tuple[int, ...]:
+    return found.st_mtime_ns, found.st_size, found.st_ino
+
+
+def _files(folder: str | Path, package: str) -> Iterator[tuple[str, _File]]:
+    """Every module in a package's folder, and its file as it is now."""
+    with os.scandir(folder) as entries:
+        for entry in entries:
+            stem, suffix = os.path.splitext(entry.name)
+            if suffix == ".py":
+                yield package if stem == "__init__" else f"{package}.{stem}", _File(entry.path, _stamp(entry.stat()))
+            elif not suffix and stem != "__pycache__" and entry.is_dir():
+                yield from _files(entry.path, f"{package}.{stem}")
+
+
+# As the files were when this process began to compile: a file that is edited later is not what the process runs.
+_FILES = dict(_files(PACKAGE, NAME))
+
+
+def in_package(module: str | None) -> bool:
+    """Whether a module of that name is the package's."""
+    return module is not None and (module == NAME or module.startswith(f"{NAME}."))
+
+
+def imports(text: str) -> set[tuple[str, str]]:
+    """What a file with this text imports from the package: (module, name in the module, or "" of a module alone)."""
+    found: set[tuple[str, str]] = set()
+    for base, names, plain in _IMPORT.findall(_COMMENT.sub("", _FOR_TYPE_CHECKERS.sub("", text))):
+        listed = [word.split()[0] for word in (names or plain).strip("() \t\r\n").split(",") if word.split()]
+        found |= {(base, name) for name in listed} if base else {(name, "") for name in listed}
+    return {(module, name) for module, name in found if in_package(module)}
+
+
+def _module(base: str, name: str = "") -> str:
+    """The module that holds a name of ``base``: the module of that name, where there is one."""
+    if f"{base}.{name}" in _FILES:
+        return f"{base}.{name}"
+    if base not in _FILES:
+        raise UnknownSource(f"{base} has no source file")
+    return base
+
+
+@cache
+def _read(module: str) -> tuple[str, frozenset[str]]:
+    """A hash of a module's file, and the modules that the file may import."""
+    try:
+        content = Path(_FILES[module].path).read_bytes()
+    except OSError:
+        raise UnknownSource(f"{module} cannot be read") from None
+    return hashlib.sha256(content).hexdigest(), frozenset(_module(*each) for each in imports(content.decode()))
+
+
+@cache
+def reach(modules: frozenset[str]) -> tuple[str, ...]:
+    """The modules of the package that code of these modules can come from, sorted."""
+    found: set[str] = set()
+    waiting = [_module(name) for name in modules]
+    while waiting:
+        module = waiting.pop()
+        if module not in found:
+            found.add(module)
+            waiting += _read(module)[1]
+    return tuple(sorted(found))
+
+
+@cache
+def _hash(modules: tuple[str, ...]) -> str:
+    return hashlib.sha256("".join(f"{name} {_read(name)[0]}\n" for name in modules).encode()).hexdigest()
+
+
+def sources_hash(modules: Iterable[str]) -> str:
+    """A hash of every file of the package that code of these modules can come from.
+
+    Raises
+    ------
+    UnknownSource
+        Where a file was edited after this process began.
+    """
+    reached = reach(frozenset(modules))
+    for module in reached:
+        path, stamp = _FILES[module]
+        try:
+            now = _stamp(os.stat(path))
+        except OSError:
+            now = ()
+        if now != stamp:
+            raise UnknownSource(f"{path} was edited while this process ran")
+    return _hash(reached)

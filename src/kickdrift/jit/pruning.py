@@ -1,0 +1,73 @@
+"""Old compiled code leaves the disk: what nobody used for `DAYS` days, and the least recently used beyond `BYTES`.
+
+Every edit of a source, and every new version of numba, leaves code behind that no process will ask for again. A file's
+time of modification is when a process last used the file, to the nearest `STEP`.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+from kickdrift.jit.code_files import SUFFIX, UNFINISHED
+
+DAYS = 60
+BYTES = 500_000_000
+DAY = 86_400.0  # seconds
+STEP = 0.1 * DAY
+
+_used: set[str] = set()  # by this process, which removes none of them
+
+
+class _File(NamedTuple):
+    path: str
+    bytes: int
+    age: float  # seconds
+
+
+def use(path: Path) -> None:
+    """Note that this process uses a file."""
+    _used.add(str(path))
+    try:
+        if time.time() - os.stat(path).st_mtime > STEP:
+            os.utime(path)
+    except OSError:  # somebody else's, or gone by now
+        return
+
+
+def prune(folder: Path) -> None:
+    """Remove old code from a folder. Whatever cannot be removed stays: other processes may be at the same."""
+    try:
+        files = sorted(_files(str(folder), time.time()), key=lambda file: file.age)
+    except OSError:
+        return
+    total = 0
+    for file in files:
+        total += file.bytes
+        if file.path in _used:
+            continue
+        unfinished = UNFINISHED in os.path.basename(file.path)
+        if total > BYTES or file.age > (DAY if unfinished else DAYS * DAY):
+            try:
+                os.unlink(file.path)
+                total -= file.bytes
+            except OSError:
+                continue
+
+
+def _files(folder: str, now: float) -> Iterator[_File]:
+    """The files of compiled code in a folder; earlier versions kept them in folders within, which go when empty."""
+    with os.scandir(folder) as entries:
+        for entry in entries:
+            try:
+                if entry.is_dir(follow_symlinks=False):
+                    yield from _files(entry.path, now)
+                    os.rmdir(entry.path)
+                elif entry.name.endswith((SUFFIX, ".nbi")) or UNFINISHED in entry.name:
+                    found = entry.stat(follow_symlinks=False)
+                    yield _File(entry.path, found.st_size, now - found.st_mtime)
+            except OSError:  # gone by now, or a folder that is not empty
+                continue

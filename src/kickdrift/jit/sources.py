@@ -1,0 +1,130 @@
+"""What a compiled function comes from, as a key: equal keys mean equal machine code.
+
+The key covers the files of the package that the code can come from (see `package_files`), all that the user's functions
+in it use (see `described`), the types, and the versions and settings of Python, numba, LLVM and numpy. Where one of
+them cannot be described, there is no key, and the code is not kept on disk.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import platform
+import sys
+from collections.abc import Callable, Iterable, Iterator
+from typing import Any
+
+import llvmlite
+import numba
+import numpy as np
+from numba import types
+
+from kickdrift.jit.described import Description, Text, found_by_name, settled
+from kickdrift.jit.package_files import UnknownSource, in_package, reach, sources_hash
+
+# Types whose names say all about them.
+_NAMED = (
+    *(types.Number, types.Boolean, types.NoneType, types.StringLiteral),
+    *(types.Array, types.CPointer, types.RawPointer),
+)
+# numba's settings that change the machine code, beside those of the processor.
+_SETTINGS = (
+    *("OPT", "LOOP_VECTORIZE", "SLP_VECTORIZE", "USING_SVML"),
+    *("BOUNDSCHECK", "DEBUGINFO_DEFAULT", "LLVM_REFPRUNE_FLAGS"),
+)
+# By these names compiled code of the package finds functions in the class of a type.
+_METHODS = ("law", "apply")
+
+
+def _versions() -> Text:
+    versions = (platform.python_implementation(), sys.version, numba.__version__, llvmlite.__version__, np.__version__)
+    return (*versions, *(repr(getattr(numba.config, name, None)) for name in _SETTINGS))
+
+
+def functions_of(cls: type) -> Iterator[Any]:
+    """The functions of a NamedTuple class that code for its instances is compiled from."""
+    for name in _METHODS:
+        if getattr(cls, name, None) is not None:
+            yield getattr(cls, name)
+    yield from getattr(cls, "kernel_sources", ())
+
+
+class Sources:
+    """All that a compiled function comes from.
+
+    Attributes
+    ----------
+    foreign : whether a class from outside the package is among the types
+    """
+
+    def __init__(self) -> None:
+        self.foreign = False
+        self._description = Description()
+        self._texts: list[Text] = []
+
+    def add_function(self, function: Any) -> None:
+        """Add a function, and all that its code uses."""
+        if in_package(function.__module__) and function.__closure__ is None:  # the files say all
+            self._description.modules.add(function.__module__)
+            self._texts.append((function.__module__, function.__qualname__, str(function.__code__.co_firstlineno)))
+            return
+        self._texts.append(self._description.of(function))
+
+    def add_made_around(self, function: Callable[..., Any], kind: types.Type) -> None:
+        """Add a function of the package that closes over what follows from a type alone."""
+        assert in_package(function.__module__)
+        self._description.modules.add(function.__module__)
+        self._texts.append((function.__module__, function.__qualname__))
+        self.add_type(kind)
+
+    def add_type(self, kind: types.Type) -> None:
+        """Add a type, and the functions that come with the classes in it."""
+        self._texts.append(self._type(kind))
+
+    def _type(self, kind: types.Type) -> Text:
+        if isinstance(kind, types.BaseNamedTuple):
+            return (*self._class(kind.instance_class), repr(kind.fields), *map(self._type, kind))
+        if isinstance(kind, types.BaseTuple):
+            return ("tuple", *map(self._type, kind))
+        pointed_at = getattr(kind, "kind", None)
+        if isinstance(pointed_at, types.Type) and in_package(type(kind).__module__):  # a handle
+            return (*self._class(type(kind)), self._type(pointed_at))
+        if isinstance(kind, _NAMED):
+            return ("type", str(kind))
+        raise UnknownSource(f"the type {kind}")
+
+    def _class(self, cls: type) -> Text:
+        name = (cls.__module__, cls.__qualname__)
+        if in_package(cls.__module__) and found_by_name(*name) is cls:
+            self._description.modules.add(cls.__module__)
+        else:
+            self.foreign = True
+        return (*name, *(self._description.of(each) for each in functions_of(cls)))
+
+    def key(self, processor: Any) -> str:
+        """The key of the code for a processor, as numba names that.
+
+        Raises
+        ------
+        UnknownSource
+            Where a file of the package was edited after this process began.
+        """
+        files = sources_hash(self._description.modules)
+        whole = (_versions(), repr(processor), files, *self._texts)
+        return hashlib.sha256(repr(whole).encode()).hexdigest()
+
+    def cover(self, functions: Iterable[Callable[..., Any]]) -> bool:
+        """Whether the key tells of an edit of each of these functions."""
+        files = reach(frozenset(self._description.modules))
+        for function in functions:
+            home = function.__module__
+            if in_package(home) and home not in files:
+                return False
+            if not in_package(home) and not settled(home) and function.__code__ not in self._description.codes:
+                return False
+        return True
+
+
+def fingerprint(cls: type) -> str:
+    """A NamedTuple class as text: equal for equal code, in every process."""
+    sources = Sources()
+    return repr((sources._class(cls), sorted(sources._description.modules)))
