@@ -13,7 +13,7 @@ import pytest
 
 from kickdrift.jit import cache as code_cache
 from kickdrift.jit import folders
-from kickdrift.jit.code_files import DIGEST, CodeFiles
+from kickdrift.jit.code_files import DIGEST, load, save
 from kickdrift.jit.compile import driver
 from kickdrift.jit.folders import make_private
 
@@ -118,11 +118,6 @@ def test_a_warm_folder_that_cannot_be_written_is_read(place, monkeypatch):
     assert folders.warm.__wrapped__() == ()
 
 
-def files(path):
-    make_private(path)
-    return CodeFiles(str(path), "function-1.py311", "stamp")
-
-
 class Harmful:
     """A pickle that says that it was loaded."""
 
@@ -134,40 +129,46 @@ class Harmful:
 
 
 def test_damaged_files_count_as_not_there(tmp_path):
-    at = tmp_path / "cache" / "jit" / "abc"
-    own = files(at)
-    own.save("key", {"code": b"x" * 1000})
-    assert own.load("key") == {"code": b"x" * 1000}
-    assert own.load("another key") is None
-    assert CodeFiles(str(at), "function-1.py311", "another stamp").load("key") is None
-    index, code = at / "function-1.py311.nbi", at / "function-1.py311.1.nbc"
-    mark = tmp_path / "loaded"
-    for path in (index, code):
-        good = path.read_bytes()
-        flipped = good[: DIGEST + 5] + bytes([good[DIGEST + 5] ^ 1]) + good[DIGEST + 6 :]
-        foreign = pickle.dumps(Harmful(mark))
-        for bad in (b"", good[: DIGEST - 1], good[:DIGEST], good[:-1], good + b"x", flipped, foreign, b"\0" * 500):
-            path.write_bytes(bad)
-            assert own.load("key") is None
-            own.save("key", {"code": b"new"})  # what was compiled anew is found again
-            assert files(at).load("key") == {"code": b"new"}
-            path.write_bytes(good)
-        path.unlink()
-        path.mkdir()
-        assert own.load("key") is None
-        path.rmdir()
-        os.mkfifo(path)
-        assert own.load("key") is None
-        path.unlink()
-        (tmp_path / "elsewhere").write_bytes(good)
-        path.symlink_to(tmp_path / "elsewhere")
-        assert own.load("key") is None
-        path.unlink()
-        path.write_bytes(good)
-        os.chmod(path, 0o666)
-        assert own.load("key") is None
-        os.chmod(path, 0o600)
+    path = tmp_path / "function.nbc"
+    save(path, "key", {"code": b"x" * 1000})
+    assert load(path, "key") == {"code": b"x" * 1000}
+    assert load(path, "another key") is None
+    assert load(tmp_path / "another.nbc", "key") is None
+    mark, good = tmp_path / "loaded", path.read_bytes()
+    flipped = good[: DIGEST + 5] + bytes([good[DIGEST + 5] ^ 1]) + good[DIGEST + 6 :]
+    foreign = pickle.dumps(Harmful(mark))
+    for bad in (b"", good[: DIGEST - 1], good[:DIGEST], good[:-1], good + b"x", flipped, foreign, b"\0" * 500):
+        path.write_bytes(bad)
+        assert load(path, "key") is None
+        save(path, "key", {"code": b"new"})  # what was compiled anew is found again
+        assert load(path, "key") == {"code": b"new"}
+    path.unlink()
+    path.mkdir()
+    assert load(path, "key") is None
+    with pytest.raises(OSError, match="function"):
+        save(path, "key", {})
+    path.rmdir()
+    os.mkfifo(path)
+    assert load(path, "key") is None
+    path.unlink()
+    (tmp_path / "elsewhere").write_bytes(good)
+    path.symlink_to(tmp_path / "elsewhere")
+    assert load(path, "key") is None
+    path.unlink()
+    path.write_bytes(good)
+    os.chmod(path, 0o666)
+    assert load(path, "key") is None
     assert not mark.exists()
+    assert sorted(each.name for each in tmp_path.iterdir()) == ["elsewhere", "function.nbc"], "nothing unfinished"
+
+
+def test_what_is_saved_counts_whatever_the_users_mask(tmp_path):
+    previous = os.umask(0o002)  # as on many systems: files that the group can write to
+    try:
+        save(tmp_path / "function.nbc", "key", 1.0)
+    finally:
+        os.umask(previous)
+    assert load(tmp_path / "function.nbc", "key") == 1.0
 
 
 def test_a_function_whose_files_are_damaged_is_compiled_anew(tmp_path, monkeypatch):
@@ -184,11 +185,10 @@ def test_a_function_whose_files_are_damaged_is_compiled_anew(tmp_path, monkeypat
         return sum(made.stats.cache_hits.values())
 
     assert (hits(), hits()) == (0, 1)
-    (code,), (index,) = home.rglob("*.nbc"), home.rglob("*.nbi")
-    assert mode(code.parent) == 0o700
-    for path in (code, index):
-        path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
-        assert (hits(), hits()) == (0, 1)
+    (path,) = home.rglob("*.*")
+    assert mode(path.parent) == 0o700
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    assert (hits(), hits()) == (0, 1)
     monkeypatch.setattr(code_cache, "warm", lambda: (home,))
     monkeypatch.setattr(code_cache, "folder", lambda: None)
     assert hits() == 1, "a warm cache is read where nothing can be written"

@@ -13,8 +13,8 @@ import pytest
 from numba import typeof
 
 from kickdrift.forces.bound import BoundForces
-from kickdrift.jit.sources import Sources, fingerprint
 from kickdrift.jit.folders import folder
+from kickdrift.jit.sources import Sources, fingerprint
 from kickdrift.system import System
 
 MEASURE = """
@@ -70,7 +70,7 @@ class Workshop:
         """Begin with what of the package alone was compiled for other tests, if anything: its pair list, above all,
         takes thrice as long as a law."""
         jit = folder() / "jit"
-        for pattern in ("*list_code.*.nb[ic]", "*evaluate.measure*.nb[ic]"):
+        for pattern in ("forces.list_code.*.nbc", "forces.evaluate.measure.*.nbc", "jit.handle.put_array.*.nbc"):
             for path in jit.rglob(pattern):
                 copy = self.cache / "jit" / path.relative_to(jit)
                 copy.parent.mkdir(parents=True, exist_ok=True)
@@ -238,5 +238,8 @@ def test_users_laws_are_foreign(tmp_path):
         pairs = {("A", "B"): {"a": 2.0}}
         force = type(force)(a=1.0, b=1.0, cutoff=2.0, species={"A": {}, "B": {}}, pairs=pairs)
         system = System(np.eye(3)[:2], forces=[force], species=species)
-        kind = typeof(BoundForces(system).forces[0].parts)
-        assert list(foreign_classes(kind)) == [type(force).Parameters]
+        sources = Sources()
+        sources.add_type(typeof(BoundForces(system).forces[0].parts))
+        assert sources.foreign
+        assert sources.cover([type(force).Parameters.law])
+        assert not sources.cover([test_users_laws_are_foreign])

@@ -19,6 +19,7 @@ import numpy as np
 from numba import types
 
 from kickdrift.jit.described import Description, Text, found_by_name, settled
+from kickdrift.jit.numba_private import Intrinsic
 from kickdrift.jit.package_files import UnknownSource, in_package, reach, sources_hash
 
 # Types whose names say all about them.
@@ -43,7 +44,7 @@ def _versions() -> Text:
 def functions_of(cls: type) -> Iterator[Any]:
     """The functions of a NamedTuple class that code for its instances is compiled from."""
     for name in _METHODS:
-        if getattr(cls, name, None) is not None:
+        if hasattr(cls, name) and name not in getattr(cls, "_fields", ()):
             yield getattr(cls, name)
     yield from getattr(cls, "kernel_sources", ())
 
@@ -70,10 +71,13 @@ class Sources:
         self._texts.append(self._description.of(function))
 
     def add_made_around(self, function: Callable[..., Any], kind: types.Type) -> None:
-        """Add a function of the package that closes over what follows from a type alone."""
-        assert in_package(function.__module__)
+        """Add a function of the package that closes over intrinsics that follow from a type alone."""
+        if not in_package(function.__module__):
+            raise UnknownSource("a function from outside the package that closes over a type")
+        closure = [cell.cell_contents for cell in function.__closure__ or ()]
+        values = [self._description.of(value) for value in closure if not isinstance(value, Intrinsic)]
         self._description.modules.add(function.__module__)
-        self._texts.append((function.__module__, function.__qualname__))
+        self._texts.append((function.__module__, function.__qualname__, *values))
         self.add_type(kind)
 
     def add_type(self, kind: types.Type) -> None:
