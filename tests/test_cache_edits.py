@@ -18,6 +18,7 @@ import pytest
 from numba import njit, typeof, types, vectorize
 
 import kickdrift
+from kickdrift.forces import kernel
 from kickdrift.jit import cache as code_cache
 from kickdrift.jit import package_files
 from kickdrift.jit.compile import driver
@@ -555,6 +556,18 @@ def test_classes_of_one_name_in_two_orders():
     assert str(typeof((one, two))) == str(typeof((two, one)))
     assert key(one, two) == key(one, two) != key(two, one)
     assert fingerprint(type(one)) != fingerprint(type(two))
+
+
+def test_how_a_force_was_registered_is_in_its_key(monkeypatch):
+    """The number of rows of its arrays is no part of the force's own code."""
+    kind = typeof(namedtuple("Field", "k")(1.0))
+    keys = set()
+    for rows in (3, 1, 3):
+        monkeypatch.setitem(kernel._ROWS, kind.instance_class, rows)
+        sources = Sources()
+        sources.add_made_around(kernel.compute_for(kind), kind)
+        keys.add(sources.key(""))
+    assert len(keys) == 2
 
 
 def test_types_that_are_known_by_an_address_are_not_kept():

@@ -146,6 +146,11 @@ def test_a_kernel_in_a_module(workshop):
     assert workshop.run() == ([0.0, -2.0], 0)
     workshop.write("mine.py", KERNEL.replace("force.stiffness *", "3.0 * force.stiffness *"))
     assert workshop.run() == ([0.0, -6.0], 1)
+    workshop.write("params.py", "SCALE = 5.0")
+    workshop.write("mine.py", "import params", KERNEL.replace("force.stiffness *", "params.SCALE * force.stiffness *"))
+    assert workshop.run() == ([0.0, -10.0], 1)
+    workshop.write("params.py", "SCALE = 7.0")
+    assert workshop.run() == ([0.0, -14.0], 1)
     # the same kernel under another name outlives the module that it was compiled for
     workshop.write("copy_of_mine.py", KERNEL)
     (workshop.path / "mine.py").unlink()

@@ -176,14 +176,15 @@ class Description:
 
     def _function(self, value: FunctionType) -> Text:
         name = (value.__module__, value.__qualname__)
+        closed = tuple(self._cell(cell) for cell in value.__closure__ or ())
+        defaults = (self.of(value.__defaults__), self.of(value.__kwdefaults__))
+        if in_package(value.__module__):
+            self.modules.add(value.__module__)
+            if not value.__code__.co_filename.startswith("<"):  # then the file says all else
+                return ("package", *name, str(value.__code__.co_firstlineno), *closed, *defaults)
         overloads = self._overloads(value)
         if settled(value.__module__) and found_by_name(*name) is value:
             return ("settled", *name, *overloads)
-        cells = [self._cell(cell) for cell in value.__closure__ or ()]
-        defaults = (self.of(value.__defaults__), self.of(value.__kwdefaults__))
-        if in_package(value.__module__) and not value.__code__.co_filename.startswith("<"):
-            self.modules.add(value.__module__)
-            return ("package", *name, *cells, *defaults, *overloads)
         self.codes.update(_codes(value.__code__))
         names, attributes = _names(value.__code__)
         used = []
@@ -193,7 +194,7 @@ class Description:
                     used.append((key, self.of(scope[key], attributes)))
                     break
         asked = [each for name in sorted(attributes) for each in self._overloads(name)]
-        return ("function", self._code(value.__code__), *cells, *defaults, *used, *asked, *overloads)
+        return ("function", self._code(value.__code__), *closed, *defaults, *used, *asked, *overloads)
 
     def _code(self, code: CodeType) -> Text:
         constants = [self._code(each) if isinstance(each, CodeType) else self.of(each) for each in code.co_consts]

@@ -18,11 +18,11 @@ from typing import NamedTuple
 PACKAGE = Path(__file__).parents[1]
 NAME = __name__.partition(".")[0]
 
-# An import of the package's own. What type checkers alone read makes no code.
+# An import of the package's own.
 _IMPORT = re.compile(
-    rf"^[ \t]*(?:from[ \t]+({NAME}[\w.]*)[ \t]+import[ \t]*(\([^)]*\)|[^\n]*)|import[ \t]+([^\n]*))", re.MULTILINE
+    rf"\n[ \t]*(?:from[ \t]+({NAME}[\w.]*)[ \t]+import[ \t]*(\((?:[^)#]|#[^\n]*)*\)|[^\n]*)|import[ \t]+([^\n]*))"
 )
-_FOR_TYPE_CHECKERS = re.compile(r"^if TYPE_CHECKING:\n(?:[ \t][^\n]*\n|\n)*", re.MULTILINE)
+_FOR_TYPE_CHECKERS = re.compile(r"\nif TYPE_CHECKING:\n(?:[ \t][^\n]*\n|\n)*")  # what they alone read makes no code
 _COMMENT = re.compile(r"#[^\n]*")
 
 
@@ -62,8 +62,9 @@ def in_package(module: str | None) -> bool:
 def imports(text: str) -> set[tuple[str, str]]:
     """What a file with this text imports from the package: (module, name in the module, or "" of a module alone)."""
     found: set[tuple[str, str]] = set()
-    for base, names, plain in _IMPORT.findall(_COMMENT.sub("", _FOR_TYPE_CHECKERS.sub("", text))):
-        listed = [word.split()[0] for word in (names or plain).strip("() \t\r\n").split(",") if word.split()]
+    for base, names, plain in _IMPORT.findall(_FOR_TYPE_CHECKERS.sub("\n", "\n" + text)):
+        words = _COMMENT.sub("", names or plain).strip("() \t\r\n").split(",")
+        listed = [word.split()[0] for word in words if word.split()]
         found |= {(base, name) for name in listed} if base else {(name, "") for name in listed}
     return {(module, name) for module, name in found if in_package(module)}
 

@@ -20,7 +20,7 @@ from numba import types
 
 from kickdrift.jit.described import Description, Text, found_by_name, settled
 from kickdrift.jit.numba_private import Intrinsic
-from kickdrift.jit.package_files import UnknownSource, in_package, reach, sources_hash
+from kickdrift.jit.package_files import NAME, UnknownSource, in_package, reach, sources_hash
 
 # Types whose names say all about them.
 _NAMED = (
@@ -60,6 +60,7 @@ class Sources:
     def __init__(self) -> None:
         self.foreign = False
         self._description = Description()
+        self._description.modules.add(f"{NAME}.jit.compile")  # all is compiled with the options there
         self._texts: list[Text] = []
 
     def add_function(self, function: Any) -> None:
@@ -92,6 +93,8 @@ class Sources:
         pointed_at = getattr(kind, "kind", None)
         if isinstance(pointed_at, types.Type) and in_package(type(kind).__module__):  # a handle
             return (*self._class(type(kind)), self._type(pointed_at))
+        if isinstance(kind, types.Omitted):
+            return ("omitted", self._description.of(kind.value))
         if isinstance(kind, _NAMED):
             return ("type", str(kind))
         raise UnknownSource(f"the type {kind}")
@@ -121,6 +124,8 @@ class Sources:
         files = reach(frozenset(self._description.modules))
         for function in functions:
             home = function.__module__
+            if home is None:  # written and run by one of the others
+                continue
             if in_package(home) and home not in files:
                 return False
             if not in_package(home) and not settled(home) and function.__code__ not in self._description.codes:
