@@ -17,16 +17,17 @@ import numpy as np
 import pytest
 from numba import njit, typeof, types, vectorize
 
-import kickdrift
+import kickdrift as kd
 from kickdrift.forces import kernel
 from kickdrift.jit import cache as code_cache
-from kickdrift.jit import package_files
-from kickdrift.jit.compile import driver
+from kickdrift.jit import masks, package_files
+from kickdrift.jit.compile import driver, never_inline
 from kickdrift.jit.described import Description
+from kickdrift.jit.lanes import splat
 from kickdrift.jit.package_files import UnknownSource, imports, reach, sources_hash
 from kickdrift.jit.sources import Sources, fingerprint
 
-PACKAGE = Path(kickdrift.__file__).parent
+PACKAGE = Path(kd.__file__).parent
 
 # --- the package's own files ---
 
@@ -253,7 +254,7 @@ import params
 import helpers
 import outer.inner
 from helpers import direct as renamed
-from kickdrift.jit.compile import driver
+from kickdrift.jit.compile import driver, never_inline
 
 SCALE = 2.0
 WEIGHTS = np.arange(30.0)
@@ -556,6 +557,20 @@ def test_classes_of_one_name_in_two_orders():
     assert str(typeof((one, two))) == str(typeof((two, one)))
     assert key(one, two) == key(one, two) != key(two, one)
     assert fingerprint(type(one)) != fingerprint(type(two))
+
+
+def test_what_a_users_code_takes_from_the_package_is_in_its_key():
+    """Its functions for compiled code, its intrinsics and what it overloads, each by the file where it stands."""
+
+    def kernel(forces, x, v, a):
+        never_inline()
+        kd.accelerations(forces, 0.0, x, v, a)
+        return masks.select(splat(0.0) > 1.0, splat(1.0), splat(2.0))
+
+    description = Description()
+    description.of(kernel)
+    wanted = {"jit.compile", "integrators.custom", "jit.masks", "jit.lanes"}
+    assert {f"kickdrift.{name}" for name in wanted} <= description.modules
 
 
 def test_how_a_force_was_registered_is_in_its_key(monkeypatch):

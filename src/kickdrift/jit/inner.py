@@ -69,7 +69,7 @@ class Inner(CPUDispatcher):
     """A function for compiled code; where Python calls it, as tests do, it is compiled once more for that."""
 
     def __init__(self, py_func: Callable[..., Any], locals: Any = None, targetoptions: Any = None) -> None:
-        super().__init__(py_func, locals, targetoptions, InnerCompiler)
+        super().__init__(py_func, locals or {}, targetoptions, InnerCompiler)
         self._alone: CPUDispatcher | None = None
 
     def add_overload(self, cres: Any) -> None:
