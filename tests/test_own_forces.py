@@ -74,7 +74,7 @@ def test_a_system_file_names_a_force_of_ones_own(kickdrift, files):
     assert status == 0
     assert "gaussian" in out
     assert "height" in out
-    assert kickdrift("--load", load, "resume", run, "--steps", "5")[0] == 0
+    assert kickdrift("--load", load, "resume", run, "--steps", "25")[0] == 0
 
 
 def test_without_its_file_the_line_says_what_to_load(kickdrift, files):
