@@ -36,6 +36,7 @@ from kickdrift.integrators.method import DOUBLE, PRECISIONS
 
 STEPS, THREADS = 24, (1, 2, 4)
 METHODS = [name for name, method in INTEGRATORS.items() if method.name == name]
+DENSE = ("Rosenbrock", "SciPy")  # families whose Jacobians are dense
 LARGE = {f"lennard-jones {k} species, 4 chunks": k for k in (1, 2)}  # where the order of the chunks' sum shows
 FAULT = (
     "forces/pair_kernel.py",
@@ -67,9 +68,10 @@ class Case(NamedTuple):
     precision: str = DOUBLE
 
 
-def liquid(forces: list[Any], species: int = 1, edge: int = 7, periodic: bool = True) -> kd.System:
+def liquid(forces: list[Any], species: int = 1, edge: int = 7, periodic: bool = True, few: bool = False) -> kd.System:
     """A hot, disordered Lennard-Jones liquid of edge^3 particles in a periodic box or as a drop; 343 make two chunks of
-    work, 4096 make four."""
+    work, 4096 make four. Or of ``few`` particles."""
+    edge = 5 if few else edge
     rng, count = np.random.default_rng(5), edge**3
     length = (count / 0.8) ** (1 / 3)
     grid = np.indices((edge, edge, edge)).reshape(3, -1).T * length / edge
@@ -79,8 +81,9 @@ def liquid(forces: list[Any], species: int = 1, edge: int = 7, periodic: bool = 
     return kd.System(x, v - v.mean(axis=0), masses, box=box, forces=forces, species=names)
 
 
-def disc(forces: list[Any], count: int = 500) -> kd.System:
-    """A star and light planets on circles, as many as make two chunks of direct gravity."""
+def disc(forces: list[Any], few: bool = False) -> kd.System:
+    """A star and light planets on circles, as many as make two chunks of direct gravity, or a few."""
+    count = 40 if few else 500
     r, angle = np.linspace(1.0, 6.0, count - 1)[:, None], 2.4 * np.arange(count - 1)[:, None]
     x = r * np.hstack([np.cos(angle), np.sin(angle), 0.05 * np.sin(7 * angle)])
     v = r**-0.5 * np.hstack([-np.sin(angle), np.cos(angle), 0 * angle])
@@ -100,47 +103,52 @@ OTHERS: dict[str, dict[str, Any]] = {  # forces that are no pair laws, with what
 }
 
 
-def other(name: str) -> kd.System:
+def other(name: str, few: bool) -> kd.System:
     """A registered force that is no pair law: beside gravity where it is of a central body, else in a liquid."""
     required = [key for key, each in inspect.signature(FORCES[name]).parameters.items() if each.default is each.empty]
     force = FORCES[name](**(dict.fromkeys(required, 0.1) | OTHERS.get(name, {})))
     if name in ("gravity", "gravity-tree"):
-        return disc([force])
+        return disc([force], few)
     if "G" in inspect.signature(FORCES[name]).parameters:
-        return disc([kd.Gravity(G=1.0), force])
-    return liquid([kd.LennardJones(cutoff=2.5), force], periodic=False)
+        return disc([kd.Gravity(G=1.0), force], few)
+    return liquid([kd.LennardJones(cutoff=2.5), force], periodic=False, few=few)
 
 
 @cache
-def systems() -> dict[str, Callable[[], kd.System]]:
-    """What makes each system, by its name."""
-    found: dict[str, Callable[[], kd.System]] = {}
+def systems() -> dict[str, Callable[[bool], kd.System]]:
+    """What makes each system, by its name, with few particles or many."""
+    found: dict[str, Callable[[bool], kd.System]] = {}
     for name, cls in FORCES.items():
         if not cls.__module__.startswith("kickdrift."):
             continue  # the law below, which has a case of its own
         if not issubclass(cls, PairForce):
-            found[name] = lambda name=name: other(name)
+            found[name] = lambda few, name=name: other(name, few)
             continue
         for truncation in TRUNCATIONS:
             for species in (1, 2):
 
-                def make(cls=cls, truncation=truncation, species=species) -> kd.System:
+                def make(few, cls=cls, truncation=truncation, species=species) -> kd.System:
                     sizes = {"A": {}, "B": {"sigma": 0.9, "epsilon": 0.7}}
                     mixture = {"species": sizes} if species == 2 else {}
-                    return liquid([cls(cutoff=2.5, truncation=truncation, **mixture)], species)
+                    return liquid([cls(cutoff=2.5, truncation=truncation, **mixture)], species, few=few)
 
                 found[f"{name} {truncation} {species} species"] = make
-    found["a law of the user's own"] = lambda: liquid([Exponential(cutoff=2.2)])
-    found["two pair forces"] = lambda: liquid([kd.LennardJones(cutoff=2.5), Exponential(cutoff=2.2)])
+    found["a law of the user's own"] = lambda few: liquid([Exponential(cutoff=2.2)], few=few)
+    found["two pair forces"] = lambda few: liquid([kd.LennardJones(cutoff=2.5), Exponential(cutoff=2.2)], few=few)
     for name, species in LARGE.items():
         mixture = {"species": {"A": {}, "B": {"sigma": 0.9}}} if species == 2 else {}
-        found[name] = lambda k=species, mixture=mixture: liquid([kd.LennardJones(cutoff=2.5, **mixture)], k, 16)
+        found[name] = lambda few, k=species, mixture=mixture: liquid([kd.LennardJones(cutoff=2.5, **mixture)], k, 16)
     return found
+
+
+def system_of(case: Case) -> kd.System:
+    """The case's system; of few particles for methods that solve for all unknowns at once."""
+    return systems()[case.system](integrator(case.method).family in DENSE)
 
 
 def simulation(case: Case, threads: int = 1) -> kd.Simulation:
     """The case at its start; an InputError where the method does not take it."""
-    method, system = integrator(case.method), systems()[case.system]()
+    method, system = integrator(case.method), system_of(case)
     dt = 0.02 if system.units.name == "nbody" else 0.002
     if "iteration" in method.tunable:  # fixed-point iteration in a hot liquid converges for short steps alone
         dt *= 0.25
@@ -164,7 +172,7 @@ def cases(long: bool) -> list[Case]:
 @cache
 def has_pairs(name: str) -> bool:
     """Whether a system has pair forces, which come in two precisions."""
-    return any(isinstance(force, PairForce) for force in systems()[name]().forces)
+    return any(isinstance(force, PairForce) for force in systems()[name](True).forces)
 
 
 def bits(sim: kd.Simulation) -> str:
@@ -204,7 +212,7 @@ def written_and_resumed(case: Case) -> tuple[str, str]:
         path = Path(folder) / "run.h5md"
         sim = simulation(case, 2)
         sim.run(STEPS, every=4, output=path)
-        again = kd.resume(path, step=STEPS // 2, threads=1, system=systems()[case.system]())
+        again = kd.resume(path, step=STEPS // 2, threads=1, system=system_of(case))
         again.run(STEPS - STEPS // 2)
         return bits(sim), bits(again)
 
