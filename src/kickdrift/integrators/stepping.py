@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from kickdrift.errors import InputError
 from kickdrift.forces.evaluate import EVALUATIONS, SLOTS
 from kickdrift.forces.kernel import OK
-from kickdrift.integrators.loops import REJECTED, STEP
+from kickdrift.integrators.loops import FRESH, REJECTED, STEP, splitting_loop
 from kickdrift.memory import Memory, Remembering, by_value
 from kickdrift.state import Floats
 
@@ -97,6 +97,7 @@ class Resumable(Remembering):
     steps_done: int
     end: float = np.inf  # see Stepper
     clip: bool = False
+    fresh: bool = False  # whether the flow's forces were last evaluated at ``y``, so that their pair lists hold there
     _flow: Flow
 
     @property
@@ -147,6 +148,7 @@ class Regular(Resumable):
     dt: float
     y: Floats
     steps_done: int
+    ends_fresh: bool = False  # whether it is ``fresh`` after any whole step
     _start: float  # the time of step 0
     _cursor: NDArray[np.int64]
 
@@ -165,6 +167,13 @@ class Regular(Resumable):
     def at(self, time: float) -> Floats:
         """The step point: no time lies between two."""
         return self.y.copy()
+
+    def series(self, count: int, every: int, look: Callable[[], int]) -> int:
+        """``count`` times take ``every`` steps and ``look``, as long as both return OK; the first other status."""
+        for _ in range(count):
+            if (status := self.advance(every) or look()) != OK:
+                return status
+        return OK
 
 
 class FixedStepper(Regular):
@@ -200,6 +209,37 @@ class FixedStepper(Regular):
         self.steps_done += int(self._cursor[STEP])
         self._cursor[STEP] = 0
         return status
+
+    def series(self, count: int, every: int, look: Callable[[], int]) -> int:
+        """See Regular. The forces are made ready once for all steps."""
+        loop, cursor, left = self._loop, self._cursor, count
+
+        def steps_and_looks(forces: Any, *known: Any) -> int:
+            nonlocal left
+            while left:
+                if (status := loop(forces, *known, self.steps_done, every, cursor)) != OK:
+                    return int(status)
+                self.steps_done += every
+                cursor[STEP] = 0
+                left -= 1
+                if (status := look()) != OK:
+                    return status
+            return OK
+
+        status = self._flow.forces.call(
+            steps_and_looks, self.y, self._carry, self._work, self._stages, self.dt, self._start
+        )
+        self.steps_done += int(cursor[STEP])
+        cursor[STEP] = 0
+        return status
+
+    @property
+    def fresh(self) -> bool:  # type: ignore[override]
+        return self._loop is splitting_loop and bool(self._cursor[FRESH])
+
+    @property
+    def ends_fresh(self) -> bool:  # type: ignore[override]
+        return self._loop is splitting_loop and not self._stages[1, -1]
 
     @property
     def _carried(self) -> Floats:
