@@ -143,8 +143,8 @@ class Batch:
         known = {system.run.every for system in self.systems}
         if every is None and len(known) > 1:
             raise InputError("every: the systems' own differ; give one for all")
-        looks = looks_at(steps, self.method.evaluations, len(self.systems[0]))
-        cadence = every or known.pop() or max(1, steps // looks)
+        most = looks_at(steps, self.method.evaluations, len(self.systems[0]))
+        cadence = every or known.pop() or max(1, steps // most)
         check_room("run", steps / cadence * len(self), "samples", LOOK_BYTES, "give a larger every")
         stops = looks_between(self.steps_done, steps, cadence)
         counts = np.diff(stops, prepend=self.steps_done)

@@ -17,7 +17,7 @@ from kickdrift.errors import InputError, RunError
 from kickdrift.forces.bound import BoundForces
 from kickdrift.forces.evaluate import SLOTS
 from kickdrift.forces.kernel import OK
-from kickdrift.forces.looking import HEAD, NO_ENERGY, desk_of, look
+from kickdrift.forces.looking import HEAD, NO_ENERGY, Looking, desk_of, look
 from kickdrift.forces.pair_law import PairForce
 from kickdrift.looks import Looks
 from kickdrift.observers import Energies, Sample
@@ -27,7 +27,6 @@ from kickdrift.state import Floats, State
 from kickdrift.system import System
 
 Derivative = Callable[[float, Floats], Floats]
-Looker = Callable[[Floats, float, int], int]  # of y, time and step; a status
 NEWTON_UNKNOWNS = 3000  # at most, for a dense Jacobian
 
 
@@ -110,17 +109,11 @@ class ParticleFlow:
         row = looks.free()
         return self._looks(fresh).call(look, time, _plain(y), self._desk, last, looks.rows, row, self._cursor)
 
-    def looker(self, looks: Looks, last: Floats, fresh: bool) -> Looker:
-        """``look`` for many looks in a row: what does not change from one to the next is looked up once."""
-        forces, desk, cursor = self._looks(fresh), self._desk, self._cursor
-        if self._listed and not fresh:
-            return lambda y, time, step: self.look(looks, y, time, step, last)
-
-        def at(y: Floats, time: float, step: int) -> int:
-            row = looks.free()
-            return look(forces.forces, time, y, desk, last, looks.rows, row, cursor)
-
-        return at
+    def looking(self, fresh: bool) -> Looking | None:
+        """What compiled code looks with, many times in a row; None where pair lists are made anew each time."""
+        if self._listed and not (fresh and self._shared):
+            return None
+        return Looking(self._looks(fresh), self._desk, self._cursor)
 
     def refused(self, status: int, step: int, time: float) -> RunError:
         """What to say of a look that came to nothing."""
@@ -226,9 +219,8 @@ class ProblemFlow:
         last[...] = y
         return OK
 
-    def looker(self, looks: Looks, last: Floats, fresh: bool) -> Looker:
-        """``look`` for many looks in a row."""
-        return lambda y, time, step: self.look(looks, y, time, step, last)
+    def looking(self, fresh: bool) -> None:
+        """None: each look calls Python."""
 
     def sample(self, y: Floats, time: float, steps: int, fresh: bool = False) -> Sample:
         """The quantity that the problem says is conserved, at y."""

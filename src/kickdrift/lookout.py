@@ -5,17 +5,24 @@ from __future__ import annotations
 from collections import deque
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from kickdrift.analysis.step_length import TOO_LONG, can_be_checked, step_warning
 from kickdrift.analysis.stiffness import WATCHED_POINTS, WATCHED_STEPS, Point, can_be_limited, stability_warning
 from kickdrift.errors import RunError
 from kickdrift.flow import ParticleFlow
 from kickdrift.forces.kernel import OK
+from kickdrift.forces.look_columns import COLUMNS, TIME
+from kickdrift.forces.looking import Looking
 from kickdrift.observers import NOTHING
 from kickdrift.run_plan import Plan
 from kickdrift.state import Floats
 
 if TYPE_CHECKING:
     from kickdrift.simulation import Simulation
+
+
+MOST = 4096  # looks in a row, at most
 
 
 class Lookout:
@@ -84,7 +91,7 @@ class Lookout:
             looks.keep(step, record.taken)
         return True
 
-    def count(self, plan: Plan, chunk: int) -> int:
+    def ahead(self, plan: Plan, chunk: int) -> int:
         """How many looks may follow each other with none but this one looking, in about ``chunk`` steps; 0 where that
         does not pay, or cannot be."""
         sim = self._sim
@@ -93,27 +100,59 @@ class Lookout:
             return 0
         if not hasattr(sim._stepper, "series"):
             return 0
-        found = min(chunk // every, (plan.end_step - done) // every)
+        found = min(chunk // every, (plan.end_step - done) // every, MOST)
         return found if found > 1 else 0
+
+    def _looking(self) -> Looking | None:
+        """What looks that compiled code takes between steps are taken with, where it can."""
+        stepper: Any = self._sim._stepper
+        if not hasattr(stepper, "series") or stepper.compiled_steps is None:
+            return None
+        return self._sim._flow.looking(stepper.ends_fresh)
+
+    def prepare(self) -> None:
+        """Compile what a series of looks needs."""
+        looking, stepper = self._looking(), self._sim._stepper
+        if looking:
+            stepper.looked(0, 1, looking, self.y, np.zeros((1, COLUMNS)), 0)  # type: ignore[union-attr]
 
     def series(self, count: int, every: int) -> tuple[int, bool]:
         """``count`` times take ``every`` steps and look, until something goes wrong: a status, and whether a look found
         it."""
         stepper: Any = self._sim._stepper
-        looks, points = self._sim.record.looks, self._points
-        at = self._sim._flow.looker(looks, self.y, stepper.ends_fresh)
-        limited, refused = self._limited, False
+        looking = self._looking() if stepper.steady else None
+        shown = (WATCHED_POINTS if self._limited else 0) if looking else count  # one by one, at the end
+        if looking and count > shown:
+            status, refused = self._compiled(looking, count - shown, every)
+            if status != OK:
+                return status, refused
+        return self._one_by_one(min(count, shown), every)
+
+    def _compiled(self, looking: Looking, count: int, every: int) -> tuple[int, bool]:
+        stepper: Any = self._sim._stepper
+        looks, first = self._sim.record.looks, stepper.steps_done
+        row = looks.free(count)
+        status, taken, refused = stepper.looked(count, every, looking, self.y, looks.rows, row)
+        if taken:
+            self.step = first + taken * every
+            self.time = float(looks.rows[row + taken - 1, TIME])
+            looks.keep_next(range(first + every, self.step + 1, every))
+        return status, refused
+
+    def _one_by_one(self, count: int, every: int) -> tuple[int, bool]:
+        stepper: Any = self._sim._stepper
+        flow, looks, refused = self._sim._flow, self._sim.record.looks, False
 
         def look() -> int:
             nonlocal refused
             step, time = stepper.steps_done, stepper.time
-            if (status := at(stepper.y, time, step)) != OK:
+            if (status := flow.look(looks, stepper.y, time, step, self.y, stepper.fresh)) != OK:
                 refused = True
                 return status
             self.time, self.step = time, step
-            if limited:
-                points.append((time, self.y.copy(), stepper.last_step))
-            looks.keep_next(step)
+            if self._limited:
+                self._points.append((time, self.y.copy(), stepper.last_step))
+            looks.keep_next([step])
             return OK
 
         status = stepper.series(count, every, look)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -36,12 +38,12 @@ class Looks:
     def __len__(self) -> int:
         return self.count
 
-    def free(self) -> int:
-        """The number of a row to fill next."""
-        if self.count == len(self.steps):
-            room = max(FIRST_ROOM, 2 * self.count)
-            self.steps = np.concatenate([self.steps, np.zeros(room - self.count, np.int64)])
-            self.rows = np.concatenate([self.rows, np.zeros((room - self.count, column.COLUMNS))])
+    def free(self, count: int = 1) -> int:
+        """The number of a row to fill next, with room for ``count`` of them."""
+        if self.count + count > len(self.steps):
+            more = max(FIRST_ROOM, self.count, count)
+            self.steps = np.concatenate([self.steps[: self.count], np.zeros(more, np.int64)])
+            self.rows = np.concatenate([self.rows[: self.count], np.zeros((more, column.COLUMNS))])
             self._shared = False
         return self.count
 
@@ -57,21 +59,18 @@ class Looks:
             self.rows[k - 1] = self.rows[k]
             del self._samples[k - 1 :]
         else:
-            self._count(step)
+            self.keep_next([step])
 
-    def keep_next(self, step: int) -> None:
-        """``keep`` of a run that has gone on since the last look, and of which events took nothing."""
-        self.steps[self.count] = step
-        self._count(step)
-
-    def _count(self, step: int) -> None:
-        self.count += 1
-        if not self.count % COUNTED:  # how many a run that chooses its steps takes is not known before
+    def keep_next(self, steps: Sequence[int]) -> None:
+        """``keep`` of looks at a run that has gone on since the last look, and of which events took nothing."""
+        before, self.count = self.count, self.count + len(steps)
+        self.steps[before : self.count] = steps
+        if self.count // COUNTED > before // COUNTED:  # how many a run that chooses its steps takes is not known before
             try:
                 check_samples(self.count, "every or interval")
             except InputError as error:
-                time = float(self.rows[self.count - 1, column.TIME])
-                raise RunError(f"stopped at step {step} (t = {time:.6g}): {error}") from None
+                at = f"{self.steps[self.count - 1]} (t = {self.rows[self.count - 1, column.TIME]:.6g})"
+                raise RunError(f"stopped at step {at}: {error}") from None
 
     def take(self, row: int, taken: Taken) -> None:
         """Write what events took out so far into a row."""

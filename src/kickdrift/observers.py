@@ -14,6 +14,7 @@ from kickdrift.forces.pair_law import PairForce
 from kickdrift.state import Floats
 
 if TYPE_CHECKING:
+    from kickdrift.engines.session import EngineStepper
     from kickdrift.forces.bound import BoundForces
     from kickdrift.system import System
 
@@ -131,7 +132,7 @@ def angular_momentum(masses: Floats, x: Floats, v: Floats) -> Floats:
 
 
 @unwarned
-def take_sample(system: System, forces: BoundForces, step: int, time: float, phase: Floats) -> Sample:
+def take_sample(system: System, forces: BoundForces | EngineStepper, step: int, time: float, phase: Floats) -> Sample:
     """Look at positions and velocities ``phase`` (2, 3, n); a RunError where forces or energy there are no numbers."""
     measured = forces.measure(time, phase)
     if measured is None:

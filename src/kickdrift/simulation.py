@@ -138,7 +138,7 @@ class Simulation:
             self._stepper = self._watching = WatchedStepper(self, self._stepper, watched)
         self._lookout = Lookout(self, self._engine.foreign)
         self._chunk = 1
-        self._compiled = False
+        self._compiled = [False, False]  # without and with many looks in a row
         self.running = False
         self.output: str | None = None  # the file that `run` writes to unless told, of a run that was taken up again
         self.plan: Plan | None = None  # what `run` goes on with where it is told nothing
@@ -339,7 +339,8 @@ class Simulation:
                 interval = own.interval
             plan = plan_of(self, steps, until, every, interval, own.every if own else None, seen)
         self.plan = None
-        self._prepare()
+        alone = output is None and not (observe or self._watching)  # nobody but the record looks
+        self._prepare(alone)
         if self._watching:
             self._watching.stopped = ""
         with self._busy() as interrupted, self._writer(output, plan, overwrite, file) as writer:
@@ -355,9 +356,8 @@ class Simulation:
             began = perf_counter()
             spent_before = self.record.wall_seconds
             looked = True
-            alone = not (writer or observe or self._watching)
             while not (plan.over(self) or interrupted() or self.stopped):
-                if alone and (count := self._lookout.count(plan, self._chunk)):
+                if alone and (count := self._lookout.ahead(plan, self._chunk)):
                     self._series(count, plan.every)
                     self.record.wall_seconds = spent_before + perf_counter() - began
                     looked = True
@@ -447,14 +447,17 @@ class Simulation:
         where only the run can tell (an adaptive one until a time)."""
         return steps_to(self, steps, until)
 
-    def _prepare(self) -> None:
-        """Compile what the run needs, so that its time does not count as the run's."""
-        if self._compiled:
+    def _prepare(self, alone: bool = False) -> None:
+        """Compile what the run needs, so that its time does not count as the run's: with ``alone`` many looks in a row,
+        too."""
+        if self._compiled[alone]:
             return
         began = perf_counter()
         self._stepper.advance(0, self.time)
         self._flow.prepare(self._stepper.y, self.time)
-        self._compiled = True
+        if alone:
+            self._lookout.prepare()
+        self._compiled[alone] = True
         self.record.compile_seconds += perf_counter() - began
 
     def _advance(self, steps: int, until: float = np.inf, horizon: float = np.inf, end: float = np.inf) -> bool:

@@ -18,7 +18,7 @@ import numpy as np
 
 from kickdrift.builders import check_overlaps
 from kickdrift.errors import InputError, KickdriftError, RunError
-from kickdrift.flow import Looker, ParticleFlow
+from kickdrift.flow import ParticleFlow
 from kickdrift.forces.bound import Measured
 from kickdrift.forces.kernel import OK
 from kickdrift.integrators.stepping import STOPPED, Counts
@@ -111,9 +111,8 @@ class EngineFlow(ParticleFlow):
         last[...] = y
         return OK
 
-    def looker(self, looks: Looks, last: Floats, fresh: bool) -> Looker:
-        """See ParticleFlow."""
-        return lambda y, time, step: self.look(looks, y, time, step, last)
+    def looking(self, fresh: bool) -> None:
+        """None: each look asks the program."""
 
     def accelerations(self, y: Floats, time: float) -> Floats | None:
         """(3, n) that the program gives, None where they are not finite."""

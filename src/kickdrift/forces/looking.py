@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from kickdrift.forces.evaluate import fill_accelerations
 from kickdrift.forces.kernel import BLOWN_UP, OK
@@ -29,6 +30,7 @@ from kickdrift.jit.handle import handle, unowned
 from kickdrift.state import Floats
 
 if TYPE_CHECKING:
+    from kickdrift.forces.bound import BoundForces
     from kickdrift.system import System
 
 # What stands at the head of the desk: the total mass, degrees of freedom times Boltzmann's constant, three volumes. A
@@ -37,6 +39,14 @@ MASS, FREEDOM, VOLUMES, HEAD = range(4)
 
 NO_ENERGY = 5  # a status: forces are finite, and the energy is not
 BLOCK = 256  # particles whose terms are summed before they join the total, which keeps the rounding of many small
+
+
+class Looking(NamedTuple):
+    """What looks are taken with: forces, the particles' desk, a cursor."""
+
+    forces: BoundForces
+    desk: Floats
+    cursor: NDArray[np.int64]
 
 
 def desk_of(system: System) -> Floats:

@@ -18,7 +18,11 @@ from numpy.typing import NDArray
 from kickdrift.errors import InputError
 from kickdrift.forces.evaluate import EVALUATIONS, SLOTS
 from kickdrift.forces.kernel import OK
+from kickdrift.forces.looking import Looking, look
+from kickdrift.integrators.looked_loop import REFUSED as LOOK_REFUSED
+from kickdrift.integrators.looked_loop import TAKEN, looked_loop
 from kickdrift.integrators.loops import FRESH, REJECTED, STEP, splitting_loop
+from kickdrift.jit.by_address import address_of
 from kickdrift.memory import Memory, Remembering, by_value
 from kickdrift.state import Floats
 
@@ -87,6 +91,7 @@ class Stepper(Protocol):
         """Be in the state of a stepper of the same method, options and bodies that had this memory."""
 
 
+CompiledSteps = tuple[Any, "BoundForces", tuple[Any, ...]]
 AT_ONCE = 10_000  # steps of compiled code between two looks at Ctrl-C
 
 
@@ -149,8 +154,13 @@ class Regular(Resumable):
     y: Floats
     steps_done: int
     ends_fresh: bool = False  # whether it is ``fresh`` after any whole step
+    steady: bool = True  # whether the next step is one like all that follow
     _start: float  # the time of step 0
     _cursor: NDArray[np.int64]
+
+    def advance(self, steps: int, until: float = np.inf) -> int:
+        """See Stepper."""
+        raise NotImplementedError
 
     @property
     def time(self) -> float:
@@ -174,6 +184,39 @@ class Regular(Resumable):
             if (status := self.advance(every) or look()) != OK:
                 return status
         return OK
+
+    @property
+    def compiled_steps(self) -> CompiledSteps | None:
+        """What takes steps in compiled code and leaves ``y`` at a step point: a driver, the forces that it is called
+        with, and what comes between these and (first, steps, cursor). While ``steady``; None where Python is needed for
+        that."""
+        return None
+
+    def looked(
+        self, count: int, every: int, looking: Looking, last: Floats, rows: Floats, row: int
+    ) -> tuple[int, int, bool]:
+        """``series`` with the looks in compiled code, from that row of ``rows`` on: a status, how many looks were good,
+        and whether it was a look that failed."""
+        assert self.compiled_steps is not None
+        (loop, forces, given), cursor = self.compiled_steps, self._cursor
+        shared, aside, seen = looking.forces is forces, looking.forces.forces, np.array([0, count, 0])
+        places = (looking.desk, last, rows)
+        addresses = (
+            address_of(loop, forces.forces, *given, self.steps_done, every, cursor),
+            address_of(look, aside, self.time, self.y, *places, row, looking.cursor),
+        )
+
+        def with_lists(bound: Any, *args: Any) -> int:  # which may have grown
+            return int(looked_loop(bound, bound if shared else aside, *args))
+
+        status = forces.call(
+            with_lists, *addresses, given, self.steps_done, every, cursor, self._start, self.dt, self.y, *places, row,
+            looking.cursor, seen,
+        )  # fmt: skip
+        taken, refused = int(seen[TAKEN]), bool(seen[LOOK_REFUSED])
+        self.steps_done += (taken + refused) * every + int(cursor[STEP])
+        cursor[STEP] = 0
+        return status, taken, refused
 
 
 class FixedStepper(Regular):
@@ -210,28 +253,10 @@ class FixedStepper(Regular):
         self._cursor[STEP] = 0
         return status
 
-    def series(self, count: int, every: int, look: Callable[[], int]) -> int:
-        """See Regular. The forces are made ready once for all steps."""
-        loop, cursor, left = self._loop, self._cursor, count
-
-        def steps_and_looks(forces: Any, *known: Any) -> int:
-            nonlocal left
-            while left:
-                if (status := loop(forces, *known, self.steps_done, every, cursor)) != OK:
-                    return int(status)
-                self.steps_done += every
-                cursor[STEP] = 0
-                left -= 1
-                if (status := look()) != OK:
-                    return status
-            return OK
-
-        status = self._flow.forces.call(
-            steps_and_looks, self.y, self._carry, self._work, self._stages, self.dt, self._start
-        )
-        self.steps_done += int(cursor[STEP])
-        cursor[STEP] = 0
-        return status
+    @property
+    def compiled_steps(self) -> CompiledSteps:
+        given = (self.y, self._carry, self._work, self._stages, self.dt, self._start)
+        return self._loop, self._flow.forces, given
 
     @property
     def fresh(self) -> bool:  # type: ignore[override]
