@@ -138,7 +138,7 @@ class Simulation:
             self._stepper = self._watching = WatchedStepper(self, self._stepper, watched)
         self._lookout = Lookout(self, self._engine.foreign)
         self._chunk = 1
-        self._compiled = [False, False]  # without and with many looks in a row
+        self._compiled = 0  # 1: all that steps and a look need; 2: and what many looks in a row do
         self.running = False
         self.output: str | None = None  # the file that `run` writes to unless told, of a run that was taken up again
         self.plan: Plan | None = None  # what `run` goes on with where it is told nothing
@@ -330,7 +330,7 @@ class Simulation:
             if output and (overwrite or not os.path.exists(output)):
                 why = "is what this run goes on into" if overwrite else "is gone, and this run goes on into it"
                 raise InputError(f"{output}: {why}; give another output")
-        own = self._files.get(os.path.realpath(output)) if output is not None else None
+        own = self._files.get(os.path.realpath(output or "")) or self._files.get(self.output or "")
         if self.plan is not None and (steps, until, every, interval) == (None,) * 4:
             plan = self.plan
         else:
@@ -450,14 +450,14 @@ class Simulation:
     def _prepare(self, alone: bool = False) -> None:
         """Compile what the run needs, so that its time does not count as the run's: with ``alone`` many looks in a row,
         too."""
-        if self._compiled[alone]:
+        if self._compiled > alone:
             return
         began = perf_counter()
         self._stepper.advance(0, self.time)
         self._flow.prepare(self._stepper.y, self.time)
         if alone:
             self._lookout.prepare()
-        self._compiled[alone] = True
+        self._compiled = 1 + alone
         self.record.compile_seconds += perf_counter() - began
 
     def _advance(self, steps: int, until: float = np.inf, horizon: float = np.inf, end: float = np.inf) -> bool:
