@@ -6,6 +6,7 @@ from collections import deque
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from kickdrift.analysis.step_length import TOO_LONG, can_be_checked, step_warning
 from kickdrift.analysis.stiffness import WATCHED_POINTS, WATCHED_STEPS, Point, can_be_limited, stability_warning
@@ -14,6 +15,7 @@ from kickdrift.flow import ParticleFlow
 from kickdrift.forces.kernel import OK
 from kickdrift.forces.look_columns import COLUMNS, TIME
 from kickdrift.forces.looking import Looking
+from kickdrift.integrators.stepping import ChosenSteps, Regular
 from kickdrift.observers import NOTHING
 from kickdrift.run_plan import Plan
 from kickdrift.state import Floats
@@ -91,56 +93,72 @@ class Lookout:
             looks.keep(step, record.taken)
         return True
 
-    def ahead(self, plan: Plan, chunk: int) -> int:
+    def alone(self, plan: Plan, chunk: int) -> int:
         """How many looks may follow each other with none but this one looking, in about ``chunk`` steps; 0 where that
         does not pay, or cannot be."""
         sim = self._sim
-        every, done = plan.every, sim._stepper.steps_done
-        if not every or sim._at is not None or done % every or sim.record.taken is not NOTHING:
+        stepper: Any = sim._stepper
+        if sim._at is not None or sim.record.taken is not NOTHING or not getattr(stepper, "steady", False):
             return 0
-        if not hasattr(sim._stepper, "series"):
+        if isinstance(stepper, Regular) and plan.every:
+            done = stepper.steps_done
+            found = 0 if done % plan.every else min(chunk // plan.every, (plan.end_step - done) // plan.every, MOST)
+            return found if found > 1 else 0
+        if not plan.interval or plan.exact or self._limited or self._looking() is None:
             return 0
-        found = min(chunk // every, (plan.end_step - done) // every, MOST)
-        return found if found > 1 else 0
+        return 0 if sim.time + plan.interval >= plan.end_time else MOST
 
     def _looking(self) -> Looking | None:
         """What looks that compiled code takes between steps are taken with, where it can."""
-        stepper: Any = self._sim._stepper
-        if not hasattr(stepper, "series") or stepper.compiled_steps is None:
-            return None
-        return self._sim._flow.looking(stepper.ends_fresh)
+        flow, stepper = self._sim._flow, self._sim._stepper
+        if isinstance(stepper, Regular):
+            return flow.looking(stepper.ends_fresh) if stepper.compiled_steps else None
+        if isinstance(stepper, ChosenSteps) and not flow.clocked:
+            return flow.looking(False) if stepper.compiled_steps else None
+        return None
 
-    def prepare(self) -> None:
+    def prepare(self, plan: Plan) -> None:
         """Compile what a series of looks needs."""
-        looking, stepper = self._looking(), self._sim._stepper
-        if looking:
-            stepper.looked(0, 1, looking, self.y, np.zeros((1, COLUMNS)), 0)  # type: ignore[union-attr]
+        looking, stepper, rows = self._looking(), self._sim._stepper, np.zeros((1, COLUMNS))
+        if looking and isinstance(stepper, Regular) and plan.every:
+            stepper.looked(0, 1, looking, self.y, rows, 0)
+        elif looking and isinstance(stepper, ChosenSteps) and plan.interval:
+            stepper.looked(plan, 0, looking, self.y, rows, 1)
 
-    def series(self, count: int, every: int) -> tuple[int, bool]:
-        """``count`` times take ``every`` steps and look, until something goes wrong: a status, and whether a look found
-        it."""
-        stepper: Any = self._sim._stepper
-        looking = self._looking() if stepper.steady else None
+    def series(self, plan: Plan, count: int, chunk: int) -> tuple[int, bool]:
+        """Go on through ``count`` looks, or with steps that differ in length through about ``chunk`` steps, until
+        something goes wrong: a status, and whether a look found it."""
+        looking, stepper = self._looking(), self._sim._stepper
+        if isinstance(stepper, ChosenSteps):
+            assert looking
+            looks = self._sim.record.looks
+            row = looks.free(count)
+            status, steps, refused = stepper.looked(plan, chunk, looking, self.y, looks.rows[: row + count], row)
+            self._seen(row, steps)
+            return status, refused
+        assert isinstance(stepper, Regular)
         shown = (WATCHED_POINTS if self._limited else 0) if looking else count  # one by one, at the end
         if looking and count > shown:
-            status, refused = self._compiled(looking, count - shown, every)
+            status, refused = self._compiled(looking, stepper, count - shown, plan.every)
             if status != OK:
                 return status, refused
-        return self._one_by_one(min(count, shown), every)
+        return self._one_by_one(stepper, min(count, shown), plan.every)
 
-    def _compiled(self, looking: Looking, count: int, every: int) -> tuple[int, bool]:
-        stepper: Any = self._sim._stepper
+    def _compiled(self, looking: Looking, stepper: Regular, count: int, every: int) -> tuple[int, bool]:
         looks, first = self._sim.record.looks, stepper.steps_done
         row = looks.free(count)
         status, taken, refused = stepper.looked(count, every, looking, self.y, looks.rows, row)
-        if taken:
-            self.step = first + taken * every
-            self.time = float(looks.rows[row + taken - 1, TIME])
-            looks.keep_next(range(first + every, self.step + 1, every))
+        self._seen(row, first + every * np.arange(1, taken + 1))
         return status, refused
 
-    def _one_by_one(self, count: int, every: int) -> tuple[int, bool]:
-        stepper: Any = self._sim._stepper
+    def _seen(self, row: int, steps: NDArray[np.int64]) -> None:
+        """Count the rows that compiled code has filled, from that one on."""
+        if len(steps):
+            looks = self._sim.record.looks
+            self.step, self.time = int(steps[-1]), float(looks.rows[row + len(steps) - 1, TIME])
+            looks.keep_next(steps)
+
+    def _one_by_one(self, stepper: Regular, count: int, every: int) -> tuple[int, bool]:
         flow, looks, refused = self._sim._flow, self._sim.record.looks, False
 
         def look() -> int:

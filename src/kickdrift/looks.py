@@ -61,7 +61,7 @@ class Looks:
         else:
             self.keep_next([step])
 
-    def keep_next(self, steps: Sequence[int]) -> None:
+    def keep_next(self, steps: Sequence[int] | NDArray[np.int64]) -> None:
         """``keep`` of looks at a run that has gone on since the last look, and of which events took nothing."""
         before, self.count = self.count, self.count + len(steps)
         self.steps[before : self.count] = steps

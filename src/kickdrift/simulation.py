@@ -340,7 +340,7 @@ class Simulation:
             plan = plan_of(self, steps, until, every, interval, own.every if own else None, seen)
         self.plan = None
         alone = output is None and not (observe or self._watching)  # nobody but the record looks
-        self._prepare(alone)
+        self._prepare(plan if alone else None)
         if self._watching:
             self._watching.stopped = ""
         with self._busy() as interrupted, self._writer(output, plan, overwrite, file) as writer:
@@ -357,10 +357,10 @@ class Simulation:
             spent_before = self.record.wall_seconds
             looked = True
             while not (plan.over(self) or interrupted() or self.stopped):
-                if alone and (count := self._lookout.ahead(plan, self._chunk)):
-                    self._series(count, plan.every)
+                if alone and (count := self._lookout.alone(plan, self._chunk)):
+                    self._series(plan, count)
                     self.record.wall_seconds = spent_before + perf_counter() - began
-                    looked = True
+                    looked = self._at is None and self.record.looks.at(self.steps_done, self.time)
                     if progress:
                         progress(*plan.progress(self))
                     continue
@@ -447,17 +447,18 @@ class Simulation:
         where only the run can tell (an adaptive one until a time)."""
         return steps_to(self, steps, until)
 
-    def _prepare(self, alone: bool = False) -> None:
-        """Compile what the run needs, so that its time does not count as the run's: with ``alone`` many looks in a row,
-        too."""
-        if self._compiled > alone:
+    def _prepare(self, alone: Plan | None = None) -> None:
+        """Compile what the run needs, so that its time does not count as the run's; what many looks in a row need, too,
+        where nobody else looks at it."""
+        level = 1 if alone is None else 2
+        if self._compiled >= level:
             return
         began = perf_counter()
         self._stepper.advance(0, self.time)
         self._flow.prepare(self._stepper.y, self.time)
         if alone:
-            self._lookout.prepare()
-        self._compiled = 1 + alone
+            self._lookout.prepare(alone)
+        self._compiled = level
         self.record.compile_seconds += perf_counter() - began
 
     def _advance(self, steps: int, until: float = np.inf, horizon: float = np.inf, end: float = np.inf) -> bool:
@@ -593,17 +594,18 @@ class Simulation:
         if observe:
             observe(self)
 
-    def _series(self, count: int, every: int) -> None:
-        """Take ``every`` steps and look, ``count`` times; nobody else looks."""
+    def _series(self, plan: Plan, count: int) -> None:
+        """Go on through many looks that nobody else takes part in."""
         began = perf_counter()
         stepper = self._stepper
         before, counts = stepper.steps_done, stepper.counts
         self._flow.forget_errors()
-        status, refused = self._lookout.series(count, every)
+        status, refused = self._lookout.series(plan, count, self._chunk)
         self.record.steps += stepper.steps_done - before
         self._count(stepper.counts - counts)
         if status != OK:
             self._fail(inside_step=not refused, stopped=status == STOPPED and not refused)
+        self._at = plan.present(stepper.time, np.inf) if self.method.chooses_steps else None
         self._pace(perf_counter() - began)
 
     def _writer(self, output: Any, plan: Plan, overwrite: bool, options: FileOptions | None) -> Any:

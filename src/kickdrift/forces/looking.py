@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,7 @@ from kickdrift.forces.look_columns import (
     VIRIAL,
 )
 from kickdrift.forces.pair_law import PairForce
+from kickdrift.jit.by_address import address_of
 from kickdrift.jit.compile import driver, inlined
 from kickdrift.jit.handle import handle, unowned
 from kickdrift.state import Floats
@@ -47,6 +48,10 @@ class Looking(NamedTuple):
     forces: BoundForces
     desk: Floats
     cursor: NDArray[np.int64]
+
+    def address(self, *args: Any) -> int:
+        """That of ``look`` for these forces, and arguments like those that follow them."""
+        return address_of(look, self.forces.forces, *args)
 
 
 def desk_of(system: System) -> Floats:

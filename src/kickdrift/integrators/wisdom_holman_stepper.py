@@ -52,6 +52,7 @@ class WisdomHolmanStepper(Regular):
     sums carry on, and what there is to warn of."""
 
     trouble = ""
+    _loop_at: int | None = None  # the address of the loop's machine code, once known
     keeps = (
         "_cursor", "_start", "_under_way", "_corrected", "_shortest", "_hill",
         "_bodies.orbit", "_bodies.carry", "_bodies.centre", "_bodies.first",
@@ -202,12 +203,12 @@ class WisdomHolmanStepper(Regular):
         if self._others.forces:  # whose lists are made anew for what is shown
             return None
         own, shown, others = self._bodies, self._shown, self._others
-        loop = address_of(
-            wisdom_holman_loop, (), own, self._step, self.dt, self._start, self.steps_done, 1, self._cursor
-        )
+        if self._loop_at is None:
+            given_there = own, self._step, self.dt, self._start, self.steps_done, 1, self._cursor
+            self._loop_at = address_of(wisdom_holman_loop, (), *given_there)
         given = (
-            (), loop, own, shown.orbit, shown.carry, shown.centre, shown.first, self._step, self._end, self._decorrect,
-            self._aside, self._slots, self._listed, self._masses, self.dt, self._start, self.y,
+            (), self._loop_at, own, shown.orbit, shown.carry, shown.centre, shown.first, self._step, self._end,
+            self._decorrect, self._aside, self._slots, self._listed, self._masses, self.dt, self._start, self.y,
         )  # fmt: skip
         return shown_steps, others, given
 
