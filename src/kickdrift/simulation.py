@@ -313,6 +313,9 @@ class Simulation:
         to ``output`` (a new .h5md file, or one that this Simulation began) and ``observe(sim)`` is called. An adaptive
         run may ask for that at every ``interval`` of time instead; the steps do not change by it. ``file`` says how the
         output is written: how often it is flushed, its precision, compression, forces and images.
+        Without ``every`` the system file's counts, or that of the file that the run goes on into. Where nothing says
+        how often, there are about 1000 looks; in a run of fewer than 100,000 evaluations of the forces, one for each
+        100 of them, but at least 16000 / bodies or 50 (as far as there are steps). That depends on the run alone.
         ``progress(done, of)`` is called now and then. Ctrl-C ends the run cleanly with a KeyboardInterrupt: what was
         done stays done, and the file is whole.
 
