@@ -401,7 +401,7 @@ def test_what_another_version_stumbles_over_is_one_line(monkeypatch, capsys):
 def test_other_versions_are_told_of_once_and_before_the_run(monkeypatch, capsys, tmp_path):
     version = registry._version
     monkeypatch.setattr(registry, "_version", lambda package: "1999.1" if package == "ase" else version(package))
-    monkeypatch.setattr(kd.Simulation, "_prepare", lambda sim: print("prepared", file=sys.stderr))
+    monkeypatch.setattr(kd.Simulation, "_prepare", lambda sim, alone=None: print("prepared", file=sys.stderr))
     words = ["kickdrift", "run", "lj-1000", "--engine", "ase", "--steps", "1", "--json", str(tmp_path / "run.json")]
     monkeypatch.setattr("sys.argv", words)
     with pytest.raises(SystemExit) as ended:

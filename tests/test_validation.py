@@ -109,6 +109,7 @@ def test_a_failed_claim_is_exit_status_one(script, capsys):
     [
         *(row.file for row in SCRIPTS if row.name not in PEERS_AT_IMPORT),
         "performance/lj_scaling.py",
+        "performance/looks.py",
         "performance/ode_scipy.py",
         "performance/speed.py",
     ],

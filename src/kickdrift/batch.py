@@ -25,9 +25,9 @@ from kickdrift.integrators.batch_stepping import LaneStepper, Members, from_lane
 from kickdrift.integrators.method import MIXED, Method, checked_dt
 from kickdrift.integrators.options import Options
 from kickdrift.limits import whole_number
-from kickdrift.observers import Record, Series
+from kickdrift.record import Record, Series
 from kickdrift.report import Report, report
-from kickdrift.run_plan import SAMPLES
+from kickdrift.run_plan import looks_at
 from kickdrift.state import Floats, State
 from kickdrift.system import RunDefaults, System
 
@@ -101,7 +101,6 @@ class Batch:
         self.steps_done = self.systems[0].state.steps_done
         self._start = from_lanes(members.start, len(self.systems))
         self._members = members
-        self._every: int | None = None
         self._stepper: LaneStepper = self.method.in_lanes(members, self.options)
         self._begun = begin_lanes(self.systems)
         self._steps: list[int] = []
@@ -140,11 +139,12 @@ class Batch:
         """Take ``steps`` steps, and sample energies and momenta at the start, every ``every`` steps (counted from step
         0) and at the end; default as in ``Simulation.run``. A sample takes 64 bytes a member."""
         steps = whole_number("steps", steps, 0)
-        self._every = whole_number("every", every, 1) if every is not None else self._every
+        every = whole_number("every", every, 1) if every is not None else None
         known = {system.run.every for system in self.systems}
-        if self._every is None and len(known) > 1:
+        if every is None and len(known) > 1:
             raise InputError("every: the systems' own differ; give one for all")
-        cadence = self._every or known.pop() or max(1, steps // SAMPLES)
+        most = looks_at(steps, self.method.evaluations, len(self.systems[0]))
+        cadence = every or known.pop() or max(1, steps // most)
         check_room("run", steps / cadence * len(self), "samples", LOOK_BYTES, "give a larger every")
         stops = looks_between(self.steps_done, steps, cadence)
         counts = np.diff(stops, prepend=self.steps_done)

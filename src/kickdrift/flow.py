@@ -13,11 +13,16 @@ import numpy as np
 from kickdrift.blow_up import explain, nearest_pair
 from kickdrift.builders import check_overlaps
 from kickdrift.checks import no_overflow, unwarned
-from kickdrift.errors import InputError
+from kickdrift.errors import InputError, RunError
 from kickdrift.forces.bound import BoundForces
+from kickdrift.forces.evaluate import SLOTS
+from kickdrift.forces.kernel import OK
+from kickdrift.forces.looking import HEAD, NO_ENERGY, Looking, desk_of, look
 from kickdrift.forces.pair_law import PairForce
-from kickdrift.observers import Energies, Record, Sample, take_sample
+from kickdrift.looks import Looks
+from kickdrift.observers import Energies, Sample
 from kickdrift.problem import Problem, ProblemState
+from kickdrift.record import Record
 from kickdrift.state import Floats, State
 from kickdrift.system import System
 
@@ -41,6 +46,9 @@ class ParticleFlow:
         self._aside = BoundForces(
             system, threads, thin=True
         )  # with lists of its own: looking must not change the run's
+        self._listed = any(isinstance(force, PairForce) for force in system.forces)
+        self._shared = self._listed and not mixed
+        self._look_at(system)
         culprits = system.acting("velocity_dependent")
         self.not_separable = f"force {culprits[0]!r} depends on velocity" if culprits else None
 
@@ -77,37 +85,74 @@ class ParticleFlow:
         """A record of conservation begins here."""
         record.begin(self.subject.coherent_masses, y)
 
-    @property
-    def _looks(self) -> BoundForces:
-        """Forces to look at, with lists that are made anew: what they give depends on nothing looked at before."""
-        self._aside.forget()
+    # --- looks ---
+
+    def _look_at(self, system: System) -> None:
+        self._desk = desk_of(system)
+        self._cursor = np.zeros(SLOTS, np.int64)
+        self._ends = np.empty((2, 3, len(system)))  # a copy of what is looked at, for nobody
+        self._one = Looks(room=1)
+
+    def _looks(self, fresh: bool = False) -> BoundForces:
+        """The forces to look with. Where the run's own were last evaluated at these positions, its pair lists hold
+        there, and asking again changes nothing in them. Else the lists are made anew: what a look gives depends on the
+        run alone, and on no look before."""
+        if fresh and self._shared:
+            return self.forces
+        if self._listed:
+            self._aside.forget()
         return self._aside
 
-    def sample(self, y: Floats, time: float, steps: int) -> Sample:
+    def look(self, looks: Looks, y: Floats, time: float, step: int, last: Floats, fresh: bool = False) -> int:
+        """Fill the table's next row with what is seen of y, and ``last`` with y; a status. ``fresh`` says whether the
+        run's forces were last evaluated at y."""
+        row = looks.free()
+        return self._looks(fresh).call(look, time, _plain(y), self._desk, last, looks.rows, row, self._cursor)
+
+    def looking(self, fresh: bool) -> Looking | None:
+        """What compiled code looks with, many times in a row; None where pair lists are made anew each time."""
+        if self._listed and not (fresh and self._shared):
+            return None
+        return Looking(self._looks(fresh), self._desk, self._cursor)
+
+    def refused(self, status: int, step: int, time: float) -> RunError:
+        """What to say of a look that came to nothing."""
+        if status == NO_ENERGY:
+            return RunError(f"step {step} (t = {time:g}): the energy is not finite")
+        return RunError(f"step {step} (t = {time:g}): the forces at these positions are not finite")
+
+    def sample(self, y: Floats, time: float, steps: int, fresh: bool = False) -> Sample:
         """All that is watched, at y."""
-        return take_sample(self.subject, self._looks, steps, time, y)
+        one = Looks(room=1)
+        status = self.look(one, y, time, steps, self._ends, fresh)
+        if status != OK:
+            raise self.refused(status, steps, time)
+        one.keep(steps)
+        return one.samples[0]
 
     def accelerations(self, y: Floats, time: float) -> Floats | None:
         """(3, n) at y, None where they are not finite."""
-        measured = self._looks.measure(time, y)
-        return None if measured is None else measured.accelerations
+        if self.look(self._one, y, time, 0, self._ends) not in (OK, NO_ENERGY):
+            return None
+        n = len(self.subject)
+        return self._desk[HEAD + n :].reshape(3, n).copy()
 
     def forget_errors(self) -> None:
         """Compiled forces raise none."""
 
     def prepare(self, y: Floats, time: float) -> None:
         """Compile what looking needs."""
-        self._looks.measure(time, y)
+        self.look(self._one, y, time, 0, self._ends)
 
     def derivative(self, time: float, y: Floats) -> Floats:
         """f(t, y), without touching the run's own pair lists."""
-        return self._looks.derivative(time, y)
+        return self._looks().derivative(time, y)
 
     analytic = False  # the Jacobian
 
     def jacobian(self, time: float, y: Floats) -> Floats:
         """df_i / dy_j of the flattened y by central differences; (N, N)."""
-        return difference_jacobian(self._looks.derivative, time, y)
+        return difference_jacobian(self._looks().derivative, time, y)
 
     def explain(self, y: Floats, before: Floats, good: Floats, step: int, time: float, good_step: int) -> str:
         """One line on what blew up; ``before`` (3, n) is where the particles stood a step before y."""
@@ -116,6 +161,11 @@ class ParticleFlow:
     def meeting(self, y: Floats) -> str:
         """Which particles are nearest to each other, as the end of a line on steps that came to nothing."""
         return nearest_pair(self.subject, y[0])
+
+
+def _plain(y: Floats) -> Floats:
+    """The same numbers as compiled code takes them: in one piece, and not declared read-only."""
+    return y if y.flags.c_contiguous and y.flags.writeable else np.array(y, dtype=float, order="C")
 
 
 def _clocked(force: Any) -> bool:
@@ -163,7 +213,16 @@ class ProblemFlow:
         """Nothing but the samples is compared."""
         record.begun = True
 
-    def sample(self, y: Floats, time: float, steps: int) -> Sample:
+    def look(self, looks: Looks, y: Floats, time: float, step: int, last: Floats, fresh: bool = False) -> int:
+        """Fill the table's next row with what is seen of y, and ``last`` with y; a status."""
+        looks.fill(self.sample(y, time, step))
+        last[...] = y
+        return OK
+
+    def looking(self, fresh: bool) -> None:
+        """None: each look calls Python."""
+
+    def sample(self, y: Floats, time: float, steps: int, fresh: bool = False) -> Sample:
         """The quantity that the problem says is conserved, at y."""
         energy = self.subject.energy
         try:

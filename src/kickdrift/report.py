@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from kickdrift.analysis.drift import drift, energy_error, rounding_of
+from kickdrift.analysis.drift import EnergyError, drift, energy_error, rounding_of
 from kickdrift.checks import unwarned
 from kickdrift.engines import NATIVE
-from kickdrift.observers import NOTHING, Series, even_stretch
+from kickdrift.observers import NOTHING
+from kickdrift.record import Series, even_stretch
 from kickdrift.state import Floats
 from kickdrift.system import System
 
@@ -33,6 +35,8 @@ class EnergyReport:
     drift_error : half-width of the slope's 95 % interval
     verdict : "bounded", "secular drift", "random walk", "round-off" or "not resolvable"; "not conserved" where a force,
         which is named, takes or gives energy
+
+    Slope, interval and verdict take some milliseconds, and are worked out when one of them is first read.
     """
 
     initial: float
@@ -43,6 +47,29 @@ class EnergyReport:
     drift_per_unit_time: float
     drift_error: float
     verdict: str
+
+    @classmethod
+    def later(cls, error: EnergyError, final: float, judged: Callable[[], tuple[float, float, str]]) -> EnergyReport:
+        """The report of an error whose slope, interval and verdict ``judged`` gives when they are asked for."""
+        found = cls.__new__(cls)
+        vars(found).update(asdict(error), final=final, _judged=judged)
+        return found
+
+    def __getattr__(self, name: str) -> Any:
+        """What is not there yet."""
+        judged = vars(self).get("_judged")
+        if judged is None or name not in _JUDGED:
+            raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+        vars(self).update(zip(_JUDGED, judged(), strict=True))
+        del vars(self)["_judged"]
+        return vars(self)[name]
+
+    def __getstate__(self) -> dict[str, Any]:
+        """All that another process is to know."""
+        return asdict(self)
+
+
+_JUDGED = ("drift_per_unit_time", "drift_error", "verdict")
 
 
 @dataclass(frozen=True)
@@ -165,17 +192,20 @@ def _energy(series: Series, even: bool, system: System | Problem) -> EnergyRepor
         return None  # a Problem that names no energy
     error = energy_error(total, 0.0 if np.isnan(kinetic) else kinetic)
     scale = {"initial energy": abs(error.initial), "kinetic energy": kinetic}.get(error.relative_to, 1.0)
-    chosen = even_stretch(series.steps) if even else slice(None)
-    times, errors = series.times[chosen], (total[chosen] - error.initial) / scale
-    if not even and len(times) > 2:  # an adaptive run's samples stand at its step points, about evenly
-        grid = np.linspace(times[0], times[-1], len(times))
-        times, errors = grid, np.interp(grid, times, errors)
-    largest = max(abs(error.initial), 0.0 if np.isnan(kinetic) else kinetic)
-    trend = drift(times, errors, rounding_of(largest, int(series.steps[-1] - series.steps[0])) / scale)
     working = system.acting("works") if isinstance(system, System) else []
-    verdict = f"not conserved: {', '.join(working)}" if working else trend.verdict
-    error = replace(error, final=series.final)
-    return EnergyReport(**asdict(error), drift_per_unit_time=trend.slope, drift_error=trend.error, verdict=verdict)
+
+    @unwarned
+    def judged() -> tuple[float, float, str]:
+        chosen = even_stretch(series.steps) if even else slice(None)
+        times, errors = series.times[chosen], (total[chosen] - error.initial) / scale
+        if not even and len(times) > 2:  # an adaptive run's samples stand at its step points, about evenly
+            grid = np.linspace(times[0], times[-1], len(times))
+            times, errors = grid, np.interp(grid, times, errors)
+        largest = max(abs(error.initial), 0.0 if np.isnan(kinetic) else kinetic)
+        trend = drift(times, errors, rounding_of(largest, int(series.steps[-1] - series.steps[0])) / scale)
+        return trend.slope, trend.error, f"not conserved: {', '.join(working)}" if working else trend.verdict
+
+    return EnergyReport.later(error, series.final, judged)
 
 
 def _largest_change(values: Floats | None, scale: float) -> float | None:

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from kickdrift.capacity import check_room
 from kickdrift.checks import number
 from kickdrift.errors import InputError
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.limits import steps_in
 from kickdrift.limits import whole_number as whole_number
+from kickdrift.looks import check_samples as check_samples
 from kickdrift.text import shown
 
 if TYPE_CHECKING:
@@ -21,9 +21,13 @@ if TYPE_CHECKING:
     from kickdrift.system import RunDefaults
 
 NEVER = 2**62
-SAMPLES = 1000  # of the energy in a run that does not say how often
-GLIMPSES = 10  # of a run that has no energy to sample: for stiffness alone
-SAMPLE_BYTES = 1000  # of memory that a look at particles takes
+# Looks at a run that does not say how often; ``looks_at`` says how many when. They depend on the run alone, so that the
+# same run is looked at alike on every machine.
+SAMPLES = 1000
+GLIMPSES = 10  # where there is no energy to sample: for stiffness alone
+LEAST = 50  # the verdict on the drift needs 40
+EVALUATIONS = 100  # of the forces for each look: a look costs one to seven of them
+BODIES = 16_000  # that may be looked at whatever the run's length: that is a few milliseconds in all
 
 
 @dataclass(frozen=True)
@@ -89,6 +93,14 @@ class Plan:
         return min(1000, int(1000 * done)), 1000
 
 
+def looks_at(steps: int, evaluations: int, bodies: int) -> int:
+    """How many looks a run of so many steps takes by default, with so many evaluations of the forces a step.
+
+    1000, but one for each 100 evaluations of the forces where these are fewer, and 16000 / bodies or 50 at least.
+    """
+    return min(SAMPLES, max(LEAST, steps * max(evaluations, 1) // EVALUATIONS, BODIES // bodies))
+
+
 def plan_of(
     sim: Simulation,
     steps: int | None,
@@ -96,10 +108,10 @@ def plan_of(
     every: int | None,
     interval: float | None,
     known: int | None,
-    samples: int = SAMPLES,
+    seen: bool = True,
 ) -> Plan:
-    """What ``Simulation.run`` was asked for, checked; ``known`` is the cadence of looks from before, if any, and
-    ``samples`` how many to take where nothing says how often."""
+    """What ``Simulation.run`` was asked for, checked; ``known`` is the cadence of the file that the run goes on into,
+    if any, and ``seen`` whether there is anything to look at."""
     begin = sim.steps_done, sim.time
     if interval is not None and not sim.method.chooses_steps:
         raise InputError(f"run: interval is for methods that choose their steps; {sim.integrator} takes every")
@@ -110,6 +122,7 @@ def plan_of(
     cadence = whole_number("every", every, 1) if every is not None else known or sim.system.run.every
     if not sim.method.chooses_steps or until is None:
         count = steps_to(sim, steps, until)
+        samples = looks_at(count, sim.method.evaluations, len(sim.system)) if seen else GLIMPSES
         cadence = cadence or max(1, count // samples)
         every = 0 if interval else cadence
         check_samples(count / cadence, "every")
@@ -121,15 +134,10 @@ def plan_of(
         raise InputError(f"run: time {shown(until)} is not a finite time from the present, {sim.time:.12g}, on")
     if cadence and interval is None:
         return Plan(*begin, end_time=end, every=cadence)
-    length = interval or (end - sim.time) / samples
+    length = interval or (end - sim.time) / (SAMPLES if seen else GLIMPSES)
     if interval:
         check_samples((end - sim.time) / interval, "interval")
     return Plan(*begin, end_time=end, interval=length, exact=interval is not None)
-
-
-def check_samples(count: float, key: str) -> None:
-    """Refuse more looks than fit into memory; ``key`` names the option that says how often."""
-    check_room("run", count, "samples", SAMPLE_BYTES, f"give a larger {key}")
 
 
 def check_run(run: RunDefaults) -> None:

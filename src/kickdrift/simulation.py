@@ -7,13 +7,11 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, nullcontext
 from dataclasses import asdict
 from time import perf_counter
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from kickdrift.analysis.step_length import TOO_LONG, can_be_checked, step_warning
-from kickdrift.analysis.stiffness import WATCHED_POINTS, WATCHED_STEPS, Point, can_be_limited, stability_warning
 from kickdrift.capacity import PROCESS_BYTES, check_room
 from kickdrift.checks import no_overflow, path_text, unwarned, whole_number
 from kickdrift.engines import engine as engine_named
@@ -31,11 +29,13 @@ from kickdrift.integrators.options import Options
 from kickdrift.integrators.stepping import STOPPED, Counts, Stepper
 from kickdrift.interrupt import interruptible
 from kickdrift.jit.compile import features, processor
+from kickdrift.lookout import Lookout
 from kickdrift.memory import Memory
-from kickdrift.observers import Energies, Record, Sample
+from kickdrift.observers import Energies, Sample
 from kickdrift.problem import Problem
+from kickdrift.record import Record
 from kickdrift.report import Report, report
-from kickdrift.run_plan import GLIMPSES, SAMPLES, Plan, check_samples, plan_of, steps_to
+from kickdrift.run_plan import Plan, plan_of, steps_to
 from kickdrift.state import Floats, read_only
 from kickdrift.system import System
 from kickdrift.units import shown
@@ -46,7 +46,6 @@ if TYPE_CHECKING:
     from kickdrift.trajectory.h5md import Writer
     from kickdrift.trajectory.options import FileOptions
 
-COUNTED = 2**16  # samples after which memory is looked at anew
 CHUNK_SECONDS = 0.1  # how long compiled code runs before Python looks for Ctrl-C
 
 Observer = Callable[["Simulation"], Any]
@@ -137,16 +136,13 @@ class Simulation:
         self._watching: WatchedStepper | None = None
         if watched:
             self._stepper = self._watching = WatchedStepper(self, self._stepper, watched)
-        self._watched = can_be_limited(self._flow, self.method)
-        self._checked_steps = can_be_checked(self._flow, self.method) and not self._engine.foreign
+        self._lookout = Lookout(self, self._engine.foreign)
         self._chunk = 1
-        self._compiled = False
+        self._compiled = 0  # 1: all that steps and a look need; 2: and what many looks in a row do
         self.running = False
         self.output: str | None = None  # the file that `run` writes to unless told, of a run that was taken up again
         self.plan: Plan | None = None  # what `run` goes on with where it is told nothing
-        self._files: dict[str, tuple[str, int]] = {}  # files that this Simulation began: path -> run id, cadence
-        self._every: int | None = None
-        self._interval: float | None = None
+        self._files: dict[str, Own] = {}  # files that this Simulation began, or goes on into
         self.state = system.state
 
     # --- state ---
@@ -173,9 +169,7 @@ class Simulation:
         self._present: tuple[float, Floats] | None = None  # and y there, once it was looked at
         self.record = Record()
         self._replaced = True  # a file that goes on with this cannot be replayed from what it has
-        self._points: list[Point] = []
-        self._check_step_at = self.record.steps
-        self._last_good = self.state
+        self._lookout.begin(check_at=self.record.steps)
 
     def checkpoint(self) -> Memory:
         """All that the rest of the run depends on, by value: arrays, numbers, texts, None, and lists and dicts of these
@@ -222,9 +216,7 @@ class Simulation:
         self._at, self._present = checkpoint["present"], None
         self.record = Record.recalled(checkpoint["record"])
         self._replaced = True
-        self._points = []
-        self._check_step_at = 2 * self.record.steps
-        self._last_good = self.state
+        self._lookout.begin(check_at=2 * self.record.steps)
 
     @property
     def lattice(self) -> Lattice:
@@ -241,7 +233,7 @@ class Simulation:
             self._watching.begin()
         self._replaced = True
         self.record = Record()
-        self._last_good = self.state
+        self._lookout.keep()
 
     def _exact(self) -> Any:
         stepper = self._watching.inner if self._watching else self._stepper
@@ -285,7 +277,8 @@ class Simulation:
 
     def sample(self) -> Sample:
         """All that is watched, now."""
-        return self._flow.sample(self._now(), self.time, self.steps_done)
+        fresh = self._at is None and getattr(self._stepper, "fresh", False)
+        return self._flow.sample(self._now(), self.time, self.steps_done, fresh)
 
     @property
     def events(self) -> list[dict[str, Any]]:
@@ -295,7 +288,7 @@ class Simulation:
 
     def report(self) -> Report:
         """How well the run conserved energy and momentum so far, and what it cost."""
-        if not self.record.samples:
+        if not self.record.looks:
             self._look()
         return report(self)
 
@@ -320,6 +313,9 @@ class Simulation:
         to ``output`` (a new .h5md file, or one that this Simulation began) and ``observe(sim)`` is called. An adaptive
         run may ask for that at every ``interval`` of time instead; the steps do not change by it. ``file`` says how the
         output is written: how often it is flushed, its precision, compression, forces and images.
+        Without ``every`` the system file's counts, or that of the file that the run goes on into. Where nothing says
+        how often, there are about 1000 looks; in a run of fewer than 100,000 evaluations of the forces, one for each
+        100 of them, but at least 16000 / bodies or 50 (as far as there are steps). That depends on the run alone.
         ``progress(done, of)`` is called now and then. Ctrl-C ends the run cleanly with a KeyboardInterrupt: what was
         done stays done, and the file is whole.
 
@@ -337,19 +333,17 @@ class Simulation:
             if output and (overwrite or not os.path.exists(output)):
                 why = "is what this run goes on into" if overwrite else "is gone, and this run goes on into it"
                 raise InputError(f"{output}: {why}; give another output")
-        own = self._files.get(os.path.realpath(output)) if output is not None else None
-        seen = isinstance(self.system, System) or self.system.energy is not None or observe is not None
-        samples = SAMPLES if seen else GLIMPSES
+        own = self._files.get(os.path.realpath(output or "")) or self._files.get(self.output or "")
         if self.plan is not None and (steps, until, every, interval) == (None,) * 4:
             plan = self.plan
         else:
-            if self.method.chooses_steps and (steps, every, interval) == (None,) * 3:
-                interval = self._interval
-            plan = plan_of(self, steps, until, every, interval, (own[1] if own else None) or self._every, samples)
+            seen = isinstance(self.system, System) or self.system.energy is not None or observe is not None
+            if own and self.method.chooses_steps and (steps, every, interval) == (None,) * 3:
+                interval = own.interval
+            plan = plan_of(self, steps, until, every, interval, own.every if own else None, seen)
         self.plan = None
-        self._every = every or self._every
-        self._interval = None if every else interval or self._interval
-        self._prepare()
+        alone = output is None and not (observe or self._watching)  # nobody but the record looks
+        self._prepare(plan if alone else None)
         if self._watching:
             self._watching.stopped = ""
         with self._busy() as interrupted, self._writer(output, plan, overwrite, file) as writer:
@@ -358,7 +352,7 @@ class Simulation:
                 if writer:
                     writer.absorbed = self._watching.absorbed
             self._look(writer, observe, again=False)
-            self._check_step()
+            self._lookout.check_step()
             if writer and self._replaced:
                 writer.flush(final=True, anew=True)
             self._replaced = False if writer else self._replaced
@@ -366,6 +360,13 @@ class Simulation:
             spent_before = self.record.wall_seconds
             looked = True
             while not (plan.over(self) or interrupted() or self.stopped):
+                if alone and (count := self._lookout.alone(plan, self._chunk)):
+                    self._series(plan, count)
+                    self.record.wall_seconds = spent_before + perf_counter() - began
+                    looked = self._at is None and self.record.looks.at(self.steps_done, self.time)
+                    if progress:
+                        progress(*plan.progress(self))
+                    continue
                 stop, stop_time = plan.next_stop(self)
                 steps = min(self._chunk, stop - self._stepper.steps_done)
                 held = self._advance(steps, stop_time, plan.horizon(stop_time), plan.end_time)
@@ -383,7 +384,7 @@ class Simulation:
                     progress(*plan.progress(self))
             if not looked:
                 self._look(writer, observe)
-            self._warn()
+            self._lookout.warn()
             found = self.report()
             if writer:
                 writer.report = found.as_json()
@@ -408,14 +409,13 @@ class Simulation:
             raise KeyboardInterrupt
         if time is not None and (held or self._stepper.time > time):
             self._at = time
-        self._last_good = self.state
+        self._lookout.keep()
 
     def continue_in(self, path: str, run_id: str, every: int, plan: Plan | None) -> None:
         """Go on into a file that another Simulation of the same run began, by its plan unless told otherwise."""
-        self.output, self.plan, self._every = path, plan, every
-        self._interval = plan.interval if plan and plan.exact and plan.interval else None
+        self.output, self.plan = path, plan
         self._replaced = False
-        self._files[path] = (run_id, every)
+        self._files[path] = Own.of(run_id, every, plan)
 
     def equilibrate(
         self,
@@ -450,14 +450,18 @@ class Simulation:
         where only the run can tell (an adaptive one until a time)."""
         return steps_to(self, steps, until)
 
-    def _prepare(self) -> None:
-        """Compile what the run needs, so that its time does not count as the run's."""
-        if self._compiled:
+    def _prepare(self, alone: Plan | None = None) -> None:
+        """Compile what the run needs, so that its time does not count as the run's; what many looks in a row need, too,
+        where nobody else looks at it."""
+        level = 1 if alone is None else 2
+        if self._compiled >= level:
             return
         began = perf_counter()
         self._stepper.advance(0, self.time)
         self._flow.prepare(self._stepper.y, self.time)
-        self._compiled = True
+        if alone:
+            self._lookout.prepare(alone)
+        self._compiled = level
         self.record.compile_seconds += perf_counter() - began
 
     def _advance(self, steps: int, until: float = np.inf, horizon: float = np.inf, end: float = np.inf) -> bool:
@@ -480,9 +484,12 @@ class Simulation:
             self._fail(inside_step=status != OK, stopped=status == STOPPED)
         if stepper.steps_done == before:
             return limited and not self._watching and steps > 0 and stepper.time < until
-        elapsed = perf_counter() - began
-        self._chunk = max(1, min(int(self._chunk * min(CHUNK_SECONDS / max(elapsed, 1e-9), 8.0)), 10**6))
+        self._pace(perf_counter() - began)
         return False
+
+    def _pace(self, elapsed: float) -> None:
+        """Have about as many steps in each call of compiled code as take CHUNK_SECONDS, if the last took so long."""
+        self._chunk = max(1, min(int(self._chunk * min(CHUNK_SECONDS / max(elapsed, 1e-9), 8.0)), 10**6))
 
     def _count(self, cost: Counts) -> None:
         self.record.force_evaluations += cost.evaluations
@@ -506,11 +513,11 @@ class Simulation:
     @unwarned
     def _fail(self, inside_step: bool, stopped: bool = False) -> NoReturn:
         """Say what blew up, in the step going on or in the last one, and go back to the last sample."""
-        last, stepper = self._last_good, self._stepper
+        seen, stepper = self._lookout, self._stepper
         step = stepper.steps_done + inside_step
         time = stepper.time + (0.0 if self.method.chooses_steps else (self.dt or 0.0) * inside_step)
         with_step = "" if self.method.chooses_steps else f", dt = {self.dt:g}"
-        good = self._flow.array(last)
+        last, good = self._flow.state(seen.y, seen.time, seen.step), seen.y.copy()
         if stopped:
             message = (
                 f"stopped at step {step} (t = {stepper.time:.6g}): {stepper.trouble}{self._flow.meeting(stepper.y)}"
@@ -573,8 +580,7 @@ class Simulation:
     def bodies_changed(self) -> None:
         """An event acted: there is no going back behind it."""
         self._at = self._present = None
-        self._points = []
-        self._last_good = self.state
+        self._lookout.begin_anew()
 
     def sample_at(self, y: Floats, time: float) -> Sample:
         """All that is watched, at y."""
@@ -582,52 +588,28 @@ class Simulation:
 
     def _look(self, writer: Writer | None = None, observe: Observer | None = None, again: bool = True) -> None:
         """Sample, write and show the present state."""
-        samples = self.record.samples
-        known = not again and samples and (samples[-1].step, samples[-1].time) == (self.steps_done, self.time)
-        try:
-            sample = samples[-1] if known else self.sample()
-        except RunError:
+        if not self._lookout.look(again):
             self._fail(inside_step=False, stopped=self._engine.foreign and bool(self._stepper.trouble))
-        if not self.record.begun:
-            self._flow.begin(self.record, self._now())
-        sample = self.record.add(sample)
-        self._last_good = self.state
-        if not len(samples) % COUNTED:  # how many a run that chooses its steps takes is not known before
-            try:
-                check_samples(len(samples), "every or interval")
-            except InputError as error:
-                raise RunError(f"stopped at step {self.steps_done} (t = {self.time:.6g}): {error}") from None
-        if self._watched:
-            self._points = [*self._points, (self.time, self._now().copy(), self._stepper.last_step)][-WATCHED_POINTS:]
         if writer:
             acting = self._watching is not None and self._watching.acting
             forces = self.forces() if "forces" in writer.writes else None
-            writer.append(self._last_good, sample.observables(taken=acting), forces=forces)
+            writer.append(self.state, self.record.samples[-1].observables(taken=acting), forces=forces)
         if observe:
             observe(self)
 
-    def _check_step(self) -> None:
-        """Say where dt is beyond the limit of stability: at the start, then after twice the steps, and again."""
-        if not self._checked_steps or self.record.steps < self._check_step_at:
-            return
-        self._check_step_at = max(1, 2 * self.record.steps)
-        assert isinstance(self._flow, ParticleFlow)
-        assert self.dt is not None
-        warning = step_warning(self._flow, self.method, self.dt, self.time, self._now())
-        if warning and not any(TOO_LONG in line for line in self.record.warnings):
-            self.record.warnings.append(warning)
-
-    def _warn(self) -> None:
-        """Say what the method has to say, and where stability and not accuracy sets the steps."""
-        self._check_step()
-        self.record.warnings += [
-            line for line in getattr(self._stepper, "warnings", ()) if line not in self.record.warnings
-        ]
-        if not self._watched or self.record.steps < WATCHED_STEPS:
-            return
-        warning = stability_warning(self._flow, self.method, self._points)
-        if warning and warning not in self.record.warnings:
-            self.record.warnings = [*(w for w in self.record.warnings if TOO_LONG in w), warning]
+    def _series(self, plan: Plan, count: int) -> None:
+        """Go on through many looks that nobody else takes part in."""
+        began = perf_counter()
+        stepper = self._stepper
+        before, counts = stepper.steps_done, stepper.counts
+        self._flow.forget_errors()
+        status, refused = self._lookout.series(plan, count, self._chunk)
+        self.record.steps += stepper.steps_done - before
+        self._count(stepper.counts - counts)
+        if status != OK:
+            self._fail(inside_step=not refused, stopped=status == STOPPED and not refused)
+        self._at = plan.present(stepper.time, np.inf) if self.method.chooses_steps else None
+        self._pace(perf_counter() - began)
 
     def _writer(self, output: Any, plan: Plan, overwrite: bool, options: FileOptions | None) -> Any:
         if output is None:
@@ -644,7 +626,7 @@ class Simulation:
         path = os.path.realpath(output)
         if path in self._files and not overwrite and os.path.exists(path):
             return Writer.append_to(
-                path, self._files[path][0], options=options, checkpoint=self.checkpoint, plan=plan.numbers,
+                path, self._files[path].run_id, options=options, checkpoint=self.checkpoint, plan=plan.numbers,
                 at=(self.steps_done, self.time), events=len(self.record.events),
             )  # fmt: skip
         method = {
@@ -668,8 +650,21 @@ class Simulation:
             path, system, method=method, every=plan.every, overwrite=overwrite, options=options,
             checkpoint=self.checkpoint, plan=plan.numbers,
         )  # fmt: skip
-        self._files[path] = (writer.run_id, plan.every)
+        self._files[path] = Own.of(writer.run_id, plan.every, plan)
         return writer
+
+
+class Own(NamedTuple):
+    """A file that a Simulation writes to, and the cadence of looks that it keeps."""
+
+    run_id: str
+    every: int
+    interval: float | None
+
+    @classmethod
+    def of(cls, run_id: str, every: int, plan: Plan | None) -> Own:
+        """Of a run that began the file by a plan."""
+        return cls(run_id, every, plan.interval if plan and plan.exact and plan.interval else None)
 
 
 def _kind_of(value: Any) -> str:

@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 Verdict = Literal["bounded", "secular drift", "random walk", "round-off", "not resolvable"]
 
 MIN_SAMPLES = 40  # with 36, one white-noise series in twenty already passes for a random walk
-MAX_SAMPLES = 2000  # longer series are averaged in bins: only the slow end of the spectrum bears on the slope
+MAX_SAMPLES = 1024  # longer series are averaged in bins: only the slow end of the spectrum bears on the slope
 CONFIDENCE = 0.95  # of the interval
 SIGNIFICANCE = 0.01  # of the verdict "secular drift", stricter so that one verdict in a hundred is wrong, not in twenty
 RESIDUE = 1e-9  # of the waves: what they leave below that is the rounding of many steps, whatever way it walks
@@ -125,7 +125,7 @@ def drift(times: ArrayLike, values: ArrayLike, rounding: float | None = None) ->
        the frequency zero (``folded``): "bounded".
 
     A series that is trend and lines to within rounding gets the rounding as its ``error``. One whose trend and residue
-    over its whole length stay under 1e-9 of its lines is "bounded", with slope and error as found. Over 2000 samples
+    over its whole length stay under 1e-9 of its lines is "bounded", with slope and error as found. Over 1024 samples
     are averaged in equal bins; the first few that fill none are dropped.
 
     Raises InputError for unequal lengths, values that are not finite and times that are not evenly spaced.
@@ -198,7 +198,7 @@ def _judged(y: Array, own_rounding: float, rounding: float) -> Drift:
 
     from scipy.special import stdtr, stdtrit  # Student's t and its inverse; scipy.stats takes a second to import
 
-    fit = regression(y, design, 2)
+    fit = regression(y, design, 2, rest)
     verdict: Verdict = "bounded"
     time, effective = 0.5 * fit.inefficiency, count / fit.inefficiency
     flat = y - waves @ coefficients[2:]

@@ -8,6 +8,8 @@ import numpy as np
 
 from kickdrift.state import Floats
 
+WORTH_THREADS = 2**18  # multiplications from which on OpenBLAS uses threads
+
 
 @dataclass(frozen=True)
 class Fit:
@@ -20,14 +22,15 @@ class Fit:
     inefficiency: float  # spectral density at zero frequency over variance: samples per independent sample
 
 
-def regression(y: Floats, design: Floats, deterministic: int) -> Fit:
+def regression(y: Floats, design: Floats, deterministic: int, rest: Floats | None = None) -> Fit:
     """Generalised least squares of ``y`` on ``design`` with autoregressive noise, about column ``deterministic`` - 1.
 
     ``deterministic`` is how many leading columns the autoregression keeps (1: constant, 2: and trend).  It is
-    du(i) = those + g u(i-1) + sum d(j) du(i-j) for the least-squares residuals u; g = 0 is a unit root.
+    du(i) = those + g u(i-1) + sum d(j) du(i-j) for the least-squares residuals u, which are ``rest`` where they are
+    known; g = 0 is a unit root.
     """
     n, target = len(y), deterministic - 1
-    rest = least_squares(design, y)[1]
+    rest = least_squares(design, y)[1] if rest is None else rest
     # Schwert 1989 (10.1080/07350015.1989.10509723), fewer in a short series.
     longest = min(int(12.0 * (n / 100.0) ** 0.25), n // 12)
     steps = np.diff(rest)
@@ -36,9 +39,9 @@ def regression(y: Floats, design: Floats, deterministic: int) -> Fit:
         lagged = [steps[lags - j : len(steps) - j] for j in range(1, lags + 1)]
         return np.column_stack((design[lags + 1 :, :deterministic], rest[lags:-1], *lagged)), steps[lags:]
 
-    # Columns are nested, so that one QR gives the residual of every order.
+    # Columns are nested, so that one orthogonalisation gives the residual of every order.
     matrix, right = regressors(longest)
-    projections = (np.linalg.qr(matrix)[0].T @ right) ** 2
+    projections = along_each(matrix, right) ** 2
     squares = (right @ right - np.cumsum(projections)[deterministic:]) / (right @ right)
     criterion = len(right) * np.log(np.maximum(squares, 1e-30)) + np.log(len(right)) * np.arange(longest + 1)
     lags = int(np.argmin(criterion))
@@ -64,6 +67,18 @@ def regression(y: Floats, design: Floats, deterministic: int) -> Fit:
     return Fit(float(solution[target]), float(deviations[target]), freedom, unit_root_t, inefficiency)
 
 
+def along_each(matrix: Floats, right: Floats) -> Floats:
+    """How far ``right`` goes along each column, less what goes along the columns before: modified Gram-Schmidt."""
+    rows, found = np.vstack((matrix.T, right)), np.empty(matrix.shape[1])
+    for k in range(len(found)):
+        own, others = rows[k], rows[k + 1 :]
+        own /= float(np.sqrt(own @ own)) or 1.0
+        along = others @ own
+        others -= np.outer(along, own)
+        found[k] = along[-1]
+    return found
+
+
 def least_squares(matrix: Floats, right: Floats, used: int = 0) -> tuple[Floats, Floats, Floats]:
     """Coefficients, residuals and standard errors; ``used`` degrees of freedom are gone besides the columns."""
     solution, inverse, norms = normal_equations(matrix, right)
@@ -76,15 +91,29 @@ def least_squares(matrix: Floats, right: Floats, used: int = 0) -> tuple[Floats,
 
 def normal_equations(matrix: Floats, right: Floats) -> tuple[Floats, Floats, Floats]:
     """Their solution, of columns over their norms, the inverse of their matrix, and the norms."""
-    gram = matrix.T @ matrix
+    gram = products(matrix, matrix)
     norms: Floats = np.sqrt(np.diag(gram))
     norms[norms == 0.0] = 1.0
-    inverse: Floats = _inverse(gram / np.outer(norms, norms))
+    inverse: Floats = inverse_of(gram / np.outer(norms, norms))
     return inverse @ (matrix.T @ right / norms), inverse, norms
 
 
-def _inverse(gram: Floats) -> Floats:
-    """Of a symmetric matrix without negative eigenvalues; of those that rounding hides, nothing."""
+def products(a: Floats, b: Floats) -> Floats:
+    """The products of all columns of ``a`` with all of ``b``, summed over blocks of rows.
+
+    The blocks are too small for the BLAS to share out among threads: on a processor that has other work these wait for
+    each other a hundred times as long as the products take."""
+    count, columns = len(a), a.shape[1] * b.shape[1]
+    rows = max(1, min(count, WORTH_THREADS // columns))
+    whole = count - count % rows
+    of_a, of_b = (each[:whole].reshape(-1, rows, each.shape[1]) for each in (a, b))
+    return np.asarray(np.matmul(of_a.transpose(0, 2, 1), of_b).sum(axis=0) + a[whole:].T @ b[whole:])
+
+
+def inverse_of(gram: Floats) -> Floats:
+    """Of a symmetric matrix without negative eigenvalues; of those that rounding hides, nothing.
+
+    On such a processor one of 122 rows takes a hundred times as long as one of 82, for the same reason."""
     try:
         inverse = np.asarray(np.linalg.inv(gram), np.float64)
     except np.linalg.LinAlgError:

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from kickdrift.analysis.regression import least_squares, normal_equations
+from kickdrift.analysis.regression import inverse_of, least_squares, normal_equations, products
 from kickdrift.state import Floats
 
 MAX_LINES = 40
@@ -50,14 +50,27 @@ def spectral_lines(y: Floats, trend: Floats, floor: float) -> tuple[Floats, bool
             return waves, slow
         frequencies = np.append(frequencies, found)
         for _ in range(4):
-            waves = _waves(index, frequencies)
-            amplitudes, _, norms = normal_equations(np.column_stack((trend, waves)), y)
-            a, b = (amplitudes / norms)[2::2], (amplitudes / norms)[3::2]
-            slopes = index[:, None] * (b * waves[:, 0::2] - a * waves[:, 1::2])
-            change, _, norms = normal_equations(np.column_stack((trend, waves, slopes)), y)
-            frequencies = frequencies + np.clip((change / norms)[-len(frequencies) :], -1.0 / n, 1.0 / n)
+            frequencies = frequencies + np.clip(_correction(y, trend, frequencies), -1.0 / n, 1.0 / n)
         waves = _waves(index, frequencies)
     return waves, False
+
+
+def _correction(y: Floats, trend: Floats, frequencies: Floats) -> Floats:
+    """A Gauss-Newton step of all frequencies, with trend and amplitudes fitted along with them.
+
+    These are taken out of the normal equations first: their inverse is known, and what is left is small."""
+    index = trend[:, 1]
+    waves = _waves(index, frequencies)
+    fixed = np.column_stack((trend, waves))
+    amplitudes, inverse, norms = normal_equations(fixed, y)
+    a, b = (amplitudes / norms)[2::2], (amplitudes / norms)[3::2]
+    slopes = index[:, None] * (b * waves[:, 0::2] - a * waves[:, 1::2])
+    scales = np.sqrt(np.einsum("ij,ij->j", slopes, slopes)) + 1e-300
+    slopes /= scales
+    across = products(fixed, slopes) / norms[:, None]
+    known = np.hstack([inverse @ half for half in np.array_split(across, 2, axis=1)])
+    left = inverse_of(products(slopes, slopes) - across.T @ known)
+    return np.asarray(left @ (slopes.T @ y - across.T @ amplitudes) / scales)
 
 
 def folded(waves: Floats, amplitudes: Floats) -> float:

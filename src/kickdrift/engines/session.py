@@ -22,7 +22,9 @@ from kickdrift.flow import ParticleFlow
 from kickdrift.forces.bound import Measured
 from kickdrift.forces.kernel import OK
 from kickdrift.integrators.stepping import STOPPED, Counts
+from kickdrift.looks import Looks
 from kickdrift.memory import Memory, by_value
+from kickdrift.observers import take_sample
 from kickdrift.state import Floats
 
 if TYPE_CHECKING:
@@ -100,11 +102,26 @@ class EngineFlow(ParticleFlow):
         self.name = system.name
         self.halves = 2
         self.not_separable = None
+        self._ends = np.empty((2, 3, len(system)))
         self.stepper: EngineStepper  # at work for it
 
-    @property
-    def _looks(self) -> Any:
-        return self.stepper
+    def look(self, looks: Looks, y: Floats, time: float, step: int, last: Floats, fresh: bool = False) -> int:
+        """See ParticleFlow; energies are the program's own."""
+        looks.fill(take_sample(self.subject, self.stepper, step, time, y))
+        last[...] = y
+        return OK
+
+    def looking(self, fresh: bool) -> None:
+        """None: each look asks the program."""
+
+    def accelerations(self, y: Floats, time: float) -> Floats | None:
+        """(3, n) that the program gives, None where they are not finite."""
+        measured = self.stepper.measure(time, y)
+        return None if measured is None else measured.accelerations
+
+    def prepare(self, y: Floats, time: float) -> None:
+        """Have the program at work."""
+        self.stepper.measure(time, y)
 
     def meeting(self, y: Floats) -> str:
         """Nothing: where the particles stood when the program stopped is not known."""

@@ -21,7 +21,7 @@ from kickdrift.integrators.gauss_radau_series import (
     X,
 )
 from kickdrift.integrators.options import Options
-from kickdrift.integrators.stepping import BEFORE, ChosenSteps
+from kickdrift.integrators.stepping import BEFORE, ChosenSteps, CompiledSteps
 from kickdrift.integrators.stepping import LAST as STEP_LAST
 from kickdrift.jit.memory import aligned
 from kickdrift.state import Floats
@@ -73,12 +73,17 @@ class GaussRadauStepper(ChosenSteps):
     def _polynomials(self, value: Floats) -> None:
         self._work[LAST:GUESS, : self.y[0].size] = value[:, : self.y[0].size]
 
-    def _go(self, until: float, steps: int) -> int:
-        return self._flow.forces.call(
-            gauss_radau_loop, self.y, self._trial, self._flat[0], self._derivative, self._flat[1], self._work,
-            tables(), self._velocities, self.eta, self._longest, self.end, self.clip, self._clock, until, steps,
-            self._cursor,
+    @property
+    def compiled_steps(self) -> CompiledSteps:
+        given = (
+            self.y, self._trial, self._flat[0], self._derivative, self._flat[1], self._work, tables(), self._velocities,
+            self.eta, self._longest, self.end, self.clip,
         )  # fmt: skip
+        return gauss_radau_loop, self._flow.forces, given
+
+    def _go(self, until: float, steps: int) -> int:
+        loop, forces, given = self.compiled_steps
+        return forces.call(loop, *given, self._clock, until, steps, self._cursor)
 
     def _first_step(self) -> float:
         """Short enough; the next ones are up to four times as long each."""

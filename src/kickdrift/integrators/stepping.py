@@ -9,7 +9,7 @@ depend on, and ``recall`` puts a stepper that was made anew, in another process 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 import numpy as np
@@ -18,7 +18,11 @@ from numpy.typing import NDArray
 from kickdrift.errors import InputError
 from kickdrift.forces.evaluate import EVALUATIONS, SLOTS
 from kickdrift.forces.kernel import OK
-from kickdrift.integrators.loops import REJECTED, STEP
+from kickdrift.forces.looking import Looking
+from kickdrift.integrators.looked_loop import REFUSED as LOOK_REFUSED
+from kickdrift.integrators.looked_loop import TAKEN, looked_intervals, looked_loop
+from kickdrift.integrators.loops import FRESH, REJECTED, STEP, splitting_loop
+from kickdrift.jit.by_address import address_of
 from kickdrift.memory import Memory, Remembering, by_value
 from kickdrift.state import Floats
 
@@ -26,6 +30,7 @@ if TYPE_CHECKING:
     from kickdrift.flow import Flow
     from kickdrift.forces.bound import BoundForces
     from kickdrift.integrators.options import Options
+    from kickdrift.run_plan import Plan
 
 # The first slots of the clock of a loop that chooses its steps: the last step point, the step to try, the step that led
 # there, the time it began at.
@@ -43,7 +48,8 @@ class Counts:
     jacobians: int = 0
 
     def __sub__(self, before: Counts) -> Counts:
-        return Counts(*(getattr(self, each.name) - getattr(before, each.name) for each in fields(self)))
+        rejected, jacobians = self.rejected - before.rejected, self.jacobians - before.jacobians
+        return Counts(self.evaluations - before.evaluations, rejected, jacobians)
 
 
 class Stepper(Protocol):
@@ -87,6 +93,7 @@ class Stepper(Protocol):
         """Be in the state of a stepper of the same method, options and bodies that had this memory."""
 
 
+CompiledSteps = tuple[Any, "BoundForces", tuple[Any, ...]]
 AT_ONCE = 10_000  # steps of compiled code between two looks at Ctrl-C
 
 
@@ -97,6 +104,8 @@ class Resumable(Remembering):
     steps_done: int
     end: float = np.inf  # see Stepper
     clip: bool = False
+    _addresses: tuple[int, int] | None = None  # of the machine code of steps and looks, once known
+    fresh: bool = False  # whether the flow's forces were last evaluated at ``y``, so that their pair lists hold there
     _flow: Flow
 
     @property
@@ -147,8 +156,14 @@ class Regular(Resumable):
     dt: float
     y: Floats
     steps_done: int
+    ends_fresh: bool = False  # whether it is ``fresh`` after any whole step
+    steady: bool = True  # whether the next step is one like all that follow
     _start: float  # the time of step 0
     _cursor: NDArray[np.int64]
+
+    def advance(self, steps: int, until: float = np.inf) -> int:
+        """See Stepper."""
+        raise NotImplementedError
 
     @property
     def time(self) -> float:
@@ -165,6 +180,48 @@ class Regular(Resumable):
     def at(self, time: float) -> Floats:
         """The step point: no time lies between two."""
         return self.y.copy()
+
+    def series(self, count: int, every: int, look: Callable[[], int]) -> int:
+        """``count`` times take ``every`` steps and ``look``, as long as both return OK; the first other status."""
+        for _ in range(count):
+            if (status := self.advance(every) or look()) != OK:
+                return status
+        return OK
+
+    @property
+    def compiled_steps(self) -> CompiledSteps | None:
+        """What takes steps in compiled code and leaves ``y`` at a step point: a driver, the forces that it is called
+        with, and what comes between these and (first, steps, cursor). While ``steady``; None where Python is needed for
+        that."""
+        return None
+
+    def looked(
+        self, count: int, every: int, looking: Looking, last: Floats, rows: Floats, row: int
+    ) -> tuple[int, int, bool]:
+        """``series`` with the looks in compiled code, from that row of ``rows`` on: a status, how many looks were good,
+        and whether it was a look that failed."""
+        assert self.compiled_steps is not None
+        (loop, forces, given), cursor = self.compiled_steps, self._cursor
+        seen, places = np.array([0, count, 0]), (looking.desk, last, rows, row, looking.cursor)
+        if self._addresses is None:
+            steps_at = address_of(loop, forces.forces, *given, self.steps_done, every, cursor)
+            self._addresses = steps_at, looking.address(self.time, self.y, *places)
+        status = forces.call(
+            _with_lists(looked_loop, looking, forces), *self._addresses, given, self.steps_done, every, cursor,
+            self._start, self.dt, self.y, *places, seen,
+        )  # fmt: skip
+        taken, refused = int(seen[TAKEN]), bool(seen[LOOK_REFUSED])
+        self.steps_done += (taken + refused) * every + int(cursor[STEP])
+        cursor[STEP] = 0
+        return status, taken, refused
+
+
+def _with_lists(loop: Any, looking: Looking, forces: BoundForces) -> Callable[..., int]:
+    """A compiled loop of looks as ``BoundForces.call`` takes it. Where the looks are taken with the run's own forces,
+    their lists may have grown meanwhile."""
+    if looking.forces is forces:
+        return lambda bound, *args: int(loop(bound, bound, *args))
+    return lambda bound, *args: int(loop(bound, looking.forces.forces, *args))
 
 
 class FixedStepper(Regular):
@@ -200,6 +257,19 @@ class FixedStepper(Regular):
         self.steps_done += int(self._cursor[STEP])
         self._cursor[STEP] = 0
         return status
+
+    @property
+    def compiled_steps(self) -> CompiledSteps:
+        given = (self.y, self._carry, self._work, self._stages, self.dt, self._start)
+        return self._loop, self._flow.forces, given
+
+    @property
+    def fresh(self) -> bool:  # type: ignore[override]
+        return self._loop is splitting_loop and bool(self._cursor[FRESH])
+
+    @property
+    def ends_fresh(self) -> bool:  # type: ignore[override]
+        return self._loop is splitting_loop and not self._stages[1, -1]
 
     @property
     def _carried(self) -> Floats:
@@ -243,6 +313,37 @@ class ChosenSteps(Resumable):
     def counts(self) -> Counts:
         return Counts(int(self._cursor[EVALUATIONS]) + self._extra_evaluations, int(self._cursor[REJECTED]))
 
+    @property
+    def steady(self) -> bool:
+        """Whether the next step is one like all that follow: its length is known."""
+        return self._clock[NEXT] != 0.0
+
+    @property
+    def compiled_steps(self) -> CompiledSteps | None:
+        """As for ``Regular``, but for what ends with (clock, time to reach, steps, cursor)."""
+        return None
+
+    def looked(
+        self, plan: Plan, steps: int, looking: Looking, last: Floats, rows: Floats, row: int
+    ) -> tuple[int, NDArray[np.int64], bool]:
+        """Steps, and looks as the plan wants them, until that many steps are taken or Python is due: a status, the step
+        of each good look, and whether it was a look that failed."""
+        assert self.compiled_steps is not None
+        (loop, forces, given), cursor, clock = self.compiled_steps, self._cursor, self._clock
+        seen, taken_at = np.array([0, len(rows) - row, 0]), np.zeros(len(rows) - row, np.int64)
+        places = (looking.desk, last, rows, row, looking.cursor)
+        if self._addresses is None:
+            steps_at = address_of(loop, forces.forces, *given, clock, self.time, steps, cursor)
+            self._addresses = steps_at, looking.address(self.time, self.y, *places)
+        status = forces.call(
+            _with_lists(looked_intervals, looking, forces), *self._addresses, given, clock,
+            plan.begin_time, plan.interval, plan.end_time, steps, cursor, self.y, *places, taken_at, seen,
+        )  # fmt: skip
+        found = self.steps_done + taken_at[: seen[TAKEN]]
+        self.steps_done += int(cursor[STEP])
+        cursor[STEP] = 0
+        return self._judged(status), found, bool(seen[LOOK_REFUSED])
+
     def _first_step(self) -> float | None:
         """How long the first step is to be; None where finding out would take f beyond the end."""
         raise NotImplementedError
@@ -260,6 +361,10 @@ class ChosenSteps(Resumable):
         status = self._go(until, steps)
         self.steps_done += int(self._cursor[STEP])
         self._cursor[STEP] = 0
+        return self._judged(status)
+
+    def _judged(self, status: int) -> int:
+        """The status; where it is STOPPED, there is ``trouble``."""
         if status == STOPPED:
             self.trouble = (
                 f"the step fell to {self._clock[NEXT]:.3g}, which t = {self.time:.9g} can no longer tell from 0"

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from kickdrift.coordinates import from_democratic, from_jacobi, to_democratic, to_jacobi
+from kickdrift.coordinates import to_democratic, to_jacobi
 from kickdrift.forces.bound import BoundForces
 from kickdrift.forces.central import gravitational_constant
 from kickdrift.forces.evaluate import SLOTS
@@ -14,7 +14,7 @@ from kickdrift.forces.gravity import Gravity
 from kickdrift.integrators.loops import STEP
 from kickdrift.integrators.options import Options
 from kickdrift.integrators.splitting import Splitting
-from kickdrift.integrators.stepping import Regular
+from kickdrift.integrators.stepping import CompiledSteps, Regular
 from kickdrift.integrators.wisdom_holman import JACOBI, corrector, undone
 from kickdrift.integrators.wisdom_holman_limits import passages_and_hill, warning_lines
 from kickdrift.integrators.wisdom_holman_loop import (
@@ -33,6 +33,8 @@ from kickdrift.integrators.wisdom_holman_loop import (
     Bodies,
     wisdom_holman_loop,
 )
+from kickdrift.integrators.wisdom_holman_places import leave, listed_masses, shown_steps
+from kickdrift.jit.by_address import address_of
 from kickdrift.jit.memory import aligned
 from kickdrift.jit.vectors import WIDTH
 from kickdrift.state import Floats
@@ -50,6 +52,7 @@ class WisdomHolmanStepper(Regular):
     sums carry on, and what there is to warn of."""
 
     trouble = ""
+    _loop_at: int | None = None  # the address of the loop's machine code, once known
     keeps = (
         "_cursor", "_start", "_under_way", "_corrected", "_shortest", "_hill",
         "_bodies.orbit", "_bodies.carry", "_bodies.centre", "_bodies.first",
@@ -110,6 +113,15 @@ class WisdomHolmanStepper(Regular):
             gm=float(gm[central]), shares=masses / masses.sum(), x=np.zeros((2, 3, len(masses))),
             a=np.zeros((3, len(masses))),
         )  # fmt: skip
+        own = self._bodies
+        self._shown = own._replace(  # at the step point
+            orbit=aligned(own.orbit.shape), carry=aligned(own.carry.shape), centre=aligned(own.centre.shape),
+            first=np.empty(own.first.shape),
+        )  # fmt: skip
+        self._slots = np.zeros(len(masses), np.int64)
+        self._slots[self._row[self._real]] = np.flatnonzero(self._real)
+        self._masses = listed_masses(own.shares[self._listed])
+        self._aside = np.zeros(SLOTS, np.int64)
 
     # --- coordinates ---
 
@@ -132,17 +144,8 @@ class WisdomHolmanStepper(Regular):
 
     def _leave(self, bodies: Bodies) -> Floats:
         """(2, 3, n) positions and velocities."""
-        orbit = bodies.orbit + bodies.carry if bodies.carry.size else bodies.orbit
-        rows = np.empty((2, len(self._listed), 3))
-        rows[:, 0] = (bodies.centre[:2] + bodies.centre[2:4])[:, :3]
-        rows[:, self._row[self._real]] = orbit.reshape(2, 3, -1)[:, :, self._real].transpose(0, 2, 1)
-        masses = bodies.shares[self._listed]
-        y = np.empty((2, 3, len(masses)))
-        y[:, :, self._listed] = np.array(
-            (from_jacobi(rows[0], masses), from_jacobi(rows[1], masses))
-            if self._jacobi
-            else from_democratic(rows[0], rows[1], masses)
-        ).transpose(0, 2, 1)
+        y = np.empty((2, 3, len(self._listed)))
+        leave(bodies.orbit, bodies.carry, bodies.centre, self._slots, self._listed, self._masses, self._jacobi, y)
         return y
 
     # --- steps ---
@@ -191,20 +194,37 @@ class WisdomHolmanStepper(Regular):
             self._under_way = self._under_way or forward > 0
         return self._synchronise()
 
+    @property
+    def steady(self) -> bool:  # type: ignore[override]
+        return self._under_way and self._corrected
+
+    @property
+    def compiled_steps(self) -> CompiledSteps | None:
+        if self._others.forces:  # whose lists are made anew for what is shown
+            return None
+        own, shown, others = self._bodies, self._shown, self._others
+        if self._loop_at is None:
+            given_there = own, self._step, self.dt, self._start, self.steps_done, 1, self._cursor
+            self._loop_at = address_of(wisdom_holman_loop, (), *given_there)
+        given = (
+            (), self._loop_at, own, shown.orbit, shown.carry, shown.centre, shown.first, self._step, self._end,
+            self._decorrect, self._aside, self._slots, self._listed, self._masses, self.dt, self._start, self.y,
+        )  # fmt: skip
+        return shown_steps, others, given
+
     def _synchronise(self) -> int:
         """``y`` <- the state at the step point; a status."""
-        own = self._bodies
+        own, shown = self._bodies, self._shown
+        shown.orbit[...], shown.carry[...] = own.orbit, own.carry
+        shown.centre[...], shown.first[...] = own.centre, own.first
         self._cursor[STEP:] = 0
         self._looks.forget()
-        bodies = own._replace(
-            orbit=_copy(own.orbit), carry=_copy(own.carry), centre=own.centre.copy(), first=own.first.copy()
-        )
         for row in (self._end, self._decorrect):
             if row.size:
-                status = self._call(bodies, row, 1, np.zeros(SLOTS, np.int64), self._looks)
-                if status:
+                self._aside[:] = 0
+                if status := self._call(shown, row, 1, self._aside, self._looks):
                     return status
-        self.y = self._leave(bodies)
+        self.y = self._leave(shown)
         return 0
 
     def reached(self, inside_step: bool) -> tuple[Floats, Floats]:
@@ -243,9 +263,3 @@ class WisdomHolmanStepper(Regular):
 def _filled(ids: Any) -> Any:
     """The ids, filled up with -1 to a multiple of eight."""
     return np.concatenate([ids, np.full(-len(ids) % WIDTH, -1)]).astype(np.int64)
-
-
-def _copy(array: Floats) -> Floats:
-    copied = aligned(array.shape, None)
-    copied[...] = array
-    return copied

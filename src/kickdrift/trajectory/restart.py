@@ -186,7 +186,7 @@ def _samples(sim: Simulation, run: Run, goal: tuple[int, float | None]) -> list[
             break
         values = {name: values[k] for name, values in found.observables.items()}
         try:
-            sim.record.samples.append(Sample.of(int(at), float(when), values))
+            sim.record.looks.add(Sample.of(int(at), float(when), values))
         except (KeyError, TypeError, ValueError) as error:
             raise InputError(f"{run.path}: damaged: its samples are not those of a run: {error}") from None
     lines = []

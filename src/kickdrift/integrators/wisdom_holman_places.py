@@ -1,0 +1,90 @@
+"""Positions and velocities from the coordinates of the Wisdom-Holman map, rounded as ``coordinates`` rounds them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from kickdrift.forces.kernel import OK
+from kickdrift.integrators.loops import STEP
+from kickdrift.integrators.wisdom_holman_loop import Bodies
+from kickdrift.jit.by_address import status_at
+from kickdrift.jit.compile import driver, strict
+from kickdrift.state import Floats
+
+
+def listed_masses(shares: Floats) -> Floats:
+    """(3, n) of bodies with these masses, the central one first: the masses, what is inside each orbit and on it as a
+    share of the mass, and in the first place of the last row all of it."""
+    return np.array([shares, shares / np.cumsum(shares), np.full(len(shares), shares.sum())])
+
+
+@strict
+def leave_jacobi(orbit, carry, centre, slots, listed, masses, half, k, y):
+    """One axis of ``coordinates.from_jacobi``."""
+    row = 3 * half + k
+    first = centre[half, k] + centre[half + 2, k]
+    before, moved = first, 0.0
+    for body in range(listed.size - 1, 0, -1):
+        own = orbit[row, slots[body]]
+        if carry.size:
+            own += carry[row, slots[body]]
+        moved += masses[1, body] * own
+        before = first - moved
+        y[half, k, listed[body]] = own + before
+    y[half, k, listed[0]] = before
+
+
+@strict
+def leave_democratic(orbit, carry, centre, slots, listed, masses, half, k, y):
+    """One axis of ``coordinates.from_democratic``."""
+    row = 3 * half + k
+    first = centre[half, k] + centre[half + 2, k]
+    moved = 0.0
+    for body in range(1, listed.size):
+        own = orbit[row, slots[body]]
+        if carry.size:
+            own += carry[row, slots[body]]
+        y[half, k, listed[body]] = own
+        moved += masses[0, body] * own
+    central = first - moved / (masses[0, 0] if half else masses[2, 0])
+    for body in range(1, listed.size):
+        y[half, k, listed[body]] += first if half else central
+    y[half, k, listed[0]] = central
+
+
+@driver
+def leave(orbit, carry, centre, slots, listed, masses, jacobi, y):
+    """y (2, 3, n) <- positions and velocities; ``slots`` is where each of the ``listed`` bodies stands."""
+    for half in range(2):
+        for k in range(3):
+            if jacobi:
+                leave_jacobi(orbit, carry, centre, slots, listed, masses, half, k, y)
+            else:
+                leave_democratic(orbit, carry, centre, slots, listed, masses, half, k, y)
+
+
+@driver
+def shown_steps(
+    forces, looks, loop, bodies, orbit, carry, centre, first_seen, step, end, back, aside, slots, listed, masses, dt,
+    start, y, first, steps, cursor,
+):  # fmt: skip
+    """Steps of ``wisdom_holman_loop``, at the address ``loop``, and y <- the state at the step point; a status. The run
+    itself stays before the last drift, which a copy takes: ``orbit`` to ``first_seen`` are its arrays, ``end`` and
+    ``back`` the drift and what undoes the corrector."""
+    cursor[STEP:] = 0
+    status = status_at(loop, (forces, bodies, step, dt, start, first, steps, cursor))
+    if status != OK:
+        return status
+    orbit[...], carry[...], centre[...], first_seen[...] = bodies.orbit, bodies.carry, bodies.centre, bodies.first
+    shown = Bodies(
+        orbit, carry, centre, bodies.table, bodies.inside, first_seen, bodies.work, bodies.massive, bodies.jacobi,
+        bodies.order, bodies.central, bodies.gm, bodies.shares, bodies.x, bodies.a,
+    )  # fmt: skip
+    aside[:] = 0
+    status = status_at(loop, (looks, shown, end, dt, start, first + steps, 1, aside))
+    if status == OK and back.size:
+        aside[:] = 0
+        status = status_at(loop, (looks, shown, back, dt, start, first + steps, 1, aside))
+    if status == OK:
+        leave(orbit, carry, centre, slots, listed, masses, bodies.jacobi, y)
+    return status
