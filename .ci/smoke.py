@@ -1,4 +1,4 @@
-"""A few short runs of every kind of compiled code, for machines, settings and versions that the tests do not run with."""
+"""Short runs of every kind of compiled code, for machines, settings and versions that the tests do not run with."""
 
 from __future__ import annotations
 
