@@ -82,19 +82,20 @@ class BoundForces:
 
     def call(self, compiled: Callable[..., int], *args: Any) -> int:
         """``compiled(table of the forces, *args)``, again whenever a list had to grow; its status, OK or BLOWN_UP."""
-        table = self._ready()
+        table = self.table
         if self.threads > 1:
             from numba import set_num_threads
 
             set_num_threads(self.threads)
         while (status := compiled(table, *args)) == GROW:
             self.forces = tuple(grown(force) for force in self.forces)
-            table = self._ready()
+            table = self.table
         return status
 
-    def _ready(self) -> Forces:
-        """The table of the forces, compiled if need be; a law that numba cannot compile is an InputError of one
-        line."""
+    @property
+    def table(self) -> Forces:
+        """The forces as compiled code takes them, compiled if need be; a law that numba cannot compile is an InputError
+        of one line. The table holds until a list grows or changes its skins."""
         if self._table is None or self._table[0] is not self.forces:
             few = few_of(self.forces)
             self.forces = tuple(force if force is few else _compiled(force) for force in self.forces)

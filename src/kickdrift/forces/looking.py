@@ -51,7 +51,7 @@ class Looking(NamedTuple):
 
     def address(self, *args: Any) -> int:
         """That of ``look`` for these forces, and arguments like those that follow them."""
-        return address_of(look, self.forces.forces, *args)
+        return address_of(look, self.forces.table, *args)
 
 
 def desk_of(system: System) -> Floats:

@@ -204,7 +204,7 @@ class Regular(Resumable):
         (loop, forces, given), cursor = self.compiled_steps, self._cursor
         seen, places = np.array([0, count, 0]), (looking.desk, last, rows, row, looking.cursor)
         if self._addresses is None:
-            steps_at = address_of(loop, forces.forces, *given, self.steps_done, every, cursor)
+            steps_at = address_of(loop, forces.table, *given, self.steps_done, every, cursor)
             self._addresses = steps_at, looking.address(self.time, self.y, *places)
         status = forces.call(
             _with_lists(looked_loop, looking, forces), *self._addresses, given, self.steps_done, every, cursor,
@@ -221,7 +221,7 @@ def _with_lists(loop: Any, looking: Looking, forces: BoundForces) -> Callable[..
     their lists may have grown meanwhile."""
     if looking.forces is forces:
         return lambda bound, *args: int(loop(bound, bound, *args))
-    return lambda bound, *args: int(loop(bound, looking.forces.forces, *args))
+    return lambda bound, *args: int(loop(bound, looking.forces.table, *args))
 
 
 class FixedStepper(Regular):
@@ -333,7 +333,7 @@ class ChosenSteps(Resumable):
         seen, taken_at = np.array([0, len(rows) - row, 0]), np.zeros(len(rows) - row, np.int64)
         places = (looking.desk, last, rows, row, looking.cursor)
         if self._addresses is None:
-            steps_at = address_of(loop, forces.forces, *given, clock, self.time, steps, cursor)
+            steps_at = address_of(loop, forces.table, *given, clock, self.time, steps, cursor)
             self._addresses = steps_at, looking.address(self.time, self.y, *places)
         status = forces.call(
             _with_lists(looked_intervals, looking, forces), *self._addresses, given, clock,
