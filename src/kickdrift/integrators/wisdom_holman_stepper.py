@@ -207,8 +207,8 @@ class WisdomHolmanStepper(Regular):
             given_there = own, self._step, self.dt, self._start, self.steps_done, 1, self._cursor
             self._loop_at = address_of(wisdom_holman_loop, self._others.table, *given_there)
         given = (
-            others.table, self._loop_at, own, shown.orbit, shown.carry, shown.centre, shown.first, self._step, self._end,
-            self._decorrect, self._aside, self._slots, self._listed, self._masses, self.dt, self._start, self.y,
+            others.table, self._loop_at, own, shown.orbit, shown.carry, shown.centre, shown.first, self._step,
+            self._end, self._decorrect, self._aside, self._slots, self._listed, self._masses, self.dt, self._start, self.y,
         )  # fmt: skip
         return shown_steps, others, given
 
