@@ -134,8 +134,7 @@ def test_laws_of_one_name(workshop, monkeypatch):
     for each in (one, two):
         workshop.write("script.py", MEASURE, each)
         workshop.run()
-    free = "from kickdrift.forces.registration import FORCES\ndel FORCES['quartic']  # system files know one of a name"
-    workshop.write("script.py", MEASURE, one, free, two)
+    workshop.write("script.py", MEASURE, one, two)
     assert workshop.run() == ([1.5, -6.0, 4.5, -18.0], 0)
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple, NamedTupleMeta
+
 import pytest
 
 import kickdrift as kd
@@ -125,3 +127,20 @@ def test_a_kernel_that_does_not_compile(kickdrift, files):
     assert status == 2
     assert len(err.splitlines()) == 1
     assert "widht" in err
+
+
+def test_laws_of_one_name():
+    """System files know the last of a user's laws of one name, and never another one than kickdrift's of its name."""
+
+    def law(cls, module):
+        fields = {"__module__": module, "__qualname__": cls, "__annotations__": {"k": float}, "k": 1.0}
+        made = NamedTupleMeta(cls, (NamedTuple,), fields)
+        made.law = lambda p, r2: (p.k * r2, -2.0 * p.k)
+        return kd.pair_law(made)
+
+    first, second = law("Square", "one"), law("Square", "two")
+    assert FORCES["square"] is second
+    assert registration.registered("one", "Square") is first
+    with pytest.raises(InputError, match=r"^force 'lennard-jones' exists already: LennardJones of kickdrift\."):
+        law("LennardJones", "mine")
+    assert FORCES["lennard-jones"] is kd.LennardJones

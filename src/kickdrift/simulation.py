@@ -457,8 +457,9 @@ class Simulation:
         if self._compiled >= level:
             return
         began = perf_counter()
-        self._stepper.advance(0, self.time)
-        self._flow.prepare(self._stepper.y, self.time)
+        if not self._compiled:
+            self._stepper.advance(0, self.time)
+            self._flow.prepare(self._stepper.y, self.time)
         if alone:
             self._lookout.prepare(alone)
         self._compiled = level

@@ -236,12 +236,13 @@ def pair_law(cls: type) -> Any:
 
     A law must not keep state between calls, such as a counter or a random number: its code is compiled once and called
     for many pairs in any order. The force is registered under the class's name in lower case, with hyphens:
-    "morse" for ``Morse``. System files and ``resume`` find the force by it (see ``register_force``).
+    "morse" for ``Morse``. System files and ``resume`` find the force by it (see ``register_force``). A later law of the
+    same name takes the earlier one's place in system files.
 
     Raises
     ------
     InputError
-        Where the code of the law shows that the law keeps state, and where the name belongs to another force.
+        Where the code of the law shows that the law keeps state, and where the name is that of a force that ships.
     """
     check_class(cls)
     check_stateless(cls.__name__, cls.law)  # type: ignore[attr-defined]
@@ -262,4 +263,4 @@ def pair_law(cls: type) -> Any:
     force.__qualname__ = cls.__qualname__
     cls.__qualname__ = f"{cls.__qualname__}.Parameters"  # so that pickle finds it where it now stands
     force.Parameters = cls  # type: ignore[attr-defined]
-    return register_force(force)
+    return register_force(force, overwrite=True)

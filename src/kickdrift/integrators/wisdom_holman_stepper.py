@@ -208,7 +208,8 @@ class WisdomHolmanStepper(Regular):
             self._loop_at = address_of(wisdom_holman_loop, self._others.table, *given_there)
         given = (
             others.table, self._loop_at, own, shown.orbit, shown.carry, shown.centre, shown.first, self._step,
-            self._end, self._decorrect, self._aside, self._slots, self._listed, self._masses, self.dt, self._start, self.y,
+            self._end, self._decorrect, self._aside, self._slots, self._listed, self._masses, self.dt, self._start,
+            self.y,
         )  # fmt: skip
         return shown_steps, others, given
 
