@@ -48,6 +48,7 @@ from kickdrift.trajectory.locking import copy, detached, lock, locked
 from kickdrift.trajectory.opening import open_stored
 
 PAGE = 4096
+_ZEROS = bytes(PAGE)
 ALIGNMENT = {"alignment_threshold": 2048, "alignment_interval": PAGE}  # below the smallest index node, 2096 bytes
 _SUPERBLOCK = 96
 _END = slice(40, 48)  # of the superblock: where the file ends
@@ -217,7 +218,7 @@ class PagedFile:
         self._forget()
         self._raw.close()
 
-    def _pieces(self, cut: bool) -> tuple[list[tuple[int, bytearray]], list[tuple[int, bytes]]]:
+    def _pieces(self, cut: bool) -> tuple[list[tuple[int, memoryview]], list[tuple[int, bytes]]]:
         """What lies behind the end, and what changes before it, each in the order of a commit."""
         placed: list[tuple[tuple[int, ...], int, bytes]] = []
         for first, last in _runs(sorted(self._pages)):
@@ -228,7 +229,7 @@ class PagedFile:
                 before = old[start - begin : start - begin + known]
                 placed += _changes(start, before, self._pages[page][:known], cut, self._size < self._base)
         placed.sort(key=lambda piece: piece[0])
-        return [(self._base, self._tail)] if self._tail else [], [(offset, data) for _, offset, data in placed]
+        return list(_filled(self._base, self._tail)), [(offset, data) for _, offset, data in placed]
 
     def _read(self, offset: int, size: int) -> bytes:
         """From the disk; zeros behind its end."""
@@ -238,7 +239,7 @@ class PagedFile:
             found += more
         return found.ljust(size, b"\0")
 
-    def _put(self, offset: int, data: bytes | bytearray) -> None:
+    def _put(self, offset: int, data: bytes | memoryview) -> None:
         self._raw.seek(offset)
         done = 0
         with memoryview(data) as view:
@@ -256,6 +257,19 @@ def _runs(pages: list[int]) -> Iterator[tuple[int, int]]:
     begins = [k for k, page in enumerate(pages) if not k or pages[k - 1] + 1 < page]
     for begin, end in pairwise([*begins, len(pages)]):
         yield pages[begin], pages[end - 1] + 1
+
+
+def _filled(base: int, tail: bytearray) -> Iterator[tuple[int, memoryview]]:
+    """What lies behind the place ``base`` but for pages of zeros, which stay holes and take no room on the disk."""
+    view, begin = memoryview(tail), 0
+    for page in range(-(base % PAGE), len(tail), PAGE):
+        low, high = max(page, 0), min(page + PAGE, len(tail))
+        if tail.startswith(_ZEROS[: high - low], low):
+            if begin < low:
+                yield base + begin, view[begin:low]
+            begin = high
+    if begin < len(tail):
+        yield base + begin, view[begin:]
 
 
 def _changes(
