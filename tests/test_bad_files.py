@@ -150,7 +150,7 @@ if limit:
 sys.argv[0] = "kickdrift"
 main()
 """
-RUN = ("run", "lj-1000", "--steps", "400", "--every", "1", "--flush", "0.01", "--quiet")
+RUN = ("run", "lj-1000", "--steps", "400", "--every", "1", "--flush", "1e-6", "--quiet")
 
 
 def refused_for_room(done, path, why="disk full: "):

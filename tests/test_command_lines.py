@@ -9,6 +9,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 
 import pytest
 from refusals import assert_refused
@@ -356,7 +357,7 @@ def test_ctrl_c_while_workers_start_waits_until_they_are_there(monkeypatch):
 
     class Begun(contextlib.AbstractContextManager):
         def __init__(self, *_, **__):
-            os.kill(os.getpid(), signal.SIGINT)
+            signal.pthread_kill(threading.get_ident(), signal.SIGINT)  # to this thread: another would hear it late
             came.append("begun")
 
         def __exit__(self, *_):
