@@ -115,17 +115,6 @@ def unowned(typingctx, array):
     return array(array), codegen
 
 
-@intrinsic(prefer_literal=True)
-def part(typingctx, of, index):
-    """The part with that written-out number of the tuple behind a handle."""
-    kind, number = of.kind.types[index.literal_value], index.literal_value
-
-    def codegen(context, builder, sig, args):
-        return _part(context, builder, args[0], number, kind)
-
-    return _read(kind)(of, index), codegen
-
-
 @intrinsic
 def address(typingctx, of):
     """A handle as a whole number, for numba's parallel loops, which take nothing else."""
