@@ -7,7 +7,7 @@ import pickle
 import numpy as np
 import pytest
 
-from kickdrift.jit.compile import driver, in_order, inlined, jit, strict
+from kickdrift.jit.compile import driver, in_order, inlined, is_finite, jit, strict
 from kickdrift.jit.inner import _InnerLibrary, overload
 
 KINDS = {"jit": jit, "inlined": inlined, "in_order": in_order, "strict": strict}
@@ -53,3 +53,15 @@ def test_what_compiled_code_calls_is_in_its_machine_code_alone(kind):
 
 def test_inner_functions_can_be_pickled():
     assert pickle.loads(pickle.dumps(jit(halved)))(4.0) == 2.0
+
+
+def sum_is_finite(a):
+    return is_finite(a[0] + a[1] + a[2])
+
+
+@pytest.mark.parametrize("wrong", [np.nan, np.inf, -np.inf])
+def test_a_sum_that_may_be_reassociated_is_seen_to_be_no_number(wrong):
+    """np.isfinite asks whether (a + b + c) - (a + b + c) is 0, which reassociation makes 0."""
+    compiled = driver(sum_is_finite)
+    assert compiled(np.array([1.0, 2.0, 3.0]))
+    assert not compiled(np.array([1.0, wrong, 3.0]))

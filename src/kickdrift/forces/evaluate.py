@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from kickdrift.forces.equation import call_at
 from kickdrift.forces.kernel import BLOWN_UP, OK, RAISED
 from kickdrift.forces.seam import accelerate
-from kickdrift.jit.compile import driver, inlined, jit
+from kickdrift.jit.compile import driver, inlined, is_finite, jit
 from kickdrift.jit.handle import handle
 from kickdrift.jit.lanes import lane_sum, splat
 from kickdrift.jit.memory import flat, load, load_first, store, store_first
@@ -25,7 +23,7 @@ def fill_accelerations(bound, t, x, v, a, sums, cursor):
     cursor[EVALUATIONS] += 1
     if status != OK:
         return status
-    return OK if np.isfinite(sum_of(a)) else BLOWN_UP
+    return OK if is_finite(sum_of(a)) else BLOWN_UP
 
 
 @jit
@@ -64,7 +62,7 @@ def call_equation(bound, t, y, dy, cursor):
     for half in range(dy.shape[0]):
         for i in range(dy.shape[2]):
             total += dy[half, 0, i]
-    return OK if np.isfinite(total) else BLOWN_UP
+    return OK if is_finite(total) else BLOWN_UP
 
 
 @inlined

@@ -26,7 +26,7 @@ from kickdrift.forces.look_columns import (
 )
 from kickdrift.forces.pair_law import PairForce
 from kickdrift.jit.by_address import address_of
-from kickdrift.jit.compile import driver, inlined
+from kickdrift.jit.compile import driver, inlined, is_finite
 from kickdrift.jit.handle import handle, unowned
 from kickdrift.state import Floats
 
@@ -116,7 +116,7 @@ def look(forces, t, y, desk, last, rows, at, cursor):
     if not sum_moments(desk[HEAD : HEAD + n], x, v, row):
         return BLOWN_UP
     total = row[KINETIC] + row[POTENTIAL]
-    if not -np.inf < total < np.inf:  # isfinite asks for total - total, which reassociation makes 0
+    if not is_finite(total):
         return NO_ENERGY
     row[TIME], row[TOTAL] = t, total
     row[TEMPERATURE] = 2.0 * row[KINETIC] / desk[FREEDOM]

@@ -37,7 +37,7 @@ from kickdrift.forces.clusters import (
 )
 from kickdrift.forces.kernel import BLOWN_UP, GROW, OK
 from kickdrift.jit.chunks import chunk_task, each_chunk
-from kickdrift.jit.compile import jit, never_inline
+from kickdrift.jit.compile import is_finite, jit, never_inline
 from kickdrift.jit.masks import count_ones, mask_bits
 from kickdrift.jit.memory import append_members, flat
 from kickdrift.jit.single import joined, load_single, store_single
@@ -54,7 +54,7 @@ def refresh(pairs, x, chunks):
         jumped = (
             inner > (pairs.cutoff + 0.5 * pairs.inner_skin) ** 2
         )  # past the whole range of the force since the last call
-        if not np.isfinite(total) or (jumped and not counts[JUMPS_ALLOWED]):
+        if not is_finite(total) or (jumped and not counts[JUMPS_ALLOWED]):
             return BLOWN_UP
         if 4.0 * inner <= pairs.inner_skin**2:
             return OK
@@ -64,7 +64,7 @@ def refresh(pairs, x, chunks):
             return OK
     for k in range(3):
         for i in range(x.shape[1]):
-            if not np.isfinite(x[k, i]):
+            if not is_finite(x[k, i]):
                 return BLOWN_UP
     counts[BUILT] = 0
     sort(pairs, x)

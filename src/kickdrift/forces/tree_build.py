@@ -16,7 +16,7 @@ from __future__ import annotations
 import math
 
 from kickdrift.jit.chunks import chunk_task
-from kickdrift.jit.compile import as_written, jit, never_inline
+from kickdrift.jit.compile import as_written, is_finite, jit, never_inline
 from kickdrift.jit.lanes import lane_max, lane_sum, splat
 from kickdrift.jit.masks import select
 from kickdrift.jit.memory import load
@@ -35,7 +35,7 @@ def build(force, x):
     n, rows = x.shape[1], force.rows
     for i in range(n):
         for k in range(3):
-            if not math.isfinite(x[k, i]):
+            if not is_finite(x[k, i]):
                 return False
             rows[i, k] = x[k, i]
         rows[i, 3] = i

@@ -39,7 +39,7 @@ from kickdrift.integrators.gauss_radau_step import TERMS, next_step
 from kickdrift.integrators.loops import FRESH, REJECTED, STEP
 from kickdrift.integrators.stepping import BEFORE, NEXT, STOPPED, TIME
 from kickdrift.integrators.stepping import LAST as STEP_LAST
-from kickdrift.jit.compile import driver, inlined, strict
+from kickdrift.jit.compile import driver, inlined, is_finite, strict
 from kickdrift.jit.handle import handle, unowned
 from kickdrift.jit.lanes import lane_max, plus, splat
 from kickdrift.jit.masks import mask_bits
@@ -94,7 +94,7 @@ def iterate(bound, t, h, trial, trial_flat, dy, dy_flat, work, width, tables, ve
                     return OK
                 if count >= PATIENCE:
                     return BLOWN_UP
-        if not np.isfinite(missed):
+        if not is_finite(missed):
             return BLOWN_UP
         residual = missed
     return OK if residual <= ROUNDED else BLOWN_UP

@@ -14,7 +14,7 @@ from kickdrift.forces.kernel import BLOWN_UP, OK
 from kickdrift.integrators.loops import STEP
 from kickdrift.integrators.stepping import STOPPED
 from kickdrift.jit.chunks import Chunks, chunk_task, each_chunk
-from kickdrift.jit.compile import driver, jit, never_inline
+from kickdrift.jit.compile import driver, is_finite, jit, never_inline
 from kickdrift.jit.handle import handle
 
 # Rows of a body's Taylor series at its own time.
@@ -70,7 +70,7 @@ def evaluate(bodies, time, cursor):
         i = bodies.due[k]
         for axis in range(3):
             total += sources.a[axis, i] + sources.slope[axis, i]
-    return OK if np.isfinite(total) else BLOWN_UP
+    return OK if is_finite(total) else BLOWN_UP
 
 
 @jit

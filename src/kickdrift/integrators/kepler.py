@@ -191,7 +191,7 @@ def one_solution(gm, beta, r0, eta, zeta, dt):
     g = one_g(beta, x)
     for k in range(1, TRIES_ONE + 1):
         excess = r0 * x + eta * g.g2 + zeta * g.g3 - dt
-        if not excess <= 0.0:  # nan, too, where it overflowed; np.isfinite of a sum that may be reassociated misses it
+        if not excess <= 0.0:  # nan, too, where it overflowed
             high = x
         else:
             low = x

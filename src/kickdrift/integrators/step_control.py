@@ -20,7 +20,7 @@ import numpy as np
 
 from kickdrift.checks import positive
 from kickdrift.errors import InputError
-from kickdrift.jit.compile import jit
+from kickdrift.jit.compile import is_finite, jit
 from kickdrift.state import Floats
 from kickdrift.units import shown
 
@@ -115,7 +115,7 @@ def step_factor(numbers, exponent, error, before, before2):
 @jit
 def rejected_factor(numbers, exponent, error):
     """The same after a rejected one, by that step's error alone; one that is no number cuts the step most."""
-    if not np.isfinite(error):
+    if not is_finite(error):
         return numbers[4]
     return max(numbers[4], numbers[3] * error ** -((numbers[0] + numbers[1] + numbers[2]) * exponent))
 

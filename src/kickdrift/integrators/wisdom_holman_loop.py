@@ -16,7 +16,7 @@ from kickdrift.forces.evaluate import EVALUATIONS, fill_accelerations
 from kickdrift.forces.kernel import BLOWN_UP, OK
 from kickdrift.integrators.kepler import kepler_increments, lanes_increments
 from kickdrift.integrators.loops import FRESH, STAGE, STEP
-from kickdrift.jit.compile import driver, inlined, jit
+from kickdrift.jit.compile import driver, inlined, is_finite, jit
 from kickdrift.jit.handle import handle, unowned
 from kickdrift.jit.lanes import inverse_sqrt, lane_numbers, lane_sum, minus, plus, rotated, splat, sums_before
 from kickdrift.jit.masks import any_lane, mask_bits, select
@@ -145,7 +145,7 @@ def one_by_one(bodies, dt, b, done):
             for row in range(6):
                 way[row, i] = increments[row]
                 total += increments[row]
-            if not np.isfinite(total):
+            if not is_finite(total):
                 return BLOWN_UP
     return OK
 

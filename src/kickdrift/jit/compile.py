@@ -6,6 +6,7 @@ import gc
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cache
+from math import inf
 from typing import Any
 
 from numba import types
@@ -61,6 +62,13 @@ def features() -> tuple[str, ...]:
     """
     named = cpu_target.target_context.codegen().magic_tuple()[2].split(",")
     return tuple(sorted(name.removeprefix("+") for name in named if name.startswith("+")))
+
+
+@inlined
+def is_finite(number):
+    """Whether it is neither infinite nor NaN. np.isfinite asks whether number - number is 0, and reassociation may make
+    that 0 for a sum."""
+    return -inf < number and number < inf
 
 
 @intrinsic
