@@ -17,6 +17,7 @@ import kickdrift as kd
 from kickdrift.errors import InputError
 from kickdrift.flow import flow_of
 from kickdrift.integrators import INTEGRATORS
+from kickdrift.integrators.step_control import first_step
 from kickdrift.odes import ODES
 from kickdrift.systemfile import describe, load, shipped
 
@@ -349,3 +350,10 @@ def test_steps_and_errors_beside_scipys(beside, integrator):
     for found in (same, default):
         slope = np.polyfit(np.log(LADDERS[integrator]), np.log(found), 1)[0]
         assert slope == pytest.approx(slope_of_one, abs=0.2), found
+
+
+def test_a_first_step_for_the_largest_numbers_is_a_number():
+    y, rtol, atol = np.array([1e308, -1e308]), np.array([10.0, 1e-6]), np.zeros(2)
+    step = first_step(lambda t, y: -y, 0.0, y, -y, 5, rtol, atol)
+    assert step is not None
+    assert 0.0 < step < 1.0

@@ -174,7 +174,7 @@ def main() -> int:
     given = parser.parse_args()
     if bool(given.commit) == bool(given.processor):
         parser.error("give a commit or --processor")
-    print(where("numba", "numpy"), flush=True)
+    print(where("numpy"), flush=True)
     here = Build("this build", SOURCE, {})
     cases = tuple(case for case in LOOPS if not given.only or case.name in given.only)
     if given.processor:

@@ -138,8 +138,8 @@ def first_step(
     def norm(values: Any) -> float:
         return float(np.sqrt(np.mean(np.square(values))))
 
-    scale = (atol + np.abs(y.reshape(-1)) * rtol).reshape(y.shape)
-    with np.errstate(all="ignore"):  # a scale near zero makes numbers that are not finite
+    with np.errstate(all="ignore"):  # a scale near zero, or very large numbers, make some that are not finite
+        scale = (atol + np.abs(y.reshape(-1)) * rtol).reshape(y.shape)
         d0, d1 = norm(y / scale), norm(f / scale)
         h0 = 1e-6 if d0 < 1e-5 or d1 < 1e-5 else 0.01 * d0 / d1
         h0 = h0 if 0.0 < h0 < np.inf else 1e-6
