@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import platform
+from importlib.metadata import version
+
 import kickdrift as kd
 from kickdrift.jit.compile import features, processor
 
@@ -20,7 +23,8 @@ RUNS = [  # system, method, options, steps, most relative error of the energy
 def main() -> None:
     known = features()
     widest = next((name for name in ("avx512f", "avx2", "avx", "sse2", "neon") if name in known), "none of these")
-    print(f"{processor()}, {widest}")
+    versions = ", ".join(f"{name} {version(name)}" for name in ("numba", "numpy", "h5py", "pydantic"))
+    print(f"{processor()}, {widest}; Python {platform.python_version()}, {versions}")
     for name, method, options, steps, most in RUNS:
         report = kd.Simulation(kd.load(name), method, **options).run(steps)
         error = report.energy.max_relative_error
