@@ -321,6 +321,7 @@ def test_a_refusal_is_exit_status_1(monkeypatch, capsys):
         (("ode-pendulum", "--accuracy", 1e-3, "--length", "nan"), "length must be a positive"),
         (("ode-lorenz", "--integrator", "velocity-verlet"), "accelerations that depend on positions"),
         (("no-such-system",), "neither a file nor a shipped system"),
+        (("ode-pendulum", "--threads", 2**64), "threads must be 1 to"),
     ],
 )
 def test_bad_input_is_one_line(monkeypatch, capsys, arguments, words):

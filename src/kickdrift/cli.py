@@ -388,7 +388,7 @@ def compare(
     from kickdrift.system import System
     from kickdrift.systemfile import load
 
-    work.check_arguments(time, length, accuracy)
+    work.check_arguments(time, length, accuracy, threads)
     subject = load(system, seed)
     if isinstance(subject, System):
         subject = subject.watched(())  # trajectories of all methods and steps are compared with one reference

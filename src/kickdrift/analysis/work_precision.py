@@ -136,8 +136,7 @@ def work_precision(
         Where there is no reference and no energy.
     """
     names = chosen(subject, integrators)
-    check_threads(threads)
-    check_arguments(time, whole, accuracy)
+    check_arguments(time, whole, accuracy, threads)
     began = perf_counter()
     start = start if start is not None else subject.state
     whole = whole or file_length(subject) or time
@@ -200,8 +199,9 @@ def work_precision(
     )
 
 
-def check_arguments(time: float | None, length: float | None, accuracy: float | None) -> None:
-    """Refuse what is no positive number, and a length of which nothing is asked."""
+def check_arguments(time: float | None, length: float | None, accuracy: float | None, threads: int = 1) -> None:
+    """Refuse a time, length or accuracy that is no positive number, and more threads than there are."""
+    check_threads(threads)
     for key, value in (("time", time), ("length", length), ("accuracy", accuracy)):
         if value is not None and not (np.isfinite(value) and value > 0):
             raise InputError(f"compare: {key} must be a positive finite number, got {value!r}")
