@@ -14,6 +14,7 @@ from test_integrators import liquid
 
 import kickdrift as kd
 from kickdrift.errors import InputError
+from kickdrift.integrators import INTEGRATORS
 from kickdrift.trajectory import cadence, restart
 from kickdrift.trajectory.checkpoints import decoded, encoded
 from kickdrift.trajectory.h5md import Writer
@@ -85,6 +86,32 @@ def test_what_was_interrupted_ends_in_the_same_file(tmp_path, case):
     with kd.open(path) as run:
         assert run.report is not None
         assert run.checkpoints.steps[-1] == whole.steps_done
+
+
+METHODS = {method.name: method for method in INTEGRATORS.values()}
+OF_METHODS = [(name, {}) for name in METHODS]
+OF_METHODS += [(name, {key: value}) for name in METHODS for key, all in METHODS[name].choices.items() for value in all]
+
+
+@pytest.mark.parametrize(("name", "options"), OF_METHODS, ids=lambda value: str(value).strip("{}"))
+def test_files_of_every_method_and_choice_are_opened_and_resumed(tmp_path, name, options):
+    sim, path = taken_by(name, options), tmp_path / "a.h5md"
+    sim.run(4, every=2, output=path)
+    resumed = kd.resume(path, step=2)
+    assert resumed.integrator == name
+    resumed.run(2)
+    assert resumed.state.phase.tobytes() == sim.state.phase.tobytes()
+
+
+def taken_by(name, given):
+    """A Simulation by a method, of planets, or where it refuses them of a liquid."""
+    method = METHODS[name]
+    options = given | ({"dt": 0.002} if method.needs_dt else {})
+    options |= {"rtol": 1e-6} if "rtol" in method.tunable else {}
+    try:
+        return kd.Simulation(trio().watched(()), name, **options)
+    except InputError:
+        return kd.Simulation(liquid(), name, **options)
 
 
 def test_events_were_part_of_the_cases(tmp_path):

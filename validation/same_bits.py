@@ -20,6 +20,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -28,7 +29,7 @@ import numpy as np
 from claim import Claim, claim, main
 
 import kickdrift as kd
-from kickdrift.errors import InputError
+from kickdrift.errors import InputError, KickdriftError
 from kickdrift.forces import FORCES
 from kickdrift.forces.pair_law import TRUNCATIONS, PairForce
 from kickdrift.integrators import INTEGRATORS, integrator
@@ -253,22 +254,27 @@ def elsewhere(cases: list[Case], ways: str, source: Path | None = None) -> list[
 
 
 def child(ways: str) -> None:
-    """Answer `elsewhere`: null for a case that the method refuses."""
+    """Answer `elsewhere`: null for a case that the method refuses; of one that fails, why."""
     found: list[Any] = []
     for case in (Case(*each) for each in json.load(sys.stdin)):
         try:
             simulation(case)
         except InputError:
             found.append(None)
-        else:
+            continue
+        try:
             found.append(histories(case) if ways == "histories" else plain(case, 1))
+        except KickdriftError as error:
+            found.append({str(error): ""} if ways == "histories" else None)
     json.dump(found, sys.stdout)
 
 
 def compared(listed: list[Case]) -> tuple[list[Case], list[str]]:
     """The cases that methods took, and those without the same bits in every way, with the ways that differ."""
     taken, apart = [], []
-    for case, ways, alone in zip(listed, elsewhere(listed, "histories"), elsewhere(listed, "plain"), strict=True):
+    with ThreadPoolExecutor() as pool:
+        all_ways, on_one_thread = pool.map(lambda ways: elsewhere(listed, ways), ("histories", "plain"))
+    for case, ways, alone in zip(listed, all_ways, on_one_thread, strict=True):
         if ways is None:
             continue
         taken.append(case)

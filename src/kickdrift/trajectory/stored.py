@@ -79,7 +79,7 @@ class MethodText(Stored):
     """`kickdrift/method`."""
 
     integrator: Name | None = None
-    order: int | None = None
+    order: int | Name | None = None  # "10,6,4" of a saba
     dt: Positive | None = None
     threads: Number = 1
     seed: int | None = None
