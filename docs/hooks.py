@@ -25,7 +25,7 @@ def command_line() -> str:
     import typer
     from typer.cli import get_docs_for_click
 
-    from kickdrift.cli import app
+    from kickdrift.cli.main import app
 
     command: Any = typer.main.get_command(app)
     with command.make_context("kickdrift", [], resilient_parsing=True) as context:

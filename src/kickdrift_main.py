@@ -14,7 +14,7 @@ def main() -> None:
     heard = signal.getsignal(signal.SIGINT) is signal.default_int_handler  # not in a shell's background
     if heard:
         signal.signal(signal.SIGINT, _end)
-    from kickdrift.cli import main as program
+    from kickdrift.cli.main import main as program
 
     if heard:
         signal.signal(signal.SIGINT, signal.default_int_handler)

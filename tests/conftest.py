@@ -62,7 +62,7 @@ def kickdrift(monkeypatch, capfd):
     def call(*arguments) -> tuple[int, str, str]:
         monkeypatch.setattr(sys, "argv", ["kickdrift", *map(str, arguments)])
         capfd.readouterr()
-        from kickdrift.cli import main
+        from kickdrift.cli.main import main
 
         with pytest.raises(SystemExit) as ended:
             main()

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.special import beta, betainc
 
 from kickdrift.forces import DrivenField, Gravity, HarmonicTrap, LinearDrag, Springs, UniformField
-from kickdrift.system import System
+from kickdrift.model.system import System
 
 
 class Pairs(NamedTuple):

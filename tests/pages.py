@@ -55,7 +55,7 @@ def run(page: Path) -> dict[str, object]:
 
 def exit_status(words: list[str]) -> int:
     """What kickdrift with these arguments ends with."""
-    from kickdrift.cli import main
+    from kickdrift.cli.main import main
 
     with mock.patch.object(sys, "argv", ["kickdrift", *words]):
         try:

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 from scipy import constants
 
-from kickdrift.state import State
-from kickdrift.system import System
+from kickdrift.model.state import State
+from kickdrift.model.system import System
 from kickdrift.trajectory.h5md import Writer
 from kickdrift.trajectory.options import FileOptions
 

@@ -14,10 +14,10 @@ from scipy.integrate import DenseOutput, OdeSolver
 from scipy.integrate._ivp.common import validate_first_step, validate_max_step, validate_tol, warn_extraneous
 
 import kickdrift as kd
-from kickdrift.flow import ProblemFlow
 from kickdrift.forces.kernel import OK
 from kickdrift.integrators import integrator
 from kickdrift.integrators.adaptive import LAST, NEXT
+from kickdrift.integrators.flow import ProblemFlow
 from kickdrift.integrators.options import Options
 from kickdrift.integrators.step_control import LEAST_RTOL
 

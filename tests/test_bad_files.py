@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import kickdrift as kd
-from kickdrift import cli
+from kickdrift.cli import main as cli
 from kickdrift.errors import InputError
 from kickdrift.trajectory.h5md import Writer
 from kickdrift.trajectory.info import describe, info
@@ -143,7 +143,7 @@ def test_info_says_what_a_kill_left(whole):
 ENV = dict(os.environ)
 PROGRAM = """
 import resource, sys
-from kickdrift.cli import main
+from kickdrift.cli.main import main
 limit = int(sys.argv.pop(1))
 if limit:
     resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))

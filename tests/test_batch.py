@@ -11,15 +11,15 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import kickdrift as kd
-from kickdrift import batch as room
 from kickdrift.analysis import chaos
 from kickdrift.analysis.chaos import megno, megnos
-from kickdrift.batch import Batch, refusal
+from kickdrift.batch import batch as room
+from kickdrift.batch.batch import Batch, refusal
 from kickdrift.errors import InputError
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators import integrator as method_named
 from kickdrift.integrators.options import Options
-from kickdrift.system import RunDefaults
+from kickdrift.model.system import RunDefaults
 
 EPSILON = np.finfo(float).eps
 BATCHED = sorted({method.name for method in INTEGRATORS.values() if method.batched})

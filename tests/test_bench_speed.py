@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import kickdrift as kd
-from kickdrift import cli
+from kickdrift.cli import main as cli
 
 VALIDATION = Path(__file__).parents[1] / "validation"
 SHORT = ["--turns", "2", "--seconds", "0.01", "--quiet"]

@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.signal import lfilter
 
-from kickdrift.analysis.blocks import FEWEST, block_average, mean_over_frames
 from kickdrift.errors import InputError
+from kickdrift.statistics.blocks import FEWEST, block_average, mean_over_frames
 
 
 def autoregressive(phi: float, k: int, series: int = 500) -> np.ndarray:

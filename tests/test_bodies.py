@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicHermiteSpline
 
-from kickdrift import systemfile
-from kickdrift.coordinates import about_centre, attracting_masses
-from kickdrift.elements import elements
 from kickdrift.errors import InputError
-from kickdrift.plummer import plummer
-from kickdrift.simulation import Simulation
-from kickdrift.systemfile import load, loads
+from kickdrift.model.starts.coordinates import about_centre, attracting_masses
+from kickdrift.model.starts.elements import elements
+from kickdrift.model.starts.plummer import plummer
+from kickdrift.run.simulation import Simulation
+from kickdrift.systemfile import reading as systemfile
+from kickdrift.systemfile.reading import load, loads
 
 BODIES = """
 units = "astro"

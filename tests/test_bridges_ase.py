@@ -22,9 +22,9 @@ from hypothesis import strategies as st
 import kickdrift as kd
 from kickdrift.bridges import bridge
 from kickdrift.bridges.ase import Calculator, Scale
+from kickdrift.model.units import UNIT_SYSTEMS
 from kickdrift.trajectory.export import export
 from kickdrift.trajectory.h5md import Writer
-from kickdrift.units import UNIT_SYSTEMS
 
 EPSILON, SIGMA, RC = 0.0103, 3.4, 8.0  # of argon, eV and angstrom
 ARGON = kd.LennardJones(epsilon=EPSILON, sigma=SIGMA, cutoff=RC)  # shifted, as ASE's is

@@ -9,11 +9,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 
-from kickdrift.builders import any_nearer, check_overlaps, lattice, maxwell_boltzmann, mixture, read_structure
 from kickdrift.errors import InputError
 from kickdrift.forces import Gravity, LennardJones
-from kickdrift.system import System
-from kickdrift.units import UNIT_SYSTEMS
+from kickdrift.model.starts.builders import (
+    any_nearer,
+    check_overlaps,
+    lattice,
+    maxwell_boltzmann,
+    mixture,
+    read_structure,
+)
+from kickdrift.model.system import System
+from kickdrift.model.units import UNIT_SYSTEMS
 
 METAL = UNIT_SYSTEMS["metal"]
 NEIGHBOURS = {"sc": (1, 6, 1.0), "bcc": (2, 8, np.sqrt(0.75)), "fcc": (4, 12, np.sqrt(0.5))}
@@ -132,7 +139,7 @@ def test_particles_at_the_same_place(force):
 
 
 def test_far_cells_with_the_same_number_are_no_neighbours():
-    from kickdrift.builders import CELLS
+    from kickdrift.model.starts.builders import CELLS
 
     apart = 2.0 * CELLS  # in cells of twice the limit
     assert not any_nearer(np.array([[0.0] * 3, [apart, 0.0, 0.0], [0.0, 0.0, -apart]]), None, 1.0)

@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 from problems import kepler
 
 import kickdrift as kd
-from kickdrift import cli
 from kickdrift.analysis import chaos
 from kickdrift.analysis.chaos import ChaosReport, mean_megno, megno, verdict
+from kickdrift.cli import main as cli
 from kickdrift.errors import InputError, RunError
 from kickdrift.forces.bound import BoundForces
 from kickdrift.forces.variations import varied

@@ -16,7 +16,8 @@ import pytest
 from refusals import assert_refused
 
 import kickdrift as kd
-from kickdrift import bench, cli
+from kickdrift.analysis import bench
+from kickdrift.cli import main as cli
 from kickdrift.errors import InputError, RunError
 from kickdrift.integrators import INTEGRATORS
 
@@ -62,7 +63,7 @@ def folder(tmp_path, monkeypatch):
 
 def program(*arguments, **options) -> subprocess.CompletedProcess:
     """The program in a process of its own."""
-    code = "from kickdrift.cli import main; main()"
+    code = "from kickdrift.cli.main import main; main()"
     return subprocess.run(
         [sys.executable, "-W", "error", "-c", code, *map(str, arguments)], capture_output=True, text=True, **options
     )
@@ -98,7 +99,7 @@ def test_errors_of_a_process_are_one_line(arguments, status, part):
 
 
 def test_ctrl_c_leaves_a_whole_file():
-    code = "from kickdrift.cli import main; main()"
+    code = "from kickdrift.cli.main import main; main()"
     arguments = ["run", "liquid.toml", "--steps", "20000000", "--every", "100", "--output", "run.h5md"]
     running = subprocess.Popen(
         [sys.executable, "-c", code, *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
@@ -119,7 +120,7 @@ def test_ctrl_c_leaves_a_whole_file():
 
 
 def test_a_reader_that_goes_away_is_no_traceback():
-    code = "from kickdrift.cli import main; main()"
+    code = "from kickdrift.cli.main import main; main()"
     running = subprocess.Popen(
         [sys.executable, "-c", code, "list", "systems"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     )
@@ -150,7 +151,7 @@ def test_what_needs_no_numba_does_not_load_it(arguments, kickdrift):
         kickdrift("run", "liquid.toml", "--steps", 0, "--output", "run.h5md")
     code = """if True:
         import sys
-        from kickdrift.cli import main
+        from kickdrift.cli.main import main
         try:
             main()
         finally:
@@ -165,7 +166,7 @@ def test_a_run_that_was_compiled_before_loads_neither_scipy_nor_what_compiling_n
     kickdrift("run", "liquid.toml", "--steps", 1)
     code = """if True:
         import sys
-        from kickdrift.cli import main
+        from kickdrift.cli.main import main
         try:
             main()
         finally:

@@ -15,16 +15,17 @@ import pytest
 from refusals import assert_refused
 
 import kickdrift as kd
-from kickdrift import capacity, checks, cli
-from kickdrift.batch import Batch
-from kickdrift.console import print_table
+from kickdrift.batch.batch import Batch
+from kickdrift.cli import main as cli
+from kickdrift.cli.console import print_table
+from kickdrift.disk.interrupt import heard_everywhere, whole
 from kickdrift.ensemble.keys import with_values
 from kickdrift.ensemble.members import members_of
 from kickdrift.errors import InputError, RunError
-from kickdrift.interrupt import heard_everywhere, whole
-from kickdrift.limits import MOST_STEPS
+from kickdrift.model import capacity, checks
+from kickdrift.model.limits import MOST_STEPS
 from kickdrift.odes import harmonic_oscillator
-from kickdrift.run_plan import check_run, plan_of
+from kickdrift.run.plan import check_run, plan_of
 from kickdrift.text import LINE, clean, shown
 
 PROGRAM = "from kickdrift_main import main; main()"
@@ -139,7 +140,7 @@ def test_pieces_of_a_batch_change_no_bits(monkeypatch):
         return batch.record(0).series().total.tobytes()
 
     whole = looks()
-    monkeypatch.setattr("kickdrift.batch.LOOKS", 7)
+    monkeypatch.setattr("kickdrift.batch.batch.LOOKS", 7)
     assert looks() == whole
 
 
@@ -262,9 +263,8 @@ def test_letters_that_a_stream_does_not_know_are_replaced():
 
 def test_ctrl_c_while_the_program_is_imported():
     code = "import os, sys, signal; from kickdrift_main import main\nclass Finder:\n def find_spec(self, name, *_):\n"
-    code += (
-        "  if name == 'kickdrift.cli': os.kill(os.getpid(), signal.SIGINT)\nsys.meta_path.insert(0, Finder()); main()"
-    )
+    code += "  if name == 'kickdrift.cli.main': os.kill(os.getpid(), signal.SIGINT)\n"
+    code += "sys.meta_path.insert(0, Finder()); main()"
     done = subprocess.run([sys.executable, "-W", "error", "-c", code], capture_output=True, text=True)
     assert (done.returncode, done.stdout, done.stderr) == (130, "", "kickdrift: interrupted\n")
 
@@ -289,7 +289,7 @@ def test_a_bug_is_one_line_and_can_be_found(kickdrift, monkeypatch):
     def broken(*_):
         raise ValueError("two\nlines\x1b")
 
-    monkeypatch.setattr("kickdrift.systemfile.load", broken)
+    monkeypatch.setattr("kickdrift.systemfile.reading.load", broken)
     status, out, err = kickdrift("info", "sun-jupiter")
     assert (status, out, err.count("\n")) == (1, "", 1)
     assert "a bug in kickdrift, please report it: ValueError: two\\nlines\\x1b (KICKDRIFT_TRACEBACK=1" in err
@@ -302,7 +302,7 @@ def test_no_memory_is_one_line(kickdrift, monkeypatch):
     def greedy(*_):
         raise MemoryError
 
-    monkeypatch.setattr("kickdrift.systemfile.load", greedy)
+    monkeypatch.setattr("kickdrift.systemfile.reading.load", greedy)
     assert kickdrift("info", "sun-jupiter") == (1, "", "kickdrift: there is not enough memory for this\n")
 
 
@@ -320,7 +320,7 @@ def test_a_benchmark_of_too_many_particles_is_refused(kickdrift, count):
 def test_samples_of_a_run_of_unknown_length_stop_at_the_memory(monkeypatch):
     sim = kd.Simulation(harmonic_oscillator(), integrator="dormand-prince45")
     sim.run(until=1.0, every=1)
-    monkeypatch.setattr("kickdrift.looks.COUNTED", 64)
+    monkeypatch.setattr("kickdrift.looks.table.COUNTED", 64)
     monkeypatch.setattr(capacity, "memory", lambda: 4 * 1000 * 100)
     with pytest.raises(
         RunError, match=r"^stopped at step \d+ .*: run: 128 samples take .* give a larger every or interval"

@@ -9,16 +9,16 @@ import numpy as np
 import pytest
 
 import kickdrift as kd
-from kickdrift.analysis.growth import Growth, energy_growth, position_growth
 from kickdrift.analysis.ladder import Bench, Row
 from kickdrift.analysis.local_error import slope
 from kickdrift.analysis.recommendation import SAFETY, recommendation
 from kickdrift.analysis.reference import MODERATE, TIGHT, Reference
 from kickdrift.analysis.shadow import modified_hamiltonian, pendulum_potential, shadow_run
 from kickdrift.analysis.work_precision import Comparison, default_integrators, work_precision
-from kickdrift.cli import main
+from kickdrift.cli.main import main
 from kickdrift.odes import harmonic_oscillator, kepler, logistic, lorenz, pendulum, van_der_pol
-from kickdrift.plots_shadow import plot_shadow
+from kickdrift.plots.shadow import plot_shadow
+from kickdrift.statistics.growth import Growth, energy_growth, position_growth
 
 
 @pytest.fixture(scope="module")

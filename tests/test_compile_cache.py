@@ -15,7 +15,7 @@ from numba import typeof
 from kickdrift.forces.bound import BoundForces
 from kickdrift.jit.folders import folder
 from kickdrift.jit.sources import Sources, fingerprint
-from kickdrift.system import System
+from kickdrift.model.system import System
 
 MEASURE = """
 import sys
@@ -23,7 +23,7 @@ from pathlib import Path
 import kickdrift.jit.cache as code_cache
 code_cache.folder = lambda: Path(sys.argv[1])
 from kickdrift.forces.bound import BoundForces
-from kickdrift.system import System
+from kickdrift.model.system import System
 
 def measure(force, threads=1):
     system = System([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]], forces=[force])

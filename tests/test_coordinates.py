@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from kickdrift import coordinates as to
 from kickdrift.errors import InputError
+from kickdrift.model.starts import coordinates as to
 
 EPS = np.finfo(float).eps
 

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 import kickdrift as kd
-from kickdrift import cli
+from kickdrift.cli import main as cli
 from kickdrift.errors import InputError
-from kickdrift.state import State
-from kickdrift.systemfile import shipped
+from kickdrift.model.state import State
+from kickdrift.systemfile.reading import shipped
 from kickdrift.trajectory import checksums
 from kickdrift.trajectory.checkpoints import decoded, encoded
 from kickdrift.trajectory.contents import MOST_NESTED

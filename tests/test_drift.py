@@ -13,11 +13,11 @@ from hypothesis import strategies as st
 from scipy import stats
 
 import kickdrift as kd
-from kickdrift.analysis.drift import MIN_SAMPLES, drift, energy_error, rounding_of
-from kickdrift.analysis.growth import Growth
-from kickdrift.builders import lattice, maxwell_boltzmann
 from kickdrift.errors import InputError
+from kickdrift.model.starts.builders import lattice, maxwell_boltzmann
 from kickdrift.odes import kepler
+from kickdrift.statistics.drift import MIN_SAMPLES, drift, energy_error, rounding_of
+from kickdrift.statistics.growth import Growth
 
 
 def script(name):

@@ -15,9 +15,9 @@ import numpy as np
 import pytest
 
 import kickdrift as kd
-from kickdrift import cli
-from kickdrift.builders import lattice, maxwell_boltzmann
+from kickdrift.cli import main as cli
 from kickdrift.engines import ENGINES
+from kickdrift.model.starts.builders import lattice, maxwell_boltzmann
 from kickdrift.trajectory.info import info
 
 registry = sys.modules["kickdrift.engines"]  # kd.engines is the function

@@ -17,8 +17,8 @@ import pytest
 from typer.testing import CliRunner
 
 import kickdrift as kd
-from kickdrift.batch import Batch
-from kickdrift.cli import app, main
+from kickdrift.batch.batch import Batch
+from kickdrift.cli.main import app, main
 from kickdrift.ensemble import running, table
 from kickdrift.errors import InputError, RunError
 

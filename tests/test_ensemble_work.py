@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from kickdrift.cli import app
+from kickdrift.cli.main import app
+from kickdrift.cli.printing_ensemble import print_ensemble
 from kickdrift.ensemble import Ensemble
 from kickdrift.ensemble import table as tables
 from kickdrift.ensemble.identity import _source
 from kickdrift.ensemble.rows import row_of
 from kickdrift.ensemble.work import run_member
-from kickdrift.printing_ensemble import print_ensemble
 
 
 def rows(vary=None, **options):

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from kickdrift.ephemeris import BODIES, calendar, ephemeris_states, julian_date
 from kickdrift.errors import InputError
-from kickdrift.systemfile import load, loads
-from kickdrift.units import UNIT_SYSTEMS
+from kickdrift.model.starts.ephemeris import BODIES, calendar, ephemeris_states, julian_date
+from kickdrift.model.units import UNIT_SYSTEMS
+from kickdrift.systemfile.reading import load, loads
 
 DATA = Path(__file__).parents[1] / "validation" / "data" / "solar-system" / "de421.json"
 STORED = json.loads(DATA.read_text(encoding="utf-8"))["bodies"]

@@ -14,8 +14,8 @@ from problems import kepler
 
 import kickdrift as kd
 from kickdrift.errors import InputError, RunError
-from kickdrift.events.encounters import POINTS, cubic, separation2, turning_points
 from kickdrift.integrators import INTEGRATORS, integrator
+from kickdrift.run.watch.encounters import POINTS, cubic, separation2, turning_points
 
 FREE = 1e-30  # a G under which bodies go straight on
 METHODS = [name for name, method in INTEGRATORS.items() if method.name == name]
@@ -582,7 +582,7 @@ COLLISION = '[[event]]\ntype = "collision"'
 
 
 def loaded(text: str) -> kd.System:
-    from kickdrift.systemfile import loads
+    from kickdrift.systemfile.reading import loads
 
     return loads(text)
 
@@ -641,7 +641,7 @@ def test_a_file_begun_after_a_merger_has_all_bodies(tmp_path):
 
 
 def test_the_command_line_prints_and_writes_them(tmp_path, capsys, monkeypatch):
-    from kickdrift.cli import main
+    from kickdrift.cli.main import main
 
     file, out = tmp_path / "three.toml", tmp_path / "run.json"
     file.write_text(FILE)
@@ -659,7 +659,7 @@ def test_the_command_line_prints_and_writes_them(tmp_path, capsys, monkeypatch):
 
 
 def test_many_events_are_counted():
-    from kickdrift.events import event_lines
+    from kickdrift.model.events import event_lines
 
     sim = kd.Simulation(ellipse(0.3), dt=0.05, events=[kd.Crossing(lambda t, x, v: math.sin(9 * t + 0.1), "beat")])
     lines = event_lines(sim.run(400).events)

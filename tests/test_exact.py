@@ -13,12 +13,12 @@ from oracle import pair_oracle
 from problems import kepler
 
 import kickdrift as kd
-from kickdrift.builders import lattice, maxwell_boltzmann
 from kickdrift.errors import InputError, RunError
 from kickdrift.forces.pair_law import pair_law
 from kickdrift.integrators import exact_stepper, loops
 from kickdrift.integrators.exact import Lattice
 from kickdrift.jit.compile import jit
+from kickdrift.model.starts.builders import lattice, maxwell_boltzmann
 
 
 def fluid(count: int = 125, truncation: str = "shift", mixture: bool = False) -> kd.System:

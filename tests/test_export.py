@@ -15,10 +15,10 @@ from run_files import ANGSTROM, FRAMES, PS, UNITS, N, make_system, states, witho
 from scipy import constants
 
 import kickdrift as kd
-from kickdrift.cli import main
+from kickdrift.cli.main import main
 from kickdrift.errors import InputError
-from kickdrift.state import State
-from kickdrift.system import System
+from kickdrift.model.state import State
+from kickdrift.model.system import System
 from kickdrift.trajectory import formats, to_mdanalysis
 
 ase_io = pytest.importorskip("ase.io")

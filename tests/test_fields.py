@@ -19,8 +19,8 @@ import kickdrift as kd
 from kickdrift.errors import InputError
 from kickdrift.forces import DrivenField, HarmonicTrap, LinearDrag, Springs, UniformField
 from kickdrift.forces.bound import BoundForces
-from kickdrift.state import State
-from kickdrift.systemfile import loads
+from kickdrift.model.state import State
+from kickdrift.systemfile.reading import loads
 
 NOTHING = (0.0, 0.0, 0.0)
 

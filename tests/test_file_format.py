@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 import kickdrift as kd
-from kickdrift.state import State
+from kickdrift.model.state import State
+from kickdrift.model.units import UNIT_SYSTEMS
 from kickdrift.trajectory.h5md import Writer
 from kickdrift.trajectory.layout import SCHEMA
-from kickdrift.units import UNIT_SYSTEMS
 
 PAGE = Path(__file__).parents[1] / "docs" / "file-format.md"
 FILES = {

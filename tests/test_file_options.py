@@ -12,12 +12,12 @@ import pytest
 
 import kickdrift as kd
 from kickdrift.errors import InputError
-from kickdrift.state import State
+from kickdrift.model.state import State
+from kickdrift.model.units import UNIT_SYSTEMS
 from kickdrift.trajectory import reader, storage
 from kickdrift.trajectory.h5md import Writer
 from kickdrift.trajectory.info import describe, info
 from kickdrift.trajectory.layout import system_hash
-from kickdrift.units import UNIT_SYSTEMS
 
 KINDS = [
     kd.FileOptions(),
@@ -233,7 +233,7 @@ def test_what_waits_is_flushed_in_time_though_no_frame_follows(path):
 
 
 def test_the_command_line_takes_the_options(path):
-    start = "import sys; from kickdrift.cli import main; sys.argv[0] = 'kickdrift'; main()"
+    start = "import sys; from kickdrift.cli.main import main; sys.argv[0] = 'kickdrift'; main()"
 
     def run(*options):
         command = [sys.executable, "-c", start, "run", "kepler-e09", "--steps", "10", "--every", "5", "--quiet"]

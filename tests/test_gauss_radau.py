@@ -20,7 +20,7 @@ from kickdrift.integrators.gauss_radau import nodes, tables
 from kickdrift.integrators.gauss_radau_loop import LOST_TIME, TIME
 from kickdrift.integrators.gauss_radau_series import LOST_X, X
 from kickdrift.odes import ODES
-from kickdrift.systemfile import load, shipped
+from kickdrift.systemfile.reading import load, shipped
 
 NAME = "gauss-radau15"
 

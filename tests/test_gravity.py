@@ -16,13 +16,13 @@ from hypothesis import strategies as st
 from oracle import interacting_pairs, pair_oracle
 
 import kickdrift
-from kickdrift.builders import check_overlaps
 from kickdrift.errors import InputError
 from kickdrift.forces import Gravity, GravityTree, LennardJones, UniformField
 from kickdrift.forces.bound import BoundForces
-from kickdrift.simulation import Simulation
-from kickdrift.system import System
-from kickdrift.units import UNIT_SYSTEMS
+from kickdrift.model.starts.builders import check_overlaps
+from kickdrift.model.system import System
+from kickdrift.model.units import UNIT_SYSTEMS
+from kickdrift.run.simulation import Simulation
 
 
 def cloud(n, seed=0, massless=0, G=1.0, softening=0.0, **options):

@@ -18,14 +18,14 @@ import numpy as np
 import pytest
 
 from kickdrift.errors import InputError, RunError
-from kickdrift.state import State
-from kickdrift.system import System
+from kickdrift.model.state import State
+from kickdrift.model.system import System
+from kickdrift.model.units import UnitSystem
 from kickdrift.trajectory import header, reader, storage
 from kickdrift.trajectory.contents import Contents
 from kickdrift.trajectory.h5md import Writer
 from kickdrift.trajectory.info import describe, info
 from kickdrift.trajectory.options import FileOptions
-from kickdrift.units import UnitSystem
 
 METHOD = {"integrator": "velocity-verlet", "dt": 0.005, "threads": 1, "seed": 7}
 SI = UnitSystem("si", "m", "s", "kg", "J", "K", 1.380649e-23)
@@ -369,8 +369,8 @@ def test_append_to_cuts_what_a_kill_left(path):
 
 CHILD = """
 import sys, numpy as np
-from kickdrift.state import State
-from kickdrift.system import System
+from kickdrift.model.state import State
+from kickdrift.model.system import System
 from kickdrift.trajectory.h5md import Writer
 
 system = System(np.zeros((40, 3)), box=(10, 10, 10))
@@ -474,8 +474,8 @@ def test_a_real_full_disk(tmp_path):
     code = """
         import sys, numpy as np
         from kickdrift.errors import InputError, RunError
-        from kickdrift.state import State
-        from kickdrift.system import System
+        from kickdrift.model.state import State
+        from kickdrift.model.system import System
         from kickdrift.trajectory import reader
         from kickdrift.trajectory.h5md import Writer
         system = System(np.zeros((500, 3)), box=(9, 9, 9))

@@ -9,8 +9,8 @@ import pytest
 
 import kickdrift as kd
 from kickdrift.errors import InputError, RunError
-from kickdrift.flow import difference_jacobian, flow_of
 from kickdrift.integrators import implicit, integrator, rosenbrock
+from kickdrift.integrators.flow import difference_jacobian, flow_of
 from kickdrift.integrators.implicit import ImplicitTableau
 from kickdrift.integrators.implicit_stepper import ImplicitStepper
 from kickdrift.integrators.rosenbrock import lower
@@ -509,7 +509,7 @@ def test_difference_jacobian_is_good_to_nine_digits():
 
 def test_derivatives_of_states_that_lie_scattered_in_memory():
     """SciPy's differences hand over columns of a matrix."""
-    from kickdrift.flow import flow_of
+    from kickdrift.integrators.flow import flow_of
 
     for problem in (
         kd.Problem(lambda t, y: [y[1], -2 * y[0], 3 * y[2]], [1.0, 2.0, 5.0]),

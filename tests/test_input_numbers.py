@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 import kickdrift as kd
-from kickdrift import capacity, checks
-from kickdrift.analysis.step_length import TOO_LONG, bound_by_gravity, fastest
-from kickdrift.system import RunDefaults
-from kickdrift.systemfile import loads
+from kickdrift.integrators.step_length import TOO_LONG, bound_by_gravity, fastest
+from kickdrift.model import capacity, checks
+from kickdrift.model.system import RunDefaults
+from kickdrift.model.units import quantity, unit_system
+from kickdrift.systemfile.reading import loads
 from kickdrift.text import LINE, clean
-from kickdrift.units import quantity, unit_system
 
 TWO = [[1.0, 1.0, 1.0], [2.5, 1.0, 1.0]]
 BOX = (10.0, 10.0, 10.0)

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 import kickdrift as kd
-from kickdrift import report as reports
-from kickdrift.builders import lattice, maxwell_boltzmann
-from kickdrift.looks import Looks
-from kickdrift.observers import Energies, Sample, Taken, take_sample
-from kickdrift.run_plan import looks_at
+from kickdrift.looks.observers import Energies, Sample, Taken, take_sample
+from kickdrift.looks.table import Looks
+from kickdrift.model.starts.builders import lattice, maxwell_boltzmann
+from kickdrift.run import report as reports
+from kickdrift.run.plan import looks_at
 
 VALUES = ("energies", "momentum", "angular_momentum", "centre_of_mass", "centre_of_mass_velocity")
 
@@ -164,7 +164,7 @@ def test_lists_that_grow_in_a_series_of_looks():
 
 def test_what_is_not_finite_is_seen():
     from kickdrift.forces.kernel import BLOWN_UP, OK
-    from kickdrift.forces.looking import NO_ENERGY
+    from kickdrift.looks.looking import NO_ENERGY
 
     system = planets()
     for half, value, wanted in (

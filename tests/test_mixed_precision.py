@@ -10,10 +10,10 @@ from test_pair_forces import fluid, make_system
 from typer.testing import CliRunner
 
 import kickdrift as kd
-from kickdrift.cli import app
+from kickdrift.cli.main import app
 from kickdrift.errors import InputError
 from kickdrift.forces.bound import BoundForces
-from kickdrift.system import RunDefaults
+from kickdrift.model.system import RunDefaults
 
 SIZES = (9, 33, 500)
 SHAPES = ({"truncation": "switch"}, {"mixed": True})  # one species, and a mixture

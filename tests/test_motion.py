@@ -15,7 +15,7 @@ import kickdrift as kd
 from kickdrift.analysis import mean_squared_displacement, vectors, velocity_autocorrelation
 from kickdrift.analysis.motion import CUBE
 from kickdrift.errors import InputError
-from kickdrift.state import State
+from kickdrift.model.state import State
 from kickdrift.trajectory.h5md import Writer
 
 DT = 0.25

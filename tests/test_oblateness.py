@@ -13,7 +13,7 @@ import kickdrift as kd
 from kickdrift.errors import InputError
 from kickdrift.forces import Gravity, Oblateness
 from kickdrift.forces.bound import BoundForces
-from kickdrift.systemfile import loads
+from kickdrift.systemfile.reading import loads
 
 
 def bodies(seed=0, n=5, units="nbody", **options):

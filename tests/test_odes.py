@@ -15,11 +15,11 @@ from scipy.integrate import solve_ivp
 
 import kickdrift as kd
 from kickdrift.errors import InputError
-from kickdrift.flow import flow_of
 from kickdrift.integrators import INTEGRATORS
+from kickdrift.integrators.flow import flow_of
 from kickdrift.integrators.step_control import first_step
 from kickdrift.odes import ODES
-from kickdrift.systemfile import describe, load, shipped
+from kickdrift.systemfile.reading import describe, load, shipped
 
 FILES = [name for name in shipped() if name.startswith("ode-")]
 SCIPY = {"bogacki-shampine23": "RK23", "dormand-prince45": "RK45", "dop853": "DOP853"}

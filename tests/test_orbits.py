@@ -8,15 +8,16 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from kickdrift import plots, plots_orbits
 from kickdrift.analysis import orbits as of
-from kickdrift.cli import app
-from kickdrift.elements import states
+from kickdrift.cli.main import app
 from kickdrift.errors import InputError
 from kickdrift.forces import Gravity
-from kickdrift.state import State
-from kickdrift.system import System
-from kickdrift.systemfile import load, loads
+from kickdrift.model.starts.elements import states
+from kickdrift.model.state import State
+from kickdrift.model.system import System
+from kickdrift.plots import orbits as plots_orbits
+from kickdrift.plots import runs as plots
+from kickdrift.systemfile.reading import load, loads
 from kickdrift.trajectory import reader
 from kickdrift.trajectory.h5md import Writer
 

@@ -18,11 +18,11 @@ import run_files
 from refusals import assert_refused
 
 import kickdrift as kd
-from kickdrift import kinds, outputs, parts
+from kickdrift.disk import kinds, outputs, parts
+from kickdrift.disk.outputs import checked_target, refuse_outputs, settle, write_json, written_whole
 from kickdrift.ensemble import table as tables
 from kickdrift.ensemble.lock import Lock
 from kickdrift.errors import InputError, RunError
-from kickdrift.outputs import checked_target, refuse_outputs, settle, write_json, written_whole
 from kickdrift.trajectory import storage
 
 SYSTEM = """
@@ -174,7 +174,7 @@ def test_what_is_ours_is_replaced():
 
 @pytest.mark.parametrize("suffix", kinds.FIGURES)
 def test_a_figure_of_ours_is_known(suffix):
-    from kickdrift.plots_stability import plot_stability
+    from kickdrift.plots.stability import plot_stability
 
     for _ in range(2):
         path = plot_stability(["leapfrog"], f"figure{suffix}", overwrite=True)

@@ -23,7 +23,7 @@ from kickdrift.errors import InputError
 from kickdrift.forces import LennardJones
 from kickdrift.forces.bound import BoundForces
 from kickdrift.forces.pair_law import TRUNCATIONS, pair_law
-from kickdrift.system import System
+from kickdrift.model.system import System
 
 NIST = Path(__file__).parents[1] / "validation" / "data" / "nist-lj"
 CUTOFF = 2.5

@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from kickdrift import plots
 from kickdrift.errors import InputError
 from kickdrift.jit import folders
-from kickdrift.state import State
-from kickdrift.system import System
+from kickdrift.model.state import State
+from kickdrift.model.system import System
+from kickdrift.plots import runs as plots
 from kickdrift.trajectory.h5md import Writer
 
 
@@ -164,7 +164,7 @@ def test_drawing_stays_out_of_the_home_folder_and_out_of_pyplot(tmp_path):
     code = """
 import os, sys
 before = dict(os.environ)
-from kickdrift import plots
+from kickdrift.plots import runs as plots
 assert "matplotlib" not in sys.modules
 row = {"method": "a", "dt": 1.0, "table": "t", "times": [1.0, 2.0], "relative_error": [1e-3, 1e-4]}
 plots.plot_benchmark([row], sys.argv[1])

@@ -8,12 +8,12 @@ from matplotlib.colors import LogNorm
 from typer.testing import CliRunner
 
 import kickdrift as kd
-from kickdrift import plots_ensemble as of
-from kickdrift.cli import app
+from kickdrift.cli.main import app
 from kickdrift.ensemble import Ensemble, summary
 from kickdrift.ensemble import table as tables
 from kickdrift.ensemble.members import members_of
 from kickdrift.ensemble.rows import row_of
+from kickdrift.plots import ensemble as of
 
 MEGNO = {"x.e": [0.0, 0.1, 0.2], "x.a": [5.0, 5.5]}
 

@@ -7,11 +7,11 @@ import pytest
 from typer.testing import CliRunner
 
 import kickdrift as kd
-from kickdrift import plots_observables as of
 from kickdrift.analysis import mean_squared_displacement, radial_distribution
-from kickdrift.cli import app
+from kickdrift.cli.main import app
 from kickdrift.errors import InputError
-from kickdrift.state import State
+from kickdrift.model.state import State
+from kickdrift.plots import observables as of
 from kickdrift.trajectory.h5md import Writer
 
 

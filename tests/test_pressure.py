@@ -12,7 +12,7 @@ from kickdrift.analysis import pressure_tensor
 from kickdrift.analysis.pressure import instantaneous_pressure
 from kickdrift.errors import InputError
 from kickdrift.forces import Springs, UniformField
-from kickdrift.simulation import Simulation
+from kickdrift.run.simulation import Simulation
 
 EDGES = (8.0, 7.0, 6.0)
 

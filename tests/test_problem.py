@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import kickdrift as kd
+from kickdrift.model.problem import ProblemState
 from kickdrift.odes import ODES
-from kickdrift.problem import ProblemState
 
 ADAPTIVE = ("bogacki-shampine23", "cash-karp45", "dormand-prince45", "dop853")
 SPRING = 1.0

@@ -10,9 +10,9 @@ import pytest
 
 import kickdrift as kd
 from kickdrift.errors import InputError
-from kickdrift.events import Escape
 from kickdrift.forces import registration
-from kickdrift.systemfile import load, shipped
+from kickdrift.model.events import Escape
+from kickdrift.systemfile.reading import load, shipped
 from kickdrift.trajectory.h5md import Writer
 from kickdrift.trajectory.record import differences, system_of
 

@@ -16,7 +16,7 @@ from kickdrift.errors import InputError
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators.registration import REGISTERED, unregister
 
-CLI = ("-c", "from kickdrift.cli import main; main()")
+CLI = ("-c", "from kickdrift.cli.main import main; main()")
 PAGES_METHODS = ("mclachlan-atela2", "heun", "my-verlet")
 
 

@@ -13,8 +13,8 @@ import kickdrift as kd
 from kickdrift.errors import InputError
 from kickdrift.forces import Gravity, PostNewtonian
 from kickdrift.forces.bound import BoundForces
-from kickdrift.systemfile import loads
-from kickdrift.units import UNIT_SYSTEMS
+from kickdrift.model.units import UNIT_SYSTEMS
+from kickdrift.systemfile.reading import loads
 
 
 def bodies(seed=0, n=5, units="nbody", **options):

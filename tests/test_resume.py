@@ -15,7 +15,8 @@ from test_integrators import liquid
 import kickdrift as kd
 from kickdrift.errors import InputError
 from kickdrift.integrators import INTEGRATORS
-from kickdrift.trajectory import cadence, restart
+from kickdrift.run import resuming as restart
+from kickdrift.trajectory import cadence
 from kickdrift.trajectory.checkpoints import decoded, encoded
 from kickdrift.trajectory.h5md import Writer
 from kickdrift.trajectory.info import describe, info

@@ -9,10 +9,10 @@ import pytest
 from typer.testing import CliRunner
 
 import kickdrift as kd
-from kickdrift.cli import app
+from kickdrift.cli.main import app
 from kickdrift.integrators import INTEGRATORS, integrator
 from kickdrift.integrators.options import Options
-from kickdrift.systemfile import load
+from kickdrift.systemfile.reading import load
 
 METHODS = [name for name in INTEGRATORS if integrator(name).chooses_steps and not integrator(name).particles_only]
 ADAPTIVE = [name for name in METHODS if integrator(name).adaptive]

@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import kickdrift as kd
-from kickdrift.state import State
+from kickdrift.model.state import State
 from kickdrift.trajectory.h5md import Writer
 
 N, FRAMES, EVERY, DT = 7, 12, 4, 0.25  # a sample every two steps, a frame every four

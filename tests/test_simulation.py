@@ -15,10 +15,10 @@ from oracle import pair_oracle
 
 import kickdrift as kd
 from kickdrift.errors import InputError, RunError
-from kickdrift.observers import kinetic_energy
-from kickdrift.record import Record, even_stretch
-from kickdrift.state import State
-from kickdrift.system import RunDefaults
+from kickdrift.looks.observers import kinetic_energy
+from kickdrift.looks.record import Record, even_stretch
+from kickdrift.model.state import State
+from kickdrift.model.system import RunDefaults
 
 DT = 0.004
 EDGE = (216 / 0.8442) ** (1 / 3)

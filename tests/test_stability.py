@@ -8,8 +8,11 @@ import numpy as np
 import oracle_integrators
 import pytest
 
-from kickdrift import plots_stability
-from kickdrift.analysis.stability import (
+from kickdrift.errors import InputError
+from kickdrift.integrators import integrator, runge_kutta, splitting
+from kickdrift.integrators.runge_kutta import Tableau
+from kickdrift.integrators.splitting import Splitting, composed
+from kickdrift.integrators.stability import (
     half_trace,
     imaginary_interval,
     real_interval,
@@ -18,11 +21,8 @@ from kickdrift.analysis.stability import (
     stability_function_of,
     stability_interval,
 )
-from kickdrift.errors import InputError
-from kickdrift.integrators import integrator, runge_kutta, splitting
-from kickdrift.integrators.runge_kutta import Tableau
-from kickdrift.integrators.splitting import Splitting, composed
-from kickdrift.plots import save_figure
+from kickdrift.plots import stability as plots_stability
+from kickdrift.plots.runs import save_figure
 
 RUNGE_KUTTA = [row.name for row in runge_kutta.ROWS]
 SPLITTINGS = [row.name for row in splitting.ROWS]

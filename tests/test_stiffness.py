@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import kickdrift as kd
-from kickdrift.analysis.stiffness import stability_boundary, stability_warning, stiffness
 from kickdrift.errors import InputError
 from kickdrift.integrators import integrator
+from kickdrift.integrators.stiffness import stability_boundary, stability_warning, stiffness
 
 
 def robertson(t, y):

@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 
 import kickdrift as kd
 from kickdrift.analysis import radial_distribution, structure, structure_factor
-from kickdrift.box import Box
 from kickdrift.errors import InputError
-from kickdrift.state import State
+from kickdrift.model.box import Box
+from kickdrift.model.state import State
 from kickdrift.trajectory.h5md import Writer
 
 LENGTHS = (8.0, 9.0, 11.0)

@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from kickdrift import systemfile
 from kickdrift.errors import InputError
 from kickdrift.forces import FORCES
-from kickdrift.systemfile import describe, load, loads, shipped
+from kickdrift.systemfile import reading as systemfile
+from kickdrift.systemfile.reading import describe, load, loads, shipped
 
 GOOD = """
 units = "lj"
@@ -471,7 +471,7 @@ def test_a_path_to_a_file_of_any_name(tmp_path, monkeypatch):
 
 
 def test_reading_a_system_does_not_pay_for_numba():
-    code = "import sys; from kickdrift.systemfile import load; load('lj-1000'); load('ode-kepler')"
+    code = "import sys; from kickdrift.systemfile.reading import load; load('lj-1000'); load('ode-kepler')"
     code += "; assert 'numba' not in sys.modules"
     subprocess.run([sys.executable, "-c", code], check=True)
 
@@ -479,6 +479,6 @@ def test_reading_a_system_does_not_pay_for_numba():
 def test_an_installed_wheel_brings_its_systems_inside_the_package(tmp_path, monkeypatch):
     (tmp_path / "systems").mkdir()
     (tmp_path / "systems" / "melt.toml").write_text(GOOD)
-    monkeypatch.setattr(systemfile, "__file__", str(tmp_path / "systemfile.py"))
+    monkeypatch.setattr(systemfile, "__file__", str(tmp_path / "systemfile" / "reading.py"))
     assert list(shipped()) == ["melt"]
     assert len(load("melt")) == 216

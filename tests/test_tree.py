@@ -17,7 +17,7 @@ import kickdrift as kd
 from kickdrift.errors import InputError
 from kickdrift.forces import Gravity, GravityTree
 from kickdrift.forces.bound import BoundForces
-from kickdrift.systemfile import loads
+from kickdrift.systemfile.reading import loads
 
 
 def measured(x, masses, force, threads=1):

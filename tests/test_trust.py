@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import kickdrift as kd
-from kickdrift import cli
+from kickdrift.cli import main as cli
 from kickdrift.errors import InputError
 from kickdrift.forces import registration
 from kickdrift.integrators.registration import load_file
@@ -29,11 +29,11 @@ FORCES = {  # module and name of what no file may name
     "Python": ("builtins", "eval"),
     "an import": ("builtins", "__import__"),
     "a class of NumPy": ("numpy", "memmap"),
-    "a function of kickdrift": ("kickdrift.systemfile", "load"),
-    "the command line": ("kickdrift.cli", "main"),
+    "a function of kickdrift": ("kickdrift.systemfile.reading", "load"),
+    "the command line": ("kickdrift.cli.main", "main"),
     "a bound force, which holds an address": ("kickdrift.forces.equation", "EquationKernel"),
     "the base of forces": ("kickdrift.forces.pair_law", "PairForce"),
-    "an event": ("kickdrift.events", "Crossing"),
+    "an event": ("kickdrift.model.events", "Crossing"),
     "a method of a force": ("kickdrift.forces.gravity", "Gravity.bind"),
     "an imported class": ("somebodys_module", "Bomb"),
     "an imported class of a force": ("somebodys_module", "Trap"),
@@ -102,7 +102,7 @@ def called(monkeypatch):
     monkeypatch.setitem(sys.modules, module.__name__, module)
     for name, attribute in FORCES.values():
         original = getattr(sys.modules.get(name), attribute, None)
-        if name in ("os", "posix", "subprocess", "kickdrift.systemfile", "kickdrift.cli"):
+        if name in ("os", "posix", "subprocess", "kickdrift.systemfile.reading", "kickdrift.cli.main"):
 
             def canary(*given, original=original, **more):
                 if CANARY in [*given, *more.values()]:

@@ -8,9 +8,9 @@ import scipy.constants
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from kickdrift import constants
 from kickdrift.errors import InputError
-from kickdrift.units import DIMENSIONS, UNIT_SYSTEMS, number_density, quantity, suggestion, unit_system
+from kickdrift.model import constants
+from kickdrift.model.units import DIMENSIONS, UNIT_SYSTEMS, number_density, quantity, suggestion, unit_system
 
 METAL, LJ = UNIT_SYSTEMS["metal"], UNIT_SYSTEMS["lj"]
 WITH_UNITS = [units for units in UNIT_SYSTEMS.values() if not units.reduced]
@@ -152,7 +152,7 @@ def test_unknown_names():
 
 def test_pint_is_imported_only_for_text():
     code = (
-        "import sys; from kickdrift.units import *; quantity(1.0, 'length', UNIT_SYSTEMS['metal'])\n"
+        "import sys; from kickdrift.model.units import *; quantity(1.0, 'length', UNIT_SYSTEMS['metal'])\n"
         "assert 'pint' not in sys.modules and 'numba' not in sys.modules"
     )
     subprocess.run([sys.executable, "-c", code], check=True)

@@ -13,8 +13,8 @@ from run_files import ANGSTROM, EVERY, FRAMES, PS, UNITS, N, make_system, states
 import kickdrift as kd
 from kickdrift.analysis import mean_squared_displacement, radial_distribution
 from kickdrift.errors import InputError
-from kickdrift.state import State
-from kickdrift.system import System
+from kickdrift.model.state import State
+from kickdrift.model.system import System
 
 MDAnalysis = pytest.importorskip("MDAnalysis")
 

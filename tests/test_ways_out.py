@@ -17,7 +17,8 @@ import pytest
 import run_files
 
 import kickdrift as kd
-from kickdrift import cli, files
+from kickdrift.cli import main as cli
+from kickdrift.disk import files
 from kickdrift.ensemble import table as tables
 from kickdrift.errors import InputError
 from kickdrift.trajectory import opening, reader, storage

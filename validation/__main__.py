@@ -3,7 +3,7 @@
 import sys
 from pathlib import Path
 
-from kickdrift import cli
+from kickdrift.cli import main as cli
 
 cli.VALIDATION = Path(__file__).parent
 sys.argv.insert(1, "validate")

@@ -27,7 +27,7 @@ import kickdrift as kd
 from kickdrift.integrators import Method, integrator
 from kickdrift.integrators.splitting import Splitting
 from kickdrift.integrators.stormer import Stormer
-from kickdrift.plots import COLOURS, INK, new_axes, new_figure, save_figure
+from kickdrift.plots.runs import COLOURS, INK, new_axes, new_figure, save_figure
 
 LOW, HIGH, DT = 0.5, 1.0, 0.1
 COUNT, FEW = 200, 20  # oscillators; of implicit methods, which solve for all of them at once

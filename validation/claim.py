@@ -18,7 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
-from kickdrift.bench import processor
+from kickdrift.analysis.bench import processor
 
 Claim = dict[str, object]
 Claims = Callable[..., Iterable[Claim]]

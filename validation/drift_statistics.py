@@ -1,4 +1,4 @@
-"""Does `kickdrift.analysis.drift.drift` keep its word?  Synthetic series of known slope and kind, 1000 of each class.
+"""Does `kickdrift.statistics.drift.drift` keep its word?  Synthetic series of known slope and kind, 1000 of each class.
 
     python validation/drift_statistics.py [--long]
 
@@ -23,7 +23,7 @@ import numpy as np
 from claim import Claim, claim, main
 from scipy.signal import lfilter
 
-from kickdrift.analysis.drift import MIN_SAMPLES, drift
+from kickdrift.statistics.drift import MIN_SAMPLES, drift
 
 Series = tuple[np.ndarray, float]  # values, and the slope per sample put in
 NOMINAL = (0.93, 0.97)

@@ -31,8 +31,8 @@ from claim import Claim, claim, main
 
 import kickdrift as kd
 from kickdrift import odes
-from kickdrift.builders import lattice, maxwell_boltzmann
-from kickdrift.report import EnergyReport, Report
+from kickdrift.model.starts.builders import lattice, maxwell_boltzmann
+from kickdrift.run.report import EnergyReport, Report
 
 SHORT, LONG = 2, 10  # starts
 LENGTHS = 8  # of the truth, in runs

@@ -44,7 +44,7 @@ import numpy as np
 from claim import Claim, claim, main
 
 import kickdrift as kd
-from kickdrift.builders import lattice, maxwell_boltzmann
+from kickdrift.model.starts.builders import lattice, maxwell_boltzmann
 
 DATA = Path(__file__).parent / "data" / "lj-eos"
 STATES = ((0.85, 0.82), (1.0, 0.75), (1.5, 0.6))  # T*, rho*; the short set has the first

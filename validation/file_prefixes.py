@@ -30,8 +30,8 @@ import h5py
 import numpy as np
 from claim import Claim, claim, main, not_run
 
-from kickdrift.state import State
-from kickdrift.system import System
+from kickdrift.model.state import State
+from kickdrift.model.system import System
 from kickdrift.trajectory import layout, openfile, reader, storage
 from kickdrift.trajectory.h5md import Writer
 from kickdrift.trajectory.options import FileOptions

@@ -22,7 +22,7 @@ from claim import Claim, claim, main
 from problems import kepler
 
 import kickdrift as kd
-from kickdrift.plummer import plummer
+from kickdrift.model.starts.plummer import plummer
 
 STATES = Path(__file__).parent / "data" / "nbody" / "quad_states.json"
 SCHEMES = ("shared", "block")

@@ -23,7 +23,7 @@ import numpy as np
 from claim import Claim, claim, main
 
 import kickdrift as kd
-from kickdrift.units import AU
+from kickdrift.model.units import AU
 
 YEARS = (1, 10, 50)
 PLANETS = ("Mercury", "Venus", "Earth", "Mars", "Jupiter", "Saturn", "Uranus", "Neptune")

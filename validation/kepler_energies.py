@@ -23,7 +23,7 @@ import kickdrift as kd
 from kickdrift.integrators import integrator
 from kickdrift.integrators.runge_kutta import Tableau
 from kickdrift.odes import kepler
-from kickdrift.plots import COLOURS, INK, new_axes, new_figure, save_figure
+from kickdrift.plots.runs import COLOURS, INK, new_axes, new_figure, save_figure
 
 SHORT, LONG, DT = 1000, 10_000, 0.01
 EVERY = 389  # steps between samples, the golden section of a period: they come at ever other places of the orbit

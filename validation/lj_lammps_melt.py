@@ -29,9 +29,9 @@ from lennard_jones import apart, draw, frames_of, nudged
 from melt import CUTOFF, DENSITY, DT
 
 import kickdrift as kd
-from kickdrift.builders import lattice
 from kickdrift.engines.lammps_library import lammps_class
 from kickdrift.engines.lammps_world import Model, World
+from kickdrift.model.starts.builders import lattice
 
 MELT, HOT, SEED, MELT_STEPS = 4000, 3.0, 87287, 250
 SMALL, WARM, STEPS = 1000, 1.44, 1000

@@ -69,7 +69,7 @@ class Cell(NamedTuple):
 
 def kickdrift(*arguments: str, folder: Path) -> None:
     """A command of the command line."""
-    program = "from kickdrift.cli import main; main()"
+    program = "from kickdrift.cli.main import main; main()"
     subprocess.run([sys.executable, "-c", program, *arguments], cwd=folder, check=True, stderr=subprocess.DEVNULL)
 
 

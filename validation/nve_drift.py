@@ -4,7 +4,7 @@
 
 1000 particles, rho* = 0.8442, cut at 2.5 sigma smoothly, simple cubic start, brought to T* = 1.44 in 10 units of time,
 then velocity Verlet at dt* = 0.005 without any thermostat. The verdict on the energy error is that of
-`kickdrift.analysis.drift`, whose own error rate drift_statistics.py measures: at most one wrong verdict in twenty.
+`kickdrift.statistics.drift`, whose own error rate drift_statistics.py measures: at most one wrong verdict in twenty.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ import numpy as np
 from claim import Claim, claim, largest, main
 
 import kickdrift as kd
-from kickdrift.builders import lattice, maxwell_boltzmann
-from kickdrift.report import Report
+from kickdrift.model.starts.builders import lattice, maxwell_boltzmann
+from kickdrift.run.report import Report
 
 PARTICLES, DENSITY, CUTOFF, DT = 1000, 0.8442, 2.5, 0.005
 TEMPERATURE, EQUILIBRATION_TIME = 1.44, 10.0

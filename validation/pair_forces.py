@@ -17,7 +17,7 @@ import numpy as np
 from claim import Claim, claim, largest, main
 
 import kickdrift as kd
-from kickdrift.builders import lattice
+from kickdrift.model.starts.builders import lattice
 
 TRUNCATIONS = ("cut", "shift", "force-shift", "switch")
 DENSITY, CELLS, SHAKE, CUTOFF, SWITCH_START = 0.8, 4, 0.01, 2.6, 1.8  # shells at 1.21, 1.71, 2.09, 2.42, 2.70 sigma

@@ -17,12 +17,12 @@ from typing import TYPE_CHECKING
 from claim import CHECKOUT, Claim, text_of
 from registry import SCRIPTS
 
-from kickdrift.bench import processor
+from kickdrift.analysis.bench import processor
+from kickdrift.cli.printing import counted, duration
+from kickdrift.disk.kinds import Kind, is_ours
+from kickdrift.disk.outputs import written_whole
 from kickdrift.engines import ENGINES
 from kickdrift.errors import InputError
-from kickdrift.kinds import Kind, is_ours
-from kickdrift.outputs import written_whole
-from kickdrift.printing import counted, duration
 
 if TYPE_CHECKING:
     from runner import Outcome

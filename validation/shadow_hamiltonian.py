@@ -16,7 +16,7 @@ from claim import Claim, claim, main
 
 from kickdrift.analysis.shadow import ShadowRun, pendulum_potential, shadow_run
 from kickdrift.odes import pendulum
-from kickdrift.plots_shadow import plot_shadow
+from kickdrift.plots.shadow import plot_shadow
 
 STEPS = (0.4, 0.2, 0.1, 0.05, 0.025)
 LENGTH = 50.0

@@ -16,11 +16,11 @@ import numpy as np
 from claim import Claim, claim, not_run, show
 
 import kickdrift as kd
-from kickdrift.coordinates import to_barycentric
-from kickdrift.ephemeris import SOLAR_SYSTEM, EphemerisStates, calendar, ephemeris_states
 from kickdrift.errors import InputError
-from kickdrift.systemfile import loads
-from kickdrift.units import AU, YEAR
+from kickdrift.model.starts.coordinates import to_barycentric
+from kickdrift.model.starts.ephemeris import SOLAR_SYSTEM, EphemerisStates, calendar, ephemeris_states
+from kickdrift.model.units import AU, YEAR
+from kickdrift.systemfile.reading import loads
 
 SOURCE = "JPL DE421 (Folkner, Williams & Boggs 2009, IPN Progress Report 42-178)"
 APART = (*SOLAR_SYSTEM[:3], "Earth", "Moon", *SOLAR_SYSTEM[4:])

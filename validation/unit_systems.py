@@ -14,7 +14,7 @@ import sys
 
 from claim import Claim, claim, main, not_run
 
-from kickdrift.units import UNIT_SYSTEMS, quantity
+from kickdrift.model.units import UNIT_SYSTEMS, quantity
 
 NEAR = 2e-9
 CODATA = "2018"

@@ -16,10 +16,8 @@ from kickdrift.integrators import integrators
 if TYPE_CHECKING:
     from kickdrift import analysis
     from kickdrift.analysis.chaos import ChaosReport, megno
-    from kickdrift.box import Box
     from kickdrift.ensemble import Ensemble
     from kickdrift.errors import InputError, KickdriftError, RunError
-    from kickdrift.events import CloseApproach, Collision, Crossing, Escape
     from kickdrift.forces import (
         DrivenField,
         Gravity,
@@ -33,31 +31,33 @@ if TYPE_CHECKING:
     from kickdrift.forces.registration import register_force
     from kickdrift.integrators.custom import accelerations
     from kickdrift.integrators.registration import register_splitting, register_step, register_tableau
-    from kickdrift.observers import Energies
-    from kickdrift.problem import Problem
-    from kickdrift.report import Report
-    from kickdrift.simulation import Simulation
-    from kickdrift.state import State
-    from kickdrift.system import System
-    from kickdrift.systemfile import load
+    from kickdrift.looks.observers import Energies
+    from kickdrift.model.box import Box
+    from kickdrift.model.events import CloseApproach, Collision, Crossing, Escape
+    from kickdrift.model.problem import Problem
+    from kickdrift.model.state import State
+    from kickdrift.model.system import System
+    from kickdrift.run.report import Report
+    from kickdrift.run.resuming import resume
+    from kickdrift.run.simulation import Simulation
+    from kickdrift.systemfile.reading import load
     from kickdrift.trajectory.export import export
     from kickdrift.trajectory.options import FileOptions
     from kickdrift.trajectory.reader import open
-    from kickdrift.trajectory.restart import resume
 
 __version__ = version("kickdrift")
 
 _HOMES = {
     "accelerations": "integrators.custom",
-    "Box": "box",
+    "Box": "model.box",
     "ChaosReport": "analysis.chaos",
-    "CloseApproach": "events",
-    "Collision": "events",
-    "Crossing": "events",
+    "CloseApproach": "model.events",
+    "Collision": "model.events",
+    "Crossing": "model.events",
     "DrivenField": "forces",
-    "Energies": "observers",
+    "Energies": "looks.observers",
     "Ensemble": "ensemble",
-    "Escape": "events",
+    "Escape": "model.events",
     "FileOptions": "trajectory.options",
     "Gravity": "forces",
     "GravityTree": "forces",
@@ -65,19 +65,19 @@ _HOMES = {
     "InputError": "errors",
     "KickdriftError": "errors",
     "LennardJones": "forces",
-    "Problem": "problem",
+    "Problem": "model.problem",
     "LinearDrag": "forces",
     "Oblateness": "forces",
     "PostNewtonian": "forces",
-    "Report": "report",
+    "Report": "run.report",
     "RunError": "errors",
-    "Simulation": "simulation",
+    "Simulation": "run.simulation",
     "Springs": "forces",
-    "State": "state",
-    "System": "system",
+    "State": "model.state",
+    "System": "model.system",
     "UniformField": "forces",
     "export": "trajectory.export",
-    "load": "systemfile",
+    "load": "systemfile.reading",
     "megno": "analysis.chaos",
     "open": "trajectory.reader",
     "pair_law": "forces.pair_law",
@@ -85,7 +85,7 @@ _HOMES = {
     "register_splitting": "integrators.registration",
     "register_step": "integrators.registration",
     "register_tableau": "integrators.registration",
-    "resume": "trajectory.restart",
+    "resume": "run.resuming",
 }
 
 __all__ = [

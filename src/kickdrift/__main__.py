@@ -1,5 +1,5 @@
 """``python -m kickdrift``: the command line."""
 
-from kickdrift.cli import main
+from kickdrift.cli.main import main
 
 main()

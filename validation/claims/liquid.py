@@ -20,7 +20,7 @@ import numpy as np
 from article import Claim, Reading, article, digits, magnitude, main
 
 import kickdrift as kd
-from kickdrift.plots import COLOURS, INK, checked_target, new_axes, new_figure, save_figure
+from kickdrift.plots.runs import COLOURS, INK, checked_target, new_axes, new_figure, save_figure
 
 SAID = 1_000_000
 MELTING, SAMPLES = 2000, 200

@@ -3,7 +3,7 @@
     python validation/claims/long_runs.py [--long]
 
 Kepler's ellipse of e = 0.5 at dt = 0.01, 10^7 steps, 10^9 with --long; the slope of the energy error and its 95 %
-interval are those of `kickdrift.analysis.drift`, carried on to 10^9 steps. Rounding makes the energy walk: by some
+interval are those of `kickdrift.statistics.drift`, carried on to 10^9 steps. Rounding makes the energy walk: by some
 eps sqrt(n) after n steps (Brouwer 1937, doi:10.1086/105423).
 """
 

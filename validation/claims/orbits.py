@@ -19,7 +19,7 @@ from kepler_energies import leading
 
 import kickdrift as kd
 from kickdrift.odes import kepler
-from kickdrift.plots import COLOURS, INK, checked_target, new_axes, new_figure, save_figure
+from kickdrift.plots.runs import COLOURS, INK, checked_target, new_axes, new_figure, save_figure
 
 DT, COUNT = 0.01, 10_000
 PERIOD = 2 * math.pi

@@ -66,7 +66,7 @@ def read(name: str, whole: str, before: str) -> int:
 
 def command(*words: str) -> int:
     """Run a command of the program; its exit status."""
-    from kickdrift import cli
+    from kickdrift.cli import main as cli
 
     sys.argv = ["kickdrift", *words]
     try:

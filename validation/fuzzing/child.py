@@ -77,7 +77,7 @@ def child(command: tuple[str, ...], home: Path, tolerated: tuple[str, ...]) -> N
             module, _, name = command[0][1:].rpartition(".")
             status = getattr(import_module(f"fuzzing.{module or 'actions'}"), name)(*command[1:])
         else:
-            from kickdrift import cli
+            from kickdrift.cli import main as cli
 
             sys.argv = ["kickdrift", *command]
             cli.main()

@@ -32,7 +32,7 @@ def commands() -> dict[str, list[Any]]:
     """The parameters of every command, as typer has them."""
     import typer
 
-    from kickdrift import cli
+    from kickdrift.cli import main as cli
 
     found: dict[str, list[Any]] = {}
 

@@ -13,10 +13,10 @@ from typing import Any
 COMPILED, COMPILING, COMPUTING = 0, 1, 2
 # Where long work begins: (module, class or "", function).
 WORK = (
-    ("kickdrift.simulation", "Simulation", "run"), ("kickdrift.simulation", "Simulation", "equilibrate"),
+    ("kickdrift.run.simulation", "Simulation", "run"), ("kickdrift.run.simulation", "Simulation", "equilibrate"),
     ("kickdrift.analysis.chaos", "", "megno"), ("kickdrift.analysis.work_precision", "", "work_precision"),
     ("kickdrift.analysis.work_precision", "", "equilibrated"), ("kickdrift.ensemble", "Ensemble", "run"),
-    ("kickdrift.bench", "", "plan"), ("kickdrift.bench", "", "lj_energy"),
+    ("kickdrift.analysis.bench", "", "plan"), ("kickdrift.analysis.bench", "", "lj_energy"),
 )  # fmt: skip
 
 

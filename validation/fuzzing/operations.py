@@ -244,9 +244,10 @@ def callable_name(rng: random.Random, file: h5py.File) -> str:
         ("builtins", "eval", {"source": "1"}), ("builtins", "open", {"file": "../outside/called", "mode": "w"}),
         ("pathlib", "Path", {}), ("shutil", "rmtree", {"path": "../outside"}),
         ("os", "remove", {"path": "../outside/secret.txt"}),
-        ("kickdrift.simulation", "Simulation", {}),
+        ("kickdrift.run.simulation", "Simulation", {}),
         ("kickdrift.trajectory.h5md", "Writer", {"path": "../outside/called"}),
-        ("kickdrift.systemfile", "load", {"name_or_path": "../outside/secret.txt"}), ("os", "_exit", {"status": 0}),
+        ("kickdrift.systemfile.reading", "load", {"name_or_path": "../outside/secret.txt"}),
+        ("os", "_exit", {"status": 0}),
         ("kickdrift.forces", "FORCES", {}), ("numpy", "load", {"file": "../outside/secret.bin"}), ("sys", "exit", {}),
     ))  # fmt: skip
     entry = {"type": name, "module": module, "parameters": parameters}

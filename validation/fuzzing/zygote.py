@@ -31,11 +31,11 @@ READY = "ready"
 NOTHING = {"seconds": 0.0, "megabytes": 0.0}
 WARM = (
     "kickdrift.ensemble",
-    "kickdrift.plots",
-    "kickdrift.plots_orbits",
+    "kickdrift.plots.runs",
+    "kickdrift.plots.orbits",
     "kickdrift.trajectory.export",
     "kickdrift.trajectory.info",
-    "kickdrift.printing_ensemble",
+    "kickdrift.cli.printing_ensemble",
 )
 
 
@@ -95,7 +95,7 @@ def tried(case: Case, home: Path, base: Path, limits: Limits, tolerated: tuple[s
 
 def warm(base: Path) -> None:
     """Make the run files, and run a few commands, so that children find modules and compiled code loaded."""
-    from kickdrift import cli
+    from kickdrift.cli import main as cli
 
     for name in ("matplotlib.pyplot", *WARM):
         with suppress(ImportError):

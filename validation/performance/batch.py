@@ -26,7 +26,7 @@ from turns import Runner, ratio_of, turns
 
 import kickdrift as kd
 from kickdrift.analysis.chaos import megno, megnos
-from kickdrift.batch import Batch
+from kickdrift.batch.batch import Batch
 
 AT_LEAST = 4.0
 GROUP = 64  # members of a Batch

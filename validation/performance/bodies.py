@@ -20,7 +20,7 @@ from turns import Missing, Native, Phase, Runner
 
 import kickdrift as kd
 from kickdrift.engines import ENGINES
-from kickdrift.plummer import plummer
+from kickdrift.model.starts.plummer import plummer
 
 FAR_AHEAD = Path(__file__).parents[1] / "data" / "solar-system" / "sun-and-planets-100yr.json"
 HEYOKA = "pip install 'kickdrift[heyoka]'"

@@ -25,7 +25,7 @@ from melt import CUTOFF, again, melt
 from turns import Native, turns
 
 import kickdrift as kd
-from kickdrift.builders import mixture
+from kickdrift.model.starts.builders import mixture
 
 SMALL, MIDDLE, LARGE = 10**3, 22**3, 46**3
 MELT = 500  # steps, long enough for the lattice to go

@@ -27,7 +27,7 @@ from claim import Claim, claim, not_run, show, where
 from turns import Missing
 
 import kickdrift as kd
-from kickdrift.analysis.drift import drift
+from kickdrift.statistics.drift import drift
 
 ITSELF = "kickdrift itself, in turns"
 NEVER = 2**40  # steps between looks

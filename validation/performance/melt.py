@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import kickdrift as kd
-from kickdrift.builders import lattice, maxwell_boltzmann
+from kickdrift.model.starts.builders import lattice, maxwell_boltzmann
 
 DENSITY, TEMPERATURE, CUTOFF, DT = 0.8442, 1.44, 2.5, 0.005
 FORCE = kd.LennardJones(cutoff=CUTOFF, truncation="shift")

@@ -21,8 +21,8 @@ from claim import Claim, claim, main
 from nve_drift import CUTOFF, DENSITY, DT, EQUILIBRATION_TIME, TEMPERATURE
 
 import kickdrift as kd
-from kickdrift.builders import lattice, maxwell_boltzmann
 from kickdrift.forces.bound import BoundForces
+from kickdrift.model.starts.builders import lattice, maxwell_boltzmann
 
 STEPS, SAMPLES = 20_000, 500
 SMALL, LARGE = 1000, 46**3
@@ -70,7 +70,7 @@ def study(particles: int, steps: int) -> list[Claim]:
         claim(f"{name}: RMS energy error over float64's", ratio, "at most 1.5", ratio <= 1.5, REFERENCE),
         claim(
             f"{name}: verdict on the energy", reports[1].energy.verdict, "no secular drift",
-            reports[1].energy.verdict != "secular drift", f"kickdrift.analysis.drift, {steps} steps",
+            reports[1].energy.verdict != "secular drift", f"kickdrift.statistics.drift, {steps} steps",
         ),
         claim(
             f"{name}: momentum error", reports[1].momentum_error, "under 1e-12", reports[1].momentum_error < 1e-12,

@@ -18,7 +18,7 @@ from collections.abc import Callable
 from pathlib import Path
 from time import process_time
 
-from kickdrift.bench import processor
+from kickdrift.analysis.bench import processor
 from kickdrift.jit.compile import jit
 from kickdrift.jit.lanes import lane_sum, multiply_add, splat
 from kickdrift.jit.memory import aligned, load

@@ -31,7 +31,7 @@ from peaks import measure, per_second
 from wisdom_holman import MERCURY
 
 import kickdrift as kd
-from kickdrift.bench import processor
+from kickdrift.analysis.bench import processor
 from kickdrift.forces.bound import BoundForces
 from kickdrift.forces.clusters import N_CLUSTERS
 from kickdrift.forces.seam import accelerate

@@ -36,7 +36,7 @@ from groups import ENTRIES, Command, Contestant, Goal, Group
 from turns import Missing, Runner, ratio_of, turns
 
 import kickdrift
-from kickdrift.bench import processor
+from kickdrift.analysis.bench import processor
 from kickdrift.errors import InputError, RunError
 
 TURNS, SECONDS = 7, 0.4
@@ -179,7 +179,7 @@ def agreed(runner: Runner, start: Any, first: np.ndarray | None) -> np.ndarray:
 
 def timed(command: Command, count: int) -> dict[str, Any]:
     """Seconds of a command in a process of its own; a first run, which may compile, is not counted."""
-    words = [sys.executable, "-c", "from kickdrift.cli import main; main()", *command.words]
+    words = [sys.executable, "-c", "from kickdrift.cli.main import main; main()", *command.words]
     folder = str(Path(kickdrift.__file__).parents[1])
     environment = os.environ | {"PYTHONPATH": os.pathsep.join([folder, os.environ.get("PYTHONPATH", "")])}
     times = []
@@ -276,7 +276,7 @@ def goals_table(found: dict[str, Any]) -> tuple[list[str], list[list[str]]]:
 
 def print_found(found: dict[str, Any]) -> None:
     """Everything, as tables on standard output."""
-    from kickdrift.printing import print_table
+    from kickdrift.cli.printing import print_table
 
     for group in found["groups"]:
         columns, rows = table(group)

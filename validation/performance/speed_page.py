@@ -20,8 +20,8 @@ from docs_tables import put
 from docs_tables import table as markdown
 from speed import chosen, goals_table, left_out, measure, print_found, table
 
-from kickdrift.outputs import write_json
-from kickdrift.plots import COLOURS, INK, new_axes, new_figure, save_figure
+from kickdrift.disk.outputs import write_json
+from kickdrift.plots.runs import COLOURS, INK, new_axes, new_figure, save_figure
 
 TOP = Path(__file__).parents[2]
 DATA, PAGE, FIGURE = TOP / "validation" / "data" / "speed.json", TOP / "docs" / "speed.md", TOP / "docs" / "speed.png"

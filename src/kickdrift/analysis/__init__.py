@@ -9,11 +9,11 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from kickdrift.analysis.blocks import block_average
     from kickdrift.analysis.motion import Diffusion, mean_squared_displacement, velocity_autocorrelation
     from kickdrift.analysis.orbits import orbital_elements
     from kickdrift.analysis.pressure import pressure_tensor
     from kickdrift.analysis.structure import radial_distribution, structure_factor
+    from kickdrift.statistics.blocks import block_average
 
 # No name here may be that of a module beside it: loading that module would put it in the function's place.
 _HOMES = {

@@ -22,14 +22,14 @@ from kickdrift.errors import InputError
 from kickdrift.forces.variations import varied
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators import integrator as method_named
-from kickdrift.limits import steps_in
-from kickdrift.observers import Energies
-from kickdrift.simulation import Simulation
-from kickdrift.state import Floats
-from kickdrift.system import System
+from kickdrift.looks.observers import Energies
+from kickdrift.model.limits import steps_in
+from kickdrift.model.state import Floats
+from kickdrift.model.system import System
+from kickdrift.run.simulation import Simulation
 
 if TYPE_CHECKING:
-    from kickdrift.problem import Problem
+    from kickdrift.model.problem import Problem
 
 Verdict = Literal["regular", "chaotic", "undecided"]
 

@@ -9,14 +9,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from kickdrift.analysis import chaos
-from kickdrift.batch import common, members_of, run_lanes
+from kickdrift.batch.batch import common, members_of, run_lanes
 from kickdrift.errors import InputError
 from kickdrift.forces.batch_gravity import LOOK, measure_in_lanes
 from kickdrift.integrators.batch_stepping import Deviations, Members, from_lanes, to_lanes
 from kickdrift.jit.memory import aligned
 from kickdrift.jit.vectors import WIDTH
-from kickdrift.state import Floats
-from kickdrift.system import System
+from kickdrift.model.state import Floats
+from kickdrift.model.system import System
 
 
 class Growths(NamedTuple):

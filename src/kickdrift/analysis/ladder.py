@@ -8,14 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from kickdrift.analysis.growth import Growth, energy_growth, position_growth
 from kickdrift.analysis.local_error import LocalErrors, slope
 from kickdrift.analysis.pilot import SHORT, OutOfTime, Subject, follow, warm_up
 from kickdrift.analysis.reference import Reference, reference_method, relative_energy, tolerances
 from kickdrift.errors import RunError
 from kickdrift.integrators import integrator as method_named
-from kickdrift.state import Floats
-from kickdrift.system import System
+from kickdrift.model.state import Floats
+from kickdrift.model.system import System
+from kickdrift.statistics.growth import Growth, energy_growth, position_growth
 
 COARSEST = 1 / 32  # of these evaluations, at the bottom of a ladder of steps
 RUNGS = 16  # at most

@@ -13,7 +13,7 @@ from kickdrift.analysis.reference import EPSILON, TIGHT, Reference, compared, di
 from kickdrift.errors import InputError, RunError
 from kickdrift.integrators import integrator
 from kickdrift.integrators.scipy_methods import SciPyMethod
-from kickdrift.simulation import Simulation
+from kickdrift.run.simulation import Simulation
 
 ANY = 1e3  # rtol and atol of an adaptive method whose one step is measured, whatever it thinks of it
 ROUNDING = 50 * EPSILON  # local errors below it are no more than that

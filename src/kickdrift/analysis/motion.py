@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import fft
 
-from kickdrift.analysis.blocks import Mean, block_average
 from kickdrift.analysis.vectors import Source, Vectors, vectors_of
 from kickdrift.errors import InputError
-from kickdrift.state import Floats
+from kickdrift.model.state import Floats
+from kickdrift.statistics.blocks import Mean, block_average
 
 STRETCHES = 64  # of time origins, whose means are the rows of the error's blocks
 CUBE = 2.837297  # xi of Yeh & Hummer: the lattice sum of a cubic box

@@ -8,12 +8,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from kickdrift.coordinates import about_centre, attracting_masses
-from kickdrift.elements import Elements, elements
 from kickdrift.errors import InputError
-from kickdrift.state import Floats
+from kickdrift.model.starts.coordinates import about_centre, attracting_masses
+from kickdrift.model.starts.elements import Elements, elements
+from kickdrift.model.state import Floats
+from kickdrift.model.units import shown, suggestion
 from kickdrift.trajectory import reader
-from kickdrift.units import shown, suggestion
 
 DOMINANT = 0.5  # of all mass: from there on a body is what the others orbit
 PLANES = ("file", "invariable")

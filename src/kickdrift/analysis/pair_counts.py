@@ -7,9 +7,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from kickdrift.box import Box
 from kickdrift.jit.compile import driver
-from kickdrift.state import Floats
+from kickdrift.model.box import Box
+from kickdrift.model.state import Floats
 
 
 def pair_counts(

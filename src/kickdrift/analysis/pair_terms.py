@@ -13,7 +13,7 @@ from kickdrift.jit.compile import driver
 from kickdrift.jit.lanes import lanes_like
 from kickdrift.jit.memory import load, store
 from kickdrift.jit.vectors import WIDTH
-from kickdrift.state import Floats
+from kickdrift.model.state import Floats
 
 
 def force_over_r(force: PairForce, first: str, second: str, r2: Floats) -> Floats:

@@ -11,12 +11,12 @@ from typing import Any
 
 import numpy as np
 
-from kickdrift.analysis.drift import EnergyError, energy_error
 from kickdrift.errors import InputError, RunError
-from kickdrift.problem import Problem, ProblemState
-from kickdrift.simulation import Simulation
-from kickdrift.state import Floats
-from kickdrift.system import System
+from kickdrift.model.problem import Problem, ProblemState
+from kickdrift.model.state import Floats
+from kickdrift.model.system import System
+from kickdrift.run.simulation import Simulation
+from kickdrift.statistics.drift import EnergyError, energy_error
 
 SHORT = 0.1  # seconds; a run below is timed three times more, a longer one once
 LONG = 3.0  # seconds; in a run above, the looks at the solution weigh little, and it is not run again

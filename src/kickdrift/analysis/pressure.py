@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
-from kickdrift.analysis.blocks import block_average
 from kickdrift.analysis.vectors import vectors_of
 from kickdrift.errors import InputError
 from kickdrift.forces import Springs
 from kickdrift.forces.pair_law import PairForce
-from kickdrift.state import Floats
-from kickdrift.system import System
+from kickdrift.model.state import Floats
+from kickdrift.model.system import System
+from kickdrift.statistics.blocks import block_average
 from kickdrift.trajectory import reader
 from kickdrift.trajectory.frames import Frames
 from kickdrift.trajectory.record import system_of

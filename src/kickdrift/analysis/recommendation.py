@@ -9,11 +9,11 @@ from math import ceil, exp, floor, isfinite, log, log10
 from statistics import median
 from typing import Any
 
-from kickdrift.analysis.growth import SURE
 from kickdrift.analysis.ladder import Row
 from kickdrift.analysis.work_precision import Comparison
 from kickdrift.errors import InputError
 from kickdrift.integrators import INTEGRATORS
+from kickdrift.statistics.growth import SURE
 
 SAFETY = 2.0  # the error foreseen is to stay below the wanted one by that factor
 FARTHEST = 1000.0  # times the pilot's length; errors that grow as a measured power are trusted no farther

@@ -12,9 +12,9 @@ import numpy as np
 from kickdrift.analysis.pilot import OutOfTime, Subject, Track, follow, vector
 from kickdrift.errors import RunError
 from kickdrift.integrators import integrator
-from kickdrift.problem import Problem
-from kickdrift.state import Floats
-from kickdrift.system import System
+from kickdrift.model.problem import Problem
+from kickdrift.model.state import Floats
+from kickdrift.model.system import System
 
 EPSILON = float(np.finfo(float).eps)
 STIFF = ("bdf", "radau", "rosenbrock", "lsoda", "backward-euler")  # a file that names one of these says it is stiff
@@ -126,7 +126,7 @@ def is_stiff(subject: Subject, state: Any, length: float) -> bool:
         return False
     if subject.run.integrator in STIFF:
         return True
-    from kickdrift.analysis.stiffness import stiffness
+    from kickdrift.integrators.stiffness import stiffness
 
     return float(-stiffness(subject, [state])[0].eigenvalues.real.min()) * length > STIFF_DECADES
 

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from kickdrift.errors import InputError
-from kickdrift.problem import Problem
-from kickdrift.simulation import Simulation
-from kickdrift.state import Floats
+from kickdrift.model.problem import Problem
+from kickdrift.model.state import Floats
+from kickdrift.run.simulation import Simulation
 
 Potential = Sequence[Callable[[Any], Any]]
 

@@ -9,11 +9,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from kickdrift.analysis.blocks import mean_over_frames
 from kickdrift.analysis.vectors import Source, Vectors, vectors_of
-from kickdrift.box import Box
 from kickdrift.errors import InputError
-from kickdrift.state import Floats
+from kickdrift.model.box import Box
+from kickdrift.model.state import Floats
+from kickdrift.statistics.blocks import mean_over_frames
 
 REACH = 1.5  # times 2π over the mean distance (V/n)^(1/3): how far S(k) goes unless told, past a liquid's first peak
 ROOM = 2**22  # complex numbers of one product that are in memory at once

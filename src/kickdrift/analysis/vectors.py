@@ -10,9 +10,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from kickdrift.box import Box
 from kickdrift.errors import InputError
-from kickdrift.state import Floats
+from kickdrift.model.box import Box
+from kickdrift.model.state import Floats
 from kickdrift.trajectory import reader
 from kickdrift.trajectory.frames import Frames
 

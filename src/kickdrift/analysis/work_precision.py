@@ -13,16 +13,16 @@ from typing import Any
 
 import numpy as np
 
+from kickdrift.analysis.bench import processor
 from kickdrift.analysis.ladder import Bench, Row
 from kickdrift.analysis.pilot import OutOfTime, Subject, follow, state_at
 from kickdrift.analysis.reference import is_stiff, reference, scout_method, tolerances
-from kickdrift.bench import processor
 from kickdrift.errors import InputError
 from kickdrift.forces.bound import check_threads
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators import integrator as method_named
-from kickdrift.simulation import Simulation
-from kickdrift.system import System
+from kickdrift.model.system import System
+from kickdrift.run.simulation import Simulation
 
 SPLITTINGS = ("velocity-verlet", "forest-ruth", "pefrl", "blanes-moan4", "yoshida6", "blanes-moan6", "yoshida8")
 EXPLICIT = ("midpoint", "rk4", "bogacki-shampine23", "dormand-prince45", "dop853")

@@ -4,8 +4,8 @@ ASE's numbers are angstrom, eV and u, so that its unit of time is angstrom sqrt(
 ``si`` they are converted; in ``lj``, ``nbody`` and ``astro`` they are taken as they stand, as ASE's own Lennard-Jones
 examples do and as our files do: an angstrom is one sigma, an eV one epsilon, a u one m, ASE's unit of time one tau.
 
-Velocities are converted so that m v^2 is the same energy on both sides, with the constants of ``kickdrift.units``.
-ASE's fs comes from CODATA 2014, so times differ from those of ``ase.units`` by 5e-9, relative.
+Velocities are converted so that m v^2 is the same energy on both sides, with our own constants (``model.units``). ASE's
+fs comes from CODATA 2014, so times differ from those of ``ase.units`` by 5e-9, relative.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ from ase.calculators.lj import LennardJones as AseLennardJones
 from ase.data import atomic_numbers
 from ase.stress import full_3x3_to_voigt_6_stress
 
-from kickdrift.blow_up import nearest_pair
 from kickdrift.errors import InputError, RunError
 from kickdrift.forces import LennardJones
-from kickdrift.state import Floats
-from kickdrift.system import System
+from kickdrift.looks.blow_up import nearest_pair
+from kickdrift.model.state import Floats
+from kickdrift.model.system import System
+from kickdrift.model.units import UnitSystem, quantity, shown, unit_system
 from kickdrift.trajectory.layout import FileUnits
-from kickdrift.units import UnitSystem, quantity, shown, unit_system
 
 NAMES, RADII = "names", "radii"  # arrays of Atoms for what ASE has no place for
 UNKNOWN = "X"  # ASE's symbol of what is no element; info["species"] then says what, by the atoms' tags

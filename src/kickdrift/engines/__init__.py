@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 from kickdrift.errors import InputError
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators.method import MIXED
-from kickdrift.units import shown
+from kickdrift.model.units import shown
 
 if TYPE_CHECKING:
     from kickdrift.engines.session import Job

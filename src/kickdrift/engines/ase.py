@@ -14,7 +14,7 @@ import numpy as np
 from kickdrift.engines.lennard_jones import only_lennard_jones, small_units
 from kickdrift.engines.session import Job, Session
 from kickdrift.forces.bound import Measured
-from kickdrift.state import Floats
+from kickdrift.model.state import Floats
 
 
 def refusal(job: Job) -> str | None:

@@ -17,7 +17,7 @@ from kickdrift.engines.lennard_jones import only_lennard_jones, small_units
 from kickdrift.engines.session import Job, Session, Trouble
 from kickdrift.errors import InputError
 from kickdrift.forces.bound import Measured
-from kickdrift.state import Floats
+from kickdrift.model.state import Floats
 
 MOST_TYPES = 100  # particles of one species may differ in mass; LAMMPS has a table of types, each with each
 IMAGES = 1024  # LAMMPS counts edges crossed in ten bits

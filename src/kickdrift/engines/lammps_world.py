@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.engines.lammps_library import lammps_class
-from kickdrift.state import Floats
+from kickdrift.model.state import Floats
 
 AT_ONCE = 100_000  # particles, of which Python makes lists
 SKIN = 0.3  # sigma, LAMMPS' own default: how far beyond the cutoff its lists reach; of no effect on the forces

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection
 
 from kickdrift.forces.lennard_jones import LennardJones
-from kickdrift.system import System
+from kickdrift.model.system import System
 
 
 def only_lennard_jones(system: System, truncations: Collection[str]) -> str | None:

@@ -19,8 +19,8 @@ from kickdrift.engines.session import Job, Session, Trouble
 from kickdrift.forces import Gravity
 from kickdrift.forces.bound import Measured
 from kickdrift.forces.central import gravitational_constant
-from kickdrift.state import Floats
-from kickdrift.system import System
+from kickdrift.model.state import Floats
+from kickdrift.model.system import System
 
 LENNARD_JONES = "4*e*((l/(s*r))^12 - (l/(s*r))^6)"
 SHIFT = " - 4*e*((l/cutoff)^12 - (l/cutoff)^6)"

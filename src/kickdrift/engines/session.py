@@ -16,22 +16,22 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from kickdrift.builders import check_overlaps
 from kickdrift.errors import InputError, KickdriftError, RunError
-from kickdrift.flow import ParticleFlow
 from kickdrift.forces.bound import Measured
 from kickdrift.forces.kernel import OK
+from kickdrift.integrators.flow import ParticleFlow
 from kickdrift.integrators.stepping import STOPPED, Counts
-from kickdrift.looks import Looks
-from kickdrift.memory import Memory, by_value
-from kickdrift.observers import take_sample
-from kickdrift.state import Floats
+from kickdrift.looks.observers import take_sample
+from kickdrift.looks.table import Looks
+from kickdrift.model.memory import Memory, by_value
+from kickdrift.model.starts.builders import check_overlaps
+from kickdrift.model.state import Floats
 
 if TYPE_CHECKING:
     from kickdrift.engines import Engine
     from kickdrift.integrators.method import Method
     from kickdrift.integrators.options import Options
-    from kickdrift.system import System
+    from kickdrift.model.system import System
 
 
 @dataclass(frozen=True)

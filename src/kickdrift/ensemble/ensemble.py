@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 import kickdrift
-from kickdrift.capacity import PROCESS_BYTES, check_room
 from kickdrift.ensemble import running
 from kickdrift.ensemble import table as tables
 from kickdrift.ensemble.keys import path_of
@@ -26,14 +25,15 @@ from kickdrift.integrators import integrator as method_named
 from kickdrift.integrators.method import Method
 from kickdrift.integrators.registration import REGISTERED
 from kickdrift.jit.compile import processor
-from kickdrift.limits import whole_number
-from kickdrift.problem import Problem
-from kickdrift.run_plan import check_run
-from kickdrift.schema import RunTable
-from kickdrift.system import System
-from kickdrift.systemfile import find, parsed
+from kickdrift.model.capacity import PROCESS_BYTES, check_room
+from kickdrift.model.limits import whole_number
+from kickdrift.model.problem import Problem
+from kickdrift.model.system import System
+from kickdrift.model.units import suggestion
+from kickdrift.run.plan import check_run
+from kickdrift.systemfile.reading import find, parsed
+from kickdrift.systemfile.schema import RunTable
 from kickdrift.trajectory.layout import versions
-from kickdrift.units import suggestion
 
 if TYPE_CHECKING:
     from pandas import DataFrame

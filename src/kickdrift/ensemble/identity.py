@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from kickdrift.problem import Problem
-from kickdrift.system import System
+from kickdrift.model.problem import Problem
+from kickdrift.model.system import System
 
 
 def digest(*parts: str | bytes) -> str:

@@ -7,9 +7,9 @@ from copy import deepcopy
 from typing import Any
 
 from kickdrift.errors import InputError
-from kickdrift.limits import whole_text
-from kickdrift.schema import RunTable
-from kickdrift.units import shown, suggestion
+from kickdrift.model.limits import whole_text
+from kickdrift.model.units import shown, suggestion
+from kickdrift.systemfile.schema import RunTable
 
 _PART = re.compile(r"([^.\[\]]+)|\[([^\[\]]+)\]")
 _WHOLE = re.compile(r"(?:[^.\[\]]+|\[[^\[\]]+\])(?:\.[^.\[\]]+|\[[^\[\]]+\])*")

@@ -6,9 +6,9 @@ import fcntl
 import os
 from pathlib import Path
 
+from kickdrift.disk.files import descriptor
+from kickdrift.disk.outputs import reason
 from kickdrift.errors import InputError
-from kickdrift.files import descriptor
-from kickdrift.outputs import reason
 
 TRIES = 10  # of a lock that another process removes meanwhile
 

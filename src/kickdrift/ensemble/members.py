@@ -10,9 +10,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from kickdrift.capacity import check_room
 from kickdrift.errors import InputError
-from kickdrift.limits import whole_text
+from kickdrift.model.capacity import check_room
+from kickdrift.model.limits import whole_text
 from kickdrift.text import shown
 
 VALUE_BYTES = 32  # of memory that a value of a grid takes

@@ -10,6 +10,7 @@ from pathlib import Path
 from threading import Lock
 from typing import Any
 
+from kickdrift.disk.outputs import reason
 from kickdrift.ensemble import identity
 from kickdrift.ensemble.keys import path_of, with_values
 from kickdrift.ensemble.members import Member
@@ -17,10 +18,9 @@ from kickdrift.errors import InputError
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators.method import Method
 from kickdrift.integrators.registration import load_file
-from kickdrift.outputs import reason
-from kickdrift.problem import Problem
-from kickdrift.system import System
-from kickdrift.systemfile import built, draws
+from kickdrift.model.problem import Problem
+from kickdrift.model.system import System
+from kickdrift.systemfile.reading import built, draws
 
 Measure = Callable[..., Any]
 RUN, MEGNO = "run", "megno"

@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING, Any
 
 from kickdrift.ensemble.members import Member
 from kickdrift.errors import InputError
-from kickdrift.problem import Problem, ProblemState
-from kickdrift.system import System
+from kickdrift.model.problem import Problem, ProblemState
+from kickdrift.model.system import System
 
 if TYPE_CHECKING:
     from kickdrift.analysis.chaos import ChaosReport
-    from kickdrift.report import Report
+    from kickdrift.run.report import Report
 
 Row = dict[str, Any]
 DONE, FAILED, LOST = "done", "failed", "lost"

@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from kickdrift import kinds
+from kickdrift.disk import kinds
+from kickdrift.disk.files import descriptor, opened, refuse_unfit
+from kickdrift.disk.outputs import checked_target, reason, written_whole
 from kickdrift.ensemble.lock import Lock
 from kickdrift.ensemble.rows import DONE, FAILED, LAST, LOST, MEMBER
 from kickdrift.errors import InputError, RunError
-from kickdrift.files import descriptor, opened, refuse_unfit
-from kickdrift.outputs import checked_target, reason, written_whole
 
 if TYPE_CHECKING:
     from pandas import DataFrame

@@ -10,7 +10,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from kickdrift.analysis.chaos import cadence, carrier, length_of, megnos
-from kickdrift.batch import Batch, refusal
+from kickdrift.batch.batch import Batch, refusal
 from kickdrift.ensemble.members import Member
 from kickdrift.ensemble.recipe import MEGNO, Recipe
 from kickdrift.ensemble.rows import DONE, Row, megno_columns, row_of, run_columns
@@ -18,9 +18,9 @@ from kickdrift.errors import KickdriftError
 from kickdrift.integrators import integrator
 from kickdrift.integrators.options import Options
 from kickdrift.jit.vectors import WIDTH
-from kickdrift.limits import steps_in
-from kickdrift.problem import Problem
-from kickdrift.system import System
+from kickdrift.model.limits import steps_in
+from kickdrift.model.problem import Problem
+from kickdrift.model.system import System
 
 TOGETHER = WIDTH  # members, or a multiple of them
 NEAR = 1e-6  # steps that a time may be off their grid

@@ -12,9 +12,9 @@ from kickdrift.ensemble.members import Member
 from kickdrift.ensemble.recipe import MEGNO, Recipe
 from kickdrift.ensemble.rows import DONE, FAILED, Row, last_columns, megno_columns, row_of, run_columns
 from kickdrift.errors import InputError, KickdriftError
-from kickdrift.problem import Problem
-from kickdrift.system import System
-from kickdrift.units import shown
+from kickdrift.model.problem import Problem
+from kickdrift.model.system import System
+from kickdrift.model.units import shown
 
 
 def packed(recipe: Recipe) -> bytes:
@@ -78,8 +78,8 @@ def run_member(recipe: Recipe, member: Member, system: System | Problem | None =
 
 
 def _run(recipe: Recipe, member: Member, system: System | Problem) -> Row:
-    from kickdrift.run_plan import length_of
-    from kickdrift.simulation import Simulation
+    from kickdrift.run.plan import length_of
+    from kickdrift.run.simulation import Simulation
 
     sim = Simulation(system)
     length = length_of(sim, system.name)

@@ -7,7 +7,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from kickdrift.checks import number
 from kickdrift.errors import InputError
 from kickdrift.forces.clusters import BUILT, JUMPS_ALLOWED, OUTER_BUILDS, PRUNES
 from kickdrift.forces.evaluate import SLOTS, derivative, measure
@@ -17,8 +16,9 @@ from kickdrift.forces.pair_kernel import PairKernel, grown, memory, recalled, th
 from kickdrift.forces.pair_law import PairForce
 from kickdrift.forces.seam import Forces, few_of, table_of
 from kickdrift.jit.numba_private import NumbaError
-from kickdrift.state import Floats
-from kickdrift.units import shown
+from kickdrift.model.checks import number
+from kickdrift.model.state import Floats
+from kickdrift.model.units import shown
 
 
 class Measured(NamedTuple):

@@ -8,11 +8,11 @@ import numpy as np
 
 from kickdrift.errors import InputError
 from kickdrift.forces.fields import number
-from kickdrift.state import Floats
-from kickdrift.units import shown
+from kickdrift.model.state import Floats
+from kickdrift.model.units import shown
 
 if TYPE_CHECKING:
-    from kickdrift.system import System
+    from kickdrift.model.system import System
 
 
 Central = Any  # int, str or None, checked here: what pydantic says of a union names no key of a system file

@@ -8,12 +8,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from kickdrift.box import Box
 from kickdrift.jit.compile import jit, strict
 from kickdrift.jit.lanes import lane_max, lane_sum, splat
 from kickdrift.jit.masks import select
 from kickdrift.jit.memory import aligned, load, store
 from kickdrift.jit.vectors import WIDTH
+from kickdrift.model.box import Box
 
 # slots of `ClusterList.counts`
 N_CLUSTERS, NX, NY, BUILT, OUTER_BUILDS, PRUNES, ROOM_NEEDED, JUMPS_ALLOWED = range(8)

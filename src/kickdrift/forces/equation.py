@@ -20,7 +20,7 @@ from kickdrift.jit.inner import overload
 from kickdrift.jit.numba_private import NumbaError
 
 if TYPE_CHECKING:
-    from kickdrift.problem import Function, Problem
+    from kickdrift.model.problem import Function, Problem
 
 _POINTER = ctypes.POINTER(ctypes.c_double)
 _CALLBACK = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_double, _POINTER, _POINTER)

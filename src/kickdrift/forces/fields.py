@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from kickdrift.checks import number as real
 from kickdrift.errors import InputError
-from kickdrift.units import shown
+from kickdrift.model.checks import number as real
+from kickdrift.model.units import shown
 
 if TYPE_CHECKING:
-    from kickdrift.system import System
+    from kickdrift.model.system import System
 
 Vector = tuple[float, float, float]
 

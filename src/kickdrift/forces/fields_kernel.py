@@ -15,7 +15,7 @@ from kickdrift.forces.kernel import OK, kernel
 from kickdrift.jit.compile import never_inline
 
 if TYPE_CHECKING:
-    from kickdrift.system import System
+    from kickdrift.model.system import System
 
 
 class TrapKernel(NamedTuple):

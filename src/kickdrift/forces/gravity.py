@@ -6,13 +6,13 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from kickdrift.checks import number, positive
 from kickdrift.errors import InputError
 from kickdrift.forces.central import check_masses, gravitational_constant
-from kickdrift.units import shown
+from kickdrift.model.checks import number, positive
+from kickdrift.model.units import shown
 
 if TYPE_CHECKING:
-    from kickdrift.system import System
+    from kickdrift.model.system import System
 
 
 @dataclass(frozen=True)

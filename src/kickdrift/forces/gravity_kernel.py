@@ -26,7 +26,7 @@ from kickdrift.jit.vectors import WIDTH
 
 if TYPE_CHECKING:
     from kickdrift.forces.gravity import Gravity
-    from kickdrift.system import System
+    from kickdrift.model.system import System
 
 PAIRS_PER_CHUNK = 60_000  # some 30 microseconds of work; waking a thread takes a few
 MOST_CHUNKS = 32

@@ -21,7 +21,7 @@ from kickdrift.jit.vectors import WIDTH
 
 if TYPE_CHECKING:
     from kickdrift.forces.gravity import Gravity
-    from kickdrift.system import System
+    from kickdrift.model.system import System
 
 
 class Sources(NamedTuple):

@@ -18,7 +18,7 @@ from kickdrift.forces.central import (
 from kickdrift.forces.fields import Vector, number, vector
 
 if TYPE_CHECKING:
-    from kickdrift.system import System
+    from kickdrift.model.system import System
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from kickdrift.jit.compile import never_inline
 
 if TYPE_CHECKING:
     from kickdrift.forces.oblateness import Oblateness
-    from kickdrift.system import System
+    from kickdrift.model.system import System
 
 
 class OblatenessKernel(NamedTuple):

@@ -38,11 +38,11 @@ from kickdrift.jit.inner import overload
 from kickdrift.jit.lanes import splat
 from kickdrift.jit.memory import aligned
 from kickdrift.jit.vectors import WIDTH
-from kickdrift.state import Floats
+from kickdrift.model.state import Floats
 
 if TYPE_CHECKING:
     from kickdrift.forces.pair_law import PairForce
-    from kickdrift.system import System
+    from kickdrift.model.system import System
 
 
 THIN = 1e-3  # of the cutoff: a skin for rounding

@@ -13,15 +13,15 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from kickdrift.checks import number
 from kickdrift.errors import InputError
 from kickdrift.forces.law_check import check_class, check_law
 from kickdrift.forces.law_state import check_stateless
 from kickdrift.forces.registration import register_force
-from kickdrift.units import shown
+from kickdrift.model.checks import number
+from kickdrift.model.units import shown
 
 if TYPE_CHECKING:
-    from kickdrift.system import System
+    from kickdrift.model.system import System
 
 TRUNCATIONS = ("cut", "shift", "force-shift", "switch")
 SWITCH_START = 0.8  # of the cutoff, where the switch begins unless told

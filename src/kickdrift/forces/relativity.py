@@ -14,10 +14,10 @@ from kickdrift.forces.central import (
     check_positive,
     gravitational_constant,
 )
-from kickdrift.units import shown
+from kickdrift.model.units import shown
 
 if TYPE_CHECKING:
-    from kickdrift.system import System
+    from kickdrift.model.system import System
 
 FORMS = ("full", "potential")
 

@@ -14,7 +14,7 @@ from kickdrift.jit.compile import jit, never_inline
 
 if TYPE_CHECKING:
     from kickdrift.forces.relativity import PostNewtonian
-    from kickdrift.system import System
+    from kickdrift.model.system import System
 
 
 class RelativityKernel(NamedTuple):

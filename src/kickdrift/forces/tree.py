@@ -10,7 +10,7 @@ from kickdrift.forces.central import check_masses, check_open, check_positive, g
 from kickdrift.forces.fields import number
 
 if TYPE_CHECKING:
-    from kickdrift.system import System
+    from kickdrift.model.system import System
 
 
 @dataclass(frozen=True)

@@ -44,7 +44,7 @@ from kickdrift.jit.vectors import WIDTH
 
 if TYPE_CHECKING:
     from kickdrift.forces.tree import GravityTree
-    from kickdrift.system import System
+    from kickdrift.model.system import System
 
 GROUP = 8  # clusters that walk together, one lane each where their acceleration is estimated
 # A node may be felt where its bound is SHARE accuracy^POWER |a|. The bounds b of many nodes of random sign make an

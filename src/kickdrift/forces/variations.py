@@ -17,8 +17,8 @@ from kickdrift.forces.pair_law import PairForce
 from kickdrift.forces.tree import GravityTree
 
 if TYPE_CHECKING:
-    from kickdrift.state import Floats
-    from kickdrift.system import System
+    from kickdrift.model.state import Floats
+    from kickdrift.model.system import System
 
 
 class Varied:
@@ -49,8 +49,8 @@ class Varied:
 
 def varied(system: System, deviations: Floats) -> System:
     """The System with its deviations (2, 3, n), of positions and velocities, as further particles."""
-    from kickdrift.builders import check_overlaps
-    from kickdrift.system import System
+    from kickdrift.model.starts.builders import check_overlaps
+    from kickdrift.model.system import System
 
     check_overlaps(system)
     x, v = np.concatenate([system.state.phase, deviations], axis=2)

@@ -13,7 +13,7 @@ from kickdrift.jit.chunks import Chunks, chunk_task, each_chunk, in_chunks
 from kickdrift.jit.compile import never_inline
 
 if TYPE_CHECKING:
-    from kickdrift.system import System
+    from kickdrift.model.system import System
 
 STEP = float(np.cbrt(np.finfo(float).eps))  # of central differences, times the size of what they displace
 

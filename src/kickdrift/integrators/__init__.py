@@ -19,8 +19,8 @@ from kickdrift.integrators import (
     wisdom_holman,
 )
 from kickdrift.integrators.method import Method
+from kickdrift.model.units import shown
 from kickdrift.text import VALUE
-from kickdrift.units import shown
 
 INTEGRATORS: dict[str, Method] = {
     row.name: row

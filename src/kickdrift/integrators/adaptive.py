@@ -21,10 +21,10 @@ from kickdrift.integrators.step_control import (
 from kickdrift.integrators.stepping import BEFORE, LAST, NEXT, STOPPED, TIME, ChosenSteps
 from kickdrift.jit.compile import driver, jit
 from kickdrift.jit.handle import handle
-from kickdrift.state import Floats
+from kickdrift.model.state import Floats
 
 if TYPE_CHECKING:
-    from kickdrift.flow import Flow
+    from kickdrift.integrators.flow import Flow
     from kickdrift.integrators.runge_kutta import Tableau
 
 # Further slots of the clock: the errors of the last two steps, whether the last try failed.

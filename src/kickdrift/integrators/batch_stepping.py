@@ -12,10 +12,10 @@ from kickdrift.forces.batch_gravity import LOOK, LaneBodies
 from kickdrift.forces.evaluate import EVALUATIONS, SLOTS
 from kickdrift.jit.memory import aligned
 from kickdrift.jit.vectors import WIDTH
-from kickdrift.state import Floats
+from kickdrift.model.state import Floats
 
 if TYPE_CHECKING:
-    from kickdrift.system import System
+    from kickdrift.model.system import System
 
 
 class Members(NamedTuple):

@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from kickdrift.coordinates import to_democratic, to_jacobi
 from kickdrift.forces.batch_gravity import LOOK, LaneBodies
 from kickdrift.forces.evaluate import EVALUATIONS, SLOTS
 from kickdrift.integrators.batch_stepping import Deviations, Members, from_lanes, to_lanes
@@ -31,7 +30,8 @@ from kickdrift.integrators.wisdom_holman_loop import (
 )
 from kickdrift.jit.memory import aligned
 from kickdrift.jit.vectors import WIDTH
-from kickdrift.state import Floats
+from kickdrift.model.starts.coordinates import to_democratic, to_jacobi
+from kickdrift.model.state import Floats
 
 
 class WisdomHolmanLanes:

@@ -12,7 +12,7 @@ from kickdrift.errors import InputError
 from kickdrift.integrators.method import Method
 
 if TYPE_CHECKING:
-    from kickdrift.flow import Flow
+    from kickdrift.integrators.flow import Flow
     from kickdrift.integrators.options import Options
     from kickdrift.integrators.stepping import Stepper
 
@@ -88,7 +88,7 @@ class Exact(Method):
     def stepper(self, flow: Flow, options: Options) -> Stepper:
         from kickdrift.forces.gravity import Gravity
         from kickdrift.forces.pair_law import PairForce
-        from kickdrift.system import System
+        from kickdrift.model.system import System
 
         system: Any = flow.subject
         if not isinstance(system, System):

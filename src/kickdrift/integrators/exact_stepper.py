@@ -20,11 +20,11 @@ from kickdrift.integrators.exact_loop import FAR, ExactGravity, ExactPairs, Spec
 from kickdrift.integrators.loops import STEP
 from kickdrift.integrators.options import Options
 from kickdrift.integrators.stepping import Regular
-from kickdrift.memory import Memory
-from kickdrift.state import Floats
+from kickdrift.model.memory import Memory
+from kickdrift.model.state import Floats
 
 if TYPE_CHECKING:
-    from kickdrift.system import System
+    from kickdrift.model.system import System
 
 SKIN = 0.16  # of the cutoff; 1000 particles run as fast, within 5 %, from 0.12 to 0.2
 BITS = 63  # of an int64, beside its sign

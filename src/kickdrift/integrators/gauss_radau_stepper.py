@@ -24,10 +24,10 @@ from kickdrift.integrators.options import Options
 from kickdrift.integrators.stepping import BEFORE, ChosenSteps, CompiledSteps
 from kickdrift.integrators.stepping import LAST as STEP_LAST
 from kickdrift.jit.memory import aligned
-from kickdrift.state import Floats
+from kickdrift.model.state import Floats
 
 if TYPE_CHECKING:
-    from kickdrift.flow import Flow
+    from kickdrift.integrators.flow import Flow
 
 FIRST = 0.01  # of the time in which the first acceleration moves particles by their distance, or y' the unknowns by y
 

@@ -9,7 +9,7 @@ from kickdrift.errors import InputError
 from kickdrift.integrators.method import Method
 
 if TYPE_CHECKING:
-    from kickdrift.flow import Flow
+    from kickdrift.integrators.flow import Flow
     from kickdrift.integrators.options import Options
     from kickdrift.integrators.stepping import Stepper
 
@@ -61,7 +61,7 @@ class Hermite(Method):
 
     def stepper(self, flow: Flow, options: Options) -> Stepper:
         from kickdrift.forces.gravity import Gravity
-        from kickdrift.system import System
+        from kickdrift.model.system import System
 
         system: Any = flow.subject
         if not isinstance(system, System):

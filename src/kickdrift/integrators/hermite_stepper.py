@@ -30,10 +30,10 @@ from kickdrift.integrators.loops import STEP
 from kickdrift.integrators.options import Options
 from kickdrift.integrators.stepping import STOPPED, Counts, Resumable
 from kickdrift.jit.chunks import in_chunks
-from kickdrift.state import Floats
+from kickdrift.model.state import Floats
 
 if TYPE_CHECKING:
-    from kickdrift.system import System
+    from kickdrift.model.system import System
 
 FACTORIALS = np.array([1.0, 1.0, 2.0, 6.0, 24.0, 120.0])
 

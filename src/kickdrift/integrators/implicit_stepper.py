@@ -8,16 +8,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from kickdrift.flow import ParticleFlow
 from kickdrift.forces.kernel import OK
+from kickdrift.integrators.flow import ParticleFlow
 from kickdrift.integrators.options import Options
 from kickdrift.integrators.stepping import STOPPED
 from kickdrift.integrators.stepwise import PythonStepper, check_unknowns, factored
-from kickdrift.memory import Memory
-from kickdrift.state import Floats
+from kickdrift.model.memory import Memory
+from kickdrift.model.state import Floats
 
 if TYPE_CHECKING:
-    from kickdrift.flow import Flow
+    from kickdrift.integrators.flow import Flow
     from kickdrift.integrators.implicit import ImplicitTableau
 
 EPSILON = float(np.finfo(float).eps)

@@ -5,19 +5,19 @@ from __future__ import annotations
 from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from kickdrift.checks import positive
 from kickdrift.errors import InputError
-from kickdrift.units import shown
+from kickdrift.model.checks import positive
+from kickdrift.model.units import shown
 
 PRECISIONS = DOUBLE, MIXED = "double", "mixed"  # of pair forces
 
 if TYPE_CHECKING:
-    from kickdrift.flow import Flow
     from kickdrift.integrators.batch_stepping import LaneStepper, Members
+    from kickdrift.integrators.flow import Flow
     from kickdrift.integrators.options import Options
     from kickdrift.integrators.stepping import Stepper
-    from kickdrift.state import Floats
-    from kickdrift.system import System
+    from kickdrift.model.state import Floats
+    from kickdrift.model.system import System
 
 
 class Method:

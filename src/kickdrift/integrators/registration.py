@@ -12,15 +12,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from kickdrift.disk.files import refuse_unfit
 from kickdrift.errors import InputError
-from kickdrift.files import refuse_unfit
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators.method import Method
 from kickdrift.integrators.runge_kutta import Tableau
 from kickdrift.integrators.splitting import Splitting
 
 if TYPE_CHECKING:
-    from kickdrift.flow import Flow
+    from kickdrift.integrators.flow import Flow
     from kickdrift.integrators.options import Options
     from kickdrift.integrators.stepping import Stepper
 

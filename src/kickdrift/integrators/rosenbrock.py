@@ -11,10 +11,10 @@ import numpy as np
 from kickdrift.errors import InputError
 from kickdrift.integrators.method import Method
 from kickdrift.integrators.tableaus import Rows
-from kickdrift.state import Floats
+from kickdrift.model.state import Floats
 
 if TYPE_CHECKING:
-    from kickdrift.flow import Flow
+    from kickdrift.integrators.flow import Flow
     from kickdrift.integrators.options import Options
     from kickdrift.integrators.stepping import Stepper
 

@@ -21,10 +21,10 @@ from kickdrift.integrators.step_control import (
 )
 from kickdrift.integrators.stepping import STOPPED
 from kickdrift.integrators.stepwise import PythonStepper, check_unknowns, factored
-from kickdrift.state import Floats
+from kickdrift.model.state import Floats
 
 if TYPE_CHECKING:
-    from kickdrift.flow import Derivative, Flow
+    from kickdrift.integrators.flow import Derivative, Flow
     from kickdrift.integrators.rosenbrock import Rosenbrock
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from kickdrift.integrators.method import Method
 
 if TYPE_CHECKING:
-    from kickdrift.flow import Flow
+    from kickdrift.integrators.flow import Flow
     from kickdrift.integrators.options import Options
     from kickdrift.integrators.stepping import Stepper
 

@@ -17,11 +17,11 @@ from kickdrift.integrators.options import Options
 from kickdrift.integrators.step_control import EPSILON, first_step, tolerances_of
 from kickdrift.integrators.stepping import STOPPED, Counts
 from kickdrift.integrators.stepwise import PythonStepper, check_unknowns
-from kickdrift.memory import Memory, by_value, put_back
-from kickdrift.state import Floats
+from kickdrift.model.memory import Memory, by_value, put_back
+from kickdrift.model.state import Floats
 
 if TYPE_CHECKING:
-    from kickdrift.flow import Derivative, Flow
+    from kickdrift.integrators.flow import Derivative, Flow
     from kickdrift.integrators.scipy_methods import SciPyMethod
 
 

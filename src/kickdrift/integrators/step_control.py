@@ -18,14 +18,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from kickdrift.checks import positive
 from kickdrift.errors import InputError
 from kickdrift.jit.compile import is_finite, jit
-from kickdrift.state import Floats
-from kickdrift.units import shown
+from kickdrift.model.checks import positive
+from kickdrift.model.state import Floats
+from kickdrift.model.units import shown
 
 if TYPE_CHECKING:
-    from kickdrift.flow import Flow
+    from kickdrift.integrators.flow import Flow
     from kickdrift.integrators.options import Options
 
 EPSILON = float(np.finfo(float).eps)

@@ -13,10 +13,10 @@ from kickdrift.integrators.options import Options
 from kickdrift.integrators.stepping import STOPPED, Counts, Resumable
 from kickdrift.jit.compile import driver, jit
 from kickdrift.jit.handle import handle
-from kickdrift.state import Floats
+from kickdrift.model.state import Floats
 
 if TYPE_CHECKING:
-    from kickdrift.flow import Flow
+    from kickdrift.integrators.flow import Flow
 
 # Slots of the clock: the last step point and the density of steps there, the same of the one before; dt and the
 # crowding at the system's start, which scale the density.

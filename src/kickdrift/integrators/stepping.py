@@ -18,19 +18,19 @@ from numpy.typing import NDArray
 from kickdrift.errors import InputError
 from kickdrift.forces.evaluate import EVALUATIONS, SLOTS
 from kickdrift.forces.kernel import OK
-from kickdrift.forces.looking import Looking
 from kickdrift.integrators.looked_loop import REFUSED as LOOK_REFUSED
 from kickdrift.integrators.looked_loop import TAKEN, looked_intervals, looked_loop
 from kickdrift.integrators.loops import FRESH, REJECTED, STEP, splitting_loop
 from kickdrift.jit.by_address import address_of
-from kickdrift.memory import Memory, Remembering, by_value
-from kickdrift.state import Floats
+from kickdrift.looks.looking import Looking
+from kickdrift.model.memory import Memory, Remembering, by_value
+from kickdrift.model.state import Floats
 
 if TYPE_CHECKING:
-    from kickdrift.flow import Flow
     from kickdrift.forces.bound import BoundForces
+    from kickdrift.integrators.flow import Flow
     from kickdrift.integrators.options import Options
-    from kickdrift.run_plan import Plan
+    from kickdrift.run.plan import Plan
 
 # The first slots of the clock of a loop that chooses its steps: the last step point, the step to try, the step that led
 # there, the time it began at.

@@ -14,13 +14,13 @@ import numpy as np
 from scipy.linalg import LinAlgWarning, lu_factor, lu_solve
 
 from kickdrift.errors import InputError, RunError
-from kickdrift.flow import NEWTON_UNKNOWNS
 from kickdrift.forces.kernel import BLOWN_UP, OK
+from kickdrift.integrators.flow import NEWTON_UNKNOWNS
 from kickdrift.integrators.stepping import Counts, Resumable
-from kickdrift.state import Floats
+from kickdrift.model.state import Floats
 
 if TYPE_CHECKING:
-    from kickdrift.flow import Flow
+    from kickdrift.integrators.flow import Flow
 
 
 class PythonStepper(Resumable):

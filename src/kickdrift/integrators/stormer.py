@@ -10,7 +10,7 @@ import numpy as np
 from kickdrift.integrators.method import Method
 
 if TYPE_CHECKING:
-    from kickdrift.flow import Flow
+    from kickdrift.integrators.flow import Flow
     from kickdrift.integrators.options import Options
     from kickdrift.integrators.stepping import Stepper
 

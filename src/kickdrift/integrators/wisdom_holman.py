@@ -14,14 +14,14 @@ import numpy as np
 from kickdrift.errors import InputError
 from kickdrift.integrators.method import Method
 from kickdrift.integrators.splitting import Splitting, palindrome
-from kickdrift.state import Floats
+from kickdrift.model.state import Floats
 
 if TYPE_CHECKING:
-    from kickdrift.flow import Flow
     from kickdrift.integrators.batch_stepping import LaneStepper, Members
+    from kickdrift.integrators.flow import Flow
     from kickdrift.integrators.options import Options
     from kickdrift.integrators.stepping import Stepper
-    from kickdrift.system import System
+    from kickdrift.model.system import System
 
 JACOBI, HELIOCENTRIC = "jacobi", "democratic-heliocentric"
 DOMINANT = 0.2  # of the central body's mass is what all others may have together
@@ -189,7 +189,7 @@ class WisdomHolman(Method):
             )
 
     def stepper(self, flow: Flow, options: Options) -> Stepper:
-        from kickdrift.system import System
+        from kickdrift.model.system import System
 
         system: Any = flow.subject
         if not isinstance(system, System):

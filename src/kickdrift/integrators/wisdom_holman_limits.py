@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from kickdrift.state import Floats
+from kickdrift.model.state import Floats
 
 if TYPE_CHECKING:
-    from kickdrift.system import System
+    from kickdrift.model.system import System
 
 STEPS_PER_PERIOD = 20  # of a passage of the pericentre: fewer are worth a warning (Wisdom 2015; Rein & Tamayo 2015)
 

@@ -9,7 +9,7 @@ from kickdrift.integrators.loops import STEP
 from kickdrift.integrators.wisdom_holman_loop import Bodies
 from kickdrift.jit.by_address import status_at
 from kickdrift.jit.compile import driver, strict
-from kickdrift.state import Floats
+from kickdrift.model.state import Floats
 
 
 def listed_masses(shares: Floats) -> Floats:

@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from kickdrift.coordinates import to_democratic, to_jacobi
 from kickdrift.forces.bound import BoundForces
 from kickdrift.forces.central import gravitational_constant
 from kickdrift.forces.evaluate import SLOTS
@@ -37,11 +36,12 @@ from kickdrift.integrators.wisdom_holman_places import leave, listed_masses, sho
 from kickdrift.jit.by_address import address_of
 from kickdrift.jit.memory import aligned
 from kickdrift.jit.vectors import WIDTH
-from kickdrift.state import Floats
+from kickdrift.model.starts.coordinates import to_democratic, to_jacobi
+from kickdrift.model.state import Floats
 
 if TYPE_CHECKING:
-    from kickdrift.flow import Flow
-    from kickdrift.system import System
+    from kickdrift.integrators.flow import Flow
+    from kickdrift.model.system import System
 
 FAR = 4.0  # what fills up the lanes circles so many times as far out as the farthest body
 

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from kickdrift.model.problem import Problem
 from kickdrift.odes.kinetics import hires, logistic, lorenz, lotka_volterra, orego, robertson, van_der_pol
 from kickdrift.odes.mechanics import arenstorf, harmonic_oscillator, kepler, pendulum, pleiades
-from kickdrift.problem import Problem
 
 ODES: dict[str, Callable[..., Problem]] = {
     "harmonic-oscillator": harmonic_oscillator,

@@ -8,9 +8,9 @@ from collections.abc import Callable
 import numpy as np
 
 from kickdrift.errors import InputError
+from kickdrift.model.problem import Problem
+from kickdrift.model.state import Floats
 from kickdrift.odes.start import Numbers, positive, start_values
-from kickdrift.problem import Problem
-from kickdrift.state import Floats
 
 
 def harmonic_oscillator(y0: Numbers = (1.0, 0.0), omega: float = 1.0, t0: float = 0.0) -> Problem:

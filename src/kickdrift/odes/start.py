@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from kickdrift.errors import InputError
-from kickdrift.problem import finite_numbers
-from kickdrift.state import Floats
+from kickdrift.model.problem import finite_numbers
+from kickdrift.model.state import Floats
 
 Numbers = Sequence[float]
 

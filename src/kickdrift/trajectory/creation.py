@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from kickdrift import kinds
+from kickdrift.disk import kinds
+from kickdrift.disk.files import shown_path
+from kickdrift.disk.outputs import checked_target, reason, settle
+from kickdrift.disk.parts import private_place
 from kickdrift.errors import InputError
-from kickdrift.files import shown_path
-from kickdrift.outputs import checked_target, reason, settle
-from kickdrift.parts import private_place
 from kickdrift.trajectory.openfile import identity
 from kickdrift.trajectory.storage import refuse_in_use
 

@@ -10,10 +10,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from kickdrift import kinds
+from kickdrift.disk import kinds
+from kickdrift.disk.outputs import checked_target, written_whole
 from kickdrift.errors import InputError
-from kickdrift.outputs import checked_target, written_whole
-from kickdrift.state import Floats
+from kickdrift.model.state import Floats
 from kickdrift.trajectory import reader
 from kickdrift.trajectory.formats import FORMATS, losses
 

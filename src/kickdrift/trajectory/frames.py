@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple, overload
 import numpy as np
 from numpy.typing import NDArray
 
-from kickdrift.box import Box
 from kickdrift.errors import InputError
-from kickdrift.observers import Energies
-from kickdrift.state import Floats, State
+from kickdrift.looks.observers import Energies
+from kickdrift.model.box import Box
+from kickdrift.model.state import Floats, State
 
 if TYPE_CHECKING:
-    from kickdrift.system import System
+    from kickdrift.model.system import System
     from kickdrift.trajectory.reader import Run
 
 _ENERGIES = ("kinetic_energy", "potential_energy", "total_energy")

@@ -18,10 +18,10 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
+from kickdrift.disk.interrupt import interruptible
 from kickdrift.errors import InputError, RunError
-from kickdrift.interrupt import interruptible
-from kickdrift.state import Floats, State
-from kickdrift.system import System
+from kickdrift.model.state import Floats, State
+from kickdrift.model.system import System
 from kickdrift.trajectory import creation, packing, reader
 from kickdrift.trajectory.cadence import Cadence
 from kickdrift.trajectory.checkpoints import Checkpoint, Stored, Table

@@ -10,15 +10,15 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from kickdrift.box import Box
-from kickdrift.state import Floats
-from kickdrift.system import System
+from kickdrift.model.box import Box
+from kickdrift.model.state import Floats
+from kickdrift.model.system import System
+from kickdrift.model.units import UnitSystem, shown
 from kickdrift.trajectory import stored
 from kickdrift.trajectory.checksums import CHECKSUMS, VECTORS
 from kickdrift.trajectory.contents import Contents
 from kickdrift.trajectory.layout import DONE_BYTES, EVENTS, KIND_BYTES, PLAN_NUMBERS, SAMPLES, TRAJECTORY
 from kickdrift.trajectory.options import FileOptions
-from kickdrift.units import UnitSystem, shown
 
 EVENT_COLUMNS: dict[str, tuple[str, tuple[int, ...]]] = {  # in the order of their checksum
     "time": ("f8", ()),

@@ -5,13 +5,13 @@ from __future__ import annotations
 import os
 from typing import Any
 
-from kickdrift.events import event_lines
+from kickdrift.cli.printing import counted
 from kickdrift.forces import force_class
-from kickdrift.printing import counted
-from kickdrift.run_plan import NEVER
+from kickdrift.model.events import event_lines
+from kickdrift.model.units import shown
+from kickdrift.run.plan import NEVER
 from kickdrift.text import clean
 from kickdrift.trajectory.reader import Run, open
-from kickdrift.units import shown
 
 SHOWN = 5  # of the forces that nobody here has registered
 WIDTH = 60  # of the column of keys, at most

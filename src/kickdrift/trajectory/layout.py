@@ -13,15 +13,15 @@ from typing import Any, NamedTuple
 import h5py
 import numpy as np
 
-from kickdrift import constants
 from kickdrift.errors import InputError
-from kickdrift.system import System
+from kickdrift.model import constants
+from kickdrift.model.system import System
+from kickdrift.model.units import DIMENSIONS, UnitSystem
 from kickdrift.trajectory import checkpoints, checksums
 from kickdrift.trajectory.checkpoints import Stored
 from kickdrift.trajectory.opening import created
 from kickdrift.trajectory.options import FileOptions
 from kickdrift.trajectory.record import record_of, to_json
-from kickdrift.units import DIMENSIONS, UnitSystem
 
 SCHEMA = 2  # 1 had no checkpoints and no plan
 SUFFIX = ".h5md"

@@ -7,9 +7,9 @@ import shutil
 from pathlib import Path
 from typing import Any
 
+from kickdrift.disk.files import descriptor
+from kickdrift.disk.parts import private_place
 from kickdrift.errors import InputError
-from kickdrift.files import descriptor
-from kickdrift.parts import private_place
 
 try:
     import fcntl

@@ -18,14 +18,14 @@ from pydantic.errors import PydanticUserError
 
 from kickdrift.engines import engine as engine_named
 from kickdrift.errors import InputError
-from kickdrift.events import Between, CloseApproach, Collision, Crossing, Escape, Event
 from kickdrift.forces import force_class
 from kickdrift.integrators import integrator as method_named
-from kickdrift.run_plan import NEVER
-from kickdrift.schema import checked, force_parameters
-from kickdrift.schema_base import Table
-from kickdrift.system import Equilibration, RunDefaults
-from kickdrift.units import UNIT_SYSTEMS, shown
+from kickdrift.model.events import Between, CloseApproach, Collision, Crossing, Escape, Event
+from kickdrift.model.system import Equilibration, RunDefaults
+from kickdrift.model.units import UNIT_SYSTEMS, shown
+from kickdrift.run.plan import NEVER
+from kickdrift.systemfile.schema import checked, force_parameters
+from kickdrift.systemfile.schema_base import Table
 
 PLAIN = UNIT_SYSTEMS["lj"]  # quantities here are numbers, never text with a unit
 EVENTS: dict[str, Any] = {event.__name__: event for event in (CloseApproach, Collision, Crossing, Escape)}

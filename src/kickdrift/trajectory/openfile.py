@@ -8,8 +8,8 @@ from pathlib import Path
 
 import h5py
 
+from kickdrift.disk.parts import private_place
 from kickdrift.errors import RunError
-from kickdrift.parts import private_place
 from kickdrift.trajectory.storage import PagedFile, in_use, open_to_write, write_error
 
 _writing: set[tuple[int, int]] = set()  # device and inode, since some systems' locks do not hold within one process

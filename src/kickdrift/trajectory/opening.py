@@ -17,8 +17,8 @@ from typing import Any
 import h5py
 from h5py import h5a, h5d, h5g, h5l, h5o, h5t
 
+from kickdrift.disk.files import descriptor, reason, shown_path
 from kickdrift.errors import InputError
-from kickdrift.files import descriptor, reason, shown_path
 from kickdrift.trajectory.heaps import Heaps
 
 DEEPEST = 32  # groups within groups

@@ -11,7 +11,7 @@ from typing import Any
 
 import h5py
 
-from kickdrift.parts import private_place
+from kickdrift.disk.parts import private_place
 from kickdrift.trajectory.opening import created
 from kickdrift.trajectory.storage import ALIGNMENT, PagedFile
 

@@ -12,9 +12,9 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from kickdrift.checks import path_text
 from kickdrift.errors import InputError
-from kickdrift.state import Floats
+from kickdrift.model.checks import path_text
+from kickdrift.model.state import Floats
 from kickdrift.trajectory import header
 from kickdrift.trajectory.checkpoints import CHECKPOINTS, COLUMNS, Table
 from kickdrift.trajectory.contents import Contents
@@ -26,7 +26,7 @@ from kickdrift.trajectory.opening import open_to_read
 from kickdrift.trajectory.rows import behind
 
 if TYPE_CHECKING:
-    from kickdrift.system import System
+    from kickdrift.model.system import System
 
 
 CHANGED = "its system was changed after the run began (kickdrift/system, units, method, masses, ids or species)"

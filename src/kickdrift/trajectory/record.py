@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from kickdrift.errors import InputError
-from kickdrift.events import Event
-from kickdrift.schema import checked
-from kickdrift.system import Equilibration, RunDefaults, System
+from kickdrift.model.events import Event
+from kickdrift.model.system import Equilibration, RunDefaults, System
+from kickdrift.systemfile.schema import checked
 from kickdrift.trajectory.named import Record, about, defaults_of, event_of, force_of
 
 if TYPE_CHECKING:

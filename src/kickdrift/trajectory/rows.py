@@ -10,8 +10,8 @@ import h5py
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from kickdrift.box import Box
-from kickdrift.state import Floats
+from kickdrift.model.box import Box
+from kickdrift.model.state import Floats
 from kickdrift.trajectory import checksums, header
 from kickdrift.trajectory.checksums import CHECKSUMS
 from kickdrift.trajectory.contents import Contents

@@ -42,8 +42,8 @@ from typing import Any
 import h5py
 import numpy as np
 
+from kickdrift.disk.files import descriptor
 from kickdrift.errors import InputError, RunError
-from kickdrift.files import descriptor
 from kickdrift.trajectory.locking import copy, detached, lock, locked
 from kickdrift.trajectory.opening import open_stored
 

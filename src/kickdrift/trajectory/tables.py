@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.errors import InputError
-from kickdrift.state import Floats
+from kickdrift.model.state import Floats
 from kickdrift.trajectory.layout import observable_unit
 
 if TYPE_CHECKING:

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from kickdrift import constants
 from kickdrift.errors import InputError
-from kickdrift.state import Floats
+from kickdrift.model import constants
+from kickdrift.model.state import Floats
 from kickdrift.trajectory.layout import TRAJECTORY, FileUnits
 from kickdrift.trajectory.opening import open_to_read
 

@@ -1,0 +1,135 @@
+"""``kickdrift ensemble``: parse, run, print."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from kickdrift.cli.console import members_bar, say
+from kickdrift.cli.options import QuietOption, SystemArgument
+from kickdrift.cli.printing import counted
+from kickdrift.disk.files import unfit
+from kickdrift.errors import InputError, RunError
+
+MEASURE = "measure"  # what the module of a file with a measure is called
+
+
+def ensemble(
+    system: SystemArgument,
+    vary: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="KEY=VALUES",
+            help="A key of the file, or dt, integrator …; START:STOP:COUNT, log:START:STOP:COUNT, A,B,C, "
+            "uniform:LOW:HIGH, normal:MEAN:DEVIATION or log-uniform:LOW:HIGH; one value sets it for all. Repeat for "
+            "several: every combination is run.",
+        ),
+    ] = None,
+    replicas: Annotated[int, typer.Option(metavar="N", min=1, help="Runs of each, with other seeds.")] = 1,
+    seed: Annotated[int, typer.Option(metavar="S", min=0, help="The root of all seeds.")] = 0,
+    measure: Annotated[
+        str, typer.Option(metavar="NAME", help="run (default), megno, or FILE.py:FUNCTION of the Simulation.")
+    ] = "run",
+    integrator: Annotated[str | None, typer.Option(metavar="NAME", help="See: kickdrift list integrators.")] = None,
+    dt: Annotated[float | None, typer.Option(metavar="X", help="Step, in the system's unit of time.")] = None,
+    steps: Annotated[int | None, typer.Option(metavar="N", min=1, help="Steps of each member.")] = None,
+    time: Annotated[float | None, typer.Option(metavar="T", help="Time of each member, instead of --steps.")] = None,
+    every: Annotated[int | None, typer.Option(metavar="K", min=1, help="Steps between samples.")] = None,
+    workers: Annotated[
+        int | None, typer.Option(metavar="K", min=1, help="Processes on this machine (default: one for each core).")
+    ] = None,
+    scheduler: Annotated[
+        str | None, typer.Option(metavar="ADDRESS", help="Of a Dask cluster, such as tcp://host:8786, instead.")
+    ] = None,
+    output: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="The table, .parquet or .h5; the same command goes on where it stopped."),
+    ] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the table of another ensemble.")] = False,
+    trajectories: Annotated[
+        Path | None, typer.Option(metavar="FOLDER", help="Write a .h5md file for each member.")
+    ] = None,
+    quiet: QuietOption = False,
+) -> None:
+    """Run a system many times, with values that vary and seeds of their own, on all cores or on a Dask cluster."""
+    from kickdrift.cli.printing_ensemble import print_ensemble
+    from kickdrift.ensemble import Ensemble
+    from kickdrift.ensemble.running import workers as dask_workers
+    from kickdrift.ensemble.table import journal_of
+
+    if scheduler is not None and workers is not None:
+        raise InputError("give --workers or --scheduler, not both: a cluster has its own workers")
+    planned = Ensemble(
+        system, _varied(vary or []), replicas=replicas, seed=seed, measure=_measure(measure), integrator=integrator,
+        dt=dt, steps=steps, time=time, every=every,
+    )  # fmt: skip
+    options: dict[str, Any] = {"output": output, "overwrite": overwrite, "trajectories": trajectories}
+    done = -1
+    with members_bar(quiet) as bar:
+
+        def progress(now: int, of: int, failed: int) -> None:
+            nonlocal done
+            if done < 0 and now:
+                say(f"{output}: {now} of {counted(of, 'member')} are done already", quiet)
+            done = now
+            if bar:
+                bar(now, of, failed)
+
+        try:
+            if scheduler is None:
+                table = planned.run(workers=workers, progress=progress, **options)
+            else:
+                with dask_workers(scheduler=scheduler) as client:
+                    if not client.nthreads():
+                        say(f"{scheduler}: has no workers; waiting for some", quiet)
+                    table = planned.run(client, progress=progress, **options)
+        except (KeyboardInterrupt, RunError):
+            journal = output and journal_of(output)
+            if journal and journal.exists():
+                again = "the same command without --overwrite" if overwrite else "the same command"
+                say(f"{journal}: has {max(done, 0)} of {counted(len(planned), 'member')}; {again} goes on from there")
+            raise
+    print_ensemble(table, output)
+    if not (table["status"] == "done").any():
+        raise typer.Exit(1)
+
+
+def _varied(given: list[str]) -> dict[str, str]:
+    """KEY=VALUES as a dict."""
+    found: dict[str, str] = {}
+    for text in given:
+        key, equals, values = text.partition("=")
+        if not (equals and key.strip() and values.strip()):
+            raise InputError(f"--vary: expected KEY=VALUES, such as dt=0.001:0.01:10, got {text!r}")
+        if key.strip() in found:
+            raise InputError(f"--vary: {key.strip()} is given twice")
+        found[key.strip()] = values.strip()
+    return found
+
+
+def _measure(text: str) -> Any:
+    """What --measure means: a name, or a function in a file."""
+    path, colon, name = text.rpartition(":")
+    if not colon:
+        if text not in ("run", "megno"):
+            raise InputError(f"--measure {text}: expected run, megno or FILE.py:FUNCTION")
+        return text
+    if not path.endswith(".py") or (why := unfit(path)):
+        raise InputError(
+            f"--measure {text}: there is no Python file {path}" + (f": {why}" if path.endswith(".py") else "")
+        )
+    from runpy import run_path
+
+    try:
+        found = run_path(path, run_name=MEASURE)
+    except (Exception, SystemExit) as error:
+        raise InputError(f"--measure {text}: {type(error).__name__}: {' '.join(str(error).split())}") from error
+    function = found.get(name)
+    if not callable(function):
+        raise InputError(f"--measure {text}: {path} has no function {name!r}")
+    for each in found.values():
+        if getattr(each, "__module__", None) == MEASURE:
+            each.__module__ = "__main__"  # so that it goes to workers by value
+    return function

@@ -1,0 +1,80 @@
+"""What ``kickdrift compare`` shows on standard output."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from kickdrift.cli.console import out, print_lines, print_table
+from kickdrift.cli.printing import counted, duration
+
+if TYPE_CHECKING:
+    from kickdrift.analysis.ladder import Row
+    from kickdrift.analysis.recommendation import Choice, Recommendation
+    from kickdrift.analysis.work_precision import Comparison
+
+
+def print_comparison(comparison: Comparison) -> None:
+    """The rows, the slopes and what they were measured against."""
+    energy = comparison.measure == "energy"
+    unit = f" {comparison.time_unit}" if comparison.time_unit else ""
+    columns = ["method", "dt or rtol", "evaluations", "seconds", "error"]
+    columns += [] if energy else ["energy error"]
+    columns += ["error of a step"]
+    body = [_cells(row, energy) for row in comparison.rows]
+    print_table(f"{comparison.system}: work against precision, {comparison.length:.6g}{unit}", columns, body)
+    slopes = []
+    for name, (of_all, of_one) in comparison.slopes.items():
+        slopes.append([name, _slope(of_all), _slope(of_one)])
+    print_table("Slope against the step: p, and p + 1 of one step", ["method", "error", "error of a step"], slopes)
+    lines = [
+        ("error", comparison.reference if energy else f"largest over {comparison.samples} samples, over the size of "
+         f"what moves, against {comparison.reference}"),
+        ("reference", f"good to {comparison.reference_error:.1e}; no error below is believed"),
+        *(("note", note) for note in comparison.notes),
+        ("took", f"{duration(comparison.wall_seconds)} on {counted(comparison.threads, 'thread')}"),
+    ]  # fmt: skip
+    print_lines(lines)
+
+
+def print_recommendation(found: Recommendation, system: str, unit: str) -> None:
+    """What to run and why, or why nothing is recommended."""
+    unit = f" {unit}" if unit else ""
+    lines = [("wanted", f"error {found.accuracy:g} over {found.length:.6g}{unit}")]
+    pilot = f"{found.pilot:.6g}{unit}; the run is {found.extrapolation:.3g} times as long"
+    lines.append(("pilot", pilot))
+    if found.choice is None:
+        lines.append(("recommended", f"nothing: {found.refusal}"))
+    else:
+        lines.append(("recommended", _foreseen(found.choice)))
+        if found.others:
+            tie = ", which timing cannot tell apart" if found.tie else ""
+            lines.append(("next", f"{_foreseen(found.others[0])}: {found.margin:.2g} times the cost{tie}"))
+        else:
+            lines.append(("next", "no other method meets it"))
+    lines += [("evidence", line) for line in found.evidence]
+    if found.choice is not None:
+        lines.append(("to run it", f"kickdrift run {system} {found.choice.options(found.length)}"))
+    out("")
+    print_lines(lines)
+
+
+def _foreseen(choice: Choice) -> str:
+    knobs = {key: value for key in ("dt", "rtol", "atol") if (value := getattr(choice, key)) is not None}
+    knob = ", ".join(f"{key} = {value:.4g}" for key, value in knobs.items())
+    took = f"{choice.seconds:.2g} s" if choice.seconds < 90 else duration(choice.seconds)
+    return f"{choice.method}, {knob}: {took}, {choice.evaluations:.3g} evaluations, error {choice.error:.1e} foreseen"
+
+
+def _cells(row: Row, energy: bool) -> list[str]:
+    knob = f"{row.dt:.4g}" if row.dt is not None else f"{row.rtol:.0e}"
+    if row.failure:
+        took = f"{row.seconds:.2g}" if row.seconds else "–"
+        return [row.method, knob, "–", took, row.failure[:60], *([] if energy else ["–"]), "–"]
+    error = f"{row.error:.2e}" if row.believed else f"{row.error:.0e} (reference's own)"
+    others = [] if energy else ["–" if row.energy_error is None else f"{row.energy_error:.1e}"]
+    local = "–" if row.local_error is None else f"{row.local_error:.1e}"
+    return [row.method, knob, f"{row.evaluations:,}", f"{row.seconds:.2g}", error, *others, local]
+
+
+def _slope(value: float | None) -> str:
+    return "–" if value is None else f"{value:.2f}"

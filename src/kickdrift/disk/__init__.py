@@ -1,0 +1,1 @@
+"""Files on the disk: opened, made, told apart and replaced without harm. Knows nothing of what they hold."""

@@ -1,0 +1,84 @@
+"""The kinds of file that kickdrift writes, and how each is told from a file that somebody else wrote."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Callable
+from typing import NamedTuple
+
+from kickdrift.disk.files import opened
+from kickdrift.errors import InputError
+
+HEAD = TAIL = 256 * 1024  # bytes of a file that are looked at
+FIGURES = (".png", ".pdf", ".svg")
+_HDF5 = b"\x89HDF\r\n\x1a\n"
+_PDB = re.compile(rb"(HEADER|TITLE |REMARK|CRYST1|MODEL |ATOM  |HETATM)")
+_EXPORTS: dict[str, Callable[[bytes], bool]] = {
+    ".dcd": lambda head: head[4:8] == b"CORD",
+    ".xtc": lambda head: int.from_bytes(head[:4], "big") in (1995, 2023),
+    ".trr": lambda head: int.from_bytes(head[:4], "big") == 1993,
+    ".xyz": lambda head: head.split(b"\n", 1)[0].strip().isdigit(),
+    ".extxyz": lambda head: head.split(b"\n", 1)[0].strip().isdigit(),
+    ".pdb": lambda head: bool(_PDB.match(head)),
+    ".traj": lambda head: head.startswith(b"- of Ulm"),
+}
+
+
+class Kind(NamedTuple):
+    """A kind of output.
+
+    ``noun`` is how messages call one, ``suffixes`` how its name may end (empty where any will do). ``ours(head, tail)``
+    says whether kickdrift could have written a file that begins and ends so. One that ``streams`` may go to a pipe or a
+    device.
+    """
+
+    noun: str
+    suffixes: tuple[str, ...]
+    ours: Callable[[bytes, bytes], bool]
+    streams: bool = True
+
+
+def _run(head: bytes, tail: bytes) -> bool:
+    return head.startswith(_HDF5) and b"kickdrift\0" in head and b"h5md\0" in head and b"particles\0" in head
+
+
+def _json(head: bytes, tail: bytes) -> bool:
+    return head.lstrip().startswith(b"{") and tail.rstrip().endswith(b"}")
+
+
+def _figure(head: bytes, tail: bytes) -> bool:
+    """matplotlib says in every figure that it made it."""
+    known = head.startswith((b"\x89PNG\r\n\x1a\n", b"%PDF-")) or b"<svg" in head
+    return known and (b"atplotlib" in head or b"atplotlib" in tail)
+
+
+def _table(head: bytes, tail: bytes) -> bool:
+    if head.startswith(b"PAR1"):
+        return b"kickdrift" in tail
+    return head.startswith(_HDF5) and b"kickdrift" in head and b"columns" in head
+
+
+RUN = Kind("a run's file", (".h5md",), _run, streams=False)
+JSON = Kind("a JSON object", (), _json)
+FIGURE = Kind("a figure", FIGURES, _figure)
+TABLE = Kind("the table of an ensemble", (".parquet", ".h5"), _table, streams=False)
+JOURNAL = Kind("the journal of an ensemble", (), lambda head, tail: head.startswith(b"{"), streams=False)
+
+
+def export(suffix: str, suffixes: tuple[str, ...]) -> Kind:
+    """The kind of an export with that suffix."""
+    written = _EXPORTS.get(suffix.lower(), lambda head: False)
+    return Kind("an export", suffixes, lambda head, tail: written(head))
+
+
+def is_ours(path: str | os.PathLike[str], kind: Kind) -> bool:
+    """Whether kickdrift could have written the regular file there; an empty one has nothing to lose."""
+    try:
+        with opened(path) as file:
+            head = file.read(HEAD)
+            size = file.seek(0, os.SEEK_END)
+            file.seek(max(0, size - TAIL))
+            return not size or kind.ours(head, file.read(TAIL))
+    except (OSError, InputError):
+        return False

@@ -1,0 +1,248 @@
+"""The files that commands are asked to write: looked at before any work is done, and written whole or not at all.
+
+What stands there already is replaced only where that was asked for, and only where it is a regular file that kickdrift
+could have written. A device or a pipe is written to as it is.
+"""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import re
+import shutil
+import stat
+import sys
+import tempfile
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, BinaryIO
+
+from kickdrift.disk import kinds
+from kickdrift.disk.files import place, same_file, shown_path
+from kickdrift.disk.kinds import Kind, is_ours
+from kickdrift.disk.parts import private_place
+from kickdrift.errors import InputError, RunError
+from kickdrift.run.report import plain
+
+KINDS = {"output": kinds.RUN, "json": kinds.JSON, "plot": kinds.FIGURE}  # of options
+_OWN = re.compile(r"/(?:dev|proc/self)/(?:fd/(\d{1,9})|(stdin|stdout|stderr))")
+_CLOSED = (errno.EACCES, errno.EPERM, errno.EROFS)  # places that the user may not write to
+_pipes: dict[tuple[int, int], int] = {}  # by device and inode, open since they were looked at, so that no reader leaves
+
+
+def refuse_outputs(
+    paths: Mapping[str, Path | None], overwrite: bool, inputs: Iterable[str | os.PathLike[str] | None] = ()
+) -> None:
+    """An InputError where a file that an option asks for exists, is one of the ``inputs``, or cannot be written, before
+    any work is done."""
+    taken: dict[Path, str] = {}
+    for option, path in paths.items():
+        if path is None:
+            continue
+        said = f"--{option} {shown_path(path)}"
+        if (target := _checked(path, KINDS[option], overwrite, inputs, said, "give --overwrite")) is None:
+            continue
+        for other, name in taken.items():
+            if other == target or same_file(other, target):
+                raise InputError(f"{said}: is the file of --{name} too")
+        taken[target] = option
+        try:
+            with tempfile.TemporaryFile(dir=target.parent):
+                pass
+        except OSError as error:
+            raise InputError(f"{said}: cannot be written: {reason(error)}") from None
+
+
+def checked_target(
+    output: str | os.PathLike[str],
+    kind: Kind,
+    overwrite: bool,
+    inputs: Iterable[str | os.PathLike[str] | None] = (),
+) -> Path:
+    """The path of a file to be written; an InputError where its name is wrong, it must not be replaced or its folder
+    does not exist."""
+    _checked(output, kind, overwrite, inputs, shown_path(output), "pass --overwrite (overwrite=True)")
+    return Path(output)
+
+
+def _checked(
+    path: str | os.PathLike[str],
+    kind: Kind,
+    overwrite: bool,
+    inputs: Iterable[str | os.PathLike[str] | None],
+    said: str,
+    how: str,
+) -> Path | None:
+    """The path with its folder's links followed; None where it is a device or a pipe. ``said`` begins each message."""
+    path = Path(path)
+    if kind.suffixes and path.suffix.lower() not in kind.suffixes:
+        name = "the name" if said.startswith("--") else f"the name of {kind.noun}"
+        raise InputError(f"{said}: {name} must end in {', '.join(kind.suffixes)}, not {path.suffix or 'nothing'!r}")
+    status = _status(path, said)
+    if is_stream(path):
+        if not kind.streams:
+            raise InputError(f"{said}: is a device or a pipe; {kind.noun} is a regular file")
+        _hold(path, said)
+        return None
+    if status:
+        if why := _not_regular(status):
+            raise InputError(f"{said}: {why}")
+        if any(each is not None and same_file(each, path) for each in inputs):
+            raise InputError(f"{said}: is what this command reads; it is not replaced")
+        if not overwrite:
+            raise InputError(f"{said}: exists already; {how} to replace it")
+    if not path.absolute().parent.is_dir():
+        raise InputError(f"{said}: there is no folder {shown_path(path.parent)}")
+    if status and (why := _not_to_be_replaced(path, status, kind)):
+        raise InputError(f"{said}: {why}")
+    return place(path)
+
+
+def _status(path: Path, said: str) -> os.stat_result | None:
+    """Of the name itself, not of what a symbolic link names; None where there is nothing."""
+    try:
+        os.fspath(path).encode()
+        return os.lstat(path)
+    except (FileNotFoundError, NotADirectoryError):
+        return None
+    except OSError as error:
+        raise InputError(f"{said}: cannot be written: {reason(error)}") from None
+    except UnicodeEncodeError:
+        raise InputError(f"{said}: the name is no UTF-8") from None
+    except ValueError:
+        raise InputError(f"{said!a}: the name has a null character") from None
+
+
+def _not_regular(status: os.stat_result) -> str | None:
+    """Why there is no regular file, in words."""
+    if stat.S_ISREG(status.st_mode):
+        return None
+    if stat.S_ISLNK(status.st_mode):
+        return "is a symbolic link; give the name of the file itself"
+    return "is a folder" if stat.S_ISDIR(status.st_mode) else "is no regular file"
+
+
+def _not_to_be_replaced(path: Path, status: os.stat_result, kind: Kind) -> str | None:
+    """Why what stands there stays, although it may be replaced as far as the user is concerned."""
+    if why := _not_regular(status):
+        return why
+    if not status.st_mode & 0o222:
+        return "is read-only; it is not replaced"
+    return None if is_ours(path, kind) else f"is not {kind.noun} that kickdrift wrote; it is not replaced"
+
+
+def reason(error: OSError) -> str:
+    """Why the system refused."""
+    return (error.strerror or str(error)).lower()
+
+
+# --- writing ---
+
+
+@contextmanager
+def written_whole(path: Path, kind: Kind, *, overwrite: bool) -> Iterator[Path]:
+    """A path to write to, whose file takes the place of ``path`` at the end, or goes to the device or pipe there; after
+    an error there is nothing new."""
+    try:
+        if is_stream(path):
+            with tempfile.TemporaryDirectory(prefix="kickdrift-") as folder:
+                yield Path(folder) / path.name
+                with open(Path(folder) / path.name, "rb") as part, _stream(path) as stream:
+                    shutil.copyfileobj(part, stream)
+        else:
+            with private_place(path) as part:
+                yield part
+                settle(part, path, kind, overwrite=overwrite)
+    except OSError as error:
+        kind_of_error = InputError if error.errno in _CLOSED else RunError
+        raise kind_of_error(f"{shown_path(path)}: cannot be written: {reason(error)}") from None
+
+
+def settle(part: Path, path: Path, kind: Kind, *, overwrite: bool) -> None:
+    """Give a finished file its name; an InputError where something stands there that is not to be replaced."""
+    said = shown_path(path)
+    if not overwrite:
+        try:
+            _link(part, path)
+        except FileExistsError:
+            raise InputError(f"{said}: exists already; pass --overwrite (overwrite=True) to replace it") from None
+        return
+    status = _status(path, said)
+    if status and (why := _not_to_be_replaced(path, status, kind)):
+        raise InputError(f"{said}: {why}")
+    os.replace(part, path)
+
+
+def _link(part: Path, path: Path) -> None:
+    """Give the file its name unless another has it, in one act where the file system has hard links."""
+    try:
+        os.link(part, path)
+    except FileExistsError:
+        raise
+    except OSError:
+        if os.path.lexists(path):
+            raise FileExistsError from None
+        os.replace(part, path)
+
+
+def write_json(path: Path | None, content: dict[str, Any], *, overwrite: bool) -> None:
+    """One JSON object, where it was asked for; the file is whole or not there."""
+    if path is not None:
+        with written_whole(path, kinds.JSON, overwrite=overwrite) as part:
+            part.write_text(json.dumps(plain(content), indent=2, allow_nan=False) + "\n", encoding="utf-8")
+
+
+# --- devices and pipes ---
+
+
+def is_stream(path: str | os.PathLike[str]) -> bool:
+    """Whether the path is that of a pipe or of a device that takes characters, such as /dev/null, or names one of the
+    program's own, such as /dev/stdout."""
+    try:
+        mode = os.stat(path).st_mode
+    except (OSError, ValueError):
+        return False
+    return stat.S_ISFIFO(mode) or stat.S_ISCHR(mode) or _own(path) in (1, 2)
+
+
+def _own(path: str | os.PathLike[str]) -> int | None:
+    """The descriptor that a name such as /dev/stdout means."""
+    found = _OWN.fullmatch(os.fspath(path))
+    if not found:
+        return None
+    number, word = found.groups()
+    return int(number) if number else {"stdin": 0, "stdout": 1, "stderr": 2}[word]
+
+
+def _hold(path: Path, said: str) -> None:
+    """Open a pipe now, without waiting for a reader, since a reader that is there must not be kept waiting in vain."""
+    status = os.stat(path)
+    if not stat.S_ISFIFO(status.st_mode) or _own(path) is not None:
+        return
+    if (status.st_dev, status.st_ino) not in _pipes:
+        try:
+            _pipes[status.st_dev, status.st_ino] = os.open(path, os.O_WRONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+        except OSError as error:
+            why = "is a pipe that no program reads" if error.errno == errno.ENXIO else reason(error)
+            raise InputError(f"{said}: {why}") from None
+
+
+def _stream(path: Path) -> BinaryIO:
+    """A device or a pipe, open for writing."""
+    if (own := _own(path)) is not None:
+        for each in (sys.stdout, sys.stderr):
+            each.flush()
+        number = os.dup(own)
+    else:
+        status = os.stat(path)
+        number = _pipes.pop((status.st_dev, status.st_ino), -1)
+        if number < 0:
+            number = os.open(path, os.O_WRONLY | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC)
+        mode = os.fstat(number).st_mode
+        if not (stat.S_ISFIFO(mode) or stat.S_ISCHR(mode)):
+            os.close(number)
+            raise OSError(errno.EEXIST, "another file has taken its place")
+        os.set_blocking(number, True)
+    return os.fdopen(number, "wb")

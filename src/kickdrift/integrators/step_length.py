@@ -1,0 +1,139 @@
+"""Whether steps of one length are short enough for the fastest orbit or spring.
+
+Beyond the limit of stability a run goes on without an error, and its result means nothing.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+
+from kickdrift.forces.central import gravitational_constant
+from kickdrift.forces.pair_law import PairForce
+from kickdrift.integrators.exact import Exact
+from kickdrift.integrators.flow import Flow, ParticleFlow
+from kickdrift.integrators.method import Method
+from kickdrift.integrators.runge_kutta import Tableau
+from kickdrift.integrators.splitting import Splitting
+from kickdrift.integrators.stability import imaginary_interval, real_interval, stability_interval
+from kickdrift.model.checks import unwarned
+from kickdrift.model.state import Floats
+from kickdrift.model.system import System
+
+Slope = Callable[[Floats], Floats]
+
+MOST = 2000  # particles whose fastest oscillation is looked for
+DENSE = 12  # particles up to which the whole matrix is worked out
+ITERATIONS = 12  # of the power method, which finds the frequency of more particles to some 10 %
+DIFFERENCE = 1e-6  # of the largest coordinate, for differences of accelerations
+TOO_LONG = "is too long for a stable run"
+LEAPFROG = 2.0  # omega dt of leapfrog, in whole numbers too
+
+
+def longest_step(method: Method) -> float | None:
+    """The largest omega dt of a stable oscillation, for methods of fixed steps where the coefficients tell; else None.
+
+    Of a Runge-Kutta method the larger of both intervals counts: one that is unstable at every imaginary number, such as
+    Euler's, says so by the energy.
+    """
+    if method.chooses_steps:
+        return None
+    if isinstance(method, Splitting):
+        return stability_interval(method)
+    if isinstance(method, Tableau):
+        return max(real_interval(method), imaginary_interval(method))
+    return LEAPFROG if isinstance(method, Exact) else None
+
+
+def can_be_checked(flow: Flow, method: Method) -> bool:
+    """Whether a run is one for ``step_warning``: fixed steps, not too many particles, and no pair force.
+
+    Under a pair force a step that is too long blows up at once.
+    """
+    if not isinstance(flow, ParticleFlow) or longest_step(method) is None:
+        return False
+    forces = flow.subject.forces
+    return 1 <= len(flow.subject) <= MOST and bool(forces) and not any(isinstance(f, PairForce) for f in forces)
+
+
+def step_warning(flow: ParticleFlow, method: Method, dt: float, time: float, y: Floats) -> str | None:
+    """One line where dt is beyond the limit of stability for the fastest oscillation about y, else None."""
+    limit, omega = longest_step(method), fastest(flow, time, y)
+    if limit is None or not omega * dt > limit:
+        return None
+    unit = "" if flow.subject.units.reduced else f" {flow.subject.units.time}"
+    period = 2 * math.pi / omega
+    return (
+        f"dt = {dt:g}{unit} {TOO_LONG}: at t = {time:.6g} the fastest orbit or spring has a period of "
+        f"{period:.4g}{unit}, and {method.name} is stable to dt = {limit / omega:.4g}{unit}; the result means nothing"
+    )
+
+
+def start_warning(system: System, method: Method, dt: float) -> str | None:
+    """``step_warning`` at the start of a system under gravity alone; a cheap bound shows that most steps are fine."""
+    limit, phase = longest_step(method), system.state.phase
+    if limit is None or not limit < bound_by_gravity(system) * dt < math.inf:
+        return None
+    return step_warning(ParticleFlow(system, 1, jumps=True), method, dt, system.state.time, phase)
+
+
+@unwarned
+def bound_by_gravity(system: System) -> float:
+    """A bound of the angular frequencies about the start: omega^2 <= max_i sum_j 4 G m_j / r_ij^3."""
+    force, x = system.forces[0], system.state.positions
+    r2 = ((x[:, None] - x[None]) ** 2).sum(axis=-1) + force.softening**2
+    np.fill_diagonal(r2, np.inf)
+    pull = gravitational_constant(force.name, force.G, system) * system.state.masses
+    return math.sqrt(float((4.0 * pull / r2**1.5).sum(axis=1).max()))
+
+
+def fastest(flow: ParticleFlow, time: float, y: Floats) -> float:
+    """The largest angular frequency of the motion linearised about y, in radians per time; 0 where none oscillates."""
+    x = y[0]
+    scale = DIFFERENCE * float(np.abs(x).max())
+
+    def slope(direction: Floats) -> Floats:
+        """The change of the accelerations along a direction (3, n) of length one."""
+        ends = []
+        for sign in (1.0, -1.0):
+            moved = y.copy()
+            moved[0] += sign * scale * direction
+            found = flow.accelerations(moved, time)
+            ends.append(np.full(x.shape, np.nan) if found is None else found)
+        return (ends[0] - ends[1]) / (2 * scale)
+
+    if not (math.isfinite(scale) and scale > 0):
+        return 0.0
+    with np.errstate(all="ignore"):
+        least = _dense(slope, x.shape) if x.shape[1] <= DENSE else _by_power(slope, x.shape)
+    return math.sqrt(-least) if least < 0 else 0.0
+
+
+def _dense(slope: Slope, shape: tuple[int, ...]) -> float:
+    """The least eigenvalue, from all columns."""
+    columns = [slope(one.reshape(shape)).reshape(-1) for one in np.eye(math.prod(shape))]
+    matrix = np.array(columns).T
+    return float(np.linalg.eigvals(matrix).real.min()) if np.isfinite(matrix).all() else 0.0
+
+
+def _by_power(slope: Slope, shape: tuple[int, ...]) -> float:
+    """The least eigenvalue by the power method, after a shift by the largest one if that is positive."""
+    largest = _dominant(slope, shape, 0.0)
+    if not largest > 0.0:
+        return largest if math.isfinite(largest) else 0.0
+    least = _dominant(slope, shape, largest)
+    return least if math.isfinite(least) else 0.0
+
+
+def _dominant(slope: Slope, shape: tuple[int, ...], shift: float) -> float:
+    """The eigenvalue furthest from ``shift``."""
+    direction = np.random.default_rng(0).standard_normal(shape)
+    found = 0.0
+    for _ in range(ITERATIONS):
+        direction /= np.linalg.norm(direction)
+        image = slope(direction) - shift * direction
+        found = float((direction * image).sum())
+        direction = image
+    return found + shift

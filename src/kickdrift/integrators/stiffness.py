@@ -1,0 +1,181 @@
+"""Stiffness: what the eigenvalues of the Jacobian along a solution say, and whether they hold a run's steps down."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kickdrift.errors import InputError
+from kickdrift.integrators.flow import Flow, ParticleFlow, flow_of
+from kickdrift.integrators.method import Method
+from kickdrift.integrators.runge_kutta import Tableau
+from kickdrift.integrators.stability import stability_function
+from kickdrift.model.problem import Problem
+from kickdrift.model.state import Floats
+from kickdrift.model.system import System
+
+if TYPE_CHECKING:
+    from kickdrift.run.simulation import Simulation
+
+DIFFERENCES = 1e-9  # relative error of a Jacobian by differences, with some room
+WATCHED_UNKNOWNS = 64  # at most, for a run to be watched
+NEAR = 0.8  # of the way to the boundary of stability
+WATCHED_POINTS = 10  # at the end of a run
+WATCHED_STEPS = 1000  # of a run, at least: a shorter one is over before its steps are worth a thought
+
+Point = tuple[float, Floats, float]
+
+
+@dataclass(frozen=True)
+class Stiffness:
+    """The Jacobian's eigenvalues at one point of a solution.
+
+    Attributes
+    ----------
+    time : of the point
+    eigenvalues : (N,) complex, the real parts rising
+    rounding : eigenvalues no larger than this cannot be told from 0
+    step : h, the step there, None where none was taken
+    """
+
+    time: float
+    eigenvalues: NDArray[np.complexfloating]
+    rounding: float
+    step: float | None = None
+
+    @property
+    def ratio(self) -> float:
+        """max |Re lambda| / min |Re lambda|, over the eigenvalues with Re lambda < 0 (Lambert 1991, Numerical Methods
+        for Ordinary Differential Systems, section 6.1); nan where there is none.
+
+        Those that rounding cannot tell from 0, such as that of a conserved sum, do not count."""
+        decay = -self.eigenvalues.real
+        decay = decay[decay > self.rounding]
+        return float(decay.max() / decay.min()) if decay.size else float("nan")
+
+    @property
+    def fastest(self) -> complex:
+        """The eigenvalue of the largest absolute value."""
+        return complex(self.eigenvalues[np.argmax(np.abs(self.eigenvalues))])
+
+    @property
+    def step_times_rate(self) -> float | None:
+        """h |lambda|, of the largest; an explicit method needs it to be of order one."""
+        return None if self.step is None else self.step * abs(self.fastest)
+
+
+def stiffness(subject: Simulation | System | Problem, states: Iterable[Any] | None = None) -> list[Stiffness]:
+    """The eigenvalues of the Jacobian df/dy of y' = f(t, y) at points of a solution, y the positions and velocities of
+    particles or the unknowns of a Problem.
+
+    Parameters
+    ----------
+    subject : a Simulation, a System or a Problem
+    states : the points, States or ProblemStates as ``Simulation.state`` gives them; default the present (of a
+        Simulation, which also knows its step) or the start
+
+    Raises
+    ------
+    InputError
+        Where a state is not one of the subject's, or the Jacobian is too large to hold (3000 unknowns).
+    """
+    if isinstance(subject, (System, Problem)):
+        flow, step = flow_of(subject, 1, jumps=True), None
+    else:
+        flow, step = subject._flow, subject._stepper.last_step or None
+    points: list[Any] = [subject.state] if states is None else list(states)
+    return [_stiffness(flow, state.time, flow.array(state), step if states is None else None) for state in points]
+
+
+def _stiffness(flow: Flow, time: float, y: Floats, step: float | None) -> Stiffness:
+    jacobian = flow.jacobian(time, y)
+    if not np.isfinite(jacobian).all():
+        raise InputError(f"stiffness: the Jacobian at t = {time:.6g} is not finite")
+    eigenvalues = np.sort_complex(np.linalg.eigvals(jacobian))
+    error = 10 * float(np.finfo(float).eps) if flow.analytic else DIFFERENCES
+    return Stiffness(time, eigenvalues, error * float(np.linalg.norm(jacobian, 2)), step)
+
+
+def stability_boundary(method: Method, direction: complex) -> float:
+    """The largest r with |R(s direction)| <= 1 for all s up to r; ``direction`` of absolute value one."""
+    r = np.arange(0.0, 60.0, 0.01)
+    beyond = np.abs(stability_function(method)(r * direction)) > 1.0 + 1e-9
+    return float(r[np.argmax(beyond) - 1]) if beyond[1:].any() else float(r[-1])
+
+
+def can_be_limited(flow: Flow, method: Method) -> bool:
+    """Whether a run is one for ``stability_warning``: an explicit Runge-Kutta method on few unknowns.
+
+    Not that of particles whose forces do not depend on velocity: with each eigenvalue there comes its negative, so that
+    a mode that is gone at once comes with one that grows as fast, and no step follows that."""
+    return (
+        isinstance(method, Tableau)
+        and _unknowns(flow) <= WATCHED_UNKNOWNS
+        and not (isinstance(flow, ParticleFlow) and flow.not_separable is None)
+    )
+
+
+def _unknowns(flow: Flow) -> int:
+    return 6 * len(flow.subject) if isinstance(flow, ParticleFlow) else len(flow.subject)
+
+
+def stability_warning(flow: Flow, method: Method, points: Sequence[Point]) -> str | None:
+    """One line where stability and not accuracy limits the steps of an explicit run, else None.
+
+    A mode of the linearised equation with Re lambda < 0 that decays by more than e within one step, Re(h lambda) < -1,
+    is gone from the solution, and accuracy asks for no step that short. If h lambda nevertheless stands at the boundary
+    of the method's stability (four fifths of the way to it or more), stability keeps it there: the error estimate grows
+    with the mode as soon as h passes the boundary. This is the test of DOPRI5, h |lambda| > 3.25 of 3.3 (Hairer &
+    Wanner 1996, IV.2, eq. 2.22 ff., doi:10.1007/978-3-642-05221-7), with the eigenvalue itself in place of an
+    estimate. The warning is given where it holds at half of the points or more, for adaptive steps swing about the
+    boundary.
+
+    Parameters
+    ----------
+    flow, method : of the run
+    points : (time, y, step that led there), the last ones of the run; the last ten count
+    """
+    if not isinstance(method, Tableau) or not can_be_limited(flow, method):
+        return None
+    stepped = [point for point in points if point[2] > 0.0][-WATCHED_POINTS:]
+    limits: list[Any] = []
+    for asked, point in enumerate(reversed(stepped), start=1):
+        if (found := _limited(flow, method, *point)) is not None:
+            limits.append(found)
+        elif 2 * (asked - len(limits)) > len(stepped):
+            return None
+    if not limits:
+        return None
+    time, step, eigenvalue, boundary = limits[0]
+    return (
+        f"limited by stability, not accuracy: at t = {time:.6g} the step {step:.3g} times the eigenvalue "
+        f"{_shown(eigenvalue)} is {step * abs(eigenvalue):.2g}, and {method.name} is stable to {boundary:.2g}; "
+        "an implicit method (radau, bdf, rosenbrock) can take longer steps"
+    )
+
+
+def _limited(flow: Flow, method: Tableau, time: float, y: Floats, step: float) -> Any:
+    """Time, step, eigenvalue and boundary, where stability limits the step."""
+    jacobian = flow.jacobian(time, y)
+    if not np.isfinite(jacobian).all():
+        return None
+    if step * float(np.linalg.norm(jacobian)) < 1.0:  # no eigenvalue is larger than this norm
+        return None
+    eigenvalues = np.linalg.eigvals(jacobian)
+    worst = None
+    for value in eigenvalues[step * eigenvalues.real < -1.0]:
+        boundary = stability_boundary(method, value / abs(value))
+        part = step * abs(value) / boundary
+        if part >= NEAR and (worst is None or part > worst[0]):
+            worst = part, (time, step, complex(value), boundary)
+    return None if worst is None else worst[1]
+
+
+def _shown(value: complex) -> str:
+    if value.imag == 0.0:
+        return f"{value.real:.3g}"
+    return f"{value.real:.3g} {'-' if value.imag < 0 else '+'} {abs(value.imag):.3g}i"

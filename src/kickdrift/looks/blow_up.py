@@ -1,0 +1,58 @@
+"""Which particle a run that blew up should be blamed on."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from kickdrift.model.state import Floats
+
+if TYPE_CHECKING:
+    from kickdrift.model.system import System
+
+FAR = 1e11  # times the size of the system: from beyond, rounding (2e-16 of it) hides where a particle came from
+MOST = 10_000  # particles whose nearest pair is looked for
+
+
+def explain(system: System, phase: Floats, before: Floats, good: Floats, step: int, time: float, good_step: int) -> str:
+    """One line: the step, the particle, its nearest neighbour and the last good frame.
+
+    ``phase`` (2, 3, n) is what the particles had reached, ``good`` that of the last good frame. ``before`` (3, n) is
+    where they stood a step before ``phase``: what is to blame has flown away since.
+    """
+    finite = np.isfinite(phase).all(axis=(0, 1))
+    if finite.all():
+        speeds = np.linalg.norm(phase[1], axis=0)
+        particle = int(np.argmax(speeds))
+        what = f"{system.body(particle)} moves at {speeds[particle]:.3g} {system.units.unit('velocity')}"
+    else:
+        particle = int(np.flatnonzero(~finite)[0])
+        what = f"{system.body(particle)} has no finite position or velocity"
+    known = finite.all() and np.abs(phase[0]).max() < FAR * np.abs(good[0]).max()
+    here, when = (before, "the step before") if known else (good[0], f"at step {good_step}")
+    distances = np.linalg.norm(system.box.minimum_image((here - here[:, [particle]]).T), axis=1)
+    distances[particle] = np.inf
+    neighbour = ""
+    if len(distances) > 1:
+        other = int(np.argmin(distances))
+        length = system.units.unit("length")
+        which = system.names[other] if system.names else system.state.ids[other]
+        neighbour = f", its nearest neighbour was {which} at {distances[other]:.4g} {length} {when}"
+    return f"blew up at step {step} (t = {time:.6g}): {what}{neighbour}; the last good frame is step {good_step}"
+
+
+def nearest_pair(system: System, x: Floats) -> str:
+    """Which two particles at x (3, n), one of them with a mass at least, are nearest to each other; "" where there are
+    none, or too many to tell."""
+    massive = np.flatnonzero(system.state.masses)
+    if not 2 <= len(system) <= MOST or not massive.size or not np.isfinite(x).all():
+        return ""
+    best, pair = np.inf, (0, 0)
+    for i in massive:
+        distances = np.linalg.norm(system.box.minimum_image((x - x[:, [i]]).T), axis=1)
+        distances[i] = np.inf
+        if distances.min() < best:
+            best, pair = float(distances.min()), (int(i), int(np.argmin(distances)))
+    first, second = (system.body(k) for k in sorted(pair))
+    return f"; {first} and {second} are nearest, {best:.3g} {system.units.unit('length')} apart"

@@ -1,0 +1,131 @@
+"""One look at particles: energies, momenta and centre of mass, summed by compiled code into a row of a table."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kickdrift.forces.evaluate import fill_accelerations
+from kickdrift.forces.kernel import BLOWN_UP, OK
+from kickdrift.forces.pair_law import PairForce
+from kickdrift.jit.by_address import address_of
+from kickdrift.jit.compile import driver, inlined, is_finite
+from kickdrift.jit.handle import handle, unowned
+from kickdrift.looks.columns import (
+    ANGULAR,
+    CENTRE,
+    COLUMNS,
+    KINETIC,
+    MOMENTUM,
+    PAIRS,
+    POTENTIAL,
+    PRESSURE,
+    TEMPERATURE,
+    TIME,
+    TOTAL,
+    VELOCITY,
+    VIRIAL,
+)
+from kickdrift.model.state import Floats
+
+if TYPE_CHECKING:
+    from kickdrift.forces.bound import BoundForces
+    from kickdrift.model.system import System
+
+# What stands at the head of the desk: the total mass, degrees of freedom times Boltzmann's constant, three volumes. A
+# nan says that temperature or pressure mean nothing. Masses follow, and room for accelerations.
+MASS, FREEDOM, VOLUMES, HEAD = range(4)
+
+NO_ENERGY = 5  # a status: forces are finite, and the energy is not
+BLOCK = 256  # particles whose terms are summed before they join the total, which keeps the rounding of many small
+
+
+class Looking(NamedTuple):
+    """What looks are taken with: forces, the particles' desk, a cursor."""
+
+    forces: BoundForces
+    desk: Floats
+    cursor: NDArray[np.int64]
+
+    def address(self, *args: Any) -> int:
+        """That of ``look`` for these forces, and arguments like those that follow them."""
+        return address_of(look, self.forces.table, *args)
+
+
+def desk_of(system: System) -> Floats:
+    """What a look needs to know of the particles, and room; see the head of this module."""
+    masses = system.coherent_masses
+    collide = any(isinstance(force, PairForce) for force in system.forces) and system.degrees_of_freedom > 0
+    desk = np.zeros(HEAD + 4 * len(masses))
+    desk[MASS] = masses.sum()
+    desk[FREEDOM] = system.degrees_of_freedom * system.units.boltzmann if collide else np.nan
+    desk[VOLUMES] = 3.0 * system.box.volume if system.box.periodic else np.nan
+    desk[HEAD : HEAD + len(masses)] = masses
+    return desk
+
+
+@inlined
+def sum_moments(m, x, v, row):
+    """Kinetic energy, momentum, angular momentum and mass moment of all particles into the row; whether x and v are
+    finite."""
+    kinetic, bad = 0.0, 0.0
+    px, py, pz, lx, ly, lz, cx, cy, cz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for begin in range(0, m.size, BLOCK):
+        k, b = 0.0, 0.0
+        p0, p1, p2, l0, l1, l2, c0, c1, c2 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        for i in range(begin, min(begin + BLOCK, m.size)):
+            mass, x0, x1, x2, v0, v1, v2 = m[i], x[0, i], x[1, i], x[2, i], v[0, i], v[1, i], v[2, i]
+            k += mass * (v0 * v0 + v1 * v1 + v2 * v2)
+            p0 += mass * v0
+            p1 += mass * v1
+            p2 += mass * v2
+            l0 += mass * (x1 * v2 - x2 * v1)
+            l1 += mass * (x2 * v0 - x0 * v2)
+            l2 += mass * (x0 * v1 - x1 * v0)
+            c0 += mass * x0
+            c1 += mass * x1
+            c2 += mass * x2
+            b += 0.0 * x0 + 0.0 * x1 + 0.0 * x2 + 0.0 * v0 + 0.0 * v1 + 0.0 * v2
+        kinetic, bad = kinetic + k, bad + b
+        px, py, pz = px + p0, py + p1, pz + p2
+        lx, ly, lz = lx + l0, ly + l1, lz + l2
+        cx, cy, cz = cx + c0, cy + c1, cz + c2
+    row[KINETIC] = 0.5 * kinetic
+    row[MOMENTUM], row[MOMENTUM + 1], row[MOMENTUM + 2] = px, py, pz
+    row[ANGULAR], row[ANGULAR + 1], row[ANGULAR + 2] = lx, ly, lz
+    row[CENTRE], row[CENTRE + 1], row[CENTRE + 2] = cx, cy, cz
+    return bad == 0.0
+
+
+@driver
+def look(forces, t, y, desk, last, rows, at, cursor):
+    """rows[at] <- what is seen of y (2, 3, n) at time t, and ``last`` <- y; a status.
+
+    Where the status is not OK, the row holds nothing of use, and ``last`` is as it was."""
+    y, desk, last, rows = unowned(y), unowned(desk), unowned(last), unowned(rows)
+    x, v, n = y[0], y[1], y.shape[2]
+    row = rows[at]
+    for k in range(COLUMNS):
+        row[k] = 0.0
+    room = desk[HEAD + n :].reshape((3, n))
+    status = fill_accelerations(handle(forces), t, x, v, room, row[POTENTIAL : PAIRS + 1], cursor)
+    if status != OK:
+        return status
+    if not sum_moments(desk[HEAD : HEAD + n], x, v, row):
+        return BLOWN_UP
+    total = row[KINETIC] + row[POTENTIAL]
+    if not is_finite(total):
+        return NO_ENERGY
+    row[TIME], row[TOTAL] = t, total
+    row[TEMPERATURE] = 2.0 * row[KINETIC] / desk[FREEDOM]
+    row[PRESSURE] = (2.0 * row[KINETIC] + row[VIRIAL]) / desk[VOLUMES]
+    for k in range(3):
+        row[VELOCITY + k] = row[MOMENTUM + k] / desk[MASS]
+        row[CENTRE + k] = row[CENTRE + k] / desk[MASS]
+    for half in range(2):
+        for k in range(3):
+            for i in range(n):
+                last[half, k, i] = y[half, k, i]
+    return OK

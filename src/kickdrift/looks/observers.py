@@ -1,0 +1,161 @@
+"""What is looked at while a run goes on: energies, momenta, temperature, pressure. Looking changes nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from kickdrift.errors import RunError
+from kickdrift.forces.pair_law import PairForce
+from kickdrift.model.checks import unwarned
+from kickdrift.model.state import Floats
+
+if TYPE_CHECKING:
+    from kickdrift.engines.session import EngineStepper
+    from kickdrift.forces.bound import BoundForces
+    from kickdrift.model.system import System
+
+
+class Taken(NamedTuple):
+    """What events took out of a run so far, so that conservation is not blamed for it."""
+
+    energy: float
+    momentum: Floats | float
+    angular_momentum: Floats | float
+
+
+NOTHING = Taken(0.0, 0.0, 0.0)
+
+
+class Energies(NamedTuple):
+    """Totals over all particles, in the system's energy unit."""
+
+    kinetic: float
+    potential: float
+    total: float
+
+
+@dataclass(frozen=True)
+class Sample:
+    """One look at a run.
+
+    Attributes
+    ----------
+    step, time : of the look
+    energies : Energies
+    momentum : (3,) sum of m v; None for a Problem
+    angular_momentum : (3,) sum of m x × v, about the origin; it is conserved in open space alone; None for a Problem
+    temperature : 2 K / (g k_B), g = 3 N - 3; nan without particles that collide (no pair force) or degrees of freedom
+    pressure : (2 K + W) / (3 V), W the virial, sum of r . F over pairs (Allen & Tildesley 2017, eq. 2.60); nan in open
+    space
+    pairs : pairs of particles within the forces' range; None where another engine does not say
+    centre_of_mass, centre_of_mass_velocity : (3,) sum of m x and of m v over that of m; None for a Problem and without
+    a mass
+    taken : Taken
+    """
+
+    step: int
+    time: float
+    energies: Energies
+    momentum: Floats | None = None
+    angular_momentum: Floats | None = None
+    temperature: float = float("nan")
+    pressure: float = float("nan")
+    pairs: int | None = 0
+    taken: Taken = NOTHING
+    centre_of_mass: Floats | None = None
+    centre_of_mass_velocity: Floats | None = None
+
+    def observables(self, taken: bool = False) -> dict[str, float | Floats]:
+        """By the names that a run's file uses; with what events took out, if ``taken``."""
+        kinetic, potential, total = self.energies
+        values: dict[str, float | Floats] = {
+            "kinetic_energy": kinetic,
+            "potential_energy": potential,
+            "total_energy": total,
+        }
+        if self.momentum is not None and self.angular_momentum is not None:
+            values |= {"momentum": self.momentum, "angular_momentum": self.angular_momentum}
+        if self.centre_of_mass is not None:
+            values["centre_of_mass"] = self.centre_of_mass
+        if self.centre_of_mass_velocity is not None:
+            values["centre_of_mass_velocity"] = self.centre_of_mass_velocity
+        if not np.isnan(self.temperature):
+            values["temperature"] = self.temperature
+        if not np.isnan(self.pressure):
+            values["pressure"] = self.pressure
+        if self.momentum is not None and self.pairs is not None:
+            values["pairs"] = float(self.pairs)
+        if taken:
+            values |= {
+                "energy_taken": self.taken.energy,
+                "momentum_taken": self.taken.momentum * np.ones(3),
+                "angular_momentum_taken": self.taken.angular_momentum * np.ones(3),
+            }
+        return values
+
+    @classmethod
+    def of(cls, step: int, time: float, values: Mapping[str, Any]) -> Sample:
+        """The Sample that had these ``observables``."""
+        energies = Energies(*(float(values[f"{kind}_energy"]) for kind in ("kinetic", "potential", "total")))
+        taken = NOTHING
+        lost = [values.get(f"{kind}_taken", 0.0) for kind in ("energy", "momentum", "angular_momentum")]
+        if any(np.any(each) for each in lost):
+            taken = Taken(float(lost[0]), lost[1], lost[2])
+        return cls(
+            step=step,
+            time=time,
+            energies=energies,
+            momentum=values.get("momentum"),
+            angular_momentum=values.get("angular_momentum"),
+            temperature=float(values.get("temperature", np.nan)),
+            pressure=float(values.get("pressure", np.nan)),
+            pairs=int(values["pairs"]) if "pairs" in values else None,
+            taken=taken,
+            centre_of_mass=values.get("centre_of_mass"),
+            centre_of_mass_velocity=values.get("centre_of_mass_velocity"),
+        )
+
+
+def kinetic_energy(masses: Floats, velocities: Floats) -> float:
+    """Sum of m v^2 / 2; velocities (3, n)."""
+    return 0.5 * float(np.einsum("i,ki,ki->", masses, velocities, velocities))
+
+
+def angular_momentum(masses: Floats, x: Floats, v: Floats) -> Floats:
+    """(3,) sum of m x × v, about the origin; positions and velocities (3, n)."""
+    pairs = ((1, 2), (2, 0), (0, 1))
+    return np.array([masses @ (x[j] * v[k] - x[k] * v[j]) for j, k in pairs])
+
+
+@unwarned
+def take_sample(system: System, forces: BoundForces | EngineStepper, step: int, time: float, phase: Floats) -> Sample:
+    """Look at positions and velocities ``phase`` (2, 3, n); a RunError where forces or energy there are no numbers."""
+    measured = forces.measure(time, phase)
+    if measured is None:
+        raise RunError(f"step {step} (t = {time:g}): the forces at these positions are not finite")
+    x, v = phase
+    m = system.coherent_masses
+    total_mass = m.sum()
+    kinetic = kinetic_energy(m, v)
+    if not np.isfinite(kinetic + measured.potential):
+        raise RunError(f"step {step} (t = {time:g}): the energy is not finite")
+    collides = any(isinstance(force, PairForce) for force in system.forces)
+    degrees = system.degrees_of_freedom
+    temperature = 2 * kinetic / (degrees * system.units.boltzmann) if collides and degrees else float("nan")
+    pressure = (2 * kinetic + measured.virial) / (3 * system.box.volume) if system.box.periodic else float("nan")
+    return Sample(
+        step=step,
+        time=time,
+        energies=Energies(kinetic, measured.potential, kinetic + measured.potential),
+        momentum=v @ m,
+        angular_momentum=angular_momentum(m, x, v),
+        temperature=temperature,
+        pressure=pressure,
+        pairs=measured.pairs,
+        centre_of_mass=x @ m / total_mass if total_mass else None,
+        centre_of_mass_velocity=v @ m / total_mass if total_mass else None,
+    )

@@ -1,0 +1,161 @@
+"""What a run saw of itself: a table with a row for each look, which compiled code fills, and Samples made from it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kickdrift.errors import InputError, RunError
+from kickdrift.looks import columns as column
+from kickdrift.looks.observers import NOTHING, Energies, Sample, Taken
+from kickdrift.model.capacity import check_room
+from kickdrift.model.state import Floats
+
+FIRST_ROOM = 1024  # rows
+SAMPLE_BYTES = 1000  # of memory that a look at particles takes, with the Sample that is made of it
+COUNTED = 2**16  # rows after which memory is looked at anew
+
+
+class Looks:
+    """The looks of a run, in the order of time.
+
+    Attributes
+    ----------
+    count : how many rows are filled
+    steps : (room,) step of each look
+    rows : (room, COLUMNS) of numbers, with the columns of ``forces.look_columns``; a value that does not exist is nan
+    """
+
+    def __init__(self, room: int = 0) -> None:
+        self.count = 0
+        self.steps: NDArray[np.int64] = np.zeros(room, np.int64)
+        self.rows: Floats = np.zeros((room, column.COLUMNS))
+        self._samples: list[Sample] = []  # of the first rows; the others are made when somebody asks
+        self._shared = False  # whether somebody holds the filled rows
+
+    def __len__(self) -> int:
+        return self.count
+
+    def free(self, count: int = 1) -> int:
+        """The number of a row to fill next, with room for ``count`` of them."""
+        if self.count + count > len(self.steps):
+            more = max(FIRST_ROOM, self.count, count)
+            self.steps = np.concatenate([self.steps[: self.count], np.zeros(more, np.int64)])
+            self.rows = np.concatenate([self.rows[: self.count], np.zeros((more, column.COLUMNS))])
+            self._shared = False
+        return self.count
+
+    def keep(self, step: int, taken: Taken = NOTHING) -> None:
+        """Count the row that was just filled, with what events took out so far. A look at the step and time of the last
+        one takes its place. A RunError where memory has no room for more."""
+        k = self.count
+        self.steps[k] = step
+        if taken is not NOTHING:
+            self.take(k, taken)
+        if self.at(step, float(self.rows[k, column.TIME])):
+            self._own()
+            self.rows[k - 1] = self.rows[k]
+            del self._samples[k - 1 :]
+        else:
+            self.keep_next([step])
+
+    def keep_next(self, steps: Sequence[int] | NDArray[np.int64]) -> None:
+        """``keep`` of looks at a run that has gone on since the last look, and of which events took nothing."""
+        before, self.count = self.count, self.count + len(steps)
+        self.steps[before : self.count] = steps
+        if self.count // COUNTED > before // COUNTED:  # how many a run that chooses its steps takes is not known before
+            try:
+                check_samples(self.count, "every or interval")
+            except InputError as error:
+                at = f"{self.steps[self.count - 1]} (t = {self.rows[self.count - 1, column.TIME]:.6g})"
+                raise RunError(f"stopped at step {at}: {error}") from None
+
+    def take(self, row: int, taken: Taken) -> None:
+        """Write what events took out so far into a row."""
+        numbers = self.rows[row]
+        numbers[column.ENERGY_TAKEN] = taken.energy
+        numbers[column.MOMENTUM_TAKEN : column.ANGULAR_TAKEN] = taken.momentum
+        numbers[column.ANGULAR_TAKEN :] = taken.angular_momentum
+
+    def retake(self, taken: Taken) -> None:
+        """The last look is one after an event, too."""
+        self._own()
+        self.take(self.count - 1, taken)
+        del self._samples[self.count - 1 :]
+
+    def at(self, step: int, time: float) -> bool:
+        """Whether the last look was at that step and time."""
+        k = self.count - 1
+        return k >= 0 and self.steps[k] == step and self.rows[k, column.TIME] == time
+
+    def fill(self, sample: Sample) -> None:
+        """Write a look that somebody else took into the next row: at a Problem, by another program, or in a file."""
+        free = self.free()
+        row = self.rows[free]
+        row[:] = np.nan
+        row[column.TIME] = sample.time
+        row[_ENERGIES] = sample.energies
+        row[column.TEMPERATURE], row[column.PRESSURE] = sample.temperature, sample.pressure
+        row[column.PAIRS] = np.nan if sample.pairs is None else sample.pairs
+        for first, name in _VECTORS.items():
+            value = getattr(sample, name)
+            row[first : first + 3] = np.nan if value is None else value
+        row[column.ENERGY_TAKEN :] = 0.0
+
+    def add(self, sample: Sample) -> None:
+        """Fill and count a row."""
+        self.fill(sample)
+        self.keep(sample.step, sample.taken)
+
+    @property
+    def samples(self) -> list[Sample]:
+        """All looks as Samples; the same list each time, which grows."""
+        made = self._samples
+        made += [self._sample(k) for k in range(len(made), self.count)]
+        return made
+
+    def _sample(self, k: int) -> Sample:
+        row = self.rows[k].copy()
+        kinetic, potential, total, temperature, pressure, pairs = row[_NUMBERS].tolist()
+        taken = NOTHING
+        if row[column.ENERGY_TAKEN :].any():
+            lost = row[column.MOMENTUM_TAKEN : column.ANGULAR_TAKEN], row[column.ANGULAR_TAKEN :]
+            taken = Taken(float(row[column.ENERGY_TAKEN]), *lost)
+        vectors = {name: row[first : first + 3] for first, name in _VECTORS.items()}
+        return Sample(
+            step=int(self.steps[k]),
+            time=float(row[column.TIME]),
+            energies=Energies(kinetic, potential, total),
+            temperature=temperature,
+            pressure=pressure,
+            pairs=None if np.isnan(pairs) else int(pairs),
+            taken=taken,
+            **{name: None if np.isnan(value).all() else value for name, value in vectors.items()},
+        )
+
+    def held(self) -> tuple[NDArray[np.int64], Floats]:
+        """Steps and rows of the looks so far; they do not change any more."""
+        self._shared = True
+        return self.steps[: self.count], self.rows[: self.count]
+
+    def _own(self) -> None:
+        """Have rows that nobody else holds."""
+        if self._shared:
+            self.rows, self._shared = self.rows.copy(), False
+
+
+_ENERGIES = [column.KINETIC, column.POTENTIAL, column.TOTAL]
+_NUMBERS = [*_ENERGIES, column.TEMPERATURE, column.PRESSURE, column.PAIRS]
+_VECTORS = {
+    column.MOMENTUM: "momentum",
+    column.ANGULAR: "angular_momentum",
+    column.CENTRE: "centre_of_mass",
+    column.VELOCITY: "centre_of_mass_velocity",
+}
+
+
+def check_samples(count: float, key: str) -> None:
+    """Refuse more looks than fit into memory; ``key`` names the option that says how often."""
+    check_room("run", count, "samples", SAMPLE_BYTES, f"give a larger {key}")

@@ -1,0 +1,1 @@
+"""What is simulated: units, boxes, states, Systems, Problems and events. Knows no force, method or run."""

@@ -1,0 +1,65 @@
+"""What fits into this machine's memory: one bound for every count that a small file or a command can ask for."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from kickdrift.errors import InputError
+from kickdrift.model.checks import number
+from kickdrift.model.limits import amount
+
+BYTES = 2000  # of a particle at its peak, from a system file to a run of Lennard-Jones; measured
+PROCESS_BYTES = 200 * 10**6  # of a process that computes
+SHARE = 0.25  # of the memory that one kind of thing may take; what is looked at, written and analysed needs some too
+_LIMITS = ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory/memory.limit_in_bytes")  # of a container
+
+
+def check_room(key: str, count: float, what: str = "particles", each: float = BYTES, advice: str = "") -> None:
+    """Refuse a count of things of ``each`` bytes that takes more than a share of this machine's memory.
+
+    The InputError begins with ``key`` and says how many fit, or gives the ``advice``.
+    """
+    there = memory()
+    most = int(SHARE * there / each)
+    if not count <= most:
+        needed = f"about {size(count * each)}" if count < 10**15 else "more memory than there is"
+        raise InputError(
+            f"{key}: {amount(number(count))} {what} take {needed}, and this machine has {size(there)} of memory; "
+            f"{advice or f'the most is {most:,} here'}"
+        )
+
+
+def memory() -> int:
+    """Bytes that this process can have: of the machine, of the container, or as ``ulimit -v`` says."""
+    found = [_of_machine(), *(int(text) for text in map(_read, _LIMITS) if text.isdecimal())]
+    try:
+        import resource
+    except ImportError:  # on Windows
+        return min(found)
+    limits = [resource.getrlimit(kind)[0] for kind in (resource.RLIMIT_AS, resource.RLIMIT_DATA)]
+    return min(found + [limit for limit in limits if limit != resource.RLIM_INFINITY and limit > 0])
+
+
+def _of_machine() -> int:
+    try:
+        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    except (AttributeError, OSError, ValueError):  # on Windows
+        return 2**34
+
+
+def _read(path: str) -> str:
+    try:
+        return Path(path).read_text().strip()
+    except OSError:
+        return ""
+
+
+def size(count: float) -> str:
+    """Bytes as a person reads them."""
+    value, unit = float(count), "bytes"
+    for unit in ("bytes", "KiB", "MiB", "GiB", "TiB"):
+        if value < 1024 or unit == "TiB":
+            break
+        value /= 1024
+    return f"{value:.3g} {unit}" if value < 1000 else f"{value:,.0f} {unit}"

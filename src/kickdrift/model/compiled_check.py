@@ -1,0 +1,91 @@
+"""Whether a Problem's compiled f is the f that was written: its values beside those of plain Python.
+
+numba counts whole numbers in 64 bits, gives a list of whole numbers no fractions, and takes the values of names outside
+a function as they are when it compiles. A run with such an f would be wrong without a word.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import warnings
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from kickdrift.errors import InputError
+from kickdrift.model.state import Floats
+
+if TYPE_CHECKING:
+    from kickdrift.model.problem import Problem
+
+_POINTER = ctypes.POINTER(ctypes.c_double)
+_FUNCTION = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_double, _POINTER, _POINTER)
+EPSILON = float(np.finfo(float).eps)
+APART = 1e-11  # relative difference of a component that rounding and libraries of functions may make
+OF_LARGEST = 16 * EPSILON  # the same, of the largest component
+NOISE = 1e3  # times what changes of t and y by some roundings make
+WHY = (
+    "compiled code counts whole numbers in 64 bits, keeps lists of whole numbers whole (write 0.0 for 0), and keeps "
+    "the values that names outside f had when it was compiled"
+)
+SHIFTS = (0.37, 1e-3, 1e-7)  # relative, of the states around the start; smaller ones where f has no value there
+
+
+def check_compiled(problem: Problem, address: int) -> None:
+    """Compare at the start and at two states around it; an InputError shows both values where they differ."""
+    function = getattr(problem.f, "py_func", problem.f)
+    compiled = _FUNCTION(address)
+    for time, y in _states(problem, function):
+        plain = _plain(function, time, y)
+        if plain is None:
+            continue
+        found = np.zeros_like(y)
+        given = y.copy()
+        compiled(time, given.ctypes.data_as(_POINTER), found.ctypes.data_as(_POINTER))
+        wrong = np.flatnonzero(~(np.abs(found - plain) <= _allowed(function, time, y, plain)))
+        if wrong.size:
+            k = int(wrong[0])
+            raise InputError(
+                f"{problem.name}: f(t, y)[{k}] at t = {time:.9g} is {plain[k]:.9g} in plain Python and {found[k]:.9g} "
+                f"compiled: {WHY}; compiled=False runs f as plain Python, slowly"
+            )
+
+
+def _states(problem: Problem, function: Any) -> Iterator[tuple[float, Floats]]:
+    """The start, and a state with no round number on either side of it; the farthest at which f has values."""
+    yield problem.t0, problem.y0.copy()
+    rng = np.random.Generator(np.random.PCG64(7))
+    sizes = np.abs(problem.y0)
+    least = float(sizes[sizes > 0].min(initial=1.0))
+    for sign in (1.0, -1.0):
+        ways = rng.uniform(0.3, 1.0, len(problem)) * np.where(rng.random(len(problem)) < 0.5, -1.0, 1.0)
+        for shift in SHIFTS:
+            # a component that is zero goes up: it may be a concentration
+            y = problem.y0 + shift * np.where(sizes > 0, sign * ways * problem.y0, np.abs(ways) * least)
+            time = problem.t0 + shift * (1.0 if sign > 0 else 2.0)
+            if _plain(function, time, y) is not None:
+                yield time, y
+                break
+
+
+def _plain(function: Any, time: float, y: Floats) -> Floats | None:
+    """What plain Python gives; None where it raises, or gives no finite numbers."""
+    with warnings.catch_warnings(), np.errstate(all="ignore"):
+        warnings.simplefilter("ignore")
+        try:
+            value = np.asarray(function(float(time), y.copy()), dtype=float).reshape(-1)
+        except Exception:  # whatever a user's function raises; a run says it
+            return None
+    return value if value.shape == y.shape and np.isfinite(value).all() else None
+
+
+def _allowed(function: Any, time: float, y: Floats, value: Floats) -> Floats:
+    """How far compiled values may be off: where terms cancel, rounding alone makes relative differences of any size."""
+    rng = np.random.Generator(np.random.PCG64(8))
+    noise = np.zeros_like(y)
+    for _ in range(2):
+        nearby = _plain(function, time * (1.0 + 4 * EPSILON), y * (1.0 + rng.uniform(-4, 4, len(y)) * EPSILON))
+        if nearby is not None:
+            noise = np.maximum(noise, np.abs(nearby - value))
+    return APART * np.abs(value) + OF_LARGEST * np.abs(value).max() + NOISE * noise

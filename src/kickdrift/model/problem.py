@@ -1,0 +1,193 @@
+"""A Problem: a first-order system of ordinary differential equations, for a Simulation without particles."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from copy import copy
+from dataclasses import dataclass, field
+from functools import cached_property
+from numbers import Real
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from kickdrift.errors import InputError
+from kickdrift.model.checks import numbers
+from kickdrift.model.state import Floats, read_only
+from kickdrift.model.system import RunDefaults
+
+if TYPE_CHECKING:
+    from kickdrift.forces.equation import RightHandSide
+
+Function = Callable[[float, Floats], Any]
+
+
+@dataclass(frozen=True)
+class ProblemState:
+    """A solution at one time: ``y`` (n,), ``time`` and the steps taken since the start."""
+
+    y: Floats
+    time: float = 0.0
+    steps_done: int = 0
+
+    def __len__(self) -> int:
+        return len(self.y)
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """y' = f(t, y), y(t0) = y0.
+
+    Parameters
+    ----------
+    f : f(t, y) -> n numbers (array, list or tuple), as SciPy takes it; a plain Python function, which is compiled
+    y0 : (n,)
+    jacobian : jacobian(t, y) -> (n, n), df_i / dy_j; finite differences stand in where it is not given
+    t0 : time at the start
+    separable : y is n/2 positions followed by their n/2 velocities, and the accelerations depend on positions and time
+        alone; needed by the splitting methods
+    energy : energy(t, y), a quantity that the exact solution conserves, to be watched
+    exact : exact(t) -> (n,), the solution in closed form
+    compiled : False runs f as plain Python, slowly. Compiled code counts whole numbers in 64 bits, keeps lists of whole
+        numbers whole, and keeps the values that names outside f had when it was compiled. Its values are therefore
+        compared with plain Python's before a run, at the start and at states around it
+    name, run, invariants, source : as a System has them
+    equation, parameters : the name in ``kickdrift.odes.ODES`` that a system file gave, and what its factory took
+
+    Raises
+    ------
+    InputError
+        Where y0 or what f returns is not n finite numbers.
+    """
+
+    f: Function
+    y0: Floats
+    jacobian: Function | None = None
+    t0: float = 0.0
+    separable: bool = False
+    energy: Function | None = None
+    exact: Callable[[float], Any] | None = None
+    compiled: bool = True
+    name: str = "problem"
+    run: RunDefaults = field(default_factory=RunDefaults)
+    invariants: Mapping[str, Any] = field(default_factory=dict)
+    source: str = ""
+    equation: str = ""
+    parameters: Mapping[str, Any] = field(default_factory=dict)
+
+    def __init__(
+        self,
+        f: Function,
+        y0: ArrayLike,
+        jacobian: Function | None = None,
+        *,
+        t0: float = 0.0,
+        separable: bool = False,
+        energy: Function | None = None,
+        exact: Callable[[float], Any] | None = None,
+        compiled: bool = True,
+        name: str = "problem",
+        run: RunDefaults | None = None,
+        invariants: Mapping[str, Any] | None = None,
+        source: str = "",
+        equation: str = "",
+        parameters: Mapping[str, Any] | None = None,
+    ) -> None:
+        put = object.__setattr__
+        start = finite_numbers(f"{name}: y0", y0)
+        if start.ndim != 1 or not start.size:
+            raise InputError(f"{name}: y0 must be one row of numbers, got shape {start.shape}")
+        if separable and start.size % 2:
+            raise InputError(f"{name}: separable means positions, then as many velocities, and y0 has {start.size}")
+        for key, function in (("f", f), ("jacobian", jacobian), ("energy", energy), ("exact", exact)):
+            if not (callable(function) or (function is None and key != "f")):
+                raise InputError(f"{name}: {key} must be a function, got {function!r}")
+        if not (isinstance(t0, Real) and np.isfinite(t0)):
+            raise InputError(f"{name}: t0 must be a finite number, got {t0!r}")
+        for key, value in (
+            ("f", f), ("y0", read_only(start)), ("jacobian", jacobian), ("t0", float(t0)), ("separable", separable),
+            ("energy", energy), ("exact", exact), ("compiled", compiled), ("name", name),
+            ("run", run or RunDefaults()), ("invariants", dict(invariants or {})), ("source", source),
+            ("equation", equation), ("parameters", dict(parameters or {})),
+        ):  # fmt: skip
+            put(self, key, value)
+        n = len(start)
+        slope = self._checked("f", f, (n,))
+        if jacobian is not None:
+            self._checked("jacobian", jacobian, (n, n))
+        if separable:
+            self._check_separable(slope)
+        if exact is not None:
+            self._checked("exact", lambda t, y: exact(t), (n,))
+        if energy is not None:
+            self._checked("energy", energy, ())
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What another process needs: all but the machine code."""
+        return {key: value for key, value in vars(self).items() if key != "right_hand_side"}
+
+    def with_run(self, **defaults: Any) -> Problem:
+        """The same problem with these in its `RunDefaults`, as ``System.with_run``."""
+        made = copy(self)
+        object.__setattr__(made, "run", self.run.changed(**defaults))
+        return made
+
+    def _check_separable(self, slope: Floats) -> None:
+        half = len(self) // 2
+        if not np.array_equal(slope[:half], self.y0[half:]):
+            raise InputError(f"{self.name}: separable means that the first half of f is the second half of y")
+        faster = self.y0.copy()
+        faster[half:] += 1.0 + np.abs(faster[half:])
+        if not np.array_equal(np.asarray(self.f(self.t0, faster), dtype=float)[half:], slope[half:]):
+            raise InputError(
+                f"{self.name}: separable means accelerations of positions and time alone, and f's depend on velocities"
+            )
+
+    def __len__(self) -> int:
+        return len(self.y0)
+
+    @cached_property
+    def right_hand_side(self) -> RightHandSide:
+        """f as the compiled loops call it, compiled once."""
+        from kickdrift.forces.equation import RightHandSide
+
+        made = RightHandSide(self)
+        self.check_compiled(made)
+        return made
+
+    def check_compiled(self, made: RightHandSide) -> None:
+        """Refuse a compiled f that gives other values than plain Python."""
+        from kickdrift.model.compiled_check import check_compiled
+
+        if self.compiled:
+            check_compiled(self, made.callback.address)
+
+    @property
+    def state(self) -> ProblemState:
+        """Where it starts."""
+        return ProblemState(self.y0, self.t0)
+
+    def _checked(self, key: str, function: Function, shape: tuple[int, ...]) -> Floats:
+        """What the function gives at the start."""
+        given = self.y0.copy()
+        try:
+            value = function(self.t0, given)
+        except Exception as error:  # whatever a user's function raises
+            line = " ".join(f"{type(error).__name__}: {error}".split())
+            raise InputError(f"{self.name}: {key}(t0, y0) raised {line}") from error
+        if not np.array_equal(given, self.y0):
+            raise InputError(f"{self.name}: {key} changes the y that it is given; let it work on a copy")
+        found = finite_numbers(f"{self.name}: {key}(t0, y0)", value)
+        if found.shape != shape:
+            raise InputError(f"{self.name}: {key} must return shape {shape}, as y0 has it, got {found.shape}")
+        return found
+
+
+def finite_numbers(key: str, values: ArrayLike) -> Floats:
+    """The values as an array; an InputError that begins with ``key`` where they are not finite numbers."""
+    array = numbers(key, values)
+    if not np.isfinite(array).all():
+        bad = np.argwhere(~np.isfinite(array))[0]
+        raise InputError(f"{key}[{', '.join(map(str, bad))}] is {array[tuple(bad)]}; expected finite numbers")
+    return array

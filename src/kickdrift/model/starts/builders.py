@@ -1,0 +1,268 @@
+"""Positions and velocities to start from, and the check that no two particles of a start overlap."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import re
+import warnings
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from kickdrift.disk.files import unfit
+from kickdrift.errors import InputError
+from kickdrift.model.capacity import check_room
+from kickdrift.model.checks import number, numbers
+from kickdrift.model.state import Floats
+from kickdrift.model.units import UnitSystem, shown, suggestion
+
+if TYPE_CHECKING:
+    from kickdrift.model.system import System
+
+# Sites of one cubic cell in units of its edge, moved off the cell's faces so that rounding cannot wrap a particle.
+LATTICES: dict[str, tuple[tuple[float, float, float], ...]] = {
+    "sc": ((0.5, 0.5, 0.5),),
+    "bcc": ((0.25, 0.25, 0.25), (0.75, 0.75, 0.75)),
+    "fcc": ((0.25, 0.25, 0.25), (0.25, 0.75, 0.75), (0.75, 0.25, 0.75), (0.75, 0.75, 0.25)),
+}
+
+MOST = 10**8  # particles on a lattice, however large the memory
+CROWD = 3  # particles in one cell; of more a tree finds the nearest sooner
+CELLS = 2**20  # along an axis; further on they begin anew, so that one integer numbers a cell
+OVERLAP = 0.3  # of a force's shortest length; at 0.3 sigma Lennard-Jones is 7 million epsilon
+
+
+def lattice(kind: str, count: int, density: float) -> tuple[Floats, tuple[float, float, float]]:
+    """Positions (count, 3) on a cubic lattice that fills a cube, and the cube's three equal edges.
+
+    Parameters
+    ----------
+    kind : "sc", "bcc" or "fcc"
+    count : particles; k^3, 2 k^3 or 4 k^3, so that the lattice goes on across the periodic faces without a gap
+    density : particles per volume
+
+    Raises
+    ------
+    InputError
+        For another kind, for a density that is not positive and finite, and for a count that leaves the last cells
+        part empty; the message names the nearest counts that do not.
+    """
+    if kind not in LATTICES:
+        raise InputError(f"lattice: expected one of {', '.join(LATTICES)}, got {kind!r}{suggestion(kind, LATTICES)}")
+    sites = np.array(LATTICES[kind])
+    if isinstance(count, bool) or not isinstance(count, int | np.integer) or not 1 <= count <= MOST:
+        raise InputError(f"count: expected a whole number of particles from 1 to {MOST}, got {shown(count)}")
+    check_room("count", int(count))
+    if not (math.isfinite(number(density)) and density > 0):
+        raise InputError(f"density: expected a positive finite number, got {shown(density)}")
+    cells = max(round((count / len(sites)) ** (1 / 3)), 1)
+    if len(sites) * cells**3 != count:
+        near = sorted({len(sites) * k**3 for k in (cells - 1, cells, cells + 1) if k > 0}, key=lambda n: abs(n - count))
+        low, high = sorted(near[:2])
+        raise InputError(
+            f"count: {count} does not fill a {kind} lattice in a cube; the nearest counts are {low} and {high}"
+        )
+    edge = math.cbrt(count / density)
+    if not 0.0 < edge**3 < math.inf:
+        raise InputError(f"density: {density:g} gives the box an edge of {edge:g}, whose volume no number can hold")
+    corners = np.stack(np.meshgrid(*[np.arange(cells)] * 3, indexing="ij"), axis=-1).reshape(-1, 1, 3)
+    positions = ((corners + sites) * (edge / cells)).reshape(-1, 3)
+    return positions, (edge, edge, edge)
+
+
+def maxwell_boltzmann(masses: ArrayLike, temperature: float, boltzmann: float, seed: int) -> Floats:
+    """Velocities (n, 3) drawn from the Maxwell-Boltzmann distribution, then made exact.
+
+    The total momentum is taken out and the velocities are scaled so that 2 K = (3 N - 3) k_B T holds to rounding, N
+    being the number of particles that have a mass. Massless ones stand still. The draws are NumPy's PCG64 with
+    ``seed``; they are the same on every machine, but NumPy does not promise normal deviates across its versions.
+
+    Parameters
+    ----------
+    masses : (n,) in units that make m v^2 an energy (``System.coherent_masses``)
+    temperature : zero or more
+    boltzmann : ``UnitSystem.boltzmann``
+    seed : a whole number, zero or more
+    """
+    m = numbers("masses", masses)
+    if m.ndim != 1 or not np.all(np.isfinite(m) & (m >= 0)):
+        raise InputError("masses: expected a list of finite numbers, zero or more")
+    if not (math.isfinite(number(temperature)) and temperature >= 0):
+        raise InputError(f"temperature: expected a finite number, zero or more, got {shown(temperature)}")
+    rng = generator(seed)
+    moving = m > 0
+    velocities = np.zeros((len(m), 3))
+    if temperature == 0:
+        return velocities
+    if np.count_nonzero(moving) < 2:
+        raise InputError("temperature: needs two particles with mass or more, once the total momentum is taken out")
+    draws = rng.standard_normal((len(m), 3))[moving]
+    weight = m[moving, None] / m.max()  # relative masses keep kilograms of single atoms clear of underflow
+    drawn = draws / np.sqrt(weight)
+    drawn -= (weight * drawn).sum(axis=0) / weight.sum()
+    wanted = 3 * (len(drawn) - 1) * (boltzmann * temperature / m.max())
+    velocities[moving] = drawn * np.sqrt(wanted / (weight * drawn**2).sum())
+    return velocities
+
+
+class Structure(NamedTuple):
+    """Particles to start from: masses are one number or each their own; edges and velocities where they are known,
+    and the seed where they were drawn; ``barycentric`` ones are to be moved there."""
+
+    positions: Floats
+    masses: Any
+    species: Sequence[str]
+    edges: Sequence[float] | None
+    periodic: bool
+    velocities: Floats | None = None
+    names: Sequence[str] = ()
+    radii: Sequence[float] | None = None
+    seed: int | None = None
+    barycentric: bool = False
+
+
+def read_structure(path: Path, units: UnitSystem) -> Structure:
+    """The last structure in any file that ASE reads: positions, cell, masses, symbols as species, momenta if any.
+
+    ASE's units are angstrom, u and eV, so ``units`` must be metal. The cell must be orthorhombic, along x, y, z.
+    """
+    if units.name != "metal":
+        raise InputError(f'structure files are in angstrom and u; expected units = "metal", got "{units.name}"')
+    if why := unfit(path):
+        raise InputError(f"{why}: {path}")
+    try:
+        from ase.io import read
+    except ImportError:
+        raise InputError("reading structure files needs ASE: pip install kickdrift[ase]") from None
+    if path.suffix.lower() in (".xyz", ".extxyz"):
+        _check_xyz(path)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # what ASE says of keys that are not read here
+            atoms = read(path.absolute())  # a name such as postgres… would be taken for a database
+    except Exception as error:  # each of ASE's readers raises its own
+        raise InputError(f"ASE cannot read {path}: {shown(str(error) or type(error).__name__)}") from None
+    if len(atoms) == 0:
+        raise InputError(f"{path} holds no atoms")
+    cell = np.asarray(atoms.cell.array)
+    edges = None
+    if np.any(cell):
+        edges = [float(edge) for edge in np.diag(cell)]
+        if np.any(np.abs(cell - np.diag(edges)) > 1e-9 * np.abs(cell).max()) or min(edges) <= 0:
+            raise InputError(f"the cell of {path} is not orthorhombic along x, y, z: {shown(cell.tolist())}")
+    if atoms.pbc.any() and not (atoms.pbc.all() and edges is not None):
+        raise InputError(f"{path} is periodic in some directions only; expected all three or none")
+    masses = atoms.get_masses()
+    velocities = None
+    if atoms.has("momenta"):  # u angstrom per ASE's own time unit, in which a mass of 1 u is coherent
+        velocities = atoms.get_momenta() / masses[:, None] / math.sqrt(units.coherent_mass)
+    return Structure(atoms.positions, masses, atoms.get_chemical_symbols(), edges, bool(atoms.pbc.all()), velocities)
+
+
+def _check_xyz(path: Path) -> None:
+    """Refuse an xyz file that claims more atoms or columns than its bytes can hold; ASE would collect them without
+    end."""
+    size, frame = path.stat().st_size, 0
+    with path.open("rb") as file:
+        while (head := file.readline().strip()).isdigit():
+            claimed = int(head[:20])
+            if 2 * claimed > size:
+                raise InputError(f"{path}: frame {frame} claims {shown(claimed)} atoms, and the file has {size} bytes")
+            for columns in re.findall(rb":[A-Za-z]:(\d+)", file.readline()):
+                if int(columns[:20]) > size:
+                    raise InputError(f"{path}: frame {frame} claims {shown(int(columns[:20]))} columns of one property")
+            for _ in range(claimed):
+                file.readline()
+            frame += 1
+
+
+def generator(seed: int) -> np.random.Generator:
+    """NumPy's PCG64 with that seed; an InputError where the seed is no whole number, zero or more."""
+    if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
+        raise InputError(f"seed: expected a whole number, zero or more, got {shown(seed)}")
+    return np.random.Generator(np.random.PCG64(int(seed)))
+
+
+def mixture(fractions: Mapping[str, float], count: int, seed: int) -> list[str]:
+    """``count`` names in the given fractions, as near as whole particles allow, in an order drawn with the seed."""
+    share = {name: part * count for name, part in fractions.items()}
+    whole = {name: int(part + 1e-9) for name, part in share.items()}
+    most_cut = sorted(share, key=lambda name: whole[name] - share[name])
+    for name in most_cut[: count - sum(whole.values())]:
+        whole[name] += 1
+    names = [name for name, number in whole.items() for _ in range(number)]
+    order = generator(seed).permutation(count) if len(fractions) > 1 else range(count)
+    return [names[k] for k in order]
+
+
+def any_nearer(positions: Floats, edges: Any, limit: float) -> bool:
+    """Whether two of ``positions`` (n, 3), in a box with ``edges`` or none, are nearer than ``limit``; True also
+    where some nearly are, or where a place is crowded.
+
+    Two that are share a cell in one of eight grids of cells twice as wide as the limit or wider, shifted by half a cell
+    along each axis or not. (A tree of SciPy's, which would do, takes a quarter of a second to import.)
+    """
+    cells = None if edges is None else np.maximum(1, np.floor(np.array(edges) / (2 * limit)))
+    width = 2 * limit if cells is None else np.array(edges) / cells
+    for shift in itertools.product((0.0, 0.5), repeat=3):
+        place = np.floor(positions / width + shift)
+        if cells is not None:
+            place %= cells
+        cell = (place % CELLS).astype(np.int64) @ np.array([CELLS**2, CELLS, 1])
+        order = np.argsort(cell)
+        cell = cell[order]
+        for apart in range(1, len(order)):
+            alike = np.flatnonzero(cell[apart:] == cell[:-apart])
+            if not alike.size:
+                break
+            if apart > CROWD:
+                return True
+            between = positions[order[alike]] - positions[order[alike + apart]]
+            if edges is not None:
+                between -= edges * np.rint(between / edges)
+            if (np.einsum("ij,ij->i", between, between) < (1.000001 * limit) ** 2).any():
+                return True
+    return False
+
+
+def check_overlaps(system: System) -> None:
+    """Raise an InputError that names the closest pair and its distance, where two particles overlap.
+
+    Overlapping means: nearer than ``OVERLAP`` times the smallest length that any force names in its ``shortest()``;
+    where none does, at the very same place. Distances are between nearest images. Without forces nothing overlaps, and
+    with those alone that say ``may_overlap``; massless particles, which do not act on each other, may be at one place.
+    """
+    if all(getattr(force, "may_overlap", False) for force in system.forces) or len(system) < 2:
+        return
+    lengths = [length for force in system.forces if (length := getattr(force, "shortest", lambda: None)())]
+    wrapped = np.asarray(system.state.wrapped())
+    massless = system.state.masses == 0
+    order = np.lexsort((massless, *wrapped.T))  # of those at one place the massive ones come first
+    same = np.flatnonzero(np.all(wrapped[order[1:]] == wrapped[order[:-1]], axis=1) & ~massless[order[:-1]])
+    if same.size:
+        first, second = sorted((int(order[same[0]]), int(order[same[0] + 1])))
+        which = f"{system.body(first)} and {system.body(second)}" if system.names else f"particles {first} and {second}"
+        raise InputError(f"positions: {which} are at the same place, distance 0")
+    if not lengths:
+        return
+    limit = OVERLAP * min(lengths)
+    if not any_nearer(wrapped, system.box.lengths, limit):
+        return
+    from scipy.spatial import cKDTree
+
+    tree = cKDTree(wrapped, boxsize=system.box.lengths)
+    distances, neighbours = tree.query(wrapped, k=2, distance_upper_bound=limit)
+    closest = int(np.argmin(distances[:, 1]))
+    if not distances[closest, 1] < limit:
+        return
+    other = neighbours[closest][neighbours[closest] != closest][0]
+    first, second = sorted((closest, int(other)))
+    unit = "" if system.units.reduced else f" {system.units.length}"
+    raise InputError(
+        f"positions: particles {first} and {second} overlap: distance {distances[closest, 1]:.6g}{unit}, "
+        f"less than {OVERLAP} of the shortest sigma, {min(lengths):.6g}{unit}"
+    )

@@ -1,0 +1,64 @@
+"""What the particles are doing at one instant."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kickdrift.model.box import Box
+
+Floats = NDArray[np.float64]
+
+
+def read_only(array: NDArray) -> NDArray:
+    array.flags.writeable = False
+    return array
+
+
+@dataclass(frozen=True)
+class State:
+    """Positions and velocities of n particles at one time.
+
+    Attributes
+    ----------
+    phase : (2, 3, n) float64
+        Positions ``phase[0]`` and velocities ``phase[1]``, one row per axis; positions are never wrapped.
+    masses : (n,) float64
+        In the mass unit of the system's units.
+    ids : (n,) int64
+        A particle's name, kept through every reordering; unique.
+    box : Box
+    time : float
+    steps_done : int
+        Steps begun since the start: where a run that chooses its steps is looked at inside one, that one counts.
+    """
+
+    phase: Floats
+    masses: Floats
+    ids: NDArray[np.int64]
+    box: Box = field(default_factory=Box)
+    time: float = 0.0
+    steps_done: int = 0
+
+    def __len__(self) -> int:
+        return self.phase.shape[2]
+
+    @property
+    def positions(self) -> Floats:
+        """(n, 3), unwrapped; a read-only copy."""
+        return read_only(np.ascontiguousarray(self.phase[0].T).copy())
+
+    @property
+    def velocities(self) -> Floats:
+        """(n, 3); a read-only copy."""
+        return read_only(np.ascontiguousarray(self.phase[1].T).copy())
+
+    def wrapped(self) -> Floats:
+        """(n, 3) positions inside the box; a read-only copy."""
+        return read_only(self.box.wrap(self.positions))
+
+    def copy(self) -> State:
+        """A State that shares no memory with this one."""
+        return State(self.phase.copy(), self.masses.copy(), self.ids.copy(), self.box, self.time, self.steps_done)

@@ -1,0 +1,61 @@
+"""The figure of work against precision."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from kickdrift.errors import InputError
+from kickdrift.plots.runs import COLOURS, INK, _pretty, checked_target, new_axes, new_figure, save_figure
+
+if TYPE_CHECKING:
+    from kickdrift.analysis.work_precision import Comparison
+
+MARKERS = ("o", "s", "^", "D", "v", "P", "X")
+
+
+def plot_comparison(comparison: Comparison, output: str | os.PathLike[str], *, overwrite: bool = False) -> Path:
+    """Draw the error of each method against force evaluations and against seconds; returns the figure's path.
+
+    Methods go through the colours first and then through the markers. Below the grey line the reference itself is not
+    known.
+    """
+    target = checked_target(output, overwrite)
+    drawn = {
+        name: rows
+        for name in comparison.methods
+        if (rows := [row for row in comparison.of(name) if row.error and row.seconds > 0])
+    }
+    if not drawn:
+        raise InputError("plot_comparison: every run failed; there is nothing to draw")
+    figure = new_figure(11.2, 5.6)
+    left = None
+    for place, (key, label) in enumerate((("evaluations", "force evaluations"), ("seconds", "seconds")), start=1):
+        axes = new_axes(figure, (1, 2, place), sharey=left)
+        left = left or axes
+        for index, (name, rows) in enumerate(drawn.items()):
+            colour = COLOURS[index % len(COLOURS)]
+            marker = MARKERS[(index + index // len(COLOURS)) % len(MARKERS)]
+            style = "-" if index < len(COLOURS) else "--"
+            axes.plot(
+                [getattr(row, key) for row in rows], [row.error or 0.0 for row in rows], color=colour, marker=marker,
+                linestyle=style, markersize=4, linewidth=1.4, label=name,
+            )  # fmt: skip
+        axes.axhspan(axes.get_ylim()[0], comparison.reference_error, color="#BBBBBB", alpha=0.35, linewidth=0)
+        axes.set_xscale("log")
+        axes.set_yscale("log")
+        axes.set_xlabel(label)
+        axes.set_title("Work in force evaluations" if key == "evaluations" else "Work in time")
+    assert left is not None
+    errors = [row.error for rows in drawn.values() for row in rows if row.error]
+    left.set_ylim(0.3 * min(errors), 3.0 * min(max(errors), 1.0))
+    left.set_ylabel(
+        "relative energy error (RMS)" if comparison.measure == "energy" else "largest relative error of the positions"
+    )
+    figure.legend(*left.get_legend_handles_labels(), loc="outside lower center", ncols=6, fontsize=8, frameon=False)
+    unit = f" {_pretty(comparison.time_unit)}" if comparison.time_unit else ""
+    figure.suptitle(
+        f"{comparison.system}  ·  {comparison.length:.4g}{unit}  ·  {comparison.reference}", fontsize=12, color=INK
+    )
+    return save_figure(figure, target)

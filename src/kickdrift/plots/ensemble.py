@@ -1,0 +1,332 @@
+"""Figures of an ensemble: a map over two keys, a curve over one, points over drawn ones, or a histogram."""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from kickdrift.cli.printing import counted
+from kickdrift.cli.printing_ensemble import with_error
+from kickdrift.ensemble import summary
+from kickdrift.ensemble.ensemble import Ensemble
+from kickdrift.ensemble.rows import DONE
+from kickdrift.ensemble.table import PROVENANCE
+from kickdrift.errors import InputError
+from kickdrift.model.units import UNIT_SYSTEMS
+from kickdrift.plots.runs import COLOURS, INK, _pretty, checked_target, new_axes, new_figure, save_figure
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from pandas import DataFrame
+
+# MEGNO tends to 2 where motion is regular (Cincotta & Simo 2000, doi:10.1051/aas:2000108); colours end at the second.
+REGULAR, CHAOTIC = 2.0, 4.0
+WIDE = 100.0  # a logarithm shows positive values whose largest is that many times the smallest
+FEW = 8  # values along an axis of a map that are all named
+NONE = "#BDBDBD"  # where there is no value to draw
+
+# Dimensions of columns, and of the keys of a system file by their last part.
+COLUMNS = {
+    "dt": "time", "time": "time", "temperature": "temperature", "pressure": "pressure", "lyapunov": "rate",
+    "energy_drift": "rate",
+}  # fmt: skip
+KEYS = {
+    "dt": "time", "time": "time", "temperature": "temperature", "mass": "mass", "a": "length", "q": "length",
+    "radius": "length", "P": "time", "T": "time", "inc": "angle", "Omega": "angle", "omega": "angle", "f": "angle",
+    "M": "angle", "E": "angle",
+}  # fmt: skip
+NAMES = {"megno": "MEGNO", "lyapunov": "largest Lyapunov exponent"}
+
+
+def plot_ensemble(
+    path: str | os.PathLike[str],
+    output: str | os.PathLike[str],
+    column: str | None = None,
+    *,
+    overwrite: bool = False,
+) -> Path:
+    """Draw a column of an ensemble's table against what varied; returns the figure's path.
+
+    A map for two keys on grids; for one a curve of the mean over the members at each value, with its standard error;
+    points for one or two keys that were drawn; else a histogram. The column is the one that tells most unless named.
+    Members that failed, or that have no number there, are counted in the title, and marked where they would be.
+    """
+    target = checked_target(output, overwrite, path)
+    table = Ensemble.read(path)
+    grids, drawn = summary.grids(table), summary.drawn(table)
+    if len(grids) > 2:
+        raise InputError(
+            f"{path}: {len(grids)} keys vary on grids, {', '.join(grids)}, and a figure shows two: "
+            f"fix the others with one value each, as in --vary {grids[-1]}=VALUE"
+        )
+    try:
+        name = summary.chosen(table, column)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+    shape = (7.4, 5.6) if len(grids) == 2 or (not grids and len(drawn) == 2) else (7.4, 4.8)
+    figure = new_figure(*shape)
+    axes = new_axes(figure, (1, 1, 1))
+    if len(grids) == 2:
+        _draw_map(figure, axes, table, name)
+    elif grids:
+        _draw_curve(axes, table, name)
+    elif len(drawn) == 1:
+        _draw_points(axes, table, name)
+    elif len(drawn) == 2:
+        _draw_coloured_points(figure, axes, table, name)
+    else:
+        _draw_histogram(axes, table, name)
+    if axes.get_legend_handles_labels()[1]:
+        figure.legend(loc="outside lower center", ncols=3, fontsize=8, frameon=False)
+    figure.suptitle(_title(table, name), fontsize=12, color=INK)
+    return save_figure(figure, target)
+
+
+class _Scale(NamedTuple):
+    """An axis along the values of a grid: where they are, the edges between, and their names if they are no numbers."""
+
+    places: Any
+    edges: Any
+    order: Any  # of the grid's values along the axis
+    log: bool
+    names: list[str]
+
+
+def _scale(values: Sequence[Any]) -> _Scale:
+    """Numbers where they are, evenly in the logarithm if that is nearer to how they are spaced; others one by one."""
+    numbers = all(isinstance(value, int | float) and not isinstance(value, bool) for value in values)
+    if not numbers or len(set(values)) < len(values):
+        places = np.arange(len(values), dtype=float)
+        names = [f"{value:g}" if isinstance(value, float) else str(value) for value in values]
+        return _Scale(places, np.append(places - 0.5, len(values) - 0.5), np.arange(len(values)), False, names)
+    order = np.argsort(np.array(values, dtype=float))
+    places = np.array(values, dtype=float)[order]
+    log = bool(len(places) > 2 and places[0] > 0 and _unevenness(np.log(places)) < 0.5 * _unevenness(places))
+    even = np.log(places) if log else places
+    middle = (even[1:] + even[:-1]) / 2
+    edges = np.concatenate([[2 * even[0] - middle[0]], middle, [2 * even[-1] - middle[-1]]])
+    return _Scale(places, np.exp(edges) if log else edges, order, log, [])
+
+
+def _unevenness(places: Any) -> float:
+    """The standard deviation of the gaps over their mean; what rounding makes of even ones is nothing."""
+    gaps = np.diff(places)
+    found = float(gaps.std() / gaps.mean())
+    return found if found > 1e-6 else 0.0
+
+
+def _set_axis(axes: Axes, which: str, scale: _Scale, table: DataFrame, key: str) -> None:
+    """Label one axis, x or y."""
+    axis = axes.xaxis if which == "x" else axes.yaxis
+    axes.set(**{f"{which}label": key if scale.names else _key_label(table, key)})
+    if scale.names:
+        axis.set_ticks(scale.places, scale.names)
+        axes.set(**{f"{which}lim": (scale.edges[0], scale.edges[-1])})
+        if which == "x" and sum(map(len, scale.names)) > 60:
+            axes.tick_params("x", rotation=30)
+            for text in axes.get_xticklabels():
+                text.set_horizontalalignment("right")
+    elif scale.log:
+        axes.set(**{f"{which}scale": "log"})
+
+
+def _draw_map(figure: Figure, axes: Axes, table: DataFrame, name: str) -> None:
+    from matplotlib.ticker import NullLocator
+
+    keys = summary.grids(table)
+    grids = [table.attrs[PROVENANCE]["grids"][key] for key in keys]
+    x, y = map(_scale, grids)
+    points = summary.by_point(table, name)
+    values = np.full((len(grids[0]), len(grids[1])), np.nan)
+    values.flat[points.index.to_numpy()] = points["mean"]  # a key of one value does not change a point's number
+    values = values[np.ix_(x.order, y.order)].T
+    axes.grid(False)
+    if not np.isfinite(values).all():
+        axes.fill_between(
+            [x.edges[0], x.edges[-1]], y.edges[0], y.edges[-1],
+            facecolor=NONE, hatch="////", edgecolor="white", linewidth=0.0, label="no value",
+        )  # fmt: skip
+    mesh = axes.pcolormesh(x.edges, y.edges, np.ma.masked_invalid(values), rasterized=True, **_colours(name, values))
+    _colour_bar(figure, axes, mesh, values, _column_label(table, name))
+    for which, scale, key in (("x", x, keys[0]), ("y", y, keys[1])):
+        _set_axis(axes, which, scale, table, key)
+        axes.set(**{f"{which}lim": (scale.edges[0], scale.edges[-1])})
+        if len(scale.places) <= FEW and not scale.names:
+            axis = axes.xaxis if which == "x" else axes.yaxis
+            axis.set_ticks(scale.places, [f"{place:.4g}" for place in scale.places])
+            axis.set_minor_locator(NullLocator())
+
+
+def _draw_curve(axes: Axes, table: DataFrame, name: str) -> None:
+    (key,) = summary.grids(table)
+    scale = _scale(table.attrs[PROVENANCE]["grids"][key])
+    points = summary.by_point(table, name)
+    points = points.reindex(scale.order)
+    known = np.isfinite(points["mean"].to_numpy(dtype=float))
+    mean, error = points["mean"].to_numpy(dtype=float), points["error"].to_numpy(dtype=float)
+    sets = int(np.nanmax(points["members"])) > 1
+    if sets:
+        done = table[table["status"] == DONE]
+        place = np.argsort(scale.order)[done["member"] % len(scale.order)]
+        axes.plot(
+            scale.places[place], done[name], "o", color=COLOURS[4], markersize=3, alpha=0.5, markeredgewidth=0,
+            label="members", rasterized=True,
+        )  # fmt: skip
+    axes.errorbar(
+        scale.places[known], mean[known], yerr=np.nan_to_num(error[known]) if sets else None,
+        fmt="o" if scale.names else "o-", color=COLOURS[0], linewidth=1.3, markersize=4.5, capsize=3, elinewidth=1.1,
+        label="mean ± standard error" if sets else None,
+    )  # fmt: skip
+    _set_axis(axes, "x", scale, table, key)
+    _set_values(axes, table, name)
+    _mark_missing(axes, scale.places[~known])
+
+
+def _draw_points(axes: Axes, table: DataFrame, name: str) -> None:
+    (key,) = summary.drawn(table)
+    x, values = table[key].to_numpy(dtype=float), _values(table, name)
+    known = np.isfinite(values)
+    axes.plot(x[known], values[known], "o", color=COLOURS[0], markersize=4, alpha=0.6, markeredgewidth=0)
+    _set_drawn(axes, "x", table, key)
+    _set_values(axes, table, name)
+    _mark_missing(axes, x[~known])
+
+
+def _draw_coloured_points(figure: Figure, axes: Axes, table: DataFrame, name: str) -> None:
+    keys = summary.drawn(table)
+    (x, y), values = (table[key].to_numpy(dtype=float) for key in keys), _values(table, name)
+    known = np.isfinite(values)
+    dots = axes.scatter(
+        x[known], y[known], c=values[known], s=24, edgecolors="#888888", linewidths=0.4, **_colours(name, values)
+    )
+    if not known.all():
+        axes.plot(x[~known], y[~known], "x", color="#888888", markersize=5, label="no value")
+    _colour_bar(figure, axes, dots, values, _column_label(table, name))
+    for which, key in zip("xy", keys, strict=True):
+        _set_drawn(axes, which, table, key)
+
+
+def _draw_histogram(axes: Axes, table: DataFrame, name: str) -> None:
+    from matplotlib.ticker import MaxNLocator
+
+    values = _values(table, name)
+    values = values[np.isfinite(values)]
+    found = summary.moments(table[table["status"] == DONE][name])
+    log = _wide(values)
+    shown = np.log10(values) if log else values
+    count = math.ceil(2.0 * len(values) ** (1 / 3))  # Rice's rule
+    flat = float(np.ptp(shown)) <= 1e-12 * float(np.abs(shown).max())
+    reach = float(np.abs(shown).max()) * 0.05 or 1.0
+    edges = np.linspace(shown.min() - reach * flat, shown.max() + reach * flat, 2 if flat else count + 1)
+    axes.hist(values, bins=list(10.0**edges if log else edges), color=COLOURS[4], edgecolor="white", linewidth=0.8)
+    text = f"mean {with_error(found['mean'], found['error'])}"
+    if found["error"] > 0:
+        text += " (standard error)"
+        ends = found["mean"] - found["error"], found["mean"] + found["error"]
+        axes.axvspan(*ends, color=COLOURS[1], alpha=0.25, linewidth=0)
+    axes.axvline(found["mean"], color=COLOURS[1], linewidth=1.6, label=text)
+    if log:
+        axes.set_xscale("log")
+    axes.set_xlabel(_column_label(table, name))
+    axes.set_ylabel("members")
+    axes.yaxis.set_major_locator(MaxNLocator(integer=True))
+    axes.grid(False, axis="x")
+
+
+# -- what they share
+
+
+def _values(table: DataFrame, name: str) -> Any:
+    """A column's numbers; NaN for members that are not done."""
+    return np.where(table["status"] == DONE, table[name].to_numpy(dtype=float), np.nan)
+
+
+def _wide(values: Any) -> bool:
+    """Whether values are drawn on a logarithmic scale."""
+    known = values[np.isfinite(values)]
+    return bool(len(known) and known.min() > 0 and known.max() > WIDE * known.min())
+
+
+def _colours(name: str, values: Any) -> dict[str, Any]:
+    """A colour map and its scale. That of MEGNO has regular motion in its middle, and is the same in all figures."""
+    from matplotlib.colors import LogNorm
+
+    if name == "megno":
+        return {"cmap": "RdYlBu_r", "vmin": 2.0 * REGULAR - CHAOTIC, "vmax": CHAOTIC}
+    return {"cmap": "viridis", "norm": LogNorm() if _wide(values) else None}
+
+
+def _colour_bar(figure: Figure, axes: Axes, drawn: Any, values: Any, label: str) -> None:
+    """The bar, with a tip where values lie beyond its end."""
+    low, high = drawn.get_clim()
+    below, above = np.nanmin(values) < low, np.nanmax(values) > high
+    extend = {(False, False): "neither", (True, False): "min", (False, True): "max"}.get((below, above), "both")
+    bar = figure.colorbar(drawn, ax=axes, extend=extend, pad=0.02)
+    bar.set_label(label)
+    bar.outline.set_visible(False)
+    bar.ax.tick_params(colors=INK, labelsize=9)
+
+
+def _set_values(axes: Axes, table: DataFrame, name: str) -> None:
+    """The y axis of a column."""
+    if name == "megno":
+        axes.axhline(REGULAR, color=INK, linewidth=0.9, linestyle=(0, (4, 3)), label="regular motion: 2")
+    if _wide(_values(table, name)):
+        axes.set_yscale("log")
+    axes.set_ylabel(_column_label(table, name))
+
+
+def _set_drawn(axes: Axes, which: str, table: DataFrame, key: str) -> None:
+    """The axis of a key that was drawn."""
+    log = table.attrs[PROVENANCE]["draws"][key][0] == "log-uniform"
+    axes.set(**{f"{which}label": _key_label(table, key), f"{which}scale": "log" if log else "linear"})
+
+
+def _mark_missing(axes: Axes, places: Any) -> None:
+    """Crosses along the x axis where there is no value."""
+    if len(places):
+        axes.plot(
+            places, np.full(len(places), 0.025), "x", color="#888888", markersize=5, label="no value",
+            transform=axes.get_xaxis_transform(),
+        )  # fmt: skip
+
+
+def _title(table: DataFrame, name: str) -> str:
+    """The system, how many members there are, and how many of them have nothing to draw."""
+    came_from = table.attrs[PROVENANCE]
+    counts = {str(status): int(count) for status, count in table["status"].value_counts().items() if status != DONE}
+    done = table["status"] == DONE
+    if blank := int((done & ~np.isfinite(table[name].to_numpy(dtype=float))).sum()):
+        counts["with no number"] = blank
+    return "  ·  ".join(
+        [
+            str(came_from["system"]),
+            ", ".join([counted(len(table), "member"), *(f"{count:,} {what}" for what, count in counts.items())]),
+        ]
+    )
+
+
+def _column_label(table: DataFrame, name: str) -> str:
+    return _labelled(table, NAMES.get(name, name.replace("_", " ")), COLUMNS.get(name))
+
+
+def _key_label(table: DataFrame, key: str) -> str:
+    """A key, with its unit if it is one of a system file's or of [run]."""
+    last = key.rpartition(".")[2]
+    return _labelled(table, key, KEYS.get(last) if "." in key or last in ("dt", "time") else None)
+
+
+def _labelled(table: DataFrame, name: str, dimension: str | None) -> str:
+    """A name with the unit of its dimension, where the system's units have names."""
+    units = UNIT_SYSTEMS.get(table.attrs[PROVENANCE].get("units", ""))
+    if dimension is None or units is None or (units.name == "nbody" and dimension != "angle"):
+        return name
+    unit = re.sub(r"[a-z_]+(?:/k_B)?", lambda word: _pretty(word[0]), units.unit(dimension))
+    return f"{name} ({unit.replace('^2', '²').replace('^3', '³')})"

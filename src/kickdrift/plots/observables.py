@@ -1,0 +1,182 @@
+"""Figures of a run's observables, one to a figure, with their standard errors below."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from itertools import combinations_with_replacement
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from kickdrift.analysis.motion import mean_squared_displacement, velocity_autocorrelation
+from kickdrift.analysis.structure import radial_distribution, structure_factor
+from kickdrift.errors import InputError
+from kickdrift.model.state import Floats
+from kickdrift.plots.runs import COLOURS, GRID, INK, _pretty, _title, checked_target, new_axes, new_figure, save_figure
+from kickdrift.trajectory import reader
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+WORK = 2e8  # n^2 times frames that g(r) and S(k) are averaged over: a few seconds
+FEWEST_FRAMES = 10  # of them, where a run has these
+FAINT = 0.02  # of a velocity's own square: correlations under that cannot be told from zero in the picture
+MOST_SPECIES = 3  # that get a line each, or one for each pair; of more, all particles are taken together
+
+
+class Curve(NamedTuple):
+    """Values with standard errors, infinite where none is known."""
+
+    label: str
+    x: Floats
+    y: Floats
+    error: Floats
+
+
+def plot_observable(
+    path: str | os.PathLike[str], kind: str, output: str | os.PathLike[str], *, overwrite: bool = False
+) -> Path:
+    """Draw "rdf", "msd", "vacf" or "structure-factor" of a run; returns the figure's path.
+
+    Each species, or each pair of them, has a line of its own where there are few. Bands and bars are standard errors
+    by block averages, shown by themselves below; where the run is too short to tell one there is none. g(r) and S(k)
+    are averages over no more frames than take a few seconds, spread evenly, the first one left out.
+    """
+    target = checked_target(output, overwrite, path)
+    measure, draw = KINDS[kind]
+    with reader.open(path) as run:
+        if not len(run):
+            raise InputError(f"{run.path}: holds no frame to draw")
+        curves = measure(run)
+        title = _title(run)
+        figure = new_figure(7.2, 6.0)
+        axes = new_axes(figure, (4, 1, (1, 3)))
+        draw(axes, curves, run)
+    _draw_errors(figure, axes, curves)
+    if len(curves) > 1:
+        axes.legend(loc="best", fontsize=9, frameon=True, framealpha=0.9, edgecolor=GRID)
+    figure.suptitle(title, fontsize=11, color=INK)
+    return save_figure(figure, target)
+
+
+# -- what is drawn
+
+
+def _rdf(run: reader.Run) -> list[Curve]:
+    kinds = run.species if 1 < len(run.species) <= MOST_SPECIES else ()
+    pairs: list[tuple[str, str] | None] = [*combinations_with_replacement(kinds, 2)] or [None]
+    counts = np.bincount(run.species_index)
+    curves = []
+    for pair in pairs:
+        if pair and pair[0] == pair[1] and counts[run.species.index(pair[0])] < 2:
+            continue
+        found = radial_distribution(run[_spread(run)], pair=pair)
+        curves.append(Curve("–".join(pair or ()), found.r, found.g, found.error))
+    return curves
+
+
+def _structure_factor(run: reader.Run) -> list[Curve]:
+    found = structure_factor(run[_spread(run)])
+    return [Curve("", found.k, found.s, found.error)]
+
+
+def _displacements(run: reader.Run) -> list[Curve]:
+    found = ((name, mean_squared_displacement(run, of=name)) for name in _each_species(run))
+    return [Curve(name or "", m.times[1:], m.values[1:], m.error[1:]) for name, m in found]
+
+
+def _velocities(run: reader.Run) -> list[Curve]:
+    found = ((name, velocity_autocorrelation(run, of=name)) for name in _each_species(run))
+    curves = [Curve(name or "", c.times, c.normalised, c.error / abs(c.values[0])) for name, c in found]
+    # Twice as far as there is something to see.
+    shown = min(2 * max(int(np.flatnonzero(abs(curve.y) > FAINT)[-1]) for curve in curves) + 2, len(curves[0].x))
+    return [Curve(c.label, c.x[:shown], c.y[:shown], c.error[:shown]) for c in curves]
+
+
+def _each_species(run: reader.Run) -> list[str | None]:
+    return list(run.species) if 1 < len(run.species) <= MOST_SPECIES else [None]
+
+
+def _spread(run: reader.Run) -> slice:
+    """Frames over the whole run, but for its start, which often is a lattice."""
+    count = max(FEWEST_FRAMES, int(WORK / len(run.ids) ** 2))
+    step = -(-len(run) // count)
+    return slice(min(max(1, step - 1), len(run) - 1), None, step)
+
+
+# -- how
+
+
+def _draw_rdf(axes: Axes, curves: list[Curve], run: reader.Run) -> None:
+    axes.axhline(1.0, color=GRID, linewidth=1.2)
+    _lines(axes, curves)
+    _name(axes, "Radial distribution function", f"r ({_pretty(run.units.length)})", "g(r)")
+    axes.set_xlim(0.0, None)
+    axes.set_ylim(bottom=0.0)
+
+
+def _draw_structure_factor(axes: Axes, curves: list[Curve], run: reader.Run) -> None:
+    axes.axhline(1.0, color=GRID, linewidth=1.2)
+    for curve, colour in zip(curves, COLOURS, strict=False):
+        axes.plot(curve.x, curve.y, color=colour, linewidth=0.8, alpha=0.5)
+        bars = np.where(np.isfinite(curve.error), curve.error, 0.0)
+        axes.errorbar(curve.x, curve.y, bars, fmt="o", markersize=3.5, color=colour, elinewidth=1.0, capsize=2.0)
+    _name(axes, "Static structure factor", f"k (1/{_pretty(run.units.length)})", "S(k)")
+    axes.set_xlim(0.0, None)
+    axes.set_ylim(bottom=0.0)
+
+
+def _draw_displacements(axes: Axes, curves: list[Curve], run: reader.Run) -> None:
+    _lines(axes, curves)
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    length = _pretty(run.units.length)
+    _name(axes, "Mean squared displacement", f"time ({_pretty(run.units.time)})", f"⟨|r(t) − r(0)|²⟩ ({length}²)")
+
+
+def _draw_velocities(axes: Axes, curves: list[Curve], run: reader.Run) -> None:
+    axes.axhline(0.0, color=GRID, linewidth=1.2)
+    _lines(axes, curves)
+    _name(axes, "Velocity autocorrelation", f"time ({_pretty(run.units.time)})", "⟨v(t) · v(0)⟩ / ⟨v²⟩")
+    axes.set_xlim(0.0, None)
+
+
+def _lines(axes: Axes, curves: list[Curve]) -> None:
+    """Lines, each with a band of one standard error to both sides as far as it is known."""
+    for curve, colour in zip(curves, COLOURS, strict=False):
+        known = np.isfinite(curve.error)
+        band = np.where(known, curve.error, 0.0)
+        axes.fill_between(curve.x, curve.y - band, curve.y + band, where=known.tolist(), color=colour, alpha=0.3, lw=0)
+        axes.plot(curve.x, curve.y, color=colour, linewidth=1.2, label=curve.label)
+
+
+def _draw_errors(figure: Figure, above: Axes, curves: list[Curve]) -> None:
+    """The errors alone, which are thinner than a line where a run is long."""
+    axes = new_axes(figure, (4, 1, 4))
+    axes.set_xscale(above.get_xscale())
+    axes.set_yscale("log")
+    for curve, colour in zip(curves, COLOURS, strict=False):
+        drawn = np.isfinite(curve.error) & (curve.error > 0)
+        axes.plot(curve.x[drawn], curve.error[drawn], ".", color=colour, markersize=3.0)
+    axes.set_xlim(above.get_xlim())
+    axes.set_xlabel(above.get_xlabel())
+    axes.set_ylabel("standard error")
+    above.set_xlabel("")
+
+
+def _name(axes: Axes, title: str, x: str, y: str) -> None:
+    axes.set_title(f"{title} (± one standard error)", fontsize=11)
+    axes.set_xlabel(x)
+    axes.set_ylabel(y)
+
+
+Measure = Callable[[reader.Run], list[Curve]]
+KINDS: dict[str, tuple[Measure, Callable[..., None]]] = {
+    "rdf": (_rdf, _draw_rdf),
+    "msd": (_displacements, _draw_displacements),
+    "vacf": (_velocities, _draw_velocities),
+    "structure-factor": (_structure_factor, _draw_structure_factor),
+}

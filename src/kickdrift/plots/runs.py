@@ -1,0 +1,256 @@
+"""Figures of a run and of a benchmark, drawn without pyplot, so that nothing outside the figure changes."""
+
+from __future__ import annotations
+
+import math
+import os
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from functools import partial
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from kickdrift.analysis.structure import radial_distribution
+from kickdrift.disk import outputs
+from kickdrift.disk.kinds import FIGURE
+from kickdrift.errors import InputError
+from kickdrift.jit import folders
+from kickdrift.model.state import Floats
+from kickdrift.model.units import UnitSystem
+from kickdrift.trajectory import reader
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+RDF_FRAMES = 20  # at most, spread evenly over the run
+RDF_NEIGHBOURS = 400  # g(r) reaches as far as that many neighbours, or to half the box
+RDF_PARTICLES = 20_000  # fewer frames where that many particles over all of them (about a second) would be passed
+WINDOWS = 50  # parts of a benchmark's run that the RMS error is drawn over
+MAX_POINTS = 4000  # of a line, about twice the dots across a panel; more only makes the file large
+
+# Okabe & Ito's colours for colour-blind readers, without the yellow that a white page swallows.
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#555555")
+INK, GRID = "#333333", "#E4E4E4"
+
+
+def plot_run(path: str | os.PathLike[str], output: str | os.PathLike[str], *, overwrite: bool = False) -> Path:
+    """Draw a run's energies, energy error, temperature and radial distribution function; returns the figure's path.
+
+    The error is (E(t) - E(0)) / |E(0)|, or over the kinetic energy at the start where |E(0)| is under a tenth of it.
+    """
+    target = checked_target(output, overwrite, path)
+    with reader.open(path) as run:
+        if not len(run.sample_times):
+            raise InputError(f"{run.path}: holds no sample to draw")
+        energies = run.energies
+        temperature = run.observables.get("temperature")
+        rdf = _rdf(run) if run.box.periodic and len(run.ids) > 1 and len(run) else None
+        units, title = run.units, _title(run)
+    figure = new_figure(10.0, 7.0 if temperature is not None or rdf is not None else 3.8)
+    panels = [partial(_draw_energies, energies), partial(_draw_error, energies)]
+    panels += [partial(_draw_temperature, energies.time, temperature)] if temperature is not None else []
+    panels += [partial(_draw_rdf, *rdf)] if rdf is not None else []
+    rows = math.ceil(len(panels) / 2)
+    for index, draw in enumerate(panels):
+        last_alone = index == len(panels) - 1 and len(panels) % 2
+        draw(new_axes(figure, (rows, 1, rows) if last_alone else (rows, 2, index + 1)), units)
+    figure.suptitle(title, fontsize=12, color=INK)
+    return save_figure(figure, target)
+
+
+def plot_benchmark(
+    rows: Sequence[Mapping[str, Any]], output: str | os.PathLike[str], *, overwrite: bool = False, time_unit: str = "τ"
+) -> Path:
+    """Draw the relative energy error of each method against time, a panel for each table; returns the figure's path.
+
+    Faint: every sample; strong: the root mean square over each fiftieth of the run.
+
+    A row has ``method``, ``dt``, ``table``, ``times`` (k,), ``relative_error`` (k,) and, optionally, ``verdict``.
+    What is not finite, as after a blow-up, is left out.
+    """
+    target = checked_target(output, overwrite)
+    if not rows:
+        raise InputError("plot_benchmark: there is nothing to draw")
+    tables = list(dict.fromkeys(str(row["table"]) for row in rows))
+    methods = list(dict.fromkeys(str(row["method"]) for row in rows))
+    figure = new_figure(5.6 * len(tables), 5.2)
+    first: Axes | None = None
+    for index, table in enumerate(tables):
+        axes = new_axes(figure, (1, len(tables), index + 1), sharey=first)
+        first = first or axes
+        for row in rows:
+            if str(row["table"]) == table:
+                _draw_method(axes, row, COLOURS[methods.index(str(row["method"])) % len(COLOURS)])
+        axes.set_yscale("log")
+        axes.set_title(table[:1].upper() + table[1:])
+        axes.set_xlabel(f"time ({time_unit})")
+        axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=2, fontsize=8, frameon=False)
+    if first is not None:
+        first.set_ylabel("relative energy error |ΔE / E$_0$|")
+    return save_figure(figure, target)
+
+
+# -- panels of a run
+
+
+def _draw_energies(energies: reader.EnergySeries, axes: Axes, units: UnitSystem) -> None:
+    names = ("kinetic", "potential", "total")
+    for name, values, colour in zip(names, energies[1:], (COLOURS[1], COLOURS[0], INK), strict=True):
+        axes.plot(*_thin(energies.time, values), label=name, color=colour, linewidth=1.2)
+    axes.set_title("Energy")
+    axes.set_ylabel(with_unit("energy", units.energy))
+    _time_axis(axes, units)
+    axes.legend(loc="best", fontsize=8, frameon=True, framealpha=0.9, edgecolor=GRID)
+
+
+def _draw_error(energies: reader.EnergySeries, axes: Axes, units: UnitSystem) -> None:
+    total, kinetic = energies.total, energies.kinetic
+    by_total = abs(total[0]) >= 0.1 * kinetic[0]
+    scale = abs(total[0]) if by_total else kinetic[0]
+    error = (total - total[0]) / scale if scale > 0 else total - total[0]
+    power = math.floor(math.log10(np.max(np.abs(error)))) if np.any(error) else 0
+    axes.axhline(0.0, color=GRID, linewidth=1.2)
+    axes.plot(*_thin(energies.time, error / 10.0**power), color=COLOURS[0], linewidth=0.9)
+    rms = float(np.sqrt(np.mean(error**2)))
+    axes.set_title(f"Relative energy error (RMS {rms:.2g})")
+    ratio = "(E − E$_0$) / |E$_0$|" if by_total else "(E − E$_0$) / K$_0$"
+    axes.set_ylabel(f"{ratio}   [$10^{{{power}}}$]" if power else ratio)
+    _time_axis(axes, units)
+
+
+def _draw_temperature(times: Floats, temperature: Floats, axes: Axes, units: UnitSystem) -> None:
+    axes.plot(*_thin(times, temperature), color=COLOURS[1], linewidth=0.9)
+    mean = float(np.mean(temperature))
+    axes.axhline(mean, color=INK, linewidth=0.9, linestyle=(0, (4, 3)))
+    axes.set_title(f"Temperature (mean {mean:.4g} {_pretty(units.temperature)})")
+    axes.set_ylabel(f"temperature ({_pretty(units.temperature)})")
+    _time_axis(axes, units)
+
+
+def _draw_rdf(r: Floats, g: Floats, frames: int, axes: Axes, units: UnitSystem) -> None:
+    axes.axhline(1.0, color=GRID, linewidth=1.2)
+    axes.plot(r, g, color=COLOURS[2], linewidth=1.3)
+    axes.set_title(f"Radial distribution function ({frames} frame{'s' if frames > 1 else ''})")
+    axes.set_xlabel(f"r ({_pretty(units.length)})")
+    axes.set_ylabel("g(r)")
+    axes.set_xlim(0.0, r[-1])
+    axes.set_ylim(bottom=0.0)
+
+
+def _draw_method(axes: Axes, row: Mapping[str, Any], colour: str) -> None:
+    times, errors = np.asarray(row["times"], dtype=float), np.abs(np.asarray(row["relative_error"], dtype=float))
+    drawn = np.isfinite(errors) & (errors > 0)  # zero, as at the start, has no place on a logarithmic axis
+    label = f"{row['method']}, dt = {row['dt']:g}"
+    if row.get("verdict"):
+        label += f": {row['verdict']}"
+    axes.plot(*_thin(times[drawn], errors[drawn]), color=colour, linewidth=0.6, alpha=0.25)
+    parts = [part for part in np.array_split(np.flatnonzero(drawn), WINDOWS) if len(part)]
+    strong = [(times[part].mean(), math.sqrt(np.mean(errors[part] ** 2))) for part in parts]
+    axes.plot(*np.array(strong).reshape(-1, 2).T, color=colour, linewidth=1.8, zorder=3, label=label)
+
+
+def _rdf(run: reader.Run) -> tuple[Floats, Floats, int]:
+    assert run.box.lengths is not None
+    n = len(run.ids)
+    count = max(1, min(RDF_FRAMES, len(run), RDF_PARTICLES // n))
+    # The frames nearest the end of each of `count` equal parts: the start, often a lattice, is not among them.
+    chosen = np.unique(np.linspace(0, len(run) - 1, count + 1).round().astype(int)[1:])
+    positions = np.array([run[int(index)].positions for index in chosen])
+    reach = (RDF_NEIGHBOURS * 3 / (4 * math.pi) * run.box.volume / n) ** (1 / 3)
+    found = radial_distribution(positions, run.box, r_max=min(reach, min(run.box.lengths) / 2))
+    return found.r, found.g, len(chosen)
+
+
+# -- what all figures share
+
+
+def _title(run: reader.Run, what: str = "particles") -> str:
+    parts = [str(run.system_record.get("name") or run.path.stem), f"{len(run.ids):,} {what}"]
+    if run.method.get("integrator"):
+        parts.append(str(run.method["integrator"]))
+    if isinstance(run.method.get("dt"), (int, float)):
+        parts.append(f"dt = {run.method['dt']:g} {_pretty(run.units.time)}")
+    return "  ·  ".join(parts)
+
+
+def _pretty(unit: str) -> str:
+    """The name of a unit as print has it."""
+    greek = {"sigma": "σ", "tau": "τ", "epsilon": "ε", "epsilon/k_B": "ε/k$_B$", "angstrom": "Å"}
+    return greek.get(unit, unit)
+
+
+def with_unit(name: str, unit: str) -> str:
+    """A label with its unit, where that has a name of its own: not so in N-body units."""
+    return name if unit in ("length", "time", "mass", "energy") else f"{name} ({_pretty(unit)})"
+
+
+def _time_axis(axes: Axes, units: UnitSystem) -> None:
+    axes.set_xlabel(with_unit("time", units.time))
+
+
+def _thin(x: Floats, y: Floats) -> tuple[Floats, Floats]:
+    """A line with no more than MAX_POINTS points that keeps the smallest and largest y of every stretch."""
+    if len(x) <= MAX_POINTS:
+        return x, y
+    starts = np.linspace(0, len(x), MAX_POINTS // 2 + 1).astype(int)
+    kept = [
+        start + index
+        for start, stop in pairwise(starts)
+        for index in sorted({int(np.argmin(y[start:stop])), int(np.argmax(y[start:stop]))})
+    ]
+    return x[kept], y[kept]
+
+
+def checked_target(output: str | os.PathLike[str], overwrite: bool, *inputs: str | os.PathLike[str]) -> Path:
+    """The path of a figure to be written, which is none of the ``inputs``."""
+    return outputs.checked_target(output, FIGURE, overwrite, inputs)
+
+
+@contextmanager
+def _own_matplotlib_folder() -> Iterator[None]:
+    """Let matplotlib, if it is loaded here first, keep its font list in kickdrift's cache, not in the user's home."""
+    own = folders.folder()
+    if "matplotlib" in sys.modules or "MPLCONFIGDIR" in os.environ or own is None:
+        yield
+        return
+    place = own / "matplotlib"
+    place.mkdir(exist_ok=True)
+    os.environ["MPLCONFIGDIR"] = str(place)
+    try:
+        yield
+    finally:
+        del os.environ["MPLCONFIGDIR"]  # matplotlib has looked by now, and child processes should not inherit it
+
+
+def new_figure(width: float, height: float) -> Figure:
+    with _own_matplotlib_folder():
+        import matplotlib.font_manager  # noqa: F401 (reads or builds its list on import)
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+    figure = Figure(figsize=(width, height), dpi=120, facecolor="white", layout="constrained")
+    figure.get_layout_engine().set(w_pad=0.12, h_pad=0.12)  # type: ignore[union-attr, call-arg]
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def new_axes(figure: Figure, place: tuple[int, int, int | tuple[int, int]], sharey: Axes | None = None) -> Axes:
+    axes = figure.add_subplot(*place, sharey=sharey)
+    axes.set_facecolor("white")
+    axes.grid(True, color=GRID, linewidth=0.6)
+    axes.set_axisbelow(True)
+    axes.tick_params(colors=INK, labelsize=9)
+    for side in ("top", "right"):
+        axes.spines[side].set_visible(False)
+    return axes
+
+
+def save_figure(figure: Figure, target: Path) -> Path:
+    """Write a figure, whole or not at all, and return its path."""
+    with outputs.written_whole(target, FIGURE, overwrite=True) as part:
+        figure.savefig(part)
+    return target

@@ -1,0 +1,115 @@
+"""The figure of how large a step may be: regions in the complex plane, and splittings on the oscillator."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from kickdrift.errors import InputError
+from kickdrift.integrators import integrator, stability
+from kickdrift.integrators.method import Method
+from kickdrift.integrators.splitting import Splitting
+from kickdrift.plots.runs import COLOURS, GRID, INK, checked_target, new_axes, new_figure, save_figure
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+POINTS = 600  # of the grid along each axis of the complex plane, and a quarter of those along a curve
+STYLES = ("-", "--", ":", "-.")  # of the lines, each once the colours have all been used
+UNBOUNDED = 8.0  # how far to draw where no method drawn has a bound
+TRACE = 1.8  # how far to draw half a trace
+
+
+def plot_stability(names: Sequence[str], output: str | os.PathLike[str], *, overwrite: bool = False) -> Path:
+    """Draw where the methods of those names are stable; returns the figure's path.
+
+    Of one-step methods the regions |R(z)| <= 1, z = lambda dt, of y' = lambda y; of splittings half the trace of the
+    propagation matrix of an oscillator against omega dt. Computed from the coefficients: see ``analysis.stability``.
+    """
+    methods = list(dict.fromkeys(integrator(name) for name in names))
+    if not methods:
+        raise InputError("plot_stability: there is nothing to draw")
+    curves = [method for method in methods if isinstance(method, Splitting)]
+    regions = [method for method in methods if not isinstance(method, Splitting)]
+    functions = [stability.stability_function(method) for method in regions]
+    target = checked_target(output, overwrite)
+    panels = bool(regions) + bool(curves)
+    figure = new_figure(6.2 * panels, 5.4 + 0.2 * max(len(regions), len(curves)))
+    if regions:
+        _draw_regions(new_axes(figure, (1, panels, 1)), regions, functions)
+    if curves:
+        _draw_half_traces(new_axes(figure, (1, panels, panels)), curves)
+    for axes in figure.axes:
+        axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.13), fontsize=8, frameon=False)
+    return save_figure(figure, target)
+
+
+def number(bound: float) -> str:
+    """A bound as print has it."""
+    return f"{bound:.4f}" if math.isfinite(bound) else "∞"
+
+
+def _style(index: int) -> tuple[str, str]:
+    return COLOURS[index % len(COLOURS)], STYLES[index // len(COLOURS) % len(STYLES)]
+
+
+def _draw_regions(axes: Axes, regions: Sequence[Method], functions: Sequence[stability.StabilityFunction]) -> None:
+    left, right, top = _extent(functions)
+    real, imaginary = np.linspace(left, right, POINTS), np.linspace(-top, top, POINTS)
+    z = real + 1j * imaginary[:, None]
+    axes.axhline(0.0, color=INK, linewidth=0.7)
+    axes.axvline(0.0, color=INK, linewidth=0.7)
+    for index, (method, r) in enumerate(zip(regions, functions, strict=True)):
+        colour, style = _style(index)
+        # The logarithm changes evenly across the edge, |R| does not; NaN at a pole would leave a hole.
+        size = np.log(np.clip(np.abs(r(z)), 1e-30, 1e30))
+        axes.contourf(real, imaginary, size, levels=[-100.0, 0.0], colors=[colour], alpha=0.08)
+        axes.contour(real, imaginary, size, levels=[0.0], colors=[colour], linestyles=[style], linewidths=1.5)
+        along = number(stability.real_interval(r)), number(stability.imaginary_interval(r))
+        label = f"{method.name}: real {along[0]}, imaginary {along[1]}"
+        axes.plot([], [], color=colour, linestyle=style, linewidth=1.5, label=label)
+    axes.set_aspect("equal")
+    axes.set_title("Regions of stability: |R(z)| ≤ 1")
+    axes.set_xlabel("Re λ dt")
+    axes.set_ylabel("Im λ dt")
+
+
+def _extent(functions: Sequence[stability.StabilityFunction]) -> tuple[float, float, float]:
+    """The rectangle about what is bounded of the regions: left, right, and up as far as down."""
+    reach = [x for x in map(stability.real_interval, functions) if math.isfinite(x)]
+    width = 2.0 * max(reach, default=UNBOUNDED / 2)
+    line = np.linspace(-width, width, POINTS // 2)
+    z = line + 1j * line[:, None]
+    inside = [np.abs(r(z)) <= 1.0 for r in functions if math.isfinite(stability.real_interval(r))]
+    found = z[np.any(inside, axis=0)] if inside else z
+    margin = 0.08 * width
+    return (
+        float(found.real.min()) - margin,
+        max(float(found.real.max()), 0.0) + 2.0 * margin,
+        float(found.imag.max()) + margin,
+    )
+
+
+def _draw_half_traces(axes: Axes, curves: Sequence[Splitting]) -> None:
+    intervals = [stability.stability_interval(method) for method in curves]
+    step = np.linspace(0.0, 1.2 * max(intervals), 4 * POINTS)
+    for bound in (-1.0, 1.0):
+        axes.axhline(bound, color=INK, linewidth=0.9, linestyle=(0, (4, 3)))
+    for index, (method, interval) in enumerate(zip(curves, intervals, strict=True)):
+        colour, style = _style(index)
+        half = stability.half_trace(method)(step**2)
+        drawn = np.where(np.abs(half) <= 2.0 * TRACE, half, np.nan)
+        label = f"{method.name}: ω dt ≤ {number(interval)}"
+        axes.plot(step, drawn, color=colour, linestyle=style, linewidth=1.5, label=label)
+        axes.axvline(interval, color=colour, linewidth=0.8, linestyle=":")
+    axes.plot(step, np.cos(step), color=GRID, linewidth=3.5, zorder=0.5, label="exact: cos ω dt")
+    axes.set_xlim(0.0, float(step[-1]))
+    axes.set_ylim(-TRACE, TRACE)
+    axes.set_title("Oscillator: |trace| ≤ 2")
+    axes.set_xlabel("ω dt")
+    axes.set_ylabel("trace of the propagation matrix / 2")

@@ -1,0 +1,220 @@
+"""What a run says of itself: how well it conserved what it should, and what it cost."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from kickdrift.engines import NATIVE
+from kickdrift.looks.observers import NOTHING
+from kickdrift.looks.record import Series, even_stretch
+from kickdrift.model.checks import unwarned
+from kickdrift.model.state import Floats
+from kickdrift.model.system import System
+from kickdrift.statistics.drift import EnergyError, drift, energy_error, rounding_of
+
+if TYPE_CHECKING:
+    from kickdrift.batch.batch import Member
+    from kickdrift.model.problem import Problem
+    from kickdrift.run.simulation import Simulation
+
+
+@dataclass(frozen=True)
+class EnergyReport:
+    """How the total energy behaved; the definitions and their sources are in ``analysis.drift``.
+
+    Attributes
+    ----------
+    initial, final : total energy, in the system's unit
+    rms_relative_error, max_relative_error : of E(t) - E(0), over the samples, divided by what ``relative_to`` names
+    relative_to : "initial energy" |E(0)|, or "kinetic energy" where |E(0)| is under a tenth of it, or "absolute"
+    drift_per_unit_time : slope of the relative error per unit of time, by regression that knows of autocorrelation
+    drift_error : half-width of the slope's 95 % interval
+    verdict : "bounded", "secular drift", "random walk", "round-off" or "not resolvable"; "not conserved" where a force,
+        which is named, takes or gives energy
+
+    Slope, interval and verdict take some milliseconds, and are worked out when one of them is first read.
+    """
+
+    initial: float
+    final: float
+    rms_relative_error: float
+    max_relative_error: float
+    relative_to: str
+    drift_per_unit_time: float
+    drift_error: float
+    verdict: str
+
+    @classmethod
+    def later(cls, error: EnergyError, final: float, judged: Callable[[], tuple[float, float, str]]) -> EnergyReport:
+        """The report of an error whose slope, interval and verdict ``judged`` gives when they are asked for."""
+        found = cls.__new__(cls)
+        vars(found).update(asdict(error), final=final, _judged=judged)
+        return found
+
+    def __getattr__(self, name: str) -> Any:
+        """What is not there yet."""
+        judged = vars(self).get("_judged")
+        if judged is None or name not in _JUDGED:
+            raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+        vars(self).update(zip(_JUDGED, judged(), strict=True))
+        del vars(self)["_judged"]
+        return vars(self)[name]
+
+    def __getstate__(self) -> dict[str, Any]:
+        """All that another process is to know."""
+        return asdict(self)
+
+
+_JUDGED = ("drift_per_unit_time", "drift_error", "verdict")
+
+
+@dataclass(frozen=True)
+class Report:
+    """A run's summary; ``as_json()`` is what ``--json`` writes. What a Problem has not is None.
+
+    ``momentum_error`` is the largest |P(t) - P(0)| over the samples divided by the sum of m |v| at the start, None in
+    an external field; ``angular_momentum_error`` likewise with m |x × v|, None in a periodic box, where it is not
+    conserved. ``temperature`` and ``pressure`` are means over the samples, in the system's units, None where they mean
+    nothing. ``options`` are those that were chosen beside dt and tolerances. ``ns_per_pair`` is the wall time per force
+    evaluation and pair within range. ``events`` are what `Simulation.events` has, and close approaches that have not
+    ended; ``energy_taken`` is what collisions and bodies that left took out, None where nothing did, and no part of the
+    energy's error; ``stopped`` the event that ended the run, "" where none did.
+    """
+
+    system: str
+    engine: str
+    engine_version: str | None
+    integrator: str
+    particles: int | None
+    units: str | None
+    dt: float | None
+    rtol: float | None
+    atol: float | None
+    options: dict[str, Any]
+    steps: int
+    rejected_steps: int
+    time: float
+    seed: int | None
+    threads: int
+    processes: int
+    samples: int
+    force_evaluations: int | None
+    jacobian_evaluations: int
+    wall_seconds: float
+    compile_seconds: float
+    steps_per_second: float
+    ns_per_pair: float | None
+    energy: EnergyReport | None
+    momentum_error: float | None
+    angular_momentum_error: float | None
+    temperature: float | None
+    pressure: float | None
+    y: list[float] | None
+    events: list[dict[str, Any]]
+    energy_taken: float | None
+    stopped: str
+    warnings: list[str]
+
+    def as_json(self) -> dict[str, Any]:
+        """Plain numbers, texts and Nones; what is infinite or not a number is None."""
+        return plain(asdict(self))
+
+
+def plain(value: Any) -> Any:
+    """The same with None for what JSON has no number for."""
+    if isinstance(value, dict):
+        return {key: plain(inner) for key, inner in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [plain(inner) for inner in value]
+    if isinstance(value, float) and not np.isfinite(value):
+        return None
+    return value
+
+
+@unwarned
+def report(sim: Simulation | Member) -> Report:
+    """The summary of the run so far of a Simulation, or of one system in a Batch."""
+    record, system = sim.record, sim.system
+    series = record.series()
+    of_particles = isinstance(system, System)
+    counted = sim.engine == NATIVE or sim.method.evaluations > 0  # else another program chose how many
+    work = record.force_evaluations * (series.pairs or 0.0)
+    options = sim.options.extras(sim.method.tunable)
+    rtol, atol = options.pop("rtol", None), options.pop("atol", None)
+    return Report(
+        system=system.name,
+        engine=sim.engine,
+        engine_version=sim.engine_version,
+        integrator=sim.integrator,
+        particles=len(system) if of_particles else None,
+        units=system.units.name if isinstance(system, System) else None,
+        dt=None if sim.method.adaptive else sim.dt,
+        rtol=rtol,
+        atol=atol,
+        options=options,
+        steps=record.steps,
+        rejected_steps=record.rejected_steps,
+        time=float(series.times[-1] - series.times[0]) if sim.method.chooses_steps else record.steps * (sim.dt or 0.0),
+        seed=system.seed if isinstance(system, System) else None,
+        threads=sim.threads,
+        processes=sim.processes,
+        samples=len(series.steps),
+        force_evaluations=record.force_evaluations if counted else None,
+        jacobian_evaluations=record.jacobian_evaluations,
+        wall_seconds=record.wall_seconds,
+        compile_seconds=record.compile_seconds,
+        steps_per_second=record.steps / record.wall_seconds if record.wall_seconds else 0.0,
+        ns_per_pair=1e9 * record.wall_seconds / work if work else None,
+        energy=_energy(series, not sim.method.chooses_steps, system),
+        momentum_error=None
+        if isinstance(system, System) and system.acting("external")
+        else _largest_change(series.momentum, record.momentum_scale),
+        angular_momentum_error=None
+        if isinstance(system, System) and (system.box.periodic or system.acting("external"))
+        else _largest_change(series.angular_momentum, record.angular_momentum_scale),
+        temperature=_finite(series.temperature) if of_particles else None,
+        pressure=_finite(series.pressure) if of_particles else None,
+        y=None if of_particles else sim.state.y.tolist(),
+        events=[*sim.events, *sim.going_on()],
+        energy_taken=None if record.taken is NOTHING else record.taken.energy,
+        stopped=sim.stopped,
+        warnings=list(record.warnings),
+    )
+
+
+def _energy(series: Series, even: bool, system: System | Problem) -> EnergyReport | None:
+    total, kinetic = series.total, series.kinetic
+    if np.isnan(total[0]):
+        return None  # a Problem that names no energy
+    error = energy_error(total, 0.0 if np.isnan(kinetic) else kinetic)
+    scale = {"initial energy": abs(error.initial), "kinetic energy": kinetic}.get(error.relative_to, 1.0)
+    working = system.acting("works") if isinstance(system, System) else []
+
+    @unwarned
+    def judged() -> tuple[float, float, str]:
+        chosen = even_stretch(series.steps) if even else slice(None)
+        times, errors = series.times[chosen], (total[chosen] - error.initial) / scale
+        if not even and len(times) > 2:  # an adaptive run's samples stand at its step points, about evenly
+            grid = np.linspace(times[0], times[-1], len(times))
+            times, errors = grid, np.interp(grid, times, errors)
+        largest = max(abs(error.initial), 0.0 if np.isnan(kinetic) else kinetic)
+        trend = drift(times, errors, rounding_of(largest, int(series.steps[-1] - series.steps[0])) / scale)
+        return trend.slope, trend.error, f"not conserved: {', '.join(working)}" if working else trend.verdict
+
+    return EnergyReport.later(error, series.final, judged)
+
+
+def _largest_change(values: Floats | None, scale: float) -> float | None:
+    """The largest change of a vector (k, 3) since the first one, over the scale, where there is one."""
+    if values is None:
+        return None
+    largest = float(np.linalg.norm(values - values[0], axis=1).max())
+    return largest / scale if scale else largest
+
+
+def _finite(mean: float) -> float | None:
+    return mean if np.isfinite(mean) else None

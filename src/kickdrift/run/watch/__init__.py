@@ -1,0 +1,1 @@
+"""What a run watches for: collisions, close approaches, escapes and crossings."""

@@ -1,0 +1,248 @@
+"""Does an invariant drift?  Size of the energy error, and the slope of a correlated series with an honest interval."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from kickdrift.errors import InputError
+from kickdrift.statistics.regression import least_squares, regression
+from kickdrift.statistics.spectral_lines import folded, spectral_lines
+from kickdrift.statistics.trend import Trend, goes_one_way, is_bent, mixed_trend, walk_trend
+
+Array = NDArray[np.float64]
+Verdict = Literal["bounded", "secular drift", "random walk", "round-off", "not resolvable"]
+
+MIN_SAMPLES = 40  # with 36, one white-noise series in twenty already passes for a random walk
+MAX_SAMPLES = 1024  # longer series are averaged in bins: only the slow end of the spectrum bears on the slope
+CONFIDENCE = 0.95  # of the interval
+SIGNIFICANCE = 0.01  # of the verdict "secular drift", stricter so that one verdict in a hundred is wrong, not in twenty
+RESIDUE = 1e-9  # of the waves: what they leave below that is the rounding of many steps, whatever way it walks
+ROUNDINGS = 100.0  # under so many the verdict is "round-off"
+WALKED = (
+    0.1  # times the root of the steps: three standard deviations of a walk by some 3 roundings a step, over ROUNDINGS
+)
+LEAST_SQUARES = 1.05  # standard error of the slope of a walk, over that by its increments
+EPSILON = float(np.finfo(np.float64).eps)
+UNKNOWN = float("nan")
+# 1 % points of the Dickey-Fuller t as a + b / n, with constant and trend and with a constant only; MacKinnon (2010),
+# Queen's Economics Department Working Paper 1227, table 2.
+UNIT_ROOT_TREND = (-3.95877, -9.0531)
+UNIT_ROOT_CONSTANT = (-3.43035, -6.5393)
+
+
+@dataclass(frozen=True)
+class EnergyError:
+    """How far the total energy left its first value; energies in the units given, errors dimensionless.
+
+    ``initial`` and ``final`` are the first and last total energy.  ``rms_relative_error`` and ``max_relative_error``
+    are the root mean square and the largest modulus, over all samples, of (E(t) - E(0)) / D.  ``relative_to`` names D:
+    "initial energy", |E(0)|; "initial kinetic energy" K(0) is called "kinetic energy" and taken where |E(0)| < K(0)/10,
+    because a total that cancels makes a ratio of no meaning; "absolute", D = 1, where both are zero (the errors then
+    have the units of energy).
+    """
+
+    initial: float
+    final: float
+    rms_relative_error: float
+    max_relative_error: float
+    relative_to: Literal["initial energy", "kinetic energy", "absolute"]
+
+
+@dataclass(frozen=True)
+class Drift:
+    """Linear trend of a series, its 95 % interval and what kind of motion the series shows.
+
+    ``slope`` (value per unit time) lies within ``slope`` ± ``error``. The error is never larger than the range of the
+    series over its duration; it is infinite for a single sample.
+    ``p_value`` is the two-sided probability of a slope this large when there is none.
+    ``correlation_time`` (unit of time) is the integrated autocorrelation time, 1/2 + the sum of the autocorrelations,
+    of what trend and spectral lines leave. ``effective_samples`` is the length over twice that (more than the samples
+    for noise that undoes itself). They are infinite and 1 where a unit root is not rejected, and nan where no
+    autoregression was fitted. ``lines`` counts the sine waves found.
+    """
+
+    slope: float
+    error: float
+    verdict: Verdict
+    p_value: float
+    correlation_time: float
+    effective_samples: float
+    lines: int
+
+
+def energy_error(total: ArrayLike, kinetic: ArrayLike) -> EnergyError:
+    """Errors of the energies ``total`` (n,) relative to the first; ``kinetic`` (n,) or a number gives K(0).
+
+    Raises InputError for an empty series, a wrong shape or a value that is not finite.
+    """
+    energy = _finite("total", total)
+    initial, initial_kinetic = float(energy[0]), float(_finite("kinetic", np.atleast_1d(kinetic))[0])
+    scale, relative_to = abs(initial), "initial energy"
+    if scale < 0.1 * abs(initial_kinetic):
+        scale, relative_to = abs(initial_kinetic), "kinetic energy"
+    elif scale == 0.0:
+        scale, relative_to = 1.0, "absolute"
+    error = np.abs(energy - initial) / scale
+    largest = float(error.max())
+    # Squares of errors near 1e-170 would underflow; the ratio to the largest does not.
+    rms = largest * float(np.sqrt(np.mean((error / largest) ** 2))) if largest > 0.0 else 0.0
+    return EnergyError(initial, float(energy[-1]), rms, largest, relative_to)  # type: ignore[arg-type]
+
+
+def rounding_of(energy: float, steps: int) -> float:
+    """Size of one rounding of an energy, or of a hundredth of the walk that many steps make of their roundings."""
+    return EPSILON * abs(energy) * max(1.0, WALKED * float(np.sqrt(steps)))
+
+
+def drift(times: ArrayLike, values: ArrayLike, rounding: float | None = None) -> Drift:
+    """Slope of ``values`` (n,) over the evenly spaced ``times`` (n,), with an interval that knows about correlation.
+
+    ``rounding`` is the size of one rounding of the values (``rounding_of``), by default that of the largest value.
+
+    1. "round-off" where the whole range is at most 100 roundings. "not resolvable" under 40 samples.
+    2. "secular drift" where the series goes one way: the means of 16 blocks go up alone or down alone, but for 5 %, and
+       the way is most of the range. If the way is bent, no wave is fitted: a bend is no wave. The slope is then that of
+       least squares. Its interval comes from how much the slow increments differ (``walk_trend``), so that a bend
+       widens the interval. Of a straight way, slope and interval are those of 3 to 6.
+    3. Spectral lines, found by Fisher's test on the prewhitened periodogram, join the regression: a periodic error is
+       a wave of its own, not noise that averages out. With a wave slower than 3 cycles, slope and interval are those
+       of 2: "secular drift" if p < 0.01, else "not resolvable".
+    4. An autoregression with constant and trend, its order by BIC, gives the Dickey-Fuller t of a unit root.
+    5. Unit root rejected at 1 %: generalised least squares, whitened by the autoregression, whose O(1/n) bias is taken
+       out. The interval is Student's, with the degrees of freedom that the uncertain noise level at zero frequency
+       leaves (Satterthwaite). The verdict is "bounded" unless 7 finds a drift.
+    6. Not rejected: the same for the mean of the increments. The verdict is "random walk" unless 7 finds a drift: over
+       this length the series cannot be told from one whose spread grows as sqrt(t). A stationary series shorter than
+       some 25 times twice its correlation time also ends here. Increments that wander themselves end as in 3.
+    7. "secular drift" if p < 0.01 here and in a second test, where a walk below the noise may make the slope
+       (``mixed_trend``): cut-off forces add such a walk to the energy of a liquid, and no test for a unit root sees a
+       small one. If the second test fails, its interval is given, and "random walk" if the walk is the likelier.
+    8. No "secular drift" below 100 roundings, or below the amplitude of a harmonic that sampling may have folded to
+       the frequency zero (``folded``): "bounded".
+
+    A series that is trend and lines to within rounding gets the rounding as its ``error``. One whose trend and residue
+    over its whole length stay under 1e-9 of its lines is "bounded", with slope and error as found. Over 1024 samples
+    are averaged in equal bins; the first few that fill none are dropped.
+
+    Raises InputError for unequal lengths, values that are not finite and times that are not evenly spaced.
+
+    Sources: Fisher 1929 (10.1098/rspa.1929.0151); Said & Dickey 1984 (10.1093/biomet/71.3.599); bias of the
+    autoregression, -(1 + 3r)/n with a constant, Kendall 1954 (10.1093/biomet/41.3-4.403), -(2 + 4r)/n with a trend, van
+    Giersbergen 2005 (Economics Letters 89, 75); one trend inference for both kinds of noise, Perron & Yabu 2009
+    (10.1016/j.jeconom.2009.03.011).
+    """
+    series, clock = _finite("values", values), _finite("times", times)
+    n = len(series)
+    if len(clock) != n:
+        raise InputError(f"drift: {len(clock)} times but {n} values")
+    step = float(clock[-1] - clock[0]) / max(n - 1, 1)
+    if n > 1 and (step == 0.0 or np.abs(clock - clock[0] - step * np.arange(n)).max() > 0.05 * abs(step)):
+        raise InputError("drift: times must be evenly spaced and not all equal; resample the series first")
+    if n == 1:
+        return Drift(0.0, float("inf"), "not resolvable", 1.0, UNKNOWN, UNKNOWN, 0)
+    if np.ptp(series) == 0.0:
+        return Drift(0.0, 0.0, "bounded", 1.0, UNKNOWN, UNKNOWN, 0)
+
+    mean = series.mean()
+    scale = float(np.abs(series - mean).max())
+    own = EPSILON * float(np.abs(series).max())
+    width = -(-n // MAX_SAMPLES)
+    count = n // width
+    y = ((series - mean) / scale)[n - width * count :].reshape(count, width).mean(axis=1)
+    found = _judged(y, own / scale, (own if rounding is None else rounding) / scale)
+    step *= width
+    widest = float(np.ptp(series)) / abs(clock[-1] - clock[0])
+    return replace(
+        found,
+        slope=found.slope * scale / step,
+        error=min(found.error * scale / abs(step), widest),
+        correlation_time=found.correlation_time * abs(step),
+    )
+
+
+def _judged(y: Array, own_rounding: float, rounding: float) -> Drift:
+    """The drift of ``y``, whose largest modulus is 1, per sample; ``own_rounding`` is that of the numbers as given."""
+    count = len(y)
+    trend = np.column_stack((np.ones(count), np.arange(count) - 0.5 * (count - 1)))
+    straight = float(trend[:, 1] @ y / (trend[:, 1] @ trend[:, 1]))
+    tiny = float(np.ptp(y)) <= ROUNDINGS * rounding
+    if count < MIN_SAMPLES:
+        return _unfitted(straight, Trend(0.0, float("inf"), 1.0), "round-off" if tiny else "not resolvable", count)
+    by_walk = walk_trend(y)
+    if tiny:
+        return _unfitted(straight, by_walk, "round-off", count)
+    waves, slow = np.empty((count, 0)), False
+    floor = 4.0 * own_rounding
+    one_way = goes_one_way(y)
+    bent = one_way and is_bent(y)
+    if not bent:
+        blurred = max(floor, 2.0 * EPSILON * count)  # a wave is only as exact as its phase
+        waves, slow = spectral_lines(y, trend, blurred)
+        floor = blurred if waves.size else floor
+    lines = waves.shape[1] // 2
+    design = np.column_stack((trend, waves))
+    coefficients, rest, _ = least_squares(design, y)
+    line = float(coefficients[1])
+    if np.abs(rest).max() <= floor:
+        drifts = abs(line) * count > max(2.0 * floor, ROUNDINGS * rounding)
+        return Drift(
+            line, 2.0 * floor / count, "secular drift" if drifts else "bounded", 1.0 - drifts, UNKNOWN, UNKNOWN, lines
+        )
+    if bent or slow:
+        drifts = one_way or by_walk.p_value < SIGNIFICANCE
+        return _unfitted(straight, by_walk, "secular drift" if drifts else "not resolvable", count, lines)
+
+    from scipy.special import stdtr, stdtrit  # Student's t and its inverse; scipy.stats takes a second to import
+
+    fit = regression(y, design, 2, rest)
+    verdict: Verdict = "bounded"
+    time, effective = 0.5 * fit.inefficiency, count / fit.inefficiency
+    flat = y - waves @ coefficients[2:]
+    if fit.unit_root_t > UNIT_ROOT_TREND[0] + UNIT_ROOT_TREND[1] / count:
+        time, effective, verdict = float("inf"), 1.0, "random walk"
+        fit = regression(np.diff(flat), np.ones((count - 1, 1)), 1)
+        if fit.unit_root_t >= UNIT_ROOT_CONSTANT[0] + UNIT_ROOT_CONSTANT[1] / count:
+            drifts = one_way or by_walk.p_value < SIGNIFICANCE
+            found = _unfitted(straight, by_walk, "secular drift" if drifts else "not resolvable", count, lines)
+            return replace(found, correlation_time=time, effective_samples=effective)
+    slope, p_value = fit.value, float(2.0 * stdtr(fit.freedom, -abs(fit.value) / fit.deviation))
+    half_width = fit.deviation * float(stdtrit(fit.freedom, 0.5 + 0.5 * CONFIDENCE))
+    if one_way:
+        verdict = "secular drift"
+    elif p_value < SIGNIFICANCE:
+        mixed = mixed_trend(flat)
+        unseen = folded(waves, coefficients[2:])
+        if mixed.p_value >= SIGNIFICANCE:
+            p_value, half_width = mixed.p_value, max(half_width, mixed.half_width / count)
+            verdict = "random walk" if mixed.walk > 0.5 else verdict
+        elif abs(slope) * count < unseen:
+            p_value, half_width = 1.0, max(half_width, unseen / count)
+        elif abs(slope) * count > ROUNDINGS * rounding:
+            verdict = "secular drift"
+    left = max(float(np.abs(rest).max()), abs(line) * count)
+    if lines and left <= max(RESIDUE, ROUNDINGS * rounding):
+        verdict = "bounded"
+    return Drift(slope, half_width, verdict, p_value, time, effective, lines)
+
+
+def _unfitted(straight: float, by_walk: Trend, verdict: Verdict, count: int, lines: int = 0) -> Drift:
+    """The slope of least squares with the interval of ``walk_trend``, which its own variance widens a little."""
+    half_width = LEAST_SQUARES * by_walk.half_width / count
+    if verdict == "not resolvable":
+        half_width = float("inf")
+    return Drift(straight, half_width, verdict, by_walk.p_value, UNKNOWN, UNKNOWN, lines)
+
+
+def _finite(name: str, values: ArrayLike) -> Array:
+    """``values`` as a one-dimensional array of finite numbers, or an InputError."""
+    array = np.asarray(values, dtype=np.float64)
+    if array.ndim != 1 or len(array) == 0:
+        raise InputError(f"{name}: expected a non-empty one-dimensional series, got shape {array.shape}")
+    bad = np.flatnonzero(~np.isfinite(array))
+    if len(bad):
+        raise InputError(f"{name}: sample {bad[0]} is not finite")
+    return array

@@ -1,0 +1,74 @@
+"""How an error grows with time, as a pilot run shows it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from kickdrift.model.state import Floats
+from kickdrift.statistics.drift import drift, rounding_of
+
+WINDOWS, LEAST_WINDOWS = 8, 7
+FIRST = 2  # windows that are left out: an error that grows faster later must not be taken for its slow beginning
+LEAST_SAMPLES = 4  # per window
+SURE = 2.0  # standard errors
+
+
+@dataclass(frozen=True)
+class Growth:
+    """What an error does after the pilot.
+
+    Attributes
+    ----------
+    exponent, exponent_error : p of error ~ t^p and its standard error, fitted to the largest errors in the last six of
+        eight windows of the pilot; of positions
+    drift : at most, of the relative energy error per unit of time: slope and half-width of its 95 % interval together
+    verdict : of the energy's drift, "bounded", "secular drift", "random walk", "round-off" or "not
+        resolvable"
+    """
+
+    exponent: float | None = None
+    exponent_error: float | None = None
+    drift: float | None = None
+    verdict: str | None = None
+
+    def factor(self, error: float, ratio: float, length: float) -> float | None:
+        """What the error is multiplied by in a run ``ratio`` times the pilot and of that ``length``, at most as the
+        pilot has it; None where the pilot cannot say."""
+        if ratio <= 1.0:
+            return 1.0
+        if self.drift is not None:
+            if self.verdict == "not resolvable" or not np.isfinite(self.drift):
+                return None
+            wander = np.sqrt(ratio) if self.verdict in ("random walk", "round-off") else 1.0
+            return float(np.hypot(wander, self.drift * length / np.sqrt(3.0) / error))
+        if self.exponent is None or self.exponent_error is None:
+            return None
+        return float(ratio ** max(0.0, self.exponent + SURE * self.exponent_error))
+
+
+def position_growth(times: Floats, errors: Floats) -> Growth:
+    """The exponent, by the largest error in each window; without one where there are too few samples or no errors."""
+    t, e = times[1:] - times[0], errors[1:]
+    count = min(WINDOWS, len(t) // LEAST_SAMPLES)
+    if count < LEAST_WINDOWS:
+        return Growth()
+    parts = np.array_split(np.arange(len(t)), count)[FIRST:]
+    peaks = [part[np.argmax(e[part])] for part in parts]
+    largest = e[peaks]
+    if not (largest > 0).all():
+        return Growth()
+    matrix = np.vander(np.log(t[peaks]), 2)
+    found, residual, *_ = np.linalg.lstsq(matrix, np.log(largest), rcond=None)
+    variance = float(residual[0]) / (len(parts) - 2) if len(residual) else 0.0
+    error = np.sqrt(variance * np.linalg.inv(matrix.T @ matrix)[0, 0])
+    return Growth(float(found[0]), float(error))
+
+
+def energy_growth(times: Floats, energies: Floats, errors: Floats) -> Growth:
+    """How much the energy drifts, by the regression that knows of autocorrelation (``analysis.drift``)."""
+    largest = float(np.abs(energies - energies[0]).max())
+    scale = largest / float(errors.max()) if largest > 0 else 1.0
+    trend = drift(times, (energies - energies[0]) / scale, rounding_of(energies[0], len(times)) / scale)
+    return Growth(drift=abs(trend.slope) + trend.error, verdict=trend.verdict)

@@ -1,0 +1,113 @@
+"""Trends that noise, waves and walks cannot explain: tests that need neither a straight line nor a fitted wave."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from kickdrift.model.state import Floats
+
+BLOCKS = 16  # whose means show whether a series goes one way
+ONE_WAY = 0.95  # of the way that the block means go, this share at least is the way from the first to the last
+LEAST_WAY = 0.6  # of the range
+SPREAD = 2.2  # blocks, at least, among which that way is shared: a single jump is no trend
+BENT = 8.0  # times the faster cosines; of white noise, one series in ten thousand
+COSINES = 16  # the slow end of a spectrum
+PRIOR_WHITE = 0.8  # of noise without a walk
+WALKS = np.concatenate(([0.0], np.geomspace(0.3, 3e4, 20)))  # walk over noise at the first cosine
+
+
+class Trend(NamedTuple):
+    """Change over the whole series, its standard error or half-width, and the two-sided probability without a trend."""
+
+    change: float
+    half_width: float
+    p_value: float
+    walk: float = 1.0  # probability that a walk is there beside the noise
+
+
+def goes_one_way(y: Floats) -> bool:
+    """Whether the means of sixteen blocks go up alone, or down alone.
+
+    A few small steps back are allowed where the way is shared by several blocks. Of random walks one in a thousand
+    passes. A wave passes where the series holds less than about half a cycle.
+    """
+    n = len(y) // BLOCKS
+    steps = np.diff(y[len(y) - n * BLOCKS :].reshape(BLOCKS, n).mean(axis=1))
+    total, length = abs(float(steps.sum())), float(np.abs(steps).sum())
+    if length == 0.0:
+        return False
+    shared = length**2 / float(steps @ steps)
+    return total >= max(ONE_WAY * length, LEAST_WAY * float(np.ptp(y))) and shared >= SPREAD
+
+
+def is_bent(y: Floats) -> bool:
+    """Whether the slowest cosines that a line leaves stand far above the faster ones."""
+    weights, line = cosines(y, min(COSINES, len(y) // 3))
+    weights -= line * (weights @ line) / (line @ line)
+    half = len(weights) // 2
+    return float(np.abs(weights[1:3]).max()) > BENT * float(np.sqrt(np.mean(weights[half:] ** 2)))
+
+
+def cosines(y: Floats, count: int) -> tuple[Floats, Floats]:
+    """Weights of the first ``count`` cosines (type II) in ``y``, and in a line that rises by 1 over the series.
+
+    The cosines are the eigenfunctions of a random walk less its mean, with variances 1 / (pi j)^2: in them noise and
+    walk are independent from weight to weight (Mueller & Watson 2008, doi:10.1111/j.1468-0262.2008.00884.x).
+    """
+    n = len(y)
+    angles = np.pi * (np.arange(n) + 0.5) / n
+    basis = np.cos(np.multiply.outer(np.arange(1, count + 1), angles)) * np.sqrt(2.0) / n
+    line = (np.arange(n) + 0.5) / n
+    return basis @ y, basis @ line
+
+
+def walk_trend(y: Floats) -> Trend:
+    """The mean increment of ``y``, judged by how much its slow increments differ: Student's t over 16 cosines.
+
+    Waves that are faster, and noise, only widen the interval. A bend widens it too.
+    """
+    weights, line = cosines(y, min(COSINES, len(y) // 3))
+    scale = np.arange(1, len(weights) + 1)
+    return _trends(weights * scale, line * scale, np.ones((1, len(scale))), np.ones(1))
+
+
+def mixed_trend(y: Floats) -> Trend:
+    """The trend of ``y``, judged by noise and a walk together, in a proportion that the slow end of the spectrum tells.
+
+    Each proportion counts with its restricted likelihood.
+    """
+    weights, line = cosines(y, min(COSINES, len(y) // 3))
+    spectra = 1.0 + np.multiply.outer(WALKS, 1.0 / np.arange(1, len(weights) + 1) ** 2)
+    prior = np.full(len(WALKS), (1.0 - PRIOR_WHITE) / (len(WALKS) - 1))
+    prior[0] = PRIOR_WHITE
+    return _trends(weights, line, spectra, prior)
+
+
+def _trends(weights: Floats, line: Floats, spectra: Floats, prior: Floats) -> Trend:
+    """Weighted least squares with each of the ``spectra`` (k, q), mixed by their posterior probabilities."""
+    from scipy.special import stdtr, stdtrit
+
+    freedom = len(weights) - 1
+    strength = (line**2 / spectra).sum(axis=1)
+    change = (line * weights / spectra).sum(axis=1) / strength
+    squares = ((weights - change[:, None] * line) ** 2 / spectra).sum(axis=1)
+    squares = np.maximum(squares, 1e-300)
+    log_likelihood = -0.5 * (freedom * np.log(squares) + np.log(spectra).sum(axis=1) + np.log(strength))
+    share = prior * np.exp(log_likelihood - log_likelihood.max())
+    share /= share.sum()
+    deviation = np.sqrt(squares / freedom / strength)
+    centre = float(share @ change)
+
+    def outside(half_width: float, middle: float) -> float:
+        """Probability that the change is further than that from the middle."""
+        up, down = (middle + half_width - change) / deviation, (middle - half_width - change) / deviation
+        return float(share @ (stdtr(freedom, -up) + stdtr(freedom, down)))
+
+    p_value = float(share @ (2.0 * stdtr(freedom, -np.abs(change) / deviation)))
+    low, high = 0.0, float(np.max(np.abs(change - centre) + deviation * stdtrit(freedom, 0.975)))
+    for _ in range(40):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if outside(middle, centre) > 0.05 else (low, middle)
+    return Trend(centre, high, p_value, float(1.0 - share[0]) if len(share) > 1 else 1.0)

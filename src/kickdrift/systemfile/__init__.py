@@ -1,0 +1,1 @@
+"""System files: what TOML may say, and the System or Problem made of it."""

@@ -1,0 +1,92 @@
+"""What a system file says of orbits and clusters, as bodies to start from."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from kickdrift.errors import InputError
+from kickdrift.model.capacity import check_room
+from kickdrift.model.starts import elements
+from kickdrift.model.starts.builders import Structure, generator
+from kickdrift.model.starts.coordinates import at_barycentre, attracting_masses
+from kickdrift.model.starts.plummer import plummer
+from kickdrift.model.state import Floats
+from kickdrift.model.units import UnitSystem
+from kickdrift.systemfile.schema_bodies import BodyTable, ElementsTable, PlummerTable
+
+
+def on_orbits(table: ElementsTable, gravity: float | None, seed: int | None = None) -> Structure:
+    """The central body and the others of a system file's ``elements``, in the frame of their barycentre.
+
+    Each body's elements are about what its frame names: "heliocentric", the central body, G times the two masses;
+    "jacobi", the centre of mass of the bodies before it, G times their masses and its own; "barycentric", the centre of
+    mass of all, G times all masses.
+
+    Parameters
+    ----------
+    gravity : G in the file's units
+    seed : replaces the table's
+    """
+    if gravity is None:
+        raise InputError("elements: these units have no G of their own; give G to [[force]] gravity")
+    counts = [1, *(body.count or 1 for body in table.elements)]
+    check_room("elements: count", sum(counts))
+    given = [table.central, *table.elements]
+    masses = np.repeat([body.mass if body.GM is None else body.GM / gravity for body in given], counts).astype(float)
+    if not masses[0] > 0:
+        raise InputError("central.mass: expected a positive mass: the others orbit it")
+    seed = table.seed if seed is None else seed
+    rng = generator(seed or 0)
+    pull = gravity * attracting_masses(masses, table.frame)
+    x, v = np.zeros((len(masses), 3)), np.zeros((len(masses), 3))
+    names, first = [table.central.body], 1
+    for k, (body, count) in enumerate(zip(table.elements, counts[1:], strict=True)):
+        rows = slice(first, first + count)
+        called = body.body
+        names += [called] if body.count is None else [called and f"{called} {i + 1}" for i in range(count)]
+        try:
+            x[rows], v[rows] = _orbit(body, count, pull[first - 1 : first - 1 + count], rng)
+        except InputError as error:
+            raise InputError(f"elements[{k}]{f' ({called})' if called else ''}.{error}") from None
+        first += count
+    named = [name or f"particle {i}" for i, name in enumerate(names)] if any(names) else []
+    x, v = (at_barycentre(y, masses, table.frame) for y in (x, v))
+    drawn = seed if table.seed is not None else None
+    radii = None
+    if any(body.radius is not None for body in given):  # those that name none are points
+        radii = np.repeat([body.radius or 0.0 for body in given], counts).tolist()
+    return Structure(
+        x, masses, ["A"] * len(masses), None, periodic=False, velocities=v, names=named, seed=drawn, radii=radii
+    )
+
+
+def _orbit(body: BodyTable, count: int, mu: Floats, rng: np.random.Generator) -> tuple[Floats, Floats]:
+    def value(key: str) -> Any:
+        given = getattr(body, key)
+        if isinstance(given, list):
+            given = given[0] + (given[1] - given[0]) * rng.random(count)
+        return np.radians(given) if key in elements.ANGLES and given is not None else given
+
+    values = {key: value(key) for key in ("a", "q", "P", "e", "inc", "Omega", "omega", "f", "M", "E", "T")}
+    period = values.pop("P")
+    if period is not None:
+        if np.any(np.asarray(values["e"]) >= 1):
+            raise InputError("P: only an ellipse (e < 1) has a period; give q")
+        if not np.all(np.asarray(period) > 0):
+            raise InputError("P: expected a positive period")
+        values["a"] = np.cbrt(mu * (np.asarray(period) / elements.TAU) ** 2)
+    return elements.states(mu, **values)
+
+
+def cluster(table: PlummerTable, units: UnitSystem, seed: int | None = None) -> Structure:
+    """The stars of a system file's ``plummer``; ``seed`` replaces the table's."""
+    if units.name != "nbody":
+        raise InputError(
+            f'plummer: is in N-body units, G = M = 1 and E = -1/4; expected units = "nbody", got "{units.name}"'
+        )
+    sphere = table.plummer
+    seed = sphere.seed if seed is None else seed
+    x, v, masses = plummer(sphere.count, seed, sphere.scaled)
+    return Structure(x, masses, ["A"] * len(masses), None, periodic=False, velocities=v, seed=seed)

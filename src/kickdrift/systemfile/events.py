@@ -1,0 +1,105 @@
+"""The tables ``[[event]]`` of a system file."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from pydantic import BeforeValidator, Field
+
+from kickdrift.errors import InputError
+from kickdrift.model.events import CloseApproach, Collision, Crossing, Escape, Event, checked_events
+from kickdrift.model.units import UnitSystem, quantity, shown, suggestion
+from kickdrift.systemfile.schema import checked
+from kickdrift.systemfile.schema_base import Edge, In, Table
+
+if TYPE_CHECKING:
+    from kickdrift.model.system import System
+
+
+def _radii(value: Any, info: Any) -> Any:
+    convert = In("length", "non-negative")
+    if isinstance(value, dict):
+        return {name: convert(radius, info) for name, radius in value.items()}
+    return [convert(radius, info) for radius in value] if isinstance(value, list) else convert(value, info)
+
+
+class CloseApproachTable(Table):
+    """Its distance has a unit, unless it counts Hill radii."""
+
+    type: str
+    distance: Any
+    hill: bool = False
+    bodies: Annotated[list[str | int], Field(min_length=1)] | None = None
+
+    def event(self, units: UnitSystem) -> Event:
+        """What it says."""
+        distance = quantity(self.distance, "dimensionless" if self.hill else "length", units, "distance")
+        return CloseApproach(distance, self.bodies, self.hill)
+
+
+class CollisionTable(Table):
+    type: str
+    radii: Annotated[Any, BeforeValidator(_radii)] = None
+    action: Literal["merge", "bounce", "stop"] = "merge"
+    restitution: float = 1.0
+
+    def event(self, units: UnitSystem) -> Event:
+        """What it says."""
+        return Collision(self.radii, self.action, self.restitution)
+
+
+class EscapeTable(Table):
+    type: str
+    distance: Edge
+    about: str | int | None = None
+    action: Literal["log", "remove", "stop"] = "log"
+
+    def event(self, units: UnitSystem) -> Event:
+        """What it says."""
+        return Escape(self.distance, self.about, self.action)
+
+
+class PassageTable(Table):
+    """Of one body by another."""
+
+    type: str
+    body: str | int
+    about: str | int
+
+    def event(self, units: UnitSystem) -> Event:
+        """What it says."""
+        return PASSAGES[self.type](self.body, self.about)
+
+
+PASSAGES = {
+    "pericentre": Crossing.pericentre,
+    "apocentre": Crossing.apocentre,
+    "ascending-node": Crossing.ascending_node,
+    "descending-node": Crossing.descending_node,
+}
+TABLES: dict[str, Any] = {
+    CloseApproach.kind: CloseApproachTable,
+    Collision.kind: CollisionTable,
+    Escape.kind: EscapeTable,
+    **dict.fromkeys(PASSAGES, PassageTable),
+}
+
+
+def events_of(system: System, given: Sequence[dict[str, Any]]) -> list[Event]:
+    """The events of a file's tables, checked for its system; an InputError names table and key."""
+    found: list[Event] = []
+    for k, table in enumerate(given):
+        path = f"event[{k}]"
+        if "type" not in table:
+            raise InputError(f"{path}.type: required key is missing; expected one of {', '.join(TABLES)}")
+        name = table["type"]
+        if not isinstance(name, str) or name not in TABLES:
+            hint = suggestion(name, TABLES) if isinstance(name, str) else ""
+            raise InputError(f"{path}.type: expected one of {', '.join(TABLES)}, got {shown(name)}{hint}")
+        model = checked(TABLES[name], table, system.units, path)
+        try:
+            found += checked_events(system, [model.event(system.units)])
+        except InputError as error:
+            raise InputError(f"{path}: {error}") from None
+    return found

@@ -1,0 +1,311 @@
+"""What a system file may say: one pydantic model per table. Every error is one line: key path and what was expected."""
+
+from __future__ import annotations
+
+import inspect
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import is_dataclass
+from functools import cache
+from types import NoneType, UnionType
+from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
+
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    Discriminator,
+    Field,
+    NonNegativeInt,
+    PositiveFloat,
+    PositiveInt,
+    Tag,
+    ValidationError,
+    ValidationInfo,
+    create_model,
+    model_validator,
+)
+from pydantic_core import ErrorDetails
+
+from kickdrift.errors import InputError
+from kickdrift.forces.pair_law import PairForce
+from kickdrift.model import checks
+from kickdrift.model.limits import MOST_STEPS
+from kickdrift.model.units import UnitSystem, shown
+from kickdrift.systemfile.schema_base import Edge, In, Mass, Pull, Radius, Table, Temperature, Time, Vector, Velocity
+from kickdrift.systemfile.schema_bodies import ElementsTable, PlummerTable
+from kickdrift.text import VALUE, clean
+
+
+def _mass(value: Any, info: ValidationInfo) -> float | dict[str, float]:
+    convert = In("mass", "non-negative")
+    return {k: convert(v, info) for k, v in value.items()} if isinstance(value, dict) else convert(value, info)
+
+
+def _species(value: Any) -> dict[str, float] | list[str]:
+    """One name, a list of names, or fractions that add up to one."""
+    if isinstance(value, str):
+        return {value: 1.0}
+    if isinstance(value, list) and value and all(isinstance(name, str) for name in value):
+        return value
+    if isinstance(value, dict) and value:
+        parts = [checks.number(part) for part in value.values()]
+        if all(0 < part <= 1 for part in parts) and abs(math.fsum(parts) - 1) < 1e-9:
+            return dict(zip(value, parts, strict=True))
+        raise InputError(f"expected positive fractions that add up to 1, got {shown(value)}")
+    raise InputError(f"expected a name, a list of names, or fractions such as {{A = 0.8, B = 0.2}}, got {shown(value)}")
+
+
+def _density(value: Any) -> Any:
+    if isinstance(value, str) or (isinstance(value, int | float) and not isinstance(value, bool)):
+        return value  # converted where the mass is known
+    raise InputError(f"expected a number density or a mass density, got {shown(value)}")
+
+
+Masses = Annotated[Any, BeforeValidator(_mass)]
+Species = Annotated[Any, BeforeValidator(_species)]
+Density = Annotated[Any, BeforeValidator(_density)]
+
+
+class LatticeTable(Table):
+    lattice: Literal["sc", "bcc", "fcc"]
+    count: PositiveInt
+    density: Density = None
+    mass: Masses = None
+    species: Species = {"A": 1.0}
+    seed: NonNegativeInt | None = None
+
+
+class PositionsTable(Table):
+    positions: Annotated[list[Vector], Field(min_length=1)]
+    mass: Masses = None
+    masses: list[Mass] | None = None
+    GM: list[Pull] | None = None
+    barycentric: bool = False
+    species: Species = {"A": 1.0}
+    names: list[str] = []
+    radii: list[Radius] | None = None
+
+
+class FileTable(Table):
+    file: str
+
+
+PARTICLES = ("lattice", "positions", "elements", "plummer", "file")
+
+
+def _kind(data: Any) -> str | None:
+    kinds = [key for key in PARTICLES if isinstance(data, dict) and key in data]
+    return f"<{kinds[0]}>" if len(kinds) == 1 else None
+
+
+ParticlesTable = Annotated[
+    Annotated[LatticeTable, Tag("<lattice>")]
+    | Annotated[PositionsTable, Tag("<positions>")]
+    | Annotated[ElementsTable, Tag("<elements>")]
+    | Annotated[PlummerTable, Tag("<plummer>")]
+    | Annotated[FileTable, Tag("<file>")],
+    Discriminator(_kind, "particles", f"expected a table with exactly one of {', '.join(PARTICLES)}"),
+]
+
+
+class VelocitiesTable(Table):
+    temperature: Temperature | None = None
+    seed: NonNegativeInt | None = None
+    values: list[Annotated[list[Velocity], Field(min_length=3, max_length=3)]] | None = None
+
+    @model_validator(mode="after")
+    def _drawn_or_given(self) -> VelocitiesTable:
+        self.one_of("temperature", "values")
+        if (self.seed is None) != (self.temperature is None):
+            raise InputError("seed goes with temperature: velocities are drawn with a named seed, such as seed = 1")
+        return self
+
+
+class BoxTable(Table):
+    periodic: bool | None = None
+    lengths: Annotated[list[Edge], Field(min_length=3, max_length=3)] | None = None
+
+    @model_validator(mode="after")
+    def _agree(self) -> BoxTable:
+        if self.lengths is not None and self.periodic is False:
+            raise InputError("lengths make a box periodic, and periodic = false says that it is not")
+        return self
+
+
+Tolerance = Annotated[
+    Annotated[PositiveFloat, Tag("<number>")]
+    | Annotated[list[PositiveFloat], Field(min_length=1), Tag("<one for each component of y>")],
+    Discriminator(lambda value: "<one for each component of y>" if isinstance(value, list) else "<number>"),
+]
+Steps = Annotated[int, Field(gt=0, le=MOST_STEPS)]
+
+
+class RunTable(Table):
+    integrator: str | None = None
+    dt: Time | None = None
+    steps: Steps | None = None
+    time: Time | None = None
+    every: Steps | None = None
+    rtol: Tolerance | None = None
+    atol: Tolerance | None = None
+    max_step: Time | None = None
+    coordinates: str | None = None
+    corrector: int | None = None
+    order: str | None = None
+    eta: PositiveFloat | None = None
+    scheme: str | None = None
+    precision: Literal["double", "mixed"] | None = None
+
+    @model_validator(mode="after")
+    def _steps_or_time(self) -> RunTable:
+        if self.steps is not None and self.time is not None:
+            raise InputError("expected steps or time, got both")
+        return self
+
+
+class EquilibrateTable(Table):
+    temperature: Temperature
+    time: Time
+    interval: PositiveInt = 10
+
+
+class SystemTable(Table):
+    units: str
+    title: str = ""
+    particles: ParticlesTable
+    velocities: VelocitiesTable | None = None
+    box: BoxTable = BoxTable()
+    force: list[dict[str, Any]]  # each checked against its class's constructor
+    event: list[dict[str, Any]] = []  # each checked against the table of its type
+    run: RunTable = RunTable()
+    equilibrate: EquilibrateTable | None = None
+    invariants: dict[str, Any] = {}
+
+
+class OdeRunTable(RunTable):
+    """Times without a unit."""
+
+    dt: PositiveFloat | None = None
+    time: PositiveFloat | None = None
+    max_step: PositiveFloat | None = None
+
+
+class OdeFileTable(Table):
+    title: str = ""
+    ode: dict[str, Any]  # checked against the factory that its ``problem`` names
+    run: OdeRunTable = OdeRunTable()
+    invariants: dict[str, Any] = {}
+
+
+@cache
+def ode_table(factory: Callable[..., Any]) -> type[Table]:
+    """The table [ode] of a factory of Problems: its parameters."""
+    hints = get_type_hints(factory)
+    fields: dict[str, Any] = {"problem": (str, ...)}
+    for key, parameter in inspect.signature(factory).parameters.items():
+        fields[key] = (list[float] if key == "y0" else hints[key], parameter.default)
+    return create_model(factory.__name__, __base__=Table, **fields)
+
+
+def shaped(hint: Any, number: Any) -> Any:
+    """A parameter's type hint as a table's: each float in it is a checked ``number``, a tuple a list of that length."""
+    kinds = [kind for kind in get_args(hint) if kind is not NoneType]
+    lists = [kind for kind in kinds if get_origin(kind) in (tuple, Sequence)]
+    if hint is float:
+        return number
+    if get_origin(hint) is tuple and Ellipsis not in kinds:
+        length = len(kinds)
+        return Annotated[list[shaped(kinds[0], number)], Field(min_length=length, max_length=length)]  # type: ignore[misc]
+    if get_origin(hint) is Sequence:
+        return list[shaped(kinds[0], number)]  # type: ignore[misc]
+    if get_origin(hint) in (Union, UnionType):
+        if len(kinds) == 1:
+            return shaped(kinds[0], number)
+        if len(kinds) == 2 and len(lists) == 1:  # tags, so that an error speaks of the kind that was given
+            tagged = [Annotated[shaped(k, number), Tag("<list>" if k in lists else "<one>")] for k in kinds]
+            which = Discriminator(lambda given: "<list>" if isinstance(given, list) else "<one>")
+            return Annotated[Union[tuple(tagged)], which]  # noqa: UP007
+    return hint
+
+
+@cache
+def force_table(cls: type) -> type[Table]:
+    """The table of a force: the parameters of its constructor, converted as its ``dimensions`` say."""
+    dimensions: dict[str, str] = getattr(cls, "dimensions", {})
+    made_of_fields = is_dataclass(cls) or issubclass(cls, tuple)
+    hints = get_type_hints(cls if made_of_fields else vars(cls)["__init__"])
+    law = getattr(getattr(cls, "Parameters", None), "_fields", tuple(dimensions))
+    plain = Annotated[float, BeforeValidator(In("dimensionless"))]
+    number: dict[str, Any] = dict.fromkeys(law, plain)
+    number |= {key: Annotated[float, BeforeValidator(In(kind))] for key, kind in dimensions.items()}
+    one: Any = create_model("one", __base__=Table, **{key: (number[key], None) for key in law})  # type: ignore[call-overload]
+    names: Any = (Annotated[list[str], Field(min_length=2, max_length=2)], ...)
+    fields: dict[str, Any] = {"type": (str, ...)}
+    for key, parameter in inspect.signature(cls).parameters.items():
+        if key == "species":
+            kind: Any = dict[str, one]
+        elif key == "pairs" and issubclass(cls, PairForce):
+            pair: Any = create_model("pair", __base__=one, species=names)
+            kind = list[pair]
+        else:
+            kind = shaped(hints.get(key, float if key in number else Any), number.get(key, plain))
+        fields[key] = (kind, ... if parameter.default is inspect.Parameter.empty else parameter.default)
+    return create_model(cls.__name__, __base__=Table, **fields)
+
+
+def force_parameters(cls: type, given: dict[str, Any], units: UnitSystem, path: str) -> dict[str, Any]:
+    """The arguments for a force's constructor from its table, checked; nothing of the class is called."""
+    parameters = checked(force_table(cls), given, units, path).model_dump(exclude_unset=True)
+    parameters.pop("type", None)
+    if "pairs" in parameters and issubclass(cls, PairForce):
+        pairs: dict[tuple[str, ...], Any] = {}
+        for k, pair in enumerate(parameters["pairs"]):
+            names = tuple(pair.pop("species"))
+            if names in pairs or names[::-1] in pairs:
+                raise InputError(f"{path}.pairs[{k}].species: the pair {'-'.join(names)} is given twice")
+            pairs[names] = pair
+        parameters["pairs"] = pairs
+    return parameters
+
+
+def checked(model: type[BaseModel], data: Any, units: UnitSystem | None, path: str = "") -> Any:
+    """The table that ``data`` fills, in ``units``; else an InputError of one line that starts with the key path."""
+    try:
+        return model.model_validate(data, context={"units": units})
+    except ValidationError as error:
+        raise InputError(_line(error.errors(include_url=False)[0], path)) from None
+
+
+_WORDS = {
+    "a valid integer": "a whole number",
+    "a valid string": "text in quotes",
+    "a valid boolean": "true or false",
+    "a valid list": "a list",
+    "a valid dictionary": "a table",
+    "expected greater": "expected a number greater",
+    "expected less": "expected a number less",
+}
+
+
+def _line(error: ErrorDetails, path: str) -> str:
+    kind, context = error["type"], error.get("ctx", {})
+    for part in (*error["loc"], *([context["key"]] if kind == "unknown_key" else [])):
+        if isinstance(part, int):
+            path += f"[{part}]"
+        elif not part.startswith("<"):  # the tag of a union is no key of the file
+            path += f".{clean(part, VALUE)}" if path else clean(part, VALUE)
+    if kind == "value_error":
+        text = str(context["error"])
+    elif kind == "missing":
+        text = "required key is missing"
+    elif kind in ("too_short", "too_long"):
+        wanted = context.get("min_length", context.get("max_length"))
+        text = f"expected {wanted}{' or more' if wanted == 1 else ''} items, got {context['actual_length']}"
+    elif kind in ("unknown_key", "table", "particles"):
+        text = error["msg"]
+    else:
+        words = error["msg"].replace("Input should be", "expected")
+        for pydantics, ours in _WORDS.items():
+            words = words.replace(pydantics, ours)
+        text = f"{words}{f' of tables [[{path}]]' if path in ('force', 'event') else ''}, got {shown(error['input'])}"
+    return " ".join(f"{path}: {text}".split())

@@ -1,0 +1,55 @@
+"""What all tables of a system file share: numbers with units, and an error for every key that is not known."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo, model_validator
+from pydantic_core import PydanticCustomError
+
+from kickdrift.errors import InputError
+from kickdrift.model.units import quantity, shown, suggestion
+
+
+class In:
+    """Validator of a number, or of text with a unit, that becomes a number in the file's units."""
+
+    def __init__(self, dimension: str, sign: Literal["any", "positive", "non-negative"] = "any") -> None:
+        self.dimension, self.sign = dimension, sign
+
+    def __call__(self, value: Any, info: ValidationInfo) -> float:
+        number = quantity(value, self.dimension, info.context["units"])  # type: ignore[index]
+        if (self.sign == "positive" and number <= 0) or (self.sign == "non-negative" and number < 0):
+            raise InputError(f"expected a {self.sign} {self.dimension}, got {shown(value)}")
+        return number
+
+
+Length = Annotated[float, BeforeValidator(In("length"))]
+Edge = Annotated[float, BeforeValidator(In("length", "positive"))]
+Time = Annotated[float, BeforeValidator(In("time", "positive"))]
+Radius = Annotated[float, BeforeValidator(In("length", "non-negative"))]
+Mass = Annotated[float, BeforeValidator(In("mass", "non-negative"))]
+Temperature = Annotated[float, BeforeValidator(In("temperature", "non-negative"))]
+Velocity = Annotated[float, BeforeValidator(In("velocity"))]
+Pull = Annotated[float, BeforeValidator(In("gravitational parameter", "non-negative"))]
+Vector = Annotated[list[Length], Field(min_length=3, max_length=3)]
+
+
+class Table(BaseModel):
+    model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _known_keys(cls, data: Any) -> Any:
+        if not isinstance(data, dict):
+            raise PydanticCustomError("table", "{text}", {"text": f"expected a table, got {shown(data)}"})
+        for key in data:
+            if key not in cls.model_fields:
+                text = f"unknown key{suggestion(key, cls.model_fields)} (known: {', '.join(cls.model_fields)})"
+                raise PydanticCustomError("unknown_key", "{text}", {"text": text, "key": key})
+        return data
+
+    def one_of(self, *keys: str) -> None:
+        given = [key for key in keys if getattr(self, key) is not None]
+        if len(given) != 1:
+            raise InputError(f"expected exactly one of {', '.join(keys)}, got {' and '.join(given) or 'none'}")

@@ -1,0 +1,97 @@
+"""What a system file may say of bodies on orbits and of star clusters: `elements` and `plummer` under [particles]."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator, Field, NonNegativeInt, PositiveInt, ValidationInfo, model_validator
+
+from kickdrift.errors import InputError
+from kickdrift.systemfile.schema_base import In, Mass, Pull, Radius, Table
+
+
+class Spread(In):
+    """Validator of one number, or of a range [low, high] that numbers are drawn from."""
+
+    def __call__(self, value: Any, info: ValidationInfo) -> Any:
+        if not (isinstance(value, list) and len(value) == 2):
+            return super().__call__(value, info)
+        low, high = (super(Spread, self).__call__(end, info) for end in value)
+        if low > high:
+            raise InputError(f"expected a range [low, high], got {value}")
+        return [low, high]
+
+
+Angle = Annotated[Any, BeforeValidator(Spread("angle"))]
+Distance = Annotated[Any, BeforeValidator(Spread("length"))]
+Moment = Annotated[Any, BeforeValidator(Spread("time"))]
+Number = Annotated[Any, BeforeValidator(Spread("dimensionless"))]
+
+
+class CentralTable(Table):
+    body: str | None = None
+    mass: Mass | None = None
+    GM: Pull | None = None
+    radius: Radius | None = None
+
+    @model_validator(mode="after")
+    def _one_mass(self) -> CentralTable:
+        self.one_of("mass", "GM")
+        return self
+
+
+class BodyTable(CentralTable):
+    """One body on an orbit, or ``count`` of them; angles in degrees."""
+
+    count: PositiveInt | None = None
+    a: Distance = None
+    q: Distance = None
+    P: Moment = None
+    e: Number = 0.0
+    inc: Angle = 0.0
+    Omega: Angle = 0.0
+    omega: Angle = 0.0
+    f: Angle = None
+    M: Angle = None
+    E: Angle = None
+    T: Moment = None
+
+    @model_validator(mode="after")
+    def _an_orbit(self) -> BodyTable:
+        self.one_of("a", "q", "P")
+        where = [key for key in ("f", "M", "E", "T") if getattr(self, key) is not None]
+        if len(where) > 1:
+            raise InputError(f"expected one of f, M, E, T, got {' and '.join(where)}")
+        if self.count is None and self.spread:
+            raise InputError(f"{self.spread[0]} is a range, which goes with count: how many bodies are drawn from it")
+        return self
+
+    @property
+    def spread(self) -> list[str]:
+        """The keys that hold a range."""
+        return [key for key, value in self if isinstance(value, list)]
+
+
+class ElementsTable(Table):
+    central: CentralTable
+    elements: Annotated[list[BodyTable], Field(min_length=1)]
+    frame: Literal["heliocentric", "jacobi", "barycentric"] = "heliocentric"
+    seed: NonNegativeInt | None = None
+
+    @model_validator(mode="after")
+    def _seeded(self) -> ElementsTable:
+        drawn = any(body.spread for body in self.elements)
+        if drawn != (self.seed is not None):
+            what = "is missing: bodies are drawn with a named seed" if drawn else "goes with ranges, and there are none"
+            raise InputError(f"seed {what}, such as a = [2.1, 3.3] and seed = 1")
+        return self
+
+
+class SphereTable(Table):
+    count: Annotated[int, Field(ge=2)]
+    seed: NonNegativeInt
+    scaled: bool = True
+
+
+class PlummerTable(Table):
+    plummer: SphereTable
