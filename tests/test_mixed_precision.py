@@ -144,6 +144,18 @@ def test_a_file_goes_on_in_the_same_precision(tmp_path):
             lambda: kd.Simulation(kd.load("sun-jupiter"), "wisdom-holman", dt=0.1, precision="mixed"),
             "wisdom-holman adds up forces of its own, and takes double alone",
         ),
+        *(
+            (
+                lambda name=name: kd.Simulation(liquid(), name, precision="mixed", **({"dt": 0.001} if fixed else {})),
+                f"{name} solves equations to the rounding of float64, and takes double alone",
+            )
+            for name, fixed in (
+                ("implicit-midpoint", True),
+                ("gauss-radau15", False),
+                ("rosenbrock", False),
+                ("radau", False),
+            )
+        ),
         (
             lambda: kd.Simulation(liquid(), dt=0.01, precision="half"),
             "precision 'half' is unknown; known are double, mixed",
