@@ -13,6 +13,7 @@ import kickdrift as kd
 from kickdrift.cli.main import app
 from kickdrift.errors import InputError
 from kickdrift.forces.bound import BoundForces
+from kickdrift.integrators import INTEGRATORS
 from kickdrift.model.system import RunDefaults
 
 SIZES = (9, 33, 500)
@@ -129,7 +130,7 @@ def test_a_file_goes_on_in_the_same_precision(tmp_path):
     ("make", "message"),
     [
         (
-            lambda: kd.Simulation(kd.load("figure-eight"), precision="mixed"),
+            lambda: kd.Simulation(kd.load("figure-eight"), "rk4", dt=0.01, precision="mixed"),
             "mixed is for pair forces, and .* has none",
         ),
         (
@@ -157,6 +158,13 @@ def test_a_file_goes_on_in_the_same_precision(tmp_path):
 def test_what_cannot_be_is_refused(make, message):
     with pytest.raises(InputError, match=message):
         make()
+
+
+@pytest.mark.parametrize("name", ["backward-euler", "implicit-midpoint", "gauss-radau15", "rosenbrock", "bdf", "lsoda"])
+def test_methods_that_solve_equations_take_float64_alone(name):
+    dt = {"dt": 0.001} if INTEGRATORS[name].needs_dt else {}
+    with pytest.raises(InputError, match=f"{name} solves equations to the rounding of float64, and takes double alone"):
+        kd.Simulation(liquid(), name, precision="mixed", **dt)
 
 
 def test_the_file_and_the_command_line(tmp_path):

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.errors import InputError
-from kickdrift.integrators.method import Method
+from kickdrift.integrators.method import OWN_FORCES, Method
 
 if TYPE_CHECKING:
     from kickdrift.integrators.flow import Flow
@@ -75,7 +75,7 @@ class Exact(Method):
     reversible = True
     separable = True
     particles_only = True
-    mixed = False
+    float64_because = OWN_FORCES
 
     @property
     def evaluations(self) -> int:

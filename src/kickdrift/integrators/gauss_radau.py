@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from kickdrift.errors import InputError
-from kickdrift.integrators.method import Method
+from kickdrift.integrators.method import SOLVES, Method
 from kickdrift.model.state import Floats
 
 if TYPE_CHECKING:
@@ -128,6 +128,7 @@ class GaussRadau(Method):
     use: str
 
     family = "Gauss-Radau"
+    float64_because = SOLVES
     adaptive = True
     tunable = ("rtol", "max_step")
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from kickdrift.errors import InputError
-from kickdrift.integrators.method import Method
+from kickdrift.integrators.method import SOLVES, Method
 from kickdrift.integrators.tableaus import Rows
 from kickdrift.model.state import Floats
 
@@ -47,6 +47,7 @@ class ImplicitTableau(Method):
     use: str = ""
 
     family = "implicit Runge-Kutta"
+    float64_because = SOLVES
     trial_steps = True  # an iteration may stray
     rescalable = True  # the last step only says where the iteration starts
 

@@ -10,6 +10,8 @@ from kickdrift.model.checks import positive
 from kickdrift.model.units import shown
 
 PRECISIONS = DOUBLE, MIXED = "double", "mixed"  # of pair forces
+OWN_FORCES = "adds up forces of its own"  # what rules out mixed precision
+SOLVES = "solves equations to the rounding of float64"
 
 if TYPE_CHECKING:
     from kickdrift.integrators.batch_stepping import LaneStepper, Members
@@ -80,9 +82,9 @@ class Method:
         return False
 
     @property
-    def mixed(self) -> bool:
-        """Whether its pair forces may be in mixed precision."""
-        return True
+    def float64_because(self) -> str:
+        """Why its pair forces may not be in mixed precision; "" where they may."""
+        return ""
 
     @property
     def butcher(self) -> tuple[Floats, Floats] | None:
@@ -146,8 +148,8 @@ class Method:
         dt = asked.dt if self.adaptive else given.dt  # a file's dt is no first step for a method that chooses its own
         if given.precision not in (None, *PRECISIONS):
             raise InputError(f"precision {shown(given.precision)} is unknown; known are {', '.join(PRECISIONS)}")
-        if given.precision == MIXED and not self.mixed:
-            raise InputError(f"precision: {self.name} adds up forces of its own, and takes {DOUBLE} alone")
+        if given.precision == MIXED and self.float64_because:
+            raise InputError(f"precision: {self.name} {self.float64_because}, and takes {DOUBLE} alone")
         if "max_step" in kept:
             kept["max_step"] = checked_dt(kept["max_step"], "max_step")
         options = replace(type(given)(), dt=checked_dt(dt), precision=given.precision, **kept)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from kickdrift.errors import InputError
-from kickdrift.integrators.method import Method
+from kickdrift.integrators.method import SOLVES, Method
 from kickdrift.integrators.tableaus import Rows
 from kickdrift.model.state import Floats
 
@@ -50,6 +50,7 @@ class Rosenbrock(Method):
     use: str = ""
 
     family = "Rosenbrock"
+    float64_because = SOLVES
     adaptive = True
     trial_steps = True
 

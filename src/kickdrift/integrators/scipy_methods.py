@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from kickdrift.integrators.method import Method
+from kickdrift.integrators.method import SOLVES, Method
 
 if TYPE_CHECKING:
     from kickdrift.integrators.flow import Flow
@@ -30,6 +30,7 @@ class SciPyMethod(Method):
     use: str = ""
 
     family = "SciPy"
+    float64_because = SOLVES
     adaptive = True
     trial_steps = True
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from kickdrift.errors import InputError
-from kickdrift.integrators.method import Method
+from kickdrift.integrators.method import OWN_FORCES, Method
 from kickdrift.integrators.splitting import Splitting, palindrome
 from kickdrift.model.state import Floats
 
@@ -151,8 +151,8 @@ class WisdomHolman(Method):
         return 1
 
     @property
-    def mixed(self) -> bool:
-        return False
+    def float64_because(self) -> str:
+        return OWN_FORCES
 
     @property
     def tunable(self) -> tuple[str, ...]:
@@ -218,8 +218,8 @@ class Saba(WisdomHolman):
         return 0
 
     @property
-    def mixed(self) -> bool:
-        return False
+    def float64_because(self) -> str:
+        return OWN_FORCES
 
     @property
     def tunable(self) -> tuple[str, ...]:
