@@ -20,8 +20,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import kickdrift as kd
-from kickdrift.bridges import bridge
 from kickdrift.bridges.ase import Calculator, Scale
+from kickdrift.model.bridging import bridge
 from kickdrift.model.units import UNIT_SYSTEMS
 from kickdrift.trajectory.export import export
 from kickdrift.trajectory.h5md import Writer

@@ -12,8 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import kickdrift as kd
-from kickdrift.bridges import bridge
 from kickdrift.bridges.rebound import ALL_ACTIVE, SABA
+from kickdrift.model.bridging import bridge
 from kickdrift.model.system import RunDefaults
 
 FIELDS = ("m", "x", "y", "z", "vx", "vy", "vz", "r")

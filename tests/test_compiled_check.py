@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import kickdrift as kd
-from kickdrift.model.compiled_check import _states
+from kickdrift.forces.compiled_check import _states
 
 POLLU = json.loads((Path(__file__).parent / "data" / "pollu.json").read_text(encoding="utf-8"))
 THIRDS = np.array([1.0, 3.0], dtype=np.float32)

@@ -413,7 +413,7 @@ def test_measures_that_workers_cannot_load(system, client):
 
 
 def test_workers_with_another_kickdrift(system, client, monkeypatch):
-    monkeypatch.setattr(kd, "__version__", "0.0.1")
+    monkeypatch.setattr("kickdrift.ensemble.work.VERSION", "0.0.1")
     with pytest.raises(InputError, match=r"has kickdrift \d.*, and this is 0\.0\.1"):
         kd.Ensemble(system).run(client)
 

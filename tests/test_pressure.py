@@ -9,9 +9,9 @@ import pytest
 
 import kickdrift as kd
 from kickdrift.analysis import pressure_tensor
-from kickdrift.analysis.pressure import instantaneous_pressure
 from kickdrift.errors import InputError
 from kickdrift.forces import Springs, UniformField
+from kickdrift.looks.pressure import instantaneous_pressure
 from kickdrift.run.simulation import Simulation
 
 EDGES = (8.0, 7.0, 6.0)

@@ -28,7 +28,7 @@ from registry import SCRIPTS, Script
 from runner import HERE, ITSELF, LONGEST, outcomes, terminable
 
 import kickdrift
-from kickdrift.cli.printing import duration
+from kickdrift.text import duration
 
 # What is quick, and each with as few loops to compile as may be; then all that has a short set, the quickest first.
 FIRST = (

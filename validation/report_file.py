@@ -18,11 +18,11 @@ from claim import CHECKOUT, Claim, text_of
 from registry import SCRIPTS
 
 from kickdrift.analysis.bench import processor
-from kickdrift.cli.printing import counted, duration
 from kickdrift.disk.kinds import Kind, is_ours
 from kickdrift.disk.outputs import written_whole
 from kickdrift.engines import ENGINES
 from kickdrift.errors import InputError
+from kickdrift.text import counted, duration
 
 if TYPE_CHECKING:
     from runner import Outcome

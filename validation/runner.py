@@ -24,8 +24,9 @@ import report_file
 from claim import INSTALL, Claim, claim, not_run, text_of
 from registry import SCRIPTS, Script
 
-from kickdrift.cli.printing import counted, duration, print_table
+from kickdrift.cli.printing import print_table
 from kickdrift.errors import InputError
+from kickdrift.text import counted, duration
 
 HERE = Path(__file__).parent
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import unicodedata
 
 LINE = 2000  # characters of a message or a line of a report
@@ -47,3 +48,25 @@ def shown(value: object) -> str:
         text = f"a {type(value).__name__} too large to show"
     text = " ".join(text.split())
     return _cut(text, VALUE)
+
+
+def counted(number: int, noun: str) -> str:
+    """ "1 thread", "2 threads"."""
+    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
+
+
+def with_error(mean: float, error: float) -> str:
+    """A mean and its standard error, to two digits of that."""
+    if not error > 0:
+        return f"{mean:.6g}"
+    decimals = 1 - math.floor(math.log10(error))
+    if 0 <= decimals <= 6:
+        return f"{mean:.{decimals}f} ± {error:.{decimals}f}"
+    return f"{mean:.4g} ± {error:.1e}"
+
+
+def duration(seconds: float) -> str:
+    """Seconds as a person says them."""
+    if seconds < 90:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"

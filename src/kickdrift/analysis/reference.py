@@ -126,7 +126,7 @@ def is_stiff(subject: Subject, state: Any, length: float) -> bool:
         return False
     if subject.run.integrator in STIFF:
         return True
-    from kickdrift.integrators.stiffness import stiffness
+    from kickdrift.analysis.stiffness import stiffness
 
     return float(-stiffness(subject, [state])[0].eigenvalues.real.min()) * length > STIFF_DECADES
 

@@ -25,10 +25,10 @@ from ase.stress import full_3x3_to_voigt_6_stress
 from kickdrift.errors import InputError, RunError
 from kickdrift.forces import LennardJones
 from kickdrift.looks.blow_up import nearest_pair
+from kickdrift.model.file_units import FileUnits
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 from kickdrift.model.units import UnitSystem, quantity, shown, unit_system
-from kickdrift.trajectory.layout import FileUnits
 
 NAMES, RADII = "names", "radii"  # arrays of Atoms for what ASE has no place for
 UNKNOWN = "X"  # ASE's symbol of what is no element; info["species"] then says what, by the atoms' tags
@@ -254,7 +254,7 @@ class Calculator(AseCalculator):
 
     def _stress(self, system: System, x: Floats) -> Floats:
         """(6,) of particles that stand still at x, in Voigt's order."""
-        from kickdrift.analysis.pressure import instantaneous_pressure
+        from kickdrift.looks.pressure import instantaneous_pressure
 
         pressure = instantaneous_pressure(system, x, np.zeros_like(x))
         return -full_3x3_to_voigt_6_stress(pressure) / (self._scale.energy / self._scale.length**3)

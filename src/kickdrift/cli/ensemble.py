@@ -9,9 +9,9 @@ import typer
 
 from kickdrift.cli.console import members_bar, say
 from kickdrift.cli.options import QuietOption, SystemArgument
-from kickdrift.cli.printing import counted
 from kickdrift.disk.files import unfit
 from kickdrift.errors import InputError, RunError
+from kickdrift.text import counted
 
 MEASURE = "measure"  # what the module of a file with a measure is called
 

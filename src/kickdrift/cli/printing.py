@@ -12,6 +12,7 @@ from kickdrift.cli.console import out, print_lines
 from kickdrift.cli.console import print_table as print_table
 from kickdrift.cli.console import progress_bar as progress_bar
 from kickdrift.cli.console import say as say
+from kickdrift.text import counted, duration
 
 if TYPE_CHECKING:
     from kickdrift.analysis.chaos import ChaosReport
@@ -252,15 +253,3 @@ def print_system(system: System | Problem) -> None:
         wanted = vars(system.equilibration).items()
         lines.append(("equilibrate", ", ".join(f"{key} = {value}" for key, value in wanted)))
     print_lines(lines)
-
-
-def counted(number: int, noun: str) -> str:
-    """ "1 thread", "2 threads"."""
-    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
-
-
-def duration(seconds: float) -> str:
-    """Seconds as a person says them."""
-    if seconds < 90:
-        return f"{seconds:.0f} s"
-    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from kickdrift.cli.console import out, print_lines, print_table
-from kickdrift.cli.printing import counted, duration
+from kickdrift.text import counted, duration
 
 if TYPE_CHECKING:
     from kickdrift.analysis.ladder import Row

@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from kickdrift.cli.console import print_lines, print_table, say
-from kickdrift.cli.printing import counted
 from kickdrift.ensemble import summary
 from kickdrift.ensemble.rows import DONE
 from kickdrift.ensemble.table import PROVENANCE
+from kickdrift.text import counted, with_error
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -81,13 +81,3 @@ def _print_measured(table: DataFrame) -> None:
 
 def _text(value: object) -> str:
     return f"{value:.6g}" if isinstance(value, float) else str(value)
-
-
-def with_error(mean: float, error: float) -> str:
-    """A mean and its standard error, to two digits of that."""
-    if not error > 0:
-        return f"{mean:.6g}"
-    decimals = 1 - math.floor(math.log10(error))
-    if 0 <= decimals <= 6:
-        return f"{mean:.{decimals}f} ± {error:.{decimals}f}"
-    return f"{mean:.4g} ± {error:.1e}"

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import errno
 import json
+import math
 import os
 import re
 import shutil
@@ -24,7 +25,6 @@ from kickdrift.disk.files import place, same_file, shown_path
 from kickdrift.disk.kinds import Kind, is_ours
 from kickdrift.disk.parts import private_place
 from kickdrift.errors import InputError, RunError
-from kickdrift.run.report import plain
 
 KINDS = {"output": kinds.RUN, "json": kinds.JSON, "plot": kinds.FIGURE}  # of options
 _OWN = re.compile(r"/(?:dev|proc/self)/(?:fd/(\d{1,9})|(stdin|stdout|stderr))")
@@ -246,3 +246,14 @@ def _stream(path: Path) -> BinaryIO:
             raise OSError(errno.EEXIST, "another file has taken its place")
         os.set_blocking(number, True)
     return os.fdopen(number, "wb")
+
+
+def plain(value: Any) -> Any:
+    """The same with None for what JSON has no number for."""
+    if isinstance(value, dict):
+        return {key: plain(inner) for key, inner in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [plain(inner) for inner in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value

@@ -21,7 +21,6 @@ from pathlib import Path
 from time import monotonic
 from typing import Any
 
-import kickdrift
 from kickdrift.engines.lammps_library import mpiexec
 
 SOCKET = "KICKDRIFT_LAMMPS_SOCKET"  # tells the workers where
@@ -41,7 +40,7 @@ class Processes:
             listening.bind(str(folder / "socket"))
             listening.listen(count)
             listening.settimeout(POLL_SECONDS)
-            folders = [str(Path(kickdrift.__file__).parents[1]), os.environ.get("PYTHONPATH", "")]
+            folders = [str(Path(__file__).parents[2]), os.environ.get("PYTHONPATH", "")]
             path = os.pathsep.join(each for each in folders if each)
             environment = {k: v for k, v in os.environ.items() if not k.startswith(("PMI_", "HYDRA_"))}
             environment |= {SOCKET: str(folder / "socket"), "PYTHONPATH": path, "OMP_NUM_THREADS": "1"}

@@ -12,12 +12,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-import kickdrift
 from kickdrift.ensemble import running
 from kickdrift.ensemble import table as tables
 from kickdrift.ensemble.keys import path_of
 from kickdrift.ensemble.members import Members, members_of
-from kickdrift.ensemble.recipe import MEGNO, RUN, Measure, Recipe, SystemMaker, SystemText, seeded
+from kickdrift.ensemble.recipe import MEGNO, RUN, VERSION, Measure, Recipe, SystemMaker, SystemText, seeded
 from kickdrift.ensemble.rows import COLUMNS, DONE, MEMBER, Row
 from kickdrift.errors import InputError
 from kickdrift.integrators import INTEGRATORS
@@ -183,7 +182,7 @@ class Ensemble:
         """All that the table comes from."""
         members, recipe = self.members, recipe or self._recipe
         vary = {**members.grids, **members.draws}
-        own = {"vary": repr(vary), "seed": str(members.seed), "version": kickdrift.__version__}
+        own = {"vary": repr(vary), "seed": str(members.seed), "version": VERSION}
         return {
             "identity": recipe.identity() | own,  # what makes another ensemble of it; more replicas do not
             "system": self.name,

@@ -6,6 +6,7 @@ import inspect
 import os
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from importlib.metadata import version
 from pathlib import Path
 from threading import Lock
 from typing import Any
@@ -24,6 +25,7 @@ from kickdrift.systemfile.reading import built, draws
 
 Measure = Callable[..., Any]
 RUN, MEGNO = "run", "megno"
+VERSION = version("kickdrift")
 _LOADING = Lock()  # a worker may have threads
 _LOADED: set[Path] = set()  # files of integrators, in this process
 

@@ -20,13 +20,13 @@ from multiprocessing import active_children, resource_tracker
 from time import monotonic
 from typing import Any
 
-from kickdrift.cli.printing import counted
 from kickdrift.disk.interrupt import whole
 from kickdrift.ensemble.members import Member, Members
 from kickdrift.ensemble.recipe import Recipe
 from kickdrift.ensemble.rows import FAILED, LOST, Row, row_of
 from kickdrift.ensemble.work import check, packed, timed_members
 from kickdrift.errors import InputError, RunError
+from kickdrift.text import counted
 
 PATIENCE = 10.0  # seconds for a scheduler to answer
 AHEAD = 3  # tasks in flight for each thread of the workers

@@ -7,9 +7,8 @@ from collections.abc import Sequence
 from time import perf_counter
 from typing import Any
 
-import kickdrift
 from kickdrift.ensemble.members import Member
-from kickdrift.ensemble.recipe import MEGNO, Recipe
+from kickdrift.ensemble.recipe import MEGNO, VERSION, Recipe
 from kickdrift.ensemble.rows import DONE, FAILED, Row, last_columns, megno_columns, row_of, run_columns
 from kickdrift.errors import InputError, KickdriftError
 from kickdrift.model.problem import Problem
@@ -23,7 +22,7 @@ def packed(recipe: Recipe) -> bytes:
     import cloudpickle
 
     try:
-        return cloudpickle.dumps((kickdrift.__version__, recipe))
+        return cloudpickle.dumps((VERSION, recipe))
     except Exception as error:  # of whatever a user's function holds
         why = " ".join(str(error).split())
         raise InputError(f"ensemble: what members need cannot be sent to other processes: {why}") from None
@@ -34,9 +33,9 @@ def unpacked(cargo: bytes) -> Recipe:
     import cloudpickle
 
     version, recipe = cloudpickle.loads(cargo)
-    if version != kickdrift.__version__:
+    if version != VERSION:
         here = platform.node()
-        raise InputError(f"ensemble: the worker on {here} has kickdrift {kickdrift.__version__}, and this is {version}")
+        raise InputError(f"ensemble: the worker on {here} has kickdrift {VERSION}, and this is {version}")
     return recipe
 
 

@@ -15,6 +15,7 @@ from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from kickdrift.errors import InputError
+from kickdrift.forces.compiled_check import check_compiled
 from kickdrift.forces.kernel import OK, RAISED, kernel
 from kickdrift.jit.inner import overload
 from kickdrift.jit.numba_private import NumbaError
@@ -50,7 +51,7 @@ def call_at(typingctx, address, t, y, dy):
 
 
 @kernel(EquationKernel, rows=1)
-def right_hand_side(force, t, x, v, a, sums):
+def add_right_hand_side(force, t, x, v, a, sums):
     m, y, dy = x.shape[1], force.y, force.dy
     for i in range(m):
         y[i] = x[0, i]
@@ -161,3 +162,20 @@ class RightHandSide:
         """The parts: a NamedTuple with a compiled body."""
         n = len(problem)
         return EquationKernel(self.callback.address, problem.separable, np.zeros(n), np.zeros(n))
+
+
+def right_hand_side(problem: Problem) -> RightHandSide:
+    """A Problem's f as the compiled loops call it, compiled once and kept with the Problem."""
+    kept = vars(problem)
+    if "right_hand_side" not in kept:
+        made = RightHandSide(problem)
+        check_right_hand_side(problem, made)
+        kept["right_hand_side"] = made
+    found: RightHandSide = kept["right_hand_side"]
+    return found
+
+
+def check_right_hand_side(problem: Problem, made: RightHandSide) -> None:
+    """Refuse a compiled f that gives other values than plain Python."""
+    if problem.compiled:
+        check_compiled(problem, made.callback.address)

@@ -194,6 +194,7 @@ class Springs(Field):
 
     name: ClassVar[str] = "springs"
     external: ClassVar[bool] = False
+    joins: ClassVar[bool] = True  # its bodies may not merge, nor leave alone
     dimensions: ClassVar[dict[str, str]] = {"stiffness": "stiffness", "length": "length"}
 
     def __post_init__(self) -> None:

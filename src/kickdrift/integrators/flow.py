@@ -12,6 +12,7 @@ import numpy as np
 
 from kickdrift.errors import InputError, RunError
 from kickdrift.forces.bound import BoundForces
+from kickdrift.forces.equation import check_right_hand_side, right_hand_side
 from kickdrift.forces.evaluate import SLOTS
 from kickdrift.forces.kernel import OK
 from kickdrift.forces.pair_law import PairForce
@@ -184,9 +185,9 @@ class ProblemFlow:
         self.name = problem.name
         self.halves = 2 if problem.separable else 1
         known = "right_hand_side" in vars(problem)
-        self._callback = problem.right_hand_side.callback
+        self._callback = right_hand_side(problem).callback
         if known:  # names outside f may have other values since
-            problem.check_compiled(problem.right_hand_side)
+            check_right_hand_side(problem, right_hand_side(problem))
         self.forces = BoundForces(_Bindable(problem), threads)
         self.not_separable = None if problem.separable else "the problem is not declared separable=True"
 
@@ -299,7 +300,7 @@ class _Bindable:
     """A Problem with its right-hand side in a System's place."""
 
     def __init__(self, problem: Problem) -> None:
-        self.forces = (problem.right_hand_side,)
+        self.forces = (right_hand_side(problem),)
         self._problem = problem
 
     def __len__(self) -> int:

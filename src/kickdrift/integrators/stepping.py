@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     from kickdrift.forces.bound import BoundForces
     from kickdrift.integrators.flow import Flow
     from kickdrift.integrators.options import Options
-    from kickdrift.run.plan import Plan
 
 # The first slots of the clock of a loop that chooses its steps: the last step point, the step to try, the step that led
 # there, the time it began at.
@@ -50,6 +49,19 @@ class Counts:
     def __sub__(self, before: Counts) -> Counts:
         rejected, jacobians = self.rejected - before.rejected, self.jacobians - before.jacobians
         return Counts(self.evaluations - before.evaluations, rejected, jacobians)
+
+
+class LookTimes(Protocol):
+    """When looks are due: every ``interval`` from ``begin_time`` to ``end_time``."""
+
+    @property
+    def begin_time(self) -> float: ...
+
+    @property
+    def interval(self) -> float: ...
+
+    @property
+    def end_time(self) -> float: ...
 
 
 class Stepper(Protocol):
@@ -324,7 +336,7 @@ class ChosenSteps(Resumable):
         return None
 
     def looked(
-        self, plan: Plan, steps: int, looking: Looking, last: Floats, rows: Floats, row: int
+        self, plan: LookTimes, steps: int, looking: Looking, last: Floats, rows: Floats, row: int
     ) -> tuple[int, NDArray[np.int64], bool]:
         """Steps, and looks as the plan wants them, until that many steps are taken or Python is due: a status, the step
         of each good look, and whether it was a look that failed."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -14,8 +14,7 @@ from kickdrift.model.checks import unwarned
 from kickdrift.model.state import Floats
 
 if TYPE_CHECKING:
-    from kickdrift.engines.session import EngineStepper
-    from kickdrift.forces.bound import BoundForces
+    from kickdrift.forces.bound import Measured
     from kickdrift.model.system import System
 
 
@@ -131,8 +130,14 @@ def angular_momentum(masses: Floats, x: Floats, v: Floats) -> Floats:
     return np.array([masses @ (x[j] * v[k] - x[k] * v[j]) for j, k in pairs])
 
 
+class Measuring(Protocol):
+    """What evaluates forces and sums at positions and velocities (2, 3, n); None where they are no numbers."""
+
+    def measure(self, time: float, phase: Floats) -> Measured | None: ...
+
+
 @unwarned
-def take_sample(system: System, forces: BoundForces | EngineStepper, step: int, time: float, phase: Floats) -> Sample:
+def take_sample(system: System, forces: Measuring, step: int, time: float, phase: Floats) -> Sample:
     """Look at positions and velocities ``phase`` (2, 3, n); a RunError where forces or energy there are no numbers."""
     measured = forces.measure(time, phase)
     if measured is None:

@@ -242,7 +242,6 @@ def binding(system: System) -> Any:
 
 def checked_events(subject: System | Problem, events: Iterable[Event]) -> tuple[Event, ...]:
     """The events, where they can be watched for in that subject; else an InputError."""
-    from kickdrift.forces import Springs
     from kickdrift.model.system import System
 
     try:
@@ -275,7 +274,7 @@ def checked_events(subject: System | Problem, events: Iterable[Event]) -> tuple[
             pair = [index_of(subject, body, event.name) for body in (event.function.body, event.function.about)]
             if pair[0] == pair[1]:
                 raise InputError(f"{event.name}: expected two bodies, got {shown(event.function.body)} twice")
-        if getattr(event, "action", "") in ("merge", "remove") and any(isinstance(f, Springs) for f in subject.forces):
+        if getattr(event, "action", "") in ("merge", "remove") and subject.acting("joins"):
             raise InputError(f"{event.kind}: action {event.action!r} is not for bodies joined by springs")  # type: ignore[union-attr]
     return found
 

@@ -9,6 +9,7 @@ from kickdrift.errors import InputError
 from kickdrift.model import checks
 
 MOST_STEPS = 10**15  # a year of the fastest steps; floats hold any whole number up to nine times that
+NEVER = 2**62  # steps: of a run without an end
 MOST_DIGITS = 4000  # of a text that int() is asked to read; Python stops at 4300
 
 

@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from copy import copy
 from dataclasses import dataclass, field
-from functools import cached_property
 from numbers import Real
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,9 +15,6 @@ from kickdrift.errors import InputError
 from kickdrift.model.checks import numbers
 from kickdrift.model.state import Floats, read_only
 from kickdrift.model.system import RunDefaults
-
-if TYPE_CHECKING:
-    from kickdrift.forces.equation import RightHandSide
 
 Function = Callable[[float, Floats], Any]
 
@@ -146,22 +142,6 @@ class Problem:
 
     def __len__(self) -> int:
         return len(self.y0)
-
-    @cached_property
-    def right_hand_side(self) -> RightHandSide:
-        """f as the compiled loops call it, compiled once."""
-        from kickdrift.forces.equation import RightHandSide
-
-        made = RightHandSide(self)
-        self.check_compiled(made)
-        return made
-
-    def check_compiled(self, made: RightHandSide) -> None:
-        """Refuse a compiled f that gives other values than plain Python."""
-        from kickdrift.model.compiled_check import check_compiled
-
-        if self.compiled:
-            check_compiled(self, made.callback.address)
 
     @property
     def state(self) -> ProblemState:

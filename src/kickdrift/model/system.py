@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from kickdrift.bridges import bridge
 from kickdrift.errors import InputError
 from kickdrift.model.box import Box
+from kickdrift.model.bridging import bridge
 from kickdrift.model.checks import listed, no_overflow, numbers, per_particle, whole_number
 from kickdrift.model.events import Event, checked_events
 from kickdrift.model.state import Floats, State
@@ -286,7 +286,7 @@ class System:
 
     def acting(self, trait: str) -> list[str]:
         """The names of the forces that have a trait: "external" (it does not conserve momentum), "works" (nor energy),
-        "velocity_dependent"."""
+        "velocity_dependent", "joins" (bodies that it names belong together)."""
         return [force.name for force in self.forces if getattr(force, trait, False)]
 
     @property

@@ -11,8 +11,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from kickdrift.cli.printing import counted
-from kickdrift.cli.printing_ensemble import with_error
 from kickdrift.ensemble import summary
 from kickdrift.ensemble.ensemble import Ensemble
 from kickdrift.ensemble.rows import DONE
@@ -20,6 +18,7 @@ from kickdrift.ensemble.table import PROVENANCE
 from kickdrift.errors import InputError
 from kickdrift.model.units import UNIT_SYSTEMS
 from kickdrift.plots.runs import COLOURS, INK, _pretty, checked_target, new_axes, new_figure, save_figure
+from kickdrift.text import counted, with_error
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -11,9 +11,15 @@ from numpy.typing import NDArray
 from kickdrift.errors import RunError
 from kickdrift.forces.kernel import OK
 from kickdrift.integrators.flow import ParticleFlow
+from kickdrift.integrators.stability_limit import (
+    WATCHED_POINTS,
+    WATCHED_STEPS,
+    Point,
+    can_be_limited,
+    stability_warning,
+)
 from kickdrift.integrators.step_length import TOO_LONG, can_be_checked, step_warning
 from kickdrift.integrators.stepping import ChosenSteps, Regular
-from kickdrift.integrators.stiffness import WATCHED_POINTS, WATCHED_STEPS, Point, can_be_limited, stability_warning
 from kickdrift.looks.columns import COLUMNS, TIME
 from kickdrift.looks.looking import Looking
 from kickdrift.looks.observers import NOTHING

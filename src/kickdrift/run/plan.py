@@ -12,7 +12,7 @@ from kickdrift.errors import InputError
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.looks.table import check_samples as check_samples
 from kickdrift.model.checks import number
-from kickdrift.model.limits import steps_in
+from kickdrift.model.limits import NEVER, steps_in
 from kickdrift.model.limits import whole_number as whole_number
 from kickdrift.text import shown
 
@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from kickdrift.model.system import RunDefaults
     from kickdrift.run.simulation import Simulation
 
-NEVER = 2**62
 # Looks at a run that does not say how often; ``looks_at`` says how many when. They depend on the run alone, so that the
 # same run is looked at alike on every machine.
 SAMPLES = 1000

@@ -2,24 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 import numpy as np
 
+from kickdrift.disk.outputs import plain
 from kickdrift.engines import NATIVE
+from kickdrift.integrators.method import Method
+from kickdrift.integrators.options import Options
 from kickdrift.looks.observers import NOTHING
-from kickdrift.looks.record import Series, even_stretch
+from kickdrift.looks.record import Record, Series, even_stretch
 from kickdrift.model.checks import unwarned
+from kickdrift.model.problem import Problem
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 from kickdrift.statistics.drift import EnergyError, drift, energy_error, rounding_of
-
-if TYPE_CHECKING:
-    from kickdrift.batch.batch import Member
-    from kickdrift.model.problem import Problem
-    from kickdrift.run.simulation import Simulation
 
 
 @dataclass(frozen=True)
@@ -124,19 +123,53 @@ class Report:
         return plain(asdict(self))
 
 
-def plain(value: Any) -> Any:
-    """The same with None for what JSON has no number for."""
-    if isinstance(value, dict):
-        return {key: plain(inner) for key, inner in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [plain(inner) for inner in value]
-    if isinstance(value, float) and not np.isfinite(value):
-        return None
-    return value
+class Reported(Protocol):
+    """What a report is made of: the parts of a run."""
+
+    @property
+    def record(self) -> Record: ...
+
+    @property
+    def system(self) -> System | Problem: ...
+
+    @property
+    def engine(self) -> str: ...
+
+    @property
+    def engine_version(self) -> str | None: ...
+
+    @property
+    def integrator(self) -> str: ...
+
+    @property
+    def method(self) -> Method: ...
+
+    @property
+    def options(self) -> Options: ...
+
+    @property
+    def dt(self) -> float | None: ...
+
+    @property
+    def threads(self) -> int: ...
+
+    @property
+    def processes(self) -> int: ...
+
+    @property
+    def stopped(self) -> str: ...
+
+    @property
+    def state(self) -> Any: ...
+
+    @property
+    def events(self) -> Sequence[dict[str, Any]]: ...
+
+    def going_on(self) -> list[dict[str, Any]]: ...
 
 
 @unwarned
-def report(sim: Simulation | Member) -> Report:
+def report(sim: Reported) -> Report:
     """The summary of the run so far of a Simulation, or of one system in a Batch."""
     record, system = sim.record, sim.system
     series = record.series()

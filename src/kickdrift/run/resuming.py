@@ -13,16 +13,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from kickdrift.cli.printing import counted
 from kickdrift.engines import NATIVE
 from kickdrift.errors import InputError
 from kickdrift.forces.bound import most_threads
 from kickdrift.jit.compile import features, processor
 from kickdrift.looks.observers import Sample
+from kickdrift.model.limits import NEVER
 from kickdrift.model.system import System
 from kickdrift.model.units import shown
-from kickdrift.run.plan import NEVER, Plan, check_samples, whole_number
+from kickdrift.run.plan import Plan, check_samples, whole_number
 from kickdrift.run.simulation import Simulation
+from kickdrift.text import counted
 from kickdrift.trajectory import reader
 from kickdrift.trajectory.layout import versions
 from kickdrift.trajectory.named import about, method_of, options_of

@@ -5,12 +5,11 @@ from __future__ import annotations
 import os
 from typing import Any
 
-from kickdrift.cli.printing import counted
 from kickdrift.forces import force_class
 from kickdrift.model.events import event_lines
+from kickdrift.model.limits import NEVER
 from kickdrift.model.units import shown
-from kickdrift.run.plan import NEVER
-from kickdrift.text import clean
+from kickdrift.text import clean, counted
 from kickdrift.trajectory.reader import Run, open
 
 SHOWN = 5  # of the forces that nobody here has registered

@@ -8,13 +8,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
-from typing import Any, NamedTuple
+from typing import Any
 
 import h5py
 import numpy as np
 
 from kickdrift.errors import InputError
-from kickdrift.model import constants
+from kickdrift.model.file_units import FileUnits
 from kickdrift.model.system import System
 from kickdrift.model.units import DIMENSIONS, UnitSystem
 from kickdrift.trajectory import checkpoints, checksums
@@ -39,43 +39,9 @@ UNIT_KEYS = (
     "nominal", "length_factor", "time_factor", "force_factor",
 )  # fmt: skip
 
-# Units that are lengths and times to MDAnalysis, in its own angstrom and ps.
-_ANGSTROM = {"angstrom": 1.0, "nm": 10.0, "m": 1e10}
-_PICOSECOND = {"ps": 1.0, "fs": 1e-3, "s": 1e12}
-# Forces by units of energy and length, as MDAnalysis spells them.
-_KJ_PER_MOL = "kJ mol-1 Angstrom-1"
-_FORCE = {
-    ("eV", "angstrom"): (constants.ELEMENTARY_CHARGE * constants.AVOGADRO / 1000, _KJ_PER_MOL),
-    ("J", "m"): (1.0, "Newton"),
-}
 _DIMENSION = dict.fromkeys(("kinetic_energy", "potential_energy", "total_energy"), "energy")
 _DIMENSION |= {"centre_of_mass": "length", "centre_of_mass_velocity": "velocity", "energy_taken": "energy"}
 _DIMENSION |= {"momentum_taken": "momentum", "angular_momentum_taken": "angular momentum"}
-
-
-class FileUnits(NamedTuple):
-    """What stored positions, times and forces were multiplied by; for length and time exactly 1 but for ``si``.
-
-    ``nominal`` is true where a length unit is written as one angstrom and a time unit as one ps for want of anything
-    better, as in reduced units.
-    """
-
-    length: float
-    time: float
-    nominal: bool
-    force: float = 1.0
-    force_unit: str = _KJ_PER_MOL
-
-    @property
-    def velocity(self) -> float:
-        return self.length / self.time
-
-    @classmethod
-    def of(cls, units: UnitSystem) -> FileUnits:
-        length, time = _ANGSTROM.get(units.length.lower()), _PICOSECOND.get(units.time.lower())
-        if length is None or time is None:
-            return cls(1.0, 1.0, True)
-        return cls(length, time, False, *_FORCE.get((units.energy, units.length), ()))
 
 
 def observable_unit(name: str, units: UnitSystem) -> str:

@@ -21,9 +21,9 @@ from kickdrift.errors import InputError
 from kickdrift.forces import force_class
 from kickdrift.integrators import integrator as method_named
 from kickdrift.model.events import Between, CloseApproach, Collision, Crossing, Escape, Event
+from kickdrift.model.limits import NEVER
 from kickdrift.model.system import Equilibration, RunDefaults
 from kickdrift.model.units import UNIT_SYSTEMS, shown
-from kickdrift.run.plan import NEVER
 from kickdrift.systemfile.schema import checked, force_parameters
 from kickdrift.systemfile.schema_base import Table
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from kickdrift.errors import InputError
 from kickdrift.model.checks import path_text
+from kickdrift.model.file_units import FileUnits
 from kickdrift.model.state import Floats
 from kickdrift.trajectory import header
 from kickdrift.trajectory.checkpoints import CHECKPOINTS, COLUMNS, Table
@@ -21,7 +22,7 @@ from kickdrift.trajectory.contents import Contents
 from kickdrift.trajectory.damage import Checks, Damage
 from kickdrift.trajectory.frames import EnergySeries, Frames, as_slice, energies_of
 from kickdrift.trajectory.header import CLOCK, EVENT_COLUMNS, Committed
-from kickdrift.trajectory.layout import SCHEMA, TRAJECTORY, FileUnits, run_hash, system_hash
+from kickdrift.trajectory.layout import SCHEMA, TRAJECTORY, run_hash, system_hash
 from kickdrift.trajectory.opening import open_to_read
 from kickdrift.trajectory.rows import behind
 

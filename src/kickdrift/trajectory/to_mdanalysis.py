@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.errors import InputError, RunError
+from kickdrift.model.file_units import FileUnits
 from kickdrift.trajectory.export import Chosen, Placed
 from kickdrift.trajectory.formats import REMOVED_NAN, Format
-from kickdrift.trajectory.layout import FileUnits
 from kickdrift.trajectory.universe import label, mdanalysis, spacing
 
 INT32 = 2**31 - 1

@@ -11,8 +11,9 @@ import numpy as np
 
 from kickdrift.errors import InputError
 from kickdrift.model import constants
+from kickdrift.model.file_units import FileUnits
 from kickdrift.model.state import Floats
-from kickdrift.trajectory.layout import TRAJECTORY, FileUnits
+from kickdrift.trajectory.layout import TRAJECTORY
 from kickdrift.trajectory.opening import open_to_read
 
 if TYPE_CHECKING:

@@ -1,103 +1,24 @@
-"""Stiffness: what the eigenvalues of the Jacobian along a solution say, and whether they hold a run's steps down."""
+"""Whether the eigenvalues of the Jacobian, and not accuracy, hold an explicit run's steps down."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from kickdrift.errors import InputError
-from kickdrift.integrators.flow import Flow, ParticleFlow, flow_of
+from kickdrift.integrators.flow import Flow, ParticleFlow
 from kickdrift.integrators.method import Method
 from kickdrift.integrators.runge_kutta import Tableau
 from kickdrift.integrators.stability import stability_function
-from kickdrift.model.problem import Problem
 from kickdrift.model.state import Floats
-from kickdrift.model.system import System
 
-if TYPE_CHECKING:
-    from kickdrift.run.simulation import Simulation
-
-DIFFERENCES = 1e-9  # relative error of a Jacobian by differences, with some room
 WATCHED_UNKNOWNS = 64  # at most, for a run to be watched
 NEAR = 0.8  # of the way to the boundary of stability
 WATCHED_POINTS = 10  # at the end of a run
 WATCHED_STEPS = 1000  # of a run, at least: a shorter one is over before its steps are worth a thought
 
 Point = tuple[float, Floats, float]
-
-
-@dataclass(frozen=True)
-class Stiffness:
-    """The Jacobian's eigenvalues at one point of a solution.
-
-    Attributes
-    ----------
-    time : of the point
-    eigenvalues : (N,) complex, the real parts rising
-    rounding : eigenvalues no larger than this cannot be told from 0
-    step : h, the step there, None where none was taken
-    """
-
-    time: float
-    eigenvalues: NDArray[np.complexfloating]
-    rounding: float
-    step: float | None = None
-
-    @property
-    def ratio(self) -> float:
-        """max |Re lambda| / min |Re lambda|, over the eigenvalues with Re lambda < 0 (Lambert 1991, Numerical Methods
-        for Ordinary Differential Systems, section 6.1); nan where there is none.
-
-        Those that rounding cannot tell from 0, such as that of a conserved sum, do not count."""
-        decay = -self.eigenvalues.real
-        decay = decay[decay > self.rounding]
-        return float(decay.max() / decay.min()) if decay.size else float("nan")
-
-    @property
-    def fastest(self) -> complex:
-        """The eigenvalue of the largest absolute value."""
-        return complex(self.eigenvalues[np.argmax(np.abs(self.eigenvalues))])
-
-    @property
-    def step_times_rate(self) -> float | None:
-        """h |lambda|, of the largest; an explicit method needs it to be of order one."""
-        return None if self.step is None else self.step * abs(self.fastest)
-
-
-def stiffness(subject: Simulation | System | Problem, states: Iterable[Any] | None = None) -> list[Stiffness]:
-    """The eigenvalues of the Jacobian df/dy of y' = f(t, y) at points of a solution, y the positions and velocities of
-    particles or the unknowns of a Problem.
-
-    Parameters
-    ----------
-    subject : a Simulation, a System or a Problem
-    states : the points, States or ProblemStates as ``Simulation.state`` gives them; default the present (of a
-        Simulation, which also knows its step) or the start
-
-    Raises
-    ------
-    InputError
-        Where a state is not one of the subject's, or the Jacobian is too large to hold (3000 unknowns).
-    """
-    if isinstance(subject, (System, Problem)):
-        flow, step = flow_of(subject, 1, jumps=True), None
-    else:
-        flow, step = subject._flow, subject._stepper.last_step or None
-    points: list[Any] = [subject.state] if states is None else list(states)
-    return [_stiffness(flow, state.time, flow.array(state), step if states is None else None) for state in points]
-
-
-def _stiffness(flow: Flow, time: float, y: Floats, step: float | None) -> Stiffness:
-    jacobian = flow.jacobian(time, y)
-    if not np.isfinite(jacobian).all():
-        raise InputError(f"stiffness: the Jacobian at t = {time:.6g} is not finite")
-    eigenvalues = np.sort_complex(np.linalg.eigvals(jacobian))
-    error = 10 * float(np.finfo(float).eps) if flow.analytic else DIFFERENCES
-    return Stiffness(time, eigenvalues, error * float(np.linalg.norm(jacobian, 2)), step)
 
 
 def stability_boundary(method: Method, direction: complex) -> float:
