@@ -22,7 +22,7 @@ from hypothesis import strategies as st
 import kickdrift as kd
 from kickdrift.bridges.ase import Calculator, Scale
 from kickdrift.model.bridging import bridge
-from kickdrift.model.units import UNIT_SYSTEMS
+from kickdrift.model.units import UNIT_SYSTEMS, quantity
 from kickdrift.trajectory.export import export
 from kickdrift.trajectory.h5md import Writer
 
@@ -61,13 +61,13 @@ def test_metal_is_ases_units_but_for_the_time():
 def test_real_units_are_converted(units):
     atoms, there = argon(), UNIT_SYSTEMS[units]
     system = kd.System.from_ase(atoms, [], units)
-    energy = kd.units.quantity("1 eV", "energy", there)
+    energy = quantity("1 eV", "energy", there)
     x, v, m = system.state.positions, system.state.velocities, system.coherent_masses
-    length = kd.units.quantity("1 angstrom", "length", there)
+    length = quantity("1 angstrom", "length", there)
     np.testing.assert_allclose(x, atoms.positions * length, rtol=1e-15)
     np.testing.assert_allclose(system.box.lengths, np.diagonal(atoms.cell) * length, rtol=1e-15)
     assert 0.5 * (m * (v**2).sum(axis=1)).sum() == pytest.approx(atoms.get_kinetic_energy() * energy, rel=1e-14)
-    speed = kd.units.quantity("1 m/s", "velocity", there)
+    speed = quantity("1 m/s", "velocity", there)
     np.testing.assert_allclose(v / speed, atoms.get_velocities() * ase.units.second / ase.units.m, rtol=1e-8)
 
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import ast
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import kickdrift
@@ -70,3 +72,16 @@ def test_an_import_the_wrong_way_is_seen():
     for text in (top, inside, typing):
         assert len(backwards({"forces/gravity.py": text})) == 1
     assert backwards({"run/plan.py": "from kickdrift.forces.gravity import Gravity\nimport numpy\n"}) == []
+
+
+def test_modules_are_found_by_their_old_names_with_a_warning():
+    code = "import kickdrift as kd, warnings, sys\nwarnings.simplefilter('always')\n"
+    code += "with warnings.catch_warnings(record=True) as told:\n"
+    code += (
+        "    from kickdrift.elements import elements\n    import kickdrift.units\n    from kickdrift import builders\n"
+    )
+    code += "from kickdrift.model.starts import elements as new\nassert elements is new.elements\n"
+    code += "assert new.__spec__.name == new.__name__ == 'kickdrift.model.starts.elements'\n"
+    code += "assert kd.units.quantity and builders.lattice\nprint(len(told), told[0].message)\n"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == "3 kickdrift.elements is kickdrift.model.starts.elements since 0.2\n"

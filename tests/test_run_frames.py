@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 import kickdrift as kd
 from kickdrift.model.state import State
+from kickdrift.model.system import RunDefaults
 from kickdrift.trajectory.h5md import Writer
 
 N, FRAMES, EVERY, DT = 7, 12, 4, 0.25  # a sample every two steps, a frame every four
@@ -49,7 +50,7 @@ def make_system(units: str = "lj") -> kd.System:
     return kd.System(
         x, v, np.arange(1.0, N + 1), (60.0, 70.0, 80.0), [kd.LennardJones(cutoff=3.0, truncation="force-shift")], units,
         ["A", "B", "A", "B", "A", "B", "A"], name="seven", names=[f"n{k}" for k in range(N)], radii=np.arange(N) / 8,
-        run=kd.system.RunDefaults(integrator="velocity-verlet", dt=DT),
+        run=RunDefaults(integrator="velocity-verlet", dt=DT),
     )  # fmt: skip
 
 

@@ -5,9 +5,13 @@ The names below are all that is public; each is imported when it is first used, 
 
 from __future__ import annotations
 
+import sys
 from importlib import import_module
+from importlib.machinery import ModuleSpec
 from importlib.metadata import version
+from types import ModuleType
 from typing import TYPE_CHECKING, Any
+from warnings import warn
 
 # Not lazy: loading the rooms of those names later would put the modules in the functions' places.
 from kickdrift.engines import engines
@@ -133,9 +137,44 @@ __all__ = [
 ]
 
 
+# Modules that had these names in 0.1.0; the old names go in 0.3.
+_MOVED = {
+    "builders": "model.starts.builders",
+    "constants": "model.constants",
+    "coordinates": "model.starts.coordinates",
+    "elements": "model.starts.elements",
+    "observers": "looks.observers",
+    "plummer": "model.starts.plummer",
+    "units": "model.units",
+}
+
+
+class _OldNames:
+    """What Python asks for a module of an old name: it gives the module of today, with a warning."""
+
+    def find_spec(self, name: str, path: Any = None, target: Any = None) -> ModuleSpec | None:
+        package, _, old = name.partition(".")
+        return ModuleSpec(name, self) if package == "kickdrift" and old in _MOVED else None  # type: ignore[arg-type]
+
+    def create_module(self, spec: ModuleSpec) -> ModuleType:
+        new = f"kickdrift.{_MOVED[spec.name.partition('.')[2]]}"
+        warn(f"{spec.name} is {new} since 0.2", DeprecationWarning, stacklevel=2)
+        module = import_module(new)
+        self._own = module.__spec__
+        return module
+
+    def exec_module(self, module: ModuleType) -> None:
+        module.__spec__ = self._own  # which Python has put the old name into
+
+
+sys.meta_path.append(_OldNames())
+
+
 def __getattr__(name: str) -> Any:
     if name == "analysis":
         return import_module("kickdrift.analysis")
+    if name in _MOVED:
+        return import_module(f"kickdrift.{name}")
     if name not in _HOMES:
         raise AttributeError(f"module 'kickdrift' has no attribute {name!r}")
     value = getattr(import_module(f"kickdrift.{_HOMES[name]}"), name)
