@@ -62,6 +62,7 @@ class Kernel(NamedTuple):
 # An inverse square root is 11: the estimate, x y, 1 - x y^2 (2), two multiply-adds of the series (4), y e, the last
 # multiply-add (2). An inverse is 8: the estimate y, e = 1 - x y (2), y (1 + e) (2), e^2, the last multiply-add (2).
 KERNELS = {
+    # The rows' entries are those of AVX-512; other processors have them half as wide (see forces.row_lanes).
     # dx 3, r^2 5, inverse 8, its powers 3, force / r 3, the cutoff 1, on i 6, on j 6: eight times; loads x and force of
     # the cluster (384), stores its force (192), the particle's shifted place and the entry (32)
     "lj-force": Kernel("Lennard-Jones force", "entry of a row (8 pairs)", 8 * 35, 608, WAITING),

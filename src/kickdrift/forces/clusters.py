@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from kickdrift.forces.row_lanes import Halves, RowLanes, Whole, blocks
 from kickdrift.jit.compile import jit, strict
 from kickdrift.jit.lanes import lane_max, lane_sum, splat
 from kickdrift.jit.masks import select
@@ -27,7 +28,6 @@ STRIDE_UNKNOWN = 0.01  # of the cutoff: how far the fastest particle goes betwee
 SHIFT_BITS = 5  # of an entry of `near`, for 27 shifts
 SHIFTS = 27
 LOOKED_AHEAD = 2  # entries after the last that are read, and not used
-ROWS_PER_NEAR = 8  # a cluster near another is listed by eight of its particles at most
 
 
 class ClusterList(NamedTuple):
@@ -38,7 +38,8 @@ class ClusterList(NamedTuple):
     """
 
     cutoff: float
-    per_row: int  # particles to a row of the list: 1, or 2 in mixed precision
+    per_row: int  # particles to a row of the list, 1 or 2 (see `row_lanes`)
+    block: Whole | Halves  # what an entry of a row is
     inner_skin: float
     outer_skin: float
     edges: NDArray[np.float64]  # (3,), zero where the box is open
@@ -60,12 +61,12 @@ class ClusterList(NamedTuple):
     near_span: NDArray[np.int64]  # (clusters, 2) first and last entry + 1 of a cluster
     near: NDArray[np.int32]  # (chunks, room) the outer list, entries: cluster << 5 | shift
     row_start: NDArray[np.int64]  # (chunks, slots + 1) the first entry of each row, of cluster 0, of cluster 1, …
-    rows: NDArray[np.int32]  # (chunks, 8 room + 8, 2) the inner list: where a cluster's x begins in `x`, and where the
+    rows: NDArray[np.int32]  # (chunks, entries, 2) the inner list: where the x of a block begin in `x`, and where the
     # row's shifted positions stand in a table of the cluster's
     used: NDArray[np.int64]  # (chunks, clusters) the shifts in a cluster's rows, as bits
     origin: NDArray[np.float64]  # (3,) the middle, from which positions in float32 are measured
     x_single: NDArray[np.float32]  # (3 slots,) in mixed precision, else empty
-    force_single: NDArray[np.float32]  # (chunks, 6 slots) likewise
+    force_single: NDArray[np.float32]  # (chunks, 3 per_row slots) likewise
     force: NDArray[np.float64]  # (chunks, 3 slots)
     touched: NDArray[np.bool_]  # (chunks, clusters): where a chunk's forces may not be zero
     made: NDArray[np.int64]  # (chunks,) entries that the last search found
@@ -79,8 +80,8 @@ def chunk_count(n: int) -> int:
 
 @jit
 def table_place(per_row: int, shift: int, row: int) -> int:
-    """Where a row's positions less a shift stand in its cluster's table: (shifts, 3, 8) float64, or (shifts, 4 rows, 3,
-    16) float32."""
+    """Where a row's positions less a shift stand in its cluster's table: (shifts, 3, 8), or with two particles to a row
+    (shifts, 4 rows, 3, 16)."""
     if per_row == 1:
         return STRIDE * shift + row
     return 8 * STRIDE * shift + 2 * STRIDE * row
@@ -102,8 +103,14 @@ def skins(edges: NDArray[np.float64], cutoff: float, stride: float) -> tuple[flo
     return min(inner * cutoff, slack / 2), min(outer * cutoff, slack)
 
 
-def cluster_list(n: int, box: Box, cutoff: float, per_row: int = 1) -> ClusterList:
-    """Empty lists for n particles."""
+def empty_rows(chunks: int, room: int, block: Whole | Halves) -> NDArray[np.int32]:
+    """Rows for ``room`` entries of the outer list in each chunk. A cluster near another is listed by eight particles
+    at most, for each block of the other's; and entries are written eight at a time."""
+    return np.empty((chunks, WIDTH * blocks(block) * room + WIDTH, 2), np.int32)
+
+
+def cluster_list(n: int, box: Box, cutoff: float, lanes: RowLanes, single: bool = False) -> ClusterList:
+    """Empty lists for n particles; with ``single``, also what mixed precision needs."""
     edges = np.array(box.lengths) if box.lengths is not None else np.zeros(3)
     inner_skin, outer_skin = skins(edges, cutoff, STRIDE_UNKNOWN * cutoff)
     chunks = chunk_count(n)
@@ -112,10 +119,11 @@ def cluster_list(n: int, box: Box, cutoff: float, per_row: int = 1) -> ClusterLi
     shifts = aligned((3, 4 * WIDTH))
     shifts[:, :SHIFTS] = edges[:, None] * (np.indices((3, 3, 3)).reshape(3, SHIFTS) - 1)
     room = 6 * n // chunks + 64
-    single = slots if per_row == 2 else 0
+    single_slots = slots if single else 0
     return ClusterList(
         cutoff=cutoff,
-        per_row=per_row,
+        per_row=lanes.per_row,
+        block=lanes.block,
         inner_skin=inner_skin,
         outer_skin=outer_skin,
         edges=edges,
@@ -137,11 +145,11 @@ def cluster_list(n: int, box: Box, cutoff: float, per_row: int = 1) -> ClusterLi
         near_span=np.zeros((clusters, 2), np.int64),
         near=np.empty((chunks, room), np.int32),
         row_start=np.zeros((chunks, slots + 1), np.int64),
-        rows=np.empty((chunks, ROWS_PER_NEAR * room + WIDTH, 2), np.int32),
+        rows=empty_rows(chunks, room, lanes.block),
         used=np.zeros((chunks, clusters), np.int64),
         origin=np.zeros(3),
-        x_single=aligned((3 * single,), dtype=np.float32),
-        force_single=aligned((chunks, 6 * single), fill=None, dtype=np.float32),
+        x_single=aligned((3 * single_slots,), dtype=np.float32),
+        force_single=aligned((chunks, 3 * lanes.per_row * single_slots), fill=None, dtype=np.float32),
         force=aligned((chunks, 3 * slots), fill=None),
         touched=np.zeros((chunks, clusters), np.bool_),
         made=np.zeros(chunks, np.int64),

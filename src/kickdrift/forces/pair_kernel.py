@@ -16,12 +16,12 @@ from kickdrift.forces.clusters import (
     N_CLUSTERS,
     OUTER_BUILDS,
     ROOM_NEEDED,
-    ROWS_PER_NEAR,
     SHIFTS,
     STRIDE,
     ClusterList,
     cluster_list,
     copy,
+    empty_rows,
     load_vector,
     skins,
     store_vector,
@@ -30,6 +30,7 @@ from kickdrift.forces.clusters import (
 from kickdrift.forces.kernel import FORCES_AND_SUMS, OK, REMAKE, BoundForce, call_force
 from kickdrift.forces.list_code import list_code, prune, refresh
 from kickdrift.forces.pair_sum import narrow
+from kickdrift.forces.row_lanes import RowLanes, row_lanes
 from kickdrift.forces.truncation import AtCutoff, Cut, ForceShift, Shift, Switch
 from kickdrift.jit.chunks import Chunks, each_chunk, in_chunks
 from kickdrift.jit.compile import as_written, driver, jit
@@ -68,6 +69,7 @@ class PairWork(NamedTuple):
     tables: Any  # Tables, or None for one species
     truncation: Any
     mixed: Any  # None, or the total mass, in mixed precision
+    lanes: RowLanes  # of a step of the sum
     cutoff: float
     tail: tuple[float, float]  # energy and virial from beyond the cutoff
     inverse_masses: NDArray[np.float64]  # (n,)
@@ -244,12 +246,13 @@ def law_class(force: PairForce) -> Any:
 
 def bind(force: PairForce, system: System, threads: int, mixed: bool = False) -> PairKernel:
     """A pair force for this System, on this many threads."""
+    lanes = row_lanes(mixed)
     cls = law_class(force)
     n, names = len(system), system.species
     laws = [[force.pair_law(a, b) for b in names] for a in names]
     cutoff = float(force.cutoff or 0.0)
     at_cutoff = [[AtCutoff(*(float(u) for u in p.law(cutoff**2))) for p in row] for row in laws]
-    pairs = cluster_list(n, system.box, cutoff, per_row=2 if mixed else 1)
+    pairs = cluster_list(n, system.box, cutoff, lanes, single=mixed)
     tables = None
     if len(names) > 1:
         law_pairs = np.array(laws, dtype=float).transpose(2, 0, 1).copy()
@@ -270,6 +273,7 @@ def bind(force: PairForce, system: System, threads: int, mixed: bool = False) ->
         tables=tables,
         truncation=truncation_of(force),
         mixed=float(system.coherent_masses.sum()) if mixed else None,
+        lanes=lanes,
         cutoff=cutoff,
         tail=force.tail_corrections(system),
         inverse_masses=1.0 / system.coherent_masses,
@@ -323,7 +327,7 @@ def with_room(bound: PairKernel, room: int) -> PairKernel:
     """The bound force with empty lists of so many entries a chunk."""
     pairs = bound.pairs
     chunks = len(pairs.made)
-    rows = np.empty((chunks, ROWS_PER_NEAR * room + WIDTH, 2), np.int32)
+    rows = empty_rows(chunks, room, pairs.block)
     return bound.with_list(near=np.empty((chunks, room), np.int32), rows=rows)
 
 

@@ -1,8 +1,11 @@
 """The compiled sum of a pair law over the rows of a cluster list, in float64 or mixed precision.
 
-In float64 a step of the loop is one particle against a cluster of eight. In mixed precision it is two particles against
-eight in 16 lanes of float32; forces on a particle are added up in float32 over a row and over the reactions of a chunk,
-everything else (state, sums over rows and chunks, energies, pairs within a cluster) is float64.
+A step of the loop is one particle against a cluster of eight or half of one, or two particles against a cluster: see
+`row_lanes`. In mixed precision its lanes are float32, and forces on a particle are added up in float32 over a row and
+over the reactions of a chunk; everything else (state, sums over rows and chunks, energies, pairs within a cluster) is
+float64.
+
+Functions that take ``zero``, nothing in all lanes of a step, are as wide as it.
 """
 
 from __future__ import annotations
@@ -22,29 +25,28 @@ from kickdrift.forces.clusters import (
     store_vector,
     table_place,
 )
+from kickdrift.forces.row_lanes import nothing
 from kickdrift.forces.truncation import truncated
 from kickdrift.jit.chunks import chunk_task
 from kickdrift.jit.compile import as_written, jit, never_inline
 from kickdrift.jit.inner import overload
-from kickdrift.jit.lanes import lane_numbers, lane_sum, lanes_like, multiply_add, rotated, splat
+from kickdrift.jit.lanes import in_eight, lane_numbers, lane_sum, lanes_like, multiply_add, rotated, splat
 from kickdrift.jit.masks import lowest_bit, select
-from kickdrift.jit.memory import broadcast, entry, load, named_lanes, store, sums_of_rows
+from kickdrift.jit.memory import broadcast, entry, load, load_like, named_lanes, store, sums_of_rows
 from kickdrift.jit.single import (
     halves,
-    joined,
     load_single,
     load_twice,
     named_lanes_single,
     store_narrow,
-    store_single,
     two_of,
 )
-from kickdrift.jit.vectors import WIDTH, single_type
+from kickdrift.jit.vectors import F64, WIDTH, single_type
 
 PLACES = (
     table_place.py_func(2, 1, 0),
     table_place.py_func(2, 0, 1),
-)  # from a shift, and from a row, to the next in mixed precision
+)  # from a shift, and from a row, to the next where a row is two particles
 
 
 @chunk_task
@@ -64,7 +66,8 @@ def chunk_forces_and_sums(force, c):
 @as_written
 def sum_pairs(force, sums, c):
     pairs = force.pairs
-    x, reactions, table = working_arrays(force.mixed, pairs, c)
+    zero = nothing(force.lanes)
+    x, reactions, table = working_arrays(zero, pairs, c)
     rows, start, used, touched, forces = (
         pairs.rows[c],
         pairs.row_start[c],
@@ -75,7 +78,7 @@ def sum_pairs(force, sums, c):
     for cluster in range(pairs.counts[N_CLUSTERS]):
         if touched[cluster]:
             store_vector(forces, cluster, splat(0.0), splat(0.0), splat(0.0))
-            clear(reactions, cluster)
+            clear(reactions, cluster, zero)
     cutoff2 = force.cutoff**2
     laws = force.law, force.at_cutoff, force.truncation, force.tables
     row_sums = np.zeros(WIDTH * STRIDE)
@@ -87,25 +90,25 @@ def sum_pairs(force, sums, c):
         mine = begin <= cluster and cluster < end
         if start[first] == start[first + rows_each] and not mine:
             continue
-        fill_table(table, pairs, cluster, used[cluster])
+        fill_table(table, pairs, cluster, used[cluster], zero)
         # A step is a chain of 20 operations that wait for each other. So that a processor has others to do, the loop is
         # at three steps at once: the displacements of the next but one, the forces of the next, the sums of this one.
         at, own = start[first], WIDTH * cluster
         other, place = entry(rows, at, 0), entry(rows, at, 1)
-        dx, dy, dz = displacements(x, table, other, place)
+        dx, dy, dz = displacements(zero, x, table, other, place)
         r2 = dx * dx + dy * dy + dz * dz
-        energy, force_over_r = pair_terms(laws, own + particle_of(table, place), other // 3, r2)
+        energy, force_over_r = pair_terms(laws, own + particle_of(zero, place), slot_of(other), r2)
         g = select(r2 < cutoff2, force_over_r, 0.0)
         next_other, next_place = entry(rows, at + 1, 0), entry(rows, at + 1, 1)
-        next_dx, next_dy, next_dz = displacements(x, table, next_other, next_place)
+        next_dx, next_dy, next_dz = displacements(zero, x, table, next_other, next_place)
         next_r2 = next_dx * next_dx + next_dy * next_dy + next_dz * next_dz
         for row in range(rows_each):
-            fx, fy, fz = nothing(x), nothing(x), nothing(x)
+            fx, fy, fz = zero, zero, zero
             for k in range(start[first + row], start[first + row + 1]):
                 later_other, later_place = entry(rows, k + 2, 0), entry(rows, k + 2, 1)
-                later_dx, later_dy, later_dz = displacements(x, table, later_other, later_place)
+                later_dx, later_dy, later_dz = displacements(zero, x, table, later_other, later_place)
                 later_r2 = later_dx * later_dx + later_dy * later_dy + later_dz * later_dz
-                i, j = own + particle_of(table, next_place), next_other // 3
+                i, j = own + particle_of(zero, next_place), slot_of(next_other)
                 next_energy, force_over_r = pair_terms(laws, i, j, next_r2)
                 next_g = select(next_r2 < cutoff2, force_over_r, 0.0)
                 fx, fy, fz = multiply_add(g, dx, fx), multiply_add(g, dy, fy), multiply_add(g, dz, fz)
@@ -114,7 +117,7 @@ def sum_pairs(force, sums, c):
                     inside = r2 < cutoff2
                     energy_sum = energy_sum + widened(select(inside, energy, 0.0))
                     virial_sum = virial_sum + widened(g * select(inside, r2, 0.0))
-                    pair_count = pair_count + widened(select(inside, nothing(x) + 1.0, 0.0))
+                    pair_count = pair_count + widened(select(inside, zero + 1.0, 0.0))
                 other, dx, dy, dz, r2, g, energy = next_other, next_dx, next_dy, next_dz, next_r2, next_g, next_energy
                 next_other, next_place, next_r2 = later_other, later_place, later_r2
                 next_dx, next_dy, next_dz = later_dx, later_dy, later_dz
@@ -135,7 +138,7 @@ def sum_pairs(force, sums, c):
         store_vector(forces, cluster, own_x, own_y, own_z)
     for cluster in range(pairs.counts[N_CLUSTERS]):
         if touched[cluster]:
-            add_reactions(forces, reactions, cluster)
+            add_reactions(forces, reactions, cluster, zero)
     if sums is not None:
         sums[c, 0] = lane_sum(energy_sum)
         sums[c, 1] = lane_sum(virial_sum)
@@ -186,48 +189,45 @@ def _meeting(laws, at, own, cutoff2, places):
     return meets
 
 
-def working_arrays(mixed: Any, pairs: Any, c: int) -> Any:
+def working_arrays(zero: Any, pairs: Any, c: int) -> Any:
     """Positions, reactions of chunk c, and an empty table, in the precision of the pairs."""
     raise NotImplementedError("for compiled code")
 
 
 @overload(working_arrays)
-def _working_arrays(mixed, pairs, c):
-    if isinstance(mixed, types.NoneType):
-        return lambda mixed, pairs, c: (pairs.x, pairs.force[c], np.empty(SHIFTS * STRIDE))
-    size = SHIFTS * PLACES[0]
-    return lambda mixed, pairs, c: (pairs.x_single, pairs.force_single[c], np.empty(size, np.float32))
+def _working_arrays(zero, pairs, c):
+    if zero.vector.element == F64:
+        return lambda zero, pairs, c: (pairs.x, pairs.force[c], np.empty(SHIFTS * STRIDE))
+    size = SHIFTS * (PLACES[0] if zero == single_type else STRIDE)
+    return lambda zero, pairs, c: (pairs.x_single, pairs.force_single[c], np.empty(size, np.float32))
 
 
-def nothing(x: Any) -> Any:
-    """Zero in all lanes, in the precision of the array."""
-
-
-@overload(nothing)
-def _nothing(x):
-    return (lambda x: joined(0.0, 0.0)) if x.dtype == types.float32 else (lambda x: splat(0.0))
-
-
-def particle_of(table: Any, place: int) -> int:
+def particle_of(zero: Any, place: int) -> int:
     """Which of its cluster's particles a row is of, or begins with, by its place in the table."""
     raise NotImplementedError("for compiled code")
 
 
 @overload(particle_of)
-def _particle_of(table, place):
-    if table.dtype == types.float32:
+def _particle_of(zero, place):
+    if zero == single_type:
         per_shift, per_row = PLACES
-        return lambda table, place: 2 * (place % per_shift // per_row)
-    return lambda table, place: place % STRIDE
+        return lambda zero, place: 2 * (place % per_shift // per_row)
+    return lambda zero, place: place % STRIDE
 
 
-def fill_table(table: Any, pairs: Any, cluster: int, used: int) -> None:
+@as_written
+def slot_of(other):
+    """The slot of the particle whose x stands at ``other``."""
+    return other // STRIDE * WIDTH + other % STRIDE
+
+
+def fill_table(table: Any, pairs: Any, cluster: int, used: int, zero: Any) -> None:
     """A cluster's positions less each shift that is used. Looking them up costs less than subtracting in each step."""
 
 
 @overload(fill_table)
-def _fill_table(table, pairs, cluster, used):
-    def double(table, pairs, cluster, used):
+def _fill_table(table, pairs, cluster, used, zero):
+    def double(table, pairs, cluster, used, zero):
         shifts = pairs.shifts
         x, y, z = load_vector(pairs.x, cluster)
         while used:
@@ -235,7 +235,17 @@ def _fill_table(table, pairs, cluster, used):
             used &= used - 1
             store_vector(table, s, x - shifts[0, s], y - shifts[1, s], z - shifts[2, s])
 
-    def single(table, pairs, cluster, used):
+    def single(table, pairs, cluster, used, zero):
+        shifts, origin = pairs.shifts, pairs.origin
+        x, y, z = load_vector(pairs.x, cluster)
+        while used:
+            s = lowest_bit(used)
+            used &= used - 1
+            store_narrow(table, STRIDE * s, x - (shifts[0, s] + origin[0]))
+            store_narrow(table, STRIDE * s + WIDTH, y - (shifts[1, s] + origin[1]))
+            store_narrow(table, STRIDE * s + 2 * WIDTH, z - (shifts[2, s] + origin[2]))
+
+    def twos(table, pairs, cluster, used, zero):
         shifts, origin = pairs.shifts, pairs.origin
         x, y, z = load_vector(pairs.x, cluster)
         # a row's second place may be empty: further away than all other empty ones, whatever the shift
@@ -248,57 +258,53 @@ def _fill_table(table, pairs, cluster, used):
             store_twos(table, 8 * STRIDE * s + 2 * WIDTH, y - (shifts[1, s] + origin[1]))
             store_twos(table, 8 * STRIDE * s + 4 * WIDTH, z - (shifts[2, s] + origin[2]))
 
-    return single if table.dtype == types.float32 else double
+    return double if zero.vector.element == F64 else twos if zero == single_type else single
 
 
 @as_written
 def store_twos(table, at, value):
     """Store lanes 0 and 1 eight times each in float32, then 2 and 3 a row further on, and so on."""
-    store_single(table, at, two_of(value, 0))
-    store_single(table, at + 2 * STRIDE, two_of(value, 1))
-    store_single(table, at + 4 * STRIDE, two_of(value, 2))
-    store_single(table, at + 6 * STRIDE, two_of(value, 3))
+    store(table, at, two_of(value, 0))
+    store(table, at + 2 * STRIDE, two_of(value, 1))
+    store(table, at + 4 * STRIDE, two_of(value, 2))
+    store(table, at + 6 * STRIDE, two_of(value, 3))
 
 
-def displacements(x: Any, table: Any, other: int, place: int) -> Any:
-    """From the cluster whose x begins at ``other`` to the row at ``place``."""
+def displacements(zero: Any, x: Any, table: Any, other: int, place: int) -> Any:
+    """From the neighbours whose x begin at ``other`` to the row at ``place``."""
 
 
 @overload(displacements)
-def _displacements(x, table, other, place):
-    def double(x, table, other, place):
-        dx = broadcast(table, place) - load(x, other)
-        dy = broadcast(table, place + WIDTH) - load(x, other + WIDTH)
-        return dx, dy, broadcast(table, place + 2 * WIDTH) - load(x, other + 2 * WIDTH)
+def _displacements(zero, x, table, other, place):
+    def one(zero, x, table, other, place):
+        dx = broadcast(table, place, zero) - load_like(x, other, zero)
+        dy = broadcast(table, place + WIDTH, zero) - load_like(x, other + WIDTH, zero)
+        return dx, dy, broadcast(table, place + 2 * WIDTH, zero) - load_like(x, other + 2 * WIDTH, zero)
 
-    def single(x, table, other, place):
+    def two(zero, x, table, other, place):
         dx = load_single(table, place) - load_twice(x, other)
         dy = load_single(table, place + 2 * WIDTH) - load_twice(x, other + WIDTH)
         return dx, dy, load_single(table, place + 4 * WIDTH) - load_twice(x, other + 2 * WIDTH)
 
-    return single if x.dtype == types.float32 else double
+    return two if zero == single_type else one
 
 
 def react(reactions: Any, other: int, g: Any, dx: Any, dy: Any, dz: Any) -> None:
-    """Add g times the displacements to what the cluster whose x begins at ``other`` feels."""
+    """Add g times the displacements to what the neighbours whose x begin at ``other`` feel."""
 
 
 @overload(react)
 def _react(reactions, other, g, dx, dy, dz):
-    def double(reactions, other, g, dx, dy, dz):
-        hx, hy, hz = load(reactions, other), load(reactions, other + WIDTH), load(reactions, other + 2 * WIDTH)
-        store(reactions, other, multiply_add(g, dx, hx))
-        store(reactions, other + WIDTH, multiply_add(g, dy, hy))
-        store(reactions, other + 2 * WIDTH, multiply_add(g, dz, hz))
+    per_row = 2 if g == single_type else 1
 
-    def single(reactions, other, g, dx, dy, dz):
-        x, y, z = 2 * other, 2 * other + 2 * WIDTH, 2 * other + 4 * WIDTH
-        hx, hy, hz = load_single(reactions, x), load_single(reactions, y), load_single(reactions, z)
-        store_single(reactions, x, multiply_add(g, dx, hx))
-        store_single(reactions, y, multiply_add(g, dy, hy))
-        store_single(reactions, z, multiply_add(g, dz, hz))
+    def add(reactions, other, g, dx, dy, dz):
+        x, y, z = per_row * other, per_row * (other + WIDTH), per_row * (other + 2 * WIDTH)
+        hx, hy, hz = load_like(reactions, x, g), load_like(reactions, y, g), load_like(reactions, z, g)
+        store(reactions, x, multiply_add(g, dx, hx))
+        store(reactions, y, multiply_add(g, dy, hy))
+        store(reactions, z, multiply_add(g, dz, hz))
 
-    return single if reactions.dtype == types.float32 else double
+    return add
 
 
 def keep_row(row_sums: Any, row: int, fx: Any, fy: Any, fz: Any) -> None:
@@ -307,59 +313,59 @@ def keep_row(row_sums: Any, row: int, fx: Any, fy: Any, fz: Any) -> None:
 
 @overload(keep_row)
 def _keep_row(row_sums, row, fx, fy, fz):
-    def double(row_sums, row, fx, fy, fz):
-        store_vector(row_sums, row, fx, fy, fz)
+    def one(row_sums, row, fx, fy, fz):
+        store_vector(row_sums, row, widened(fx), widened(fy), widened(fz))
 
-    def single(row_sums, row, fx, fy, fz):
+    def two(row_sums, row, fx, fy, fz):
         (x, x2), (y, y2), (z, z2) = halves(fx), halves(fy), halves(fz)
         store_vector(row_sums, 2 * row, x, y, z)
         store_vector(row_sums, 2 * row + 1, x2, y2, z2)
 
-    return single if fx == single_type else double
+    return two if fx == single_type else one
 
 
 def widened(value: Any) -> Any:
-    """Lanes in float64, eight in all."""
+    """Lanes in float64, eight in all: 16 are added up in pairs, and four have four zeros beside them."""
 
 
 @overload(widened)
 def _widened(value):
-    def single(value):
+    def two(value):
         low, high = halves(value)
         return low + high
 
-    return single if value == single_type else (lambda value: value)
+    return two if value == single_type else (lambda value: in_eight(value))
 
 
-def clear(reactions: Any, cluster: int) -> None:
-    """No reactions yet on a cluster."""
+def clear(reactions: Any, cluster: int, zero: Any) -> None:
+    """No reactions yet on a cluster, where they are not its forces themselves."""
 
 
 @overload(clear)
-def _clear(reactions, cluster):
-    def double(reactions, cluster):
-        store_vector(reactions, cluster, splat(0.0), splat(0.0), splat(0.0))
+def _clear(reactions, cluster, zero):
+    per_row = 2 if zero == single_type else 1
 
-    def single(reactions, cluster):
+    def single(reactions, cluster, zero):
         for k in range(3):
-            store_single(reactions, 2 * (STRIDE * cluster + WIDTH * k), joined(0.0, 0.0))
+            store(reactions, per_row * (STRIDE * cluster + WIDTH * k), zero)
 
-    return single if reactions.dtype == types.float32 else double
+    return single if reactions.dtype == types.float32 else (lambda reactions, cluster, zero: None)
 
 
-def add_reactions(forces: Any, reactions: Any, cluster: int) -> None:
+def add_reactions(forces: Any, reactions: Any, cluster: int, zero: Any) -> None:
     """Add the reactions on a cluster to its forces, where they are not the same."""
 
 
 @overload(add_reactions)
-def _add_reactions(forces, reactions, cluster):
-    def single(forces, reactions, cluster):
+def _add_reactions(forces, reactions, cluster, zero):
+    per_row = 2 if zero == single_type else 1
+
+    def single(forces, reactions, cluster, zero):
         for k in range(3):
             p = STRIDE * cluster + WIDTH * k
-            low, high = halves(load_single(reactions, 2 * p))
-            store(forces, p, load(forces, p) + (low + high))
+            store(forces, p, load(forces, p) + widened(load_like(reactions, per_row * p, zero)))
 
-    return single if reactions.dtype == types.float32 else (lambda forces, reactions, cluster: None)
+    return single if reactions.dtype == types.float32 else (lambda forces, reactions, cluster, zero: None)
 
 
 @jit
@@ -372,8 +378,8 @@ def narrow(pairs):
 
 
 def pair_terms(laws: tuple[Any, ...], i: int, j: int, r2: Any) -> Any:
-    """Energy and force over r of particle i (in 16 lanes i and i + 1) with the eight in slots j to j + 7, truncated;
-    the cutoff is not yet applied."""
+    """Energy and force over r of particle i (in 16 lanes i and i + 1) with those in the slots from j on, truncated; the
+    cutoff is not yet applied."""
 
 
 @overload(pair_terms)
@@ -400,14 +406,14 @@ def _pair_terms(laws, i, j, r2):
 
 
 def named(like: Any, table: Any, row: int, next_row: int, j: int, r2: Any) -> Any:
-    """The parameters like ``like`` of the species ``row`` (and ``next_row``) with the eight in slots from j on."""
+    """The parameters like ``like`` of the species ``row`` (and ``next_row``) with those in the slots from j on."""
 
 
 @overload(named)
 def _named(like, table, row, next_row, j, r2):
     if r2 == single_type:
         return lambda like, table, row, next_row, j, r2: named_lanes_single(like, table, row, next_row, j)
-    return lambda like, table, row, next_row, j, r2: named_lanes(like, table, row, j)
+    return lambda like, table, row, next_row, j, r2: named_lanes(like, table, row, j, r2)
 
 
 def terms_within(laws: tuple[Any, ...], at: int, places: int, r2: Any) -> Any:
@@ -430,8 +436,8 @@ def _terms_within(laws, at, places, r2):
                 own[k, 0, lane] = tables.law[k, row, other]
             for k in range(2):
                 own_at_cutoff[k, 0, lane] = tables.at_cutoff[k, row, other]
-        energy, force_over_r = law(named_lanes(like, own, 0, 0), r2)
-        at_cutoff = named_lanes(like_at_cutoff, own_at_cutoff, 0, 0)
+        energy, force_over_r = law(named_lanes(like, own, 0, 0, r2), r2)
+        at_cutoff = named_lanes(like_at_cutoff, own_at_cutoff, 0, 0, r2)
         return truncated(truncation, at_cutoff, r2, lanes_like(energy, r2), lanes_like(force_over_r, r2))
 
     return many_species

@@ -3,11 +3,12 @@
 Particles are sorted into columns over the x-y plane and by z in each, and padded to clusters of eight. The *outer* list
 holds, for every cluster, the clusters whose box is within the cutoff and a wide skin of its box, with the periodic
 shift to apply. The *inner* one, which the forces run over, is pruned from it (the scheme of Páll & Hess, Comput. Phys.
-Commun. 184, 2641, 2013, doi:10.1016/j.cpc.2013.06.003): rows of a particle, or two, with all the clusters that hold a
-particle within the cutoff and a narrow skin. Every pair of images stands once: in the outer list the second cluster's
-image follows the first in the order (column x, column y, cluster), unwrapped across the periodic edges; in the inner
-one either may have the rows. The pairs inside a cluster are implied. A list is refreshed when a particle has moved by
-half its skin, which is looked at on every force evaluation, and is a function of the positions alone.
+Commun. 184, 2641, 2013, doi:10.1016/j.cpc.2013.06.003): rows of a particle, or two, with all the clusters, or halves of
+clusters, that hold a particle within the cutoff and a narrow skin (see `row_lanes`). Every pair of images stands once:
+in the outer list the second cluster's image follows the first in the order (column x, column y, cluster), unwrapped
+across the periodic edges; in the inner one either may have the rows. The pairs inside a cluster are implied. A list is
+refreshed when a particle has moved by half its skin, which is looked at on every force evaluation, and is a function of
+the positions alone.
 """
 
 from __future__ import annotations
@@ -36,11 +37,13 @@ from kickdrift.forces.clusters import (
     table_place,
 )
 from kickdrift.forces.kernel import BLOWN_UP, GROW, OK
+from kickdrift.forces.row_lanes import blocks
 from kickdrift.jit.chunks import chunk_task, each_chunk
 from kickdrift.jit.compile import is_finite, jit, never_inline
-from kickdrift.jit.masks import count_ones, mask_bits
-from kickdrift.jit.memory import append_members, flat
-from kickdrift.jit.single import joined, load_single, store_single
+from kickdrift.jit.masks import bytes_with_bits, count_ones, mask_bits
+from kickdrift.jit.memory import flat, store
+from kickdrift.jit.packing import append_members
+from kickdrift.jit.single import joined, load_single
 from kickdrift.jit.vectors import WIDTH
 
 
@@ -204,9 +207,13 @@ def prune_chunk(pairs, c):
 
 @jit
 def write_rows(pairs, c, within, met, by):
-    """Write chunk c's rows, from which pairs are within reach in each pair of clusters."""
+    """Write chunk c's rows, from which pairs are within reach in each pair of clusters.
+
+    Members are the particles of a cluster that have one of the other within reach: eight bits for each of the other's
+    blocks, which are entries of rows by themselves.
+    """
     rows, start, used, per_row = pairs.rows[c], pairs.row_start[c], pairs.used[c], pairs.per_row
-    per_shift = table_place(per_row, 1, 0)
+    per_shift, each = table_place(per_row, 1, 0), blocks(pairs.block)
     of, members = np.empty(within.size, np.int32), np.empty(within.size + WIDTH, np.int64)
     listed = np.empty(within.size + WIDTH, np.int64)
     clusters = pairs.counts[N_CLUSTERS]
@@ -214,12 +221,17 @@ def write_rows(pairs, c, within, met, by):
     used[:clusters] = 0
     for k in range(within.size):
         cluster, other, s = by[k], met[k] >> SHIFT_BITS, met[k] & 31
-        own, others = bits_of_bytes(within[k]), within[k] | within[k] >> 32
-        others |= others >> 16
-        own &= filled_bits(pairs, cluster)
-        others = (others | others >> 8) & filled_bits(pairs, other)
+        own = others = 0
+        for block in range(each):
+            own |= bytes_with_bits(within[k] & columns_of_block(each, block)) << WIDTH * block
+            there = within[k] & lines_of_block(each, block)
+            there |= there >> 32
+            there |= there >> 16
+            others |= ((there | there >> 8) & 255) << WIDTH * block
+        own &= in_each_block(each, filled_bits(pairs, cluster))
+        others &= in_each_block(each, filled_bits(pairs, other))
         if per_row == 2:
-            own, others = (own | own >> 1) & 0x55, (others | others >> 1) & 0x55
+            own, others = (own | own >> 1) & 0x5555, (others | others >> 1) & 0x5555
         # which way round: without branches, which nobody could foretell
         turn = int(2 * (count_ones(own) - count_ones(others)) + ((cluster + other) & 1) > 0)
         here, shift = cluster + turn * (other - cluster), s + turn * (SHIFTS - 1 - 2 * s)
@@ -242,26 +254,38 @@ def write_rows(pairs, c, within, met, by):
         begin, end = first[cluster], first[cluster + 1]
         for row in range(rows_each):
             start[rows_each * cluster + row] = made
-            bit, place = 1 << (per_row * row), table_place(per_row, 0, row) << 32
-            for at in range(begin, end, WIDTH):
-                made += append_members(rows, made, sorted_listed, sorted_members, at, end - at, bit, place)
+            for block in range(each):
+                bit = 1 << (per_row * row + WIDTH * block)
+                place = table_place(per_row, 0, row) << 32 | WIDTH // each * block
+                for at in range(begin, end, WIDTH):
+                    made += append_members(rows, made, sorted_listed, sorted_members, at, end - at, bit, place)
     start[rows_each * clusters] = made
     rows[made : made + LOOKED_AHEAD] = 0
+
+
+@jit
+def columns_of_block(each, block):
+    """The pairs of two clusters that a block of the second is in, among their 64 bits; ``each``: blocks to a
+    cluster."""
+    return ((255 >> (WIDTH - WIDTH // each)) << (WIDTH // each * block)) * 0x0101010101010101
+
+
+@jit
+def lines_of_block(each, block):
+    """The pairs of two clusters that a block of the first is in, likewise."""
+    return -1 if each == 1 else 0xFFFFFFFF << (32 * block)
+
+
+@jit
+def in_each_block(each, bits):
+    """Eight bits, as often as there are blocks to a cluster."""
+    return bits if each == 1 else bits | bits << WIDTH
 
 
 @jit
 def filled_bits(pairs, cluster):
     """The lanes that hold particles, as bits."""
     return (1 << pairs.filled[cluster]) - 1
-
-
-@jit
-def bits_of_bytes(bits):
-    """Bit k is set where one of the k-th eight is."""
-    bits |= bits >> 4
-    bits |= bits >> 2
-    bits |= bits >> 1
-    return ((bits & 0x0101010101010101) * 0x0102040810204080 >> 56) & 255
 
 
 @jit
@@ -275,7 +299,7 @@ def spread_rows(pairs, cluster, table):
         size = max(size, pairs.bounds[k + 3, cluster] - pairs.bounds[k, cluster])
         for row in range(4):
             two = joined(x[at + 2 * row] - x[at], x[at + 2 * row + 1] - x[at])
-            store_single(table, 2 * WIDTH * (4 * k + row), two)
+            store(table, 2 * WIDTH * (4 * k + row), two)
     reach = pairs.cutoff + pairs.inner_skin
     return (reach + 1e-6 * (size + reach)) ** 2
 
@@ -292,9 +316,9 @@ def pairs_within(pairs, cluster, other, s, reach2, table):
     x2, y2, z2 = joined(xj, xj), joined(yj, yj), joined(zj, zj)
     bits = 0
     for row in range(4):
-        dx = load_single(table, 2 * WIDTH * row) - x2
-        dy = load_single(table, 2 * WIDTH * (row + 4)) - y2
-        dz = load_single(table, 2 * WIDTH * (row + 8)) - z2
+        dx = x2 - load_single(table, 2 * WIDTH * row)
+        dy = y2 - load_single(table, 2 * WIDTH * (row + 4))
+        dz = z2 - load_single(table, 2 * WIDTH * (row + 8))
         beyond = dx * dx + dy * dy + dz * dz >= reach2
         bits |= (mask_bits(beyond) ^ 0xFFFF) << (16 * row)
     return bits

@@ -1,12 +1,15 @@
-"""SIMD as a type: 8 lanes of float64, or 16 of float32, that compiled kernels use like a number.
+"""SIMD as a type: 8 or 4 lanes of float64, or 16 or 8 of float32, that compiled kernels use like a number.
 
-numba learns the types ``Lanes`` (LLVM's ``<8 x double>`` and ``<16 x float>``) and ``Mask``, with the arithmetic
-operators, the comparisons and a few functions lowered on them; LLVM then emits AVX-512, AVX2, SSE2 or NEON as the
-machine has it. Lanes mix with scalars, which are copied to all lanes. They have the fast-math flags of the function
-that they stand in, as scalars do. In a function without such flags a product inside a sum is fused with it, always in
-the same way. Division is a 14-bit estimate refined by a series where numba compiles for AVX-512 (its divide would take
-over half of a pair kernel's time), within 2 ulp, and so is ``inverse_sqrt``; r = 0, infinity and NaN give a result that
-is not finite, and so stay visible. `single` has what float32 alone needs.
+numba learns the types ``Lanes`` (LLVM's ``<8 x double>``, ``<16 x float>`` and half as many) and ``Mask``, with the
+arithmetic operators, the comparisons and a few functions lowered on them; LLVM then emits AVX-512, AVX2, SSE2 or NEON
+as the machine has it. Eight lanes of float64 are what all kernels use; of the others see `forces.row_lanes`. Lanes mix
+with scalars, which are copied to all lanes. They have the fast-math flags of the function that they stand in, as
+scalars do. In a function without such flags a product inside a sum is fused with it, always in the same way.
+
+Division by 512 bits of lanes is a 14-bit estimate refined by a series where numba compiles for AVX-512 (its divide
+would take over half of a pair kernel's time), within 2 ulp, and so is ``inverse_sqrt``; r = 0, infinity and NaN give a
+result that is not finite, and so stay visible. Elsewhere it is a plain divide: estimates were no faster in a pair
+kernel for AVX2. `single` has what float32 alone needs.
 """
 
 from __future__ import annotations
@@ -23,7 +26,9 @@ from numba.extending import intrinsic, lower_builtin
 from kickdrift.jit.compile import features
 from kickdrift.jit.numba_private import AbstractTemplate, ConcreteTemplate, cgutils, infer_global, signature
 from kickdrift.jit.vectors import (
+    F64,
     F64X8,
+    FULL,
     I32,
     KINDS,
     WIDTH,
@@ -42,7 +47,7 @@ from kickdrift.jit.vectors import (
 
 def _divide(builder: ir.IRBuilder, a: ir.Value, b: ir.Value, flags: tuple[str, ...]) -> ir.Value:
     """a / b; with an estimate y, e = 1 - b y < 2^-13: 1 / b = y (1 + e) (1 + e^2) to 2^-52, y (1 + e) to 2^-26."""
-    if "avx512f" not in features():
+    if "avx512f" not in features() or b.type not in FULL:
         return builder.fdiv(a, b, flags=flags)
     y = estimate(builder, "rcp14", b)
     e = fused(builder, builder.fneg(b), y, constant(1.0, b.type), "fma")
@@ -181,6 +186,21 @@ def lanes_like(typingctx, value, like):
         return as_lanes(builder, args[0], sig.args[0], sig.args[1].vector)
 
     return like(value if isinstance(value, Lanes) else types.float64, like), codegen
+
+
+@intrinsic
+def in_eight(typingctx, value):
+    """Four or eight lanes of either precision as eight of float64; the last four of four are zero."""
+    wide = ir.VectorType(F64, value.vector.count)
+
+    def codegen(context, builder, sig, args):
+        made = args[0] if args[0].type == wide else builder.fpext(args[0], wide)
+        if wide == F64X8:
+            return made
+        order = ir.Constant(ir.VectorType(I32, WIDTH), list(range(WIDTH)))
+        return builder.shuffle_vector(made, constant(0.0, wide), order)
+
+    return lanes_type(value), codegen
 
 
 @intrinsic

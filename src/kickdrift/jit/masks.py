@@ -10,10 +10,10 @@ from numba.extending import intrinsic, lower_builtin
 
 from kickdrift.jit.lanes import register
 from kickdrift.jit.numba_private import signature
-from kickdrift.jit.vectors import Lanes, Mask, as_lanes, mask_type, single_mask_type
+from kickdrift.jit.vectors import MASKS, Lanes, Mask, as_lanes, mask_type
 
-register(operator.and_, [signature(mask, mask, mask) for mask in (mask_type, single_mask_type)])
-register(operator.or_, [signature(mask, mask, mask) for mask in (mask_type, single_mask_type)])
+register(operator.and_, [signature(mask, mask, mask) for mask in MASKS])
+register(operator.or_, [signature(mask, mask, mask) for mask in MASKS])
 
 
 @lower_builtin(operator.and_, Mask, Mask)
@@ -73,5 +73,17 @@ def count_ones(typingctx, bits):
 
     def codegen(context, builder, sig, args):
         return builder.ctpop(args[0])
+
+    return types.int64(types.int64), codegen
+
+
+@intrinsic
+def bytes_with_bits(typingctx, bits):
+    """Which of the eight bytes of a whole number are not zero, as bits: byte k in bit k."""
+
+    def codegen(context, builder, sig, args):
+        several = builder.bitcast(args[0], ir.VectorType(ir.IntType(8), 8))
+        some = builder.icmp_unsigned("!=", several, ir.Constant(several.type, [0] * 8))
+        return builder.zext(builder.bitcast(some, ir.IntType(8)), ir.IntType(64))
 
     return types.int64(types.int64), codegen

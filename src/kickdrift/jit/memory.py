@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,19 @@ from numba import types
 from numba.extending import intrinsic
 
 from kickdrift.jit.numba_private import cgutils
-from kickdrift.jit.vectors import F64X8, I1X8, I32, WIDTH, constant, copied, first_lanes, lanes_type, pointer_to
+from kickdrift.jit.vectors import (
+    F64,
+    F64X8,
+    I1X8,
+    I32,
+    WIDTH,
+    bytes_of,
+    constant,
+    copied,
+    first_lanes,
+    lanes_type,
+    pointer_to,
+)
 
 
 def aligned(shape: tuple[int, ...], fill: float | None = 0.0, dtype: Any = np.float64) -> np.ndarray:
@@ -27,28 +40,39 @@ def aligned(shape: tuple[int, ...], fill: float | None = 0.0, dtype: Any = np.fl
     return array
 
 
+def loading(vector: ir.VectorType) -> Callable[..., ir.Value]:
+    """What emits the reading of neighbours, the first two arguments being an array and an index."""
+
+    def codegen(context: Any, builder: Any, sig: Any, args: Any) -> ir.Value:
+        value = builder.load(pointer_to(context, builder, sig, args, vector))
+        value.align = bytes_of(vector.element)
+        return value
+
+    return codegen
+
+
 @intrinsic
 def load(typingctx, array, index):
     """Eight neighbours of a contiguous float64 array, from ``index`` on."""
+    return lanes_type(array, types.intp), loading(F64X8)
 
-    def codegen(context, builder, sig, args):
-        value = builder.load(pointer_to(context, builder, sig, args))
-        value.align = 8
-        return value
 
-    return lanes_type(array, types.intp), codegen
+@intrinsic
+def load_like(typingctx, array, index, like):
+    """Neighbours of a contiguous array, as many as ``like`` has lanes and of its precision, which is the array's."""
+    return like(array, types.intp, like), loading(like.vector)
 
 
 @intrinsic
 def store(typingctx, array, index, value):
-    """Write eight neighbours."""
+    """Write neighbours: all lanes of the value, whose precision is the array's."""
 
     def codegen(context, builder, sig, args):
-        written = builder.store(args[2], pointer_to(context, builder, sig, args))
-        written.align = 8
+        written = builder.store(args[2], pointer_to(context, builder, sig, args, value.vector))
+        written.align = bytes_of(value.vector.element)
         return context.get_dummy_value()
 
-    return types.void(array, types.intp, lanes_type), codegen
+    return types.void(array, types.intp, value), codegen
 
 
 @intrinsic
@@ -96,14 +120,14 @@ def flat(typingctx, array):
 
 
 @intrinsic
-def broadcast(typingctx, array, index):
-    """The number at ``index``, which is not negative, of a contiguous array, in all lanes."""
+def broadcast(typingctx, array, index, like):
+    """The number at ``index``, which is not negative, of a contiguous array, in as many lanes as ``like`` has."""
 
     def codegen(context, builder, sig, args):
         array = context.make_array(sig.args[0])(context, builder, args[0])
-        return copied(builder, builder.load(builder.gep(array.data, [args[1]])))
+        return copied(builder, builder.load(builder.gep(array.data, [args[1]])), like.vector)
 
-    return lanes_type(array, types.intp), codegen
+    return like(array, types.intp, like), codegen
 
 
 @intrinsic
@@ -117,38 +141,6 @@ def entry(typingctx, array, row, column):
         return builder.sext(number, ir.IntType(64))
 
     return types.int64(array, types.intp, types.intp), codegen
-
-
-@intrinsic
-def append_members(typingctx, rows, at, listed, members, start, count, bit, plus):
-    """Write those of the eight whole numbers ``listed[start:start + 8]``, ``count`` at most, whose ``members`` has that
-    bit set, each with ``plus`` added, to the matrix ``rows`` of two int32 from row ``at`` on; how many they are."""
-    whole = ir.IntType(64)
-    eight = ir.VectorType(whole, WIDTH)
-
-    def codegen(context, builder, sig, args):
-        target, source, chosen = (context.make_array(sig.args[k])(context, builder, args[k]).data for k in (0, 2, 3))
-
-        def spread(value):
-            one = builder.insert_element(ir.Constant(eight, ir.Undefined), value, I32(0))
-            zeros = ir.Constant(ir.VectorType(I32, WIDTH), [0] * WIDTH)
-            return builder.shuffle_vector(one, ir.Constant(eight, ir.Undefined), zeros)
-
-        def loaded(data):
-            value = builder.load(builder.bitcast(builder.gep(data, [args[4]]), eight.as_pointer()))
-            value.align = 8
-            return value
-
-        given = builder.icmp_signed("<", ir.Constant(eight, list(range(WIDTH))), spread(args[5]))
-        both = builder.and_(loaded(chosen), spread(args[6]))
-        mask = builder.and_(given, builder.icmp_unsigned("!=", both, ir.Constant(eight, [0] * WIDTH)))
-        pointer = builder.gep(builder.bitcast(target, whole.as_pointer()), [args[1]])
-        kind = ir.FunctionType(ir.VoidType(), [eight, pointer.type, I1X8])
-        write = cgutils.get_or_insert_function(builder.module, kind, "llvm.masked.compressstore.v8i64")
-        builder.call(write, [builder.add(loaded(source), spread(args[7])), pointer, mask])
-        return builder.ctpop(builder.zext(builder.bitcast(mask, ir.IntType(8)), whole))
-
-    return types.int64(rows, types.intp, listed, members, types.intp, types.int64, types.int64, types.int64), codegen
 
 
 @intrinsic
@@ -179,10 +171,11 @@ def sums_of_rows(typingctx, array, index, stride):
 
 
 @intrinsic
-def named_lanes(typingctx, like, table, row, index):
-    """A NamedTuple of the class of ``like`` whose k-th field is the eight numbers ``table[k, row, index:index +
-    8]``."""
-    result = types.NamedTuple([lanes_type] * len(like), like.instance_class)
+def named_lanes(typingctx, like, table, row, index, lanes):
+    """A NamedTuple of the class of ``like`` whose k-th field is the numbers ``table[k, row, index:]``, as many as
+    ``lanes`` has, in the precision that it has."""
+    result = types.NamedTuple([lanes] * len(like), like.instance_class)
+    wide = ir.VectorType(F64, lanes.vector.count)
 
     def codegen(context, builder, sig, args):
         array = context.make_array(sig.args[1])(context, builder, args[1])
@@ -191,9 +184,9 @@ def named_lanes(typingctx, like, table, row, index):
         for k in range(len(sig.args[0])):
             offset = builder.add(builder.mul(context.get_constant(types.intp, k), shape[1]), args[2])
             offset = builder.add(builder.mul(offset, shape[2]), args[3])
-            pointer = builder.bitcast(builder.gep(array.data, [offset]), F64X8.as_pointer())
-            fields.append(builder.load(pointer))
-            fields[-1].align = 8
+            value = builder.load(builder.bitcast(builder.gep(array.data, [offset]), wide.as_pointer()))
+            value.align = 8
+            fields.append(value if wide == lanes.vector else builder.fptrunc(value, lanes.vector))
         return context.make_tuple(builder, sig.return_type, fields)
 
-    return result(like, table, types.intp, types.intp), codegen
+    return result(like, table, types.intp, types.intp, lanes), codegen

@@ -7,10 +7,9 @@ from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
 
+from kickdrift.jit.memory import loading
 from kickdrift.jit.numba_private import cgutils
-from kickdrift.jit.vectors import F32X16, F64X8, I32, WIDTH, Lanes, as_lanes, lanes_type, pointer_to, single_type
-
-F32X8 = ir.VectorType(ir.FloatType(), WIDTH)
+from kickdrift.jit.vectors import F32X8, F32X16, F64X8, I32, WIDTH, Lanes, as_lanes, lanes_type, pointer_to, single_type
 
 
 def _joined(builder: ir.IRBuilder, low: ir.Value, high: ir.Value) -> ir.Value:
@@ -77,25 +76,7 @@ def load_twice(typingctx, array, index):
 @intrinsic
 def load_single(typingctx, array, index):
     """16 neighbours of a contiguous float32 array."""
-
-    def codegen(context, builder, sig, args):
-        value = builder.load(pointer_to(context, builder, sig, args, F32X16))
-        value.align = 4
-        return value
-
-    return single_type(array, types.intp), codegen
-
-
-@intrinsic
-def store_single(typingctx, array, index, value):
-    """Write 16 neighbours."""
-
-    def codegen(context, builder, sig, args):
-        written = builder.store(args[2], pointer_to(context, builder, sig, args, F32X16))
-        written.align = 4
-        return context.get_dummy_value()
-
-    return types.void(array, types.intp, single_type), codegen
+    return single_type(array, types.intp), loading(F32X16)
 
 
 @intrinsic

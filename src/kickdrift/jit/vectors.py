@@ -16,6 +16,9 @@ F64 = ir.DoubleType()
 F32 = ir.FloatType()
 F64X8 = ir.VectorType(F64, WIDTH)
 F32X16 = ir.VectorType(F32, 2 * WIDTH)
+F64X4 = ir.VectorType(F64, WIDTH // 2)
+F32X8 = ir.VectorType(F32, WIDTH)
+FULL = (F64X8, F32X16)  # 512 bits, as AVX-512 has them
 I1X8 = ir.VectorType(ir.IntType(1), WIDTH)
 I32 = ir.IntType(32)
 
@@ -36,9 +39,10 @@ class Lanes(types.Type):
         super().__init__(name=f"Lanes({vector.count} x {vector.element})")
 
 
-mask_type, single_mask_type = Mask(WIDTH), Mask(2 * WIDTH)
+mask_type, single_mask_type, half_mask_type = MASKS = Mask(WIDTH), Mask(2 * WIDTH), Mask(WIDTH // 2)
 lanes_type, single_type = Lanes(F64X8, mask_type), Lanes(F32X16, single_mask_type)
-KINDS = (lanes_type, single_type)
+half_type, half_single_type = Lanes(F64X4, half_mask_type), Lanes(F32X8, mask_type)
+KINDS = (lanes_type, single_type, half_type, half_single_type)
 
 
 @register_model(Lanes)
@@ -70,8 +74,13 @@ def as_lanes(builder: ir.IRBuilder, value: ir.Value, kind: types.Type, vector: i
     return value if isinstance(kind, Lanes) else copied(builder, value, vector)
 
 
+def bytes_of(element: ir.Type) -> int:
+    """Of a lane of float64 or float32."""
+    return 8 if element == F64 else 4
+
+
 def suffix(vector: ir.VectorType) -> str:
-    return f"v{vector.count}f{64 if vector.element == F64 else 32}"
+    return f"v{vector.count}f{8 * bytes_of(vector.element)}"
 
 
 def fused(builder: ir.IRBuilder, a: ir.Value, b: ir.Value, c: ir.Value, name: str = "fmuladd") -> ir.Value:
@@ -81,7 +90,7 @@ def fused(builder: ir.IRBuilder, a: ir.Value, b: ir.Value, c: ir.Value, name: st
 
 
 def estimate(builder: ir.IRBuilder, name: str, x: ir.Value) -> ir.Value:
-    """AVX-512's estimate of 1 / x (rcp14) or 1 / sqrt(x) (rsqrt14), to 14 bits."""
+    """AVX-512's estimate of 1 / x (rcp14) or 1 / sqrt(x) (rsqrt14), to 14 bits; of the ``FULL`` vectors."""
     letter = "d" if x.type == F64X8 else "s"
     every = ir.Constant(ir.IntType(x.type.count), -1)
     kind = ir.FunctionType(x.type, [x.type, x.type, every.type])
