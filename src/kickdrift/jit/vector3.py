@@ -18,7 +18,19 @@ from numba.extending import intrinsic, lower_builtin, lower_getattr_generic, mod
 
 from kickdrift.jit.lanes import added, subtracted
 from kickdrift.jit.numba_private import AbstractTemplate, AttributeTemplate, infer_getattr, infer_global, signature
-from kickdrift.jit.vectors import F64, F64X8, I32, WIDTH, Lanes, copied, flags_of, folded, lanes_type, pointer_to
+from kickdrift.jit.vectors import (
+    F64,
+    F64X8,
+    I32,
+    WIDTH,
+    Lanes,
+    copied,
+    flags_of,
+    folded,
+    lanes_type,
+    mask_type,
+    pointer_to,
+)
 
 AXES = ("x", "y", "z")
 
@@ -68,7 +80,7 @@ def common(*kinds: types.Type) -> types.Type | None:
 
 
 def passed(kind: types.Type) -> types.Type:
-    """As what a vector, lanes or a number is handed over: whole numbers become float64."""
+    """The type that a vector, lanes or a number is handed over as: whole numbers become float64."""
     return kind if isinstance(kind, Vector3 | Lanes) else types.float64
 
 
@@ -111,9 +123,8 @@ def _teach(function: Callable[..., Any], emit: Callable[..., ir.Value], *pairs: 
 
 _teach(operator.add, added, (Vector3, Vector3))
 _teach(operator.sub, subtracted, (Vector3, Vector3))
-_teach(
-    operator.mul, _multiplied, (Vector3, Lanes), (Lanes, Vector3), (Vector3, types.Float), (types.Float, Vector3)
-)  # fmt: skip
+_NUMBER_FIRST = ((Lanes, Vector3), (types.Float, Vector3))
+_teach(operator.mul, _multiplied, *_NUMBER_FIRST, *(pair[::-1] for pair in _NUMBER_FIRST))
 
 
 @infer_global(operator.neg)
@@ -196,13 +207,13 @@ def _is_plain(array: types.Type) -> bool:
 @intrinsic
 def load3(typingctx, array, place, stride):
     """Eight x from ``place`` on, eight y ``stride`` behind, eight z twice as far."""
-    return _lanes3(array, types.intp, types.intp) if _is_plain(array) else None, _loading(F64X8)
+    return (_lanes3(array, types.intp, types.intp), _loading(F64X8)) if _is_plain(array) else None
 
 
 @intrinsic
 def numbers3(typingctx, array, place, stride):
     """The number x at ``place``, y ``stride`` behind, z twice as far."""
-    return _numbers3(array, types.intp, types.intp) if _is_plain(array) else None, _loading(F64)
+    return (_numbers3(array, types.intp, types.intp), _loading(F64)) if _is_plain(array) else None
 
 
 @intrinsic
@@ -216,13 +227,15 @@ def store3(typingctx, array, place, stride, vector):
         return context.get_dummy_value()
 
     known = _is_plain(array) and vector in (_lanes3, _numbers3)
-    return types.void(array, types.intp, types.intp, vector) if known else None, codegen
+    return (types.void(array, types.intp, types.intp, vector), codegen) if known else None
 
 
 # --- products, lanes ---
 
 
-def _sum_of_products(builder: ir.IRBuilder, start: Any, a: Any, b: Any, flags: tuple[str, ...]) -> ir.Value:
+def _sum_of_products(
+    builder: ir.IRBuilder, start: ir.Value | None, a: list[ir.Value], b: list[ir.Value], flags: tuple[str, ...]
+) -> ir.Value:
     for one, other in zip(a, b, strict=True):
         product = builder.fmul(one, other, flags=flags)
         start = product if start is None else added(builder, start, product, flags)
@@ -235,8 +248,8 @@ def dot(typingctx, a, b):
     of = common(a, b)
 
     def codegen(context, builder, sig, args):
-        pair = (parts_of(builder, *each, of) for each in zip(args, sig.args, strict=True))
-        return _sum_of_products(builder, None, *pair, flags_of(context))
+        one, other = (parts_of(builder, *each, of) for each in zip(args, sig.args, strict=True))
+        return _sum_of_products(builder, None, one, other, flags_of(context))
 
     return (of(a, b), codegen) if of and isinstance(a, Vector3) and isinstance(b, Vector3) else None
 
@@ -247,8 +260,8 @@ def plus_dot(typingctx, start, a, b):
     of = common(start, a, b)
 
     def codegen(context, builder, sig, args):
-        first, *pair = (parts_of(builder, *each, of) for each in zip(args, sig.args, strict=True))
-        return _sum_of_products(builder, first[0], *pair, flags_of(context))
+        first, one, other = (parts_of(builder, *each, of) for each in zip(args, sig.args, strict=True))
+        return _sum_of_products(builder, first[0], one, other, flags_of(context))
 
     return (of(passed(start), a, b), codegen) if of and isinstance(a, Vector3) and isinstance(b, Vector3) else None
 
@@ -278,7 +291,7 @@ def select3(typingctx, mask, yes, no):
         pairs = zip(components(builder, args[1]), components(builder, args[2]), strict=True)
         return joined(builder, [builder.select(args[0], *pair) for pair in pairs])
 
-    return (yes(mask, yes, no), codegen) if yes == no and yes.of.mask == mask else None
+    return (_lanes3(mask, yes, no), codegen) if yes == no == _lanes3 and mask == mask_type else None
 
 
 @intrinsic(prefer_literal=True)
