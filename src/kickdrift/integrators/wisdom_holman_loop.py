@@ -68,25 +68,27 @@ class Bodies(NamedTuple):
 
 
 @inlined
-def add_lanes(bodies, row, b, change):
-    """orbit[row] += change in eight lanes, compensated where ``carry`` has room (see ``loops.add_compensated``)."""
-    orbit, carry = bodies.orbit[row], bodies.carry[row]
-    before = load(orbit, b)
+def add_lanes(bodies, p, change):
+    """Eight numbers of ``orbit`` += change, compensated where ``carry`` has room (see ``loops.add_compensated``)."""
+    orbit, carry = bodies.orbit, bodies.carry
+    before = load(orbit, p)
     if carry.size:
-        increment = plus(load(carry, b), change)
+        increment = plus(load(carry, p), change)
         after = plus(before, increment)
-        store(orbit, b, after)
-        store(carry, b, plus(increment, minus(before, after)))
+        store(orbit, p, after)
+        store(carry, p, plus(increment, minus(before, after)))
     else:
-        store(orbit, b, before + change)
+        store(orbit, p, before + change)
 
 
 @inlined
 def add_vectors(bodies, row, b, change):
-    """The same of three rows from ``row`` on."""
-    add_lanes(bodies, row, b, change.x)
-    add_lanes(bodies, row + 1, b, change.y)
-    add_lanes(bodies, row + 2, b, change.z)
+    """Eight vectors likewise, in three rows from ``row`` on."""
+    n = bodies.orbit.shape[1]
+    p = row * n + b
+    add_lanes(bodies, p, change.x)
+    add_lanes(bodies, p + n, change.y)
+    add_lanes(bodies, p + 2 * n, change.z)
 
 
 @inlined
@@ -213,7 +215,8 @@ def ring_pulls(bodies, place):
     """The same of eight bodies among themselves, each pair once, as in ``gravity_kernel.ring``; and whether a body of a
     pair is within the Hill radius of the other."""
     gm_i, hill_i = load(bodies.table[SOURCE], 0), load(bodies.table[HILL], 0)
-    xi, yi, zi = load(place[0], 0), load(place[1], 0), load(place[2], 0)
+    here = load3(place, 0, bodies.orbit.shape[1])
+    xi, yi, zi = here.x, here.y, here.z
     zero = splat(0.0)
     ax, ay, az, reaction_x, reaction_y, reaction_z = zero, zero, zero, zero, zero, zero
     xj, yj, zj, gm_j, hill_j = xi, yi, zi, gm_i, hill_i
@@ -260,9 +263,10 @@ def kick_velocities(bodies, b, dt, a):
 def jump(bodies, dt):
     """Every body moves with what the central one does, by the sum of the momenta over its mass (Duncan, Levison & Lee
     1998, doi:10.1086/300541)."""
-    n, share, move = bodies.orbit.shape[1], bodies.table[OTHERS], thrice(0.0)
+    orbit, share, move = bodies.orbit, bodies.table[OTHERS], thrice(0.0)
+    n = orbit.shape[1]
     for b in range(0, bodies.massive, WIDTH):
-        move = move + lane_sums(load(share, b) * load3(bodies.orbit, 3 * n + b, n))
+        move = move + lane_sums(load(share, b) * load3(orbit, 3 * n + b, n))
     for b in range(0, n, WIDTH):
         add_vectors(bodies, 0, b, splat(dt) * move)
 
