@@ -14,7 +14,9 @@ from problems import kepler
 from kickdrift.integrators.kepler import kepler_step, lanes_increments
 from kickdrift.jit.compile import jit
 from kickdrift.jit.masks import mask_bits
-from kickdrift.jit.memory import aligned, load, store
+from kickdrift.jit.memory import aligned, load
+from kickdrift.jit.vector3 import load3, store3
+from kickdrift.jit.vectors import WIDTH
 
 EPS = float(np.finfo(float).eps)
 
@@ -22,16 +24,9 @@ EPS = float(np.finfo(float).eps)
 @jit
 def eight(gm, dt, state, change):
     """The increments of eight orbits, (6, 8); the mask of those that are solved, and of those with beta <= 0."""
-    move, kick, beta, solved = lanes_increments(
-        load(gm, 0), dt, load(state[0], 0), load(state[1], 0), load(state[2], 0), load(state[3], 0),
-        load(state[4], 0), load(state[5], 0),
-    )  # fmt: skip
-    store(change[0], 0, move[0])
-    store(change[1], 0, move[1])
-    store(change[2], 0, move[2])
-    store(change[3], 0, kick[0])
-    store(change[4], 0, kick[1])
-    store(change[5], 0, kick[2])
+    move, kick, beta, solved = lanes_increments(load(gm, 0), dt, load3(state, 0, WIDTH), load3(state, 3 * WIDTH, WIDTH))
+    store3(change, 0, WIDTH, move)
+    store3(change, 3 * WIDTH, WIDTH, kick)
     return mask_bits(solved), mask_bits(beta <= 0.0)
 
 

@@ -15,6 +15,7 @@ from kickdrift.jit.compile import driver, in_order
 from kickdrift.jit.handle import handle, unowned
 from kickdrift.jit.lanes import inverse_sqrt, splat
 from kickdrift.jit.memory import load, store
+from kickdrift.jit.vector3 import cross, dot, load3, plus_dot, store3, thrice
 from kickdrift.jit.vectors import WIDTH
 
 # Rows of a look: energies, momentum, angular momentum about the origin.
@@ -32,19 +33,6 @@ class LaneBodies(NamedTuple):
 
 
 @in_order
-def load3(array, p, stride):
-    """Eight x, y and z from ``p`` on."""
-    return load(array, p), load(array, p + stride), load(array, p + 2 * stride)
-
-
-@in_order
-def store3(array, p, stride, vector):
-    store(array, p, vector[0])
-    store(array, p + stride, vector[1])
-    store(array, p + 2 * stride, vector[2])
-
-
-@in_order
 def pull_in_lanes(bodies, x, a):
     """a <- the accelerations at x, each pair once; of deviations, the slope of these along them (the formulas and their
     sources are in ``gravity_slope``)."""
@@ -55,35 +43,26 @@ def pull_in_lanes(bodies, x, a):
     for p in range(0, 3 * stride, WIDTH):
         store(a, p, zero)
     for p in range(0, behind - WIDTH, WIDTH):
-        xi, yi, zi = load3(x, p, stride)
-        ax, ay, az = load3(a, p, stride)
-        gm_i = load(gm, p)
-        ux, uy, uz, sx, sy, sz = zero, zero, zero, zero, zero, zero
+        xi, ai, gm_i = load3(x, p, stride), load3(a, p, stride), load(gm, p)
+        ui, si = thrice(zero), thrice(zero)
         if varied:
-            ux, uy, uz = load3(x, p + behind, stride)
-            sx, sy, sz = load3(a, p + behind, stride)
+            ui, si = load3(x, p + behind, stride), load3(a, p + behind, stride)
         for q in range(p + WIDTH, behind, WIDTH):
-            xj, yj, zj = load3(x, q, stride)
-            bx, by, bz = load3(a, q, stride)
-            gm_j = load(gm, q)
-            dx, dy, dz = xj - xi, yj - yi, zj - zi
-            inverse = inverse_sqrt(softening2 + dx * dx + dy * dy + dz * dz)
+            d, gm_j = load3(x, q, stride) - xi, load(gm, q)
+            inverse = inverse_sqrt(plus_dot(softening2, d, d))
             inverse2 = inverse * inverse
             cube = inverse * inverse2
             wi, wj = gm_j * cube, gm_i * cube
-            ax, ay, az = ax + wi * dx, ay + wi * dy, az + wi * dz
-            store3(a, q, stride, (bx - wj * dx, by - wj * dy, bz - wj * dz))
+            ai = ai + wi * d
+            store3(a, q, stride, load3(a, q, stride) - wj * d)
             if varied:
-                vx, vy, vz = load3(x, q + behind, stride)
-                ex, ey, ez = vx - ux, vy - uy, vz - uz
-                along = 3.0 * inverse2 * (dx * ex + dy * ey + dz * ez)
-                ex, ey, ez = ex - along * dx, ey - along * dy, ez - along * dz
-                sx, sy, sz = sx + wi * ex, sy + wi * ey, sz + wi * ez
-                bx, by, bz = load3(a, q + behind, stride)
-                store3(a, q + behind, stride, (bx - wj * ex, by - wj * ey, bz - wj * ez))
-        store3(a, p, stride, (ax, ay, az))
+                e = load3(x, q + behind, stride) - ui
+                e = e - 3.0 * inverse2 * dot(d, e) * d
+                si = si + wi * e
+                store3(a, q + behind, stride, load3(a, q + behind, stride) - wj * e)
+        store3(a, p, stride, ai)
         if varied:
-            store3(a, p + behind, stride, (sx, sy, sz))
+            store3(a, p + behind, stride, si)
 
 
 @in_order
@@ -94,23 +73,20 @@ def look_in_lanes(bodies, x, v, found):
     stride, end = x.shape[1] * WIDTH, n * WIDTH
     zero = splat(0.0)
     kinetic, potential = zero, zero
-    px, py, pz, lx, ly, lz = zero, zero, zero, zero, zero, zero
+    momentum, angular = thrice(zero), thrice(zero)
     for p in range(0, end, WIDTH):
-        xi, yi, zi = load3(x, p, stride)
-        vx, vy, vz = load3(v, p, stride)
+        xi, vi = load3(x, p, stride), load3(v, p, stride)
         m, gm_i = load(masses, p), load(gm, p)
-        kinetic = kinetic + m * (vx * vx + vy * vy + vz * vz)
-        px, py, pz = px + m * vx, py + m * vy, pz + m * vz
-        lx, ly, lz = lx + m * (yi * vz - zi * vy), ly + m * (zi * vx - xi * vz), lz + m * (xi * vy - yi * vx)
+        kinetic = kinetic + m * dot(vi, vi)
+        momentum, angular = momentum + m * vi, angular + m * cross(xi, vi)
         for q in range(p + WIDTH, end, WIDTH):
-            xj, yj, zj = load3(x, q, stride)
-            dx, dy, dz = xj - xi, yj - yi, zj - zi
-            inverse = inverse_sqrt(softening2 + dx * dx + dy * dy + dz * dz)
+            d = load3(x, q, stride) - xi
+            inverse = inverse_sqrt(plus_dot(softening2, d, d))
             potential = potential - gm_i * load(masses, q) * inverse
     store(found, KINETIC * WIDTH, 0.5 * kinetic)
     store(found, POTENTIAL * WIDTH, potential)
-    store3(found, MOMENTUM * WIDTH, WIDTH, (px, py, pz))
-    store3(found, ANGULAR * WIDTH, WIDTH, (lx, ly, lz))
+    store3(found, MOMENTUM * WIDTH, WIDTH, momentum)
+    store3(found, ANGULAR * WIDTH, WIDTH, angular)
 
 
 @driver

@@ -15,13 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.forces.central import gravitational_constant
-from kickdrift.forces.clusters import STRIDE, load_vector, store_vector
+from kickdrift.forces.clusters import STRIDE
 from kickdrift.forces.kernel import OK, kernel
 from kickdrift.jit.chunks import Chunks, chunk_task, each_chunk, in_chunks
 from kickdrift.jit.compile import as_written, never_inline
 from kickdrift.jit.lanes import inverse_sqrt, lane_numbers, lane_sum, rotated, splat
 from kickdrift.jit.masks import select
 from kickdrift.jit.memory import aligned, flat, load, load_first, store, store_first
+from kickdrift.jit.vector3 import dot, lane_sums, load3, numbers3, plus_dot, rotated3, store3, thrice, vector3
 from kickdrift.jit.vectors import WIDTH
 
 if TYPE_CHECKING:
@@ -114,15 +115,13 @@ def chunks_for(massive: int, particles: int) -> int:
 
 @kernel(GravityKernel)
 def gravity_forces(force, t, x, v, a, sums):
-    place, own = force.place, force.x
-    if place.size <= FEW and force.massive == place.size:
-        few_bodies(force, flat(x), flat(a), sums)
+    place, n = force.place, force.place.size
+    x, a = flat(x), flat(a)
+    if n <= FEW and force.massive == n:
+        few_bodies(force, x, a, sums)
         return OK
-    for i in range(place.size):
-        p = place[i]
-        own[p] = x[0, i]
-        own[p + WIDTH] = x[1, i]
-        own[p + 2 * WIDTH] = x[2, i]
+    for i in range(n):
+        store3(force.x, place[i], WIDTH, numbers3(x, i, n))
     if sums is None:
         each_chunk(force, force.chunks, "pull")
     else:
@@ -131,14 +130,10 @@ def gravity_forces(force, t, x, v, a, sums):
             sums[0] += force.sums[c, 0]
             sums[1] += force.sums[c, 1]
         massive = force.massive
-        sums[2] += 0.5 * massive * (massive - 1) + massive * (place.size - massive)
+        sums[2] += 0.5 * massive * (massive - 1) + massive * (n - massive)
     collect(force)
-    total = force.a
-    for i in range(place.size):
-        p = place[i]
-        a[0, i] += total[p]
-        a[1, i] += total[p + WIDTH]
-        a[2, i] += total[p + 2 * WIDTH]
+    for i in range(n):
+        store3(a, i, n, numbers3(a, i, n) + numbers3(force.a, place[i], WIDTH))
     return OK
 
 
@@ -172,7 +167,7 @@ def sum_pairs(force, sums, c):
     first, last = c * force.clusters, 2 * force.chunks.number - 1
     zero = splat(0.0)
     for cluster in range(first, first + force.clusters):
-        store_vector(force.a, cluster, zero, zero, zero)
+        store3(force.a, cluster * STRIDE, WIDTH, thrice(zero))
     energy, virial = zero, zero
     turn = 0
     for cluster in range(force.sources):
@@ -199,25 +194,21 @@ def few_bodies(force, x, a, sums):
     total_energy, total_virial = splat(0.0), splat(0.0)
     for first in range(0, max(n - 1, 1), WIDTH):  # one further body alone has no ring
         count = min(n - first, WIDTH)
-        xi, yi = lanes_or_out(x, first, count), load_first(x, n + first, count)
-        zi = load_first(x, 2 * n + first, count)
+        y, z = load_first(x, n + first, count), load_first(x, 2 * n + first, count)
+        xi = vector3(lanes_or_out(x, first, count), y, z)
         gm, masses = load(force.gm, first), load(force.masses, first)
-        ax, ay, az, energy, virial = ring(xi, yi, zi, gm, masses, softening2, sums)
+        ai, energy, virial = ring(xi, gm, masses, softening2, sums)
         for j in range(first + WIDTH, n):
-            dx, dy, dz = x[j] - xi, x[n + j] - yi, x[2 * n + j] - zi
-            r2 = dx * dx + dy * dy + dz * dz
+            d = numbers3(x, j, n) - xi
+            r2 = dot(d, d)
             inverse = inverse_sqrt(softening2 + r2)
             cube = inverse * inverse * inverse
-            w = force.gm[j] * cube
-            ax, ay, az = ax + w * dx, ay + w * dy, az + w * dz
+            ai = ai + force.gm[j] * cube * d
             if sums is not None:
                 gmm = force.gm[j] * masses
                 energy, virial = energy - gmm * inverse, virial - gmm * cube * r2
-            w = gm * cube
-            a[j] -= lane_sum(w * dx)
-            a[n + j] -= lane_sum(w * dy)
-            a[2 * n + j] -= lane_sum(w * dz)
-        for row, acceleration in enumerate((ax, ay, az)):
+            store3(a, j, n, numbers3(a, j, n) - lane_sums(gm * cube * d))
+        for row, acceleration in enumerate((ai.x, ai.y, ai.z)):
             own = row * n + first
             store_first(a, own, load_first(a, own, count) + acceleration, count)
         if sums is not None:
@@ -239,39 +230,35 @@ def lanes_or_out(x, first, count):
 def inside_cluster(force, sums, cluster, first):
     """The pairs within a cluster, whose accelerations begin at cluster ``first`` of those. Energy and virial, in
     lanes."""
-    xi, yi, zi = load_vector(force.x, cluster)
     gm, masses = load(force.gm, cluster * WIDTH), load(force.masses, cluster * WIDTH)
-    ax, ay, az, energy, virial = ring(xi, yi, zi, gm, masses, force.softening2, sums)
-    store_vector(force.a, first + cluster, ax, ay, az)
+    a, energy, virial = ring(load3(force.x, cluster * STRIDE, WIDTH), gm, masses, force.softening2, sums)
+    store3(force.a, (first + cluster) * STRIDE, WIDTH, a)
     return energy, virial
 
 
 @as_written
-def ring(xi, yi, zi, gm_i, masses, softening2, sums):
+def ring(xi, gm_i, masses, softening2, sums):
     """The pairs of eight bodies: each with the next, second and third in a ring, which take the reaction, and with the
     one opposite, which sees to its own half. Where there are fewer, the others have no mass and stand OUT there.
     Accelerations, energy and virial, in lanes."""
     zero = splat(0.0)
     energy, virial = zero, zero
-    ax, ay, az, reaction_x, reaction_y, reaction_z = zero, zero, zero, zero, zero, zero
-    xj, yj, zj, gm_j = xi, yi, zi, gm_i
+    a, reaction = thrice(zero), thrice(zero)
+    xj, gm_j = xi, gm_i
     for turn in range(4):
-        xj, yj, zj, gm_j = rotated(xj, 1), rotated(yj, 1), rotated(zj, 1), rotated(gm_j, 1)
-        reaction_x, reaction_y, reaction_z = rotated(reaction_x, 1), rotated(reaction_y, 1), rotated(reaction_z, 1)
-        dx, dy, dz = xj - xi, yj - yi, zj - zi
-        inverse = inverse_sqrt(softening2 + dx * dx + dy * dy + dz * dz)
+        xj, gm_j, reaction = rotated3(xj, 1), rotated(gm_j, 1), rotated3(reaction, 1)
+        d = xj - xi
+        inverse = inverse_sqrt(plus_dot(softening2, d, d))
         cube = inverse * inverse * inverse
-        w = gm_j * cube
-        ax, ay, az = ax + w * dx, ay + w * dy, az + w * dz
+        a = a + gm_j * cube * d
         if turn < 3:
             w = -gm_i * cube
-            reaction_x, reaction_y, reaction_z = reaction_x + w * dx, reaction_y + w * dy, reaction_z + w * dz
+            reaction = reaction + w * d
         if sums is not None:
             gmm = masses * gm_j if turn < 3 else 0.5 * masses * gm_j
             energy = energy - gmm * inverse
-            virial = virial - gmm * cube * (dx * dx + dy * dy + dz * dz)
-    ax, ay, az = ax + rotated(reaction_x, 4), ay + rotated(reaction_y, 4), az + rotated(reaction_z, 4)
-    return ax, ay, az, energy, virial
+            virial = virial - gmm * cube * dot(d, d)
+    return a + rotated3(reaction, 4), energy, virial
 
 
 @as_written
@@ -285,34 +272,25 @@ def earlier_clusters(force, sums, cluster, first):
         i = cluster * WIDTH + lane
         p = cluster * STRIDE + lane
         q = p + 1 if i + 1 < force.massive else p  # beside the last body stands one without mass
-        xi, yi, zi, gm_i = splat(x[p]), splat(x[p + WIDTH]), splat(x[p + 2 * WIDTH]), splat(gm[i])
-        xk, yk, zk, gm_k = splat(x[q]), splat(x[q + WIDTH]), splat(x[q + 2 * WIDTH]), splat(gm[i + 1])
-        aix, aiy, aiz, akx, aky, akz = zero, zero, zero, zero, zero, zero
+        xi, xk, gm_i, gm_k = numbers3(x, p, WIDTH), numbers3(x, q, WIDTH), gm[i], gm[i + 1]
+        ai, ak = thrice(zero), thrice(zero)
         for other in range(cluster):
-            xj, yj, zj = load_vector(x, other)
-            ajx, ajy, ajz = load_vector(a, first + other)
-            gm_j = load(gm, other * WIDTH)
-            dx, dy, dz = xj - xi, yj - yi, zj - zi
-            ex, ey, ez = xj - xk, yj - yk, zj - zk
-            inverse_i = inverse_sqrt(softening2 + dx * dx + dy * dy + dz * dz)
-            inverse_k = inverse_sqrt(softening2 + ex * ex + ey * ey + ez * ez)
+            xj, gm_j = load3(x, other * STRIDE, WIDTH), load(gm, other * WIDTH)
+            there = (first + other) * STRIDE
+            aj = load3(a, there, WIDTH)
+            d, e = xj - xi, xj - xk
+            inverse_i, inverse_k = inverse_sqrt(plus_dot(softening2, d, d)), inverse_sqrt(plus_dot(softening2, e, e))
             cube_i, cube_k = inverse_i * inverse_i * inverse_i, inverse_k * inverse_k * inverse_k
             wi, wk = gm_j * cube_i, gm_j * cube_k
-            aix, aiy, aiz = aix + wi * dx, aiy + wi * dy, aiz + wi * dz
-            akx, aky, akz = akx + wk * ex, aky + wk * ey, akz + wk * ez
+            ai, ak = ai + wi * d, ak + wk * e
             if sums is not None:
                 energy = energy - masses[i] * gm_j * inverse_i - masses[i + 1] * gm_j * inverse_k
-                virial = virial - masses[i] * wi * (dx * dx + dy * dy + dz * dz)
-                virial = virial - masses[i + 1] * wk * (ex * ex + ey * ey + ez * ez)
+                virial = virial - masses[i] * wi * dot(d, d) - masses[i + 1] * wk * dot(e, e)
             wi, wk = -gm_i * cube_i, -gm_k * cube_k  # the reaction
-            store_vector(a, first + other, ajx + wi * dx + wk * ex, ajy + wi * dy + wk * ey, ajz + wi * dz + wk * ez)
+            store3(a, there, WIDTH, aj + wi * d + wk * e)
         p = (first + cluster) * STRIDE + lane
-        a[p] += lane_sum(aix)
-        a[p + WIDTH] += lane_sum(aiy)
-        a[p + 2 * WIDTH] += lane_sum(aiz)
-        a[p + 1] += lane_sum(akx)
-        a[p + 1 + WIDTH] += lane_sum(aky)
-        a[p + 1 + 2 * WIDTH] += lane_sum(akz)
+        store3(a, p, WIDTH, numbers3(a, p, WIDTH) + lane_sums(ai))
+        store3(a, p + 1, WIDTH, numbers3(a, p + 1, WIDTH) + lane_sums(ak))
     return energy, virial
 
 
@@ -320,13 +298,9 @@ def earlier_clusters(force, sums, cluster, first):
 def pull_massless(force, cluster, first):
     """A cluster of massless particles, pulled by each massive body."""
     x, gm, softening2 = force.x, force.gm, force.softening2
-    xi, yi, zi = load_vector(x, cluster)
-    zero = splat(0.0)
-    ax, ay, az = zero, zero, zero
+    xi, a = load3(x, cluster * STRIDE, WIDTH), thrice(splat(0.0))
     for j in range(force.massive):
-        p = j // WIDTH * STRIDE + j % WIDTH
-        dx, dy, dz = x[p] - xi, x[p + WIDTH] - yi, x[p + 2 * WIDTH] - zi
-        inverse = inverse_sqrt(softening2 + dx * dx + dy * dy + dz * dz)
-        w = gm[j] * inverse * inverse * inverse
-        ax, ay, az = ax + w * dx, ay + w * dy, az + w * dz
-    store_vector(force.a, first + cluster, ax, ay, az)
+        d = numbers3(x, j // WIDTH * STRIDE + j % WIDTH, WIDTH) - xi
+        inverse = inverse_sqrt(plus_dot(softening2, d, d))
+        a = a + gm[j] * inverse * inverse * inverse * d
+    store3(force.a, (first + cluster) * STRIDE, WIDTH, a)

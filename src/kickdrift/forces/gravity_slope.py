@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 
 from kickdrift.forces.central import gravitational_constant
 from kickdrift.jit.compile import jit
-from kickdrift.jit.lanes import lane_numbers, lane_sum, splat
+from kickdrift.jit.lanes import lane_numbers, splat
 from kickdrift.jit.masks import select
 from kickdrift.jit.memory import load
+from kickdrift.jit.vector3 import dot, lane_sums, load3, numbers3, store3, thrice
 from kickdrift.jit.vectors import WIDTH
 
 if TYPE_CHECKING:
@@ -50,23 +51,18 @@ def sources_of(force: Gravity, system: System) -> Sources:
 def pull_and_slope(sources, i):
     """a = sum G m d / r^3 and sum G m (u - 3 d (d . u) / r^2) / r^3 for body i, with d and u the differences of the
     sources' from its own, r^2 = d^2 + softening^2 (Makino & Aarseth 1992, doi:10.1093/pasj/44.2.141, eqs. 1 and 2)."""
-    x, y, z = sources.x
-    ux, uy, uz = sources.u
-    gm, softening2 = sources.gm, sources.softening2
-    xi, yi, zi = splat(x[i]), splat(y[i]), splat(z[i])
-    uxi, uyi, uzi = splat(ux[i]), splat(uy[i]), splat(uz[i])
-    zero = splat(0.0)
-    ax, ay, az, sx, sy, sz = zero, zero, zero, zero, zero, zero
-    for j in range(0, gm.size, WIDTH):
-        dx, dy, dz = load(x, j) - xi, load(y, j) - yi, load(z, j) - zi
-        vx, vy, vz = load(ux, j) - uxi, load(uy, j) - uyi, load(uz, j) - uzi
+    gm, softening2, zero = sources.gm, sources.softening2, splat(0.0)
+    slots, n = gm.size, sources.a.shape[1]
+    xi, ui = numbers3(sources.x, i, slots), numbers3(sources.u, i, slots)
+    a, slope = thrice(zero), thrice(zero)
+    for j in range(0, slots, WIDTH):
+        d, u = load3(sources.x, j, slots) - xi, load3(sources.u, j, slots) - ui
         source = select(lane_numbers() == float(i - j), zero, load(gm, j))  # all but the body itself
         pulling = source > 0.0
-        inverse = 1.0 / math.sqrt(dx * dx + dy * dy + dz * dz + softening2)
+        inverse = 1.0 / math.sqrt(dot(d, d) + softening2)
         inverse2 = inverse * inverse
         w = select(pulling, source * inverse * inverse2, zero)
-        along = select(pulling, 3.0 * inverse2 * (dx * vx + dy * vy + dz * vz), zero)
-        ax, ay, az = ax + w * dx, ay + w * dy, az + w * dz
-        sx, sy, sz = sx + w * (vx - along * dx), sy + w * (vy - along * dy), sz + w * (vz - along * dz)
-    sources.a[0, i], sources.a[1, i], sources.a[2, i] = lane_sum(ax), lane_sum(ay), lane_sum(az)
-    sources.slope[0, i], sources.slope[1, i], sources.slope[2, i] = lane_sum(sx), lane_sum(sy), lane_sum(sz)
+        along = select(pulling, 3.0 * inverse2 * dot(d, u), zero)
+        a, slope = a + w * d, slope + w * (u - along * d)
+    store3(sources.a, i, n, lane_sums(a))
+    store3(sources.slope, i, n, lane_sums(slope))

@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 from kickdrift.forces.central import Attraction
 from kickdrift.forces.kernel import OK, kernel
 from kickdrift.jit.compile import jit, never_inline
+from kickdrift.jit.memory import flat
+from kickdrift.jit.vector3 import dot, numbers3, store3, thrice
 
 if TYPE_CHECKING:
     from kickdrift.forces.relativity import PostNewtonian
@@ -49,14 +51,14 @@ def energy_of_the_full_form(gm_over_r, v2, share):
 def relativity_forces(force, t, x, v, a, sums):
     never_inline()
     c, gm, light2 = force.central, force.gm, force.light2
-    back_x = back_y = back_z = energy = virial = 0.0
-    for i in range(x.shape[1]):
+    n, x, v, a = x.shape[1], flat(x), flat(v), flat(a)
+    back = thrice(0.0)
+    energy = virial = 0.0
+    for i in range(n):
         if i == c:
             continue
-        dx, dy, dz = x[0, i] - x[0, c], x[1, i] - x[1, c], x[2, i] - x[2, c]
-        vx, vy, vz = v[0, i] - v[0, c], v[1, i] - v[1, c], v[2, i] - v[2, c]
-        r2 = dx * dx + dy * dy + dz * dz
-        v2, rv = vx * vx + vy * vy + vz * vz, dx * vx + dy * vy + dz * vz
+        d, u = numbers3(x, i, n) - numbers3(x, c, n), numbers3(v, i, n) - numbers3(v, c, n)
+        r2, v2, rv = dot(d, d), dot(u, u), dot(d, u)
         inverse = 1.0 / math.sqrt(r2)
         gm_over_r = gm * inverse
         if force.full:
@@ -64,26 +66,20 @@ def relativity_forces(force, t, x, v, a, sums):
             along, across = scale * (4.0 * gm_over_r - v2), 4.0 * scale * rv
         else:
             along, across = -6.0 * gm_over_r * gm_over_r * inverse * inverse / light2, 0.0
-        ax, ay, az = along * dx + across * vx, along * dy + across * vy, along * dz + across * vz
-        a[0, i] += ax
-        a[1, i] += ay
-        a[2, i] += az
+        pull = along * d + across * u
+        store3(a, i, n, numbers3(a, i, n) + pull)
         share = force.share[i]
-        back_x += share * ax
-        back_y += share * ay
-        back_z += share * az
+        back = back + share * pull
         if sums is not None:
             m = force.masses[i]
-            virial += m * (ax * dx + ay * dy + az * dz)
+            virial += m * dot(pull, d)
             if force.full:
                 energy += m * energy_of_the_full_form(gm_over_r, v2, share) / light2
             else:
                 energy -= 3.0 * m * gm_over_r * gm_over_r / light2
-    a[0, c] -= back_x
-    a[1, c] -= back_y
-    a[2, c] -= back_z
+    store3(a, c, n, numbers3(a, c, n) - back)
     if sums is not None:
         sums[0] += energy
         sums[1] += virial
-        sums[2] += x.shape[1] - 1
+        sums[2] += n - 1
     return OK

@@ -19,8 +19,6 @@ from kickdrift.forces.tree_build import (
     CHUNKS,
     COLUMNS,
     CX,
-    CY,
-    CZ,
     FIRST,
     GM,
     GROUPS,
@@ -37,9 +35,10 @@ from kickdrift.forces.tree_build import (
 )
 from kickdrift.jit.chunks import Chunks, chunk_task, each_chunk, in_chunks
 from kickdrift.jit.compile import as_written, never_inline
-from kickdrift.jit.lanes import inverse_sqrt, lane_max, lane_numbers, lane_sum, splat
+from kickdrift.jit.lanes import inverse_sqrt, lane_max, lane_numbers, splat
 from kickdrift.jit.masks import select
 from kickdrift.jit.memory import aligned, load, store
+from kickdrift.jit.vector3 import dot, lane_sums, load3, numbers3, store3, thrice, vector3
 from kickdrift.jit.vectors import WIDTH
 
 if TYPE_CHECKING:
@@ -167,8 +166,7 @@ def walk(force, potential, group):
     first, last = force.span[group, 0], force.span[group, 1]
     zero = splat(0.0)
     for s in range(WIDTH * first, WIDTH * last, WIDTH):
-        for k in range(3):
-            store(force.a[k], s, zero)
+        store3(force.a, s, force.gm.size, thrice(zero))
         if potential is not None:
             store(potential, s, zero)
     low, high = box(force, first, last)
@@ -239,10 +237,9 @@ def least_acceleration(force, first, last, low, high):
     centre = np.empty((3, WIDTH))
     for lane in range(WIDTH):
         s = WIDTH * min(first + lane, last - 1)
-        for k in range(3):
-            centre[k, lane] = lane_sum(load(force.x[k], s)) / WIDTH
-    x, y, z, zero = load(centre[0], 0), load(centre[1], 0), load(centre[2], 0), splat(0.0)
-    ax, ay, az = zero, zero, zero
+        store3(centre, lane, WIDTH, 1.0 / WIDTH * lane_sums(load3(force.x, s, force.gm.size)))
+    x, zero = load3(centre, 0, WIDTH), splat(0.0)
+    a = thrice(zero)
     k = 0
     while k < nodes.shape[0]:
         row = nodes[k]
@@ -253,19 +250,18 @@ def least_acceleration(force, first, last, low, high):
         alone = beyond == k + 1
         radius = row[RADIUS]
         if alone or radius * radius < ROUGH * ROUGH * distance2(row, low, high):
-            dx, dy, dz = row[CX] - x, row[CY] - y, row[CZ] - z
+            d = numbers3(row, CX, 1) - x
             spread = radius * radius + softening2 if alone else softening2
-            inverse = inverse_sqrt(dx * dx + dy * dy + dz * dz + spread)
+            inverse = inverse_sqrt(dot(d, d) + spread)
             w = row[GM] * inverse * inverse * inverse
             if alone and first <= cluster < last:
                 w = select(lane_numbers() == float(cluster - first), zero, w)
                 w = select(lane_numbers() >= float(last - first), zero, w)
-            ax, ay, az = ax + w * dx, ay + w * dy, az + w * dz
+            a = a + w * d
             k = beyond
         else:
             k += 1
-    size2 = ax * ax + ay * ay + az * az
-    size2 = select(lane_numbers() < float(last - first), -size2, splat(-math.inf))
+    size2 = select(lane_numbers() < float(last - first), -dot(a, a), splat(-math.inf))
     return math.sqrt(-lane_max(size2))
 
 
@@ -277,29 +273,26 @@ def pull_of_nodes(force, potential, first, last, found, count):
     With D from the centre and u = 1 / sqrt(D^2 + softening^2) the potential is -G [M u + (3 D.S.D u^5 - tr S u^3) / 2];
     unsoftened, that is the traceless quadrupole's.
     """
-    softening2 = force.softening2
+    softening2, stride = force.softening2, force.gm.size
     for s in range(WIDTH * first, WIDTH * last, WIDTH):
-        x, y, z = load(force.x[0], s), load(force.x[1], s), load(force.x[2], s)
-        ax, ay, az = load(force.a[0], s), load(force.a[1], s), load(force.a[2], s)
+        x, a = load3(force.x, s, stride), load3(force.a, s, stride)
         phi = splat(0.0)
         for f in range(count):
             row = force.nodes[found[f]]
-            dx, dy, dz = x - row[CX], y - row[CY], z - row[CZ]
-            u = inverse_sqrt(dx * dx + dy * dy + dz * dz + softening2)
+            d = x - numbers3(row, CX, 1)
+            u = inverse_sqrt(dot(d, d) + softening2)
             u2 = u * u
             u3 = u2 * u
             u5 = u2 * u3
-            sx = row[XX] * dx + row[XY] * dy + row[XZ] * dz  # 3 S D
-            sy = row[XY] * dx + row[YY] * dy + row[YZ] * dz
-            sz = row[XZ] * dx + row[YZ] * dy + row[ZZ] * dz
-            q = sx * dx + sy * dy + sz * dz
+            moments_x, moments_y = vector3(row[XX], row[XY], row[XZ]), vector3(row[XY], row[YY], row[YZ])
+            moments_z = vector3(row[XZ], row[YZ], row[ZZ])
+            moments = vector3(dot(moments_x, d), dot(moments_y, d), dot(moments_z, d))  # 3 S D
+            q = dot(moments, d)
             w = u5 * (row[TRACE] - 2.5 * q * u2) - row[GM] * u3
-            ax, ay, az = ax + (u5 * sx + w * dx), ay + (u5 * sy + w * dy), az + (u5 * sz + w * dz)
+            a = a + (u5 * moments + w * d)
             if potential is not None:
                 phi = phi - (row[GM] * u + 0.5 * q * u5 - row[TRACE] / 3.0 * u3)
-        store(force.a[0], s, ax)
-        store(force.a[1], s, ay)
-        store(force.a[2], s, az)
+        store3(force.a, s, stride, a)
         if potential is not None:
             store(potential, s, load(potential, s) + phi)
 
@@ -307,11 +300,9 @@ def pull_of_nodes(force, potential, first, last, found, count):
 @as_written
 def pull_of_particles(force, potential, first, last, near, count):
     """Add the pull of the particles of clusters, one by one."""
-    softening2, gm, zero = force.softening2, force.gm, splat(0.0)
-    px, py, pz = force.x[0], force.x[1], force.x[2]
+    softening2, gm, stride, zero = force.softening2, force.gm, force.gm.size, splat(0.0)
     for s in range(WIDTH * first, WIDTH * last, WIDTH):
-        x, y, z = load(px, s), load(py, s), load(pz, s)
-        ax, ay, az = load(force.a[0], s), load(force.a[1], s), load(force.a[2], s)
+        x, a = load3(force.x, s, stride), load3(force.a, s, stride)
         phi = zero
         for f in range(count):
             start = WIDTH * near[f]
@@ -319,17 +310,14 @@ def pull_of_particles(force, potential, first, last, near, count):
                 source = gm[j]
                 if source == 0.0:
                     continue
-                dx, dy, dz = px[j] - x, py[j] - y, pz[j] - z
-                u = inverse_sqrt(dx * dx + dy * dy + dz * dz + softening2)
+                d = numbers3(force.x, j, stride) - x
+                u = inverse_sqrt(dot(d, d) + softening2)
                 if start == s:  # all but the particle itself
                     u = select(lane_numbers() == float(j - start), zero, u)
                 w = source * u
                 if potential is not None:
                     phi = phi - w
-                w = w * u * u
-                ax, ay, az = ax + w * dx, ay + w * dy, az + w * dz
-        store(force.a[0], s, ax)
-        store(force.a[1], s, ay)
-        store(force.a[2], s, az)
+                a = a + w * u * u * d
+        store3(force.a, s, stride, a)
         if potential is not None:
             store(potential, s, load(potential, s) + phi)

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from kickdrift.forces.batch_gravity import LaneBodies, load3, look_in_lanes, store3
+from kickdrift.forces.batch_gravity import LaneBodies, look_in_lanes
 from kickdrift.forces.evaluate import EVALUATIONS
 from kickdrift.integrators.batch_loops import copy_in_lanes
 from kickdrift.integrators.kepler import kepler_increments, lanes_increments
@@ -33,6 +33,7 @@ from kickdrift.jit.handle import handle, unowned
 from kickdrift.jit.lanes import inverse_sqrt, splat
 from kickdrift.jit.masks import any_lane, mask_bits, select
 from kickdrift.jit.memory import load, store
+from kickdrift.jit.vector3 import dot, load3, numbers3, select3, store3, thrice
 from kickdrift.jit.vectors import WIDTH
 
 # Vectors of ``work``: positions from the central body, their offset from Jacobi's, the pull of the other bodies, the
@@ -64,25 +65,14 @@ def drift(own, orbit, dt, t, noting):
     table, x, v, first = own.table, orbit[0], orbit[1], own.first[UNBOUND]
     stride = x[0].size
     for p in range(0, stride, WIDTH):
-        moved, kicked, beta, solved = lanes_increments(
-            load(table[GM], p), dt, load(x, p), load(x, p + stride), load(x, p + 2 * stride), load(v, p),
-            load(v, p + stride), load(v, p + 2 * stride),
-        )  # fmt: skip
+        moved, kicked, beta, solved = lanes_increments(load(table[GM], p), dt, load3(x, p, stride), load3(v, p, stride))
         left = mask_bits(beta == beta) & ~mask_bits(solved)  # without those that have blown up
         if left:
             way = own.way
             store(way, 6 * WIDTH, dt)
             one_by_one(own, orbit, p // WIDTH, left)
-            moved = (
-                select(solved, moved[0], load(way, 0)),
-                select(solved, moved[1], load(way, WIDTH)),
-                select(solved, moved[2], load(way, 2 * WIDTH)),
-            )
-            kicked = (
-                select(solved, kicked[0], load(way, 3 * WIDTH)),
-                select(solved, kicked[1], load(way, 4 * WIDTH)),
-                select(solved, kicked[2], load(way, 5 * WIDTH)),
-            )
+            moved = select3(solved, moved, load3(way, 0, WIDTH))
+            kicked = select3(solved, kicked, load3(way, 3 * WIDTH, WIDTH))
         if noting and any_lane(beta <= 0.0):
             known = load(first, p)
             store(first, p, select((beta <= 0.0) & (known > t), t, known))
@@ -92,21 +82,20 @@ def drift(own, orbit, dt, t, noting):
 
 @in_order
 def add3(array, p, stride, change):
-    x, y, z = load3(array, p, stride)
-    store3(array, p, stride, (x + change[0], y + change[1], z + change[2]))
+    store3(array, p, stride, load3(array, p, stride) + change)
 
 
 @jit
 def one_by_one(own, orbit, i, left):
     """way <- the increments of body i in the lanes that are left; nan in the others."""
+    stride = orbit[0, 0].size
     for k in range(WIDTH):
         if (left >> k) & 1:
-            increments = kepler_increments(
-                own.table[GM, i, k], own.way[6, k], orbit[0, 0, i, k], orbit[0, 1, i, k], orbit[0, 2, i, k],
-                orbit[1, 0, i, k], orbit[1, 1, i, k], orbit[1, 2, i, k],
-            )  # fmt: skip
-            for row in range(6):
-                own.way[row, k] = increments[row]
+            body = i * WIDTH + k
+            x, v = numbers3(orbit[0], body, stride), numbers3(orbit[1], body, stride)
+            moved, kicked = kepler_increments(own.table[GM, i, k], own.way[6, k], x, v)
+            store3(own.way, k, WIDTH, moved)
+            store3(own.way, 3 * WIDTH + k, WIDTH, kicked)
         else:
             for row in range(6):
                 own.way[row, k] = np.nan
@@ -117,13 +106,12 @@ def places(own, x):
     """work[PLACE] <- positions from the central body, work[OFFSET] <- what Jacobi's ``x`` differ from them by."""
     share, place, offset = own.table[SHARE], own.work[PLACE], own.work[OFFSET]
     stride = share.size
-    ox, oy, oz = splat(0.0), splat(0.0), splat(0.0)
+    before = thrice(splat(0.0))
     for p in range(0, stride, WIDTH):
-        xi, yi, zi = load3(x, p, stride)
-        m = load(share, p)
-        store3(offset, p, stride, (ox, oy, oz))
-        store3(place, p, stride, (xi + ox, yi + oy, zi + oz))
-        ox, oy, oz = ox + m * xi, oy + m * yi, oz + m * zi
+        xi = load3(x, p, stride)
+        store3(offset, p, stride, before)
+        store3(place, p, stride, xi + before)
+        before = before + load(share, p) * xi
 
 
 @in_order
@@ -135,24 +123,20 @@ def pulls(own, place, t):
     for p in range(0, pull.size, WIDTH):
         store(pull, p, zero)
     for p in range(0, stride - WIDTH, WIDTH):
-        xi, yi, zi = load3(place, p, stride)
-        ax, ay, az = load3(pull, p, stride)
+        xi, ai = load3(place, p, stride), load3(pull, p, stride)
         gm_i, hill_i = load(source, p), load(hill, p)
         for q in range(p + WIDTH, stride, WIDTH):
-            xj, yj, zj = load3(place, q, stride)
-            bx, by, bz = load3(pull, q, stride)
             gm_j, hill_j = load(source, q), load(hill, q)
-            dx, dy, dz = xj - xi, yj - yi, zj - zi
-            r2 = dx * dx + dy * dy + dz * dz
+            d = load3(place, q, stride) - xi
+            r2 = dot(d, d)
             inverse = inverse_sqrt(r2)
             cube = inverse * inverse * inverse
-            wi, wj = gm_j * cube, gm_i * cube
-            ax, ay, az = ax + wi * dx, ay + wi * dy, az + wi * dz
-            store3(pull, q, stride, (bx - wj * dx, by - wj * dy, bz - wj * dz))
+            ai = ai + gm_j * cube * d
+            store3(pull, q, stride, load3(pull, q, stride) - gm_i * cube * d)
             if any_lane((r2 < hill_i) | (r2 < hill_j)):
                 note_near(own.first, p, q, r2 < hill_j, t)
                 note_near(own.first, q, p, r2 < hill_i, t)
-        store3(pull, p, stride, (ax, ay, az))
+        store3(pull, p, stride, ai)
 
 
 @in_order
@@ -170,15 +154,12 @@ def heliocentric_kick(own, dt, t):
     x, v, pull, share = own.orbit[0], own.orbit[1], own.work[PULL], own.table[OTHERS]
     stride = share.size
     pulls(own, x, t)
-    jx, jy, jz = splat(0.0), splat(0.0), splat(0.0)
+    momentum = thrice(splat(0.0))
     for p in range(0, stride, WIDTH):
-        ax, ay, az = load3(pull, p, stride)
-        add3(v, p, stride, (dt * ax, dt * ay, dt * az))
-        vx, vy, vz = load3(v, p, stride)
-        m = load(share, p)
-        jx, jy, jz = jx + m * vx, jy + m * vy, jz + m * vz
+        add3(v, p, stride, dt * load3(pull, p, stride))
+        momentum = momentum + load(share, p) * load3(v, p, stride)
     for p in range(0, stride, WIDTH):
-        add3(x, p, stride, (dt * jx, dt * jy, dt * jz))
+        add3(x, p, stride, dt * momentum)
 
 
 @in_order
@@ -189,27 +170,17 @@ def jacobi_kick(own, dt, t):
     central = load(own.central, 0)
     places(own, x)
     pulls(own, work[PLACE], t)
-    zero = splat(0.0)
-    sx, sy, sz = zero, zero, zero  # of G m_j w_j over the bodies j > i
+    zero = thrice(splat(0.0))
+    outside = zero  # the sum of G m_j w_j over the bodies j > i
     for p in range(stride - WIDTH, -WIDTH, -WIDTH):
-        px, py, pz = load3(work[PULL], p, stride)
-        (wx, wy, wz), (gx, gy, gz) = central_part(load3(x, p, stride), load3(work[OFFSET], p, stride))
-        gm, others, source = load(table[GM], p), load(table[OTHERS], p), load(table[SOURCE], p)
-        rest = load(table[INSIDE], p) * central
-        kick = (
-            px + gm * (gx + others * wx) - rest * sx,
-            py + gm * (gy + others * wy) - rest * sy,
-            pz + gm * (gz + others * wz) - rest * sz,
-        )
-        store3(work[KICK], p, stride, kick)
-        sx, sy, sz = sx + source * wx, sy + source * wy, sz + source * wz
-    sx, sy, sz = zero, zero, zero  # of G m_j p_j over the bodies j < i
+        w, g = central_part(load3(x, p, stride), load3(work[OFFSET], p, stride))
+        gm, others, rest = load(table[GM], p), load(table[OTHERS], p), load(table[INSIDE], p) * central
+        store3(work[KICK], p, stride, load3(work[PULL], p, stride) + gm * (g + others * w) - rest * outside)
+        outside = outside + load(table[SOURCE], p) * w
+    inside = zero  # the sum of G m_j p_j over the bodies j < i
     for p in range(0, stride, WIDTH):
-        kx, ky, kz = load3(work[KICK], p, stride)
-        rest, source = load(table[INSIDE], p), load(table[SOURCE], p)
-        add3(v, p, stride, (dt * (kx - rest * sx), dt * (ky - rest * sy), dt * (kz - rest * sz)))
-        px, py, pz = load3(work[PULL], p, stride)
-        sx, sy, sz = sx + source * px, sy + source * py, sz + source * pz
+        add3(v, p, stride, dt * (load3(work[KICK], p, stride) - load(table[INSIDE], p) * inside))
+        inside = inside + load(table[SOURCE], p) * load3(work[PULL], p, stride)
 
 
 @in_order
@@ -219,25 +190,21 @@ def leave(own, orbit, y, elapsed):
     stride, end = (n - 1) * WIDTH, n * WIDTH
     for half in range(2):
         q, target = orbit[half], y[half]
-        cx, cy, cz = load3(own.centre[half], 0, WIDTH)
+        centre = load3(own.centre[half], 0, WIDTH)
         if half == 0:
-            ux, uy, uz = load3(own.centre[1], 0, WIDTH)
-            cx, cy, cz = cx + elapsed * ux, cy + elapsed * uy, cz + elapsed * uz
+            centre = centre + elapsed * load3(own.centre[1], 0, WIDTH)
         weights = own.table[SHARE] if own.jacobi else own.shares if half == 0 else own.table[OTHERS]
-        mx, my, mz = cx, cy, cz  # the central body
+        origin = centre  # the central body
         for p in range(0, stride, WIDTH):
-            m = load(weights, p)
-            x, y_, z = load3(q, p, stride)
-            mx, my, mz = mx - m * x, my - m * y_, mz - m * z
-        store3(target, 0, end, (mx, my, mz))
+            origin = origin - load(weights, p) * load3(q, p, stride)
+        store3(target, 0, end, origin)
         if not own.jacobi and half == 1:
-            mx, my, mz = cx, cy, cz  # these velocities are from the centre of mass
+            origin = centre  # these velocities are from the centre of mass
         for p in range(0, stride, WIDTH):
-            x, y_, z = load3(q, p, stride)
-            store3(target, p + WIDTH, end, (x + mx, y_ + my, z + mz))
+            here = load3(q, p, stride)
+            store3(target, p + WIDTH, end, here + origin)
             if own.jacobi:
-                m = load(weights, p)
-                mx, my, mz = mx + m * x, my + m * y_, mz + m * z
+                origin = origin + load(weights, p) * here
 
 
 @driver

@@ -20,6 +20,7 @@ import numpy as np
 from kickdrift.jit.compile import inlined, jit
 from kickdrift.jit.lanes import inverse_sqrt, lanes_like
 from kickdrift.jit.masks import any_lane, select
+from kickdrift.jit.vector3 import dot, numbers3, store3
 
 SERIES = 0.7  # the largest |beta X^2| that eight terms of the series give to round-off; beyond, X is halved
 SETTLED = 1e-9  # the square of the last correction, in units of what X changes over, that leaves an error below 1e-17
@@ -209,15 +210,16 @@ def one_solution(gm, beta, r0, eta, zeta, dt):
 
 
 @jit
-def kepler_increments(gm, dt, x, y, z, u, v, w):
-    """What a time dt adds to the relative position (x, y, z) and velocity (u, v, w) of two bodies of G (m1 + m2) = gm,
-    for every conic and any dt of either sign; (6,) numbers. An orbit that ends in r = 0 goes through it and back.
+def kepler_increments(gm, dt, x, v):
+    """What a time dt adds to the relative position x and velocity v of two bodies of G (m1 + m2) = gm, vectors of
+    numbers, for every conic and any dt of either sign: two vectors. An orbit that ends in r = 0 goes through it and
+    back.
 
     The error is some units of rounding times how far the motion spreads them: a position that is one rounding off
     moves along its orbit.
     """
-    r0 = math.sqrt(x * x + y * y + z * z)
-    beta, eta = 2.0 * gm / r0 - (u * u + v * v + w * w), x * u + y * v + z * w
+    r0 = math.sqrt(dot(x, x))
+    beta, eta = 2.0 * gm / r0 - dot(v, v), dot(x, v)
     zeta = gm - beta * r0
     ahead = dt
     if beta > 0.0:
@@ -228,14 +230,7 @@ def kepler_increments(gm, dt, x, y, z, u, v, w):
     g = one_solution(gm, beta, r0, sign * eta, zeta, sign * ahead)
     f1, g_, fdot, gdot1 = lagrange(gm, sign * ahead, r0, 1.0 / r0, sign * eta, zeta, g)
     g_, fdot = sign * g_, sign * fdot
-    return (
-        f1 * x + g_ * u,
-        f1 * y + g_ * v,
-        f1 * z + g_ * w,
-        fdot * x + gdot1 * u,
-        fdot * y + gdot1 * v,
-        fdot * z + gdot1 * w,
-    )
+    return f1 * x + g_ * v, fdot * x + gdot1 * v
 
 
 @jit
@@ -244,23 +239,24 @@ def kepler_step(gm, dt, position, velocity):
 
     Returns the new position and velocity, (3,) each; any conic, any dt of either sign, many periods too.
     """
-    x, y, z = position[0], position[1], position[2]
-    u, v, w = velocity[0], velocity[1], velocity[2]
-    d = kepler_increments(gm, dt, x, y, z, u, v, w)
-    return np.array([x + d[0], y + d[1], z + d[2]]), np.array([u + d[3], v + d[4], w + d[5]])
+    x, v = numbers3(position, 0, 1), numbers3(velocity, 0, 1)
+    moved, kicked = kepler_increments(gm, dt, x, v)
+    after = np.empty((2, 3))
+    store3(after, 0, 1, x + moved)
+    store3(after, 3, 1, v + kicked)
+    return after[0], after[1]
 
 
 @inlined
-def lanes_increments(gm, dt, x, y, z, u, v, w):
-    """The same for eight at a time, ``dt`` a number or eight: the six increments, beta, and the mask of the lanes that
-    are solved; the others are for ``kepler_increments``."""
-    r2 = x * x + y * y + z * z
+def lanes_increments(gm, dt, x, v):
+    """The same for eight at a time, ``dt`` a number or eight: the two vectors of increments, beta, and the mask of the
+    lanes that are solved; the others are for ``kepler_increments``."""
+    r2 = dot(x, x)
     inverse = inverse_sqrt(r2)
     r0 = r2 * inverse
-    beta, eta = 2.0 * gm * inverse - (u * u + v * v + w * w), x * u + y * v + z * w
+    beta, eta = 2.0 * gm * inverse - dot(v, v), dot(x, v)
     zeta = gm - beta * r0
     ahead = lanes_like(dt, r2)
     g, solved = lanes_solution(gm, beta, r0, inverse, eta, zeta, ahead)
     f1, g_, fdot, gdot1 = lagrange(gm, ahead, r0, inverse, eta, zeta, g)
-    moved = f1 * x + g_ * u, f1 * y + g_ * v, f1 * z + g_ * w
-    return moved, (fdot * x + gdot1 * u, fdot * y + gdot1 * v, fdot * z + gdot1 * w), beta, solved
+    return f1 * x + g_ * v, fdot * x + gdot1 * v, beta, solved

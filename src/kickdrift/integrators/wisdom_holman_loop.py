@@ -18,9 +18,10 @@ from kickdrift.integrators.kepler import kepler_increments, lanes_increments
 from kickdrift.integrators.loops import FRESH, STAGE, STEP
 from kickdrift.jit.compile import driver, inlined, is_finite, jit
 from kickdrift.jit.handle import handle, unowned
-from kickdrift.jit.lanes import inverse_sqrt, lane_numbers, lane_sum, minus, plus, rotated, splat, sums_before
+from kickdrift.jit.lanes import inverse_sqrt, lane_numbers, minus, plus, rotated, splat, sums_before
 from kickdrift.jit.masks import any_lane, mask_bits, select
 from kickdrift.jit.memory import load, store
+from kickdrift.jit.vector3 import dot, lane_sums, load3, numbers3, select3, store3, thrice, vector3
 from kickdrift.jit.vectors import WIDTH
 
 # Rows of ``table``: GM of the Kepler motion; G m; the body's share m_i / M_i of the mass up to it; 1 / (G M_(i-1)), of
@@ -67,17 +68,33 @@ class Bodies(NamedTuple):
 
 
 @inlined
-def add_lanes(bodies, row, b, change):
-    """orbit[row] += change in eight lanes, compensated where ``carry`` has room (see ``loops.add_compensated``)."""
-    orbit, carry = bodies.orbit[row], bodies.carry[row]
-    before = load(orbit, b)
+def add_lanes(bodies, p, change):
+    """Eight numbers of ``orbit`` += change, compensated where ``carry`` has room (see ``loops.add_compensated``)."""
+    orbit, carry = bodies.orbit, bodies.carry
+    before = load(orbit, p)
     if carry.size:
-        increment = plus(load(carry, b), change)
+        increment = plus(load(carry, p), change)
         after = plus(before, increment)
-        store(orbit, b, after)
-        store(carry, b, plus(increment, minus(before, after)))
+        store(orbit, p, after)
+        store(carry, p, plus(increment, minus(before, after)))
     else:
-        store(orbit, b, before + change)
+        store(orbit, p, before + change)
+
+
+@inlined
+def add_vectors(bodies, row, b, change):
+    """Eight vectors likewise, in three rows from ``row`` on."""
+    n = bodies.orbit.shape[1]
+    p = row * n + b
+    add_lanes(bodies, p, change.x)
+    add_lanes(bodies, p + n, change.y)
+    add_lanes(bodies, p + 2 * n, change.z)
+
+
+@inlined
+def sums_before3(vector):
+    """``sums_before`` of each component."""
+    return vector3(sums_before(vector.x), sums_before(vector.y), sums_before(vector.z))
 
 
 @inlined
@@ -98,35 +115,20 @@ def add_centre(centre, row, change):
 def drift(bodies, dt, t):
     """Every body along its Kepler orbit for a time dt that begins at t, the centre of mass along its line; a status."""
     orbit, table, work = bodies.orbit, bodies.table, bodies.work
-    for b in range(0, orbit.shape[1], WIDTH):
+    n = orbit.shape[1]
+    for b in range(0, n, WIDTH):
         gm = load(table[GM], b)
-        moved, kicked, beta, solved = lanes_increments(
-            gm, dt, load(orbit[0], b), load(orbit[1], b), load(orbit[2], b), load(orbit[3], b), load(orbit[4], b),
-            load(orbit[5], b),
-        )  # fmt: skip
+        moved, kicked, beta, solved = lanes_increments(gm, dt, load3(orbit, b, n), load3(orbit, 3 * n + b, n))
         done = mask_bits(solved)
         if done != 255:
             if one_by_one(bodies, dt, b, done) != OK:
                 return BLOWN_UP
-            way = work[WAY:]
-            moved = (
-                select(solved, moved[0], load(way[0], b)),
-                select(solved, moved[1], load(way[1], b)),
-                select(solved, moved[2], load(way[2], b)),
-            )
-            kicked = (
-                select(solved, kicked[0], load(way[3], b)),
-                select(solved, kicked[1], load(way[4], b)),
-                select(solved, kicked[2], load(way[5], b)),
-            )
+            moved = select3(solved, moved, load3(work, WAY * n + b, n))
+            kicked = select3(solved, kicked, load3(work, (WAY + 3) * n + b, n))
         if any_lane(beta <= 0.0):
             note_unbound(bodies, b, mask_bits(beta <= 0.0), t)
-        add_lanes(bodies, 0, b, moved[0])
-        add_lanes(bodies, 1, b, moved[1])
-        add_lanes(bodies, 2, b, moved[2])
-        add_lanes(bodies, 3, b, kicked[0])
-        add_lanes(bodies, 4, b, kicked[1])
-        add_lanes(bodies, 5, b, kicked[2])
+        add_vectors(bodies, 0, b, moved)
+        add_vectors(bodies, 3, b, kicked)
     add_centre(bodies.centre, 0, dt * load(bodies.centre[1], 0))
     return OK
 
@@ -134,17 +136,15 @@ def drift(bodies, dt, t):
 @jit
 def one_by_one(bodies, dt, b, done):
     """The increments of the lanes that are not done, in ``work``; a status."""
-    orbit, table, way = bodies.orbit, bodies.table, bodies.work[WAY:]
-    for k in range(WIDTH):
-        i = b + k
-        if not (done >> k) & 1:
-            increments = kepler_increments(
-                table[GM, i], dt, orbit[0, i], orbit[1, i], orbit[2, i], orbit[3, i], orbit[4, i], orbit[5, i]
-            )
-            total = 0.0
-            for row in range(6):
-                way[row, i] = increments[row]
-                total += increments[row]
+    orbit, work = bodies.orbit, bodies.work
+    n = orbit.shape[1]
+    for i in range(b, b + WIDTH):
+        if not (done >> (i - b)) & 1:
+            x, v = numbers3(orbit, i, n), numbers3(orbit, 3 * n + i, n)
+            moved, kicked = kepler_increments(bodies.table[GM, i], dt, x, v)
+            store3(work, WAY * n + i, n, moved)
+            store3(work, (WAY + 3) * n + i, n, kicked)
+            total = moved.x + moved.y + moved.z + kicked.x + kicked.y + kicked.z
             if not is_finite(total):
                 return BLOWN_UP
     return OK
@@ -161,13 +161,13 @@ def note_unbound(bodies, b, lanes, t):
 @jit
 def note_near(bodies, place, b, t):
     """Which bodies of these eight are within the Hill radius of which others."""
-    first, hill = bodies.first, bodies.table[HILL]
+    first, hill, n = bodies.first, bodies.table[HILL], bodies.orbit.shape[1]
     for i in range(b, b + WIDTH):
         if bodies.table[LIVE, i] == 0.0 or not np.isnan(first[NEAR, i]):
             continue
         for j in range(bodies.massive):
-            dx, dy, dz = place[0, j] - place[0, i], place[1, j] - place[1, i], place[2, j] - place[2, i]
-            if j != i and dx * dx + dy * dy + dz * dz < hill[j]:
+            d = numbers3(place, j, n) - numbers3(place, i, n)
+            if j != i and dot(d, d) < hill[j]:
                 first[NEAR, i], first[WHICH, i] = t, j
                 break
 
@@ -180,20 +180,15 @@ def places(bodies):
     """work[PLACE] <- positions from the central body, work[OFFSET] <- what Jacobi's differ from them by, which is the
     sum of m_j / M_j times Jacobi's position over the massive bodies j before."""
     orbit, table, work, inside = bodies.orbit, bodies.table, bodies.work, bodies.inside
-    sums_x, sums_y, sums_z = 0.0, 0.0, 0.0
+    n, before = orbit.shape[1], thrice(0.0)
     for b in range(0, bodies.massive, WIDTH):
-        share = load(table[SHARE], b)
-        x, y, z = load(orbit[0], b), load(orbit[1], b), load(orbit[2], b)
-        px, py, pz = share * x, share * y, share * z
-        ox, oy, oz = sums_before(px) + sums_x, sums_before(py) + sums_y, sums_before(pz) + sums_z
-        store(work[OFFSET], b, ox)
-        store(work[OFFSET + 1], b, oy)
-        store(work[OFFSET + 2], b, oz)
-        store(work[PLACE], b, x + ox)
-        store(work[PLACE + 1], b, y + oy)
-        store(work[PLACE + 2], b, z + oz)
-        if b + WIDTH < bodies.massive or orbit.shape[1] > bodies.massive:
-            sums_x, sums_y, sums_z = sums_x + lane_sum(px), sums_y + lane_sum(py), sums_z + lane_sum(pz)
+        x = load3(orbit, b, n)
+        part = load(table[SHARE], b) * x
+        offset = sums_before3(part) + before
+        store3(work, OFFSET * n + b, n, offset)
+        store3(work, PLACE * n + b, n, x + offset)
+        if b + WIDTH < bodies.massive or n > bodies.massive:
+            before = before + lane_sums(part)
     for i in range(bodies.massive, orbit.shape[1]):
         j = inside[i]
         for k in range(3):
@@ -207,12 +202,12 @@ def places(bodies):
 def pulls(bodies, place, b, t):
     """The acceleration that the massive bodies other than the central one give to eight bodies at ``place``."""
     if bodies.massive == WIDTH and b == 0:
-        ax, ay, az, near = ring_pulls(bodies, place)
+        a, near = ring_pulls(bodies, place)
     else:
-        ax, ay, az, near = pulls_one_by_one(bodies, place, b)
+        a, near = pulls_one_by_one(bodies, place, b)
     if any_lane(near):
         note_near(bodies, place, b, t)
-    return ax, ay, az
+    return a
 
 
 @inlined
@@ -220,7 +215,8 @@ def ring_pulls(bodies, place):
     """The same of eight bodies among themselves, each pair once, as in ``gravity_kernel.ring``; and whether a body of a
     pair is within the Hill radius of the other."""
     gm_i, hill_i = load(bodies.table[SOURCE], 0), load(bodies.table[HILL], 0)
-    xi, yi, zi = load(place[0], 0), load(place[1], 0), load(place[2], 0)
+    here = load3(place, 0, bodies.orbit.shape[1])
+    xi, yi, zi = here.x, here.y, here.z
     zero = splat(0.0)
     ax, ay, az, reaction_x, reaction_y, reaction_z = zero, zero, zero, zero, zero, zero
     xj, yj, zj, gm_j, hill_j = xi, yi, zi, gm_i, hill_i
@@ -239,71 +235,47 @@ def ring_pulls(bodies, place):
         if turn < 3:
             w = gm_i * cube
             reaction_x, reaction_y, reaction_z = reaction_x - w * dx, reaction_y - w * dy, reaction_z - w * dz
-    return ax + rotated(reaction_x, 4), ay + rotated(reaction_y, 4), az + rotated(reaction_z, 4), near
+    return vector3(ax + rotated(reaction_x, 4), ay + rotated(reaction_y, 4), az + rotated(reaction_z, 4)), near
 
 
 @inlined
 def pulls_one_by_one(bodies, place, b):
     """The same of any eight, by each massive body."""
-    source, hill = bodies.table[SOURCE], bodies.table[HILL]
-    sx, sy, sz = place[0], place[1], place[2]
-    x, y, z = load(sx, b), load(sy, b), load(sz, b)
-    zero = splat(0.0)
-    ax, ay, az = zero, zero, zero
-    near = zero > 1.0
+    source, hill, n = bodies.table[SOURCE], bodies.table[HILL], bodies.orbit.shape[1]
+    x, zero = load3(place, b, n), splat(0.0)
+    a, near = thrice(zero), zero > 1.0
     for j in range(bodies.massive):
-        dx, dy, dz = sx[j] - x, sy[j] - y, sz[j] - z
-        r2 = dx * dx + dy * dy + dz * dz
-        r2 = select(lane_numbers() == float(j - b), splat(SELF), r2)
+        d = numbers3(place, j, n) - x
+        r2 = select(lane_numbers() == float(j - b), splat(SELF), dot(d, d))
         near = near | (r2 < hill[j])
         inverse = inverse_sqrt(r2)
-        w = source[j] * inverse * inverse * inverse
-        ax, ay, az = ax + w * dx, ay + w * dy, az + w * dz
-    return ax, ay, az, near
+        a = a + source[j] * inverse * inverse * inverse * d
+    return a, near
 
 
 @inlined
-def kick_velocities(bodies, b, dt, ax, ay, az):
+def kick_velocities(bodies, b, dt, a):
     live = load(bodies.table[LIVE], b) > 0.0
-    zero = splat(0.0)
-    add_lanes(bodies, 3, b, select(live, dt * ax, zero))
-    add_lanes(bodies, 4, b, select(live, dt * ay, zero))
-    add_lanes(bodies, 5, b, select(live, dt * az, zero))
+    add_vectors(bodies, 3, b, select3(live, dt * a, thrice(splat(0.0))))
 
 
 @inlined
 def jump(bodies, dt):
     """Every body moves with what the central one does, by the sum of the momenta over its mass (Duncan, Levison & Lee
     1998, doi:10.1086/300541)."""
-    orbit, share = bodies.orbit, bodies.table[OTHERS]
-    jx, jy, jz = 0.0, 0.0, 0.0
+    orbit, share, move = bodies.orbit, bodies.table[OTHERS], thrice(0.0)
+    n = orbit.shape[1]
     for b in range(0, bodies.massive, WIDTH):
-        part = load(share, b)
-        jx += lane_sum(part * load(orbit[3], b))
-        jy += lane_sum(part * load(orbit[4], b))
-        jz += lane_sum(part * load(orbit[5], b))
-    for b in range(0, orbit.shape[1], WIDTH):
-        add_lanes(bodies, 0, b, splat(dt * jx))
-        add_lanes(bodies, 1, b, splat(dt * jy))
-        add_lanes(bodies, 2, b, splat(dt * jz))
+        move = move + lane_sums(load(share, b) * load3(orbit, 3 * n + b, n))
+    for b in range(0, n, WIDTH):
+        add_vectors(bodies, 0, b, splat(dt) * move)
 
 
 @inlined
 def heliocentric_kick(bodies, dt, t):
     """Kicks by the other bodies alone; the central one's pull is in the Kepler motion."""
     for b in range(0, bodies.orbit.shape[1], WIDTH):
-        ax, ay, az = pulls(bodies, bodies.orbit, b, t)
-        kick_velocities(bodies, b, dt, ax, ay, az)
-
-
-@inlined
-def central_pull(bodies, b):
-    """``central_part`` of eight bodies."""
-    orbit, work = bodies.orbit, bodies.work
-    place = load(orbit[0], b), load(orbit[1], b), load(orbit[2], b)
-    offset = load(work[OFFSET], b), load(work[OFFSET + 1], b), load(work[OFFSET + 2], b)
-    (wx, wy, wz), (gx, gy, gz) = central_part(place, offset)
-    return wx, wy, wz, gx, gy, gz
+        kick_velocities(bodies, b, dt, pulls(bodies, bodies.orbit, b, t))
 
 
 @inlined
@@ -311,17 +283,15 @@ def central_part(place, offset):
     """For bodies at r' + offset from the central one, r' = ``place``: w, the central body's pull there per G m_0,
     against r', and r' / r'^3 - r / r^3, the pull of the mass inside from its centre less that from the central body,
     from their small quotient as Encke does (Battin 1999, eq. 8.62 ff., doi:10.2514/4.861543)."""
-    (x, y, z), (ox, oy, oz) = place, offset
-    px, py, pz = x + ox, y + oy, z + oz
-    before2 = x * x + y * y + z * z
-    before, now = inverse_sqrt(before2), inverse_sqrt(px * px + py * py + pz * pz)
+    there = place + offset
+    before2 = dot(place, place)
+    before, now = inverse_sqrt(before2), inverse_sqrt(dot(there, there))
     inverse3, star = before * before * before, now * now * now
     ratio = before2 * before * now  # r' / r
     ratio3 = ratio * ratio * ratio
-    q = (ox * (x + px) + oy * (y + py) + oz * (z + pz)) * (before * before)  # r^2 / r'^2 - 1
+    q = dot(offset, place + there) * (before * before)  # r^2 / r'^2 - 1
     lost = q * (3.0 + q * (3.0 + q)) * (ratio3 * ratio3 / (1.0 + ratio3))  # 1 - (r' / r)^3
-    kept = inverse3 * lost
-    return (star * px, star * py, star * pz), (kept * x - star * ox, kept * y - star * oy, kept * z - star * oz)
+    return star * there, inverse3 * lost * place - star * offset
 
 
 @inlined
@@ -338,49 +308,36 @@ def jacobi_kick(bodies, dt, t):
     orbit, table, work, inside = bodies.orbit, bodies.table, bodies.work, bodies.inside
     slots, massive = orbit.shape[1], bodies.massive
     places(bodies)
-    central = bodies.gm
-    total_x, total_y, total_z = 0.0, 0.0, 0.0
+    central, total = bodies.gm, thrice(0.0)
     for b in range(0, slots, WIDTH):
-        px, py, pz = pulls(bodies, work, b, t)
-        wx, wy, wz, gx, gy, gz = central_pull(bodies, b)
+        pull = pulls(bodies, work, b, t)
+        w, g = central_part(load3(orbit, b, slots), load3(work, OFFSET * slots + b, slots))
         gm, others = load(table[GM], b), load(table[OTHERS], b)
         if b < massive:
             source = load(table[SOURCE], b)
-            store(work[STAR], b, source * (px - central * wx))
-            store(work[STAR + 1], b, source * (py - central * wy))
-            store(work[STAR + 2], b, source * (pz - central * wz))
-            sx, sy, sz = source * wx, source * wy, source * wz
-            total_x, total_y, total_z = total_x + lane_sum(sx), total_y + lane_sum(sy), total_z + lane_sum(sz)
-            store(work[WAY], b, sx)
-            store(work[WAY + 1], b, sy)
-            store(work[WAY + 2], b, sz)
-        store(work[PULL], b, px + gm * (gx + others * wx))
-        store(work[PULL + 1], b, py + gm * (gy + others * wy))
-        store(work[PULL + 2], b, pz + gm * (gz + others * wz))
-    total_x, total_y, total_z = central * total_x, central * total_y, central * total_z
-    start_x, start_y, start_z = total_x, total_y, total_z
+            store3(work, STAR * slots + b, slots, source * (pull - central * w))
+            weighted = source * w
+            total = total + lane_sums(weighted)
+            store3(work, WAY * slots + b, slots, weighted)
+        store3(work, PULL * slots + b, slots, pull + gm * (g + others * w))
+    total = central * total
+    start = total
     for b in range(0, massive, WIDTH):
-        cx, cy, cz = load(work[STAR], b), load(work[STAR + 1], b), load(work[STAR + 2], b)
-        rest = load(table[INSIDE], b)
-        ax = sums_before(cx) + total_x - central * load(work[WAY], b)
-        ay = sums_before(cy) + total_y - central * load(work[WAY + 1], b)
-        az = sums_before(cz) + total_z - central * load(work[WAY + 2], b)
+        star, rest = load3(work, STAR * slots + b, slots), load(table[INSIDE], b)
+        felt = sums_before3(star) + total - central * load3(work, WAY * slots + b, slots)
         if slots > massive:  # for the massless, in whose sums the last body before them counts as well
-            store(work[STAR], b, sums_before(cx) + cx + total_x)
-            store(work[STAR + 1], b, sums_before(cy) + cy + total_y)
-            store(work[STAR + 2], b, sums_before(cz) + cz + total_z)
-        ax, ay = load(work[PULL], b) - rest * ax, load(work[PULL + 1], b) - rest * ay
-        kick_velocities(bodies, b, dt, ax, ay, load(work[PULL + 2], b) - rest * az)
+            store3(work, STAR * slots + b, slots, sums_before3(star) + star + total)
+        kick_velocities(bodies, b, dt, load3(work, PULL * slots + b, slots) - rest * felt)
         if b + WIDTH < massive:
-            total_x, total_y, total_z = total_x + lane_sum(cx), total_y + lane_sum(cy), total_z + lane_sum(cz)
+            total = total + lane_sums(star)
     for i in range(massive, slots):
         if table[LIVE, i] > 0.0:
             j = inside[i]
-            for k, total in enumerate((start_x, start_y, start_z)):
-                felt = work[STAR + k, j - 1] if j > 0 else total
-                work[PULL + k, i] -= table[INSIDE, i] * felt
+            felt = numbers3(work, STAR * slots + j - 1, slots) if j > 0 else start
+            place = PULL * slots + i
+            store3(work, place, slots, numbers3(work, place, slots) - table[INSIDE, i] * felt)
     for b in range(massive, slots, WIDTH):
-        kick_velocities(bodies, b, dt, load(work[PULL], b), load(work[PULL + 1], b), load(work[PULL + 2], b))
+        kick_velocities(bodies, b, dt, load3(work, PULL * slots + b, slots))
 
 
 # --- other forces ---

@@ -58,10 +58,10 @@ def _divide(builder: ir.IRBuilder, a: ir.Value, b: ir.Value, flags: tuple[str, .
 
 
 def _is_product(value: ir.Value) -> bool:
-    return isinstance(value, ir.Instruction) and value.opname == "fmul"
+    return isinstance(value, ir.Instruction) and value.opname == "fmul" and isinstance(value.type, ir.VectorType)
 
 
-def _add(builder: ir.IRBuilder, a: ir.Value, b: ir.Value, flags: tuple[str, ...]) -> ir.Value:
+def added(builder: ir.IRBuilder, a: ir.Value, b: ir.Value, flags: tuple[str, ...]) -> ir.Value:
     """a + b, fused where one is a product; LLVM sees to that itself where it may (by the flag "contract")."""
     if not flags and _is_product(b):
         return fused(builder, b.operands[0], b.operands[1], a)
@@ -70,7 +70,7 @@ def _add(builder: ir.IRBuilder, a: ir.Value, b: ir.Value, flags: tuple[str, ...]
     return builder.fadd(a, b, flags=flags)
 
 
-def _subtract(builder: ir.IRBuilder, a: ir.Value, b: ir.Value, flags: tuple[str, ...]) -> ir.Value:
+def subtracted(builder: ir.IRBuilder, a: ir.Value, b: ir.Value, flags: tuple[str, ...]) -> ir.Value:
     """a - b, likewise."""
     if not flags and _is_product(b):
         return fused(builder, builder.fneg(b.operands[0]), b.operands[1], a)
@@ -80,8 +80,8 @@ def _subtract(builder: ir.IRBuilder, a: ir.Value, b: ir.Value, flags: tuple[str,
 
 
 _ARITHMETIC: dict[Callable[..., Any], Callable[..., ir.Value]] = {
-    operator.add: _add,
-    operator.sub: _subtract,
+    operator.add: added,
+    operator.sub: subtracted,
     operator.mul: lambda builder, a, b, flags: builder.fmul(a, b, flags=flags),
     operator.truediv: _divide,
 }
