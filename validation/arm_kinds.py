@@ -78,13 +78,11 @@ def on_threads(system: Any, steps: int, **options: Any) -> Found:
     return one
 
 
-def by_tree() -> Found:
+def stars() -> Any:
     """The stars of plummer-1000, which attract each other by groups."""
     state = kd.load("plummer-1000").state
-    stars = kd.System(
-        state.positions, state.velocities, state.masses, forces=[kd.GravityTree(softening=0.01)], units="nbody"
-    )
-    return moved(stars, "leapfrog-dkd", 5, dt=0.001)
+    tree = kd.GravityTree(softening=0.01)
+    return kd.System(state.positions, state.velocities, state.masses, forces=[tree], units="nbody")
 
 
 def own_law() -> Found:
@@ -121,6 +119,21 @@ def side_by_side() -> Found:
     return Found(np.ravel(energies).tolist(), batch.phase[:, 0].ravel().tolist(), 200)
 
 
+def blown_up() -> Found:
+    """Runs whose steps are far too long: each ends in kickdrift's own error, and no number comes of them."""
+    for system, method, dt in (
+        (kd.load("lj-1000"), "velocity-verlet", 1.0),
+        (kd.load("lj-1000"), "velocity-verlet", 1e300),
+        (stars(), "leapfrog-dkd", 1e300),
+    ):
+        try:
+            kd.Simulation(system, method, dt=dt).run(100, every=5)
+        except kd.RunError:
+            continue
+        raise AssertionError(f"a step of {dt:g} does not blow up")
+    return Found([], [], 0)
+
+
 def van_der_pol(t, y):
     return [y[1], (1 - y[0] ** 2) * y[1] - y[0]]
 
@@ -133,7 +146,8 @@ KINDS: dict[str, Callable[[], Found]] = {
     "written to a file, resumed": resumed,
     "Sun and Jupiter, leapfrog": lambda: moved(kd.load("sun-jupiter"), "leapfrog", 500, dt=0.02),
     "1000 stars, leapfrog-dkd": lambda: moved(kd.load("plummer-1000"), "leapfrog-dkd", 5, dt=0.001),
-    "1000 stars, tree": by_tree,
+    "1000 stars, tree": lambda: moved(stars(), "leapfrog-dkd", 5, dt=0.001),
+    "blow-ups, told as such": blown_up,
     "planets, wisdom-holman": lambda: moved(kd.load("solar-system"), "wisdom-holman", 200, dt=0.01),
     "planets, gauss-radau15": lambda: reached(kd.load("solar-system"), "gauss-radau15", 1.0),
     "3 bodies, dormand-prince45": lambda: reached(kd.load("figure-eight"), "dormand-prince45", 2.0, rtol=1e-9),
