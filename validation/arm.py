@@ -8,12 +8,12 @@ and kickdrift's own wheel, made from this checkout. This works on Debian 12 for 
 are set up there, and without root's rights: nothing is installed, and no setting of the system changes.
 
 There .ci/smoke.py runs, then each kind of run of arm_kinds.py, in a process of its own. A kind checks what holds to the
-last bit on any processor: two threads give what one gives, a resumed file what the whole run gives. Runs that blow up must say so. Its energies and
-positions are compared with those of this machine. They cannot be the same bits: processors fuse products with sums and
-divide in different ways, and a run makes small differences grow. How far they grow is measured: the kind runs here once
-more, compiled for older processors. ARM agrees if it is at most ten times as far from this machine's numbers as those
-are, or ten times sqrt(steps) rounding units where that is more. A distance is the largest over all numbers, divided by
-the largest number. Exit status 1 if a kind disagrees or ends in an error.
+last bit on any processor: two threads give what one gives, a resumed file what the whole run gives. Runs that blow up
+must say so. Energies and positions are compared with those of this machine. They cannot be the same bits: processors
+fuse products with sums and divide in different ways, and a run makes small differences grow. How far they grow is
+measured: the kind runs here once more, compiled for older processors. ARM agrees if it is at most ten times as far from
+this machine's numbers as those are, or ten times sqrt(steps) rounding units where that is more. A distance is the
+largest over all numbers, divided by the largest number. Exit status 1 if a kind disagrees or ends in an error.
 
 An emulated processor shows the machine code that ARM gets, and what the code computes. It does not show ARM's speed. It
 does not show mistakes in the order in which threads see each other's writes either: x86-64 keeps to a stricter order.
