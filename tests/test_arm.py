@@ -55,7 +55,7 @@ def test_what_goes_wrong_is_told():
 
 
 def test_a_kind_in_a_process_of_its_own():
-    found = arm.Machine((sys.executable,), {}).found("van der Pol's equation")
+    found = arm.Machine("here", (sys.executable,), {}).found("van der Pol's equation")
     assert found["positions"] == arm_kinds.KINDS["van der Pol's equation"]().positions
     assert len(found["positions"]) == 2
     assert found["machine"] in arm.described(found)

@@ -46,7 +46,7 @@ TOP = Path(__file__).resolve().parents[1]
 SMOKE, RUNS = TOP / ".ci" / "smoke.py", TOP / "validation" / "arm_kinds.py"
 PACKAGES = ("python3", "libstdc++6", "libgomp1")  # for arm64: Python, and what the wheels load
 EPS = float(np.finfo(np.float64).eps)
-OLDER = {"haswell": "+avx,+avx2,+fma,+bmi,+bmi2,+popcnt,+sse4.2", "x86-64": "+sse2"}  # they round otherwise
+FEATURES = "NUMBA_CPU_FEATURES"  # what LLVM may use beside, or instead of, what a processor of that name has
 THREADS = {"NUMBA_NUM_THREADS": "2", "OMP_WAIT_POLICY": "PASSIVE"}  # threads that wait take no time from others
 TIMES = 10  # as far as the older processors are
 LIMIT = 3600.0  # seconds of a kind, most of them for compiling
@@ -58,20 +58,31 @@ class Failure(Exception):
 
 
 class Machine(NamedTuple):
-    """How Python starts, and with which settings."""
+    """What errors call it, how Python starts there, and with which settings."""
 
+    name: str
     python: tuple[str, ...]
     settings: Mapping[str, str]
 
     def output(self, *arguments: str | Path) -> str:
         """What a script prints; a Failure if it ends with an error or takes longer than LIMIT."""
-        return output(*self.python, *arguments, settings={**THREADS, **self.settings}, limit=LIMIT)
+        try:
+            return output(*self.python, *arguments, settings={**THREADS, **self.settings}, limit=LIMIT)
+        except Failure as failure:
+            raise Failure(f"{self.name}: {failure}") from None
 
     def found(self, kind: str) -> dict[str, Any]:
         """What a kind of run gave, and the seconds that it took."""
         began = perf_counter()
         lines = self.output(RUNS, kind).splitlines()
         return json.loads(lines[-1]) | {"seconds": perf_counter() - began}
+
+
+HERE = Machine("this machine", (sys.executable,), {})
+OLDER = tuple(  # the same with code for processors that round otherwise
+    HERE._replace(name=name, settings={"NUMBA_CPU_NAME": name, FEATURES: features})
+    for name, features in (("haswell", "+avx,+avx2,+fma,+bmi,+bmi2,+popcnt,+sse4.2"), ("x86-64", "+sse2"))
+)
 
 
 def output(
@@ -186,7 +197,9 @@ def arm(folder: Path, named: str) -> Machine:
     (python,) = (path for path in (root / "usr" / "bin").glob("python3.*") if path.name.count(".") == 1)
     package, libraries = wheels(folder, python.name.removeprefix("python"))
     settings = {"PYTHONPATH": f"{package}:{libraries}", "NUMBA_CPU_NAME": named}
-    return Machine((qemu, "-L", str(root), str(python)), settings)
+    if named != "generic":
+        settings[FEATURES] = ""  # all that a processor of that name has, which the emulator does not tell
+    return Machine(f"aarch64, {named}", (qemu, "-L", str(root), str(python)), settings)
 
 
 # --- what is compared ---
@@ -239,15 +252,12 @@ def described(found: dict[str, Any]) -> str:
 
 def study(machine: Machine, kinds: Sequence[str]) -> tuple[list[Row], list[str]]:
     """Run the kinds on both machines; the table's rows, and what they ran with."""
-    own, rows, with_what = (sys.executable,), [], []
+    rows, with_what = [], []
     for kind in kinds:
         try:
-            here = Machine(own, {}).found(kind)
-            here_has = {f"+{name}" for name in here["features"]}
-            able = [(name, has) for name, has in OLDER.items() if here_has >= set(has.split(","))]
-            older = [
-                Machine(own, {"NUMBA_CPU_NAME": name, "NUMBA_CPU_FEATURES": has}).found(kind) for name, has in able
-            ]
+            here = HERE.found(kind)
+            has = {f"+{name}" for name in here["features"]}
+            older = [each.found(kind) for each in OLDER if has.issuperset(each.settings[FEATURES].split(","))]
             there = machine.found(kind)
             rows.append(compared(kind, there, here, older))
             with_what = [described(there), f"{described(here)} ({processor()})"]
