@@ -7,8 +7,8 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from kickdrift.cli.main.main import main
-from kickdrift.plots.runs.shadow import plot_shadow
+from kickdrift.cli.main.main.main import main
+from kickdrift.plots.runs.runs.shadow import plot_shadow
 
 import kickdrift as kd
 from kickdrift.analysis.ladder import Bench, Row

@@ -6,7 +6,7 @@ import json
 
 import numpy as np
 import pytest
-from kickdrift.cli.main.main import app
+from kickdrift.cli.main.main.main import app
 from test_pair_forces import fluid, make_system
 from typer.testing import CliRunner
 

@@ -41,7 +41,7 @@ import numpy as np
 from arm_kinds import KINDS
 from docs_tables import put, table
 
-from kickdrift.bench import processor
+from kickdrift.analysis.bench import processor
 
 TOP = Path(__file__).resolve().parents[1]
 SMOKE, RUNS = TOP / ".ci" / "smoke.py", TOP / "validation" / "arm_kinds.py"

@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import kickdrift as kd
-from kickdrift.batch import Batch
+from kickdrift.batch.batch import Batch
 from kickdrift.jit.compile import features, processor
 
 VERSIONS = ("kickdrift", "numpy", "numba", "llvmlite", "scipy", "h5py")
