@@ -7,8 +7,6 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from kickdrift.cli.main.main.main import main
-from kickdrift.plots.runs.runs.shadow import plot_shadow
 
 import kickdrift as kd
 from kickdrift.analysis.ladder import Bench, Row
@@ -17,7 +15,9 @@ from kickdrift.analysis.recommendation import SAFETY, recommendation
 from kickdrift.analysis.reference import MODERATE, TIGHT, Reference
 from kickdrift.analysis.shadow import modified_hamiltonian, pendulum_potential, shadow_run
 from kickdrift.analysis.work_precision import Comparison, default_integrators, work_precision
+from kickdrift.cli.main import main
 from kickdrift.odes import harmonic_oscillator, kepler, logistic, lorenz, pendulum, van_der_pol
+from kickdrift.plots.shadow import plot_shadow
 from kickdrift.statistics.growth import Growth, energy_growth, position_growth
 
 

@@ -19,9 +19,15 @@ DOCS = TOP / "docs"
 PAGES = sorted(DOCS.glob("*.md"))
 WITH_CODE = [page for page in PAGES if any(b.language in ("python", "sh") for b in pages.blocks(page))]
 MADE = {"report.md", "command-line.md"}  # by docs/hooks.py
+LONG = {"ensembles"}  # pages that take more than ten seconds
 
 
-@pytest.mark.parametrize("page", WITH_CODE, ids=lambda page: page.stem)
+def in_turn(page: Path):
+    """A page as a parameter, with its mark."""
+    return pytest.param(page, id=page.stem, marks=[pytest.mark.long] if page.stem in LONG else [])
+
+
+@pytest.mark.parametrize("page", [in_turn(page) for page in WITH_CODE])
 def test_a_page_runs(page, tmp_path):
     """In a process of its own, as a reader would: what it registers stays there."""
     guesses = "ignore:Element information is missing"  # of MDAnalysis, on reduced units

@@ -6,11 +6,11 @@ import json
 
 import numpy as np
 import pytest
-from kickdrift.cli.main.main.main import app
 from test_pair_forces import fluid, make_system
 from typer.testing import CliRunner
 
 import kickdrift as kd
+from kickdrift.cli.main import app
 from kickdrift.errors import InputError
 from kickdrift.forces.bound import BoundForces
 from kickdrift.integrators import INTEGRATORS

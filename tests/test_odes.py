@@ -11,7 +11,6 @@ from pathlib import Path
 import numba
 import numpy as np
 import pytest
-from kickdrift.systemfile.reading.reading import describe, load, shipped
 from scipy.integrate import solve_ivp
 
 import kickdrift as kd
@@ -20,6 +19,7 @@ from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators.flow import flow_of
 from kickdrift.integrators.step_control import first_step
 from kickdrift.odes import ODES
+from kickdrift.systemfile.reading import describe, load, shipped
 
 FILES = [name for name in shipped() if name.startswith("ode-")]
 SCIPY = {"bogacki-shampine23": "RK23", "dormand-prince45": "RK45", "dop853": "DOP853"}

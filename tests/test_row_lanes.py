@@ -157,6 +157,7 @@ for mixture in (False, True):
 
 
 @pytest.mark.skipif(platform.machine() not in ("x86_64", "AMD64"), reason="code for processors of another kind")
+@pytest.mark.long
 @pytest.mark.parametrize("processor", PROCESSORS)
 def test_code_for_processors_without_avx_512(processor):
     """The rows are packed otherwise there, too."""

@@ -5,7 +5,7 @@
 
 Each build runs in a process of its own, on the systems of groups.py, from the same numbers. The two take turns (A B A B
 …); a ratio is the median over the turns of this build's speed over the other's. Runs on one thread are timed in
-processor time. The other commit must have what bodies.py and liquids.py import of kickdrift.
+processor time. The other commit comes with the groups.py of its time.
 """
 
 from __future__ import annotations
@@ -32,10 +32,8 @@ from claim import Claim, claim, show, where
 from groups import ENTRIES, Group
 from turns import Runner, ratio_of, turns
 
-import kickdrift
-
-HERE = Path(__file__).parent
-SOURCE = Path(kickdrift.__file__).parents[1]
+TOP = Path(__file__).parents[2]
+SCRIPT = Path(__file__).relative_to(TOP)
 TURNS, SECONDS = 9, 0.5
 PROCESSORS = {
     "haswell": "+avx,+avx2,+fma,+bmi,+bmi2,+lzcnt,+movbe,+f16c,+popcnt,+sse4.2",
@@ -64,10 +62,10 @@ NARROW, MIXED_GAIN = 0.85, 1.4  # of the widest vectors' speed with AVX2; of mix
 
 
 class Build(NamedTuple):
-    """A kickdrift: its sources, and what its processes find in their environment."""
+    """A kickdrift: its folder, and what its processes find in their environment."""
 
     name: str
-    source: Path
+    top: Path
     environment: dict[str, str]
 
 
@@ -75,8 +73,8 @@ class Apart(Runner):
     """A case in a process of its own, which is told by how much to go on and answers with how far it came and when."""
 
     def __init__(self, build: Build, case: Case) -> None:
-        path = os.pathsep.join([str(build.source), os.environ.get("PYTHONPATH", "")])
-        command = [sys.executable, __file__, "--child", case.group, case.contestant]
+        path = os.pathsep.join([str(build.top / "src"), os.environ.get("PYTHONPATH", "")])
+        command = [sys.executable, str(build.top / SCRIPT), "--child", case.group, case.contestant]
         environment = {**os.environ, **build.environment, "PYTHONPATH": path}
         self.process = subprocess.Popen(
             command, env=environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, bufsize=1
@@ -118,16 +116,16 @@ def child(group_name: str, contestant_name: str) -> None:
 
 
 def unpacked(commit: str, folder: Path) -> Path:
-    """The package's sources and systems as of a commit, in that folder; the path to import it from."""
-    top = HERE.parents[1]
+    """All of a commit that is timed, in that folder, with this script in it."""
     packed = subprocess.run(
-        ["git", "-C", str(top), "archive", commit, "src", "systems"], capture_output=True, check=False
+        ["git", "-C", str(TOP), "archive", commit, "src", "systems", "validation"], capture_output=True, check=False
     )
     if packed.returncode:
         raise SystemExit(f"against.py: {packed.stderr.decode().strip()}")
     with tarfile.open(fileobj=io.BytesIO(packed.stdout)) as archive:
         archive.extractall(folder, filter="data")
-    return folder / "src"
+    (folder / SCRIPT).write_bytes(Path(__file__).read_bytes())
+    return folder
 
 
 def speeds(case: Case, builds: tuple[Build, Build], count: int) -> np.ndarray:
@@ -175,11 +173,11 @@ def main() -> int:
     if bool(given.commit) == bool(given.processor):
         parser.error("give a commit or --processor")
     print(where("numpy"), flush=True)
-    here = Build("this build", SOURCE, {})
+    here = Build("this build", TOP, {})
     cases = tuple(case for case in LOOPS if not given.only or case.name in given.only)
     if given.processor:
         features = {"NUMBA_CPU_NAME": given.processor, "NUMBA_CPU_FEATURES": PROCESSORS[given.processor]}
-        narrow = Build(f"code for {given.processor}", SOURCE, features)
+        narrow = Build(f"code for {given.processor}", TOP, features)
         liquids = tuple(case._replace(least=NARROW) for case in LIQUIDS if case in cases)
         return show([*claims(liquids, (narrow, here), given.turns), mixed_gain(narrow, given.turns)])
     with tempfile.TemporaryDirectory() as folder:

@@ -17,14 +17,14 @@ if TYPE_CHECKING:
 
 # No name here may be that of a module beside it: loading that module would put it in the function's place.
 _HOMES = {
-    "Diffusion": "motion",
-    "block_average": "blocks",
-    "mean_squared_displacement": "motion",
-    "orbital_elements": "orbits",
-    "pressure_tensor": "pressure",
-    "radial_distribution": "structure",
-    "structure_factor": "structure",
-    "velocity_autocorrelation": "motion",
+    "Diffusion": "analysis.motion",
+    "block_average": "statistics.blocks",
+    "mean_squared_displacement": "analysis.motion",
+    "orbital_elements": "analysis.orbits",
+    "pressure_tensor": "analysis.pressure",
+    "radial_distribution": "analysis.structure",
+    "structure_factor": "analysis.structure",
+    "velocity_autocorrelation": "analysis.motion",
 }
 
 __all__ = [
@@ -42,7 +42,7 @@ __all__ = [
 def __getattr__(name: str) -> Any:
     if name not in _HOMES:
         raise AttributeError(f"module 'kickdrift.analysis' has no attribute {name!r}")
-    value = getattr(import_module(f"kickdrift.analysis.{_HOMES[name]}"), name)
+    value = getattr(import_module(f"kickdrift.{_HOMES[name]}"), name)
     globals()[name] = value
     return value
 

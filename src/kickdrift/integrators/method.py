@@ -118,7 +118,7 @@ class Method:
 
     @property
     def batched(self) -> bool:
-        """Whether many small systems may advance with it at once (see ``kickdrift.batch.batch.batch``)."""
+        """Whether many small systems may advance with it at once (see ``kickdrift.batch``)."""
         return False
 
     def check(self, system: System) -> None:
