@@ -162,6 +162,7 @@ class Copy:
         return [float(word) for word in done.stdout.split()], made
 
 
+@pytest.mark.long
 def test_edits_of_the_package(tmp_path):
     copy = Copy(tmp_path)
     wanted = [2.0] * 7 + [1.0]

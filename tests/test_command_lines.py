@@ -10,6 +10,7 @@ import signal
 import subprocess
 import sys
 import threading
+import time
 
 import pytest
 from refusals import assert_refused
@@ -262,7 +263,10 @@ def test_letters_that_a_stream_does_not_know_are_replaced():
 
 
 def test_ctrl_c_while_the_program_is_imported():
-    code = "import os, sys, signal; from kickdrift_main import main\nclass Finder:\n def find_spec(self, name, *_):\n"
+    code = (
+        "import os, sys, signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"  # in a background job, too
+    )
+    code += "from kickdrift_main import main\nclass Finder:\n def find_spec(self, name, *_):\n"
     code += "  if name == 'kickdrift.cli.main': os.kill(os.getpid(), signal.SIGINT)\n"
     code += "sys.meta_path.insert(0, Finder()); main()"
     done = subprocess.run([sys.executable, "-W", "error", "-c", code], capture_output=True, text=True)
@@ -277,11 +281,16 @@ def test_ctrl_c_in_a_callback_comes_again():
     def interrupted():
         callback = Callback()
         del callback
-        signal.pause()
+        for _ in range(3000):
+            time.sleep(0.01)
 
     before = sys.unraisablehook
-    with pytest.raises(KeyboardInterrupt), heard_everywhere():
-        interrupted()
+    handler = signal.signal(signal.SIGINT, signal.default_int_handler)  # which a background job does not have
+    try:
+        with pytest.raises(KeyboardInterrupt), heard_everywhere():
+            interrupted()
+    finally:
+        signal.signal(signal.SIGINT, handler)
     assert sys.unraisablehook is before
 
 

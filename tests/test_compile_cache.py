@@ -96,6 +96,7 @@ def workshop(tmp_path):
     return Workshop(tmp_path)
 
 
+@pytest.mark.long
 def test_a_law_in_a_script(workshop):
     call = "measure(Quartic(k=3.0, cutoff=2.0, truncation='cut'))"
     workshop.write("script.py", MEASURE, LAW, call)
@@ -109,6 +110,7 @@ def test_a_law_in_a_script(workshop):
     assert workshop.run() == ([1.5, -6.0], 0)
 
 
+@pytest.mark.long
 def test_laws_that_different_processes_compiled(workshop, monkeypatch):
     """Each process counts its functions anew, so that they are alike in name but for the law: both in one process."""
     monkeypatch.setenv("PYTHONHASHSEED", "0")  # the order of numba's flags is in the names too
@@ -123,6 +125,7 @@ def test_laws_that_different_processes_compiled(workshop, monkeypatch):
     assert workshop.run() == ([1.5 - 24.0, -6.0, 1.5, -6.0], 0)
 
 
+@pytest.mark.long
 def test_laws_of_one_name(workshop, monkeypatch):
     """Two modules have a class of the same name: each law is its own, though different processes compiled them."""
     monkeypatch.setenv("PYTHONHASHSEED", "0")
@@ -138,6 +141,7 @@ def test_laws_of_one_name(workshop, monkeypatch):
     assert workshop.run() == ([1.5, -6.0, 4.5, -18.0], 0)
 
 
+@pytest.mark.long
 def test_a_kernel_in_a_module(workshop):
     call = "import numpy as np\nfrom {0} import Trap\nmeasure(Trap(2.0, np.zeros(3)))"
     workshop.write("mine.py", KERNEL)
