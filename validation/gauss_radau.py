@@ -38,7 +38,7 @@ MOST = 1.2  # times IAS15's energy error
 BROUWER, NEAR = 0.5, 0.15  # the power of the time, and how far from it
 ENCOUNTERS = 3.0  # times what IAS15 in double misses the reference by, at most; and no better than
 ROUNDING = 2e-15
-STARTS = {"pythagorean_burrau": 5}  # one rounding apart, where close encounters multiply a rounding by 10^10
+SHIFTED = {"pythagorean_burrau": 5}  # one rounding apart, where close encounters multiply a rounding by 10^10
 EPSILON = float(np.finfo(float).eps)
 
 
@@ -170,7 +170,7 @@ def against_binary128() -> list[Claim]:
     found = []
     for name in ("figure_eight", "pythagorean_burrau", "pleiades", "hairer_outer_solar"):
         of = record(name)
-        runs = [errors_of(name, seed) for seed in range(STARTS.get(name, 1))]
+        runs = [errors_of(name, seed) for seed in range(SHIFTED.get(name, 1))]
         errors = np.median(runs, axis=0).tolist()
         errors = errors[: len(of["ias15_double_maxdiff"])]
         theirs = of["ias15_double_maxdiff"]
