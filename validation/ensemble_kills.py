@@ -79,7 +79,8 @@ def cluster(folder: Path) -> Iterator[tuple[str, list[int]]]:
 
 
 def kill_at_random(nannies: list[int], kills: int, between: float, over: threading.Event, killed: list[int]) -> None:
-    """Kill one worker now and then, ``between`` seconds apart in the mean, until that many are dead."""
+    """Kill one worker now and then, about ``between`` and at most 1.5 times as many seconds apart, until that many are
+    dead."""
     rng = np.random.default_rng(SEED)
     while len(killed) < kills and not over.wait(min(rng.exponential(between), 1.5 * between)):
         children = [child for nanny in nannies for child in psutil.Process(nanny).children()]
