@@ -1,4 +1,4 @@
-"""validation/arm.py, which emulates a processor: what it calls agreement, and errors of what it starts."""
+"""validation/arm.py runs kickdrift on an emulated processor. Here: when two runs agree, and errors of its children."""
 
 import json
 import sys

@@ -111,7 +111,7 @@ def output(
 
 
 def fetched(folder: Path, architecture: str, *command: str) -> None:
-    """Let apt put packages into ``folder``, by a state of its own, in which nothing is installed."""
+    """Put packages into ``folder`` with apt. It gets a state of its own, in which nothing is installed."""
     for name in ("lists/partial", "cache/archives/partial"):
         (folder / name).mkdir(parents=True, exist_ok=True)
     (folder / "status").touch()

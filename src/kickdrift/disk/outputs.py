@@ -249,7 +249,7 @@ def _stream(path: Path) -> BinaryIO:
 
 
 def plain(value: Any) -> Any:
-    """The same with None for what JSON has no number for."""
+    """The value with None in the place of NaN and infinity, which JSON cannot hold."""
     if isinstance(value, dict):
         return {key: plain(inner) for key, inner in value.items()}
     if isinstance(value, (list, tuple)):

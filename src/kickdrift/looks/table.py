@@ -25,7 +25,7 @@ class Looks:
     ----------
     count : how many rows are filled
     steps : (room,) step of each look
-    rows : (room, COLUMNS) of numbers, with the columns of ``forces.look_columns``; a value that does not exist is nan
+    rows : (room, COLUMNS) of numbers, with the columns of ``looks.columns``; a value that does not exist is nan
     """
 
     def __init__(self, room: int = 0) -> None:

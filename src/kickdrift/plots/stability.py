@@ -29,7 +29,7 @@ def plot_stability(names: Sequence[str], output: str | os.PathLike[str], *, over
     """Draw where the methods of those names are stable; returns the figure's path.
 
     Of one-step methods the regions |R(z)| <= 1, z = lambda dt, of y' = lambda y; of splittings half the trace of the
-    propagation matrix of an oscillator against omega dt. Computed from the coefficients: see ``analysis.stability``.
+    propagation matrix of an oscillator against omega dt. Computed from the coefficients: see ``integrators.stability``.
     """
     methods = list(dict.fromkeys(integrator(name) for name in names))
     if not methods:

@@ -23,7 +23,7 @@ from kickdrift.statistics.drift import EnergyError, drift, energy_error, roundin
 
 @dataclass(frozen=True)
 class EnergyReport:
-    """How the total energy behaved; the definitions and their sources are in ``analysis.drift``.
+    """How the total energy behaved; the definitions and their sources are in ``statistics.drift``.
 
     Attributes
     ----------

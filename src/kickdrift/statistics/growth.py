@@ -67,7 +67,7 @@ def position_growth(times: Floats, errors: Floats) -> Growth:
 
 
 def energy_growth(times: Floats, energies: Floats, errors: Floats) -> Growth:
-    """How much the energy drifts, by the regression that knows of autocorrelation (``analysis.drift``)."""
+    """How much the energy drifts, by the regression that knows of autocorrelation (``statistics.drift``)."""
     largest = float(np.abs(energies - energies[0]).max())
     scale = largest / float(errors.max()) if largest > 0 else 1.0
     trend = drift(times, (energies - energies[0]) / scale, rounding_of(energies[0], len(times)) / scale)

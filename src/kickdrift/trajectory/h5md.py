@@ -56,7 +56,7 @@ class Writer:
     options : FileOptions
     checkpoint : gives a `Checkpoint` of the state appended last, or before the first of the start; one is written into
         the new file at once, then with some of the flushes, and when the file is closed
-    plan : how far the run is to go (`run_plan.Plan.numbers`)
+    plan : how far the run is to go (`run.plan.Plan.numbers`)
 
     Attributes
     ----------

@@ -275,7 +275,7 @@ def _ours(contents: Contents, name: str) -> bool:
 
 
 def plan_numbers(contents: Contents) -> list[float]:
-    """The numbers of the last plan (see `run_plan.Plan`); empty where it is not known."""
+    """The numbers of the last plan (see `run.plan.Plan`); empty where it is not known."""
     name = "kickdrift/plan"
     if not contents.has(name):
         return []

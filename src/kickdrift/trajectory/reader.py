@@ -367,7 +367,7 @@ class Run(Frames):
 
     @property
     def plan(self) -> list[float]:
-        """The numbers of the `run_plan.Plan` of the last run into this file; empty where it is not known."""
+        """The numbers of the `run.plan.Plan` of the last run into this file; empty where it is not known."""
         return header.plan_numbers(self._contents)
 
     @property
