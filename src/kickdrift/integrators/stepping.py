@@ -23,6 +23,7 @@ from kickdrift.integrators.looked_loop import TAKEN, looked_intervals, looked_lo
 from kickdrift.integrators.loops import FRESH, REJECTED, STEP, splitting_loop
 from kickdrift.jit.by_address import address_of
 from kickdrift.looks.looking import Looking
+from kickdrift.model.limits import NEVER
 from kickdrift.model.memory import Memory, Remembering, by_value
 from kickdrift.model.state import Floats
 
@@ -34,7 +35,6 @@ if TYPE_CHECKING:
 # The first slots of the clock of a loop that chooses its steps: the last step point, the step to try, the step that led
 # there, the time it began at.
 TIME, NEXT, LAST, BEFORE = range(4)
-MOST_STEPS = 2**62  # of a run
 STOPPED = 3  # besides the forces' OK, GROW and BLOWN_UP: the method itself cannot go on, and ``trouble`` says why
 
 
@@ -134,7 +134,7 @@ class Resumable(Remembering):
         """See Stepper. The memory may come from a file, and compiled code looks at no bounds: what does not fit is an
         InputError. Whoever asks has seen that y has the shape of these bodies."""
         y, steps = np.array(memory["y"], dtype=float), memory["steps_done"]
-        if not (isinstance(steps, int) and 0 <= steps < MOST_STEPS and np.isfinite(memory["time"])):
+        if not (isinstance(steps, int) and 0 <= steps < NEVER and np.isfinite(memory["time"])):
             raise InputError("checkpoint: its step or its time makes no sense")
         if "cursor" in memory and not np.all(memory["cursor"] >= 0):
             raise InputError("checkpoint: cursor holds a negative number")
