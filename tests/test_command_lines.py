@@ -312,7 +312,7 @@ def test_no_memory_is_one_line(kickdrift, monkeypatch):
         raise MemoryError
 
     monkeypatch.setattr("kickdrift.systemfile.reading.load", greedy)
-    assert kickdrift("info", "sun-jupiter") == (1, "", "kickdrift: there is not enough memory for this\n")
+    assert kickdrift("info", "sun-jupiter") == (1, "", "kickdrift: not enough memory\n")
 
 
 # --- particles and samples ---

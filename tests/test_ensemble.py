@@ -355,7 +355,7 @@ def test_the_command_line(system, tmp_path):
     assert "4 done" in done.output
     again = CliRunner().invoke(app, command)
     assert again.exit_code == 0
-    assert "4 of 4 members are done already" in again.output
+    assert "4 of 4 members are already done" in again.output
     assert len(kd.Ensemble.read(output)) == 4
     assert CliRunner().invoke(app, ["info", str(output)]).output == done.output
     failing = CliRunner().invoke(app, ["ensemble", str(system), "--vary", "dt=1e200,1e201", "--workers", "1"])
