@@ -308,7 +308,7 @@ NOTHING = "no.folder/run"
         (["--json", "liquid.toml/run.json"], ["there is no folder"]),
         (["--json", "/proc/run.json"], ["--json /proc/run.json: cannot be written"]),
         (["--json", "."], ["is a folder"]),
-        (["--json", "liquid.toml"], ["is what this command reads; it is not replaced"]),
+        (["--json", "liquid.toml"], ["is an input of this command and is not replaced"]),
         (["--output", "run.h5md", "--json", "run.h5md"], ["is the file of --output too"]),
         (["--wrong"], ["No such option", "--wrong", "see kickdrift run --help"]),
         (["more"], ["unexpected extra argument"]),

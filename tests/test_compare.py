@@ -332,7 +332,7 @@ def test_bad_input_is_one_line(monkeypatch, capsys, arguments, words):
 
 
 def test_a_length_is_needed():
-    with pytest.raises(kd.InputError, match="names no length"):
+    with pytest.raises(kd.InputError, match="has no length"):
         work_precision(logistic(), ["rk4"])
 
 

@@ -277,7 +277,7 @@ def test_processes_that_connect_and_say_nothing(monkeypatch, tmp_path):
     monkeypatch.setattr(lammps_processes, "START_SECONDS", 2.0)
     monkeypatch.setattr(lammps_processes, "END_SECONDS", 0.2)
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
-    with pytest.raises(RuntimeError, match=r"^0 of 2 processes came up in 2 s$"):
+    with pytest.raises(RuntimeError, match=r"^0 of 2 processes started within 2 s$"):
         lammps_processes.Processes(2)
     monkeypatch.setattr(lammps_processes, "mpiexec", lambda: tmp_path / "no-such-program")
     with pytest.raises(FileNotFoundError):

@@ -172,7 +172,7 @@ def test_refusals():
         System(np.eye(3), box=(1, 1, 1), forces=[Gravity(1.0)])
     with pytest.raises(InputError, match="units 'lj' have no G of their own; give G"):
         System(np.eye(3), forces=[Gravity()])
-    with pytest.raises(InputError, match="gravity: no particle has a mass, so that nothing pulls"):
+    with pytest.raises(InputError, match="gravity: no particle has a mass, so there is no attraction"):
         System(np.eye(3), masses=0.0, forces=[Gravity(1.0)])
     with pytest.raises(InputError, match="gravity-tree: no particle has a mass"):
         System(np.eye(3), masses=0.0, forces=[GravityTree(G=1.0)])

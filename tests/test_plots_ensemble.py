@@ -276,7 +276,7 @@ def test_refusals(tmp_path):
     with pytest.raises(kd.InputError, match=r"two.h5: column: expected one of megno, got 'mego'; did you mean 'megno'"):
         of.plot_ensemble(two, target, "mego")
     failed = write(tmp_path / "failed.h5", MEGNO, lambda member: None)
-    with pytest.raises(kd.InputError, match=r"failed.h5: no member measured a number"):
+    with pytest.raises(kd.InputError, match=r"failed.h5: no member has a measured number"):
         of.plot_ensemble(failed, target)
     with pytest.raises(kd.InputError, match=r"nothing.h5: no such file"):
         of.plot_ensemble(tmp_path / "nothing.h5", target)

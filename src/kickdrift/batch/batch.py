@@ -142,7 +142,7 @@ class Batch:
         every = whole_number("every", every, 1) if every is not None else None
         known = {system.run.every for system in self.systems}
         if every is None and len(known) > 1:
-            raise InputError("every: the systems' own differ; give one for all")
+            raise InputError("every: the systems have different values; give one for all")
         most = looks_at(steps, self.method.evaluations, len(self.systems[0]))
         cadence = every or known.pop() or max(1, steps // most)
         check_room("run", steps / cadence * len(self), "samples", LOOK_BYTES, "give a larger every")
@@ -163,7 +163,7 @@ class Batch:
     def report(self, i: int) -> Report:
         """That of member ``i``, as ``Simulation.run`` gives it; its wall time is an equal share of all members'."""
         if not self._steps:
-            raise InputError("report: run first")
+            raise InputError("report: call run first")
         return report(Member(self, i))
 
     def reports(self) -> list[Report | None]:
@@ -233,7 +233,7 @@ def common(
 ) -> tuple[str, Method, Options, Floats]:
     """The integrator's name, its method and options, which all have in common, and each member's dt (members,)."""
     if not systems:
-        raise InputError("systems: a batch needs one or more")
+        raise InputError("systems: expected one system or more")
     steps = [dt] * len(systems) if dt is None or np.ndim(dt) == 0 else list(dt)
     if len(steps) != len(systems):
         raise InputError(f"dt: expected one number or {len(systems)}, one for each system, got {len(steps)}")
@@ -242,7 +242,7 @@ def common(
     found = np.empty(len(systems))
     for k, (system, step) in enumerate(zip(systems, steps, strict=True)):
         if not isinstance(system, System):
-            raise InputError(f"system {k}: a batch takes Systems of particles, got {type(system).__name__}")
+            raise InputError(f"system {k}: expected a System of particles, got {type(system).__name__}")
         name = integrator or system.run.integrator or "velocity-verlet"
         method = method_named(name)
         if (name, system.run) not in known:  # which of most is the same
@@ -252,13 +252,15 @@ def common(
             raise InputError(f"system {k}: {why}")
         own_dt = checked_dt(system.run.dt if step is None else step)
         if own_dt is None:
-            raise InputError(f"dt is needed: system {system.name!r} names none in [run]")
+            raise InputError(f"dt is needed: system {system.name!r} has none in [run]")
         found[k] = own_dt
         alike = name, len(system), system.state.steps_done, replace(own, dt=None)
         shared = shared or alike
         for what, mine, first in zip(("integrator", "bodies", "steps_done", "options"), alike, shared, strict=True):
             if mine != first:
-                raise InputError(f"system {k}: a batch has {what} in common; {mine} here, and {first} in system 0")
+                raise InputError(
+                    f"system {k}: all systems of a batch need the same {what}; it has {mine}, system 0 has {first}"
+                )
     assert shared is not None
     return shared[0], method_named(shared[0]), shared[3], found
 

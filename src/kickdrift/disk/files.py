@@ -75,7 +75,7 @@ def content(path: str | os.PathLike[str], most: int, what: str = "a file") -> by
     with opened(path, what) as file:
         found = file.read(most + 1)
     if len(found) > most:
-        raise InputError(f"{shown_path(path)}: is too large: {what} has at most {most:,} bytes")
+        raise InputError(f"{shown_path(path)}: too large: {what} has at most {most:,} bytes")
     return found
 
 

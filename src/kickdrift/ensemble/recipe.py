@@ -77,12 +77,12 @@ class SystemMaker:
         for key in rest:
             if path_of(key)[:-1] != ("run",):
                 whose = f"{self.name}() does not take it" if callable(made) else "a System is not made anew"
-                raise InputError(f"vary: {key}: {whose}; expected dt, integrator or what else [run] has")
+                raise InputError(f"vary: {key}: {whose}; expected dt, integrator or another key of [run]")
         if callable(made):
             own = {key: value for key, value in values.items() if key in taken}
             made = made(**own, **({"seed": seed} if "seed" in taken and "seed" not in own else {}))
             if not isinstance(made, System | Problem):
-                raise InputError(f"{self.name}(): returned a {type(made).__name__}, no System")
+                raise InputError(f"{self.name}(): returned a {type(made).__name__}, expected a System")
         return made.with_run(**run)
 
 
@@ -158,7 +158,7 @@ class Recipe:
         """The same with a file for each member in that folder, which is made if need be."""
         folder = Path(trajectories).resolve()
         if self.measure == MEGNO:
-            raise InputError("trajectories: megno keeps no frames; expected measure 'run' or a function")
+            raise InputError("trajectories: megno writes no frames; expected measure 'run' or a function")
         try:
             folder.mkdir(exist_ok=True)
         except OSError as error:

@@ -55,7 +55,7 @@ def run_columns(report: Report, measured: Row | None = None) -> Row:
         columns |= {f"y{i}": value for i, value in enumerate(report.y)}
     for name in measured or {}:
         if name in columns or name in COLUMNS:
-            raise InputError(f"measure: {name} is a column of every run; give it another name")
+            raise InputError(f"measure: {name}: every run has a column of this name; choose another")
     return columns | (measured or {}) | {"wall_seconds": report.wall_seconds}
 
 

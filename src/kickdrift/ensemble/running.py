@@ -151,7 +151,7 @@ def rows(recipe: Recipe, members: Members, todo: Iterable[int], client: Any) -> 
         if isinstance(answer, InputError):
             raise answer
         if isinstance(answer, ImportError | AttributeError):
-            raise InputError(f"ensemble: the workers cannot load what members need: {answer}")
+            raise InputError(f"ensemble: the workers cannot load the members' code: {answer}")
     left = iter(todo)
     name = f"kickdrift-{uuid.uuid4().hex[:12]}"
     tasks = distributed.as_completed(loop=client.loop)
@@ -186,7 +186,7 @@ def rows(recipe: Recipe, members: Members, todo: Iterable[int], client: Any) -> 
                 together = min(max(least, wanted - wanted % least), MOST)
                 yield found
             elif future.status != "error":
-                raise RunError(f"ensemble: the scheduler was lost, with {counted(len(sent) + 1, 'task')} under way")
+                raise RunError(f"ensemble: lost the scheduler, with {counted(len(sent) + 1, 'task')} running")
             elif not isinstance(raised := future.exception(), distributed.KilledWorker):
                 yield [row_of(member, FAILED, _line(raised)) for member in batch]
             elif alone and len(batch) == 1:

@@ -47,7 +47,7 @@ def chosen(table: DataFrame, column: str | None = None) -> str:
             )
         return column
     if not known:
-        raise InputError("no member measured a number")
+        raise InputError("no member has a measured number")
     columns = list(table.columns)
     own = columns[columns.index(LAST_OF_RUN) + 1 :] if LAST_OF_RUN in columns else []
     return next((name for name in (*own, *_FIRST) if name in known), known[0])

@@ -124,12 +124,12 @@ class Journal:
         then = began.get("identity")
         for key, here in self.provenance["identity"].items():
             if not isinstance(then, dict) or then.get(key) != here:
-                raise InputError(f"{self.output}: holds an ensemble with another {key}; give --overwrite to begin anew")
+                raise InputError(f"{self.output}: holds an ensemble with another {key}; use --overwrite to replace it")
         known = {row[MEMBER]: row for row in found if row["status"] != LOST}
         count = self.provenance["members"]
         if known and max(known) >= count:
             raise InputError(
-                f"{self.output}: holds {len(known)} members of this ensemble, more than the {count} asked for"
+                f"{self.output}: holds {len(known)} members of this ensemble, more than the requested {count}"
             )
         grown = {key: self.provenance[key] for key in ("members", "replicas")}
         self.provenance = {**began, **grown}  # the rest is that of the first rows
@@ -146,7 +146,7 @@ class Journal:
         except (ValueError, RecursionError):
             first, rows = None, []
         if not isinstance(first, dict) or not all(map(_is_row, rows)):
-            raise InputError(f"{self.path}: is no journal of an ensemble, or was damaged; take it away")
+            raise InputError(f"{self.path}: is no journal of an ensemble, or was damaged; remove it")
         return first, rows
 
     def begin(self, rows: Iterable[Row]) -> None:
@@ -184,7 +184,7 @@ def read(path: str | os.PathLike[str]) -> DataFrame:
     """The table in a file that an ensemble wrote; its provenance is ``table.attrs["kickdrift"]``."""
     path = Path(path)
     if path.suffix.lower() not in SUFFIXES:
-        raise InputError(f"{path}: the table of an ensemble ends in {' or '.join(SUFFIXES)}")
+        raise InputError(f"{path}: the name of an ensemble's table must end in {' or '.join(SUFFIXES)}")
     refuse_unfit(path)
     try:
         table = _read_parquet(path) if path.suffix.lower() == ".parquet" else _read_hdf5(path)

@@ -25,7 +25,7 @@ def packed(recipe: Recipe) -> bytes:
         return cloudpickle.dumps((VERSION, recipe))
     except Exception as error:  # of whatever a user's function holds
         why = " ".join(str(error).split())
-        raise InputError(f"ensemble: what members need cannot be sent to other processes: {why}") from None
+        raise InputError(f"ensemble: the members' code cannot be sent to other processes: {why}") from None
 
 
 def unpacked(cargo: bytes) -> Recipe:
@@ -35,7 +35,7 @@ def unpacked(cargo: bytes) -> Recipe:
     version, recipe = cloudpickle.loads(cargo)
     if version != VERSION:
         here = platform.node()
-        raise InputError(f"ensemble: the worker on {here} has kickdrift {VERSION}, and this is {version}")
+        raise InputError(f"ensemble: the worker on {here} has kickdrift {VERSION}, this process has {version}")
     return recipe
 
 

@@ -65,7 +65,7 @@ class Oblateness:
         check_central(self.name, self.central)
         pole = vector(self.name, "pole", self.pole)
         if not any(pole):
-            raise InputError(f"{self.name}: pole: expected a direction, got {list(pole)}")
+            raise InputError(f"{self.name}: pole: expected a vector with a direction, got {list(pole)}")
         object.__setattr__(self, "pole", pole)
 
     @property

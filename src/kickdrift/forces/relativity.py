@@ -76,7 +76,7 @@ class PostNewtonian:
         """The speed of light in the system's units."""
         value = self.c if self.c is not None else system.units.light
         if value is None:
-            raise InputError(f"{self.name}: units {system.units.name!r} have no speed of light of their own; give c")
+            raise InputError(f"{self.name}: units {system.units.name!r} define no speed of light; give c")
         return value
 
     def check(self, system: System) -> None:

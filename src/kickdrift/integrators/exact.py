@@ -92,12 +92,10 @@ class Exact(Method):
 
         system: Any = flow.subject
         if not isinstance(system, System):
-            raise InputError(f"{self.name}: moves particles under pair forces and gravity, and {flow.name!r} is an ODE")
+            raise InputError(f"{self.name}: needs particles under pair forces or gravity; {flow.name!r} is an ODE")
         for force in system.forces:
             if not isinstance(force, (PairForce, Gravity)):
-                raise InputError(
-                    f"{self.name}: adds pair forces and gravity as whole numbers, and force {force.name!r} is neither"
-                )
+                raise InputError(f"{self.name}: takes only pair forces and gravity; force {force.name!r} is neither")
         from kickdrift.integrators.exact_stepper import ExactStepper
 
         return ExactStepper(flow, options)

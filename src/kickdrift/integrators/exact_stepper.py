@@ -167,7 +167,7 @@ class ExactStepper(Regular):
             inside &= np.abs(x) < FAR
         if not inside.all():
             i = np.argwhere(~inside)[0, 1]
-            raise InputError(f"state: particle {i} is beyond what its lattice holds, {self._reach(int(i))}")
+            raise InputError(f"state: particle {i} is outside the range of its lattice, {self._reach(int(i))}")
         self._place(x.astype(np.int64), images, p.astype(np.int64), time, steps)
 
     def _place(self, x: Any, images: Any, p: Any, time: float, steps: int) -> None:
@@ -189,7 +189,7 @@ class ExactStepper(Regular):
         """See Stepper; the scales come first, for the state may not fit into the start's."""
         spacing, momentum = np.array(memory["spacing"], dtype=float), np.array(memory["momentum"], dtype=float)
         if momentum.shape != self._momentum.shape or spacing.shape != self._particles.spacing.shape:
-            raise InputError("checkpoint: its scales are not of a run of this system")
+            raise InputError("checkpoint: its scales belong to another system")
         self._set_scales(spacing, momentum)
         super().recall(memory)
         self._show()
@@ -213,12 +213,12 @@ class ExactStepper(Regular):
         spacing, momentum = np.array(given.spacing, dtype=float), np.array(given.momentum, dtype=float)
         lengths = self._flow.subject.box.lengths
         if lengths is not None and not np.array_equal(spacing, np.array(lengths) * 0.5 ** (BITS + 1)):
-            raise InputError(f"lattice: its spacing is not that of the system's box, {lengths}")
+            raise InputError(f"lattice: its spacing does not fit the system's box, {lengths}")
         for key, scale, count in (("spacing", spacing, 3), ("momentum", momentum, shape[1])):
             if scale.shape != (count,) or not (np.isfinite(scale).all() and (scale > 0).all()):
                 raise InputError(f"lattice: {key} must be {count} positive numbers, got {scale}")
         if not self._gravity and (momentum != momentum[0]).any():
-            raise InputError("lattice: momentum must be one number for all under pair forces alone")
+            raise InputError("lattice: momentum must be one number for all particles under pair forces alone")
         fits = (np.abs(np.asarray(given.momenta)) < FAR).all()
         if not self._particles.periodic:
             fits &= (np.abs(np.asarray(given.positions)) < FAR).all()

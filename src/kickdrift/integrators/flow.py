@@ -70,9 +70,9 @@ class ParticleFlow:
         if len(state) != len(own):
             raise InputError(f"state: expected {len(own)} particles, got {len(state)}")
         if not (np.array_equal(state.ids, own.ids) and np.array_equal(state.masses, own.masses)):
-            raise InputError("state: ids and masses must be those of the system's particles, in the same order")
+            raise InputError("state: ids and masses must equal the system's, in the same order")
         if state.box != own.box:
-            raise InputError(f"state: its box is {state.box.lengths}, and the system's {own.box.lengths}")
+            raise InputError(f"state: the box is {state.box.lengths}, but the system's is {own.box.lengths}")
         if not np.all(np.isfinite(state.phase)):
             raise InputError("state: positions and velocities must be finite")
         return np.array(state.phase, dtype=float, order="C")
@@ -290,7 +290,7 @@ def flow_of(subject: System | Problem, threads: int, jumps: bool, mixed: bool = 
     if isinstance(subject, System):
         return ParticleFlow(subject, threads, jumps, mixed)
     if mixed and isinstance(subject, Problem):
-        raise InputError(f"precision: mixed is for pair forces, and {subject.name!r} is an ODE")
+        raise InputError(f"precision: mixed needs pair forces; {subject.name!r} is an ODE")
     if isinstance(subject, Problem):
         return ProblemFlow(subject, threads, jumps)
     raise InputError(f"a Simulation takes a System or a Problem, got {type(subject).__name__}")
@@ -316,7 +316,7 @@ def difference_jacobian(derivative: Derivative, time: float, y: Floats) -> Any:
     root of the rounding unit; Press et al. 2007, Numerical Recipes, 5.7)."""
     flat = y.reshape(-1)
     if flat.size > NEWTON_UNKNOWNS:
-        raise InputError(f"the Jacobian of {flat.size} unknowns is too large to hold; {NEWTON_UNKNOWNS} is the most")
+        raise InputError(f"the Jacobian of {flat.size} unknowns is too large; the limit is {NEWTON_UNKNOWNS}")
     scale = np.maximum(np.abs(flat), 1e-3 * max(float(np.abs(flat).max()), 1e-3))
     steps = np.cbrt(np.finfo(float).eps) * scale
     columns = []

@@ -48,7 +48,7 @@ class Hermite(Method):
 
     def checked(self, given: Options, asked: Options) -> Options:
         if asked.dt is not None and not (asked.eta is None and asked.scheme in (None, "shared")):
-            raise InputError(f"dt: makes all steps of {self.name} alike; give it, or eta and scheme")
+            raise InputError(f"dt: fixes the step of {self.name}; give either dt, or eta and scheme")
         if asked.dt is not None:
             given = replace(given, eta=None, scheme=None)
         options = super().checked(replace(given, dt=asked.dt), asked)  # a file's dt is for other methods
@@ -56,7 +56,7 @@ class Hermite(Method):
             return options
         eta = ETA if options.eta is None else options.eta
         if isinstance(eta, bool) or not (isinstance(eta, (int, float)) and 0.0 < eta <= 1.0):
-            raise InputError(f"eta must be a number above 0, 1 at most, got {eta!r}")
+            raise InputError(f"eta must be above 0 and at most 1, got {eta!r}")
         return replace(options, eta=float(eta))
 
     def stepper(self, flow: Flow, options: Options) -> Stepper:
@@ -65,9 +65,7 @@ class Hermite(Method):
 
         system: Any = flow.subject
         if not isinstance(system, System):
-            raise InputError(
-                f"{self.name}: moves bodies under gravity, and {flow.name!r} is an ODE; dop853 integrates that"
-            )
+            raise InputError(f"{self.name}: needs bodies under gravity; {flow.name!r} is an ODE; use dop853")
         others = [force.name for force in system.forces if not isinstance(force, Gravity)]
         if others or len(system.forces) != 1:
             what = f"force {others[0]!r} has none here" if others else f"there are {len(system.forces)} of it"

@@ -54,11 +54,11 @@ class ImplicitTableau(Method):
     def __post_init__(self) -> None:
         s = len(self.b)
         if [len(row) for row in self.a] != [s] * s:
-            raise InputError(f"{self.name}: an implicit tableau has {s} rows of {s} entries, one for each weight")
+            raise InputError(f"{self.name}: an implicit tableau has {s} rows of {s} entries, one row for each weight")
         if abs(fsum(self.b) - 1.0) > ROUNDING:
             raise InputError(f"{self.name}: b adds up to {fsum(self.b)!r}, not 1")
         if np.linalg.matrix_rank(np.array(self.a)) < s:
-            raise InputError(f"{self.name}: a is singular: a stage is explicit, which the iteration does not know")
+            raise InputError(f"{self.name}: a is singular: a stage is explicit, and the iteration cannot solve it")
 
     @property
     def tunable(self) -> tuple[str, ...]:

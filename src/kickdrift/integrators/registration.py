@@ -150,7 +150,7 @@ def register_step(
 def unregister(name: str) -> None:
     """Take a registered method away again."""
     if name not in REGISTERED:
-        raise InputError(f"integrator {name!r} was not registered")
+        raise InputError(f"integrator {name!r} is not registered")
     REGISTERED.discard(name)
     del INTEGRATORS[name]
 
@@ -160,7 +160,7 @@ def load_file(path: Path) -> None:
     refuse_unfit(path)
     spec = spec_from_file_location(path.stem, path)
     if spec is None or spec.loader is None:
-        raise InputError(f"{path}: the name of a Python file must end in .py")
+        raise InputError(f"{path}: a Python file's name must end in .py")
     module = module_from_spec(spec)
     sys.modules.setdefault(path.stem, module)
     try:
@@ -181,7 +181,7 @@ def _row(name: str, key: str, weights: Sequence[float]) -> tuple[float, ...]:
 def _register(method: Method, overwrite: bool) -> None:
     name = method.name
     if not (isinstance(name, str) and name and name == name.strip()):
-        raise InputError(f"an integrator's name must be a word, got {name!r}")
+        raise InputError(f"an integrator's name must be one word, got {name!r}")
     if name in INTEGRATORS and not (overwrite and name in REGISTERED):
         hint = "; overwrite=True replaces it" if name in REGISTERED else ""
         raise InputError(f"integrator {name!r} exists already{hint}")

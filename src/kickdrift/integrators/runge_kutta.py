@@ -71,7 +71,7 @@ class Tableau(Method):
         if not _adds_up(self.b, 1.0):
             raise InputError(f"{self.name}: b adds up to {fsum(self.b)!r}, not 1")
         if [len(row) for row in self.extra] != [s + 1 + i for i in range(len(self.extra))]:
-            raise InputError(f"{self.name}: rows of extra have an entry for each stage before: {s + 1}, {s + 2}, …")
+            raise InputError(f"{self.name}: rows of extra need an entry for each earlier stage: {s + 1}, {s + 2}, …")
         for number, row in enumerate(self.errors, start=1):
             if len(row) != s + 1:
                 raise InputError(f"{self.name}: row {number} of errors has {len(row)} entries, not {s + 1}")

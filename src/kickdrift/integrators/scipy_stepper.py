@@ -185,7 +185,7 @@ class SciPyStepper(PythonStepper):
                 fits &= bool(np.array_equal(given[places.same], np.asarray(own)[places.same]))
                 fits &= bool(np.all((given[places.few] >= 0) & (given[places.few] <= most)))
         if not fits:
-            raise InputError(f"checkpoint: what {self._method.name} kept is not of a run of this system")
+            raise InputError(f"checkpoint: the state that {self._method.name} stored belongs to another system")
         return known
 
     def _step(self) -> int:

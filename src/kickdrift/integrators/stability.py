@@ -45,7 +45,7 @@ class StabilityFunction(NamedTuple):
 def stability_function(method: Method) -> StabilityFunction:
     """R(z) of a one-step method; an InputError for one that is none, or not known by its numbers."""
     if method.butcher is None:
-        raise InputError(f"{method.name}: its stability is not that of a tableau or of kicks and drifts")
+        raise InputError(f"{method.name}: no stability function is known for this method")
     return stability_function_of(*method.butcher)
 
 

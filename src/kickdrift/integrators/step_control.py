@@ -77,7 +77,9 @@ def check_tolerances(rtol: Any, atol: Any) -> None:
         for name, value in _named(key, values):
             positive(name, value)
             if key == "rtol" and value < LEAST_RTOL:
-                raise InputError(f"{name} must be {LEAST_RTOL:.2g} or more, got {value:g}: below, rounding decides")
+                raise InputError(
+                    f"{name} must be {LEAST_RTOL:.2g} or more, got {value:g}: smaller errors drown in rounding"
+                )
 
 
 def _named(key: str, values: Any) -> list[tuple[str, Any]]:
@@ -91,7 +93,7 @@ def tolerances_of(flow: Flow, options: Options) -> tuple[Floats, Floats]:
     found = []
     for key, value in zip(("rtol", "atol"), options.tolerances, strict=True):
         if isinstance(value, tuple) and flow.of_particles:
-            raise InputError(f"{key}: a System takes one number; one for each component of y is for a Problem")
+            raise InputError(f"{key}: expected one number for a System; only a Problem takes one for each component")
         if isinstance(value, tuple) and len(value) != size:
             raise InputError(f"{key}: expected one number, or {size} as y has components, got {len(value)}")
         found.append(np.full(size, value, dtype=float))

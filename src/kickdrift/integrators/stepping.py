@@ -135,7 +135,7 @@ class Resumable(Remembering):
         InputError. Whoever asks has seen that y has the shape of these bodies."""
         y, steps = np.array(memory["y"], dtype=float), memory["steps_done"]
         if not (isinstance(steps, int) and 0 <= steps < NEVER and np.isfinite(memory["time"])):
-            raise InputError("checkpoint: its step or its time makes no sense")
+            raise InputError("checkpoint: its step or time is invalid")
         if "cursor" in memory and not np.all(memory["cursor"] >= 0):
             raise InputError("checkpoint: cursor holds a negative number")
         self.reset(y, memory["time"], steps)

@@ -106,9 +106,7 @@ def check_unknowns(name: str, flow: Flow, hint: str = "") -> None:
     """Refuse a Jacobian that is too large to hold."""
     unknowns = flow.array(flow.subject.state).size  # type: ignore[arg-type]
     if unknowns > NEWTON_UNKNOWNS:
-        raise InputError(
-            f"{name}: needs the Jacobian of {unknowns} unknowns, and {NEWTON_UNKNOWNS} is the most that it holds{hint}"
-        )
+        raise InputError(f"{name}: needs the Jacobian of {unknowns} unknowns; the limit is {NEWTON_UNKNOWNS}{hint}")
 
 
 def factored(matrix: Floats) -> Callable[[Floats], Any]:

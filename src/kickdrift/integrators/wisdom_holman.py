@@ -175,11 +175,11 @@ class WisdomHolman(Method):
             count = len(gravities) or "none"
             raise InputError(f"{self.name}: needs one force 'gravity', and {system.name!r} has {count}")
         if gravities[0].softening:
-            raise InputError(f"{self.name}: Kepler orbits know no softening; gravity's must be 0")
+            raise InputError(f"{self.name}: needs gravity without softening")
         masses = system.state.masses
         heaviest = int(np.argmax(masses))
         if masses[heaviest] == 0.0:
-            raise InputError(f"{self.name}: needs a central body, and no particle has mass")
+            raise InputError(f"{self.name}: needs a central body, but no particle has mass")
         rest = float(np.delete(masses, heaviest).sum() / masses[heaviest])
         if rest > DOMINANT:
             raise InputError(
@@ -193,7 +193,7 @@ class WisdomHolman(Method):
 
         system: Any = flow.subject
         if not isinstance(system, System):
-            raise InputError(f"{self.name}: moves particles under gravity, and {flow.name!r} is an ODE")
+            raise InputError(f"{self.name}: needs particles under gravity; {flow.name!r} is an ODE")
         self.check(system)
         from kickdrift.integrators.wisdom_holman_stepper import WisdomHolmanStepper
 

@@ -66,7 +66,7 @@ def kepler(eccentricity: float = 0.5, y0: Numbers | None = None, t0: float = 0.0
     e = float(eccentricity)
     start = start_values((1 - e, 0.0, 0.0, math.sqrt((1 + e) / (1 - e))) if y0 is None else y0, 4)
     if not start[:2].any():
-        raise InputError("y0: the body stands on the centre of attraction")
+        raise InputError("y0: the body is at the centre of attraction")
 
     def f(t, y):
         r2 = y[0] * y[0] + y[1] * y[1]
@@ -124,7 +124,7 @@ def arenstorf(
     doi:10.1007/978-3-540-78862-1."""
     start = start_values(y0, 4)
     if not 0 <= mu <= 1:
-        raise InputError(f"mu: expected the Moon's part of the mass, from 0 to 1, got {mu!r}")
+        raise InputError(f"mu: expected the Moon's fraction of the mass, from 0 to 1, got {mu!r}")
     rest = 1.0 - mu
 
     def f(t, y):

@@ -62,8 +62,8 @@ def plot_ensemble(
     grids, drawn = summary.grids(table), summary.drawn(table)
     if len(grids) > 2:
         raise InputError(
-            f"{path}: {len(grids)} keys vary on grids, {', '.join(grids)}, and a figure shows two: "
-            f"fix the others with one value each, as in --vary {grids[-1]}=VALUE"
+            f"{path}: {len(grids)} keys vary on grids, {', '.join(grids)}, but a figure shows two: "
+            f"give each of the others one value, as in --vary {grids[-1]}=VALUE"
         )
     try:
         name = summary.chosen(table, column)

@@ -49,7 +49,7 @@ def plot_observable(
     measure, draw = KINDS[kind]
     with reader.open(path) as run:
         if not len(run):
-            raise InputError(f"{run.path}: holds no frame to draw")
+            raise InputError(f"{run.path}: no frame to draw")
         curves = measure(run)
         title = _title(run)
         figure = new_figure(7.2, 6.0)

@@ -62,7 +62,7 @@ def plot_orbits(path: str | os.PathLike[str], output: str | os.PathLike[str], *,
     with reader.open(path) as run:
         found = paths(run, FRAMES)
         if len(run.ids) < 2:
-            raise InputError(f"{run.path}: holds one body; orbits need two or more")
+            raise InputError(f"{run.path}: one body; orbits need two or more")
         energies = run.energies if len(run.sample_times) else None
         units, title = run.units, _title(run, "bodies")
     axes = invariable_axes(found)

@@ -46,7 +46,7 @@ def plot_run(path: str | os.PathLike[str], output: str | os.PathLike[str], *, ov
     target = checked_target(output, overwrite, path)
     with reader.open(path) as run:
         if not len(run.sample_times):
-            raise InputError(f"{run.path}: holds no sample to draw")
+            raise InputError(f"{run.path}: no sample to draw")
         energies = run.energies
         temperature = run.observables.get("temperature")
         rdf = _rdf(run) if run.box.periodic and len(run.ids) > 1 and len(run) else None
