@@ -344,7 +344,7 @@ def test_refusals(system, name, options, why):
 
 
 def test_what_members_must_share():
-    with pytest.raises(InputError, match="system 0: a batch takes Systems of particles, got str"):
+    with pytest.raises(InputError, match="system 0: expected a System of particles, got str"):
         Batch(["planets"], "leapfrog", 0.01)
     with pytest.raises(
         InputError, match="system 1: all systems of a batch need the same bodies; it has 5, system 0 has 4"

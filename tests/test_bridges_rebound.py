@@ -265,7 +265,7 @@ def refused(key, value):
         (refused("post_timestep_modifications", lambda sim: None), "has post_timestep_modifications"),
         (lambda sim: sim.create_ode(length=2), "its own ODEs have no equivalent"),
         (refused("boundary", "open"), "boundary 'open' has no equivalent in kickdrift; expected 'none'"),
-        (refused("collision", "direct"), r"collisions \('direct'\) cannot be read .* events=\[kd.Collision\(…\)\]"),
+        (refused("collision", "direct"), r"collisions \('direct'\) cannot be read; .* events=\[kd.Collision\(…\)\]"),
         (
             refused("gravity", "tree"),
             r"gravity 'tree' has no equivalent in kickdrift; give forces, for example \[kd.GravityTree\(\)\]",
@@ -316,7 +316,7 @@ def test_what_is_no_simulation_is_refused():
         ({"box": (9, 9, 9)}, "the box is periodic"),
         ({"forces": [kd.LennardJones()]}, "rebound has no force 'lennard-jones'; expected only gravity"),
         ({"forces": [kd.Gravity(), kd.Oblateness(1e-3, 1.0)]}, "rebound has no force 'j2'"),
-        ({"forces": [kd.Gravity(), kd.Gravity()]}, "gravity twice"),
+        ({"forces": [kd.Gravity(), kd.Gravity()]}, "expected one gravity force, got two"),
         ({"units": "metal"}, "cannot express units 'metal'"),
     ],
 )

@@ -309,7 +309,7 @@ NOTHING = "no.folder/run"
         (["--json", "/proc/run.json"], ["--json /proc/run.json: cannot be written"]),
         (["--json", "."], ["is a folder"]),
         (["--json", "liquid.toml"], ["is an input of this command and is not replaced"]),
-        (["--output", "run.h5md", "--json", "run.h5md"], ["is the file of --output too"]),
+        (["--output", "run.h5md", "--json", "run.h5md"], ["--output names the same file"]),
         (["--wrong"], ["No such option", "--wrong", "see kickdrift run --help"]),
         (["more"], ["unexpected extra argument"]),
     ],
@@ -598,7 +598,7 @@ def test_a_blow_up_is_a_row_of_the_bench(kickdrift, folder, quick_bench, monkeyp
         (["--json", "liquid.toml"], "--json liquid.toml: exists already"),
         (["--plot", "bench.gif"], "--plot bench.gif: the name must end in .png, .pdf, .svg"),
         (["--plot", f"{NOTHING}.png"], "there is no folder"),
-        (["--plot", "x.png", "--json", "x.png"], "is the file of --json too"),
+        (["--plot", "x.png", "--json", "x.png"], "--json names the same file"),
     ],
 )
 def test_bad_arguments_of_bench(arguments, part, kickdrift):

@@ -156,7 +156,7 @@ def test_refusals():
         with pytest.raises(InputError, match=f"^j2: {message}$"):
             Oblateness(**{"j2": 1e-3, "radius": 1.0, **options})
     for options, force, message in [
-        ({"units": "lj"}, {}, "units 'lj' have no G of their own; give G"),
+        ({"units": "lj"}, {}, "units 'lj' define no G; give G"),
         ({"units": "nbody", "box": (9, 9, 9)}, {}, "needs open space, and the box is periodic"),
         ({"units": "nbody"}, {"central": 9}, "central: there is no body 9; expected 0 to 2"),
     ]:

@@ -81,8 +81,8 @@ REFUSED = [
     (["resume", "run.h5md", "--json", "./run.h5md"], "is an input of this command"),
     (["resume", "run.h5md", "--json", "name.json"], "is an input of this command"),
     (["run", "s.toml", "--json", "s.toml"], "--json s.toml: is an input of this command and is not replaced"),
-    (["run", "s.toml", "--output", "o.h5md", "--json", "o.h5md"], "--json o.h5md: is the file of --output too"),
-    (["run", "s.toml", "--output", "o.h5md", "--json", "there/../o.h5md"], "is the file of --output too"),
+    (["run", "s.toml", "--output", "o.h5md", "--json", "o.h5md"], "--json o.h5md: --output names the same file"),
+    (["run", "s.toml", "--output", "o.h5md", "--json", "there/../o.h5md"], "--output names the same file"),
     (["run", "s.toml", "--output", "one.h5md", "--json", "two.json"], "is not a JSON object that kickdrift wrote"),
     (["run", "s.toml", "--json", "notes.json"], "is not a JSON object that kickdrift wrote; it is not replaced"),
     (["run", "s.toml", "--json", "list.json"], "is not a JSON object"),
@@ -92,7 +92,7 @@ REFUSED = [
     (["run", "s.toml", "--output", "s.toml"], "the name must end in .h5md"),
     (["compare", "s.toml", "--json", "s.toml"], "is an input of this command"),
     (["compare", "s.toml", "--plot", "other.png"], "is not a figure that kickdrift wrote; it is not replaced"),
-    (["compare", "s.toml", "--plot", "x.png", "--json", "x.png"], "--plot x.png: is the file of --json too"),
+    (["compare", "s.toml", "--plot", "x.png", "--json", "x.png"], "--plot x.png: --json names the same file"),
     (["chaos", "s.toml", "--json", "s.toml"], "is an input of this command"),
     (["chaos", "s.toml", "--json", "notes.json"], "is not a JSON object"),
     (["bench", "lj-energy", "--json", "s.toml"], "is not a JSON object"),
@@ -327,7 +327,7 @@ def test_what_a_kill_left_is_removed_in_time(monkeypatch):
 
 def test_two_names_of_one_place_are_the_same(folder):
     (folder / "also").symlink_to(folder)
-    with pytest.raises(InputError, match=r"--json also/x\.h5md: is the file of --output too"):
+    with pytest.raises(InputError, match=r"--json also/x\.h5md: --output names the same file"):
         refuse_outputs({"output": Path("x.h5md"), "json": Path("also/x.h5md")}, False)
 
 

@@ -182,7 +182,7 @@ def test_refusals():
     x, heavy = np.eye(3), [0.0, 1.0, 2.0]
     for force, options, message in [
         (PostNewtonian(), {"units": "nbody"}, "units 'nbody' define no speed of light; give c"),
-        (PostNewtonian(), {"units": "metal"}, "units 'metal' have no G of their own; give G"),
+        (PostNewtonian(), {"units": "metal"}, "units 'metal' define no G; give G"),
         (PostNewtonian(central="Sol"), {"units": "si"}, "central: there is no body 'Sol'; this system's have no names"),
         (
             PostNewtonian(central="Sol"),

@@ -13,13 +13,13 @@ from kickdrift.systemfile.schema import RunTable
 
 _PART = re.compile(r"([^.\[\]]+)|\[([^\[\]]+)\]")
 _WHOLE = re.compile(r"(?:[^.\[\]]+|\[[^\[\]]+\])(?:\.[^.\[\]]+|\[[^\[\]]+\])*")
-_NAMES = ("body", "type", "name")  # by which an entry of a list of tables may be called
+_NAMES = ("body", "type", "name")  # keys that may name an entry of a list of tables
 
 Path = tuple[str, ...]
 
 
 def path_of(key: str) -> Path:
-    """A key's parts; a bare name of what ``[run]`` holds is meant as ``run.NAME``."""
+    """Parts of a key; a bare name of a key in ``[run]`` means ``run.NAME``."""
     if not isinstance(key, str) or not _WHOLE.fullmatch(key):
         raise InputError(f"vary: expected a key such as dt or particles.elements[1].a, got {shown(key)}")
     parts = tuple(plain or bracketed for plain, bracketed in _PART.findall(key))
@@ -27,7 +27,7 @@ def path_of(key: str) -> Path:
 
 
 def with_values(data: dict[str, Any], values: dict[str, Any]) -> dict[str, Any]:
-    """A copy of a system file's content, with each key's value in its place."""
+    """Copy of a system file's content with each key's value in its place."""
     changed = deepcopy(data)
     run = changed.setdefault("run", {})
     for key, value in values.items():
@@ -50,7 +50,7 @@ def with_values(data: dict[str, Any], values: dict[str, Any]) -> dict[str, Any]:
 
 
 def _index(place: Any, part: str, key: str) -> Any:
-    """Where the part of a key is in a table or list."""
+    """Index of a key's part in a table or list."""
     if isinstance(place, dict):
         if part not in place:
             raise InputError(

@@ -1,4 +1,4 @@
-"""The lock that keeps two processes from the same table of an ensemble."""
+"""Lock against two processes that write the same table of an ensemble."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from kickdrift.disk.files import descriptor
 from kickdrift.disk.outputs import reason
 from kickdrift.errors import InputError
 
-TRIES = 10  # of a lock that another process removes meanwhile
+TRIES = 10  # attempts, if another process removes the lock meanwhile
 
 
 class Lock:
-    """An empty file, locked by this process until `release`, which removes the file. InputError where another process
-    has the lock, or where a file of that name is not a lock; no such file is changed."""
+    """Empty file, locked by this process until `release`, which removes the file. Raises InputError if another process
+    has the lock, or if a file of that name is not a lock. Such a file is never changed."""
 
     def __init__(self, path: Path, output: Path) -> None:
         self.path = path
@@ -46,14 +46,14 @@ class Lock:
             return descriptor(self.path, os.O_RDWR | os.O_NOFOLLOW)
 
     def _named(self) -> bool:
-        """Whether the name is still that of the file that is locked."""
+        """Tell whether the name still belongs to the locked file."""
         try:
             return os.path.samestat(os.lstat(self.path), os.fstat(self._number))
         except OSError:
             return False
 
     def release(self) -> None:
-        """Remove the file, and let go of the lock."""
+        """Remove the file and release the lock."""
         if self._named():
             self.path.unlink(missing_ok=True)
         os.close(self._number)

@@ -11,7 +11,8 @@ from kickdrift.jit.numba_private import cgutils
 
 
 def address_of(driver: Any, *args: Any) -> int:
-    """Address of a driver's machine code for arguments of these types, for ``status_at``. Valid while the driver lives."""
+    """Address of a driver's machine code for arguments of these types, for ``status_at``. It is valid while the driver
+    lives."""
     kinds = tuple(driver.typeof_pyval(each) for each in args)
     if kinds not in driver.overloads:
         driver.compile(kinds)

@@ -46,7 +46,8 @@ from kickdrift.jit.vectors import (
 
 
 def _divide(builder: ir.IRBuilder, a: ir.Value, b: ir.Value, flags: tuple[str, ...]) -> ir.Value:
-    """Emit a / b. With an estimate y and e = 1 - b y < 2^-13: 1 / b = y (1 + e) (1 + e^2) to 2^-52, y (1 + e) to 2^-26."""
+    """Emit a / b. An estimate y with e = 1 - b y < 2^-13 gives 1 / b = y (1 + e) (1 + e^2) to 2^-52, or y (1 + e) to
+    2^-26."""
     if "avx512f" not in features() or b.type not in FULL:
         return builder.fdiv(a, b, flags=flags)
     y = estimate(builder, "rcp14", b)
