@@ -1,4 +1,4 @@
-"""What the engines ask of a System under Lennard-Jones."""
+"""Requirements of the engines on a System under Lennard-Jones."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from kickdrift.model.system import System
 
 
 def only_lennard_jones(system: System, truncations: Collection[str]) -> str | None:
-    """Why its forces are not one Lennard-Jones of one of these truncations; None where they are."""
+    """Reason why its forces are not one Lennard-Jones with one of these truncations, or None."""
     strange = [force.name for force in system.forces if type(force) is not LennardJones]
     if strange:
         return f"force {strange[0]!r}: it runs lennard-jones"
@@ -22,7 +22,7 @@ def only_lennard_jones(system: System, truncations: Collection[str]) -> str | No
 
 
 def small_units(system: System) -> str | None:
-    """Why a program whose tolerances are lengths of about a particle's size would err; None where it would not."""
+    """Reason why a program with tolerances of about a particle's size would err, or None."""
     if system.units.name == "si":
         return "units 'si': its tolerances are absolute, and too long for lengths in metres; metal has angstroms"
     return None

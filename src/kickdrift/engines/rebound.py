@@ -1,10 +1,10 @@
 """rebound: its leapfrog, whfast, saba and ias15 under its own gravity.
 
-Whfast and saba run without safe mode and keep the unsynchronised state (Rein & Tamayo 2015,
-doi:10.1093/mnras/stv1257), so that what is looked at is a synchronised copy and looking never changes a run. Inside
-a step of ias15, a copy goes back from the last step point to the time asked for.
+Whfast and saba run without safe mode and keep the unsynchronised state (Rein & Tamayo 2015, doi:10.1093/mnras/stv1257).
+A sample is a synchronised copy, so it never changes a run. Inside a step of ias15, a copy goes back from the last step
+point to the requested time.
 
-Forces and potential energy come from rebound's direct sum over a second set of the same bodies, which stand still.
+Forces and potential energy come from rebound's direct sum over a second set of the same bodies at rest.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ def session(job: Job) -> Session:
 
 
 class ReboundSession(Session):
-    """A rebound.Simulation at work, and one to look with."""
+    """A running rebound.Simulation, and one for samples."""
 
     def __init__(self, job: Job) -> None:
         super().__init__(job)
@@ -76,7 +76,7 @@ class ReboundSession(Session):
         from kickdrift.bridges.rebound import simulation_of
 
         with warnings.catch_warnings():
-            warnings.simplefilter("error")  # which says what was not taken
+            warnings.simplefilter("error")  # a warning names what is left out
             self._sim = simulation_of(self._system.at(phase, time))
             self._probe = self._probe or simulation_of(self._plain)
         if self.hint:
@@ -112,12 +112,12 @@ class ReboundSession(Session):
         return taken
 
     def phase(self) -> Floats:
-        if not self._sim.is_synchronized:  # rebound 5's saba cannot bear it before its first step
+        if not self._sim.is_synchronized:  # rebound 5's saba fails on this before its first step
             self._sim.synchronize()
         return _phase(self._sim)
 
     def _at(self, time: float) -> Any:
-        """The simulation at a time inside the last step."""
+        """Simulation at a time inside the last step."""
         if self._inside[0] != time:
             there = self._sim.copy()
             there.dt = time - there.t
@@ -136,14 +136,14 @@ class ReboundSession(Session):
         probe.set_serialized_particle_data(xyz=np.ascontiguousarray(x.T), vxvyvz=still)
         rebound.clibrebound.reb_simulation_update_acceleration(ctypes.byref(probe))
         accelerations = np.array([(p.ax, p.ay, p.az) for p in probe.particles]).T
-        potential = probe.energy()  # of bodies that stand still
+        potential = probe.energy()  # of bodies at rest
         if not np.isfinite(accelerations).all() or not np.isfinite(potential):
             return None
         return Measured(np.ascontiguousarray(accelerations), potential, np.nan, None)
 
 
 def _asked(system: System, run: RunDefaults) -> System:
-    """The system with this method for its own."""
+    """System with this method in its run defaults."""
     other = copy(system)
     object.__setattr__(other, "run", run)
     return other
