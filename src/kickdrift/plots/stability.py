@@ -28,8 +28,8 @@ TRACE = 1.8  # extent of the figure for half a trace
 def plot_stability(names: Sequence[str], output: str | os.PathLike[str], *, overwrite: bool = False) -> Path:
     """Draw the stability regions of the named methods. Return the figure's path.
 
-    Of one-step methods the regions |R(z)| <= 1, z = lambda dt, of y' = lambda y; of splittings half the trace of the
-    propagation matrix of an oscillator against omega dt. Computed from the coefficients: see ``integrators.stability``.
+    For one-step methods: the regions |R(z)| <= 1, z = lambda dt, of y' = lambda y. For splittings: half the trace of
+    an oscillator's propagation matrix against omega dt. Computed from the coefficients: see ``integrators.stability``.
     """
     methods = list(dict.fromkeys(integrator(name) for name in names))
     if not methods:
