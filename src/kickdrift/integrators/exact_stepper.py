@@ -1,4 +1,4 @@
-"""Leapfrog on whole numbers under way: its scales, and floats to and from the lattice."""
+"""Integration with leapfrog on whole numbers: its scales, and conversion of floats to and from the lattice."""
 
 from __future__ import annotations
 
@@ -26,19 +26,19 @@ from kickdrift.model.state import Floats
 if TYPE_CHECKING:
     from kickdrift.model.system import System
 
-SKIN = 0.16  # of the cutoff; 1000 particles run as fast, within 5 %, from 0.12 to 0.2
+SKIN = 0.16  # fraction of the cutoff; with 1000 particles the speed varies by 5 % from 0.12 to 0.2
 BITS = 63  # of an int64, beside its sign
-ROOM_IN_SPACE = 6  # bits beyond the start's extent: particles may go 32 times as far at least
-ROOM_IN_SPEED = 8  # bits beyond the largest momentum that the start suggests
+ROOM_IN_SPACE = 6  # bits beyond the start's extent: particles may move at least 32 times as far
+ROOM_IN_SPEED = 8  # bits beyond the largest momentum estimated from the start
 
 
 class ExactStepper(Regular):
-    """``y`` shows the lattice in floats after each ``advance``; what runs, and what a run can be taken up from to the
-    last bit, is ``lattice``.
+    """``y`` shows the lattice in floats after each ``advance``. The run itself is ``lattice``, from which it can be
+    resumed to the last bit.
 
-    Its scales follow from the System as it was at its start (and, where nothing moves or pulls there, from dt): they
-    are the same in every process, and a lattice that is put in place brings its own along. A checkpoint holds the
-    lattice, its scales, and the half kicks there; no pair list, since whole numbers add up alike in any order.
+    Its scales follow from the System's starting state, and from dt if nothing moves or attracts there. So they are
+    equal in every process. A lattice put in place brings its own scales. A checkpoint holds the lattice, its scales,
+    and the half kicks there. It needs no pair list, since whole numbers add up equally in any order.
     """
 
     keeps = (
@@ -54,7 +54,7 @@ class ExactStepper(Regular):
         system: System = flow.subject
         self.trouble = ""
         self._gravity = any(isinstance(force, Gravity) for force in system.forces)
-        # Light and heavy bodies need steps of velocity alike; action and reaction are then not one whole number.
+        # Light and heavy bodies need similar steps of velocity; then action and reaction are not one whole number.
         self._weights = np.ones(len(system)) if self._gravity else system.coherent_masses
         self._cutoff = max((float(getattr(force, "cutoff", 0.0)) for force in system.forces), default=0.0)
         self._cursor = np.zeros(SLOTS, np.int64)
@@ -85,7 +85,7 @@ class ExactStepper(Regular):
             top = max(top, float(fall.max()), shared)
         top = top or extent / self.dt * float(w.max())
         tops = np.full(len(w), top)
-        if self._gravity:  # what a heavy body takes up are the momenta of the others
+        if self._gravity:  # a heavy body takes up the momenta of the others
             heavy = masses > 0
             others = top * (masses.sum() - masses[heavy]) / masses[heavy]
             own = np.abs(v).max(axis=0)[heavy]
@@ -186,7 +186,7 @@ class ExactStepper(Regular):
         self.y = np.array([x, particles.p * (self._momentum / self._weights)])
 
     def recall(self, memory: Memory) -> None:
-        """See Stepper; the scales come first, for the state may not fit into the start's."""
+        """Restore as Stepper does. The scales come first, since the state may not fit the start's scales."""
         spacing, momentum = np.array(memory["spacing"], dtype=float), np.array(memory["momentum"], dtype=float)
         if momentum.shape != self._momentum.shape or spacing.shape != self._particles.spacing.shape:
             raise InputError("checkpoint: its scales belong to another system")
@@ -196,7 +196,7 @@ class ExactStepper(Regular):
 
     @property
     def lattice(self) -> Lattice:
-        """The state to the last bit; a copy."""
+        """Copy of the state to the last bit."""
         particles = self._particles
         return Lattice(
             particles.x.copy(), particles.images.copy(), particles.p.copy(), particles.spacing.copy(),
@@ -263,5 +263,5 @@ class ExactStepper(Regular):
 
 
 def _step(largest: float, room: int) -> float:
-    """The power of two whose 2^63-fold leaves ``room`` bits above ``largest``."""
+    """Power of two whose 2^63-fold leaves ``room`` bits above ``largest``."""
     return 2.0 ** (math.frexp(largest)[1] + room - BITS)
