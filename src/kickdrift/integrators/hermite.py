@@ -1,4 +1,4 @@
-"""The fourth-order Hermite method of star clusters: gravity and its time derivative, one step for all or for each."""
+"""Fourth-order Hermite method for star clusters: gravity and its time derivative, with shared or individual steps."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ if TYPE_CHECKING:
     from kickdrift.integrators.options import Options
     from kickdrift.integrators.stepping import Stepper
 
-ETA = 0.02  # as in Makino & Aarseth 1992 and most that followed
+ETA = 0.02  # as in Makino & Aarseth 1992 and most later work
 
 
 @dataclass(frozen=True)
 class Hermite(Method):
-    """Predict with acceleration and jerk, evaluate both, correct with the two derivatives that the ends of the step
-    give (PEC). Steps follow Aarseth's criterion with the parameter ``eta``, to which the energy error is as eta^2.
+    """Predict with acceleration and jerk, evaluate both, correct with the two derivatives from the step's ends (PEC).
+    Steps follow Aarseth's criterion with the parameter ``eta``; the energy error goes as eta^2.
 
-    ``scheme`` "shared" (the default) moves all bodies by the shortest of their steps; "block" each by its own, a power
-    of two, so that many move together and the sum is over those due alone. A ``dt`` makes all steps shared and as long
-    as that. Between their steps, and where they are looked at, bodies follow the polynomial of their last step, which
-    is as accurate as the step.
+    ``scheme`` "shared" (the default) moves all bodies by the shortest of their steps. "block" moves each body by its
+    own step, a power of two, so that many move together and the sum is only over these. A ``dt`` makes all steps shared
+    and of this length. Between their steps, and in samples, bodies follow the polynomial of their last step, which is
+    as accurate as the step.
     """
 
     name: str
@@ -51,7 +51,7 @@ class Hermite(Method):
             raise InputError(f"dt: fixes the step of {self.name}; give either dt, or eta and scheme")
         if asked.dt is not None:
             given = replace(given, eta=None, scheme=None)
-        options = super().checked(replace(given, dt=asked.dt), asked)  # a file's dt is for other methods
+        options = super().checked(replace(given, dt=asked.dt), asked)  # a file's dt is meant for other methods
         if options.dt is not None:
             return options
         eta = ETA if options.eta is None else options.eta
