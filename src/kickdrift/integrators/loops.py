@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from kickdrift.forces.evaluate import fill_accelerations, fill_derivative
 from kickdrift.forces.kernel import OK
+from kickdrift.integrators.subflow_code import call_subflow
 from kickdrift.jit.compile import driver, inlined, jit, strict
 from kickdrift.jit.handle import handle, unowned
 from kickdrift.jit.memory import flat, load, load_first, store, store_first
@@ -20,6 +21,8 @@ from kickdrift.jit.vectors import WIDTH
 # Slots of the cursor, after EVALUATIONS: steps done in this call, stage to do, whether `work` holds the derivative at
 # y, steps rejected.
 STEP, STAGE, FRESH, REJECTED = 1, 2, 3, 4
+
+KICKS, DRIFTS, FURTHER = range(3)  # the flow of a stage of a word; FURTHER and on: the rows of its further flows
 
 
 @inlined
@@ -55,15 +58,16 @@ def advance(y, carry, factor, dy):
 
 
 @driver
-def splitting_loop(forces, y, carry, work, stages, dt, start, first, steps, cursor):
+def splitting_loop(forces, y, carry, work, word, dt, start, first, steps, cursor):
+    """The flows of a ``Word`` in turn; ``work`` keeps the accelerations until positions move."""
     bound = handle(forces)
     y, carry, work = unowned(y), unowned(carry), unowned(work)
-    stages, cursor = unowned(stages), unowned(cursor)
+    stages, further, cursor = unowned(word.stages), unowned(word.further), unowned(cursor)
     x, v, lost_x, lost_v = y[0], y[1], carry[0], carry[1]
-    kick, drift, passed = stages[0], stages[1], stages[2]
+    flow, weight, passed = stages[0], stages[1], stages[2]
     while cursor[STEP] < steps:
-        for stage in range(cursor[STAGE], kick.size):
-            if kick[stage] != 0.0:
+        for stage in range(cursor[STAGE], flow.size):
+            if flow[stage] == KICKS:
                 if not cursor[FRESH]:
                     t = start + (first + cursor[STEP] + passed[stage]) * dt
                     status = fill_accelerations(bound, t, x, v, work, None, cursor)
@@ -71,10 +75,19 @@ def splitting_loop(forces, y, carry, work, stages, dt, start, first, steps, curs
                         cursor[STAGE] = stage
                         return status
                     cursor[FRESH] = 1
-                advance(v, lost_v, kick[stage] * dt, work)
-            if drift[stage] != 0.0:
-                advance(x, lost_x, drift[stage] * dt, v)
+                advance(v, lost_v, weight[stage] * dt, work)
+            elif flow[stage] == DRIFTS:
+                advance(x, lost_x, weight[stage] * dt, v)
                 cursor[FRESH] = 0
+            else:
+                t = start + (first + cursor[STEP] + passed[stage]) * dt
+                row = further[int(flow[stage]) - FURTHER]
+                status = call_subflow(row[0], row[1], t, weight[stage] * dt, first + cursor[STEP], stage, x, v)
+                if status != OK:
+                    cursor[STAGE] = stage
+                    return status
+                if row[2]:
+                    cursor[FRESH] = 0
         cursor[STAGE] = 0
         cursor[STEP] += 1
     return OK
