@@ -141,7 +141,7 @@ def test_a_flow_is_told_time_span_step_and_stage(word, monkeypatch):
     sim.stepper_for(free)
     sim.run(2)
     taken = notes[-4:] if count[0] == 6 else notes[: count[0]]
-    assert taken.tolist() == [[0.0, 0.125, 0, 0], [0.5, 0.375, 0, 4], [0.5, 0.125, 1, 0], [1.0, 0.375, 1, 4]]
+    assert taken.tolist() == [[0.0, 0.125, 0, 0], [0.5, 0.375, 0, 2], [0.5, 0.125, 1, 0], [1.0, 0.375, 1, 2]]
     assert sim.state.positions.tolist() == [[1.0, 2.0, 0.0]]
 
 
@@ -189,4 +189,4 @@ def test_equal_weights_make_the_known_methods():
 
 def test_letters_of_weight_zero_are_left_out():
     row = Splitting("mine", "BABAB", (0.5, 0.5, 0.0, 0.5, 0.5), 2, "me")
-    assert row.stages.tolist() == [[0, 1, 1, 0], [0.5, 0.5, 0.5, 0.5], [0.0, 0.0, 0.5, 1.0]]
+    assert row.stages.tolist() == [[0.5, 0.0, 0.5], [0.5, 0.5, 0.0], [0.0, 0.5, 1.0]]

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from kickdrift.forces.batch_gravity import look_in_lanes, pull_in_lanes
 from kickdrift.forces.evaluate import EVALUATIONS
-from kickdrift.integrators.loops import FRESH, KICKS
+from kickdrift.integrators.loops import FRESH
 from kickdrift.jit.compile import driver, in_order, jit
 from kickdrift.jit.handle import handle, unowned
 from kickdrift.jit.lanes import splat
@@ -90,18 +90,18 @@ def batch_splitting_loop(bodies, y, work, weights, dt, counts, looks, watch, cur
     y, work, weights, counts = unowned(y), unowned(work), unowned(weights), unowned(counts)
     looks, cursor, step = unowned(looks), unowned(cursor), load(unowned(dt), 0)
     x, v = y[0], y[1]
-    flow, weight = weights[0], weights[1]
+    kick, drift = weights[0], weights[1]
     for k in range(counts.size):
         for _ in range(counts[k]):
-            for stage in range(flow.size):
-                if flow[stage] == KICKS:
+            for stage in range(kick.size):
+                if kick[stage] != 0.0:
                     if not cursor[FRESH]:
                         pull_in_lanes(bound, x, work)
                         cursor[FRESH] = 1
                         cursor[EVALUATIONS] += 1
-                    advance_in_lanes(v, weight[stage] * step, work, v.size)
-                else:
-                    advance_in_lanes(x, weight[stage] * step, v, v.size)
+                    advance_in_lanes(v, kick[stage] * step, work, v.size)
+                if drift[stage] != 0.0:
+                    advance_in_lanes(x, drift[stage] * step, v, v.size)
                     cursor[FRESH] = 0
         look(bound, y, k, looks, watched, cursor)
 

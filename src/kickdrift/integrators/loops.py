@@ -10,19 +10,20 @@ pair list without room) and go on there.
 
 from __future__ import annotations
 
+from numba import types
+
 from kickdrift.forces.evaluate import fill_accelerations, fill_derivative
 from kickdrift.forces.kernel import OK
 from kickdrift.integrators.subflow_code import call_subflow
 from kickdrift.jit.compile import driver, inlined, jit, strict
 from kickdrift.jit.handle import handle, unowned
+from kickdrift.jit.inner import overload
 from kickdrift.jit.memory import flat, load, load_first, store, store_first
 from kickdrift.jit.vectors import WIDTH
 
 # Slots of the cursor, after EVALUATIONS: steps done in this call, stage to do, whether `work` holds the derivative at
 # y, steps rejected.
 STEP, STAGE, FRESH, REJECTED = 1, 2, 3, 4
-
-KICKS, DRIFTS, FURTHER = range(3)  # the flow of a stage of a word; FURTHER and on: the rows of its further flows
 
 
 @inlined
@@ -57,17 +58,39 @@ def advance(y, carry, factor, dy):
         add_scaled(y, factor, dy)
 
 
+def act(further, stage, start, first, dt, x, v, cursor):
+    """Let the further flow of a stage act, where it has one; a status."""
+    raise NotImplementedError("for compiled code")
+
+
+@overload(act, forceinline=True)
+def _act(further, stage, start, first, dt, x, v, cursor):
+    if isinstance(further, types.NoneType):
+        return lambda further, stage, start, first, dt, x, v, cursor: OK
+
+    def each(further, stage, start, first, dt, x, v, cursor):
+        weight, passed = further.stages[0, stage], further.stages[1, stage]
+        if weight == 0.0:
+            return OK
+        flow, done = further.table[int(further.stages[2, stage])], first + cursor[STEP]
+        if flow[2]:
+            cursor[FRESH] = 0
+        return call_subflow(flow[0], flow[1], start + (done + passed) * dt, weight * dt, done, stage, x, v)
+
+    return each
+
+
 @driver
 def splitting_loop(forces, y, carry, work, word, dt, start, first, steps, cursor):
     """The flows of a ``Word`` in turn; ``work`` keeps the accelerations until positions move."""
     bound = handle(forces)
     y, carry, work = unowned(y), unowned(carry), unowned(work)
-    stages, further, cursor = unowned(word.stages), unowned(word.further), unowned(cursor)
+    stages, cursor = unowned(word.stages), unowned(cursor)
     x, v, lost_x, lost_v = y[0], y[1], carry[0], carry[1]
-    flow, weight, passed = stages[0], stages[1], stages[2]
+    kick, drift, passed = stages[0], stages[1], stages[2]
     while cursor[STEP] < steps:
-        for stage in range(cursor[STAGE], flow.size):
-            if flow[stage] == KICKS:
+        for stage in range(cursor[STAGE], kick.size):
+            if kick[stage] != 0.0:
                 if not cursor[FRESH]:
                     t = start + (first + cursor[STEP] + passed[stage]) * dt
                     status = fill_accelerations(bound, t, x, v, work, None, cursor)
@@ -75,19 +98,13 @@ def splitting_loop(forces, y, carry, work, word, dt, start, first, steps, cursor
                         cursor[STAGE] = stage
                         return status
                     cursor[FRESH] = 1
-                advance(v, lost_v, weight[stage] * dt, work)
-            elif flow[stage] == DRIFTS:
-                advance(x, lost_x, weight[stage] * dt, v)
+                advance(v, lost_v, kick[stage] * dt, work)
+            if drift[stage] != 0.0:
+                advance(x, lost_x, drift[stage] * dt, v)
                 cursor[FRESH] = 0
-            else:
-                t = start + (first + cursor[STEP] + passed[stage]) * dt
-                row = further[int(flow[stage]) - FURTHER]
-                status = call_subflow(row[0], row[1], t, weight[stage] * dt, first + cursor[STEP], stage, x, v)
-                if status != OK:
-                    cursor[STAGE] = stage
-                    return status
-                if row[2]:
-                    cursor[FRESH] = 0
+            status = act(word.further, stage, start, first, dt, x, v, cursor)
+            if status != OK:
+                return status
         cursor[STAGE] = 0
         cursor[STEP] += 1
     return OK

@@ -117,14 +117,33 @@ class Splitting(Method):
 
     @cached_property
     def stages(self) -> Floats:
-        """(3, stages) for compiled loops: the flow of each stage (0 kicks, 1 drifts, then those of `further`), its
-        weight, and the part of dt that has passed before it. Letters of weight zero are left out."""
-        rows, passed = [], 0.0
+        """(3, stages) for compiled loops. A stage is a kick, then a drift, then a further flow, each left out where its
+        weight is zero. Rows: the weights of kick and drift, and the part of dt that has passed before the kick."""
+        return self._rows[:3].copy()
+
+    @cached_property
+    def further_stages(self) -> Floats:
+        """(3, stages): the weight of each stage's further flow, the part of dt that has passed before it acts, and its
+        place in ``further``."""
+        return self._rows[3:].copy()
+
+    @cached_property
+    def _rows(self) -> Floats:
+        slots = {KICK: 0, DRIFT: 1}
+        stages: list[list[float]] = []
+        last, passed = len(slots), 0.0  # the slot that was filled last
         for letter, weight in zip(self.word, self.weights, strict=True):
-            if weight:
-                rows.append(((KICK + DRIFT + self.further).index(letter), weight, passed))
-            passed += weight * (letter == DRIFT)
-        return np.array(rows, dtype=np.float64).T.copy()
+            if not weight:
+                continue
+            slot = slots.get(letter, len(slots))
+            if slot <= last:
+                stages.append([0.0, 0.0, passed, 0.0, 0.0, 0.0])
+            if letter in slots:
+                stages[-1][slot] = weight
+            else:
+                stages[-1][3:] = weight, passed, self.further.index(letter)
+            last, passed = slot, passed + weight * (letter == DRIFT)
+        return np.array(stages, dtype=np.float64).T
 
     def stepper(self, flow: Flow, options: Options) -> Stepper:
         from kickdrift.integrators.splitting_stepper import SplittingStepper

@@ -22,7 +22,14 @@ class Word(NamedTuple):
     """A splitting method as the compiled loop takes it."""
 
     stages: Floats  # see Splitting.stages
-    further: NDArray[np.int64]  # (flows, 3): addresses of machine code and of parts, and whether positions move
+    further: Further | None  # None where there are but kicks and drifts: the loop is then compiled without the others
+
+
+class Further(NamedTuple):
+    """The further flows of a word."""
+
+    stages: Floats  # see Splitting.further_stages
+    table: NDArray[np.int64]  # (flows, 3): addresses of machine code and of parts, and whether positions move
 
 
 class SplittingStepper(FixedStepper):
@@ -31,8 +38,8 @@ class SplittingStepper(FixedStepper):
     def __init__(self, flow: Flow, method: Splitting, options: Options) -> None:
         rows = [FLOWS[letter] for letter in method.further]
         self._bound = [row.bind(flow, options).ready() for row in rows if row.bind]
-        further = [(bound.address, bound.work, row.moves) for bound, row in zip(self._bound, rows, strict=True)]
-        word = Word(method.stages, np.array(further, np.int64).reshape(-1, 3))
+        table = [(bound.address, bound.work, row.moves) for bound, row in zip(self._bound, rows, strict=True)]
+        word = Word(method.stages, Further(method.further_stages, np.array(table, np.int64)) if table else None)
         super().__init__(flow, splitting_loop, word, lambda shape: np.zeros(shape[1:]), options, kept=True)
         self.ends_fresh = method.ends_fresh
 

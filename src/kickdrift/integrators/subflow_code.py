@@ -33,7 +33,8 @@ class BoundSubflow(Bound):
 
     ``body(parts, t, x, v, span, step, stage) -> status`` lets the flow act on positions and velocities, both (3, n),
     for the time ``span`` from ``t`` on. ``step`` and ``stage`` are whole numbers: how many steps were done before, and
-    the letter's place in the word. A status other than 0 stops the run.
+    the place in ``Splitting.stages``, another for each time that the flow acts in a step. A status other than 0 stops
+    the run.
     """
 
     signature = types.int64(
