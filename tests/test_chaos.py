@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from problems import kepler
+from kickdrift_validation.problems import kepler
 
 import kickdrift as kd
 from kickdrift.analysis import chaos

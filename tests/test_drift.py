@@ -1,15 +1,13 @@
 """Energy errors, and the slope of a correlated series: exact cases, invariances and a small statistical study."""
 
 import dataclasses
-import importlib.util
-import sys
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from kickdrift_validation import drift_statistics, drift_verdicts
 from scipy import stats
 
 import kickdrift as kd
@@ -19,17 +17,6 @@ from kickdrift.odes import kepler
 from kickdrift.statistics.drift import MIN_SAMPLES, drift, energy_error, rounding_of
 from kickdrift.statistics.growth import Growth
 
-
-def script(name):
-    """A validation script as a module."""
-    spec = importlib.util.spec_from_file_location(name, Path(__file__).parents[1] / "validation" / f"{name}.py")
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module  # its dataclasses look their module up here
-    spec.loader.exec_module(module)
-    return module
-
-
-drift_statistics = script("drift_statistics")
 JUDGED = [kind for kind in drift_statistics.CLASSES if kind.judged]
 SERIES = 120
 
@@ -357,7 +344,7 @@ def test_rk4_on_a_liquid_loses_energy():
     assert energy.drift_error <= widest
 
 
-# --- drift: the statistics, in small (validation/drift_statistics.py runs 1000 series of each class) ---
+# --- drift: the statistics, in small (kickdrift_validation.drift_statistics runs 1000 series of each class) ---
 
 
 @pytest.mark.parametrize("kind", JUDGED, ids=lambda kind: kind.name)
@@ -379,14 +366,13 @@ def test_claims_name_every_bound():
 
 
 def test_a_wrong_verdict_on_a_genuine_run_fails_its_claim():
-    verdicts = script("drift_verdicts")
-    good = verdicts.run("kepler", "rk4", 0)
-    assert (good.energy.verdict, good.goes_on, len(good.windows)) == ("secular drift", -1, verdicts.LENGTHS)
+    good = drift_verdicts.run("kepler", "rk4", 0)
+    assert (good.energy.verdict, good.goes_on, len(good.windows)) == ("secular drift", -1, drift_verdicts.LENGTHS)
 
     def failed(found, **changes):
         energy = dataclasses.replace(found.energy, **changes)
         found = dataclasses.replace(found, report=dataclasses.replace(found.report, energy=energy))
-        return [k for k, row in enumerate(verdicts.judged([found])) if row["verdict"] == "fail"]
+        return [k for k, row in enumerate(drift_verdicts.judged([found])) if row["verdict"] == "fail"]
 
     assert failed(good) == []
     assert failed(good, drift_per_unit_time=1e-9) == [0, 1]
@@ -397,11 +383,10 @@ def test_a_wrong_verdict_on_a_genuine_run_fails_its_claim():
 
 
 def test_windows_end_where_the_energy_has_changed_by_half():
-    verdicts = script("drift_verdicts")
     times = np.linspace(0.0, 8.0, 801)
-    assert verdicts.windows(times, 0.01 * times, 1.0) == pytest.approx(0.01 * (np.arange(8) + 0.5))
-    assert len(verdicts.windows(times, 0.1 * times, 1.0)) == 5
-    assert verdicts.windows(times, times, 1.0) == pytest.approx([1 / 6, 1 / 2, 5 / 6], abs=0.01)
+    assert drift_verdicts.windows(times, 0.01 * times, 1.0) == pytest.approx(0.01 * (np.arange(8) + 0.5))
+    assert len(drift_verdicts.windows(times, 0.1 * times, 1.0)) == 5
+    assert drift_verdicts.windows(times, times, 1.0) == pytest.approx([1 / 6, 1 / 2, 5 / 6], abs=0.01)
 
 
 def test_rounding_beneath_a_wave_is_no_random_walk():

@@ -3,18 +3,18 @@
 import json
 import sys
 from datetime import UTC, datetime
-from pathlib import Path
 
 import numpy as np
 import pytest
+from kickdrift_validation.folders import DATA
 
 from kickdrift.errors import InputError
 from kickdrift.model.starts.ephemeris import BODIES, calendar, ephemeris_states, julian_date
 from kickdrift.model.units import UNIT_SYSTEMS
 from kickdrift.systemfile.reading import load, loads
 
-DATA = Path(__file__).parents[1] / "validation" / "data" / "solar-system" / "de421.json"
-STORED = json.loads(DATA.read_text(encoding="utf-8"))["bodies"]
+DE421 = DATA / "solar-system" / "de421.json"
+STORED = json.loads(DE421.read_text(encoding="utf-8"))["bodies"]
 KEYS = {"Earth-Moon": "earthmoon"}
 SHORTER = 149597870.6996262 / 149597870.7  # DE421's AU over that of the IAU
 G_ASTRO = UNIT_SYSTEMS["astro"].gravity
@@ -100,10 +100,9 @@ def test_dates_out_of_range():
             ephemeris_states(when)
 
 
-def test_the_shipped_files_are_what_the_script_makes(monkeypatch):
+def test_the_shipped_files_are_what_the_script_makes():
     pytest.importorskip("de421")
-    monkeypatch.syspath_prepend(Path(__file__).parents[1] / "validation")
-    import solar_system_from_jpl as script
+    from kickdrift_validation import solar_system_from_jpl as script
 
     for moon, name in ((False, "solar-system"), (True, "solar-system-moon")):
         bodies = script.APART if moon else script.SOLAR_SYSTEM

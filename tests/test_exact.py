@@ -9,8 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+from kickdrift_validation.problems import kepler
 from oracle import pair_oracle
-from problems import kepler
 
 import kickdrift as kd
 from kickdrift.errors import InputError, RunError

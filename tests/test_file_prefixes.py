@@ -4,11 +4,18 @@ from __future__ import annotations
 
 from importlib.util import find_spec
 
-import file_prefixes
 import h5py
 import numpy as np
 import pytest
-from file_prefixes import Recorder, check_h5py, check_kickdrift, check_mdanalysis, failures, resumed
+from kickdrift_validation import file_prefixes
+from kickdrift_validation.file_prefixes import (
+    Recorder,
+    check_h5py,
+    check_kickdrift,
+    check_mdanalysis,
+    failures,
+    resumed,
+)
 
 from kickdrift.trajectory import storage
 from kickdrift.trajectory.options import FileOptions

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from kickdrift_validation.folders import DATA
 
 import kickdrift as kd
 from kickdrift.integrators import integrator
@@ -25,12 +26,12 @@ from kickdrift.systemfile.reading import load, shipped
 NAME = "gauss-radau15"
 
 
-FOLDERS = [Path(__file__).parent / "data", Path(__file__).parents[1] / "validation" / "data" / "nbody"]
-DATA = {path.stem: path for folder in FOLDERS for path in folder.glob("*.json")}
+FOLDERS = [Path(__file__).parent / "data", DATA / "nbody"]
+FILES = {path.stem: path for folder in FOLDERS for path in folder.glob("*.json")}
 
 
 def reference(file):
-    return json.loads(DATA[file].read_text(encoding="utf-8"))
+    return json.loads(FILES[file].read_text(encoding="utf-8"))
 
 
 def bodies(name):

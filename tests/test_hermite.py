@@ -8,18 +8,18 @@ import math
 import os
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
-from problems import kepler
+from kickdrift_validation.folders import DATA
+from kickdrift_validation.problems import kepler
 from scipy.interpolate import CubicHermiteSpline
 
 import kickdrift as kd
 from kickdrift.errors import InputError, RunError
 
 MASSES = np.array([0.6, 0.4])
-STATES = Path(__file__).parents[1] / "validation" / "data" / "nbody" / "quad_states.json"
+STATES = DATA / "nbody" / "quad_states.json"
 SCHEMES = ("shared", "block")
 
 

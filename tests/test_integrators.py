@@ -11,9 +11,9 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 import oracle_integrators
 import pytest
-from measures import fixed, reversal_error, slope, symplecticity_error
+from kickdrift_validation.measures import fixed, reversal_error, slope, symplecticity_error
+from kickdrift_validation.problems import ECCENTRICITY, kepler, kepler_orbit, measured, pendulum
 from oracle import pair_oracle
-from problems import ECCENTRICITY, kepler, kepler_orbit, measured, pendulum
 
 import kickdrift as kd
 from kickdrift.errors import InputError

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from kepler_oracle import moved
-from problems import kepler
+from kickdrift_validation.problems import kepler
 
 from kickdrift.integrators.kepler import kepler_step, lanes_increments
 from kickdrift.jit.compile import jit

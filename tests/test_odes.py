@@ -11,6 +11,7 @@ from pathlib import Path
 import numba
 import numpy as np
 import pytest
+from kickdrift_validation.folders import DATA
 from scipy.integrate import solve_ivp
 
 import kickdrift as kd
@@ -38,13 +39,13 @@ TIGHT = {
 }
 
 
-HERE, SHARED = Path(__file__).parent / "data", Path(__file__).parents[1] / "validation" / "data"
-FOLDERS = [HERE, SHARED / "nbody", SHARED / "ode"]
-DATA = {path.stem: path for folder in FOLDERS for path in folder.glob("*.json")}
+HERE = Path(__file__).parent / "data"
+FOLDERS = [HERE, DATA / "nbody", DATA / "ode"]
+FILES = {path.stem: path for folder in FOLDERS for path in folder.glob("*.json")}
 
 
 def reference(file):
-    return json.loads(DATA[file].read_text(encoding="utf-8"))
+    return json.loads(FILES[file].read_text(encoding="utf-8"))
 
 
 def solved(problem, time, integrator="dop853", rtol=1e-13, atol=1e-13, **given):

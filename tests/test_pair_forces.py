@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from kickdrift_validation.folders import DATA
 from oracle import interacting_pairs, lennard_jones, mixed_parameters, pair_oracle, truncated_lennard_jones
 
 from kickdrift.errors import InputError
@@ -25,7 +26,7 @@ from kickdrift.forces.bound import BoundForces
 from kickdrift.forces.pair_law import TRUNCATIONS, pair_law
 from kickdrift.model.system import System
 
-NIST = Path(__file__).parents[1] / "validation" / "data" / "nist-lj"
+NIST = DATA / "nist-lj"
 CUTOFF = 2.5
 GRID = 2.0**-24  # positions and edges on a grid: differences and whole edges taken off are then exact in both codes
 SIZES = (1, 2, 7, 8, 9, 33, 200, 500)

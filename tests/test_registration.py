@@ -9,7 +9,7 @@ import sys
 import numpy as np
 import pytest
 from conftest import PAGE, page_code, registrations
-from problems import henon_heiles, pendulum
+from kickdrift_validation.problems import henon_heiles, pendulum
 
 import kickdrift as kd
 from kickdrift.errors import InputError
@@ -142,7 +142,7 @@ def test_an_adaptive_tableau_follows_its_tolerance():
         for rtol in (1e-4, 1e-6):
             sim = kd.Simulation(pendulum(), "heun-euler", rtol=rtol, atol=rtol)
             sim.run(until=3.0)
-            from problems import pendulum_exact
+            from kickdrift_validation.problems import pendulum_exact
 
             errors.append(np.abs(sim.state.y - pendulum_exact(3.0)).max())
         assert errors[0] / errors[1] == pytest.approx(100, rel=0.5)

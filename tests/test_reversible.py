@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from problems import kepler
+from kickdrift_validation.problems import kepler
 
 import kickdrift as kd
 from kickdrift.errors import InputError, RunError

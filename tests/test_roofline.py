@@ -1,36 +1,20 @@
 """The peaks of the machine, and the table of the kernels beside them."""
 
-import importlib
-import sys
 from pathlib import Path
 
-import pytest
+from kickdrift_validation.performance import peaks, roofline
 
 TOP = Path(__file__).parents[1]
-VALIDATION = TOP / "validation"
 
 
-@pytest.fixture
-def script(monkeypatch):
-    """Imports a script of validation/performance, and takes back what that has imported."""
-    monkeypatch.syspath_prepend(VALIDATION)
-    monkeypatch.syspath_prepend(VALIDATION / "performance")
-    before = set(sys.modules)
-    yield importlib.import_module
-    for name in set(sys.modules) - before:
-        if str(VALIDATION) in str(getattr(sys.modules[name], "__file__", "")):
-            del sys.modules[name]
-
-
-def test_peaks_are_above_what_one_chain_and_memory_give(script):
-    found = script("peaks").measure(turns=3, seconds=0.01)
+def test_peaks_are_above_what_one_chain_and_memory_give():
+    found = peaks.measure(turns=3, seconds=0.01)
     one_chain = 2 * 8 / found["fma_latency_ns"]
     assert found["fma_gflops"] > 1.5 * one_chain  # several are under way at a time
     assert found["L1_gb_per_s"] > 1.5 * found["memory_gb_per_s"] > 0.0
 
 
-def test_every_kernel_has_a_row_with_its_share_of_the_peak(script):
-    roofline = script("roofline")
+def test_every_kernel_has_a_row_with_its_share_of_the_peak():
     peaks = {"fma_gflops": 80.0, "fma_latency_ns": 1.5, "L1_gb_per_s": 250.0, "memory_gb_per_s": 10.0}
     found = {"processor": "one", "peaks": peaks, "nanoseconds": dict.fromkeys(roofline.KERNELS, 2.0)}
     rows = {row[0]: row for row in roofline.rows(found)}

@@ -48,13 +48,13 @@ def backwards(sources: dict[str, str]) -> list[str]:
 def sources() -> dict[str, str]:
     """All of the package but what stands at its door."""
     paths = {path.relative_to(PACKAGE).as_posix(): path for path in PACKAGE.rglob("*.py")}
-    mine = {name: path for name, path in paths.items() if name.split("/")[0] not in ("validation", "systems")}
+    mine = {name: path for name, path in paths.items() if name.split("/")[0] != "systems"}
     return {name: path.read_text(encoding="utf-8") for name, path in mine.items() if not name.startswith("__")}
 
 
 def test_every_room_stands_in_the_table_and_every_row_is_a_room():
     there = {path.name for path in PACKAGE.iterdir() if path.is_dir() and not path.name.startswith("_")}
-    assert there - {"validation", "systems"} == set(rooms()) - {"errors", "text"}
+    assert there - {"systems"} == set(rooms()) - {"errors", "text"}
     files = {path.name for path in PACKAGE.glob("*.py")}
     assert files == {"__init__.py", "__main__.py", "errors.py", "text.py"}
 

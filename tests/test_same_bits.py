@@ -17,8 +17,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-import same_bits
-from problems import pendulum
+from kickdrift_validation import same_bits
+from kickdrift_validation.problems import pendulum
 from test_integrators import liquid
 
 import kickdrift as kd

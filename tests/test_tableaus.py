@@ -7,7 +7,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from rooted_trees import Conditions, gamma, trees
+from kickdrift_validation.rooted_trees import Conditions, gamma, trees
 from scipy.integrate._ivp import dop853_coefficients, rk
 
 from kickdrift.errors import InputError

@@ -4,27 +4,25 @@ from __future__ import annotations
 
 import os
 import re
-import shutil
 import signal
 import subprocess
 import sys
 import time
 from pathlib import Path
 
-import faults
 import numpy as np
 import pytest
-import report_file
-import runner
-from planted import FAULTS
-from registry import SCRIPTS, Script
+from kickdrift_validation import faults, report_file, runner
+from kickdrift_validation.planted import FAULTS
+from kickdrift_validation.registry import SCRIPTS, Script
 
 import kickdrift as kd
 from kickdrift.errors import InputError
 
 VALIDATION = Path(__file__).parents[1] / "validation"
+PACKAGE = "some_scripts"  # the texts below
 GOOD = """
-from claim import claim, not_run
+from kickdrift_validation.claim import claim, not_run
 def claims(long=False, figures=None):
     print("a table of its own")
     yield claim("a | b", 1.0, "at most 1", True, "x < y")
@@ -34,12 +32,12 @@ def claims(long=False, figures=None):
 """
 BAD = """
 import numpy as np
-from claim import claim
+from kickdrift_validation.claim import claim
 def claims(long=False):
     return [claim("a number of NumPy", np.float64(3.0), "under 2", np.bool_(False), "y")]
 """
 CRASH = """
-from claim import claim
+from kickdrift_validation.claim import claim
 def claims(long=False):
     yield claim("first", 0, "0", True, "y")
     raise ValueError("no such thing")
@@ -66,11 +64,11 @@ def claims(long=False):
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
-    """A folder of scripts, beside it the place to work in."""
-    place = tmp_path / "validation"
-    place.mkdir()
-    for name in ("child.py", "claim.py"):
-        shutil.copy(VALIDATION / name, place / name)
+    """The folder to work in, beside a package of scripts."""
+    path = [str(tmp_path / "path"), *filter(None, [os.environ.get("PYTHONPATH")])]
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(path))
+    place = tmp_path / "path" / PACKAGE
+    place.mkdir(parents=True)
     texts = {
         "good": GOOD,
         "bad": BAD,
@@ -82,8 +80,10 @@ def folder(tmp_path, monkeypatch):
     }
     for name, text in texts.items():
         (place / f"{name}.py").write_text(text, encoding="utf-8")
-    monkeypatch.chdir(tmp_path)
-    return place
+    work = tmp_path / "work"
+    work.mkdir()
+    monkeypatch.chdir(work)
+    return work
 
 
 def scripts(*names: str) -> list[Script]:
@@ -93,8 +93,8 @@ def scripts(*names: str) -> list[Script]:
 
 def validated(folder, *names, **options) -> tuple[int, str]:
     """The exit status and the report."""
-    report = folder.parent / "report" / "REPORT.md"
-    status = runner.validate(scripts=scripts(*names), folder=folder, report=report, quiet=True, **options)
+    report = folder / "report" / "REPORT.md"
+    status = runner.validate(scripts=scripts(*names), package=PACKAGE, report=report, quiet=True, **options)
     return status, report.read_text(encoding="utf-8")
 
 
@@ -105,7 +105,7 @@ def test_what_passes_is_exit_status_zero_and_a_report(folder, capfd):
     assert "| a \\| b | 1 | at most 1 | x &lt; y | pass |" in report
     assert "only in the long set" not in report
     assert "![good](figures/good.png)" in report
-    assert (folder.parent / "report" / "figures" / "good.png").read_bytes() == b"png"
+    assert (folder / "report" / "figures" / "good.png").read_bytes() == b"png"
     assert "pip install" in report
     assert f"| kickdrift | {kd.__version__} |" in report
     for name in ("numba", "numpy", "scipy", "h5py", "rebound"):
@@ -138,13 +138,13 @@ def test_a_script_that_stops_is_a_claim_that_fails(folder):
 
 
 def test_a_peer_that_is_no_peer_of_the_script_is_a_failure(folder):
-    (outcome,) = runner.outcomes([Script("absent_peer.py", "x")], folder.parent / "scratch", folder=folder)
+    (outcome,) = runner.outcomes([Script("absent_peer.py", "x")], folder / "scratch", package=PACKAGE)
     assert outcome.claims[0]["verdict"] == "fail"
 
 
 def test_what_takes_too_long_is_ended(folder):
     began = time.monotonic()
-    (outcome,) = runner.outcomes(scripts("hangs"), folder.parent / "scratch", folder=folder, limit=3.0)
+    (outcome,) = runner.outcomes(scripts("hangs"), folder / "scratch", package=PACKAGE, limit=3.0)
     assert time.monotonic() - began < 60
     assert outcome.claims[0]["verdict"] == "fail"
     assert outcome.claims[0]["bound"] == "within 3 s"
@@ -152,9 +152,9 @@ def test_what_takes_too_long_is_ended(folder):
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="forks")
 def test_what_a_script_leaves_behind_ends_with_it(folder):
-    (outcome,) = runner.outcomes(scripts("leaves"), folder.parent / "scratch", folder=folder)
+    (outcome,) = runner.outcomes(scripts("leaves"), folder / "scratch", package=PACKAGE)
     assert "and a child lives on" in str(outcome.claims[0]["value"])
-    left = Path(f"/proc/{(folder.parent / 'left.txt').read_text()}/stat")
+    left = Path(f"/proc/{(folder / 'left.txt').read_text()}/stat")
     for _ in range(100):  # init takes its time to bury it
         if not left.exists() or left.read_text().rpartition(")")[2].split()[0] == "Z":
             return
@@ -175,7 +175,7 @@ def test_untested_versions_are_noted(folder, monkeypatch):
 
 def test_figures_of_the_report_before_go_and_no_others(folder):
     validated(folder, "good")
-    figures = folder.parent / "report" / "figures"
+    figures = folder / "report" / "figures"
     (figures / "mine.png").write_bytes(b"mine")
     report = validated(folder, "bad")[1]
     assert "figures/" not in report
@@ -186,7 +186,7 @@ def test_a_report_takes_the_place_of_a_report_and_of_nothing_else(folder):
     status, _ = validated(folder, "good")
     assert status == 0
     assert validated(folder, "bad")[0] == 1
-    report = folder.parent / "report" / "REPORT.md"
+    report = folder / "report" / "REPORT.md"
     report.write_text("my own notes\n", encoding="utf-8")
     with pytest.raises(InputError, match="is not replaced"):
         validated(folder, "good")
@@ -200,13 +200,13 @@ def test_a_report_takes_the_place_of_a_report_and_of_nothing_else(folder):
 def test_where_the_report_goes(folder):
     assert report_file.target(None, whole=True) == VALIDATION / "REPORT.md"
     assert report_file.target(None, whole=False) == Path("validation-report") / "REPORT.md"
-    (folder.parent / "file").write_text("")
+    (folder / "file").write_text("")
     with pytest.raises(InputError, match=r"--report file/REPORT\.md"):
         report_file.target(Path("file/REPORT.md"), whole=True)
 
 
 def test_names():
-    assert [s.name for s in runner.chosen(["nist_lj.py", "validation/nve_drift.py"])] == ["nist-lj", "nve-drift"]
+    assert [s.name for s in runner.chosen(["nist_lj.py", "kickdrift_validation.nve_drift"])] == ["nist-lj", "nve-drift"]
     assert "argon-rahman" not in {s.name for s in runner.chosen([])}
     assert {s.name for s in runner.chosen([], long=True)} == {s.name for s in SCRIPTS}
     assert [s.name for s in runner.chosen(["claims"], scripts=[Script("claims/a.py", ""), Script("b.py", "")])] == ["a"]
@@ -215,7 +215,7 @@ def test_names():
 
 
 def test_an_unknown_name_is_exit_status_two(tmp_path):
-    words = [sys.executable, str(VALIDATION)]  # as python -m validation
+    words = [sys.executable, "-m", "kickdrift_validation"]
     done = subprocess.run([*words, "nist-jl"], capture_output=True, text=True, cwd=tmp_path, check=False)
     assert done.returncode == 2
     assert "did you mean nist-lj" in done.stderr
@@ -227,16 +227,17 @@ def test_an_unknown_name_is_exit_status_two(tmp_path):
 @pytest.mark.parametrize(("sent", "status"), [("SIGINT", 130), ("SIGTERM", 143), ("SIGHUP", 129)])
 def test_interrupted_it_ends_its_children(folder, sent, status):
     program = (
-        "import signal, sys; sys.path.insert(0, sys.argv[1])\n"
+        "import signal, sys\n"
         "signal.signal(signal.SIGINT, signal.default_int_handler)\n"  # a background job is begun without these
         "signal.signal(signal.SIGHUP, signal.SIG_DFL)\n"
-        "import runner\nfrom pathlib import Path\nfrom registry import Script\n"
+        "from pathlib import Path\nfrom kickdrift_validation import runner\n"
+        "from kickdrift_validation.registry import Script\n"
         "rows = [Script('hangs.py', 'x')]\n"
-        "try:\n    runner.validate(scripts=rows, folder=Path(sys.argv[2]), report=Path('r/REPORT.md'), quiet=True)\n"
+        "try:\n    runner.validate(scripts=rows, package=sys.argv[1], report=Path('r/REPORT.md'), quiet=True)\n"
         "except KeyboardInterrupt:\n    sys.exit(130)\n"
     )
-    words = [sys.executable, "-c", program, str(VALIDATION), str(folder)]
-    with subprocess.Popen(words, cwd=folder.parent, start_new_session=True) as process:
+    words = [sys.executable, "-c", program, PACKAGE]
+    with subprocess.Popen(words, cwd=folder, start_new_session=True) as process:
         child = None
         for _ in range(600):
             time.sleep(0.1)
@@ -252,7 +253,7 @@ def test_interrupted_it_ends_its_children(folder, sent, status):
         finally:
             process.kill()
     assert not Path(f"/proc/{child[0]}").exists()
-    assert not (folder.parent / "r" / "REPORT.md").exists()
+    assert not (folder / "r" / "REPORT.md").exists()
 
 
 # --- faults ---
@@ -261,8 +262,9 @@ def test_interrupted_it_ends_its_children(folder, sent, status):
 def test_a_fault_is_planted_in_a_copy_and_nowhere_else(tmp_path):
     package = Path(kd.__file__).parent
     before = {path: path.read_bytes() for path in package.rglob("*.py")}
-    copy = faults.copied(tmp_path, FAULTS[0])
-    assert copy == tmp_path / "validation"
+    path = faults.copied(tmp_path, FAULTS[0]).split(os.pathsep)
+    assert path[:2] == [str(tmp_path / "src"), str(tmp_path / "validation")]
+    assert (tmp_path / "validation" / "kickdrift_validation" / "nist_lj.py").is_file()
     there = tmp_path / "src" / "kickdrift"
     differ = [path for path, text in before.items() if (there / path.relative_to(package)).read_bytes() != text]
     assert [path.relative_to(package).as_posix() for path in differ] == [FAULTS[0].file]
@@ -280,16 +282,16 @@ def test_the_order_has_every_short_script_once():
 def test_the_first_claim_that_fails_ends_the_search(folder, monkeypatch):
     from threading import Event
 
-    monkeypatch.setattr(faults, "copied", lambda place, fault: folder)
-    found = faults.tried(None, scripts("good", "bad", "hangs"), Event())
+    monkeypatch.setattr(faults, "copied", lambda place, fault: os.environ["PYTHONPATH"])
+    found = faults.tried(None, scripts("good", "bad", "hangs"), Event(), package=PACKAGE)
     assert (found.script, found.passed) == ("bad", 1)
     assert found.claim is not None
     assert "caught" in faults.line("x", "y", found)
     assert "the runner" not in faults.line("x", "y", found)
-    found = faults.tried(None, scripts("hangs"), Event(), limit=2.0)
+    found = faults.tried(None, scripts("hangs"), Event(), limit=2.0, package=PACKAGE)
     assert (found.script, found.passed) == ("hangs", 0)
     assert "by the runner, no measurement: hangs: " in faults.line("x", "y", found)
-    found = faults.tried(None, scripts("good"), Event())
+    found = faults.tried(None, scripts("good"), Event(), package=PACKAGE)
     assert found.claim is None
     assert "no claim of 1 failed" in faults.line("x", "y", found)
 

@@ -31,7 +31,7 @@ class Splitting(Method):
     first : "kick" or "drift"
     order : the power of dt in the global error
     source : author, year, journal, DOI; digits that were published short are carried on by
-        validation/polish_splittings.py
+        kickdrift_validation.polish_splittings
     """
 
     name: str
