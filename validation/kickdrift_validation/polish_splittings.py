@@ -5,7 +5,7 @@
 Newton's method at 50 digits on the order conditions, each correction the one of least norm: where a method has more
 weights than conditions, those that its authors chose freely stay as printed. A closed form is evaluated as it stands.
 
-The conditions are found by running a step, which shares nothing with the formulas that tests/order_conditions.py takes
+The conditions are found by running a step, which shares nothing with the formulas that tests/oracle takes
 from the book: for every special Nyström tree (Hairer, Nørsett & Wanner 1993, Solving Ordinary Differential Equations I,
 II.14, doi:10.1007/978-3-540-78862-1) one component is pulled by t^leaves times the product of the components of the
 tree's branches. From rest at time 0 its exact solution is a power of t, and a method of order p has the velocity of
