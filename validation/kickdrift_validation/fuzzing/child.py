@@ -75,7 +75,7 @@ def child(command: tuple[str, ...], home: Path, tolerated: tuple[str, ...]) -> N
     try:
         if command[0].startswith("!"):
             module, _, name = command[0][1:].rpartition(".")
-            status = getattr(import_module(f"fuzzing.{module or 'actions'}"), name)(*command[1:])
+            status = getattr(import_module(f"kickdrift_validation.fuzzing.{module or 'actions'}"), name)(*command[1:])
         else:
             from kickdrift.cli import main as cli
 
