@@ -7,6 +7,7 @@ import os
 import sys
 from dataclasses import replace
 from enum import StrEnum
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -63,7 +64,6 @@ INTERRUPTED = 130
 BAD_NAMES = (errno.ENAMETOOLONG, errno.ELOOP, errno.EILSEQ, errno.ENOTDIR, errno.EISDIR, errno.ENOENT)
 TRACEBACK = "KICKDRIFT_TRACEBACK"  # the environment variable that shows the source of a bug
 TABLES = (".parquet", ".h5")  # suffixes of ensembles' tables
-VALIDATION: Path | None = None  # folder of the validation scripts, if not the package's own
 
 
 class Figures(StrEnum):
@@ -348,8 +348,8 @@ def bench_speed(
 ) -> None:
     """Time kickdrift beside every other installed program, in turns on the same systems, with each energy error."""
     refuse_outputs({"json": json_file}, overwrite)
-    sys.path.insert(0, str(validation_folder("bench speed") / "performance"))
-    import speed  # type: ignore[import-not-found]
+    need_validation("bench speed")
+    from kickdrift_validation.performance import speed
 
     entries = speed.chosen(only or ())
     if listing:
@@ -597,8 +597,8 @@ def validate(
     quiet: QuietOption = False,
 ) -> None:
     """Compare kickdrift with other people's programs and data and write a report; exit status 1 if a claim fails."""
-    sys.path.insert(0, str(validation_folder("validate")))
-    import runner  # type: ignore[import-not-found]
+    need_validation("validate")
+    from kickdrift_validation import runner
 
     if listing:
         runner.listed()
@@ -606,14 +606,10 @@ def validate(
     raise typer.Exit(runner.validate(names or (), long, jobs, report, quiet))
 
 
-def validation_folder(command: str) -> Path:
-    """Folder of the validation scripts, in a checkout or in an installed package."""
-    here = Path(__file__).parents[1]
-    folders = [here.parents[1] / "validation", here / "validation"]
-    folder = VALIDATION or next((each for each in folders if (each / "runner.py").is_file()), None)
-    if folder is None:
-        raise InputError(f"{command}: this copy of kickdrift lacks the folder validation")
-    return folder
+def need_validation(command: str) -> None:
+    """Raise InputError if the package of the validation scripts is missing."""
+    if find_spec("kickdrift_validation") is None:
+        raise InputError(f"{command}: this copy of kickdrift lacks the package kickdrift_validation")
 
 
 @app.command("list")

@@ -49,7 +49,7 @@ if TYPE_CHECKING:
 GROUP = 8  # clusters that walk together, one lane each in the estimate of their acceleration
 # A node counts as a whole if its bound is below SHARE accuracy^POWER |a|. The bounds b of many nodes of random sign add
 # up to b times the root of their number, b^-3/5 (a volume, and b goes as its edge to the fifth), so to b^7/10. SHARE is
-# measured, so that 99 % of the particles are within the accuracy (validation/barnes_hut.py).
+# measured, so that 99 % of the particles are within the accuracy (kickdrift_validation.barnes_hut).
 SHARE, POWER = 16.0, 10 / 7
 ROUGH = 0.6  # opening angle, radius over distance, of the estimate of |a|
 FOUND = 256  # nodes or clusters found before their attraction is summed

@@ -40,7 +40,7 @@ def block_average(rows: ArrayLike) -> Mean:
     passes, the error is infinite. Each number of a row is treated by itself.
 
     For first-order autoregressive series of 50 inefficiencies or more, the root mean square of the error is right to 7
-    % (tests/test_blocks.py). Twice the error holds the true mean in 92 to 96 cases of 100. A shorter series has too
+    % (tests/unit/statistics). Twice the error holds the true mean in 92 to 96 cases of 100. A shorter series has too
     small an error, if any: by 15 % at 25 inefficiencies, by a quarter at 10. One in ten random walks has an error.
 
     Raises InputError for an empty series or a number that is not finite.
