@@ -44,19 +44,19 @@ def refusal(system: Any, method: Method, options: Options) -> str | None:
     if not method.batched:
         return f"{method.name} moves one system at a time; splittings, fixed Runge-Kutta and wisdom-holman move many"
     if options.compensated:
-        return "compensated sums are for one system at a time"
+        return "a batch has no compensated sums"
     if options.corrector:
-        return "a corrector is for one system at a time"
+        return "a batch has no corrector"
     if options.precision == MIXED:
-        return "mixed precision is for pair forces"
+        return "mixed precision needs pair forces"
     if system.box.periodic:
         return "a batch needs open space, and the box is periodic"
     if [type(force) for force in system.forces] != [Gravity]:
-        return f"a batch takes the one force 'gravity', and {system.name!r} has other ones, or none"
+        return f"a batch needs exactly one force, 'gravity'; {system.name!r} has others, or none"
     if system.events:
-        return "events are watched for in one system at a time"
+        return "a batch watches no events"
     if len(system) > MOST:
-        return f"{len(system)} bodies fill the lanes by themselves; a batch takes up to {MOST}"
+        return f"{len(system)} bodies are too many; a batch takes up to {MOST}"
     try:
         method.check(system)
     except InputError as error:

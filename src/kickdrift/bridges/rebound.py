@@ -135,7 +135,7 @@ def _run(sim: Any, masses: Floats) -> tuple[RunDefaults, list[str]]:
         return replace(run, integrator="wisdom-holman", coordinates=coordinates, corrector=own.corrector), []
     if method == "saba" and central and str(own.type) in SABA:
         return replace(run, integrator="saba", order=SABA[str(own.type)], coordinates=JACOBI), []
-    return RunDefaults(), [f"integrator {method!r} as it is set there, and its step"]
+    return RunDefaults(), [f"integrator {method!r} with its settings and its step"]
 
 
 def _tell(what: str, untaken: list[str]) -> None:

@@ -76,23 +76,23 @@ class Engine:
     def refusal(self, job: Job) -> str | None:
         """Reason why it cannot run the job as it is, or None."""
         if job.processes > 1 and not self.processes:
-            return f"processes: it runs in one, not in {job.processes}"
+            return f"processes: {self.name} runs in one process, not in {job.processes}"
         if not self.foreign:
             return None
         if job.threads > 1:
             own = "; give processes instead" if self.processes else ""
-            return f"threads: it runs on one here, not on {job.threads}{own}"
+            return f"threads: {self.name} runs on one thread here, not on {job.threads}{own}"
         if not hasattr(job.system, "forces"):
-            return f"{job.system.name!r} is an ODE, and it moves particles"
+            return f"{job.system.name!r} is an ODE; {self.name} moves particles"
         if job.system.events:
             return f"event {job.system.events[0].kind!r}: only a native run watches for events"
         if job.method.name not in self.methods:
             known = ", ".join(f"{ours} ({theirs})" for ours, theirs in self.methods.items())
-            return f"integrator {job.named!r}: it has {known}"
+            return f"integrator {job.named!r}: {self.name} has {known}"
         if job.options.compensated:
-            return "compensated: it has no compensated sums of positions and velocities"
+            return "compensated: {self.name} has no compensated sums of positions and velocities"
         if job.options.precision == MIXED:
-            return f"precision: it has its own, and not {MIXED!r}"
+            return f"precision: {self.name} does not offer {MIXED!r}"
         found: str | None = self.module.refusal(job)
         return found
 
@@ -113,7 +113,7 @@ class Engine:
         here = self.version
         if here is None or not self.foreign or here.split(".")[0] in self.tested:
             return []
-        return [f"{self.needs[0]} {here} is not among the versions tested: {', '.join(f'{t}.x' for t in self.tested)}"]
+        return [f"{self.needs[0]} {here} is not a tested version: {', '.join(f'{t}.x' for t in self.tested)}"]
 
 
 @cache  # listing all installed distributions takes a millisecond
@@ -129,7 +129,7 @@ _VERLET = "velocity-verlet"
 ENGINES: dict[str, Engine] = {
     engine.name: engine
     for engine in (
-        Engine(NATIVE, "all there is: kickdrift's own compiled kernels"),
+        Engine(NATIVE, "everything, with kickdrift's own compiled kernels"),
         Engine(
             "ase", "shifted Lennard-Jones of one species: ASE's LennardJones and VelocityVerlet", ("ase",), ("3",),
             {_VERLET: "VelocityVerlet"},

@@ -25,7 +25,7 @@ def refusal(job: Job) -> str | None:
     force: Any = system.forces[0]
     laws = {force.pair_law(a, b) for a in system.species for b in system.species}
     if len(laws) > 1:
-        return f"species: its LennardJones has one sigma and epsilon, and {', '.join(system.species)} differ"
+        return f"species: ASE's LennardJones has one sigma and epsilon, and {', '.join(system.species)} differ"
     return None
 
 

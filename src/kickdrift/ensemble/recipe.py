@@ -77,7 +77,7 @@ class SystemMaker:
         run = {path_of(key)[-1]: value for key, value in rest.items() if path_of(key)[:-1] == ("run",)}
         for key in rest:
             if path_of(key)[:-1] != ("run",):
-                whose = f"{self.name}() does not take it" if callable(made) else "a System is not made anew"
+                whose = f"{self.name}() has no such parameter" if callable(made) else "a System cannot vary this key"
                 raise InputError(f"vary: {key}: {whose}; expected dt, integrator or another key of [run]")
         if callable(made):
             own = {key: value for key, value in values.items() if key in taken}

@@ -32,7 +32,7 @@ def central_body(name: str, central: Central, system: System) -> int:
         index = int(np.argmax(masses))
     elif isinstance(central, str):
         if central not in system.names:
-            known = f"bodies are {', '.join(system.names)}" if system.names else "this system's have no names"
+            known = f"bodies are {', '.join(system.names)}" if system.names else "this system's bodies have no names"
             raise InputError(f"{name}: central: there is no body {shown(central)}; {known}")
         index = system.names.index(central)
     else:

@@ -245,7 +245,7 @@ class ExactStepper(Regular):
             how = "lies" if counts[WHAT] == POSITION else "moves"
             self.trouble = (
                 f"particle {counts[CULPRIT]} {how} beyond the lattice along {'xyz'[counts[AXIS]]}, which holds "
-                f"{self._reach(int(counts[CULPRIT]))}: a start with a larger extent or faster particles makes it larger"
+                f"{self._reach(int(counts[CULPRIT]))}: a start with a larger extent or faster particles enlarges it"
             )
             counts[WHAT] = 0
         return status

@@ -68,9 +68,9 @@ class Hermite(Method):
             raise InputError(f"{self.name}: needs bodies under gravity; {flow.name!r} is an ODE; use dop853")
         others = [force.name for force in system.forces if not isinstance(force, Gravity)]
         if others or len(system.forces) != 1:
-            what = f"force {others[0]!r} has none here" if others else f"there are {len(system.forces)} of it"
+            what = f"force {others[0]!r} has no time derivative" if others else f"the system has {len(system.forces)}"
             raise InputError(
-                f"{self.name}: needs the time derivative of one force, gravity, and {what}; dop853 takes any forces"
+                f"{self.name}: needs the time derivative of one force, gravity; {what}; dop853 takes any forces"
             )
         from kickdrift.integrators.hermite_stepper import HermiteStepper
 

@@ -121,8 +121,8 @@ class HermiteStepper(Resumable):
             body = int(self._bodies.due[0])
             least = self._bodies.steps[body] if self._individual else self._clock[NEXT]
             self.trouble = (
-                f"the step fell to {least:.3g}, which t = {self.time:.9g} can no longer tell from 0; bodies that meet "
-                f"need a softening"
+                f"the step fell to {least:.3g}, too short to change t = {self.time:.9g}; use a softening for "
+                f"bodies that meet"
             )
         return status
 

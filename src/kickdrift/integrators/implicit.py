@@ -122,11 +122,11 @@ _R = sqrt(3.0)
 ROWS = (
     ImplicitTableau(
         "backward-euler", ((1.0,),), (1.0,), 1,
-        "Curtiss & Hirschfelder 1952, doi:10.1073/pnas.38.3.235", "teaching; damps whatever is stiff",
+        "Curtiss & Hirschfelder 1952, doi:10.1073/pnas.38.3.235", "teaching; damps stiff modes",
     ),
     ImplicitTableau(
         "implicit-midpoint", ((0.5,),), (1.0,), 2,
-        "Hairer, Lubich & Wanner 2006, eq. I.1.7, doi:10.1007/3-540-30666-8", "structure kept of any system",
+        "Hairer, Lubich & Wanner 2006, eq. I.1.7, doi:10.1007/3-540-30666-8", "preserves the structure of any system",
     ),
     ImplicitTableau(
         "gauss-legendre4", ((0.25, 0.25 - _R / 6), (0.25 + _R / 6, 0.25)), (0.5, 0.5), 4,

@@ -55,6 +55,6 @@ ROWS = (
         "leapfrog-adaptive", 2,
         "Huang & Leimkuhler 1997, doi:10.1137/S1064827595284658; Holder, Leimkuhler & Reich 2001, "
         "doi:10.1016/S0168-9274(01)00089-9",
-        "eccentric orbits; not where forces vanish on the way",
+        "eccentric orbits; not if forces vanish on the way",
     ),
 )  # fmt: skip

@@ -86,7 +86,7 @@ class RosenbrockStepper(PythonStepper):
         if self._bad is not None:
             self._reached = self._bad
             return BLOWN_UP
-        self.trouble = f"the step fell to {h:.3g}, which t = {t:.9g} can no longer tell from 0"
+        self.trouble = f"the step fell to {h:.3g}, too short to change t = {t:.9g}"
         return STOPPED
 
     def _first_step(self, derivative: Derivative, f: Floats) -> float | None:

@@ -55,6 +55,6 @@ ROWS = (
     ),
     SciPyMethod(
         "lsoda", "LSODA", 12, "Petzold 1983, doi:10.1137/0904010; Hindmarsh 1983; SciPy's LSODA",
-        "stiff or not, switches by itself; orders 1 to 12, stiff 1 to 5",
+        "stiff or not, switches automatically; orders 1 to 12, stiff 1 to 5",
     ),
 )  # fmt: skip

@@ -203,8 +203,8 @@ class SciPyStepper(PythonStepper):
             if self._bad is not None:
                 self._reached = self._bad
                 return BLOWN_UP
-            reasons = [str(warning.message) for warning in said] or [message or "the solution is no number"]
-            self.trouble = f"SciPy's {self._method.solver} gave up: {' '.join(reasons[-1].split())}"
+            reasons = [str(warning.message) for warning in said] or [message or "the solution is not finite"]
+            self.trouble = f"SciPy's {self._method.solver} stopped: {' '.join(reasons[-1].split())}"
             return STOPPED
         self._before, self.y = self.y, self._solver.y.reshape(self.y.shape).copy()
         self.last_step, self.time = float(self._solver.t - self.time), float(self._solver.t)

@@ -160,8 +160,8 @@ class StepDensityStepper(Resumable):
         if status == STOPPED:
             self.trouble = (
                 f"the forces changed so much in a step of {1.0 / self._clock[DENSITY]:.3g} that the next would differ "
-                f"tenfold; where forces vanish, on the way or at the start, a method of fixed steps is needed, and "
-                f"elsewhere a smaller dt than {self.dt:g} helps"
+                f"tenfold; use a fixed-step method if forces vanish on the way or at the start, else a smaller dt than "
+                f"{self.dt:g}"
             )
         return status
 

@@ -372,7 +372,5 @@ class ChosenSteps(Resumable):
     def _judged(self, status: int) -> int:
         """Return the status. If it is STOPPED, set ``trouble``."""
         if status == STOPPED:
-            self.trouble = (
-                f"the step fell to {self._clock[NEXT]:.3g}, which t = {self.time:.9g} can no longer tell from 0"
-            )
+            self.trouble = f"the step fell to {self._clock[NEXT]:.3g}, too short to change t = {self.time:.9g}"
         return status

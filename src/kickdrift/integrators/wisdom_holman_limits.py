@@ -53,12 +53,12 @@ def warning_lines(
     if shortest is not None and least > shortest[0] / STEPS_PER_PERIOD:
         passage, i = shortest
         found.append(
-            f"dt = {dt:g}{unit} is long: {system.body(i)} turns about its pericentre as on a circle of period "
+            f"dt = {dt:g}{unit} is long: {system.body(i)} passes its pericentre as on a circle of period "
             f"{passage:.4g}{unit}, in {passage / least:.3g} kicks; {STEPS_PER_PERIOD} or more resolve it"
         )
     found += [
-        f"{system.body(i)} is on a hyperbola from t = {time:.6g}{unit} on: the map is made for bound orbits; "
-        "gauss-radau15 follows visitors"
+        f"{system.body(i)} is on a hyperbola from t = {time:.6g}{unit} on: the map is for bound orbits; "
+        "use gauss-radau15"
         for i, time in unbound
     ]
     pairs: dict[tuple[int, int], float] = {}
@@ -68,6 +68,6 @@ def warning_lines(
     for (i, j), time in pairs.items():
         found.append(
             f"{system.body(i)} and {system.body(j)} come within the Hill radius at t = {time:.6g}{unit}: the map "
-            "does not follow close encounters; gauss-radau15 does"
+            "does not follow close encounters; use gauss-radau15"
         )
     return found

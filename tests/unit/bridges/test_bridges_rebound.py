@@ -189,9 +189,9 @@ def test_a_corrector_is_taken():
 @pytest.mark.parametrize(
     ("integrator", "fields", "untaken"),
     [
-        ("mercurius", {}, "integrator 'mercurius' as it is set there, and its step"),
+        ("mercurius", {}, "integrator 'mercurius' with its settings and its step"),
         ("bs", {}, "integrator 'bs'"),
-        ("leapfrog", {"order": 8}, "integrator 'leapfrog' as it is set there"),
+        ("leapfrog", {"order": 8}, "integrator 'leapfrog' with its settings"),
         ("whfast", {"kernel": "LAZY"}, "integrator 'whfast'"),
         ("whfast", {"coordinates": "WHDS"}, "integrator 'whfast'"),
         ("saba", {"type": "CM_2"}, "integrator 'saba'"),

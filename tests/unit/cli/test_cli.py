@@ -298,7 +298,7 @@ NOTHING = "no.folder/run"
         (["--integrator", ""], ["integrator '' is unknown"]),
         (["--engine", "gromacs"], ["engine 'gromacs' is not one of native, ase, rebound, lammps, openmm"]),
         (["--processes", "0"], ["--processes"]),
-        (["--processes", "2"], ["engine 'native': processes: it runs in one, not in 2\n"]),
+        (["--processes", "2"], ["engine 'native': processes: native runs in one process, not in 2\n"]),
         (["--output", "run.txt"], ["--output run.txt: the name must end in .h5md"]),
         (["--output", "run"], ["the name must end in .h5md"]),
         (["--output", f"{NOTHING}.h5md"], ["there is no folder", "no.folder"]),

@@ -151,7 +151,7 @@ def test_a_file_goes_on_in_the_same_precision(tmp_path):
         ),
         (
             lambda: kd.Simulation(liquid(), dt=0.01, precision="mixed", engine="ase"),
-            "precision: it has its own, and not 'mixed'",
+            "does not offer 'mixed'",
         ),
     ],
 )

@@ -183,7 +183,11 @@ def test_refusals():
     for force, options, message in [
         (PostNewtonian(), {"units": "nbody"}, "units 'nbody' define no speed of light; give c"),
         (PostNewtonian(), {"units": "metal"}, "units 'metal' define no G; give G"),
-        (PostNewtonian(central="Sol"), {"units": "si"}, "central: there is no body 'Sol'; this system's have no names"),
+        (
+            PostNewtonian(central="Sol"),
+            {"units": "si"},
+            "central: there is no body 'Sol'; this system's bodies have no names",
+        ),
         (
             PostNewtonian(central="Sol"),
             {"units": "si", "names": ["Sun", "a", "b"]},
@@ -224,7 +228,7 @@ type = "relativity-1pn"
         ('c = "299792.458 km/s"\ncentral = 0\nform = "potential"', None),
         ('c = "1 km"', "force[0].c: expected a velocity such as"),
         ("central = 7", "relativity-1pn: central: there is no body 7; expected 0 to 1"),
-        ('central = "Sun"', "relativity-1pn: central: there is no body 'Sun'; this system's have no names"),
+        ('central = "Sun"', "relativity-1pn: central: there is no body 'Sun'; this system's bodies have no names"),
         ("central = 0.5", "force[0]: relativity-1pn: central: expected a body's name or its number from 0 on, got 0.5"),
         ('form = "fall"', "force[0]: relativity-1pn: form: expected one of full, potential, got 'fall'"),
         ("speed = 3", "force[0].speed: unknown key"),

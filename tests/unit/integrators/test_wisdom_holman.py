@@ -394,7 +394,7 @@ def test_an_ordinary_run_warns_of_nothing():
 def test_a_long_step_is_warned_of_once(coordinates):
     names = ["Star", "Inner", "Outer"]
     (line,) = warnings_of(planets(2, names=names), dt=0.4, coordinates=coordinates)
-    assert line.startswith("dt = 0.4 is long: Inner turns about its pericentre as on a circle of period ")
+    assert line.startswith("dt = 0.4 is long: Inner passes its pericentre as on a circle of period ")
     assert line.endswith(" kicks; 20 or more resolve it")
 
 
@@ -403,7 +403,7 @@ def test_eccentric_orbits_need_steps_for_their_pericentre():
     x, v = [[0.0, 0.0, 0.0], [1.9, 0.0, 0.0]], [[0.0, 0.0, 0.0], [0.0, sqrt(0.1 / 1.9), 0.0]]
     system = kd.System(x, v, masses=[1.0, 0.0], forces=[kd.Gravity()], units="nbody")
     (line,) = warnings_of(system, dt=0.01)
-    assert "particle 1 turns about its pericentre as on a circle of period 0.1441, in 14.4 kicks" in line
+    assert "particle 1 passes its pericentre as on a circle of period 0.1441, in 14.4 kicks" in line
     assert warnings_of(system, dt=0.007) == []
 
 
