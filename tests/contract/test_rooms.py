@@ -21,8 +21,8 @@ def rooms() -> list[str]:
     return ["text", "errors", *names]
 
 
-def imported(text: str) -> set[str]:
-    """The modules of kickdrift, or names in them, that a source imports anywhere."""
+def named(text: str) -> set[str]:
+    """The modules, or names in them, that a source imports anywhere."""
     found: set[str] = set()
     for node in ast.walk(ast.parse(text)):
         if isinstance(node, ast.Import):
@@ -30,7 +30,17 @@ def imported(text: str) -> set[str]:
         elif isinstance(node, ast.ImportFrom):
             assert node.level == 0, "imports are absolute"
             found |= {f"{node.module}.{name.name}" for name in node.names}
-    return {name for name in found if name.split(".")[0] == "kickdrift"}
+    return found
+
+
+def imported(text: str) -> set[str]:
+    """The modules of kickdrift, or names in them, that a source imports anywhere."""
+    return {name for name in named(text) if name.split(".")[0] == "kickdrift"}
+
+
+def from_test_modules(text: str) -> set[str]:
+    """What a source imports from test modules."""
+    return {name for name in named(text) if any(part.startswith("test_") for part in name.split("."))}
 
 
 def backwards(sources: dict[str, str]) -> list[str]:
@@ -73,6 +83,14 @@ def test_an_import_the_wrong_way_is_seen():
     for text in (top, inside, typing):
         assert len(backwards({"forces/gravity.py": text})) == 1
     assert backwards({"run/plan.py": "from kickdrift.forces.gravity import Gravity\nimport numpy\n"}) == []
+
+
+def test_no_test_module_imports_another():
+    for line in ("from test_x import f", "import tests.unit.test_x", "from tests.unit import test_x as x"):
+        assert from_test_modules(f"def g():\n    {line}\n"), line
+    for path in (TOP / "tests").rglob("*.py"):
+        found = from_test_modules(path.read_text(encoding="utf-8"))
+        assert not found, f"{path} imports {found}"
 
 
 def test_modules_are_found_by_their_old_names_with_a_warning():
