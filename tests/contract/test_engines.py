@@ -312,7 +312,7 @@ REFUSED = [
     ("ase", liquid, {"processes": 2}, "processes: ase runs in one process, not in 2; only lammps can"),
     ("ase", liquid, {"compensated": True}, f"compensated: .*{ALONE}"),
     ("rebound", liquid, {"integrator": "leapfrog-dkd"}, f"force 'lennard-jones': rebound runs only gravity{ALONE}"),
-    ("rebound", planets, {"integrator": "leapfrog"}, "rebound has leapfrog-dkd \\(leapfrog\\).*; native and openmm can"),
+    ("rebound", planets, {"integrator": "leapfrog"}, "has leapfrog-dkd \\(leapfrog\\).*; native and openmm can"),
     ("rebound", planets, {"integrator": "saba", "order": "10,2"}, f"order '10,2': rebound's saba has 4,2.*{ALONE}"),
     ("rebound", planets, {"integrator": "saba", "coordinates": "democratic-heliocentric"}, f"coordinates .*{ALONE}"),
     ("rebound", with_event, {"integrator": "ias15"}, f"event 'close-approach': only a native run .*{ALONE}"),
@@ -321,7 +321,7 @@ REFUSED = [
     ("lammps", lambda: liquid(forces=[kd.LennardJones(), kd.LennardJones()]), {}, f"has 2{ALONE}"),
     ("lammps", lambda: liquid(masses=np.arange(216) + 1.0), {}, "masses: 216 types .*; native, ase and openmm can"),
     ("openmm", lambda: cut(tail=True), {}, "tail: .*; native and lammps can"),
-    ("openmm", lambda: kd.load("test-particles-1000"), {"integrator": "velocity-verlet"}, f"masses: .* massless.*{ALONE}"),
+    ("openmm", lambda: kd.load("test-particles-1000"), {"integrator": "velocity-verlet"}, f"masses: .*less.*{ALONE}"),
     ("openmm", lambda: kd.Problem(lambda t, y: -y, [1.0]), {}, f"is an ODE; openmm moves particles{ALONE}"),
     ("rebound", planets, {"integrator": "ias15", "processes": 2}, "processes: rebound runs in one process, not in 2"),
 ]  # fmt: skip
