@@ -226,7 +226,7 @@ def test_a_run_that_blows_up_says_so():
 
 def workers(sim: kd.Simulation) -> list[int]:
     """Of LAMMPS, by the folder that they were told."""
-    told = str(sim._stepper._session._world.folder)
+    told = str(sim.integration.stepper._session._world.folder)
     found = []
     for process in Path("/proc").glob("[0-9]*"):
         try:
@@ -249,7 +249,7 @@ def test_a_process_that_dies_ends_the_run_and_no_more():
     assert not any(Path(f"/proc/{worker}").exists() for worker in there)
     assert sim.run(10).steps  # with others
     last = workers(sim)
-    sim._stepper._session.close()
+    sim.integration.stepper._session.close()
     assert len(last) == 2
     assert not any(Path(f"/proc/{worker}").exists() for worker in last)
 
@@ -288,7 +288,7 @@ def test_processes_that_connect_and_say_nothing(monkeypatch, tmp_path):
 def test_lammps_stops_counting_where_the_energy_is_no_number():
     sim = kd.Simulation(liquid(), engine="lammps", dt=0.002)
     sim.run(1)
-    session = sim._stepper._session
+    session = sim.integration.stepper._session
     session._blind_steps = 3
     session._world.kinetic_energy = lambda: np.nan
     assert session.advance(10, np.inf) == 3

@@ -34,7 +34,7 @@ ROOM_IN_SPEED = 8  # bits beyond the largest momentum that the start suggests
 
 class ExactStepper(Regular):
     """``y`` shows the lattice in floats after each ``advance``; what runs, and what a run can be taken up from to the
-    last bit, is ``lattice``.
+    last bit, is ``method_state``, a `Lattice`.
 
     Its scales follow from the System as it was at its start (and, where nothing moves or pulls there, from dt): they
     are the same in every process, and a lattice that is put in place brings its own along. A checkpoint holds the
@@ -195,7 +195,7 @@ class ExactStepper(Regular):
         self._show()
 
     @property
-    def lattice(self) -> Lattice:
+    def method_state(self) -> Lattice:
         """The state to the last bit; a copy."""
         particles = self._particles
         return Lattice(
@@ -203,8 +203,8 @@ class ExactStepper(Regular):
             self._momentum.copy(), self.time, self.steps_done,
         )  # fmt: skip
 
-    @lattice.setter
-    def lattice(self, given: Lattice) -> None:
+    @method_state.setter
+    def method_state(self, given: Lattice) -> None:
         shape = self._particles.x.shape
         for key in ("positions", "images", "momenta"):
             array = np.asarray(getattr(given, key))

@@ -1,6 +1,6 @@
 """A stepper under watch: steps are taken one by one, each is searched for events, and some of these change the bodies.
 
-It stands where the Simulation has the method's own stepper and uses nothing of that but the ``Stepper`` protocol. What
+It stands where a run has the method's own stepper and uses nothing of that but the ``Stepper`` protocol. What
 is searched is always a whole step of the method, whatever a run looks at in between, so that neither looks nor the
 pieces that a run is cut into change what is found, when, or the run's bits. One exception: where f depends on time and
 the method chooses its steps, the last step of a run until some time ends there, because f may have no value beyond.
@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
@@ -25,42 +25,80 @@ from kickdrift.model.memory import Memory, by_value
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 from kickdrift.run.watch.collisions import bounced, joined, merged, without
+from kickdrift.run.watch.watcher import Watcher
 from kickdrift.run.watch.watches import Act, Approaches, Contacts, Crossings, Escapes, Row, Span, entry
 
 if TYPE_CHECKING:
+    from kickdrift.integrators.flow import Flow
+    from kickdrift.integrators.method import Method
+    from kickdrift.integrators.options import Options
     from kickdrift.integrators.stepping import Stepper
-    from kickdrift.run.simulation import Simulation
+    from kickdrift.looks.observers import Sample
+    from kickdrift.looks.record import Record
 
 MOST_ACTS = 1000  # at one time: balls that come to rest on each other bounce for ever
 NEVER_BACK = -1  # where a body that was absorbed has its survivor
 
 
+class Watched(Protocol):
+    """What is known of the integration; see `run.advance.Integration`."""
+
+    method: Method
+    options: Options
+    flow: Flow
+    record: Record
+
+    @property
+    def system(self) -> Any: ...
+
+    @property
+    def threads(self) -> int: ...
+
+    @property
+    def time(self) -> float: ...
+
+    def stepper_for(self, system: Any) -> Stepper: ...
+
+    def sample_at(self, y: Floats, time: float) -> Sample: ...
+
+    def bodies_changed(self) -> None: ...
+
+
+class Events(Watcher):
+    """Begins a run anew where an event ended the last one; the stepper does the rest of the search."""
+
+    def __init__(self, stepper: WatchedStepper) -> None:
+        self._stepper = stepper
+
+    def begin(self) -> None:
+        """No event has ended the run."""
+        self._stepper.stopped = ""
+
+
 class WatchedStepper:
-    """A Simulation's stepper that looks for events.
+    """A stepper that looks for events.
 
     Attributes
     ----------
     inner : the method's own stepper; another one once bodies have left
-    stopped : what ended the run, "" where nothing did; whoever runs on clears it
+    stopped : the event that ended the last run, in words; "" where none did
     absorbed : of each body that left, by id, the id of the one that took it up, or ``NEVER_BACK``
     horizon : no look at the run before its next ``advance`` is later than this
     end : f is evaluated at no later time: the step that would lead beyond it is cut off there, and searched like others
     first : the system with all its bodies, those that have left too
-    writer : where events go besides the Simulation's record
     acting : whether any of the events may change what is conserved
     """
 
-    def __init__(self, sim: Simulation, inner: Stepper, events: Sequence[Event]) -> None:
-        self._sim, self.inner = sim, inner
-        self.first = sim.system  # with all its bodies
+    def __init__(self, run: Watched, inner: Stepper, events: Sequence[Event]) -> None:
+        self._run, self.inner = run, inner
+        self.first = run.system  # with all its bodies
         self.stopped = ""
         self.horizon = self.end = np.inf
         self.absorbed: dict[int, int] = {}
-        self.writer: Any = None
         self.acting = any(getattr(event, "action", "log") in ("merge", "bounce", "remove") for event in events)
         self._spent = Counts()
         self._warned: list[str] = []
-        subject: Any = sim.system
+        subject: Any = run.system
         self._approaches = [Approaches(e, subject) for e in events if isinstance(e, CloseApproach)]
         self._contacts = [Contacts(e, subject) for e in events if isinstance(e, Collision)]
         self._escapes = [Escapes(e, subject) for e in events if isinstance(e, Escape)]
@@ -71,7 +109,7 @@ class WatchedStepper:
 
     def _aside(self) -> None:
         """A flow for steps that are tried or made up: the run's own pair lists are left alone."""
-        self._side = flow_of(self._sim.system, self._sim.threads, jumps=True)
+        self._side = flow_of(self._run.system, self._run.threads, jumps=True)
 
     # --- what a Simulation asks of a stepper ---
 
@@ -112,9 +150,9 @@ class WatchedStepper:
     def reset(self, y: Floats, time: float, steps: int) -> None:
         """Begin anew at y, with nothing seen so far; bodies that left stay away."""
         self.inner.reset(y, time, steps)
-        self.begin()
+        self.forget()
 
-    def begin(self) -> None:
+    def forget(self) -> None:
         """Forget what was seen so far."""
         self._waiting: list[tuple[float, Row]] = []
         self._act: Act | None = None
@@ -122,7 +160,7 @@ class WatchedStepper:
         self._acts, self._last_act = 0, -np.inf
         self.stopped = ""
         for watch in self._watches:
-            watch.begin(self._sim.system)
+            watch.begin(self._run.system)
 
     def advance(self, steps: int, until: float = np.inf) -> int:
         if not steps:
@@ -176,14 +214,14 @@ class WatchedStepper:
         """See Stepper."""
         events = by_value(memory["events"])
         system = self.first if events["bodies"] is None else self._left(**events["bodies"])
-        if system is not self._sim.system:
-            self.inner = self._sim.stepper_for(system)
+        if system is not self._run.system:
+            self.inner = self._run.stepper_for(system)
             self._aside()
-        flow: Any = self._sim._flow
+        flow: Any = self._run.flow
         if memory["y"].shape != flow.array(system.state).shape:
             raise InputError("checkpoint: y has another shape than in a run of this system")
         self.inner.recall(memory)
-        self.begin()
+        self.forget()
         for watch, known in zip(self._watches, events["watches"], strict=True):
             watch.recall(known)
         self._waiting = [(due, row) for due, row in events["waiting"]]
@@ -252,7 +290,7 @@ class WatchedStepper:
             acts = [act for watch in self._contacts if (act := watch.first(whole)) is not None]
             if acts:
                 self._act, self._span = min(acts, key=lambda act: act.time), whole
-                if self._act.event.action != "stop" or self._sim.method.chooses_steps:
+                if self._act.event.action != "stop" or self._run.method.chooses_steps:
                     y1, t1 = np.array(whole.inside(self._act.time)), self._act.time
         hits = [watch for watch in self._lookers if watch.scan(y0, t0, y1, t1, step)]
         gone = [each for each in self._escapes if each.scan(y0, t0, y1, t1, step)] if self._act is None else []
@@ -264,7 +302,7 @@ class WatchedStepper:
             self._waiting += sorted(found, key=lambda pair: pair[0])
 
     def _span_of(self, y0: Floats, t0: float, y1: Floats, t1: float) -> Span:
-        if self._sim.method.chooses_steps:
+        if self._run.method.chooses_steps:
             return Span(y0, t0, y1, t1, self.steps_done, self.inner.at)
         return Span(y0, t0, y1, t1, self.steps_done, lambda time: self._tried(y0, t0, time))
 
@@ -288,8 +326,8 @@ class WatchedStepper:
         return reached
 
     def _short_step(self, y: Floats, begin: float, end: float) -> tuple[int, Floats, Counts]:
-        sim = self._sim
-        stepper = sim.method.stepper(self._side, replace(sim.options, dt=end - begin))
+        run = self._run
+        stepper = run.method.stepper(self._side, replace(run.options, dt=end - begin))
         stepper.reset(y.copy(), begin, 0)
         status = stepper.advance(1, np.inf)
         return status, stepper.y, stepper.counts
@@ -298,13 +336,13 @@ class WatchedStepper:
 
     @property
     def _system(self) -> System:
-        return self._sim.system
+        return self._run.system
 
     def _apply(self, act: Act) -> int:
         """Let an event act, at its time; one of fixed steps then makes up the rest of the step."""
         span, self._act = self._span, None
         assert span is not None
-        event, step, adaptive = act.event, span.step, self._sim.method.chooses_steps
+        event, step, adaptive = act.event, span.step, self._run.method.chooses_steps
         self._tell(act.time)
         again = act.time <= self._last_act + 8 * np.spacing(abs(act.time))
         self._acts, self._last_act = self._acts + 1 if again else 0, act.time
@@ -331,7 +369,7 @@ class WatchedStepper:
         if status != OK or not np.isfinite(reached).all():
             return status
         self.inner.reset(reached.copy(), span.t1, step)
-        self._sim.bodies_changed()
+        self._run.bodies_changed()
         self._search(y, begin, reached, span.t1)
         return OK
 
@@ -346,16 +384,16 @@ class WatchedStepper:
         else:
             for escapes in self._escapes:
                 escapes.know(act.bodies[0])
-        if self._sim.method.chooses_steps and act.time < span.t1:
+        if self._run.method.chooses_steps and act.time < span.t1:
             self.inner.reset(np.array(span.inside(act.time)), act.time, span.step)
-            self._crossings.begin(self._sim.system)
+            self._crossings.begin(self._run.system)
         self.stopped = f"{names} {what} at t = {act.time:.9g}"
 
     def _change(self, act: Act, y: Floats, step: int) -> None:
         """Bounce, merge or remove, and begin anew from there."""
         system, event, bodies = self._system, act.event, act.bodies
         row = entry(system, event.kind, act.time, step, bodies, act.distance, "")
-        before = self._sim.sample_at(y, act.time)
+        before = self._run.sample_at(y, act.time)
         if event.action == "bounce":
             assert isinstance(event, Collision)
             left, y = system, bounced(system.state.masses, y, bodies[0], bodies[1], event.restitution)
@@ -375,18 +413,18 @@ class WatchedStepper:
             self._leave(system, gone, NEVER_BACK)
         if left is not system:
             self._spent, self._warned = self.counts, self.warnings
-            self.inner = self._sim.stepper_for(left)
+            self.inner = self._run.stepper_for(left)
             self._aside()
             for watch in self._watches:
                 watch.follow(left)
         self._crossings.begin(left)  # speeds have jumped, which is no crossing
         self.inner.reset(y, act.time, step)
-        after = self._sim.sample_at(y, act.time)
+        after = self._run.sample_at(y, act.time)
         row["energy"] = before.energies.total - after.energies.total
         if event.action != "bounce" or event.restitution != 1:  # type: ignore[union-attr]
-            self._sim.record.take(before, after)
+            self._run.record.take(before, after)
         self._log(row)
-        self._sim.bodies_changed()
+        self._run.bodies_changed()
 
     def _leave(self, system: System, gone: int, survivor: int) -> None:
         self.absorbed[int(system.state.ids[gone])] = survivor
@@ -406,14 +444,12 @@ class WatchedStepper:
         self._waiting = late
 
     def _log(self, row: Row) -> None:
-        self._sim.record.events.append(row)
-        if self.writer is not None:
-            self.writer.append_event(row)
+        self._run.record.events.append(row)
 
     def going_on(self) -> list[Row]:
         """Passages that have begun and not ended at the present."""
         rows = [row for _, row in self._waiting] + [row for watch in self._approaches for row in watch.going_on()]
-        return [{**row, "done": "going on"} for row in rows if row["time"] <= self._sim.time]
+        return [{**row, "done": "going on"} for row in rows if row["time"] <= self._run.time]
 
 
 def _sum(a: Counts, b: Counts) -> Counts:
