@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from kickdrift.errors import InputError
+from kickdrift.model.units import shown
 from kickdrift.run.advance import Integration
 from kickdrift.run.looks import Sampler
 from kickdrift.run.plan import Plan
@@ -94,15 +95,25 @@ def _go(
         look()
 
 
-def go_on(run: Integration, steps: int) -> None:
-    """Take ``steps`` steps without a look, or fewer where an event ends them."""
+def go_on(
+    run: Integration, steps: int, every: int | None = None, visit: Callable[[Any], Any] | None = None, sim: Any = None
+) -> None:
+    """Take ``steps`` steps without a look, or fewer where an event ends them. ``visit(sim)`` follows each ``every``
+    steps and the end; where it returns something true, the steps end there."""
+    if not (visit is None or callable(visit)):
+        raise InputError(f"advance: visit must be a function, got {shown(visit)}")
     run.prepare()
     last = run.steps_done + steps
+    stop = last if every is None or visit is None else min(last, run.steps_done + every)
     if run.events:
         run.events.stopped = ""
     with run.busy() as interrupted:
         while run.steps_done < last and not (interrupted() or (run.events and run.events.stopped)):
-            run.advance(min(run.chunk, last - run.stepper.steps_done))
+            run.advance(min(run.chunk, stop - run.stepper.steps_done))
+            if visit is not None and run.steps_done >= stop:
+                if visit(sim):
+                    break
+                stop = min(last, stop + (every or steps))
     if interrupted():
         raise KeyboardInterrupt
 

@@ -336,14 +336,16 @@ class Simulation:
             self._sampler.prepare(plan)
         return run_through(run, self._sampler, plan, watchers, alone, self.report, progress)
 
-    def advance(self, steps: int) -> None:
+    def advance(self, steps: int, *, every: int | None = None, visit: Observer | None = None) -> None:
         """Take ``steps`` steps without a look: nothing is sampled, written or observed.
 
-        The bits are those of ``run``. The steps count in the report. A run that blows up goes back to the last look, or
-        to the last state that was set. An event that ends a run ends this too, and ``stopped`` names it. Raises
-        InputError for a number of steps that makes no sense, and while a run goes on; RunError where the run blows
+        The bits are those of ``run``. ``visit(sim)`` is called after each ``every`` steps and at the end; where it
+        returns something true, the steps end there. The steps count in the report. A run that blows up goes back to
+        the last look, or to the last state that was set. An event that ends a run ends this too, and ``stopped`` names
+        it. Raises InputError for numbers that make no sense, and while a run goes on; RunError where the run blows
         up."""
-        go_on(self.integration, self.steps_to(steps))
+        steps, every = self.steps_to(steps), every if every is None else whole_number("every", every, 1)
+        go_on(self.integration, steps, every, visit, self)
 
     @property
     def output(self) -> str | None:
