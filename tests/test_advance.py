@@ -15,7 +15,7 @@ def kepler(**more) -> kd.System:
     return kd.System(x, v, masses=[1.0, 1e-3], forces=[kd.Gravity(G=1.0)], **more)
 
 
-@pytest.mark.parametrize("integrator, dt", [("velocity-verlet", 0.01), ("dop853", None)])
+@pytest.mark.parametrize(("integrator", "dt"), [("velocity-verlet", 0.01), ("dop853", None)])
 def test_steps_without_a_look_have_the_bits_of_a_run(integrator, dt):
     whole, mine = (kd.Simulation(kepler(), integrator, dt) for _ in range(2))
     whole.run(57)

@@ -462,18 +462,21 @@ def plot(
         typer.Option(metavar="NAME", help="Draw where an integrator is stable, no run; repeat for several."),
     ] = None,
     column: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Of an ensemble's table (default: what tells most).")
+        str | None,
+        typer.Option(metavar="NAME", help="A column of a run, or of an ensemble's table (default: what tells most)."),
     ] = None,
     overwrite: OverwriteOption = False,
 ) -> None:
     """Draw a run (its bodies' orbits and elements; or energies, error, temperature and radial distribution function;
-    or one observable with error bars), an ensemble (a map, a curve, points or a histogram), or where integrators are
-    stable."""
+    or one observable with error bars; or one column against time), an ensemble (a map, a curve, points or a
+    histogram), or where integrators are stable."""
     if stability and (file or kind or column):
         raise InputError("give FILE or --stability, not both")
     of_ensemble = file is not None and file.suffix.lower() in TABLES
-    if file and (kind if of_ensemble else column):
-        raise InputError("--kind is of a run's .h5md, --column of the .parquet or .h5 of an ensemble")
+    if of_ensemble and kind:
+        raise InputError("--kind is of a run's .h5md, and FILE is the table of an ensemble")
+    if kind and column:
+        raise InputError("give --kind or --column, not both")
     if stability:
         from kickdrift.plots.stability import plot_stability
 
@@ -488,6 +491,11 @@ def plot(
         from kickdrift.plots.runs import plot_run
 
         target = output or file.with_suffix(".png")
+        if column:
+            from kickdrift.plots.columns import plot_column
+
+            out(str(plot_column(file, column, target, overwrite=overwrite)))
+            return
         if kind not in (None, Figures.orbits, Figures.energies):
             from kickdrift.plots.observables import plot_observable
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -14,12 +14,14 @@ from kickdrift.jit.compile import features, processor
 from kickdrift.model.memory import Memory
 from kickdrift.model.system import System
 from kickdrift.model.units import shown
+from kickdrift.run.forces import forces_at
 from kickdrift.run.watch.watcher import Watcher
 
 if TYPE_CHECKING:
     from kickdrift.run.advance import Integration
     from kickdrift.run.plan import Plan
     from kickdrift.run.report import Report
+    from kickdrift.trajectory.columns import Described
     from kickdrift.trajectory.h5md import Writer
     from kickdrift.trajectory.options import FileOptions
 
@@ -75,9 +77,15 @@ class Outputs:
         self._files[path] = Own.of(run_id, every, plan)
 
     def watcher(
-        self, output: str | None, plan: Plan, overwrite: bool, options: FileOptions | None, going_on: Callable[[], Any]
+        self,
+        output: str | None,
+        plan: Plan,
+        overwrite: bool,
+        options: FileOptions | None,
+        columns: dict[str, Described],
+        going_on: Callable[[], Any],
     ) -> File | None:
-        """What writes a run's looks to a file; None where there is no output."""
+        """What writes a run's looks, and the user's ``columns``, to a file; None where there is no output."""
         if output is None:
             if options is not None:
                 raise InputError("file: says how output is written, and there is none")
@@ -88,16 +96,23 @@ class Outputs:
 
         if not isinstance(options, FileOptions | None):
             raise InputError(f"file: expected kd.FileOptions, got {shown(options)}")
-        return File(self._run, lambda: self._writer(output, plan, overwrite, options), going_on)
+        return File(self._run, lambda: self._writer(output, plan, overwrite, options, columns), columns, going_on)
 
-    def _writer(self, output: str, plan: Plan, overwrite: bool, options: FileOptions | None) -> Writer:
+    def _writer(
+        self,
+        output: str,
+        plan: Plan,
+        overwrite: bool,
+        options: FileOptions | None,
+        columns: dict[str, Described],
+    ) -> Writer:
         from kickdrift.trajectory.h5md import Writer
 
         run, path = self._run, os.path.realpath(output)
         if path in self._files and not overwrite and os.path.exists(path):
             return Writer.append_to(
                 path, self._files[path].run_id, options=options, checkpoint=self._checkpoint, plan=plan.numbers,
-                at=(run.steps_done, run.time), events=len(run.record.events),
+                at=(run.steps_done, run.time), events=len(run.record.events), columns=columns,
             )  # fmt: skip
         assert isinstance(run.system, System)
         method = {
@@ -119,7 +134,7 @@ class Outputs:
         system: Any = run.events.first if run.events else run.system  # with the bodies that have left
         writer = Writer(
             path, system, method=method, every=plan.every, overwrite=overwrite, options=options,
-            checkpoint=self._checkpoint, plan=plan.numbers,
+            checkpoint=self._checkpoint, plan=plan.numbers, columns=columns,
         )  # fmt: skip
         self._files[path] = Own.of(writer.run_id, plan.every, plan)
         return writer
@@ -132,11 +147,14 @@ class File(Watcher):
     ----------
     run : the Integration that is looked at
     open : gives the Writer, once the run begins
+    columns : the user's columns that are written, by name
     going_on : gives the events that have begun and not ended
     """
 
-    def __init__(self, run: Integration, open: Callable[[], Writer], going_on: Callable[[], Any]) -> None:
-        self._run, self._open, self._going_on = run, open, going_on
+    def __init__(
+        self, run: Integration, open: Callable[[], Writer], columns: Iterable[str], going_on: Callable[[], Any]
+    ) -> None:
+        self._run, self._open, self._columns, self._going_on = run, open, tuple(columns), going_on
 
     def begin(self) -> None:
         """Open the file."""
@@ -154,7 +172,9 @@ class File(Watcher):
             writer.append_event(event)
         self._told = len(run.record.events)
         forces = forces_at(run) if "forces" in writer.writes else None
-        writer.append(run.state, run.record.samples[-1].observables(taken=self._acting), forces=forces)
+        sample = run.record.samples[-1]
+        values = sample.observables(taken=self._acting) | {name: sample.columns[name] for name in self._columns}
+        writer.append(run.state, values, forces=forces)
         if run.replaced:
             writer.flush(final=True, anew=True)
             run.replaced = False
@@ -172,19 +192,3 @@ class File(Watcher):
         with self._writer as writer:
             writer.report = report.as_json()
             writer.report["events"] = self._going_on()  # the others stand in the file already
-
-
-def forces_at(run: Integration) -> Any:
-    """(n, 3) forces on the particles at the present, in the system's energy unit per length."""
-    accelerations: Any = accelerations_at(run)
-    system: Any = run.system
-    return (accelerations * system.coherent_masses).T.copy()
-
-
-def accelerations_at(run: Integration) -> Any:
-    """(3, n) accelerations of the particles at the present."""
-    flow: Any = run.flow
-    found = flow.accelerations(run.y, run.time)
-    if found is None:
-        raise RunError(f"step {run.steps_done}: the forces at these positions are not finite")
-    return found

@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, Any
 from warnings import warn
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from kickdrift.engines import engine as engine_named
@@ -23,15 +22,17 @@ from kickdrift.model.checks import path_text, whole_number
 from kickdrift.model.events import checked_events
 from kickdrift.model.memory import Memory
 from kickdrift.model.problem import Problem
-from kickdrift.model.state import Floats, read_only
+from kickdrift.model.state import Floats
 from kickdrift.model.system import System
-from kickdrift.model.units import shown
 from kickdrift.run.advance import Integration
+from kickdrift.run.asked import check_asked, kind_of
 from kickdrift.run.checkpoint import checkpoint_of, restore
+from kickdrift.run.columns import ColumnWatcher, check_columns_fit, checked_columns
 from kickdrift.run.equilibration import equilibrate
+from kickdrift.run.forces import accelerations_at, forces_at
 from kickdrift.run.looks import Sampler
 from kickdrift.run.loop import go_on, run_through
-from kickdrift.run.outputs import Outputs, accelerations_at, forces_at
+from kickdrift.run.outputs import Outputs
 from kickdrift.run.plan import Plan, plan_of, steps_to
 from kickdrift.run.report import Report, report
 from kickdrift.run.watch.stability import Stability
@@ -39,6 +40,7 @@ from kickdrift.run.watch.watcher import Observe, Watcher
 from kickdrift.run.watch.watching import Events
 
 if TYPE_CHECKING:
+    from kickdrift.looks.columns import Column
     from kickdrift.model.events import Event
     from kickdrift.trajectory.options import FileOptions
 
@@ -100,7 +102,7 @@ class Simulation:
         events: Iterable[Event] | None = None,
     ) -> None:
         if not isinstance(system, System | Problem):
-            raise InputError(f"a Simulation takes a System or a Problem, got {_kind_of(system)}")
+            raise InputError(f"a Simulation takes a System or a Problem, got {kind_of(system, Simulation)}")
         self._engine = engine_named(engine)
         default = "velocity-verlet" if isinstance(system, System) else "dormand-prince45"
         named = integrator if integrator is not None else system.run.integrator
@@ -239,17 +241,11 @@ class Simulation:
 
     def accelerations(self) -> Floats:
         """(n, 3) accelerations of the particles now, in the system's units; a read-only copy."""
-        self._refuse_problem("accelerations")
-        return read_only(accelerations_at(self.integration).T.copy())
+        return accelerations_at(self.integration)
 
     def forces(self) -> Floats:
         """(n, 3) forces on the particles now, in the system's energy unit per length; a read-only copy."""
-        self._refuse_problem("forces")
-        return read_only(forces_at(self.integration))
-
-    def _refuse_problem(self, key: str) -> None:
-        if not self.integration.flow.of_particles:
-            raise InputError(f"{key}: a Problem has none")
+        return forces_at(self.integration)
 
     def sample(self) -> Sample:
         """All that is watched, now."""
@@ -290,6 +286,7 @@ class Simulation:
         overwrite: bool = False,
         file: FileOptions | None = None,
         observe: Observer | None = None,
+        columns: Iterable[Column] = (),
         progress: Callable[[int, int], Any] | None = None,
     ) -> Report:
         """Take ``steps`` steps, or go on ``until`` a time: on the grid of whole steps, or any for an adaptive method.
@@ -297,7 +294,10 @@ class Simulation:
         Every ``every`` steps (counted from step 0), at the start and at the end the energies are sampled, a frame goes
         to ``output`` (a new .h5md file, or one that this Simulation began) and ``observe(sim)`` is called. An adaptive
         run may ask for that at every ``interval`` of time instead; the steps do not change by it. ``file`` says how the
-        output is written: how often it is flushed, its precision, compression, forces and images.
+        output is written: how often it is flushed, its precision, compression, forces and images. The values of
+        ``columns`` are written beside the energies; ``record.samples`` has them too. A run that goes on into a file
+        gives the columns that the file was begun with.
+
         Without ``every`` the system file's counts, or that of the file that the run goes on into. Where nothing says
         how often, there are about 1000 looks; in a run of fewer than 100,000 evaluations of the forces, one for each
         100 of them, but at least 16000 / bodies or 50 (as far as there are steps). That depends on the run alone.
@@ -307,26 +307,26 @@ class Simulation:
         Returns the Report. Raises InputError for arguments that make no sense, and RunError where the run blows up; the
         state is then that of the last sample.
         """
-        for key, function in (("observe", observe), ("progress", progress)):
-            if not (function is None or callable(function)):
-                raise InputError(f"run: {key} must be a function, got {shown(function)}")
-        if not isinstance(overwrite, bool | np.bool_):
-            raise InputError(f"run: overwrite must be True or False, got {shown(overwrite)}")
+        check_asked(observe, progress, overwrite)
+        units = self.system.units if isinstance(self.system, System) else None
+        written = ColumnWatcher(checked_columns(columns, units), self.integration, self)
         output = self._outputs.chosen(None if output is None else path_text("run: output", output), overwrite)
         if self.plan is not None and (steps, until, every, interval) == (None,) * 4:
             plan = self.plan
         else:
             own = self._outputs.own(output)
-            seen = isinstance(self.system, System) or self.system.energy is not None or observe is not None
+            seen = isinstance(self.system, System) or self.system.energy is not None or bool(observe or written.columns)
             if own and self.method.chooses_steps and (steps, every, interval) == (None,) * 3:
                 interval = own.interval
             plan = plan_of(self, steps, until, every, interval, own.every if own else None, seen)
+        check_columns_fit(written.columns, plan)
         self.plan = None
         run = self.integration
         watching: list[Watcher | None] = [
             Events(run.events) if run.events else None,
             self._stability,
-            self._outputs.watcher(output, plan, overwrite, file, self.going_on),
+            written if written.columns else None,
+            self._outputs.watcher(output, plan, overwrite, file, written.described, self.going_on),
             Observe(observe, self) if observe else None,
         ]
         watchers = [each for each in watching if each]
@@ -386,14 +386,3 @@ class Simulation:
 
 def _warn_of_lattice() -> None:
     warn("Simulation.lattice is Simulation.method_state since 0.2", DeprecationWarning, stacklevel=3)
-
-
-def _kind_of(value: Any) -> str:
-    """What was given in place of a System, and what to give instead."""
-    if isinstance(value, Simulation):
-        return "a Simulation: give its ``system``, or go on with the Simulation itself"
-    if isinstance(value, str | os.PathLike):
-        return f"{shown(value)}: give kd.load({shown(str(value))}), or kd.resume of a run's file"
-    if isinstance(value, type):
-        return f"the class {value.__name__}"
-    return type(value).__name__

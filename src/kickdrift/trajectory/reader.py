@@ -217,6 +217,16 @@ class Run(Frames):
         return {name: self._sampled(name) for name in self._observables if self._samples}
 
     @property
+    def columns(self) -> dict[str, tuple[tuple[int, ...], str]]:
+        """Shape and unit of each column of the user's own, by name; ``observables`` has the values."""
+        own = [name for name in self._observables if name not in header.SHAPES]
+        return {name: (header.shape_of(self._contents, name), self.unit_of(name)) for name in own}
+
+    def unit_of(self, observable: str) -> str:
+        """The unit of an observable, in words; "" for a plain number."""
+        return header.unit_of(self._contents, observable, self.units)
+
+    @property
     def events(self) -> list[dict[str, Any]]:
         """What `Simulation.events` of the run had: kind, time, step, bodies, ids, distance, energy, done.
 
