@@ -234,7 +234,7 @@ def test_bits_depend_on_no_cut(choice, monkeypatch):
     for steps in (7, 0, 43, 10):
         pieces.run(steps, every=5)
     np.testing.assert_array_equal(whole.phase, pieces.phase)
-    assert whole.integration.stepper.evaluations == pieces.integration.stepper.evaluations
+    assert whole._stepper.evaluations == pieces._stepper.evaluations
 
 
 # --- MEGNO ---

@@ -18,6 +18,7 @@ import kickdrift as kd
 from kickdrift.cli import main as cli
 from kickdrift.engines import ENGINES
 from kickdrift.model.starts.builders import lattice, maxwell_boltzmann
+from kickdrift.run.advance import Integration
 from kickdrift.trajectory.info import info
 
 registry = sys.modules["kickdrift.engines"]  # kd.engines is the function
@@ -401,7 +402,7 @@ def test_what_another_version_stumbles_over_is_one_line(monkeypatch, capsys):
 def test_other_versions_are_told_of_once_and_before_the_run(monkeypatch, capsys, tmp_path):
     version = registry._version
     monkeypatch.setattr(registry, "_version", lambda package: "1999.1" if package == "ase" else version(package))
-    monkeypatch.setattr(kd.Simulation, "_prepare", lambda sim, alone=None: print("prepared", file=sys.stderr))
+    monkeypatch.setattr(Integration, "prepare", lambda run: print("prepared", file=sys.stderr))
     words = ["kickdrift", "run", "lj-1000", "--engine", "ase", "--steps", "1", "--json", str(tmp_path / "run.json")]
     monkeypatch.setattr("sys.argv", words)
     with pytest.raises(SystemExit) as ended:

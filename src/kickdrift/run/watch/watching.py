@@ -12,56 +12,28 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, replace
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from kickdrift.errors import InputError, RunError
 from kickdrift.forces.kernel import OK
-from kickdrift.integrators.flow import flow_of
 from kickdrift.integrators.stepping import Counts
-from kickdrift.model.events import CloseApproach, Collision, Crossing, Escape, Event, is_row
+from kickdrift.model.events import CloseApproach, Collision, Crossing, Escape, Event
 from kickdrift.model.memory import Memory, by_value
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
-from kickdrift.run.watch.collisions import bounced, joined, merged, without
+from kickdrift.run.watch.collisions import bounced, joined, left_of, merged, remaining_memory, without
+from kickdrift.run.watch.log import Log
+from kickdrift.run.watch.trials import Trials, Watched
 from kickdrift.run.watch.watcher import Watcher
 from kickdrift.run.watch.watches import Act, Approaches, Contacts, Crossings, Escapes, Row, Span, entry
 
 if TYPE_CHECKING:
-    from kickdrift.integrators.flow import Flow
-    from kickdrift.integrators.method import Method
-    from kickdrift.integrators.options import Options
     from kickdrift.integrators.stepping import Stepper
-    from kickdrift.looks.observers import Sample
-    from kickdrift.looks.record import Record
 
 MOST_ACTS = 1000  # at one time: balls that come to rest on each other bounce for ever
 NEVER_BACK = -1  # where a body that was absorbed has its survivor
-
-
-class Watched(Protocol):
-    """What is known of the integration; see `run.advance.Integration`."""
-
-    method: Method
-    options: Options
-    flow: Flow
-    record: Record
-
-    @property
-    def system(self) -> Any: ...
-
-    @property
-    def threads(self) -> int: ...
-
-    @property
-    def time(self) -> float: ...
-
-    def stepper_for(self, system: Any) -> Stepper: ...
-
-    def sample_at(self, y: Floats, time: float) -> Sample: ...
-
-    def bodies_changed(self) -> None: ...
 
 
 class Events(Watcher):
@@ -98,6 +70,7 @@ class WatchedStepper:
         self.acting = any(getattr(event, "action", "log") in ("merge", "bounce", "remove") for event in events)
         self._spent = Counts()
         self._warned: list[str] = []
+        self._log = Log(run)
         subject: Any = run.system
         self._approaches = [Approaches(e, subject) for e in events if isinstance(e, CloseApproach)]
         self._contacts = [Contacts(e, subject) for e in events if isinstance(e, Collision)]
@@ -105,11 +78,7 @@ class WatchedStepper:
         self._crossings = Crossings([e for e in events if isinstance(e, Crossing)], subject)
         self._watches: list[Any] = [*self._approaches, *self._contacts, *self._escapes, self._crossings]
         self._lookers: list[Any] = [*self._approaches, *([self._crossings] if len(self._crossings) else [])]
-        self._aside()
-
-    def _aside(self) -> None:
-        """A flow for steps that are tried or made up: the run's own pair lists are left alone."""
-        self._side = flow_of(self._run.system, self._run.threads, jumps=True)
+        self._trials = Trials(run)
 
     # --- what a Simulation asks of a stepper ---
 
@@ -154,7 +123,7 @@ class WatchedStepper:
 
     def forget(self) -> None:
         """Forget what was seen so far."""
-        self._waiting: list[tuple[float, Row]] = []
+        self._log.forget()
         self._act: Act | None = None
         self._span: Span | None = None
         self._acts, self._last_act = 0, -np.inf
@@ -174,8 +143,7 @@ class WatchedStepper:
                 break
             else:
                 status = self._step()
-        if self._waiting:
-            self._tell(self.horizon)
+        self._log.tell(self.horizon)
         return status
 
     def _prepare(self) -> int:
@@ -196,9 +164,9 @@ class WatchedStepper:
         there, and the bodies that are left, where some have gone."""
         act, span = self._act, self._span
         events = {
-            "bodies": self._bodies(),
+            "bodies": remaining_memory(self.first, self._system),
             "watches": [watch.memory() for watch in self._watches],
-            "waiting": [[due, row] for due, row in self._waiting],
+            "waiting": self._log.memory(),
             "act": act and {**act._asdict(), "event": self._acting.index(act.event)},
             "span": act and span and {key: getattr(span, key) for key in ("y0", "t0", "y1", "t1", "step")},
             "acts": self._acts,
@@ -213,10 +181,10 @@ class WatchedStepper:
     def recall(self, memory: Memory) -> None:
         """See Stepper."""
         events = by_value(memory["events"])
-        system = self.first if events["bodies"] is None else self._left(**events["bodies"])
+        system = self.first if events["bodies"] is None else left_of(self.first, **events["bodies"])
         if system is not self._run.system:
             self.inner = self._run.stepper_for(system)
-            self._aside()
+            self._trials = Trials(self._run)
         flow: Any = self._run.flow
         if memory["y"].shape != flow.array(system.state).shape:
             raise InputError("checkpoint: y has another shape than in a run of this system")
@@ -224,9 +192,7 @@ class WatchedStepper:
         self.forget()
         for watch, known in zip(self._watches, events["watches"], strict=True):
             watch.recall(known)
-        self._waiting = [(due, row) for due, row in events["waiting"]]
-        if not all(isinstance(due, int | float) and is_row(row) for due, row in self._waiting):
-            raise InputError("checkpoint: what its events wait for are none")
+        self._log.recall(events["waiting"])
         if (act := events["act"]) is not None:
             event, span = self._acting[act["event"]], events["span"]
             self._act = Act(event, act["time"], tuple(act["bodies"]), act["distance"])
@@ -239,26 +205,6 @@ class WatchedStepper:
     def _acting(self) -> list[Any]:
         watches: list[Any] = [*self._contacts, *self._escapes]
         return [watch.event for watch in watches]
-
-    def _bodies(self) -> Memory | None:
-        """Those that are left and how they began; None where all are."""
-        if self._system is self.first:
-            return None
-        state = self._system.state
-        return {"ids": state.ids, "masses": state.masses, "radii": self._system.radii, "phase": state.phase}
-
-    def _left(self, ids: Any, masses: Floats, radii: Floats | None, phase: Floats) -> System:
-        """The system that those bodies are left of."""
-        first: Any = self.first
-        state, keep = first.state, np.isin(first.state.ids, ids)
-        if not np.array_equal(state.ids[keep], ids):
-            raise InputError("checkpoint: holds bodies that the system has not")
-        everywhere, weights, sizes = state.phase.copy(), state.masses.copy(), None
-        everywhere[:, :, keep], weights[keep] = phase, masses
-        if radii is not None:
-            sizes = np.zeros(len(first))
-            sizes[keep] = radii
-        return first.remaining(keep, everywhere, weights, sizes)
 
     # --- the search ---
 
@@ -299,12 +245,13 @@ class WatchedStepper:
             found = [row for watch in hits for row in watch.look(span)]
             for escapes in gone:
                 found += self._escaped(escapes, span)
-            self._waiting += sorted(found, key=lambda pair: pair[0])
+            self._log.wait(found)
 
     def _span_of(self, y0: Floats, t0: float, y1: Floats, t1: float) -> Span:
+        step = self.steps_done
         if self._run.method.chooses_steps:
-            return Span(y0, t0, y1, t1, self.steps_done, self.inner.at)
-        return Span(y0, t0, y1, t1, self.steps_done, lambda time: self._tried(y0, t0, time))
+            return Span(y0, t0, y1, t1, step, self.inner.at)
+        return Span(y0, t0, y1, t1, step, lambda time: self._trials.at(y0, t0, time, step))
 
     def _escaped(self, watch: Escapes, span: Span) -> list[tuple[float, Row]]:
         """Log those that only are to be logged, and keep the first of the others."""
@@ -318,20 +265,6 @@ class WatchedStepper:
                 self._act, self._span = act, span
         return found
 
-    def _tried(self, y: Floats, begin: float, time: float) -> Floats:
-        """y at a time inside a step of fixed length: a shorter step of the method, thrown away."""
-        status, reached, _ = self._short_step(y, begin, time)
-        if status != OK:
-            raise RunError(f"step {self.steps_done}: a shorter step to t = {time:.9g}, where an event is, failed")
-        return reached
-
-    def _short_step(self, y: Floats, begin: float, end: float) -> tuple[int, Floats, Counts]:
-        run = self._run
-        stepper = run.method.stepper(self._side, replace(run.options, dt=end - begin))
-        stepper.reset(y.copy(), begin, 0)
-        status = stepper.advance(1, np.inf)
-        return status, stepper.y, stepper.counts
-
     # --- what events do ---
 
     @property
@@ -343,7 +276,7 @@ class WatchedStepper:
         span, self._act = self._span, None
         assert span is not None
         event, step, adaptive = act.event, span.step, self._run.method.chooses_steps
-        self._tell(act.time)
+        self._log.tell(act.time)
         again = act.time <= self._last_act + 8 * np.spacing(abs(act.time))
         self._acts, self._last_act = self._acts + 1 if again else 0, act.time
         if self._acts > MOST_ACTS:
@@ -364,7 +297,7 @@ class WatchedStepper:
         if adaptive or act.time >= span.t1:
             return OK
         y, begin = self.inner.y, act.time
-        status, reached, cost = self._short_step(y, begin, span.t1)
+        status, reached, cost = self._trials.step(y, begin, span.t1)
         self._spent = _sum(self._spent, cost)
         if status != OK or not np.isfinite(reached).all():
             return status
@@ -377,7 +310,7 @@ class WatchedStepper:
         names = " and ".join(self._system.body(i) for i in act.bodies)
         what = "touch" if isinstance(act.event, Collision) else "escapes"
         row = entry(self._system, act.event.kind, act.time, span.step, act.bodies, act.distance, "stopped")
-        self._log(row)
+        self._log.add(row)
         if isinstance(act.event, Collision):
             for contacts in self._contacts:
                 contacts.touch(act.bodies)
@@ -414,7 +347,7 @@ class WatchedStepper:
         if left is not system:
             self._spent, self._warned = self.counts, self.warnings
             self.inner = self._run.stepper_for(left)
-            self._aside()
+            self._trials = Trials(self._run)
             for watch in self._watches:
                 watch.follow(left)
         self._crossings.begin(left)  # speeds have jumped, which is no crossing
@@ -423,7 +356,7 @@ class WatchedStepper:
         row["energy"] = before.energies.total - after.energies.total
         if event.action != "bounce" or event.restitution != 1:  # type: ignore[union-attr]
             self._run.record.take(before, after)
-        self._log(row)
+        self._log.add(row)
         self._run.bodies_changed()
 
     def _leave(self, system: System, gone: int, survivor: int) -> None:
@@ -431,24 +364,9 @@ class WatchedStepper:
         for contacts in self._contacts:
             contacts.radii = np.delete(contacts.radii, gone)
 
-    # --- the log ---
-
-    def _tell(self, until: float) -> None:
-        """Log what waited for the present to come there."""
-        late = []
-        for due, row in self._waiting:
-            if due <= until:
-                self._log(row)
-            else:
-                late.append((due, row))
-        self._waiting = late
-
-    def _log(self, row: Row) -> None:
-        self._run.record.events.append(row)
-
     def going_on(self) -> list[Row]:
         """Passages that have begun and not ended at the present."""
-        rows = [row for _, row in self._waiting] + [row for watch in self._approaches for row in watch.going_on()]
+        rows = self._log.waiting_rows + [row for watch in self._approaches for row in watch.going_on()]
         return [{**row, "done": "going on"} for row in rows if row["time"] <= self._run.time]
 
 
