@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from test_integrators import liquid
 from typer.testing import CliRunner
 
 import kickdrift as kd
@@ -12,6 +11,7 @@ from kickdrift.cli.main import app
 from kickdrift.errors import InputError, RunError
 from kickdrift.looks.columns import KNOWN, OWN
 from kickdrift.trajectory.info import describe, info
+from tests.systems import liquid
 
 
 def gyration(sim) -> float:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from test_integrators import liquid
 
 import kickdrift as kd
 from kickdrift.errors import InputError, RunError
+from tests.systems import liquid
 
 
 def kepler(**more) -> kd.System:
