@@ -18,12 +18,12 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from kickdrift.errors import InputError
+from kickdrift.errors import InputError, RunError
 from kickdrift.forces.variations import varied
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators import integrator as method_named
 from kickdrift.looks.observers import Energies
-from kickdrift.model.limits import steps_in
+from kickdrift.model.limits import MOST_STEPS, steps_in
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 from kickdrift.run.simulation import Simulation
@@ -115,8 +115,11 @@ def megno(
     n, name, length = len(system), carrier(system, integrator), length_of(system, time)
     sim = Simulation(varied(system, np.zeros_like(system.state.phase)), name, dt, threads, **options)
     state = sim.state
-    accelerations = sim._flow.accelerations(state.phase, sim.time)  # type: ignore[union-attr]
-    scale = scale_of(state.phase[:, :, :n], np.zeros((3, 1)) if accelerations is None else accelerations[:, :n])
+    try:
+        accelerations = sim.accelerations()[:n].T
+    except RunError:  # not finite, which the run says more of
+        accelerations = np.zeros((3, 1))
+    scale = scale_of(state.phase[:, :, :n], accelerations)
     state.phase[:, :, n:] = first_deviation(n, seed) * scale
     sim.state = state
     begin = sim.energy()
@@ -293,33 +296,34 @@ def _growth(
     sim: Simulation, length: float, scale: Floats, progress: Callable[[int, int], Any] | None
 ) -> tuple[Floats, Floats]:
     """Run a varied System for a time: times since the start, and ln of the deviation's length at them."""
-    stepper, start = sim._stepper, sim.time
+    start = sim.time
     n = len(sim.system) // 2
-    steps, every = (None, 1) if sim.method.chooses_steps else cadence(length, sim.dt or length)
-    times, growth, scaled = [0.0], [0.0], 0.0
-    sim._prepare()
-    with sim._busy() as interrupted:
-        while not interrupted():
-            left = 1 if steps is None else steps - sim.steps_done
-            if left == 0 or (steps is None and times[-1] >= length):
-                break
-            sim._advance(min(every, left))
-            deviation = stepper.y[:, :, n:]
-            size = float(np.linalg.norm(deviation / scale))
-            if not size > 0.0:
-                raise InputError("megno: the deviation vanished: these forces erase all memory of the start")
-            times.append(sim.time - start)
-            growth.append(math.log(size) + scaled)
-            if not 1.0 / LARGEST < size < LARGEST:
-                exponent = round(math.log2(size))
-                scaled += exponent * math.log(2.0)
-                y = stepper.y.copy()
-                y[:, :, n:] *= 2.0**-exponent  # a power of two: no digit changes
-                stepper.reset(y, sim.time, sim.steps_done)
-            if progress and len(times) % 64 == 0:
-                progress(int(1000 * min(1.0, times[-1] / length)), 1000)
-    if interrupted():
-        raise KeyboardInterrupt
+    steps, every = (MOST_STEPS, 1) if sim.method.chooses_steps else cadence(length, sim.dt or length)
+    times, growth, scaled, exponent = [0.0], [0.0], 0.0, 0
+
+    def visit(sim: Simulation) -> bool:
+        """Note the deviation's length; whether the time is over, or the deviation is to be scaled back."""
+        nonlocal scaled, exponent
+        size = float(np.linalg.norm(sim.integration.y[:, :, n:] / scale))
+        if not size > 0.0:
+            raise InputError("megno: the deviation vanished: these forces lose every trace of the start")
+        times.append(sim.time - start)
+        growth.append(math.log(size) + scaled)
+        exponent = 0 if 1.0 / LARGEST < size < LARGEST else round(math.log2(size))
+        scaled += exponent * math.log(2.0)
+        if progress and len(times) % 64 == 0:
+            progress(int(1000 * min(1.0, times[-1] / length)), 1000)
+        return exponent != 0 or over()
+
+    def over() -> bool:
+        return sim.steps_done >= steps or (steps == MOST_STEPS and times[-1] >= length)
+
+    while not over():
+        sim.advance(steps - sim.steps_done, every=every, visit=visit)
+        if exponent:
+            state = sim.state
+            state.phase[:, :, n:] *= 2.0**-exponent  # a power of two: no digit changes
+            sim.state, exponent = state, 0
     return np.array(times), np.array(growth)
 
 

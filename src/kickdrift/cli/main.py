@@ -474,18 +474,23 @@ def plot(
         typer.Option(metavar="NAME", help="Draw an integrator's stability region, without a run; repeat for several."),
     ] = None,
     column: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Column of an ensemble's table (default: the most informative).")
+        str | None,
+        typer.Option(
+            metavar="NAME", help="Column of a run, or of an ensemble's table (default: the most informative)."
+        ),
     ] = None,
     overwrite: OverwriteOption = False,
 ) -> None:
     """Draw a run, an ensemble or stability regions. A run gives orbits and elements; or energies, error, temperature
-    and radial distribution function; or one observable with error bars. An ensemble gives a map, a curve, points or a
-    histogram."""
+    and radial distribution function; or one observable with error bars; or one column against time. An ensemble gives
+    a map, a curve, points or a histogram."""
     if stability and (file or kind or column):
         raise InputError("give FILE or --stability, not both")
     of_ensemble = file is not None and file.suffix.lower() in TABLES
-    if file and (kind if of_ensemble else column):
-        raise InputError("--kind is for a run's .h5md, --column for an ensemble's .parquet or .h5")
+    if of_ensemble and kind:
+        raise InputError("--kind is for a run's .h5md, and FILE is the table of an ensemble")
+    if kind and column:
+        raise InputError("give --kind or --column, not both")
     if stability:
         from kickdrift.plots.stability import plot_stability
 
@@ -500,6 +505,11 @@ def plot(
         from kickdrift.plots.runs import plot_run
 
         target = output or file.with_suffix(".png")
+        if column:
+            from kickdrift.plots.columns import plot_column
+
+            out(str(plot_column(file, column, target, overwrite=overwrite)))
+            return
         if kind not in (None, Figures.orbits, Figures.energies):
             from kickdrift.plots.observables import plot_observable
 

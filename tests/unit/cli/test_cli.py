@@ -568,7 +568,7 @@ def test_a_blow_up_is_a_row_of_the_bench(kickdrift, folder, quick_bench, monkeyp
 
     def clumsy(sim, steps=None, **options):
         if sim.integrator == "rk4":
-            sim._stepper.dt *= 100
+            sim.integration.stepper.dt *= 100
         return begin(sim, steps, **options)
 
     monkeypatch.setattr(kd.Simulation, "run", clumsy)
