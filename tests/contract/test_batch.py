@@ -327,7 +327,12 @@ def cloud(n: int) -> kd.System:
         (planets(0), "gauss-radau15", {}, "one system at a time"),
         (planets(0), "leapfrog", {"compensated": True}, "compensated"),
         (planets(0), "wisdom-holman", {"corrector": 3}, "corrector"),
-        (planets(0, forces=[kd.Gravity(), kd.UniformField((0.0, 0.0, 1.0))]), "leapfrog", {}, "exactly one force, 'gravity'"),
+        (
+            planets(0, forces=[kd.Gravity(), kd.UniformField((0.0, 0.0, 1.0))]),
+            "leapfrog",
+            {},
+            "exactly one force, 'gravity'",
+        ),
         (planets(0, 3, forces=[kd.LennardJones()]), "leapfrog", {}, "exactly one force, 'gravity'"),
         (planets(0, forces=[kd.GravityTree()]), "leapfrog", {}, "exactly one force, 'gravity'"),
         (planets(0, events=[kd.CloseApproach(0.1)]), "leapfrog", {}, "events"),
