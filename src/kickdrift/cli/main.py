@@ -151,7 +151,7 @@ def run(
     write: Annotated[
         str | None, typer.Option(metavar="NAMES", help="Further data in frames: forces, images, or forces,images.")
     ] = None,
-    seed: Annotated[int | None, typer.Option(metavar="S", min=0, help="Seed of the drawn velocities.")] = None,
+    seed: Annotated[int | None, typer.Option(metavar="S", min=0, help="Seed of random velocities.")] = None,
     threads: ThreadsOption = 1,
     engine: Annotated[str, typer.Option(metavar="NAME", help="See: kickdrift list engines.")] = "native",
     processes: Annotated[
@@ -335,9 +335,7 @@ def bench_lj_energy(
 def bench_speed(
     only: Annotated[
         list[str] | None,
-        typer.Option(
-            metavar="GROUP", help="Group of programs; repeat for several (default: the usual groups). See --list."
-        ),
+        typer.Option(metavar="GROUP", help="Group to run; repeat for several (default: the usual groups). See --list."),
     ] = None,
     turns: Annotated[int, typer.Option(metavar="N", min=2, help="Turns per program; the median is reported.")] = 7,
     seconds: Annotated[float, typer.Option(metavar="X", min=0.001, help="Seconds per turn.")] = 0.4,
@@ -383,7 +381,7 @@ def compare(
     length: Annotated[
         float | None, typer.Option(metavar="T", help="Length of the planned run (default: the file's).")
     ] = None,
-    seed: Annotated[int | None, typer.Option(metavar="S", min=0, help="Seed of the drawn velocities.")] = None,
+    seed: Annotated[int | None, typer.Option(metavar="S", min=0, help="Seed of random velocities.")] = None,
     threads: ThreadsOption = 1,
     json_file: JsonOption = None,
     plot: Annotated[
