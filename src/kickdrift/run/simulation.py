@@ -5,12 +5,10 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, nullcontext
-from dataclasses import asdict
 from time import perf_counter
 from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from kickdrift.disk.files import place
 from kickdrift.disk.interrupt import interruptible
@@ -20,9 +18,9 @@ from kickdrift.errors import InputError, RunError
 from kickdrift.forces.bound import check_threads
 from kickdrift.forces.kernel import OK
 from kickdrift.integrators import integrator as method_named
+from kickdrift.integrators.asked import Integrator, settled, unpacked
 from kickdrift.integrators.flow import Flow, ParticleFlow, flow_of
-from kickdrift.integrators.method import MIXED
-from kickdrift.integrators.options import Options
+from kickdrift.integrators.option import MIXED
 from kickdrift.integrators.stepping import STOPPED, Counts, Stepper
 from kickdrift.jit.compile import features, processor
 from kickdrift.looks.observers import Energies, Sample
@@ -57,24 +55,18 @@ class Simulation:
     Parameters
     ----------
     system : System or Problem
-    integrator : name, see ``kickdrift.integrators()``; default the system file's, else "velocity-verlet" for particles
-        and "dormand-prince45" for a Problem
+    integrator : name, see ``kickdrift.integrators()``, or a value that ``kickdrift.integrator`` makes; default the
+        system file's, else "velocity-verlet" for particles and "dormand-prince45" for a Problem
     dt : step in the system's unit of time; default the system file's. For an adaptive method the first step, optional
     threads : of the forces; the results do not depend on it, bit by bit
     engine : the program that runs it, see ``kickdrift.engines()``: "native", or another that is installed
     processes : of an engine that runs on several ("lammps")
-    rtol, atol : relative and absolute error allowed per step by an adaptive method, one number or, for a Problem, one
-        for each component of y; default the system file's, else 1e-8 and 1e-10. gauss-radau15 takes one rtol alone,
-        which sets its steps, 1e-9 by default
-    max_step : the longest step that an adaptive method may take; default the system file's, else any
-    controller : how an adaptive method sets its step: "i", "pi" (default) or "pid"
-    compensated : carry on what rounding loses of positions and velocities; for methods of fixed steps
     events : what to watch for (`CloseApproach`, `Collision`, `Escape`, `Crossing`); default the system file's
-    iteration : how an implicit method solves for its stages: "newton" or "fixed-point"
-    coordinates, corrector, order, eta, scheme : see the integrators that take them; default the system file's
-    precision : of pair forces, "double" (float64, default) or "mixed": pairs in float32, all else in float64; forces
-        in a liquid are off by about 2e-7 of a typical one for each sigma of the box's edge (or of the extent, in open
-        space), and the energies that are reported are float64's
+    options : what the integrator takes, such as ``rtol=1e-10`` or ``corrector=17``; `kickdrift list integrators NAME`
+        explains them. An option given here replaces that of an integrator's value, and that one the system file's.
+        All take ``precision`` of pair forces, "double" (float64, default) or "mixed": pairs in float32, all else in
+        float64. Forces in a liquid are then off by about 2e-7 of a typical one for each sigma of the box's edge (or of
+        the extent, in open space); the energies that are reported are float64's
 
     Raises
     ------
@@ -85,39 +77,24 @@ class Simulation:
     def __init__(
         self,
         system: System | Problem,
-        integrator: str | None = None,
+        integrator: str | Integrator | None = None,
         dt: float | None = None,
         threads: int = 1,
         *,
         engine: str = "native",
         processes: int = 1,
-        rtol: ArrayLike | None = None,
-        atol: ArrayLike | None = None,
-        max_step: float | None = None,
-        controller: str | None = None,
-        compensated: bool = False,
-        iteration: str | None = None,
-        coordinates: str | None = None,
-        corrector: int | None = None,
-        order: str | None = None,
-        eta: float | None = None,
-        scheme: str | None = None,
-        precision: str | None = None,
         events: Iterable[Event] | None = None,
+        **options: Any,
     ) -> None:
         if not isinstance(system, System | Problem):
             raise InputError(f"a Simulation takes a System or a Problem, got {_kind_of(system)}")
         self._engine = engine_named(engine)
         default = "velocity-verlet" if isinstance(system, System) else "dormand-prince45"
-        named = integrator if integrator is not None else system.run.integrator
+        name, asked = unpacked(integrator, {"dt": dt, **options})
+        named = name if name is not None else system.run.integrator
         self.integrator = default if named is None else self._engine.method_name(named)
         self.method = method_named(self.integrator)
-        tolerances: Any = rtol, atol  # which `checked` looks at
-        asked = Options(
-            dt, tolerances[0], tolerances[1], controller, compensated, iteration, coordinates, corrector, order, eta,
-            scheme, precision, max_step,
-        )  # fmt: skip
-        self.options = self.method.checked(asked.or_else(system.run), asked)
+        self.options = settled(self.method, asked, system.run)
         self.dt = self.options.dt
         if self.dt is None and self.method.needs_dt:
             raise InputError(f"dt is needed: system {system.name!r} names none in [run]")
@@ -182,7 +159,7 @@ class Simulation:
             "step": self.steps_done,
             "time": self.time,
             "integrator": self.method.name,
-            "options": asdict(self.options),
+            "options": dict(self.options),
             "stepper": self._stepper.memory(),
             "present": self._at,
             "record": self.record.memory(),
@@ -205,7 +182,7 @@ class Simulation:
             raise InputError(f"checkpoint: does not fit a run of this system: {why[:200]}") from None
 
     def _restore(self, checkpoint: Memory) -> None:
-        own = {"integrator": self.method.name, **asdict(self.options)}
+        own = {"integrator": self.method.name, **self.options}
         for key, value in {"integrator": checkpoint["integrator"], **checkpoint["options"]}.items():
             if own.get(key) != (tuple(value) if isinstance(value, list) else value):
                 raise InputError(f"checkpoint: {key} is {value!r} there, and {own.get(key)!r} here")
@@ -640,7 +617,7 @@ class Simulation:
             "engine_version": self.engine_version,
             "processes": self.processes,
             **self.options.extras(self.method.tunable),
-            "options": asdict(self.options),
+            "options": dict(self.options),
             "processor": processor(),
             "features": features(),
         }

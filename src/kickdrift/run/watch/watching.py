@@ -289,7 +289,7 @@ class WatchedStepper:
 
     def _short_step(self, y: Floats, begin: float, end: float) -> tuple[int, Floats, Counts]:
         sim = self._sim
-        stepper = sim.method.stepper(self._side, replace(sim.options, dt=end - begin))
+        stepper = sim.method.stepper(self._side, sim.options.changed(dt=end - begin))
         stepper.reset(y.copy(), begin, 0)
         status = stepper.advance(1, np.inf)
         return status, stepper.y, stepper.counts
