@@ -239,7 +239,7 @@ def test_the_command_line_takes_the_options(path):
         command = [sys.executable, "-c", start, "run", "kepler-e09", "--steps", "10", "--every", "5", "--quiet"]
         return subprocess.run([*command, *options], capture_output=True, text=True, check=False, cwd=path.parent)
 
-    done = run("--output", str(path), "--flush", "2", "--precision", "float32", "--compress", "--write", "forces")
+    done = run("--output", str(path), "--flush", "2", "--store", "float32", "--compress", "--write", "forces")
     assert done.returncode == 0, done.stderr
     with kd.open(path) as found:
         assert found.options == kd.FileOptions(store="float32", compress=True, write=("forces",))
@@ -247,9 +247,9 @@ def test_the_command_line_takes_the_options(path):
         assert len(found) == 3
     for options, message in (
         (("--output", "no.h5md", "--flush", "-1"), "flush: must be a positive number of seconds, got -1.0"),
-        (("--output", "no.h5md", "--precision", "half"), "precision: must be float64 or float32, got 'half'"),
+        (("--output", "no.h5md", "--store", "half"), "store: must be float64 or float32, got 'half'"),
         (("--output", "no.h5md", "--write", "forces,heat"), "write: must be some of forces, images"),
-        (("--precision", "float32"), "--precision: says how --output is written; give that too"),
+        (("--store", "float32"), "--store: says how --output is written; give that too"),
     ):
         done = run(*options)
         assert done.returncode == 2

@@ -33,7 +33,9 @@ if TYPE_CHECKING:
     )
     from kickdrift.forces.pair_law import pair_law
     from kickdrift.forces.registration import register_force
+    from kickdrift.integrators.asked import integrator
     from kickdrift.integrators.custom import accelerations
+    from kickdrift.integrators.option import Option
     from kickdrift.integrators.registration import register_splitting, register_step, register_tableau
     from kickdrift.looks.observers import Energies
     from kickdrift.model.box import Box
@@ -69,6 +71,7 @@ _HOMES = {
     "InputError": "errors",
     "KickdriftError": "errors",
     "LennardJones": "forces",
+    "Option": "integrators.option",
     "Problem": "model.problem",
     "LinearDrag": "forces",
     "Oblateness": "forces",
@@ -81,6 +84,7 @@ _HOMES = {
     "System": "model.system",
     "UniformField": "forces",
     "export": "trajectory.export",
+    "integrator": "integrators.asked",
     "load": "systemfile.reading",
     "megno": "analysis.chaos",
     "open": "trajectory.reader",
@@ -111,6 +115,7 @@ __all__ = [
     "LennardJones",
     "LinearDrag",
     "Oblateness",
+    "Option",
     "PostNewtonian",
     "Problem",
     "Report",
@@ -124,6 +129,7 @@ __all__ = [
     "analysis",
     "engines",
     "export",
+    "integrator",
     "integrators",
     "load",
     "megno",

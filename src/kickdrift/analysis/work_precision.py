@@ -237,7 +237,7 @@ def chosen(
         if key in LADDERED:
             raise InputError(f"{key}: compare sets it: it runs steps and tolerances from coarse to fine, in float64")
         if found and not any(key in each.options for each in found):
-            raise InputError(f"{key}: {' and '.join(map(str, found))} do not take it, but {takers_text(key)} it")
+            raise InputError(f"{key}: {' or '.join(map(str, found))} does not take it; {takers_text(key)} it")
     for each in found:
         Simulation(subject, each, dt=ANY_STEP)  # which says what the method cannot do
     return found

@@ -181,24 +181,29 @@ RTOL = Option(
 )  # fmt: skip
 ATOL = Option("atol", float, "Absolute error allowed per step.", 1e-10, above=0.0, several=True, written=False)
 CONTROLLER = Option(
-    "controller", str, "How the error of the last steps sets the next one.", "pi", ("i", "pi", "pid"), written=False
+    "controller",
+    str,
+    "Rule by which the errors of the last steps set the next step.",
+    "pi",
+    ("i", "pi", "pid"),
+    written=False,
 )
 COMPENSATED = Option("compensated", bool, "Carry on what rounding loses of positions and velocities.", False)
 ITERATION = Option(
-    "iteration", str, "How the stages are solved for: by default newton for a Problem, fixed-point for particles.",
+    "iteration", str, "Way to solve for the stages; by default newton for a Problem, fixed-point for particles.",
     choices=("newton", "fixed-point"),
 )  # fmt: skip
 COORDINATES = Option(
-    "coordinates", str, "What the bodies are measured from.", "jacobi", ("jacobi", "democratic-heliocentric")
+    "coordinates", str, "Origins of positions and velocities.", "jacobi", ("jacobi", "democratic-heliocentric")
 )
 CORRECTOR = Option("corrector", int, "Order of the symplectic corrector; 0 for none.", 0, (0, 3, 5, 7, 11, 17))
-ORDER = Option("order", str, "Orders of dt in the errors linear, quadratic, … in the planets' masses.")
+ORDER = Option("order", str, "Powers of dt in the errors that are linear, quadratic, … in the planets' masses.")
 ETA = Option(  # by default as in Makino & Aarseth 1992 and most that followed
     "eta", float, "Accuracy of the steps; the energy error is as its square.", 0.02, above=0.0, most=1.0, written=False
 )
 SCHEME = Option("scheme", str, "One step for all bodies, or one for each.", "shared", ("shared", "block"))
 PRECISION = Option(
-    "precision", str, "Of pair forces: all in float64, or pairs in float32 and all else in float64.", DOUBLE,
+    "precision", str, "Numbers of pair forces: all float64, or float32 for pairs and float64 for the rest.", DOUBLE,
     (DOUBLE, MIXED), written=False,
 )  # fmt: skip
 MAX_STEP = Option("max_step", float, "Longest step.", dimension="time", above=0.0)

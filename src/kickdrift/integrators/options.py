@@ -16,14 +16,14 @@ class Options(Mapping[str, Any]):
     """Values of dt and of options by name, each an attribute too; None where it was not said.
 
     ``options.dt``, ``options["rtol"]``. All options of the table are there, and those that a user's method declares
-    where they have values. Lists and arrays become tuples. Equal options are equal, and may be keys.
+    where they have values. Tolerances in a list or an array become tuples. Equal options are equal, and may be keys.
     """
 
     _values: dict[str, Any]
 
     def __init__(self, dt: float | None = None, **values: Any) -> None:
         found = {"dt": dt, **{name: False if each.type is bool else None for name, each in OPTIONS.items()}}
-        found |= {key: _row(value) for key, value in values.items() if value is not None}
+        found |= {key: _row(key, value) for key, value in values.items() if value is not None}
         object.__setattr__(self, "_values", found)
 
     def __getitem__(self, key: str) -> Any:
@@ -80,7 +80,10 @@ def _made(values: dict[str, Any]) -> Options:
     return Options(**values)
 
 
-def _row(value: Any) -> Any:
-    """A list or an array as a tuple of Python's numbers; an array of no dimension as its number."""
+def _row(key: str, value: Any) -> Any:
+    """A list or an array as a tuple of Python's numbers, for an option that may have several; an array of no dimension
+    as its number."""
+    if key in OPTIONS and not OPTIONS[key].several:
+        return value
     found = value.tolist() if isinstance(value, np.ndarray) else value
     return tuple(found) if isinstance(found, list) else found

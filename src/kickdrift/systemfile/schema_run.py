@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import cache
+from math import isfinite
 from typing import Annotated, Any, Literal
 
 from pydantic import Discriminator, Field, PositiveFloat, Tag, create_model, model_validator
@@ -81,7 +82,8 @@ def _type(option: Option, units: bool) -> Any:
         return Time
     one: Any = option.type
     if option.type in (float, int):
-        one = Annotated[option.type, Field(gt=option.above, le=option.most)]
+        bounds: dict[str, Any] = {"gt": option.above, "le": option.most}
+        one = Annotated[option.type, Field(**{key: bound for key, bound in bounds.items() if isfinite(bound)})]
     if not option.several:
         return one
     several = "<one for each component of y>"
