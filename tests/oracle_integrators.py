@@ -51,15 +51,11 @@ def half_steps(acceleration: Acceleration, x, v, dt: float, steps: int):
 
 def splitting_step(method: Splitting, acceleration: Acceleration, t: float, x, v, dt: float):
     """Kicks v += b dt a(t, x) and drifts x += c dt v in turn; the clock moves with the drift."""
-    kicks, drifts = list(method.kick), list(method.drift)
-    kicking = method.first == "kick"
-    while kicks or drifts:
-        if kicking:
-            v = v + kicks.pop(0) * dt * acceleration(t, x)
+    for letter, weight in zip(method.word, method.weights, strict=True):
+        if letter == "B":
+            v = v + weight * dt * acceleration(t, x)
         else:
-            weight = drifts.pop(0)
             x, t = x + weight * dt * v, t + weight * dt
-        kicking = not kicking
     return x, v
 
 

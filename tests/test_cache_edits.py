@@ -223,7 +223,7 @@ def test_code_comes_from_what_a_module_imports():
         return {each.removeprefix("kickdrift.") for each in reach(frozenset([f"kickdrift.{name}"]))}
 
     assert of("analysis.pair_counts") > {"analysis.pair_counts", "jit.compile", "jit.inner", "model.box"}
-    assert of("forces.pair_terms") > {"forces.pair_terms", "forces.pair_sum", "forces.truncation", "jit.lanes"}
+    assert of("forces.pair_terms") > {"forces.pair_terms", "forces.law_lanes", "forces.truncation", "jit.lanes"}
     for name in ("forces.pair_terms", "integrators.loops", "integrators.wisdom_holman_loop", "forces.tree_kernel"):
         assert not of(name) & {"cli.main", "plots.runs", "run.simulation", "run.report", "trajectory.layout"}
         for module in of(name) - {"jit.numba_private"}:  # which imports from numba

@@ -300,17 +300,17 @@ def test_unknown_name_suggests_the_nearest(wrong, meant):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"first": "kickdrift"}, "first must be kick or drift, got 'kickdrift'"),
-        ({"kick": (0.5, 0.4)}, "kick weights add up to 0.9, not 1"),
-        ({"drift": (1.5,)}, "drift weights add up to 1.5, not 1"),
-        ({"drift": (math.nan,)}, "drift weights add up to nan, not 1"),
-        ({"first": "drift"}, "2 kicks and 1 drifts cannot alternate"),
-        ({"kick": (0.25, 0.5, 0.25)}, "3 kicks and 1 drifts cannot alternate"),
-        ({"kick": (), "drift": ()}, "kick weights add up to 0.0, not 1"),
+        ({"word": "BXB"}, "no flow has the letter 'X'; letters are A (drift), B (kick)"),
+        ({"word": "BABA"}, "4 letters and 3 weights"),
+        ({"weights": (0.5, 1.0, 0.4)}, "kick weights add up to 0.9, not 1"),
+        ({"weights": (0.5, 1.5, 0.5)}, "drift weights add up to 1.5, not 1"),
+        ({"weights": (0.5, math.nan, 0.5)}, "drift weights add up to nan, not 1"),
+        ({"word": "BBB"}, "drift weights add up to 0.0, not 1"),
+        ({"word": "", "weights": ()}, "drift weights add up to 0.0, not 1"),
     ],
 )
-def test_splitting_refuses_bad_rows(change, message):
-    row = {"name": "mine", "kick": (0.5, 0.5), "drift": (1.0,), "first": "kick", "order": 2, "source": "me"}
+def test_splitting_refuses_bad_words(change, message):
+    row = {"name": "mine", "word": "BAB", "weights": (0.5, 1.0, 0.5), "order": 2, "source": "me"}
     assert Splitting(**row).reversible
     with pytest.raises(InputError, match="mine: ") as caught:
         Splitting(**{**row, **change})

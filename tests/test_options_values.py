@@ -5,7 +5,9 @@ from __future__ import annotations
 import pickle
 import re
 from pathlib import Path
+from typing import NamedTuple
 
+import numpy as np
 import pytest
 
 import kickdrift as kd
@@ -13,9 +15,13 @@ from kickdrift.analysis.work_precision import chosen, work_precision
 from kickdrift.batch.batch import Batch
 from kickdrift.cli import main as cli
 from kickdrift.errors import InputError
+from kickdrift.forces.kernel import OK
+from kickdrift.integrators import integrator
 from kickdrift.integrators.asked import known_options
 from kickdrift.integrators.option import OPTIONS
 from kickdrift.integrators.registration import unregister
+from kickdrift.integrators.subflow_code import BoundSubflow, subflow_body
+from kickdrift.integrators.subflows import FLOWS, Subflow
 
 VALUE = kd.integrator("wisdom-holman", corrector=17)
 
@@ -127,7 +133,36 @@ def test_a_comparison_takes_values_and_options(system):
     assert found.slopes["rk4 -o compensated=true"][0] == pytest.approx(4.0, abs=0.3)
 
 
-# --- a step with options ---
+# --- a flow and a step with options ---
+
+
+class Drag(NamedTuple):
+    rate: float
+
+
+@subflow_body(Drag)
+def drag(parts, t, x, v, span, step, stage):
+    """Velocities decay at a rate."""
+    v *= np.exp(-parts.rate * span)
+    return OK
+
+
+def test_a_flows_option_is_one_of_every_method_whose_word_has_it(system, monkeypatch):
+    rate = kd.Option("drag", float, "Rate at which velocities decay.", 0.0)
+    flow = Subflow("drag", False, options=(rate,), bind=lambda _, options: BoundSubflow(Drag(options.drag)))
+    monkeypatch.setitem(FLOWS, "D", flow)
+    kd.register_splitting("dragged", word="BADAB", weights=[0.5, 0.5, 1.0, 0.5, 0.5], order=2, source="this test")
+    try:
+        assert integrator("dragged").tunable == ("compensated", "drag")
+        free, slow = (kd.Simulation(system, kd.integrator("dragged", drag=drag), 0.1) for drag in (0.0, 0.5))
+        verlet = kd.Simulation(system, "velocity-verlet", 0.1)
+        for sim in (free, slow, verlet):
+            sim.run(10)
+        assert free.state.phase == pytest.approx(verlet.state.phase, rel=1e-12, abs=1e-15)
+        assert slow.energy().kinetic < 0.9 * free.energy().kinetic
+        assert slow.report().options == {"drag": 0.5}
+    finally:
+        unregister("dragged")
 
 
 def test_a_registered_step_has_options_of_its_own(system, damped):

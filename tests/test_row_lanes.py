@@ -14,7 +14,7 @@ from test_pair_forces import assert_right, fluid, make_system, moved
 from kickdrift.forces import pair_kernel, row_lanes
 from kickdrift.forces.bound import BoundForces
 from kickdrift.forces.clusters import N_CLUSTERS, SHIFTS, STRIDE
-from kickdrift.forces.pair_sum import widened
+from kickdrift.forces.pair_rows import in_float64
 from kickdrift.forces.row_lanes import LANES, Narrow, NarrowSingle, Wide, WideSingle, blocks, nothing
 from kickdrift.jit.compile import features, jit
 from kickdrift.jit.lanes import lanes_like, multiply_add
@@ -57,7 +57,7 @@ def worked(lanes, a, b, out, wide):
     store(out[0], 3, multiply_add(x, y, x))
     store(out[1], 3, select(x < y, 1.0 / x, 0.0))
     store(out[2], 3, x**3 - lanes_like(2.0, x))
-    store(wide, 0, widened(x))
+    store(wide, 0, in_float64(x))
 
 
 @every_width

@@ -11,7 +11,7 @@ import pytest
 from kickdrift.errors import InputError
 from kickdrift.integrators import integrator, runge_kutta, splitting
 from kickdrift.integrators.runge_kutta import Tableau
-from kickdrift.integrators.splitting import Splitting, composed
+from kickdrift.integrators.splitting import Splitting, composed, in_turn
 from kickdrift.integrators.stability import (
     half_trace,
     imaginary_interval,
@@ -167,7 +167,7 @@ def test_intervals_of_splittings():
 def test_touching_the_bound_does_not_end_the_interval(parts):
     """So many leapfrog steps in one are stable as long as each is, though the trace touches ±2 on the way."""
     kick, drift = (1 / parts,) * parts, (0.5 / parts, *[1 / parts] * (parts - 1), 0.5 / parts)
-    method = Splitting("mine", kick, drift, "drift", 2, "me")
+    method = Splitting("mine", *in_turn("AB", drift, kick), 2, "me")
     w = np.linspace(0.0, 2.0 * parts, 2001)
     assert np.abs(half_trace(method)(w**2)).max() == pytest.approx(1.0, abs=1e-6)
     assert stability_interval(method) == pytest.approx(2.0 * parts, rel=1e-10)
@@ -177,7 +177,7 @@ def test_touching_the_bound_does_not_end_the_interval(parts):
 def test_a_narrow_gap_ends_the_interval(outer):
     """Three leapfrog steps of slightly unequal lengths: the trace passes its bound by a little, and comes back."""
     halves, wholes = composed((outer,))
-    method = Splitting("mine", wholes, halves, "drift", 2, "me")
+    method = Splitting("mine", *in_turn("AB", halves, wholes), 2, "me")
     reach = stability_interval(method)
     assert reach == pytest.approx(3.0, abs=0.02)
     just_before, just_after, later = np.abs(half_trace(method)((reach * np.array([0.9999999, 1.0000001, 1.1])) ** 2))

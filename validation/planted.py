@@ -27,8 +27,8 @@ FAULTS = (
     ),
     Fault(
         "half-kick", "the last kick of a splitting step left out", "integrators/splitting.py",
-        "        return np.array([kick, drift, np.concatenate(",
-        "        kick[-1] = 0.0\n        return np.array([kick, drift, np.concatenate(",
+        "        return np.array(stages, dtype=np.float64).T",
+        "        stages[-1][0] = 0.0\n        return np.array(stages, dtype=np.float64).T",
     ),
     Fault(
         "virial-sign", "the virial of the pair forces with the wrong sign", "forces/pair_sum.py",

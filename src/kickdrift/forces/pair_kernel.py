@@ -29,7 +29,7 @@ from kickdrift.forces.clusters import (
 )
 from kickdrift.forces.kernel import FORCES_AND_SUMS, OK, REMAKE, BoundForce, call_force
 from kickdrift.forces.list_code import list_code, prune, refresh
-from kickdrift.forces.pair_sum import narrow
+from kickdrift.forces.pair_sum import copy_to_single
 from kickdrift.forces.row_lanes import RowLanes, row_lanes
 from kickdrift.forces.truncation import AtCutoff, Cut, ForceShift, Shift, Switch
 from kickdrift.jit.chunks import Chunks, each_chunk, in_chunks
@@ -175,7 +175,11 @@ def prepare(mixed: Any, pairs: ClusterList) -> None:
 
 @overload(prepare)
 def _prepare(mixed, pairs):
-    return (lambda mixed, pairs: None) if isinstance(mixed, types.NoneType) else (lambda mixed, pairs: narrow(pairs))
+    return (
+        (lambda mixed, pairs: None)
+        if isinstance(mixed, types.NoneType)
+        else (lambda mixed, pairs: copy_to_single(pairs))
+    )
 
 
 def left_over(mixed: Any, place: Any, total: Any) -> tuple[float, float, float]:

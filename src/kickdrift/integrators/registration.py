@@ -18,7 +18,7 @@ from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators.method import Method
 from kickdrift.integrators.option import Option, own_options
 from kickdrift.integrators.runge_kutta import Tableau
-from kickdrift.integrators.splitting import Splitting
+from kickdrift.integrators.splitting import Splitting, even_weights, in_turn
 
 if TYPE_CHECKING:
     from kickdrift.integrators.flow import Flow
@@ -58,22 +58,28 @@ class CompiledStep(Method):
 
 def register_splitting(
     name: str,
-    kick: Sequence[float],
-    drift: Sequence[float],
+    kick: Sequence[float] | None = None,
+    drift: Sequence[float] | None = None,
     *,
+    word: str | None = None,
+    weights: Sequence[float] | None = None,
     first: str = "kick",
     order: int,
     source: str,
     use: str = "",
     overwrite: bool = False,
 ) -> None:
-    """Add a splitting method: velocities are kicked by ``kick`` and positions drift by ``drift``, in turn.
+    """Add a splitting method: a word over flows, or kicks and drifts in turn.
+
+    ``register_splitting("mine", word="ABA", order=2, source="…")`` is position Verlet.
 
     Parameters
     ----------
     name : a new one; with ``overwrite``, one that was registered before
-    kick, drift : weights of dt, each adding up to one
-    first : "kick" or "drift"
+    word : the flows in the order in which they act: "A" drifts, "B" kicks
+    weights : the part of dt for each letter, those of one letter adding up to one; equal parts by default
+    kick, drift : in place of a word, the weights of dt of kicks and drifts in turn, each adding up to one
+    first : "kick" or "drift", whichever comes first where no word is given
     order : the power of dt in the global error
     source : author, year, DOI
     use : what it is good for, for ``kickdrift list integrators``
@@ -83,9 +89,29 @@ def register_splitting(
     InputError
         Where the weights make no method, or the name is taken.
     """
-    _register(
-        Splitting(name, _row(name, "kick", kick), _row(name, "drift", drift), first, order, source, use), overwrite
-    )
+    if word is None:
+        if kick is None or drift is None or weights is not None:
+            raise InputError(f"{name}: give a word, or kick and drift")
+        word, row = _kicks_and_drifts(name, _row(name, "kick", kick), _row(name, "drift", drift), first)
+    elif kick is not None or drift is not None:
+        raise InputError(f"{name}: give a word, or kick and drift, not both")
+    else:
+        if not (isinstance(word, str) and word):
+            raise InputError(f"{name}: word must be letters of flows, got {word!r}")
+        row = even_weights(word) if weights is None else _row(name, "weights", weights)
+    _register(Splitting(name, word, row, order, source, use), overwrite)
+
+
+def _kicks_and_drifts(
+    name: str, kick: tuple[float, ...], drift: tuple[float, ...], first: str
+) -> tuple[str, tuple[float, ...]]:
+    """The word of kicks and drifts in turn, and its weights."""
+    if first not in ("kick", "drift"):
+        raise InputError(f"{name}: first must be kick or drift, got {first!r}")
+    try:
+        return in_turn("BA", kick, drift) if first == "kick" else in_turn("AB", drift, kick)
+    except InputError as error:
+        raise InputError(f"{name}: {error}") from None
 
 
 def register_tableau(

@@ -23,6 +23,7 @@ from numpy.polynomial import Polynomial
 from kickdrift.errors import InputError
 from kickdrift.integrators.method import Method
 from kickdrift.integrators.splitting import Splitting
+from kickdrift.integrators.subflows import DRIFT, KICK
 from kickdrift.model.state import Floats
 
 TOUCHING = 1e-12  # above the bound, at most, where a curve touches it and comes back
@@ -89,14 +90,11 @@ def half_trace(splitting: Splitting) -> Polynomial:
     trace = [Fraction(0)]
     for start in (0, 1):  # the columns of the matrix: what becomes of x = 1, v = 0 and of x = 0, v = 1
         x, v = [Fraction(1 - start)], [Fraction(start)]
-        kicks, drifts = list(splitting.kick), list(splitting.drift)
-        kicking = splitting.first == "kick"
-        while kicks or drifts:
-            if kicking:
-                v = _add(v, -Fraction(kicks.pop(0)), [Fraction(0), *x])  # dt^2 a = -(omega dt)^2 x
-            else:
-                x = _add(x, Fraction(drifts.pop(0)), v)
-            kicking = not kicking
+        for letter, weight in zip(splitting.word, map(Fraction, splitting.weights), strict=True):
+            if letter == KICK:
+                v = _add(v, -weight, [Fraction(0), *x])  # dt^2 a = -(omega dt)^2 x
+            elif letter == DRIFT:
+                x = _add(x, weight, v)
         trace = _add(trace, Fraction(1), v if start else x)
     return Polynomial([float(entry / 2) for entry in trace]).trim()
 

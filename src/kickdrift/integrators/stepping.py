@@ -20,7 +20,7 @@ from kickdrift.forces.evaluate import EVALUATIONS, SLOTS
 from kickdrift.forces.kernel import OK
 from kickdrift.integrators.looked_loop import REFUSED as LOOK_REFUSED
 from kickdrift.integrators.looked_loop import TAKEN, looked_intervals, looked_loop
-from kickdrift.integrators.loops import FRESH, REJECTED, STEP, splitting_loop
+from kickdrift.integrators.loops import REJECTED, STEP
 from kickdrift.jit.by_address import address_of
 from kickdrift.looks.looking import Looking
 from kickdrift.model.limits import NEVER
@@ -245,7 +245,7 @@ class FixedStepper(Regular):
     keeps = ("_start", "_cursor", "_carry", "_carried")
 
     def __init__(
-        self, flow: Flow, loop: Any, stages: Floats, room: Callable[..., Floats], options: Options, kept: bool
+        self, flow: Flow, loop: Any, stages: Any, room: Callable[..., Floats], options: Options, kept: bool
     ) -> None:
         assert options.dt is not None
         self._flow, self._loop, self._stages, self.dt, self._kept = flow, loop, stages, options.dt, kept
@@ -274,14 +274,6 @@ class FixedStepper(Regular):
     def compiled_steps(self) -> CompiledSteps:
         given = (self.y, self._carry, self._work, self._stages, self.dt, self._start)
         return self._loop, self._flow.forces, given
-
-    @property
-    def fresh(self) -> bool:  # type: ignore[override]
-        return self._loop is splitting_loop and bool(self._cursor[FRESH])
-
-    @property
-    def ends_fresh(self) -> bool:  # type: ignore[override]
-        return self._loop is splitting_loop and not self._stages[1, -1]
 
     @property
     def _carried(self) -> Floats:

@@ -14,7 +14,7 @@ import numpy as np
 from kickdrift.errors import InputError
 from kickdrift.integrators.method import OWN_FORCES, Method
 from kickdrift.integrators.option import COMPENSATED, COORDINATES, CORRECTOR, ORDER, Option
-from kickdrift.integrators.splitting import Splitting, palindrome
+from kickdrift.integrators.splitting import Splitting, in_turn, palindrome
 from kickdrift.model.state import Floats
 
 if TYPE_CHECKING:
@@ -33,6 +33,7 @@ _MCLACHLAN = "McLachlan 1995, BIT 35, 258, doi:10.1007/BF01737165"
 _BLANES = "Blanes et al. 2013, doi:10.1016/j.apnum.2013.01.003"
 
 
+# In these words A is the Kepler motion of each planet, and B its kick by the other planets.
 def _gauss(count: int) -> Splitting:
     """Drifts to the nodes of Gauss and Legendre's quadrature and kicks by its weights: the error is of order
     2 ``count`` where it is linear in the planets' masses, and 2 where it is quadratic."""
@@ -41,36 +42,49 @@ def _gauss(count: int) -> Splitting:
     half = tuple(after - before for before, after in pairwise(at[: count // 2 + 1]))
     drift = palindrome(half, 1 + count % 2)
     kick = palindrome(tuple(0.5 * weights[: (count - 1) // 2]), 2 - count % 2)
-    return Splitting(f"saba {2 * count},2", kick, drift, "drift", 2, _LASKAR)
+    return Splitting(f"saba {2 * count},2", *in_turn("AB", drift, kick), 2, _LASKAR)
 
 
 # The orders are those of dt in the terms of the error that have the planets' masses to the powers 1, 2, 3.
-LEAPFROG = Splitting("wisdom-holman", (1.0,), (0.5, 0.5), "drift", 2, "Wisdom & Holman 1991, doi:10.1086/115978")
+LEAPFROG = Splitting("wisdom-holman", "ABA", (0.5, 1.0, 0.5), 2, "Wisdom & Holman 1991, doi:10.1086/115978")
 SABA = {f"{2 * count},2": _gauss(count) for count in (2, 3, 4, 5)} | {
     "8,4": Splitting(
-        "saba 8,4", palindrome((0.19022593937367661925, 0.84652407044352625706)),
-        palindrome((0.07534696026989288842, 0.51791685468825678230), 2), "drift", 4, _MCLACHLAN,
+        "saba 8,4",
+        *in_turn(
+            "AB", palindrome((0.07534696026989288842, 0.51791685468825678230), 2),
+            palindrome((0.19022593937367661925, 0.84652407044352625706)),
+        ),
+        4, _MCLACHLAN,
     ),
     "10,4": Splitting(
         "saba 10,4",
-        palindrome((0.1188819173681970199453504, 0.2410504605515015657441668, -0.2732866667053238060543114)),
-        palindrome((0.0470671006459725061294789, 0.1847569354170881069247376, 0.2827060056798362053243616), 2),
-        "drift", 4, _BLANES,
+        *in_turn(
+            "AB",
+            palindrome((0.0470671006459725061294789, 0.1847569354170881069247376, 0.2827060056798362053243616), 2),
+            palindrome((0.1188819173681970199453504, 0.2410504605515015657441668, -0.2732866667053238060543114)),
+        ),
+        4, _BLANES,
     ),
     "8,6,4": Splitting(
         "saba 8,6,4",
-        palindrome((0.1830836874721972219617038, 0.3107828598985748695075223, -0.0265646185119588006972122)),
-        palindrome((0.0711334264982231177779387, 0.2411534279566400987364878, 0.5214117617728147892121361), 2),
-        "drift", 4, _BLANES,
+        *in_turn(
+            "AB",
+            palindrome((0.0711334264982231177779387, 0.2411534279566400987364878, 0.5214117617728147892121361), 2),
+            palindrome((0.1830836874721972219617038, 0.3107828598985748695075223, -0.0265646185119588006972122)),
+        ),
+        4, _BLANES,
     ),
     "10,6,4": Splitting(
         "saba 10,6,4",
-        palindrome((0.0958588808370752106107715, 0.2044461531429987806805078, 0.2170703479789911017143386), 2),
-        palindrome(
-            (0.0380944974224121954569753, 0.1452987161169137492940201, 0.2076276957255412507162056,
-             0.4359097036515261592231549),
+        *in_turn(
+            "AB",
+            palindrome(
+                (0.0380944974224121954569753, 0.1452987161169137492940201, 0.2076276957255412507162056,
+                 0.4359097036515261592231549),
+            ),
+            palindrome((0.0958588808370752106107715, 0.2044461531429987806805078, 0.2170703479789911017143386), 2),
         ),
-        "drift", 4, _BLANES,
+        4, _BLANES,
     ),
 }  # fmt: skip
 SABA_ORDER = replace(ORDER, default="10,6,4", choices=("10,6,4", *(name for name in SABA if name != "10,6,4")))
