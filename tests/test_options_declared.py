@@ -177,6 +177,8 @@ def test_an_unknown_option_that_is_like_none_is_refused():
     with pytest.raises(InputError, match=r"^zzz: no integrator takes such an option; rk4 takes dt, compensated$"):
         kd.Simulation(from_file("rk4", ""), dt=0.1, zzz=3)
     with pytest.raises(InputError, match=r"^zzz: no integrator takes such an option"):
+        kd.Simulation(from_file("rk4", ""), dt=0.1, zzz=None)
+    with pytest.raises(InputError, match=r"^zzz: no integrator takes such an option"):
         kd.Simulation(from_file("rk4", "").with_run(zzz=3), dt=0.1)
 
 

@@ -80,8 +80,9 @@ def method_of(which: str | Integrator) -> Method:
 
 def unpacked(which: Any, given: Mapping[str, Any]) -> tuple[Any, dict[str, Any]]:
     """The integrator's name, and all options: those of a value, replaced by those ``given`` beside it."""
-    said = {key: value for key, value in given.items() if value is not None}
-    return (which.name, {**which.options, **said}) if isinstance(which, Integrator) else (which, said)
+    if not isinstance(which, Integrator):
+        return which, dict(given)
+    return which.name, {**given, **which.options, **{k: value for k, value in given.items() if value is not None}}
 
 
 def known_options() -> dict[str, Option]:
@@ -134,7 +135,7 @@ def settled(method: Method, asked: Mapping[str, Any], run: RunDefaults) -> Optio
     Raises InputError for an option that no method takes, one in arguments that this method does not take, and a value
     that an option cannot have."""
     said = {key: value for key, value in asked.items() if value is not None}
-    refuse_unknown([*said, *run.options], method)
+    refuse_unknown([*asked, *run.options], method)
     return method.checked(Options(**{"dt": run.dt, **run.options, **said}), Options(**said))
 
 
