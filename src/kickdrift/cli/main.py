@@ -7,6 +7,7 @@ import os
 import sys
 from dataclasses import replace
 from enum import StrEnum
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -62,7 +63,6 @@ INTERRUPTED = 130
 BAD_NAMES = (errno.ENAMETOOLONG, errno.ELOOP, errno.EILSEQ, errno.ENOTDIR, errno.EISDIR, errno.ENOENT)
 TRACEBACK = "KICKDRIFT_TRACEBACK"  # the environment variable that shows where an error that is a bug came from
 TABLES = (".parquet", ".h5")  # of ensembles
-VALIDATION: Path | None = None  # folder of the validation's scripts, where it is not that which came with the package
 
 
 class Figures(StrEnum):
@@ -318,8 +318,8 @@ def bench_speed(
 ) -> None:
     """Speed beside every other program that is installed, in turns on the same systems; the energy error of each."""
     refuse_outputs({"json": json_file}, overwrite)
-    sys.path.insert(0, str(validation_folder("bench speed") / "performance"))
-    import speed  # type: ignore[import-not-found]
+    need_validation("bench speed")
+    from kickdrift_validation.performance import speed
 
     entries = speed.chosen(only or ())
     if listing:
@@ -563,8 +563,8 @@ def validate(
     quiet: QuietOption = False,
 ) -> None:
     """Compare kickdrift with programs and data that others made, and write a report; exit status 1 if a claim fails."""
-    sys.path.insert(0, str(validation_folder("validate")))
-    import runner  # type: ignore[import-not-found]
+    need_validation("validate")
+    from kickdrift_validation import runner
 
     if listing:
         runner.listed()
@@ -572,14 +572,10 @@ def validate(
     raise typer.Exit(runner.validate(names or (), long, jobs, report, quiet))
 
 
-def validation_folder(command: str) -> Path:
-    """Where the scripts are that compare with other programs: of a checkout, or of an installed package."""
-    here = Path(__file__).parents[1]
-    folders = [here.parents[1] / "validation", here / "validation"]
-    folder = VALIDATION or next((each for each in folders if (each / "runner.py").is_file()), None)
-    if folder is None:
-        raise InputError(f"{command}: this copy of kickdrift came without the folder validation")
-    return folder
+def need_validation(command: str) -> None:
+    """Raise an InputError where the package of the comparisons with other programs is absent."""
+    if find_spec("kickdrift_validation") is None:
+        raise InputError(f"{command}: this copy of kickdrift came without the package kickdrift_validation")
 
 
 @app.command("list")

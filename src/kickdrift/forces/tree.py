@@ -22,7 +22,7 @@ class GravityTree:
     A group of particles pulls as a whole where a bound on what its quadrupole leaves out (Salmon & Warren 1994,
     doi:10.1006/jcph.1994.1050) is under a share of the acceleration there, which is estimated first, so the positions
     alone decide and a run can be cut anywhere. The errors of many groups cancel in part; the share is set, by
-    measurement, so that ``accuracy`` holds for 99 % of the particles (validation/barnes_hut.py: Plummer spheres,
+    measurement, so that ``accuracy`` holds for 99 % of the particles (kickdrift_validation.barnes_hut: Plummer spheres,
     uniform cubes, far clusters, a disc).
 
     The forces of two particles on each other are not quite opposite, so the total momentum is conserved to the accuracy

@@ -48,7 +48,7 @@ if TYPE_CHECKING:
 GROUP = 8  # clusters that walk together, one lane each where their acceleration is estimated
 # A node may be felt where its bound is SHARE accuracy^POWER |a|. The bounds b of many nodes of random sign make an
 # error of b times the root of their number, b^-3/5 (a volume, and b goes as its edge to the fifth), b^7/10 together.
-# SHARE is measured, so that 99 % of the particles are within the accuracy (validation/barnes_hut.py).
+# SHARE is measured, so that 99 % of the particles are within the accuracy (kickdrift_validation.barnes_hut).
 SHARE, POWER = 16.0, 10 / 7
 ROUGH = 0.6  # opening angle, radius over distance, of that estimate
 FOUND = 256  # nodes or clusters found before their pull is added up

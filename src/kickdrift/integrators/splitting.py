@@ -34,7 +34,7 @@ class Splitting(Method):
     weights : the parts of dt, one for each letter; those of one letter add up to one
     order : the power of dt in the global error
     source : author, year, journal, DOI; digits that were published short are carried on by
-        validation/polish_splittings.py
+        kickdrift_validation.polish_splittings
     """
 
     name: str

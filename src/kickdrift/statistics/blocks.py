@@ -38,7 +38,7 @@ def block_average(rows: ArrayLike) -> Mean:
     is infinite. All that for each number of a row by itself.
 
     Of first-order autoregressive series of 50 inefficiencies or more, the root mean square of the error is right to 7 %
-    (tests/test_blocks.py), and twice the error holds the true mean in 92 to 96 cases of 100. A shorter one has too
+    (tests/unit/statistics), and twice the error holds the true mean in 92 to 96 cases of 100. A shorter one has too
     small an error where it has one: by 15 % at 25 inefficiencies, a quarter at 10; of random walks one in ten has any.
 
     Raises InputError for an empty series or a number that is not finite.
