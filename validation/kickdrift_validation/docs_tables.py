@@ -1,6 +1,6 @@
 """Tables that scripts write into pages of the documentation, between two comments that stand there.
 
-python validation/docs_tables.py     (writes the options of integrators into docs/integrators.md)
+python -m kickdrift_validation.docs_tables     (writes the options of integrators into docs/integrators.md)
 """
 
 from __future__ import annotations
@@ -8,7 +8,9 @@ from __future__ import annotations
 from collections import Counter
 from pathlib import Path
 
-BEGIN, END = "<!-- options: validation/docs_tables.py writes them -->", "<!-- end of options -->"
+from kickdrift_validation.folders import checkout
+
+BEGIN, END = "<!-- options: kickdrift_validation.docs_tables writes them -->", "<!-- end of options -->"
 
 
 def put(page: Path, begin: str, end: str, text: str) -> None:
@@ -61,4 +63,4 @@ def whose(methods: list[str]) -> str:
 
 
 if __name__ == "__main__":
-    put(Path(__file__).parents[1] / "docs" / "integrators.md", BEGIN, END, options_table())
+    put(checkout() / "docs" / "integrators.md", BEGIN, END, options_table())

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import pickle
 import re
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -22,6 +21,8 @@ from kickdrift.integrators.option import OPTIONS
 from kickdrift.integrators.registration import unregister
 from kickdrift.integrators.subflow_code import BoundSubflow, subflow_body
 from kickdrift.integrators.subflows import FLOWS, Subflow
+from kickdrift_validation.docs_tables import BEGIN, END, options_table
+from tests.folders import DOCS
 
 VALUE = kd.integrator("wisdom-holman", corrector=17)
 
@@ -301,8 +302,6 @@ def test_the_files_numbers_are_stored_under_one_name(monkeypatch, capsys, tmp_pa
 
 
 def test_the_documentation_has_the_table_of_options():
-    from docs_tables import BEGIN, END, options_table
-
-    page = (Path(__file__).parents[1] / "docs" / "integrators.md").read_text(encoding="utf-8")
+    page = (DOCS / "integrators.md").read_text(encoding="utf-8")
     assert page.split(BEGIN)[1].split(END)[0].strip() == options_table()
     assert all(f"| `{name}` |" in options_table() for name in known_options())
