@@ -40,7 +40,7 @@ class Option:
     dimension : "time" for a number in the system's unit of time, "" for a pure number
     above, most : a number is greater than ``above``, and ``most`` at most
     several : whether a Problem may have one number for each component of y
-    written : whether a run's file names the default where no value was given
+    written : whether the default is recorded where no value was given; files leave it open otherwise
 
     Raises
     ------
@@ -161,7 +161,7 @@ class Option:
 
 
 def merged(declared: Sequence[Option]) -> Option:
-    """One declaration of what several methods declare under a name: it allows what any of them does."""
+    """One declaration that allows what any of several allows under the same name."""
     first, named = declared[0], all(each.choices for each in declared)
     return replace(
         first,

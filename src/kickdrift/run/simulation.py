@@ -63,10 +63,10 @@ class Simulation:
     processes : of an engine that runs on several ("lammps")
     events : what to watch for (`CloseApproach`, `Collision`, `Escape`, `Crossing`); default the system file's
     options : what the integrator takes, such as ``rtol=1e-10`` or ``corrector=17``; `kickdrift list integrators NAME`
-        explains them. An option given here replaces that of an integrator's value, and that one the system file's.
-        All take ``precision`` of pair forces, "double" (float64, default) or "mixed": pairs in float32, all else in
-        float64. Forces in a liquid are then off by about 2e-7 of a typical one for each sigma of the box's edge (or of
-        the extent, in open space); the energies that are reported are float64's
+        explains them. Options given here come first, then those of an integrator's value, then the system file's.
+        Every integrator takes ``precision``, which is of pair forces: "double" (float64, default) or "mixed" (pairs in
+        float32, all else in float64). With "mixed", forces in a liquid are off by about 2e-7 of a typical one for each
+        sigma of the box's edge (or of the extent, in open space). Reported energies are float64's
 
     Raises
     ------
