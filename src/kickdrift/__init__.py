@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from kickdrift.integrators.custom import accelerations
     from kickdrift.integrators.option import Option
     from kickdrift.integrators.registration import register_splitting, register_step, register_tableau
+    from kickdrift.looks.columns import Column
     from kickdrift.looks.observers import Energies
     from kickdrift.model.box import Box
     from kickdrift.model.events import CloseApproach, Collision, Crossing, Escape
@@ -59,6 +60,7 @@ _HOMES = {
     "ChaosReport": "analysis.chaos",
     "CloseApproach": "model.events",
     "Collision": "model.events",
+    "Column": "looks.columns",
     "Crossing": "model.events",
     "DrivenField": "forces",
     "Energies": "looks.observers",
@@ -101,6 +103,7 @@ __all__ = [
     "ChaosReport",
     "CloseApproach",
     "Collision",
+    "Column",
     "Crossing",
     "DrivenField",
     "Energies",

@@ -217,7 +217,7 @@ def test_options_are_values():
     ({"type": str, "choices": ("a b",)}, "option friction: expected a name among choices, got 'a b'"),
     ({"above": 0.0, "default": -1.0}, "friction must be a positive number, got -1.0"),
     ({"type": int, "default": 0.5}, "friction must be a whole number, got 0.5"),
-    ({"most": 1.0, "default": 2.0}, "friction must be a number 1 at most, got 2.0"),
+    ({"most": 1.0, "default": 2.0}, "friction must be at most 1, got 2.0"),
 ])  # fmt: skip
 def test_a_declaration_that_makes_no_sense_is_refused(given, message):
     with pytest.raises(InputError, match=message):

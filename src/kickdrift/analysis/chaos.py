@@ -18,13 +18,13 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from kickdrift.errors import InputError
+from kickdrift.errors import InputError, RunError
 from kickdrift.forces.variations import varied
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators import integrator as method_named
 from kickdrift.integrators.asked import Integrator, unpacked
 from kickdrift.looks.observers import Energies
-from kickdrift.model.limits import steps_in
+from kickdrift.model.limits import MOST_STEPS, steps_in
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 from kickdrift.run.simulation import Simulation
@@ -117,8 +117,11 @@ def megno(
     n, name, length = len(system), carrier(system, asked), length_of(system, time)
     sim = Simulation(varied(system, np.zeros_like(system.state.phase)), name, threads=threads, **given)
     state = sim.state
-    accelerations = sim._flow.accelerations(state.phase, sim.time)  # type: ignore[union-attr]
-    scale = scale_of(state.phase[:, :, :n], np.zeros((3, 1)) if accelerations is None else accelerations[:, :n])
+    try:
+        accelerations = sim.accelerations()[:n].T
+    except RunError:  # not finite, which the run says more of
+        accelerations = np.zeros((3, 1))
+    scale = scale_of(state.phase[:, :, :n], accelerations)
     state.phase[:, :, n:] = first_deviation(n, seed) * scale
     sim.state = state
     begin = sim.energy()
@@ -157,7 +160,9 @@ def megnos(
     dt = options.pop("dt", None)
     names = {carrier(system, asked) if isinstance(system, System) else "" for system in systems}
     if len(names) > 1:
-        raise InputError(f"integrator: a batch has one in common; the systems' are {', '.join(sorted(names))}")
+        raise InputError(
+            f"integrator: a batch needs one integrator for all systems; theirs are {', '.join(sorted(names))}"
+        )
     drawn = [_checked_seed(seed) for seed in _each("seeds", seeds, count)]
     lengths = [length_of(*pair) for pair in zip(systems, _each("time", time, count), strict=True)]
     found = growths(systems, lengths, min(names, default=asked), dt, drawn, options)
@@ -227,7 +232,7 @@ def length_of(system: System, time: float | None) -> float:
     if time is None and length is None and system.run.steps and system.run.dt:
         length = system.run.steps * system.run.dt
     if length is None:
-        raise InputError(f"time: system {system.name!r} names none in [run]; give how long to run")
+        raise InputError(f"time: system {system.name!r} has no time in [run]; give a time")
     if not (isinstance(length, (int, float, np.number)) and math.isfinite(length) and length > 0):
         raise InputError(f"time must be a positive finite time, got {length!r}")
     return float(length)
@@ -295,33 +300,34 @@ def _growth(
     sim: Simulation, length: float, scale: Floats, progress: Callable[[int, int], Any] | None
 ) -> tuple[Floats, Floats]:
     """Run a varied System for a time: times since the start, and ln of the deviation's length at them."""
-    stepper, start = sim._stepper, sim.time
+    start = sim.time
     n = len(sim.system) // 2
-    steps, every = (None, 1) if sim.method.chooses_steps else cadence(length, sim.dt or length)
-    times, growth, scaled = [0.0], [0.0], 0.0
-    sim._prepare()
-    with sim._busy() as interrupted:
-        while not interrupted():
-            left = 1 if steps is None else steps - sim.steps_done
-            if left == 0 or (steps is None and times[-1] >= length):
-                break
-            sim._advance(min(every, left))
-            deviation = stepper.y[:, :, n:]
-            size = float(np.linalg.norm(deviation / scale))
-            if not size > 0.0:
-                raise InputError("megno: the deviation vanished: these forces lose every trace of the start")
-            times.append(sim.time - start)
-            growth.append(math.log(size) + scaled)
-            if not 1.0 / LARGEST < size < LARGEST:
-                exponent = round(math.log2(size))
-                scaled += exponent * math.log(2.0)
-                y = stepper.y.copy()
-                y[:, :, n:] *= 2.0**-exponent  # a power of two: no digit changes
-                stepper.reset(y, sim.time, sim.steps_done)
-            if progress and len(times) % 64 == 0:
-                progress(int(1000 * min(1.0, times[-1] / length)), 1000)
-    if interrupted():
-        raise KeyboardInterrupt
+    steps, every = (MOST_STEPS, 1) if sim.method.chooses_steps else cadence(length, sim.dt or length)
+    times, growth, scaled, exponent = [0.0], [0.0], 0.0, 0
+
+    def visit(sim: Simulation) -> bool:
+        """Note the deviation's length; whether the time is over, or the deviation is to be scaled back."""
+        nonlocal scaled, exponent
+        size = float(np.linalg.norm(sim.integration.y[:, :, n:] / scale))
+        if not size > 0.0:
+            raise InputError("megno: the deviation vanished: these forces lose every trace of the start")
+        times.append(sim.time - start)
+        growth.append(math.log(size) + scaled)
+        exponent = 0 if 1.0 / LARGEST < size < LARGEST else round(math.log2(size))
+        scaled += exponent * math.log(2.0)
+        if progress and len(times) % 64 == 0:
+            progress(int(1000 * min(1.0, times[-1] / length)), 1000)
+        return exponent != 0 or over()
+
+    def over() -> bool:
+        return sim.steps_done >= steps or (steps == MOST_STEPS and times[-1] >= length)
+
+    while not over():
+        sim.advance(steps - sim.steps_done, every=every, visit=visit)
+        if exponent:
+            state = sim.state
+            state.phase[:, :, n:] *= 2.0**-exponent  # a power of two: no digit changes
+            sim.state, exponent = state, 0
     return np.array(times), np.array(growth)
 
 
@@ -330,7 +336,7 @@ def _slope(times: Floats, means: Floats) -> tuple[float, float]:
     settled = times >= SETTLED * times[-1]
     t, y = times[settled], means[settled]
     if len(t) < 6:
-        raise InputError(f"time: {len(times) - 1} steps are too few to tell growth by; give a longer time")
+        raise InputError(f"time: {len(times) - 1} steps are too few to measure growth; give a longer time")
     half = len(t) // 2
     whole, early, late = (_line(t[part], y[part]) for part in (slice(None), slice(half), slice(half, None)))
     return whole, abs(late - early) / 2

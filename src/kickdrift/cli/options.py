@@ -1,4 +1,4 @@
-"""Arguments and options that several commands share."""
+"""Arguments and options of several commands."""
 
 from __future__ import annotations
 
@@ -15,16 +15,19 @@ from kickdrift.integrators.asked import known_options, parsed, takers
 from kickdrift.integrators.option import DOUBLE, DT, MIXED, PRECISION, Option
 
 SystemArgument = Annotated[
-    str, typer.Argument(metavar="SYSTEM.toml", help="A system file, or the name of one that ships.")
+    str, typer.Argument(metavar="SYSTEM.toml", help="A system file, or the name of a shipped system.")
 ]
 JsonOption = Annotated[
     Path | None, typer.Option("--json", metavar="FILE", help="Write the results as one JSON object.")
 ]
 OverwriteOption = Annotated[bool, typer.Option("--overwrite", help="Replace files that kickdrift wrote.")]
-ThreadsOption = Annotated[int, typer.Option(metavar="K", min=1, help="Threads; the results do not depend on it.")]
-QuietOption = Annotated[bool, typer.Option("--quiet", help="Nothing on standard error but errors.")]
+ThreadsOption = Annotated[int, typer.Option(metavar="K", min=1, help="Threads; they do not change the results.")]
+QuietOption = Annotated[bool, typer.Option("--quiet", help="Print only errors on standard error.")]
 FlushOption = Annotated[
-    float | None, typer.Option(metavar="SECONDS", help="Of frames that a kill costs at most (default 10).")
+    float | None,
+    typer.Option(
+        metavar="SECONDS", help="Seconds between writes to disk; a kill loses at most this much (default 10)."
+    ),
 ]
 
 _METAVARS = {float: "X", int: "N", str: "NAME"}
@@ -70,7 +73,7 @@ def _parameter(name: str, annotation: Any) -> inspect.Parameter:
 def _flag(option: Option) -> Any:
     """The flag of an option. That of precision has two names, as a switch has."""
     if option.name == PRECISION.name:
-        help_ = "Pairs in float32 and all else in float64, or all in float64."
+        help_ = "Pairs in float32 and everything else in float64, or all in float64."
         return Annotated[bool | None, typer.Option(f"--{MIXED}/--{DOUBLE}", help=help_)]
     methods = takers(option.name)
     whose = f" ({', '.join(methods)})" if option is not DT and len(methods) <= _FEW else ""

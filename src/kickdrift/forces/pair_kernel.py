@@ -359,10 +359,10 @@ def recalled(bound: PairKernel, memory: dict[str, Any]) -> PairKernel:
         and 0 <= room <= pairs.near.shape[1] + len(pairs.filled) ** 2 * SHIFTS
         and all(given.shape == own.shape and given.dtype == own.dtype for given, own in shapes)
     ):
-        raise InputError("checkpoint: its pair list is not one of these particles")
+        raise InputError("checkpoint: its pair list belongs to other particles")
     skins_then = {key: memory[key] for key in ("inner_skin", "outer_skin")}
     bound = with_room(bound, memory["room"]).with_list(**skins_then).ready()
     bound.pairs.counts[BUILT] = 0
     if memory["built_at"] is not None and bound.remake(memory["built_at"], memory["pruned_at"]) != OK:
-        raise InputError("checkpoint: the positions of its pair list make no list here")
+        raise InputError("checkpoint: the positions of its pair list give no valid list")
     return bound

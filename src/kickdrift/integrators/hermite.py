@@ -1,4 +1,4 @@
-"""The fourth-order Hermite method of star clusters: gravity and its time derivative, one step for all or for each."""
+"""Fourth-order Hermite method for star clusters: gravity and its time derivative, with shared or individual steps."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Hermite(Method):
-    """Predict with acceleration and jerk, evaluate both, correct with the two derivatives that the ends of the step
-    give (PEC). Steps follow Aarseth's criterion with the parameter ``eta``, to which the energy error is as eta^2.
+    """Predict with acceleration and jerk, evaluate both, correct with the two derivatives from the step's ends (PEC).
+    Steps follow Aarseth's criterion with the parameter ``eta``; the energy error goes as eta^2.
 
-    ``scheme`` "shared" (the default) moves all bodies by the shortest of their steps; "block" each by its own, a power
-    of two, so that many move together and the sum is over those due alone. A ``dt`` makes all steps shared and as long
-    as that. Between their steps, and where they are looked at, bodies follow the polynomial of their last step, which
-    is as accurate as the step.
+    ``scheme`` "shared" (the default) moves all bodies by the shortest of their steps. "block" moves each body by its
+    own step, a power of two, so that many move together and the sum is only over these. A ``dt`` makes all steps shared
+    and of this length. Between their steps, and in samples, bodies follow the polynomial of their last step, which is
+    as accurate as the step.
     """
 
     name: str
@@ -43,10 +43,10 @@ class Hermite(Method):
 
     def checked(self, given: Options, asked: Options) -> Options:
         if asked.dt is not None and not (asked.eta is None and asked.scheme in (None, "shared")):
-            raise InputError(f"dt: makes all steps of {self.name} alike; give it, or eta and scheme")
+            raise InputError(f"dt: fixes the step of {self.name}; give either dt, or eta and scheme")
         if asked.dt is not None:
             given = given.changed(eta=None, scheme=None)
-        options = super().checked(given.changed(dt=asked.dt), asked)  # a file's dt is for other methods
+        options = super().checked(given.changed(dt=asked.dt), asked)  # a file's dt is meant for other methods
         return options if options.dt is not None or options.eta is not None else options.changed(eta=ETA.default)
 
     def stepper(self, flow: Flow, options: Options) -> Stepper:
@@ -55,14 +55,12 @@ class Hermite(Method):
 
         system: Any = flow.subject
         if not isinstance(system, System):
-            raise InputError(
-                f"{self.name}: moves bodies under gravity, and {flow.name!r} is an ODE; dop853 integrates that"
-            )
+            raise InputError(f"{self.name}: needs bodies under gravity; {flow.name!r} is an ODE; use dop853")
         others = [force.name for force in system.forces if not isinstance(force, Gravity)]
         if others or len(system.forces) != 1:
-            what = f"force {others[0]!r} has none here" if others else f"there are {len(system.forces)} of it"
+            what = f"force {others[0]!r} has no time derivative" if others else f"the system has {len(system.forces)}"
             raise InputError(
-                f"{self.name}: needs the time derivative of one force, gravity, and {what}; dop853 takes any forces"
+                f"{self.name}: needs the time derivative of one force, gravity; {what}; dop853 takes any forces"
             )
         from kickdrift.integrators.hermite_stepper import HermiteStepper
 

@@ -132,8 +132,9 @@ class Option:
             return "a positive finite time" if self.dimension else f"a positive {whole}number"
         if self.above == -inf and self.most == inf:
             return f"a {whole}number" if whole else "a finite number"
-        parts = [f"above {self.above:g}"] if self.above > -inf else []
-        return f"a {whole}number {', '.join([*parts, *([f'{self.most:g} at most'] if self.most < inf else [])])}"
+        limits = {"above": self.above, "at most": self.most}
+        words = " and ".join(f"{word} {limit:g}" for word, limit in limits.items() if isfinite(limit))
+        return f"a {whole}number {words}" if whole else words
 
     @property
     def hint(self) -> Any:
@@ -145,7 +146,10 @@ class Option:
         """Its type in words."""
         words = f"{_WORDS[self.type]}, or one for each component of y" if self.several else _WORDS[self.type]
         limits = self.type in (float, int) and (self.above > -inf or self.most < inf) and not self.choices
-        return self.expected.replace("finite time", "number") if limits and not self.several else words
+        if not limits or self.several:
+            return words
+        text = self.expected.replace("finite time", "number")
+        return text if text.startswith("a ") else f"a number {text}"
 
     @property
     def unit(self) -> str:

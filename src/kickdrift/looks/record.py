@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, fields
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,6 +54,14 @@ def even_stretch(steps: NDArray[np.int64]) -> slice:
     return slice(int(starts[longest]), int(ends[longest]) + 1)
 
 
+class Counted(Protocol):
+    """Evaluations of f and of its Jacobian, and steps that were thrown away."""
+
+    evaluations: int
+    rejected: int
+    jacobians: int
+
+
 @dataclass
 class Record:
     """The looks at a run since conservation is counted from, and what it cost."""
@@ -71,6 +79,12 @@ class Record:
     warnings: list[str] = field(default_factory=list)
     events: list[dict[str, Any]] = field(default_factory=list)
     taken: Taken = NOTHING
+
+    def count(self, cost: Counted) -> None:
+        """Add what some steps cost."""
+        self.force_evaluations += cost.evaluations
+        self.jacobian_evaluations += cost.jacobians
+        self.rejected_steps += cost.rejected
 
     def take(self, before: Sample, after: Sample) -> None:
         """An event changed what is conserved."""
@@ -106,9 +120,9 @@ class Record:
         for key, value in kept.items():
             kind = type(getattr(fresh, key, None))
             if key != "taken" and not isinstance(value, (int, float) if kind in (int, float) else kind):
-                raise InputError(f"checkpoint: record.{key} does not hold what it held in such a run")
+                raise InputError(f"checkpoint: record.{key} does not fit a run of this system")
         if not all(isinstance(line, str) for line in kept["warnings"]) or not all(map(is_row, kept["events"])):
-            raise InputError("checkpoint: its warnings or events are none")
+            raise InputError("checkpoint: its warnings or events are invalid")
         return cls(**(kept | {"taken": NOTHING if kept["taken"] is None else Taken(*kept["taken"])}))
 
     def series(self) -> Series:
