@@ -16,15 +16,13 @@ import typer
 from kickdrift.cli.console import open_streams, out, print_table, progress_bar, say
 from kickdrift.cli.ensemble import ensemble
 from kickdrift.cli.options import (
-    AtolOption,
     FlushOption,
     JsonOption,
     OverwriteOption,
     QuietOption,
-    RtolOption,
     SystemArgument,
     ThreadsOption,
-    tolerance,
+    with_options,
 )
 from kickdrift.cli.printing import (
     LISTINGS,
@@ -40,6 +38,7 @@ from kickdrift.cli.printing import (
 from kickdrift.disk.interrupt import heard_everywhere
 from kickdrift.disk.outputs import reason, refuse_outputs, write_json
 from kickdrift.errors import InputError, KickdriftError
+from kickdrift.text import VALUE, clean
 
 if TYPE_CHECKING:
     from kickdrift.model.problem import Problem
@@ -106,32 +105,13 @@ def options(
 
 
 @app.command()
+@with_options(
+    "dt", "rtol", "atol", "max_step", "compensated", "precision", "coordinates", "corrector", "order", "eta", "scheme"
+)
 def run(
     system: SystemArgument,
     integrator: Annotated[str | None, typer.Option(metavar="NAME", help="See: kickdrift list integrators.")] = None,
-    dt: Annotated[
-        float | None,
-        typer.Option(metavar="X", help="Step in the system's unit of time; the first step of adaptive methods."),
-    ] = None,
-    rtol: RtolOption = None,
-    atol: AtolOption = None,
-    max_step: Annotated[float | None, typer.Option(metavar="X", help="Longest step of adaptive methods.")] = None,
-    compensated: Annotated[
-        bool, typer.Option("--compensated", help="Use compensated summation for positions and velocities.")
-    ] = False,
-    mixed: Annotated[
-        bool | None,
-        typer.Option("--mixed/--double", help="Pairs in float32 and everything else in float64, or all in float64."),
-    ] = None,
-    coordinates: Annotated[
-        str | None, typer.Option(metavar="NAME", help="For wisdom-holman and saba: jacobi, democratic-heliocentric.")
-    ] = None,
-    corrector: Annotated[
-        int | None, typer.Option(metavar="ORDER", help="Symplectic corrector of wisdom-holman: 3, 5, 7, 11, 17.")
-    ] = None,
-    order: Annotated[str | None, typer.Option(metavar="NAME", help="Order of saba, such as 10,4.")] = None,
-    eta: Annotated[float | None, typer.Option(metavar="X", help="Accuracy of hermite4's steps.")] = None,
-    scheme: Annotated[str | None, typer.Option(metavar="NAME", help="Steps of hermite4: shared, block.")] = None,
+    options: Any = None,
     steps: Annotated[int | None, typer.Option(metavar="N", min=0, help="Number of steps.")] = None,
     time: Annotated[
         float | None, typer.Option(metavar="T", help="Length of the run in time, instead of --steps.")
@@ -144,9 +124,10 @@ def run(
     output: Annotated[Path | None, typer.Option(metavar="FILE.h5md", help="Write the trajectory.")] = None,
     overwrite: OverwriteOption = False,
     flush: FlushOption = None,
-    precision: Annotated[
+    store: Annotated[
         str | None, typer.Option(metavar="NAME", help="Type of stored frames: float64 (default), float32.")
     ] = None,
+    old_store: Annotated[str | None, typer.Option("--precision", hidden=True)] = None,
     compress: Annotated[bool, typer.Option("--compress", help="Compress the file at the end; lossless.")] = False,
     write: Annotated[
         str | None, typer.Option(metavar="NAMES", help="Further data in frames: forces, images, or forces,images.")
@@ -169,19 +150,19 @@ def run(
     if steps is not None and time is not None:
         raise InputError("give --steps or --time, not both")
     refuse_outputs({"output": output, "json": json_file}, overwrite, [system])
-    given = {"flush": flush, "precision": precision, "compress": compress or None}
+    if old_store is not None:
+        if store is not None:
+            raise InputError("give --store; --precision is its old name")
+        say("warning: --precision is --store since 0.2, and goes in 0.3", quiet)
+        store = old_store
+    given = {"flush": flush, "store": store, "compress": compress or None}
     file = file_options(output, given | {"write": write and tuple(each.strip() for each in write.split(","))})
     chosen = load(system, seed)
 
     from kickdrift.run.plan import length_of
     from kickdrift.run.simulation import Simulation
 
-    sim = Simulation(
-        chosen, integrator, dt, threads, engine=engine, processes=processes,
-        rtol=tolerance("rtol", rtol), atol=tolerance("atol", atol), max_step=max_step, compensated=compensated,
-        coordinates=coordinates, corrector=corrector, order=order, eta=eta, scheme=scheme,
-        precision=None if mixed is None else "mixed" if mixed else "double",
-    )  # fmt: skip
+    sim = Simulation(chosen, integrator, threads=threads, engine=engine, processes=processes, **options)
     length = length_of(sim, system, steps, time)
     warn_of_version(sim, quiet)
     with progress_bar(quiet) as bar:
@@ -366,12 +347,14 @@ def bench_speed(
 
 
 @app.command()
+@with_options()
 def compare(
     system: SystemArgument,
     integrator: Annotated[
         list[str] | None,
         typer.Option(metavar="NAME", help="Integrator; repeat for several (default: a suitable choice)."),
     ] = None,
+    options: Any = None,
     time: Annotated[
         float | None, typer.Option(metavar="T", help="Length of the pilot runs (default: about a minute's worth).")
     ] = None,
@@ -402,12 +385,12 @@ def compare(
     subject = load(system, seed)
     if isinstance(subject, System):
         subject = subject.watched(())  # every method and step is compared with one reference trajectory
-    work.chosen(subject, integrator)
+    work.chosen(subject, integrator, options)
     say("compiling (the first time on a machine takes longest) and comparing: about a minute …", quiet)
     with progress_bar(quiet) as bar:
         start = work.equilibrated(subject, threads, bar)
         found = work.work_precision(
-            subject, integrator, time, whole=length, accuracy=accuracy, start=start, threads=threads,
+            subject, integrator, time, whole=length, accuracy=accuracy, start=start, threads=threads, options=options,
             progress=bar("comparing"),
         )  # fmt: skip
     advice = recommendation(found, accuracy) if accuracy is not None else None
@@ -425,15 +408,14 @@ def compare(
 
 
 @app.command()
+@with_options("dt", "rtol", "atol")
 def chaos(
     system: SystemArgument,
     time: Annotated[float | None, typer.Option(metavar="T", help="Length of the run (default: the file's).")] = None,
     integrator: Annotated[
         str | None, typer.Option(metavar="NAME", help="Default: the file's if it can carry deviations, else dop853.")
     ] = None,
-    dt: Annotated[float | None, typer.Option(metavar="X", help="Step of fixed-step methods.")] = None,
-    rtol: Annotated[float | None, typer.Option(metavar="X", help="Relative tolerance of adaptive methods.")] = None,
-    atol: Annotated[float | None, typer.Option(metavar="X", help="Absolute tolerance of adaptive methods.")] = None,
+    options: Any = None,
     seed: Annotated[int, typer.Option(metavar="S", min=0, help="Seed of the first deviation.")] = 0,
     threads: ThreadsOption = 1,
     json_file: JsonOption = None,
@@ -447,9 +429,7 @@ def chaos(
 
     subject = load(system)
     with progress_bar(quiet) as bar:
-        found = megno(
-            subject, time, integrator, dt, seed=seed, threads=threads, rtol=rtol, atol=atol, progress=bar("running")
-        )
+        found = megno(subject, time, integrator, seed=seed, threads=threads, progress=bar("running"), **options)
     try:
         write_json(json_file, found.as_json(), overwrite=overwrite)
     finally:
@@ -581,11 +561,11 @@ def info(
 def check_run(system: System | Problem) -> None:
     """Raise InputError if a system's [run] names no method, or options that the method does not take."""
     from kickdrift.integrators import integrator
-    from kickdrift.integrators.options import Options
+    from kickdrift.integrators.asked import settled
 
     if system.run.integrator is not None:
         try:
-            integrator(system.run.integrator).checked(Options().or_else(system.run), Options())
+            settled(integrator(system.run.integrator), {}, system.run)
         except InputError as error:
             raise InputError(f"run: {error}") from None
 
@@ -621,8 +601,18 @@ def need_validation(command: str) -> None:
 
 
 @app.command("list")
-def list_(what: Annotated[Lists, typer.Argument()]) -> None:
-    """List integrators, forces, systems or engines."""
+def list_(
+    what: Annotated[Lists, typer.Argument()],
+    name: Annotated[str | None, typer.Argument(metavar="[NAME]", help="Explain this integrator.")] = None,
+) -> None:
+    """List integrators, forces, systems or engines, or explain an integrator and its options."""
+    if name is not None:
+        from kickdrift.cli.printing_methods import print_method
+
+        if what is not Lists.integrators:
+            raise InputError(f"list {what} {clean(name, VALUE)}: only integrators are explained by name")
+        print_method(name)
+        return
     columns, rows = LISTINGS[what]()
     print_table(None, columns, rows)
 
