@@ -33,7 +33,9 @@ if TYPE_CHECKING:
     )
     from kickdrift.forces.pair_law import pair_law
     from kickdrift.forces.registration import register_force
+    from kickdrift.integrators.asked import integrator
     from kickdrift.integrators.custom import accelerations
+    from kickdrift.integrators.option import Option
     from kickdrift.integrators.registration import register_splitting, register_step, register_tableau
     from kickdrift.looks.columns import Column
     from kickdrift.looks.observers import Energies
@@ -71,6 +73,7 @@ _HOMES = {
     "InputError": "errors",
     "KickdriftError": "errors",
     "LennardJones": "forces",
+    "Option": "integrators.option",
     "Problem": "model.problem",
     "LinearDrag": "forces",
     "Oblateness": "forces",
@@ -83,6 +86,7 @@ _HOMES = {
     "System": "model.system",
     "UniformField": "forces",
     "export": "trajectory.export",
+    "integrator": "integrators.asked",
     "load": "systemfile.reading",
     "megno": "analysis.chaos",
     "open": "trajectory.reader",
@@ -114,6 +118,7 @@ __all__ = [
     "LennardJones",
     "LinearDrag",
     "Oblateness",
+    "Option",
     "PostNewtonian",
     "Problem",
     "Report",
@@ -127,6 +132,7 @@ __all__ = [
     "analysis",
     "engines",
     "export",
+    "integrator",
     "integrators",
     "load",
     "megno",

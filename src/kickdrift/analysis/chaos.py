@@ -22,6 +22,7 @@ from kickdrift.errors import InputError, RunError
 from kickdrift.forces.variations import varied
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators import integrator as method_named
+from kickdrift.integrators.asked import Integrator, unpacked
 from kickdrift.looks.observers import Energies
 from kickdrift.model.limits import MOST_STEPS, steps_in
 from kickdrift.model.state import Floats
@@ -87,7 +88,7 @@ class ChaosReport:
 def megno(
     system: System | Problem,
     time: float | None = None,
-    integrator: str | None = None,
+    integrator: str | Integrator | None = None,
     dt: float | None = None,
     *,
     seed: int = 0,
@@ -112,8 +113,9 @@ def megno(
     if not isinstance(system, System):
         raise InputError(f"megno: takes a System of particles, got {type(system).__name__}")
     seed = _checked_seed(seed)
-    n, name, length = len(system), carrier(system, integrator), length_of(system, time)
-    sim = Simulation(varied(system, np.zeros_like(system.state.phase)), name, dt, threads, **options)
+    asked, given = unpacked(integrator, {"dt": dt, **options})
+    n, name, length = len(system), carrier(system, asked), length_of(system, time)
+    sim = Simulation(varied(system, np.zeros_like(system.state.phase)), name, threads=threads, **given)
     state = sim.state
     try:
         accelerations = sim.accelerations()[:n].T
@@ -132,7 +134,7 @@ def megno(
 def megnos(
     systems: Sequence[System],
     time: float | Sequence[float] | None = None,
-    integrator: str | None = None,
+    integrator: str | Integrator | None = None,
     dt: float | Sequence[float] | None = None,
     *,
     seeds: int | Sequence[int] = 0,
@@ -154,14 +156,16 @@ def megnos(
 
     systems = tuple(systems)
     count = len(systems)
-    names = {carrier(system, integrator) if isinstance(system, System) else "" for system in systems}
+    asked, options = unpacked(integrator, {"dt": dt, **options})
+    dt = options.pop("dt", None)
+    names = {carrier(system, asked) if isinstance(system, System) else "" for system in systems}
     if len(names) > 1:
         raise InputError(
             f"integrator: a batch needs one integrator for all systems; theirs are {', '.join(sorted(names))}"
         )
     drawn = [_checked_seed(seed) for seed in _each("seeds", seeds, count)]
     lengths = [length_of(*pair) for pair in zip(systems, _each("time", time, count), strict=True)]
-    found = growths(systems, lengths, min(names, default=integrator), dt, drawn, options)
+    found = growths(systems, lengths, min(names, default=asked), dt, drawn, options)
     reports: list[ChaosReport | None] = []
     for k, (system, seed) in enumerate(zip(systems, drawn, strict=True)):
         begin, end, growth = found.begin[k], float(found.end[k]), found.growth[k]

@@ -15,7 +15,7 @@ from kickdrift.engines.session import Job, begin
 from kickdrift.errors import InputError
 from kickdrift.forces.kernel import OK
 from kickdrift.integrators.flow import Flow, ParticleFlow, flow_of
-from kickdrift.integrators.method import MIXED
+from kickdrift.integrators.option import MIXED
 from kickdrift.integrators.stepping import STOPPED, Stepper
 from kickdrift.looks.observers import Sample
 from kickdrift.looks.record import Record

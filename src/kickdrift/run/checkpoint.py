@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from kickdrift.errors import InputError
@@ -18,7 +17,7 @@ def checkpoint_of(run: Integration) -> Memory:
         "step": run.steps_done,
         "time": run.time,
         "integrator": run.method.name,
-        "options": asdict(run.options),
+        "options": dict(run.options),
         "stepper": run.stepper.memory(),
         "present": run.at,
         "record": run.record.memory(),
@@ -39,7 +38,7 @@ def restore(run: Integration, checkpoint: Memory) -> None:
 
 def _check(run: Integration, checkpoint: Memory) -> None:
     """Refuse the checkpoint of another method, of other options or of other bodies."""
-    own = {"integrator": run.method.name, **asdict(run.options)}
+    own = {"integrator": run.method.name, **run.options}
     for key, value in {"integrator": checkpoint["integrator"], **checkpoint["options"]}.items():
         if own.get(key) != (tuple(value) if isinstance(value, list) else value):
             raise InputError(f"checkpoint: {key} is {value!r} there, and {own.get(key)!r} here")

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterable
 from contextlib import suppress
-from dataclasses import asdict
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from kickdrift.disk.files import place
@@ -125,7 +124,7 @@ class Outputs:
             "engine_version": run.engine.version,
             "processes": run.processes,
             **run.options.extras(run.method.tunable),
-            "options": asdict(run.options),
+            "options": dict(run.options),
             "processor": processor(),
             "features": features(),
         }

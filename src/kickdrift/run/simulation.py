@@ -7,14 +7,12 @@ from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, Any
 from warnings import warn
 
-from numpy.typing import ArrayLike
-
 from kickdrift.engines import engine as engine_named
 from kickdrift.engines.session import Job
 from kickdrift.errors import InputError
 from kickdrift.forces.bound import check_threads
 from kickdrift.integrators import integrator as method_named
-from kickdrift.integrators.options import Options
+from kickdrift.integrators.asked import Integrator, settled, unpacked
 from kickdrift.looks.observers import Energies, Sample
 from kickdrift.looks.record import Record
 from kickdrift.model.capacity import PROCESS_BYTES, check_room
@@ -53,24 +51,18 @@ class Simulation:
     Parameters
     ----------
     system : System or Problem
-    integrator : name, see ``kickdrift.integrators()``; default the system file's, else "velocity-verlet" for particles
-        and "dormand-prince45" for a Problem
+    integrator : name, see ``kickdrift.integrators()``, or a value that ``kickdrift.integrator`` makes; default the
+        system file's, else "velocity-verlet" for particles and "dormand-prince45" for a Problem
     dt : step in the system's unit of time; default the system file's. For an adaptive method the first step, optional
     threads : of the forces; the results do not depend on it, bit by bit
     engine : the program that runs it, see ``kickdrift.engines()``: "native", or another that is installed
     processes : of an engine that runs on several ("lammps")
-    rtol, atol : relative and absolute error allowed per step by an adaptive method, one number or, for a Problem, one
-        for each component of y; default the system file's, else 1e-8 and 1e-10. gauss-radau15 takes one rtol alone,
-        which sets its steps, 1e-9 by default
-    max_step : the longest step that an adaptive method may take; default the system file's, else any
-    controller : how an adaptive method sets its step: "i", "pi" (default) or "pid"
-    compensated : carry on what rounding loses of positions and velocities; for methods of fixed steps
     events : what to watch for (`CloseApproach`, `Collision`, `Escape`, `Crossing`); default the system file's
-    iteration : how an implicit method solves for its stages: "newton" or "fixed-point"
-    coordinates, corrector, order, eta, scheme : see the integrators that take them; default the system file's
-    precision : of pair forces, "double" (float64, default) or "mixed": pairs in float32, all else in float64; forces
-        in a liquid are off by about 2e-7 of a typical one for each sigma of the box's edge (or of the extent, in open
-        space), and the energies that are reported are float64's
+    options : what the integrator takes, such as ``rtol=1e-10`` or ``corrector=17``; `kickdrift list integrators NAME`
+        explains them. Options given here come first, then those of an integrator's value, then the system file's.
+        Every integrator takes ``precision``, which is of pair forces: "double" (float64, default) or "mixed" (pairs in
+        float32, all else in float64). With "mixed", forces in a liquid are off by about 2e-7 of a typical one for each
+        sigma of the box's edge (or of the extent, in open space). Reported energies are float64's
 
     Raises
     ------
@@ -81,39 +73,24 @@ class Simulation:
     def __init__(
         self,
         system: System | Problem,
-        integrator: str | None = None,
+        integrator: str | Integrator | None = None,
         dt: float | None = None,
         threads: int = 1,
         *,
         engine: str = "native",
         processes: int = 1,
-        rtol: ArrayLike | None = None,
-        atol: ArrayLike | None = None,
-        max_step: float | None = None,
-        controller: str | None = None,
-        compensated: bool = False,
-        iteration: str | None = None,
-        coordinates: str | None = None,
-        corrector: int | None = None,
-        order: str | None = None,
-        eta: float | None = None,
-        scheme: str | None = None,
-        precision: str | None = None,
         events: Iterable[Event] | None = None,
+        **options: Any,
     ) -> None:
         if not isinstance(system, System | Problem):
             raise InputError(f"a Simulation takes a System or a Problem, got {kind_of(system, Simulation)}")
         self._engine = engine_named(engine)
         default = "velocity-verlet" if isinstance(system, System) else "dormand-prince45"
-        named = integrator if integrator is not None else system.run.integrator
+        name, asked = unpacked(integrator, {"dt": dt, **options})
+        named = name if name is not None else system.run.integrator
         self.integrator = default if named is None else self._engine.method_name(named)
         self.method = method_named(self.integrator)
-        tolerances: Any = rtol, atol  # which `checked` looks at
-        asked = Options(
-            dt, tolerances[0], tolerances[1], controller, compensated, iteration, coordinates, corrector, order, eta,
-            scheme, precision, max_step,
-        )  # fmt: skip
-        self.options = self.method.checked(asked.or_else(system.run), asked)
+        self.options = settled(self.method, asked, system.run)
         self.dt = self.options.dt
         if self.dt is None and self.method.needs_dt:
             raise InputError(f"dt is needed: system {system.name!r} names none in [run]")

@@ -139,7 +139,7 @@ class Writer:
                 raise InputError(f"{path}: ends at step {last[0]}; step {at[0]} cannot follow it")
             if cut and last and not (at and same(last, *at)):
                 raise InputError(f"{path}: damaged after step {last[0]}; resume the run, which goes on from there")
-            for key in ("precision", "compress", "write"):
+            for key in ("store", "compress", "write"):
                 if options and getattr(options, key) != getattr(run.options, key):
                     raise InputError(f"{path}: was begun with {key}={getattr(run.options, key)!r}, and that stays")
         writer = cls.__new__(cls)

@@ -148,7 +148,7 @@ def read(contents: Contents) -> Header:
         method=stored.read(contents, f"{own}/method", stored.MethodText),
         versions=stored.read(contents, f"{own}/versions", stored.VersionsText),
         options=FileOptions(
-            precision="float32" if values[0].dtype.itemsize == 4 else "float64",
+            store="float32" if values[0].dtype.itemsize == 4 else "float64",
             compress=contents.attribute(own, "compress", bool),
             write=tuple(name for group, name in EXTRAS.items() if group in vectors),
         ),

@@ -65,7 +65,7 @@ def _summary(run: Run) -> dict[str, Any]:
         "stopped": (run.report or {}).get("stopped", ""),
         "closed": run.closed,
         "half_written": run.half_written,
-        "precision": run.options.precision,
+        "precision": run.options.store,
         "write": list(run.options.write),
         "compressed": run.packed,
         "compress": run.options.compress,

@@ -211,7 +211,7 @@ class Run(Frames):
     def exact(self) -> bool:
         """Whether positions and velocities are those of the run to the last bit."""
         real = self._factors.length == self._factors.time == 1.0
-        return real and self.options.precision == "float64" and "images" not in self.options.write
+        return real and self.options.store == "float64" and "images" not in self.options.write
 
     @property
     def observables(self) -> dict[str, Floats]:

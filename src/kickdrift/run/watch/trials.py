@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any, Protocol
 
 from kickdrift.errors import RunError
@@ -51,7 +50,7 @@ class Trials:
     def step(self, y: Floats, begin: float, end: float) -> tuple[int, Floats, Counts]:
         """One step from y at ``begin`` to ``end``: a status, y there, and what it cost."""
         run = self._run
-        stepper = run.method.stepper(self._flow, replace(run.options, dt=end - begin))
+        stepper = run.method.stepper(self._flow, run.options.changed(dt=end - begin))
         stepper.reset(y.copy(), begin, 0)
         status = stepper.advance(1, float("inf"))
         return status, stepper.y, stepper.counts
