@@ -193,7 +193,7 @@ def test_options_of_a_users_own_are_in_files_lists_and_texts(system, damped, tmp
     resumed.run(2)
     assert resumed.state.phase.tobytes() == sim.state.phase.tobytes()
     other = kd.Simulation(system, damped, 0.1, friction=0.5)
-    with pytest.raises(InputError, match=r"checkpoint: friction is 0\.25 there, and 0\.5 here"):
+    with pytest.raises(InputError, match=r"checkpoint: friction is 0\.25 in the checkpoint and 0\.5 in this run"):
         other.restore(sim.checkpoint())
     file = tmp_path / "x.toml"
     text = system.source.replace("[run]", '[run]\nintegrator = "damped"\nfriction = 0.75')

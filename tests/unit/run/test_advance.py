@@ -86,7 +86,7 @@ def test_what_makes_no_sense_is_refused():
         sim.advance(5, every=0, visit=print)
     with pytest.raises(InputError, match="visit must be a function, got 7"):
         sim.advance(5, visit=7)
-    with pytest.raises(InputError, match="runs already"):
+    with pytest.raises(InputError, match="already running"):
         sim.run(5, observe=lambda sim: sim.advance(1))
     problem = kd.Simulation(kd.Problem(lambda t, y: -y, [1.0]))
     for asked in (problem.forces, problem.accelerations):

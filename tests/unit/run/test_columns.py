@@ -154,14 +154,14 @@ def test_resume_needs_them_again(tmp_path):
 @pytest.mark.parametrize(
     ("given", "culprit"),
     [
-        (lambda sim: [1.0, 2.0], r"returned an array of shape \(2,\); its shape was said to be \(\)"),
+        (lambda sim: [1.0, 2.0], r"returned an array of shape \(2,\); expected \(\)"),
         (lambda sim: "fast", "returned 'fast', which is no number"),
         (lambda sim: None, "returned None, which is no number"),
         (lambda sim: 1j, "returned 1j, which is no number"),
-        (lambda sim: [[1.0], [1.0, 2.0]], r"returned .*, which is no number or array of numbers"),
+        (lambda sim: [[1.0], [1.0, 2.0]], r"returned .*; expected a number or an array of numbers"),
         (lambda sim: 1 / 0, "raised ZeroDivisionError: division by zero"),
         (lambda sim: setattr(sim, "state", sim.state), "raised InputError: state: is read-only"),
-        (lambda sim: sim.run(5), "raised InputError: run: the Simulation runs already"),
+        (lambda sim: sim.run(5), "raised InputError: run: the Simulation is already running"),
     ],
 )
 def test_a_function_that_returns_something_else_is_named_at_the_first_look(given, culprit, tmp_path):
@@ -218,7 +218,7 @@ def test_a_run_refuses_columns_that_do_not_go_together():
         ([RADIUS, double], "'radius_of_gyration': 'radius_of_gyration' is taken: there are two of that name"),
         ([first, part], "'spin_x' is taken"),
         (RADIUS, "columns must be a list of kd.Column, got Column"),
-        ({"mine": gyration}, "columns must be a list of kd.Column, and holds 'mine'"),
+        ({"mine": gyration}, "columns must be a list of kd.Column; it holds 'mine'"),
         ([kd.Column("mine", "parsnip", (), gyration)], "column 'mine': unit: unknown unit 'parsnip'"),
         ([kd.Column("mine", "energi", (), gyration)], "column 'mine': unit: unknown unit 'energi'.*"),
         ([kd.Column("mine", "9**9**9", (), gyration)], "column 'mine': unit: cannot read the unit"),

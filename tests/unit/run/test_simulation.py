@@ -206,7 +206,7 @@ def test_time_and_steps():
         ({"steps": "10"}, "steps must be a whole number, zero or more, got '10'"),
         ({"until": 1.53}, "time 1.53 is not on the grid of steps of 0.1; nearest are 1.5 and 1.6"),
         ({"until": 1.01}, "nearest are 1 and 1.1"),
-        ({"until": 0.9}, "time 0.9 lies before the present, 1"),
+        ({"until": 0.9}, "time 0.9 lies before the current time, 1"),
         ({"until": -math.inf}, "must be a finite number, got -inf"),
         ({"until": math.nan}, "must be a finite number, got nan"),
         ({"until": "1"}, "must be a finite number, got '1'"),
@@ -488,9 +488,9 @@ def test_observers_cannot_change_the_run():
         sim.state.phase[:] = 0.0  # a copy
         with pytest.raises(InputError, match="read-only while the Simulation runs"):
             sim.state = sim.state
-        with pytest.raises(InputError, match="runs already"):
+        with pytest.raises(InputError, match="already running"):
             sim.run(1)
-        with pytest.raises(InputError, match="runs already"):
+        with pytest.raises(InputError, match="already running"):
             sim.equilibrate(1.0, 1.0)
 
     watched.run(20, every=5, observe=meddle)

@@ -578,7 +578,7 @@ def test_damage_in_the_middle_stays_and_is_told(whole, tmp_path):
     changed(path, "kickdrift/samples/total_energy", 5, 7.0)
     sim = kd.resume(path)
     report = sim.run(10)
-    assert "1 sample of the file damaged, and left out of the report" in " ".join(report.warnings)
+    assert "1 damaged sample of the file left out of the report" in " ".join(report.warnings)
     with kd.open(path) as run:
         assert (run.damage().frames, run.damage().samples) == ([3], [5])
         assert run[-1].step == 410
@@ -604,7 +604,7 @@ def test_without_a_whole_checkpoint_there_is_one_line(whole, tmp_path):
     shutil.copy(whole, path)
     with h5py.File(path, "r+") as file:
         file["kickdrift/checkpoints/crc32"][...] = 0
-    with pytest.raises(InputError, match="damaged: no checkpoint up to step 400 is whole"):
+    with pytest.raises(InputError, match="damaged: no intact checkpoint up to step 400"):
         kd.resume(path)
     assert "checkpoints of step 0, 200, 400" in describe(info(path))
 

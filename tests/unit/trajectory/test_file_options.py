@@ -206,7 +206,7 @@ def test_images_need_a_box_and_options_an_output(path):
         Writer(path, system(box=None), method={}, every=1, options=kd.FileOptions(write=("images",)))
     assert not path.exists()
     sim = kd.Simulation(kd.System([[0.5, 0, 0]], forces=[kd.HarmonicTrap(2.0)]), dt=0.01)
-    with pytest.raises(InputError, match="file: says how output is written, and there is none"):
+    with pytest.raises(InputError, match="file: sets how output is written; give output as well"):
         sim.run(1, file=kd.FileOptions())
 
 

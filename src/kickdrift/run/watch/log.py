@@ -1,4 +1,4 @@
-"""The log of events: what the present has come to, and what waits for it."""
+"""The log of events: entries that the run has reached, and entries that wait."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from kickdrift.run.watch.watches import Row
 
 
 class Recorded(Protocol):
-    """What has a record; see `run.advance.Integration`."""
+    """An object with a record; see `run.advance.Integration`."""
 
     record: Record
 
@@ -19,8 +19,8 @@ class Recorded(Protocol):
 class Log:
     """Entries for the record of a run.
 
-    The present of an adaptive run may lie inside a step that was searched as a whole. An event beyond the present waits
-    until the present has come there."""
+    The current time of an adaptive run may lie inside a step, but events are searched in the whole step. A later event
+    waits until the run reaches its time."""
 
     def __init__(self, run: Recorded) -> None:
         self._run = run
@@ -31,11 +31,11 @@ class Log:
         self._run.record.events.append(row)
 
     def wait(self, found: list[tuple[float, Row]]) -> None:
-        """Let entries wait, each until the present has come to its time."""
+        """Hold back entries, each until the run reaches its time."""
         self._waiting += sorted(found, key=lambda pair: pair[0])
 
     def tell(self, until: float) -> None:
-        """Write the entries whose time is up."""
+        """Write the waiting entries up to the time ``until``."""
         late = []
         for due, row in self._waiting:
             if due <= until:
@@ -45,20 +45,20 @@ class Log:
         self._waiting = late
 
     def forget(self) -> None:
-        """Drop what waits."""
+        """Drop the waiting entries."""
         self._waiting = []
 
     @property
     def waiting_rows(self) -> list[Row]:
-        """The entries that wait."""
+        """Return the waiting entries."""
         return [row for _, row in self._waiting]
 
     def memory(self) -> list[list[Any]]:
-        """What waits, by value."""
+        """Return the waiting entries by value, for a checkpoint."""
         return [[due, row] for due, row in self._waiting]
 
     def recall(self, memory: Any) -> None:
-        """Wait for what this memory has; an InputError where it has something else."""
+        """Restore the waiting entries from ``memory``; an InputError if these are not entries."""
         self._waiting = [(due, row) for due, row in memory]
         if not all(isinstance(due, int | float) and is_row(row) for due, row in self._waiting):
-            raise InputError("checkpoint: what its events wait for are none")
+            raise InputError("checkpoint: its waiting events are invalid")
