@@ -1,4 +1,4 @@
-"""The pressure tensor of particles as they are, from the forces between pairs."""
+"""Instantaneous pressure tensor, from the forces between pairs."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from kickdrift.model.system import System
 
 
 def instantaneous_pressure(system: System, positions: ArrayLike, velocities: ArrayLike) -> Floats:
-    """(3, 3) the pressure tensor of a System's particles at these positions and velocities, both (n, 3)."""
+    """Return the pressure tensor (3, 3) of a System at these positions and velocities, both (n, 3)."""
     if not system.box.periodic:
         raise InputError("pressure: needs a periodic box; open space has no volume")
     x, v = np.asarray(positions, dtype=float), np.asarray(velocities, dtype=float)
@@ -30,7 +30,7 @@ def instantaneous_pressure(system: System, positions: ArrayLike, velocities: Arr
 
 
 def _pulls(force: object, system: System, x: Floats) -> Iterator[tuple[Floats, Floats]]:
-    """(m, 3) separations of pairs and (m,) the force over r between them, positive where they repel."""
+    """Yield pair separations (m, 3) and forces over r (m,), positive for repulsion."""
     if isinstance(force, PairForce):
         yield from _pair_law(force, system, x)
     elif isinstance(force, Springs):
@@ -41,7 +41,7 @@ def _pulls(force: object, system: System, x: Floats) -> Iterator[tuple[Floats, F
         yield apart, -np.divide(stretch, r, out=np.zeros_like(r), where=r > 0)
     elif not getattr(force, "external", False):
         name = getattr(force, "name", type(force).__name__)
-        raise InputError(f"pressure: force {name!r} has no pairs for the sum")
+        raise InputError(f"pressure: force {name!r} is not a sum over pairs")
 
 
 def _pair_law(force: PairForce, system: System, x: Floats) -> Iterator[tuple[Floats, Floats]]:
@@ -49,7 +49,7 @@ def _pair_law(force: PairForce, system: System, x: Floats) -> Iterator[tuple[Flo
 
     cutoff = float(force.cutoff or 0.0)
     tree = cKDTree(system.box.wrap(x), boxsize=system.box.lengths)
-    # A hair beyond the cutoff, so that rounding here and there decides alike: below.
+    # Slightly beyond the cutoff: the test below then decides alone, whatever the rounding in the tree.
     i, j = tree.query_pairs(cutoff * (1 + 1e-12), output_type="ndarray").T
     apart = system.box.minimum_image(x[i] - x[j])
     r2 = np.einsum("ma,ma->m", apart, apart)

@@ -121,8 +121,7 @@ def _simulation(run: Run, system: System | None, events: Iterable[Event] | None,
     """Return the Simulation that the file describes, at the run's start."""
     if not run.checkpoints or not run.checkpoints.rows:
         raise InputError(
-            f"{run.path}: holds no checkpoint (kickdrift/checkpoints), so the run cannot be resumed; "
-            f"{_NEW}"
+            f"{run.path}: holds no checkpoint (kickdrift/checkpoints), so the run cannot be resumed; {_NEW}"
         )
     if not run.unchanged:
         raise InputError(f"{run.path}: {CHANGED}; the run cannot be resumed")

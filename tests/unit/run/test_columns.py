@@ -194,15 +194,15 @@ def test_a_later_failure_leaves_a_file_that_goes_on(tmp_path):
 @pytest.mark.parametrize(
     ("column", "culprit"),
     [
-        (("total_energy", "energy", (), gyration), "column 'total_energy': is a name of kickdrift's own"),
-        (("momentum_x", "", (), gyration), "'momentum_x': is a name of kickdrift's own"),
-        (("time", "time", (), gyration), "'time': is a name of kickdrift's own"),
+        (("total_energy", "energy", (), gyration), "column 'total_energy': kickdrift uses this name itself"),
+        (("momentum_x", "", (), gyration), "'momentum_x': kickdrift uses this name itself"),
+        (("time", "time", (), gyration), "'time': kickdrift uses this name itself"),
         (("a/b", "", (), gyration), "its name must be a letter and up to 59"),
         ((7, "", (), gyration), "its name must be .*, got 7"),
         (("mine", None, (), gyration), "column 'mine': unit must be text, got None"),
         (("mine", "", (3, 0), gyration), r"column 'mine': shape must be .*, got \(3, 0\)"),
         (("mine", "", "3", gyration), "column 'mine': shape must be .*, got '3'"),
-        (("mine", "", (200, 200), gyration), "has 40,000 numbers; the most is 10,000"),
+        (("mine", "", (200, 200), gyration), "has 40,000 numbers; the limit is 10,000"),
         (("mine", "", (), 1.0), "column 'mine': function must be a function, got 1.0"),
     ],
 )
