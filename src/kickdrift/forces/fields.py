@@ -1,6 +1,6 @@
-"""Fields: what acts on particles one by one (trap, uniform and driven field, drag), and springs between named pairs.
+"""Fields that act on single particles (trap, uniform and driven field, drag), and springs between given pairs.
 
-This module knows no numba, so that a system file can be read and checked without paying for it; ``bind`` compiles.
+This module does not import numba, so reading and checking a system file stays fast; ``bind`` compiles.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ Vector = tuple[float, float, float]
 
 
 class Field:
-    """What the forces of this module share.
+    """Base class of the forces of this module.
 
     Attributes
     ----------
     may_overlap : bool
-        Particles may begin at the same place as far as this force is concerned.
+        Whether this force allows particles to begin at the same place.
     external : bool
-        It does not conserve momentum.
+        Whether this force changes the total momentum.
     """
 
     may_overlap: ClassVar[bool] = True
@@ -41,7 +41,7 @@ class Field:
         """Refuse a system that this force cannot run on."""
 
     def bind(self, system: System, threads: int = 1) -> Any:
-        """The parts of this force for a System: a NamedTuple with a compiled body."""
+        """Return the parts of this force for a System: a NamedTuple with a compiled body."""
         from kickdrift.forces.fields_kernel import bind
 
         return bind(self, system)
@@ -49,12 +49,12 @@ class Field:
 
 @dataclass(frozen=True)
 class HarmonicTrap(Field):
-    """U = k |x - c|^2 / 2 for each particle.
+    """Harmonic trap, U = k |x - c|^2 / 2 for each particle.
 
     Attributes
     ----------
     stiffness : float, or three of them
-        Energy per length squared, zero or more; three numbers are those along x, y and z.
+        Energy per length squared, zero or more; three numbers apply along x, y and z.
     centre : (x, y, z)
         Default the origin. A periodic box is refused: the trap is not periodic.
     """
@@ -74,18 +74,18 @@ class HarmonicTrap(Field):
         object.__setattr__(self, "centre", vector(self.name, "centre", self.centre))
 
     def check(self, system: System) -> None:
-        """Refuse a periodic box, and particles without mass, which the trap would move infinitely fast."""
+        """Refuse a periodic box, and massless particles, which the trap would accelerate without limit."""
         if system.box.periodic:
-            raise InputError(f"{self.name}: a trap needs open space, and the box is periodic")
+            raise InputError(f"{self.name}: a trap needs open space, but the box is periodic")
         _check_masses(self.name, system, range(len(system)))
 
 
 @dataclass(frozen=True)
 class UniformField(Field):
-    """The same acceleration g for every particle, massless ones too: U = -m g . x.
+    """The same acceleration g for every particle, including massless ones: U = -m g . x.
 
-    In a periodic box x is the unwrapped position, so that the energy is conserved while particles fall through; it has
-    no meaning beyond one run, and the total momentum grows without end.
+    In a periodic box x is the unwrapped position, which conserves the energy of particles that fall through the box.
+    This energy has no meaning beyond one run, and the total momentum grows without limit.
 
     Attributes
     ----------
@@ -105,15 +105,15 @@ class UniformField(Field):
 class DrivenField(Field):
     """The acceleration a cos(2 pi f t + phase) for every particle, with t the time of the run.
 
-    The potential energy is that of the moment, U = -m a . x cos(2 pi f t + phase) with x unwrapped: the field does
-    work, so the total energy is not conserved.
+    The instantaneous potential energy is U = -m a . x cos(2 pi f t + phase), with x unwrapped. The field does work, so
+    the total energy is not conserved.
 
     Attributes
     ----------
     amplitude : (x, y, z)
         An acceleration.
     frequency : float
-        In cycles per time, zero or more: the period is 1 / frequency.
+        Cycles per unit of time, zero or more; the period is 1 / frequency.
     phase : float
         In radians.
     """
@@ -127,7 +127,7 @@ class DrivenField(Field):
 
     @property
     def works(self) -> bool:
-        """Whether it drives anything: energy is not conserved then."""
+        """Whether the field does work, so that energy is not conserved."""
         return any(self.amplitude)
 
     def __post_init__(self) -> None:
@@ -140,15 +140,14 @@ class DrivenField(Field):
 
 @dataclass(frozen=True)
 class LinearDrag(Field):
-    """The acceleration -rate v, whatever the mass (Stokes' drag with rate = friction / mass).
+    """The acceleration -rate v for any mass (Stokes' drag with rate = friction / mass).
 
-    It has no potential energy and the total energy falls; a method that takes forces for functions of positions alone
-    cannot run it.
+    Drag has no potential energy, and the total energy falls. Methods for forces of positions alone refuse drag.
 
     Attributes
     ----------
     rate : float
-        Per time, zero or more: a free particle slows down as exp(-rate t).
+        Inverse time, zero or more; a free particle slows down as exp(-rate t).
     """
 
     rate: float
@@ -158,12 +157,12 @@ class LinearDrag(Field):
 
     @property
     def velocity_dependent(self) -> bool:
-        """Whether it is there at all: a splitting method refuses it then."""
+        """Whether the rate is not zero; splitting methods refuse a force that depends on velocity."""
         return self.rate != 0.0
 
     @property
     def works(self) -> bool:
-        """Likewise: energy is not conserved then."""
+        """Whether the rate is not zero, so that energy is not conserved."""
         return self.rate != 0.0
 
     def __post_init__(self) -> None:
@@ -174,18 +173,18 @@ class LinearDrag(Field):
 
 @dataclass(frozen=True)
 class Springs(Field):
-    """U = k (r - l)^2 / 2 for each named pair of particles, r their distance between nearest images.
+    """Springs: U = k (r - l)^2 / 2 for each given pair of particles, with r the distance between nearest images.
 
     Attributes
     ----------
     pairs : ((i, j), …)
-        Ids of particles, counted from 0; no pair twice, in either order.
+        Ids of particles, counted from 0. No pair may occur twice, in either order.
     stiffness : float, or one for each pair
         Energy per length squared, positive.
     length : float, or one for each pair
-        At rest, zero or more and under half the shortest edge of a periodic box, beyond which images would take turns;
-        default 0. Where both ends come to the same place the force of a spring with a length has no direction: it is
-        zero there, and a system that begins so is refused.
+        Length at rest, zero (default) or more. In a periodic box it must be under half the shortest edge, since a
+        longer spring would switch between images. If both ends meet, the force of a spring with a length has no
+        direction, so it is zero there. A system that begins with such ends is refused.
     """
 
     pairs: Sequence[tuple[int, int]]
@@ -194,7 +193,7 @@ class Springs(Field):
 
     name: ClassVar[str] = "springs"
     external: ClassVar[bool] = False
-    joins: ClassVar[bool] = True  # its bodies may not merge, nor leave alone
+    joins: ClassVar[bool] = True  # joined bodies may neither merge nor leave
     dimensions: ClassVar[dict[str, str]] = {"stiffness": "stiffness", "length": "length"}
 
     def __post_init__(self) -> None:
@@ -229,7 +228,7 @@ class Springs(Field):
         return f"Springs({', '.join(described)})"
 
     def check(self, system: System) -> None:
-        """Refuse pairs of particles that are not there, have no mass or begin at the same place."""
+        """Refuse pairs of particles that do not exist, have no mass or begin at the same place."""
         n, ids = len(system), np.array(self.pairs)
         for i, j in ids[(ids >= n).any(axis=1)]:
             raise InputError(
@@ -239,7 +238,7 @@ class Springs(Field):
         lengths = np.broadcast_to(np.array(self.length), len(ids))
         if system.box.lengths is not None and lengths.max() >= 0.5 * min(system.box.lengths):
             raise InputError(
-                f"{self.name}: length {lengths.max():.6g} is not under half the shortest box edge, "
+                f"{self.name}: length {lengths.max():.6g} must be under half the shortest box edge, "
                 f"{0.5 * min(system.box.lengths):.6g}"
             )
         x = system.state.positions
@@ -251,7 +250,7 @@ class Springs(Field):
             )
 
 
-# --- what users give, checked ---
+# --- checks of users' values ---
 
 
 def _is_number(value: Any) -> bool:
@@ -259,7 +258,7 @@ def _is_number(value: Any) -> bool:
 
 
 def number(name: str, key: str, value: Any) -> float:
-    """The value as a finite float; an InputError that names the force and the key."""
+    """Return the value as a finite float; otherwise raise an InputError that names the force and the key."""
     if isinstance(value, np.ndarray) and value.ndim == 0:
         value = value[()]
     found = real(value)
@@ -275,7 +274,7 @@ def _items(name: str, key: str, values: Any) -> list[Any]:
 
 
 def vector(name: str, key: str, values: Any) -> Vector:
-    """Three finite floats, likewise."""
+    """Return three finite floats; otherwise raise an InputError that names the force and the key."""
     given = [] if isinstance(values, str) or not isinstance(values, Iterable) else list(values)
     if len(given) != 3:
         raise InputError(f"{name}: {key}: expected three numbers, got {shown(values)}")
@@ -294,4 +293,4 @@ def _pair(number: int, values: Any) -> tuple[int, int]:
 def _check_masses(name: str, system: System, ids: Iterable[int]) -> None:
     for i in ids:
         if system.state.masses[i] == 0:
-            raise InputError(f"{name}: particle {i} has no mass, and this force would move it infinitely fast")
+            raise InputError(f"{name}: particle {i} has no mass, so this force would accelerate it without limit")

@@ -1,5 +1,6 @@
-"""The compiled fields. They cost a time that grows as the particles (or springs) do, so they run on one thread, and
-every sum has one order."""
+"""The compiled fields. Their cost is linear in the number of particles or springs.
+
+They run on one thread, so every sum has a fixed order."""
 
 from __future__ import annotations
 
@@ -27,7 +28,7 @@ class TrapKernel(NamedTuple):
 
 
 class UniformKernel(NamedTuple):
-    """A uniform field bound to a System; one that is driven is multiplied by cos(omega t + phase)."""
+    """A uniform field bound to a System; a driven field is multiplied by cos(omega t + phase)."""
 
     acceleration: NDArray[np.float64]  # (3,)
     omega: float
@@ -47,14 +48,14 @@ class SpringsKernel(NamedTuple):
     pairs: NDArray[np.int64]  # (springs, 2)
     stiffness: NDArray[np.float64]  # (springs,)
     length: NDArray[np.float64]  # (springs,)
-    edges: NDArray[np.float64]  # (3,), zero where the box is open
+    edges: NDArray[np.float64]  # (3,), zero in open space
     inverse_masses: NDArray[np.float64]  # (n,)
 
 
 @singledispatch
 def bind(force: Any, system: System) -> Any:
-    """The field for this System."""
-    raise TypeError(f"{type(force).__name__} is no field")
+    """Return the field bound to this System."""
+    raise TypeError(f"{type(force).__name__} is not a field")
 
 
 @bind.register(HarmonicTrap)
@@ -146,7 +147,7 @@ def spring_forces(force, t, x, v, a, sums):
         r = math.sqrt(r2)
         stretch = r - force.length[s]
         pull = force.stiffness[s] * stretch
-        over_r = pull / r if r != 0.0 else 0.0  # no direction: no force
+        over_r = pull / r if r != 0.0 else 0.0  # no direction, so no force
         for k in range(3):
             a[k, i] -= over_r * d[k] * inverse_masses[i]
             a[k, j] += over_r * d[k] * inverse_masses[j]
