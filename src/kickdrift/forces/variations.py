@@ -1,8 +1,8 @@
 """Forces with their first-order variations: deviation vectors move as additional particles.
 
 A *varied* System has 2 n particles: the n particles of the System, then n massless deviations. The accelerations of the
-deviations follow the variational equations, a' = (da/dx) dx + (da/dv) dv. Any integrator of y' = f(t, y) moves both. Its
-step for the deviations is the derivative of its step for the particles.
+deviations follow the variational equations, a' = (da/dx) dx + (da/dv) dv. Any integrator of y' = f(t, y) moves both;
+its step for the deviations is the derivative of its step for the particles.
 """
 
 from __future__ import annotations

@@ -35,7 +35,7 @@ class Box:
             if not (np.isfinite(length) and length > 0):
                 raise InputError(f"box: edge {axis} must be a positive finite length, got {shown(value)}")
         if not 0.0 < x * y * z < np.inf:
-            raise InputError(f"box: edges of {x:g}, {y:g} and {z:g} have a volume that no number can hold")
+            raise InputError(f"box: edges of {x:g}, {y:g} and {z:g} have a volume beyond the range of numbers")
         object.__setattr__(self, "lengths", edges)
 
     @property

@@ -186,7 +186,7 @@ def _subject(data: dict[str, Any], path: Path, text: str, seed: int | None) -> S
 def _problem(data: dict[str, Any], path: Path, text: str, seed: int | None) -> Problem:
     for key in data:
         if key in SystemTable.model_fields and key not in OdeFileTable.model_fields:
-            raise InputError(f"{key}: does not go with ode; beside it stand {', '.join(_BESIDE_ODE)}")
+            raise InputError(f"{key}: not allowed in an ODE file; allowed beside ode: {', '.join(_BESIDE_ODE)}")
     table: OdeFileTable = checked(OdeFileTable, data, None)
     if seed is not None:
         raise InputError("seed: an ode draws no velocities; expected a system with velocities.temperature")
@@ -282,13 +282,13 @@ def _box(table: SystemTable, start: Structure) -> Sequence[float] | None:
         for axis, (length, edge) in enumerate(zip(lengths, edges or (0.0,) * 3, strict=True)):
             if length < edge * (1 - 1e-9):
                 raise InputError(
-                    f"box.lengths[{axis}]: expected {edge:.9g} or more, which the particles fill, got {length:g}"
+                    f"box.lengths[{axis}]: expected at least {edge:.9g}, the extent of the particles, got {length:g}"
                 )
         return lengths
     if not (start.periodic if table.box.periodic is None else table.box.periodic):
         return None
     if edges is None:
-        raise InputError("box.lengths: required key is missing: nothing else sets the edges of this periodic box")
+        raise InputError("box.lengths: required key is missing; nothing else sets the edges of this periodic box")
     return edges
 
 
@@ -301,7 +301,7 @@ def _start(table: SystemTable, units: UnitSystem, folder: Path, gravity: float |
             return _given(particles, units, gravity)
         if isinstance(particles, ElementsTable | PlummerTable):
             if table.velocities is not None:
-                raise InputError("elements and plummer give velocities themselves; expected no [velocities]")
+                raise InputError("elements and plummer already set velocities; expected no [velocities]")
             return (
                 on_orbits(particles, gravity, seed)
                 if isinstance(particles, ElementsTable)
@@ -319,7 +319,7 @@ def _on_lattice(particles: LatticeTable, lengths: list[float] | None, units: Uni
     if isinstance(particles.species, dict):
         names = list(particles.species)
         if len(names) > 1 and particles.seed is None:
-            raise InputError("seed: required key is missing: a mixture is placed with a named seed, such as seed = 1")
+            raise InputError("seed: required key is missing; a mixture is placed with a seed, such as seed = 1")
         species = mixture(particles.species, count, particles.seed or 0)
     else:
         species = particles.species
@@ -339,13 +339,13 @@ def _on_lattice(particles: LatticeTable, lengths: list[float] | None, units: Uni
 def _given(particles: PositionsTable, units: UnitSystem, gravity: float | None) -> Structure:
     n = len(particles.positions)
     if isinstance(particles.species, dict) and len(particles.species) > 1:
-        raise InputError(f"species: expected one name or a list of {n}: fractions go with a lattice")
+        raise InputError(f"species: expected one name or a list of {n}; fractions need a lattice")
     species = list(particles.species) * n if isinstance(particles.species, dict) else particles.species
     if len(species) != n:
         raise InputError(f"species: expected one name or {n}, got {len(particles.species)}")
     if particles.GM is not None:
         if gravity is None or particles.mass is not None or particles.masses is not None:
-            raise InputError("GM: expected it alone, without mass or masses, in units that have a G")
+            raise InputError("GM: excludes mass and masses, and needs units that set G")
         masses = [gm / gravity for gm in particles.GM]
         if len(masses) != n:
             raise InputError(f"GM: expected {n}, one for each position, got {len(masses)}")
@@ -370,7 +370,7 @@ def _masses(mass: Any, species: Sequence[str], n: int, units: UnitSystem) -> Any
         raise InputError(f"species: expected {n} names, got {len(species)}")
     if mass is None:
         if not units.reduced:
-            raise InputError(f"mass: required key is missing: units {units.name!r} have no mass of their own")
+            raise InputError(f"mass: required key is missing; units {units.name!r} have no default mass")
         return 1.0
     if not isinstance(mass, dict):
         return mass

@@ -115,7 +115,7 @@ class VelocitiesTable(Table):
     def _drawn_or_given(self) -> VelocitiesTable:
         self.one_of("temperature", "values")
         if (self.seed is None) != (self.temperature is None):
-            raise InputError("seed goes with temperature: velocities are drawn with a named seed, such as seed = 1")
+            raise InputError("seed and temperature need each other: velocities are drawn with a seed, such as seed = 1")
         return self
 
 
@@ -126,7 +126,7 @@ class BoxTable(Table):
     @model_validator(mode="after")
     def _agree(self) -> BoxTable:
         if self.lengths is not None and self.periodic is False:
-            raise InputError("lengths make a box periodic, and periodic = false says that it is not")
+            raise InputError("lengths make a box periodic, but periodic = false")
         return self
 
 

@@ -63,7 +63,7 @@ class BodyTable(CentralTable):
         if len(where) > 1:
             raise InputError(f"expected one of f, M, E, T, got {' and '.join(where)}")
         if self.count is None and self.spread:
-            raise InputError(f"{self.spread[0]} is a range, which goes with count: how many bodies are drawn from it")
+            raise InputError(f"{self.spread[0]} is a range, which needs count, the number of bodies to draw")
         return self
 
     @property

@@ -348,7 +348,7 @@ def test_bad_arguments_are_found_before_the_equilibration(kickdrift, folder, mon
         ("mass = 1.0", "mass = 0", ["lennard-jones: particle 0 has no mass"]),
         ("temperature = 1.0", "temperature = -1.0", ["velocities.temperature: expected a non-negative temperature"]),
         ("temperature = 1.0", "temperature = inf", ["velocities.temperature: expected a finite number, got inf"]),
-        ("seed = 1", "", ["velocities: seed goes with temperature"]),
+        ("seed = 1", "", ["velocities: seed and temperature need each other"]),
         ("dt = 0.004", "dt = 0", ["run.dt: expected a positive time, got 0"]),
         ("dt = 0.004", "dt = -1", ["run.dt: expected a positive time, got -1"]),
         ("dt = 0.004", "", ["dt is needed"]),

@@ -290,14 +290,14 @@ def test_the_files_numbers_are_stored_under_one_name(monkeypatch, capsys, tmp_pa
         assert found.options.store == "float32"
     status, _, err = kickdrift(monkeypatch, capsys, *run, "--precision", "float32")
     assert status == 0
-    assert "warning: --precision is --store since 0.2" in err
+    assert "warning: --precision is deprecated since 0.2 and goes in 0.3; use --store" in err
     with kd.open(path) as found:
         assert found.options.store == "float32"
     assert kickdrift(monkeypatch, capsys, *run, "--precision", "float32", "--store", "float32")[0] == 2
-    with pytest.warns(DeprecationWarning, match="store=… since 0.2"):
+    with pytest.warns(DeprecationWarning, match="deprecated since 0.2; use store=…"):
         old = kd.FileOptions(precision="float32")
     assert old == kd.FileOptions(store="float32")
-    with pytest.warns(DeprecationWarning, match="store since 0.2"):
+    with pytest.warns(DeprecationWarning, match="deprecated since 0.2; use store"):
         assert old.precision == "float32"
 
 

@@ -534,7 +534,7 @@ def test_the_same_simulation_appends_and_no_other(tmp_path):
         other.run(10, output=path)
     assert path.read_bytes() == before
     other.run(10, output=path, every=10, overwrite=True)
-    with pytest.raises(InputError, match="file of another run"):
+    with pytest.raises(InputError, match="belongs to another run"):
         sim.run(10, output=path)
     with kd.open(path) as run:
         assert [frame.step for frame in run] == [0, 10]

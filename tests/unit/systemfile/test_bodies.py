@@ -156,7 +156,7 @@ BAD = [
     (BODIES, "inc = 1.3", 'inc = "1.3 furlong"', "particles.elements[0].inc: expected an angle such as"),
     (BODIES, "inc = 1.3", 'inc = "1.3"', "particles.elements[0].inc: missing unit"),
     (BODIES, "inc = 1.3", "incl = 1.3", "particles.elements[0].incl: unknown key; did you mean 'inc'?"),
-    (BODIES, "a = 5.2", "a = [5.2, 5.3]", "particles.elements[0]: a is a range, which goes with count"),
+    (BODIES, "a = 5.2", "a = [5.2, 5.3]", "particles.elements[0]: a is a range, which needs count"),
     (BODIES, "mass = 1.0", "mass = 0.0", "particles.central.mass: expected a positive mass"),
     (BODIES, 'central = { body = "Sun", mass = 1.0 }', "", "particles.central: required key is missing"),
     (BODIES, "elements = [", 'frame = "geocentric"\nelements = [', "particles.frame: expected 'heliocentric', 'jacobi' "
@@ -185,7 +185,7 @@ def test_a_bad_file_gets_one_line_that_names_the_key(text, old, new, message):
 
 
 def test_elements_need_a_gravitational_constant():
-    with pytest.raises(InputError, match="elements: these units have no G of their own"):
+    with pytest.raises(InputError, match="elements: these units do not set G"):
         loads(changed(changed(BODIES, '"astro"', '"lj"'), 'inc = "0.5 rad", T = "-30 day"', "inc = 3.0, T = -1.0"))
     given = changed(changed(BODIES, '"astro"', '"lj"'), 'inc = "0.5 rad", T = "-30 day"', "inc = 3.0, T = -1.0")
     assert len(loads(given + "G = 2.0\n")) == 4
