@@ -188,7 +188,7 @@ def test_an_ensemble_goes_on_where_it_stopped(system, client, suffix):
     assert same(more.iloc[:6].reset_index(drop=True), truth)
     with pytest.raises(InputError, match="holds 9 members of this ensemble, more than the requested 6"):
         ensemble.run(client, output=output)
-    with pytest.raises(InputError, match="another seed; give --overwrite"):
+    with pytest.raises(InputError, match="another seed; use --overwrite"):
         kd.Ensemble(system, VARY, seed=1).run(client, output=output)
     system.write_text(SYSTEM.format(steps=STEPS + 1))
     with pytest.raises(InputError, match="another system; give --overwrite"):
