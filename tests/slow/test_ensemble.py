@@ -191,7 +191,7 @@ def test_an_ensemble_goes_on_where_it_stopped(system, client, suffix):
     with pytest.raises(InputError, match="another seed; use --overwrite"):
         kd.Ensemble(system, VARY, seed=1).run(client, output=output)
     system.write_text(SYSTEM.format(steps=STEPS + 1))
-    with pytest.raises(InputError, match="another system; give --overwrite"):
+    with pytest.raises(InputError, match="another system; use --overwrite"):
         kd.Ensemble(system, VARY).run(client, output=output)
     assert len(kd.Ensemble(system, VARY).run(client, output=output, overwrite=True)) == 3
 
