@@ -3,35 +3,19 @@
 from __future__ import annotations
 
 import os
-import re
 import sys
-from pathlib import Path
-from types import ModuleType
 
 import pytest
+
+from tests import own_methods
+from tests.folders import TOP
 
 # Before NumPy is loaded: two test processes whose BLAS threads wait for each other take many times as long.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 # Likewise numba's threads: those that spin for a thread that has no core make a force on two threads 30 times as slow.
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
-PAGE = Path(__file__).parents[1] / "docs" / "your-own-integrator.md"
-
-
-def page_code() -> str:
-    """The Python of the docs' page on integrators of one's own."""
-    return "\n".join(re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL))
-
-
-def registrations() -> str:
-    """The part that registers, without the run."""
-    return page_code().split("\nif __name__")[0]
-
-
-page = ModuleType("page")  # a module that numba can name in its cache
-sys.modules["page"] = page
-exec(compile(registrations(), str(PAGE), "exec"), vars(page))
-
+own_methods.register()  # before tests are collected, so that every contract test is theirs too
 
 # The files that take longest, which a run in two processes begins with, so that neither waits for the other at the end.
 # While the first compiles every loop, the next four, and the processes that they start, compile other things; what
@@ -46,6 +30,9 @@ LONGEST = (
 
 
 def pytest_configure(config: pytest.Config) -> None:
+    absent = {*LONGEST} - {path.stem for path in (TOP / "tests").rglob("test_*.py")}
+    if absent:
+        raise pytest.UsageError(f"tests/conftest.py: LONGEST names files that are not there: {absent}")
     if hasattr(config.option, "loadscopereorder"):  # xdist is there, and would order files by their number of tests
         config.option.loadscopereorder = False
 

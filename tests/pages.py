@@ -1,9 +1,9 @@
 """Runs a page of the documentation as a reader would who types in everything: files with a title are written, lines of
 ``sh`` that begin with kickdrift are called, blocks of Python run one after the other in one module.
 
-    python tests/pages.py PAGE.md
+    python -m tests.pages PAGE.md
 
-in an empty folder. Nothing else on the page is looked at: blocks without a language are for reading.
+in an empty folder, where Python finds the modules that the page writes. Blocks without a language are not run.
 """
 
 from __future__ import annotations
@@ -66,5 +66,4 @@ def exit_status(words: list[str]) -> int:
 
 
 if __name__ == "__main__":
-    sys.path.insert(0, "")  # modules that the page writes
     run(Path(sys.argv[1]))

@@ -1,6 +1,6 @@
 """Nothing breaks the program: the first cases of every generator, which `kickdrift validate robustness` has more of.
 
-A failure names the case. ``python validation/fuzzing KIND NUMBER`` repeats it and shows what the program said.
+A failure names the case. ``python -m kickdrift_validation.fuzzing KIND NUMBER`` repeats it and shows what was said.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ from kickdrift.trajectory import layout
 if sys.platform != "linux":
     pytest.skip("forks, and reads /proc", allow_module_level=True)
 
-from fuzzing import misdeeds, run_files
-from fuzzing.kinds import KINDS
-from fuzzing.rules import Ended, broken, culprit, signature
-from fuzzing.session import session
-from fuzzing.watch import Limits
+from kickdrift_validation.fuzzing import misdeeds, run_files
+from kickdrift_validation.fuzzing.kinds import KINDS
+from kickdrift_validation.fuzzing.rules import Ended, broken, culprit, signature
+from kickdrift_validation.fuzzing.session import session
+from kickdrift_validation.fuzzing.watch import Limits
 
 pytestmark = pytest.mark.fuzzing
 
@@ -46,7 +46,7 @@ def test_no_case_breaks_a_rule(tried, kind):
         for text in result["found"]
         if signature(text) not in KNOWN
     ]
-    assert not found, "\n".join(["python validation/fuzzing KIND NUMBER repeats a case", *found])
+    assert not found, "\n".join(["python -m kickdrift_validation.fuzzing KIND NUMBER repeats a case", *found])
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -83,7 +83,7 @@ def test_what_a_case_must_not_do_is_noticed():
 
 def test_a_run_that_was_interrupted_is_right_where_it_may_be_long():
     goes_on = Ended(
-        ("run",), 130, "", "kickdrift: interrupted; what was written is whole", stopped="goes on", computing=True
+        ("run",), 130, "", "kickdrift: interrupted; all written files are whole", stopped="goes on", computing=True
     )
     assert broken(goes_on, may_compute=True) == []
     assert broken(goes_on) == ["goes on, while it computed a run"]

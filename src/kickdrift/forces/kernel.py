@@ -11,12 +11,12 @@ from collections.abc import Callable
 from typing import Any
 
 from llvmlite import ir
-from numba import carray, typeof, types
+from numba import carray, types
 from numba.extending import intrinsic
 
-from kickdrift.jit.callback import callback
+from kickdrift.jit.bound import Bound
 from kickdrift.jit.compile import jit
-from kickdrift.jit.handle import Handle, handle_at, memory_of
+from kickdrift.jit.handle import Handle, handle_at
 from kickdrift.jit.inner import overload
 from kickdrift.jit.numba_private import TypingError
 
@@ -28,7 +28,6 @@ KERNELS: dict[type, Any] = {}
 _ROWS: dict[type, int] = {}
 _NUMBERS = types.CPointer(types.float64)
 SIGNATURE = types.int64(types.intp, types.int64, types.int64, types.float64, _NUMBERS, _NUMBERS, _NUMBERS, _NUMBERS)
-_COMPUTE: dict[Any, Any] = {}  # machine code by the type of parts
 
 
 def kernel(cls: type, rows: int = 3) -> Callable[[Callable[..., Any]], Any]:
@@ -48,32 +47,10 @@ def kernel(cls: type, rows: int = 3) -> Callable[[Callable[..., Any]], Any]:
     return register
 
 
-class BoundForce:
-    """A force of one System.
+class BoundForce(Bound):
+    """A force of one System: its parts, and the machine code that adds up its accelerations."""
 
-    Attributes
-    ----------
-    parts : NamedTuple of numbers and arrays
-    address, work : of the machine code, and of the parts in memory; 0 until the force is `ready`
-    """
-
-    address = work = 0
-
-    def __init__(self, parts: Any) -> None:
-        self.parts = parts
-
-    def ready(self) -> BoundForce:
-        """The same force with its machine code, compiled if need be; the parts live as long as it does."""
-        return self if self.work else self._compiled(self.parts)
-
-    def _compiled(self, parts: Any) -> Any:
-        kind = typeof(parts)
-        if kind not in _COMPUTE:
-            _COMPUTE[kind] = callback(self._compute_for(kind), SIGNATURE, kind)
-        made = type(self)(parts)
-        made._memory = memory_of(parts)  # type: ignore[attr-defined]
-        made.address, made.work = int(_COMPUTE[kind].address), int(made._memory.ctypes.data)  # type: ignore[attr-defined]
-        return made
+    signature = SIGNATURE
 
     def _compute_for(self, kind: types.Type) -> Callable[..., int]:
         return compute_for(kind)

@@ -29,7 +29,7 @@ from kickdrift.forces.clusters import (
 )
 from kickdrift.forces.kernel import FORCES_AND_SUMS, OK, REMAKE, BoundForce, call_force
 from kickdrift.forces.list_code import list_code, prune, refresh
-from kickdrift.forces.pair_sum import narrow
+from kickdrift.forces.pair_sum import copy_to_single
 from kickdrift.forces.row_lanes import RowLanes, row_lanes
 from kickdrift.forces.truncation import AtCutoff, Cut, ForceShift, Shift, Switch
 from kickdrift.jit.chunks import Chunks, each_chunk, in_chunks
@@ -175,7 +175,11 @@ def prepare(mixed: Any, pairs: ClusterList) -> None:
 
 @overload(prepare)
 def _prepare(mixed, pairs):
-    return (lambda mixed, pairs: None) if isinstance(mixed, types.NoneType) else (lambda mixed, pairs: narrow(pairs))
+    return (
+        (lambda mixed, pairs: None)
+        if isinstance(mixed, types.NoneType)
+        else (lambda mixed, pairs: copy_to_single(pairs))
+    )
 
 
 def left_over(mixed: Any, place: Any, total: Any) -> tuple[float, float, float]:
@@ -355,10 +359,10 @@ def recalled(bound: PairKernel, memory: dict[str, Any]) -> PairKernel:
         and 0 <= room <= pairs.near.shape[1] + len(pairs.filled) ** 2 * SHIFTS
         and all(given.shape == own.shape and given.dtype == own.dtype for given, own in shapes)
     ):
-        raise InputError("checkpoint: its pair list is not one of these particles")
+        raise InputError("checkpoint: its pair list belongs to other particles")
     skins_then = {key: memory[key] for key in ("inner_skin", "outer_skin")}
     bound = with_room(bound, memory["room"]).with_list(**skins_then).ready()
     bound.pairs.counts[BUILT] = 0
     if memory["built_at"] is not None and bound.remake(memory["built_at"], memory["pruned_at"]) != OK:
-        raise InputError("checkpoint: the positions of its pair list make no list here")
+        raise InputError("checkpoint: the positions of its pair list give no valid list")
     return bound

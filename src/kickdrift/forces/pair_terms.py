@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from kickdrift.forces import pair_kernel, pair_sum
+from kickdrift.forces import pair_kernel
+from kickdrift.forces.law_lanes import pair_terms
 from kickdrift.forces.pair_law import PairForce
 from kickdrift.forces.truncation import AtCutoff
 from kickdrift.jit.compile import driver
@@ -33,4 +34,4 @@ def evaluate(laws: Any, r2: Floats, found: Floats) -> None:
     """found <- force over r at each r2, eight at a time."""
     for k in range(0, r2.size, WIDTH):
         eight = load(r2, k)
-        store(found, k, lanes_like(pair_sum.pair_terms(laws, 0, 0, eight)[1], eight))
+        store(found, k, lanes_like(pair_terms(laws, 0, 0, eight)[1], eight))

@@ -10,10 +10,14 @@ pair list without room) and go on there.
 
 from __future__ import annotations
 
+from numba import types
+
 from kickdrift.forces.evaluate import fill_accelerations, fill_derivative
 from kickdrift.forces.kernel import OK
+from kickdrift.integrators.subflow_code import call_subflow
 from kickdrift.jit.compile import driver, inlined, jit, strict
 from kickdrift.jit.handle import handle, unowned
+from kickdrift.jit.inner import overload
 from kickdrift.jit.memory import flat, load, load_first, store, store_first
 from kickdrift.jit.vectors import WIDTH
 
@@ -54,11 +58,34 @@ def advance(y, carry, factor, dy):
         add_scaled(y, factor, dy)
 
 
+def act(further, stage, start, first, dt, x, v, cursor):
+    """Let the further flow of a stage act, where it has one; a status."""
+    raise NotImplementedError("for compiled code")
+
+
+@overload(act, forceinline=True)
+def _act(further, stage, start, first, dt, x, v, cursor):
+    if isinstance(further, types.NoneType):
+        return lambda further, stage, start, first, dt, x, v, cursor: OK
+
+    def each(further, stage, start, first, dt, x, v, cursor):
+        weight, passed = further.stages[0, stage], further.stages[1, stage]
+        if weight == 0.0:
+            return OK
+        flow, done = further.table[int(further.stages[2, stage])], first + cursor[STEP]
+        if flow[2]:
+            cursor[FRESH] = 0
+        return call_subflow(flow[0], flow[1], start + (done + passed) * dt, weight * dt, done, stage, x, v)
+
+    return each
+
+
 @driver
-def splitting_loop(forces, y, carry, work, stages, dt, start, first, steps, cursor):
+def splitting_loop(forces, y, carry, work, word, dt, start, first, steps, cursor):
+    """The flows of a ``Word`` in turn; ``work`` keeps the accelerations until positions move."""
     bound = handle(forces)
     y, carry, work = unowned(y), unowned(carry), unowned(work)
-    stages, cursor = unowned(stages), unowned(cursor)
+    stages, cursor = unowned(word.stages), unowned(cursor)
     x, v, lost_x, lost_v = y[0], y[1], carry[0], carry[1]
     kick, drift, passed = stages[0], stages[1], stages[2]
     while cursor[STEP] < steps:
@@ -75,6 +102,9 @@ def splitting_loop(forces, y, carry, work, stages, dt, start, first, steps, curs
             if drift[stage] != 0.0:
                 advance(x, lost_x, drift[stage] * dt, v)
                 cursor[FRESH] = 0
+            status = act(word.further, stage, start, first, dt, x, v, cursor)
+            if status != OK:
+                return status
         cursor[STAGE] = 0
         cursor[STEP] += 1
     return OK

@@ -1,10 +1,10 @@
-"""Splitting methods: a method is a row of kick and drift weights, run by one loop."""
+"""Splitting methods: a method is a word over flows with its weights, run by one loop."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
+from itertools import pairwise, zip_longest
 from math import fsum
 from typing import TYPE_CHECKING
 
@@ -12,6 +12,7 @@ import numpy as np
 
 from kickdrift.errors import InputError
 from kickdrift.integrators.method import Method
+from kickdrift.integrators.subflows import DRIFT, FLOWS, KICK
 from kickdrift.model.state import Floats
 
 if TYPE_CHECKING:
@@ -23,75 +24,159 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Splitting(Method):
-    """Kicks (v += b dt a) and drifts (x += a dt v) in turn.
+    """A word over flows, which act one after another, each for its part of the step.
 
     Attributes
     ----------
-    kick, drift : the weights, each adding up to one
-    first : "kick" or "drift"
+    word : the letters of the flows in the order in which they act: A drifts (x += w dt v), B kicks (v += w dt a), and
+        others of ``subflows.FLOWS``
+    weights : the parts of dt, one for each letter; those of one letter add up to one
     order : the power of dt in the global error
     source : author, year, journal, DOI; digits that were published short are carried on by
-        validation/polish_splittings.py
+        kickdrift_validation.polish_splittings
     """
 
     name: str
-    kick: tuple[float, ...]
-    drift: tuple[float, ...]
-    first: str
+    word: str
+    weights: tuple[float, ...]
     order: int
     source: str
     use: str = ""
 
     family = "splitting"
-    symplectic = True
     separable = True
     rescalable = True
 
     def __post_init__(self) -> None:
-        if self.first not in ("kick", "drift"):
-            raise InputError(f"{self.name}: first must be kick or drift, got {self.first!r}")
-        leading, other = (self.kick, self.drift) if self.first == "kick" else (self.drift, self.kick)
-        if len(leading) - len(other) not in (0, 1):
-            raise InputError(f"{self.name}: {len(self.kick)} kicks and {len(self.drift)} drifts cannot alternate")
-        for key, weights in (("kick", self.kick), ("drift", self.drift)):
-            if not abs(fsum(weights) - 1.0) <= 1e-14 * fsum(map(abs, weights)):
-                raise InputError(f"{self.name}: {key} weights add up to {fsum(weights)!r}, not 1")
+        if unknown := sorted(set(self.word) - set(FLOWS)):
+            known = ", ".join(f"{letter} ({flow.name})" for letter, flow in FLOWS.items())
+            raise InputError(f"{self.name}: no flow has the letter {unknown[0]!r}; letters are {known}")
+        if len(self.word) != len(self.weights):
+            raise InputError(f"{self.name}: {len(self.word)} letters and {len(self.weights)} weights")
+        for letter in sorted({*self.word, KICK, DRIFT}, key=list(FLOWS).index):
+            total, size = fsum(self.of(letter)), fsum(map(abs, self.of(letter)))
+            if not abs(total - 1.0) <= 1e-14 * size:
+                raise InputError(f"{self.name}: {FLOWS[letter].name} weights add up to {total!r}, not 1")
+
+    def of(self, letter: str) -> tuple[float, ...]:
+        """The weights of one flow, in their order."""
+        return tuple(weight for each, weight in zip(self.word, self.weights, strict=True) if each == letter)
+
+    @property
+    def kick(self) -> tuple[float, ...]:
+        """The weights of the kicks."""
+        return self.of(KICK)
+
+    @property
+    def drift(self) -> tuple[float, ...]:
+        """The weights of the drifts."""
+        return self.of(DRIFT)
+
+    @property
+    def first(self) -> str:
+        """The name of the flow that comes first."""
+        return FLOWS[self.word[0]].name
+
+    @property
+    def symplectic(self) -> bool:
+        """Whether every flow keeps the symplectic form."""
+        return all(FLOWS[letter].symplectic for letter in self.word)
 
     @property
     def reversible(self) -> bool:
-        """Whether the row reads the same from both ends, so that a step with -dt undoes one with dt."""
-        return len(self.kick) != len(self.drift) and all(w == w[::-1] for w in (self.kick, self.drift))
+        """Whether the word reads the same from both ends, so that a step with -dt undoes one with dt."""
+        same = self.word == self.word[::-1] and self.weights == self.weights[::-1]
+        return same and all(FLOWS[letter].reversible for letter in self.word)
 
     @property
     def evaluations(self) -> int:
-        """Force evaluations per step: a last kick shares its force with the next step's first."""
-        return len(self.drift) if self.first == "kick" else len(self.kick)
+        """Force evaluations per step; a last kick shares its force with the next step's first."""
+        count, known = 0, self.ends_fresh
+        for letter in self._acting:
+            if letter == KICK and not known:
+                count, known = count + 1, True
+            elif FLOWS[letter].moves:
+                known = False
+        return count
+
+    @property
+    def ends_fresh(self) -> bool:
+        """Whether positions rest from a step's last kick on, so that its forces are those at the step's end."""
+        after = self._acting[self._acting.rindex(KICK) :]
+        return not any(FLOWS[letter].moves for letter in after)
+
+    @property
+    def _acting(self) -> str:
+        """The word without its letters of weight zero."""
+        return "".join(letter for letter, weight in zip(self.word, self.weights, strict=True) if weight)
+
+    @property
+    def further(self) -> str:
+        """The letters of the flows beside kicks and drifts, in the order of ``subflows.FLOWS``."""
+        return "".join(letter for letter in FLOWS if letter in self.word and letter not in (KICK, DRIFT))
 
     @cached_property
     def stages(self) -> Floats:
-        """(3, stages): the kick, then the drift, of each stage, and the part of dt that has passed at its kick."""
-        kick, drift = list(self.kick), list(self.drift)
-        if self.first == "drift":
-            kick.insert(0, 0.0)
-        drift += [0.0] * (len(kick) - len(drift))
-        kick += [0.0] * (len(drift) - len(kick))
-        return np.array([kick, drift, np.concatenate([[0.0], np.cumsum(drift)[:-1]])])
+        """(3, stages) for compiled loops. A stage is a kick, then a drift, then a further flow, each left out where its
+        weight is zero. Rows: the weights of kick and drift, and the part of dt that has passed before the kick."""
+        return self._rows[:3].copy()
+
+    @cached_property
+    def further_stages(self) -> Floats:
+        """(3, stages): the weight of each stage's further flow, the part of dt that has passed before it acts, and its
+        place in ``further``."""
+        return self._rows[3:].copy()
+
+    @cached_property
+    def _rows(self) -> Floats:
+        slots = {KICK: 0, DRIFT: 1}
+        stages: list[list[float]] = []
+        last, passed = len(slots), 0.0  # the slot that was filled last
+        for letter, weight in zip(self.word, self.weights, strict=True):
+            if not weight:
+                continue
+            slot = slots.get(letter, len(slots))
+            if slot <= last:
+                stages.append([0.0, 0.0, passed, 0.0, 0.0, 0.0])
+            if letter in slots:
+                stages[-1][slot] = weight
+            else:
+                stages[-1][3:] = weight, passed, self.further.index(letter)
+            last, passed = slot, passed + weight * (letter == DRIFT)
+        return np.array(stages, dtype=np.float64).T
 
     def stepper(self, flow: Flow, options: Options) -> Stepper:
-        from kickdrift.integrators.loops import splitting_loop
-        from kickdrift.integrators.stepping import FixedStepper
+        from kickdrift.integrators.splitting_stepper import SplittingStepper
 
-        return FixedStepper(flow, splitting_loop, self.stages, lambda shape: np.zeros(shape[1:]), options, kept=True)
+        return SplittingStepper(flow, self, options)
+
+    @property
+    def particles_only(self) -> bool:
+        return bool(self.further)
 
     @property
     def batched(self) -> bool:
-        return True
+        return not self.further
 
     def in_lanes(self, members: Members, options: Options) -> LaneStepper:
         from kickdrift.integrators.batch_loops import batch_splitting_loop
         from kickdrift.integrators.batch_stepping import FixedLanes
 
         return FixedLanes(members, batch_splitting_loop, self.stages, members.y.shape[2:])
+
+
+def in_turn(word: str, first: tuple[float, ...], second: tuple[float, ...]) -> tuple[str, tuple[float, ...]]:
+    """A word of two letters in turn, and its weights: ``first`` has those of the letter that comes first."""
+    if len(first) - len(second) not in (0, 1):
+        names = [f"{len(row)} {FLOWS[letter].name}s" for letter, row in zip(word, (first, second), strict=True)]
+        raise InputError(f"{' and '.join(names)} cannot alternate")
+    weights = [weight for pair in zip_longest(first, second) for weight in pair if weight is not None]
+    return (word * len(weights))[: len(weights)], tuple(weights)
+
+
+def even_weights(word: str) -> tuple[float, ...]:
+    """The weights of a word in which each flow acts for equal parts of the step."""
+    return tuple(1.0 / word.count(letter) for letter in word)
 
 
 def palindrome(half: tuple[float, ...], middle: int = 1) -> tuple[float, ...]:
@@ -130,49 +215,63 @@ _YOSHIDA8_D = composed(
 )
 
 ROWS = (
-    Splitting("symplectic-euler", (1.0,), (1.0,), "kick", 1, _EULER, "teaching; kick first"),
-    Splitting("symplectic-euler-dk", (1.0,), (1.0,), "drift", 1, _EULER, "teaching; drift first"),
-    Splitting("velocity-verlet", (0.5, 0.5), (1.0,), "kick", 2, _VERLET, "the default of molecular dynamics"),
+    Splitting("symplectic-euler", "BA", (1.0, 1.0), 1, _EULER, "teaching; kick first"),
+    Splitting("symplectic-euler-dk", "AB", (1.0, 1.0), 1, _EULER, "teaching; drift first"),
+    Splitting("velocity-verlet", "BAB", (0.5, 1.0, 0.5), 2, _VERLET, "the default of molecular dynamics"),
     Splitting(
-        "leapfrog-dkd", (1.0,), (0.5, 0.5), "drift", 2,
+        "leapfrog-dkd", "ABA", (0.5, 1.0, 0.5), 2,
         "Tuckerman, Berne & Martyna 1992, doi:10.1063/1.463137 (position Verlet)", "molecular dynamics, N-body",
     ),
     Splitting(
-        "ruth3", (7 / 24, 3 / 4, -1 / 24), (2 / 3, -2 / 3, 1.0), "kick", 3,
+        "ruth3", "BABABA", (7 / 24, 2 / 3, 3 / 4, -2 / 3, -1 / 24, 1.0), 3,
         "Ruth 1983, IEEE Trans. Nucl. Sci. 30, 2669, doi:10.1109/TNS.1983.4332919", "comparisons; not reversible",
     ),
     Splitting(
-        "forest-ruth", _TRIPLE_JUMP[1], _TRIPLE_JUMP[0], "drift", 4,
+        "forest-ruth", *in_turn("AB", *_TRIPLE_JUMP), 4,
         "Forest & Ruth 1990, Physica D 43, 105, doi:10.1016/0167-2789(90)90019-L", "smooth forces, long runs",
     ),
-    Splitting("yoshida4", *_TRIPLE_JUMP, "kick", 4, _YOSHIDA, "smooth forces, long runs"),
+    Splitting("yoshida4", *in_turn("BA", *_TRIPLE_JUMP), 4, _YOSHIDA, "smooth forces, long runs"),
     Splitting(  # lambda = -0.2123418310626054 gives the outer kick, (1 - 2 lambda) / 2
-        "pefrl", palindrome((0.7123418310626054,), 2), palindrome((0.17861789584480905, -0.066264582669818495)),
-        "drift", 4, "Omelyan, Mryglod & Folk 2002, Comput. Phys. Commun. 146, 188, doi:10.1016/S0010-4655(02)00451-4",
+        "pefrl",
+        *in_turn("AB", palindrome((0.17861789584480905, -0.066264582669818495)), palindrome((0.7123418310626054,), 2)),
+        4, "Omelyan, Mryglod & Folk 2002, Comput. Phys. Commun. 146, 188, doi:10.1016/S0010-4655(02)00451-4",
         "smooth forces, long runs",
     ),
     Splitting(  # the kicks are (14 - sqrt(19)) / 108 and (20 - 7 sqrt(19)) / 108
-        "mclachlan4", palindrome((0.089269454226475239, -0.097336042636895506), 2), palindrome((0.4, -0.1)), "kick", 4,
+        "mclachlan4",
+        *in_turn("BA", palindrome((0.089269454226475239, -0.097336042636895506), 2), palindrome((0.4, -0.1))), 4,
         "McLachlan 1995, SIAM J. Sci. Comput. 16, 151, doi:10.1137/0916010, method S of order 4 with 5 stages",
         "smooth forces, long runs",
     ),
     Splitting(
-        "blanes-moan4", palindrome((0.082984406417405024, 0.39630980149836809, -0.039056304922348434)),
-        palindrome((0.24529895718427117, 0.60487266571108), 2), "kick", 4, f"{_BLANES_MOAN}, table 3, SRKN_6^b",
+        "blanes-moan4",
+        *in_turn(
+            "BA", palindrome((0.082984406417405024, 0.39630980149836809, -0.039056304922348434)),
+            palindrome((0.24529895718427117, 0.60487266571108), 2),
+        ),
+        4, f"{_BLANES_MOAN}, table 3, SRKN_6^b",
         "smooth forces, small errors",
     ),
-    Splitting("yoshida6", *_YOSHIDA6_A, "kick", 6, f"{_YOSHIDA}, table 1, solution A", "smooth forces, high accuracy"),
+    Splitting(
+        "yoshida6", *in_turn("BA", *_YOSHIDA6_A), 6, f"{_YOSHIDA}, table 1, solution A", "smooth forces, high accuracy",
+    ),
     Splitting(
         "blanes-moan6",
-        palindrome(
-            (0.041464998518262845, 0.19812867191806655, -0.040006192104152689, 0.07525398430158034,
-             -0.011511387420687771), 2,
+        *in_turn(
+            "BA",
+            palindrome(
+                (0.041464998518262845, 0.19812867191806655, -0.040006192104152689, 0.07525398430158034,
+                 -0.011511387420687771), 2,
+            ),
+            palindrome(
+                (0.12322977594627116, 0.29055379779955826, -0.12704921262541691, -0.24633176106207541,
+                 0.35720887279592778)
+            ),
         ),
-        palindrome(
-            (0.12322977594627116, 0.29055379779955826, -0.12704921262541691, -0.24633176106207541, 0.35720887279592778)
-        ),
-        "kick", 6, f"{_BLANES_MOAN}, table 3, SRKN_11^b", "smooth forces, high accuracy",
+        6, f"{_BLANES_MOAN}, table 3, SRKN_11^b", "smooth forces, high accuracy",
     ),
-    Splitting("yoshida8", *_YOSHIDA8_D, "kick", 8, f"{_YOSHIDA}, table 2, solution D", "smooth forces, round-off"),
+    Splitting(
+        "yoshida8", *in_turn("BA", *_YOSHIDA8_D), 8, f"{_YOSHIDA}, table 2, solution D", "smooth forces, round-off",
+    ),
 )  # fmt: skip
 ALIASES = {"leapfrog": "velocity-verlet"}

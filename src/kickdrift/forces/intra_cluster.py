@@ -1,0 +1,89 @@
+"""The pairs within a cluster of eight, in lanes that are rotated against each other."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numba import types
+
+from kickdrift.forces.clusters import load_vector
+from kickdrift.forces.law_lanes import pair_terms
+from kickdrift.forces.truncation import truncated
+from kickdrift.jit.compile import as_written
+from kickdrift.jit.inner import overload
+from kickdrift.jit.lanes import lanes_like, rotated, splat
+from kickdrift.jit.masks import select
+from kickdrift.jit.memory import named_lanes
+from kickdrift.jit.vectors import WIDTH
+
+
+@as_written
+def intra_cluster(laws, x, cluster, cutoff2):
+    """Forces on a cluster's eight by each other, with energy, virial and number of pairs: each lane meets the lanes one
+    to four places on; those four on meet twice."""
+    at = WIDTH * cluster
+    own = load_vector(x, cluster)
+    fx, fy, fz, energy, virial, count = pairs_apart(laws, at, own, cutoff2, 1)
+    sx, sy, sz = fx - rotated(fx, 7), fy - rotated(fy, 7), fz - rotated(fz, 7)
+    energies, virials, counts = energy, virial, count
+    fx, fy, fz, energy, virial, count = pairs_apart(laws, at, own, cutoff2, 2)
+    sx, sy, sz = sx + (fx - rotated(fx, 6)), sy + (fy - rotated(fy, 6)), sz + (fz - rotated(fz, 6))
+    energies, virials, counts = energies + energy, virials + virial, counts + count
+    fx, fy, fz, energy, virial, count = pairs_apart(laws, at, own, cutoff2, 3)
+    sx, sy, sz = sx + (fx - rotated(fx, 5)), sy + (fy - rotated(fy, 5)), sz + (fz - rotated(fz, 5))
+    energies, virials, counts = energies + energy, virials + virial, counts + count
+    fx, fy, fz, energy, virial, count = pairs_apart(laws, at, own, cutoff2, 4)
+    sx, sy, sz = sx + fx, sy + fy, sz + fz
+    energies, virials, counts = energies + 0.5 * energy, virials + 0.5 * virial, counts + 0.5 * count
+    return sx, sy, sz, energies, virials, counts
+
+
+def pairs_apart(laws: Any, at: int, own: Any, cutoff2: float, places: int) -> Any:
+    """Forces on each of the eight in slots from ``at`` on by the one that many places on; energy, virial, number."""
+    raise NotImplementedError("for compiled code")
+
+
+@overload(pairs_apart, prefer_literal=True)
+def _pairs_apart(laws, at, own, cutoff2, places):
+    if not isinstance(places, types.IntegerLiteral):
+        return None
+
+    def meets(laws, at, own, cutoff2, places):
+        x, y, z = own
+        dx, dy, dz = x - rotated(x, places), y - rotated(y, places), z - rotated(z, places)
+        r2 = dx * dx + dy * dy + dz * dz
+        inside = r2 < cutoff2
+        energy, force_over_r = terms_within(laws, at, places, r2)
+        g = select(inside, force_over_r, 0.0)
+        energy, count = select(inside, energy, 0.0), select(inside, splat(1.0), 0.0)
+        return g * dx, g * dy, g * dz, energy, g * select(inside, r2, 0.0), count
+
+    return meets
+
+
+def terms_within(laws: tuple[Any, ...], at: int, places: int, r2: Any) -> Any:
+    """Energy and force over r of each of the eight in slots from ``at`` on with the one that many places on."""
+
+
+@overload(terms_within)
+def _terms_within(laws, at, places, r2):
+    if isinstance(laws[3], types.NoneType):
+        return lambda laws, at, places, r2: pair_terms(laws, at, at, r2)
+    law = laws[0].instance_class.compiled_law
+
+    def many_species(laws, at, places, r2):
+        like, like_at_cutoff, truncation, tables = laws
+        own = np.empty((tables.law.shape[0], 1, WIDTH))
+        own_at_cutoff = np.empty((2, 1, WIDTH))
+        for lane in range(WIDTH):
+            row, other = tables.row[at + lane], at + (lane + places) % WIDTH
+            for k in range(own.shape[0]):
+                own[k, 0, lane] = tables.law[k, row, other]
+            for k in range(2):
+                own_at_cutoff[k, 0, lane] = tables.at_cutoff[k, row, other]
+        energy, force_over_r = law(named_lanes(like, own, 0, 0, r2), r2)
+        at_cutoff = named_lanes(like_at_cutoff, own_at_cutoff, 0, 0, r2)
+        return truncated(truncation, at_cutoff, r2, lanes_like(energy, r2), lanes_like(force_over_r, r2))
+
+    return many_species

@@ -1,0 +1,55 @@
+"""A pair law, with its parameters and its truncation, in the lanes of a step."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from numba import types
+
+from kickdrift.forces.truncation import truncated
+from kickdrift.jit.inner import overload
+from kickdrift.jit.lanes import lanes_like
+from kickdrift.jit.memory import named_lanes
+from kickdrift.jit.single import (
+    named_lanes_single,
+)
+from kickdrift.jit.vectors import single_type
+
+
+def pair_terms(laws: tuple[Any, ...], i: int, j: int, r2: Any) -> Any:
+    """Energy and force over r of particle i (in 16 lanes i and i + 1) with those in the slots from j on, truncated; the
+    cutoff is not yet applied."""
+
+
+@overload(pair_terms)
+def _pair_terms(laws, i, j, r2):
+    law = laws[0].instance_class.compiled_law
+    if isinstance(laws[3], types.NoneType):
+
+        def one_species(laws, i, j, r2):
+            parameters, at_cutoff, truncation, _ = laws
+            energy, force_over_r = law(parameters, r2)
+            return truncated(truncation, at_cutoff, r2, lanes_like(energy, r2), lanes_like(force_over_r, r2))
+
+        return one_species
+    single = r2 == single_type
+
+    def many_species(laws, i, j, r2):
+        like, like_at_cutoff, truncation, tables = laws
+        row, next_row = tables.row[i], tables.row[i + single]
+        energy, force_over_r = law(parameters_of(like, tables.law, row, next_row, j, r2), r2)
+        at_cutoff = parameters_of(like_at_cutoff, tables.at_cutoff, row, next_row, j, r2)
+        return truncated(truncation, at_cutoff, r2, lanes_like(energy, r2), lanes_like(force_over_r, r2))
+
+    return many_species
+
+
+def parameters_of(like: Any, table: Any, row: int, next_row: int, j: int, r2: Any) -> Any:
+    """The parameters like ``like`` of the species ``row`` (and ``next_row``) with those in the slots from j on."""
+
+
+@overload(parameters_of)
+def _parameters_of(like, table, row, next_row, j, r2):
+    if r2 == single_type:
+        return lambda like, table, row, next_row, j, r2: named_lanes_single(like, table, row, next_row, j)
+    return lambda like, table, row, next_row, j, r2: named_lanes(like, table, row, j, r2)

@@ -1,0 +1,48 @@
+"""The steps of a splitting method."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kickdrift.integrators.loops import FRESH, splitting_loop
+from kickdrift.integrators.stepping import FixedStepper
+from kickdrift.integrators.subflows import FLOWS
+from kickdrift.model.state import Floats
+
+if TYPE_CHECKING:
+    from kickdrift.integrators.flow import Flow
+    from kickdrift.integrators.options import Options
+    from kickdrift.integrators.splitting import Splitting
+
+
+class Word(NamedTuple):
+    """A splitting method as the compiled loop takes it."""
+
+    stages: Floats  # see Splitting.stages
+    further: Further | None  # None where there are but kicks and drifts: the loop is then compiled without the others
+
+
+class Further(NamedTuple):
+    """The further flows of a word."""
+
+    stages: Floats  # see Splitting.further_stages
+    table: NDArray[np.int64]  # (flows, 3): addresses of machine code and of parts, and whether positions move
+
+
+class SplittingStepper(FixedStepper):
+    """Steps of a word over flows. The workspace keeps the accelerations of the last kick while positions rest."""
+
+    def __init__(self, flow: Flow, method: Splitting, options: Options) -> None:
+        rows = [FLOWS[letter] for letter in method.further]
+        self._bound = [row.bind(flow, options).ready() for row in rows if row.bind]
+        table = [(bound.address, bound.work, row.moves) for bound, row in zip(self._bound, rows, strict=True)]
+        word = Word(method.stages, Further(method.further_stages, np.array(table, np.int64)) if table else None)
+        super().__init__(flow, splitting_loop, word, lambda shape: np.zeros(shape[1:]), options, kept=True)
+        self.ends_fresh = method.ends_fresh
+
+    @property
+    def fresh(self) -> bool:  # type: ignore[override]
+        return bool(self._cursor[FRESH])

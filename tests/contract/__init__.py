@@ -1,0 +1,1 @@
+"""Tests over the registries: what every method, force, system and engine keeps."""

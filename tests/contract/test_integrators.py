@@ -1,0 +1,322 @@
+"""Contract tests: every integrator in the registry does what its row says: order, symplecticity, reversibility, cost.
+
+A method that is registered is tested by that; tests/conftest.py registers those of the docs' page.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import ClassVar, NamedTuple
+
+import numpy as np
+import pytest
+
+import kickdrift as kd
+from kickdrift.errors import InputError
+from kickdrift.forces.kernel import kernel
+from kickdrift.integrators import INTEGRATORS, integrator
+from kickdrift.integrators.runge_kutta import Tableau
+from kickdrift.integrators.splitting import ALIASES, ROWS, Splitting, composed
+from kickdrift.integrators.stormer import Stormer
+from kickdrift_validation.measures import fixed, reversal_error, slope, symplecticity_error
+from kickdrift_validation.problems import ECCENTRICITY, kepler, kepler_orbit, measured, pendulum
+from tests.oracle import integrators as oracle_integrators
+from tests.oracle.forces import pair_oracle
+from tests.systems import liquid
+
+METHODS = [name for name, method in INTEGRATORS.items() if method.name == name]
+FIXED = fixed()
+SPLITTINGS = [row.name for row in ROWS]
+# Those that the oracle reads: rows of numbers, and the two positions of Stormer.
+ROWS_OF_NUMBERS = [name for name in FIXED if isinstance(integrator(name), (Splitting, Tableau, Stormer))]
+
+
+def two_bodies(t: float = 0.0) -> kd.System:
+    """Two unequal masses on a Kepler ellipse, at a time after pericentre; G = 1, semi-major axis 1."""
+    masses = np.array([0.6, 0.4])
+    r, v = kepler(t, ECCENTRICITY)
+    shares = np.array([-masses[1], masses[0]])[:, None]
+    return kd.System(shares * r, shares * v, masses=masses, forces=[kd.Gravity()], units="nbody")
+
+
+# --- order ---
+
+
+def test_keplers_problem_is_solved_in_closed_form():
+    """The reference of the order test: it fulfils the equation of motion, and the constants of the ellipse."""
+    times, h = np.linspace(0.0, 7.0, 15), 1e-4
+    for t in times:
+        r, v = kepler(t, ECCENTRICITY)
+        acceleration = (kepler(t + h, ECCENTRICITY)[1] - kepler(t - h, ECCENTRICITY)[1]) / (2 * h)
+        np.testing.assert_allclose(acceleration, -r / np.linalg.norm(r) ** 3, atol=1e-6)
+        assert v @ v / 2 - 1 / np.linalg.norm(r) == pytest.approx(-0.5, abs=1e-14)
+
+
+@pytest.mark.parametrize("name", FIXED)
+def test_order_is_the_slope_of_the_error(name):
+    """On every problem no lower than stated, on two at least as stated; some converge faster than that on some."""
+    order = integrator(name).order
+    slopes = {problem: slope(name, problem) for problem in measured()}
+    assert min(slopes.values()) >= order - 0.15, slopes
+    assert sum(abs(found - order) <= 0.15 for found in slopes.values()) >= 2, slopes
+
+
+# --- reversibility ---
+
+
+REVERSIBLE = [name for name in FIXED if integrator(name).reversible]
+ONE_WAY = [name for name in FIXED if not integrator(name).reversible]
+
+
+@pytest.mark.parametrize("subject", [pendulum, kepler_orbit])
+@pytest.mark.parametrize("name", REVERSIBLE)
+def test_reversible_methods_come_back(name, subject):
+    """1000 steps there and back, with compensated summation: rounding alone takes yoshida6 and stormer-verlet to
+    1e-12."""
+    assert reversal_error(name, subject(), 0.02, 1000) < 1e-12
+
+
+@pytest.mark.parametrize("subject", [pendulum, kepler_orbit])
+def test_rk4_does_not_come_back_at_the_step_of_the_test(subject):
+    assert reversal_error("rk4", subject(), 0.02, 1000) > 1e-10
+
+
+@pytest.mark.parametrize("name", ONE_WAY)
+def test_methods_that_are_not_reversible_do_not_come_back(name):
+    assert reversal_error(name, pendulum(), 0.2, 100) > 1e-8
+
+
+@pytest.mark.parametrize("name", [n for n in ROWS_OF_NUMBERS if integrator(n).reversible])
+def test_reversible_methods_come_back_in_a_liquid(name):
+    """One unit of time there and back: chaos multiplies rounding by some 20 in it."""
+    assert reversal_error(name, liquid(), 0.005, 200) < 1e-9
+
+
+# --- symplecticity ---
+
+
+def test_rk4_is_not_symplectic_at_the_step_of_the_test():
+    assert symplecticity_error("rk4") > 1e-6
+
+
+@pytest.mark.parametrize("name", FIXED)
+def test_symplectic_methods_keep_the_symplectic_form(name):
+    if integrator(name).symplectic:
+        assert symplecticity_error(name) < 1e-8
+    else:
+        assert symplecticity_error(name) > 1e-8
+
+
+# --- cost ---
+
+
+@pytest.mark.parametrize("name", [name for name in FIXED if integrator(name).evaluations])  # others iterate
+def test_force_evaluations_are_those_stated(name):
+    method = integrator(name)
+    sim = kd.Simulation(pendulum(), name, dt=0.01)
+    start_up = sim.run(10).force_evaluations - 10 * method.evaluations
+    assert start_up in (0, 1)  # a first kick's force, once
+    assert sim.run(10).force_evaluations == 20 * method.evaluations + start_up
+
+
+# --- compensated summation ---
+
+
+@pytest.mark.parametrize("name", [n for n in FIXED if "compensated" in integrator(n).tunable])
+def test_compensated_summation_loses_less(name):
+    """x' = v without a force, in 10^5 steps: rounding of sums is all that is wrong."""
+    free = kd.Problem(lambda t, y: [y[1], 0.0], [0.1, 0.3], separable=True, name="free")
+    errors = {}
+    for compensated in (False, True):
+        sim = kd.Simulation(free, name, dt=0.1, compensated=compensated)
+        sim.run(20_000 if integrator(name).family in ("splitting", "Runge-Kutta", "two positions") else 500)
+        errors[compensated] = abs(sim.state.y[0] - (0.1 + 0.3 * sim.time)) / sim.state.y[0]
+    assert errors[True] < 1e-15
+    assert errors[True] <= errors[False]
+
+
+# --- against the oracle ---
+
+
+@pytest.mark.parametrize("name", ROWS_OF_NUMBERS)
+def test_compiled_loops_agree_with_the_oracle(name):
+    system, dt, steps = liquid(), 0.002, 20
+
+    def acceleration(t, x):
+        there = kd.System(x, masses=system.state.masses, box=system.box, forces=system.forces)
+        return pair_oracle(there)[0] / system.state.masses[:, None]
+
+    start = system.state
+    x, v = oracle_integrators.run(integrator(name), acceleration, start.positions, start.velocities, dt, steps)
+    sim = kd.Simulation(system, name, dt=dt)
+    sim.run(steps, every=steps)
+    assert np.abs(x - start.positions).max() > 0.05
+    np.testing.assert_allclose(sim.state.positions, x, atol=1e-11)
+    np.testing.assert_allclose(sim.state.velocities, v, atol=1e-10)
+
+
+@pytest.mark.parametrize(("name", "rounding"), [("velocity-verlet", 1e-13), ("stormer-verlet", 1e-11)])
+def test_leapfrog_with_velocities_at_half_steps_has_the_same_positions(name, rounding):
+    """At every one of 500 steps, a turn and a half of an ellipse; stormer-verlet's digits go in the difference of two
+    positions."""
+    system, dt, steps = two_bodies(), 0.02, 500
+
+    def acceleration(t, x):
+        r = x[0] - x[1]
+        return np.array([-0.4, 0.6])[:, None] * r / np.linalg.norm(r) ** 3
+
+    start = system.state
+    x, v = oracle_integrators.half_steps(acceleration, start.positions, start.velocities, dt, steps)
+    sim = kd.Simulation(system, name, dt=dt)
+    states = []
+    sim.run(steps, every=1, observe=lambda sim: states.append(sim.state))
+    np.testing.assert_allclose([state.positions for state in states], x, rtol=0.0, atol=rounding)
+    np.testing.assert_allclose([state.velocities for state in states], v, rtol=0.0, atol=10 * rounding)
+
+
+class Shaken(NamedTuple):
+    """The bound form of a force per mass of amplitude x sin(7 t)."""
+
+    amplitude: float
+    direction: np.ndarray  # (3,)
+
+
+@kernel(Shaken)
+def shaken(force, t, x, v, a, sums):
+    for k in range(3):
+        for i in range(x.shape[1]):
+            a[k, i] += force.amplitude * force.direction[k] * math.sin(7.0 * t)
+    return 0
+
+
+class Shaking:
+    """A force that depends on time alone: what an integrator makes of its clock."""
+
+    name: ClassVar[str] = "shaking"
+
+    def check(self, system): ...
+
+    def bind(self, system, threads=1):
+        return Shaken(3.0, np.array([1.0, 0.0, 0.0]))
+
+
+@pytest.mark.parametrize("name", ROWS_OF_NUMBERS)
+def test_clock_of_every_stage(name):
+    system = kd.System([[0.0, 0.0, 0.0]], [[0.2, 0.0, 0.0]], forces=[Shaking()])
+
+    def acceleration(t, x):
+        return np.array([[3.0 * math.sin(7.0 * t), 0.0, 0.0]])
+
+    x, v = oracle_integrators.run(
+        integrator(name), acceleration, system.state.positions, system.state.velocities, 0.05, 30
+    )
+    sim = kd.Simulation(system, name, dt=0.05)
+    for _ in range(3):
+        sim.run(10)
+    np.testing.assert_allclose(sim.state.positions, x, atol=1e-13)
+    np.testing.assert_allclose(sim.state.velocities, v, atol=1e-13)
+
+
+# --- the tables ---
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_every_row_is_complete(name):
+    method = integrator(name)
+    assert method.name == name
+    assert method.source
+    assert method.use
+    assert method.family
+    assert method.order >= 1
+    assert method.evaluations >= 0
+    assert method.adaptive == ("rtol" in method.tunable)
+
+
+@pytest.mark.parametrize("name", [n for n in ROWS_OF_NUMBERS if n != "stormer-verlet"])
+def test_weights_add_up_to_one(name):
+    method = integrator(name)
+    rows = (method.kick, method.drift) if isinstance(method, Splitting) else (method.b,)
+    for row in rows:
+        assert math.fsum(row) == pytest.approx(1.0, abs=2e-15)
+
+
+def test_claims_of_symmetry():
+    assert {name for name in FIXED if integrator(name).symplectic} >= {*SPLITTINGS, "stormer-verlet"}
+    assert not {name for name in METHODS if isinstance(integrator(name), Tableau) and integrator(name).symplectic}
+    assert [name for name in SPLITTINGS if not integrator(name).reversible] == [
+        "symplectic-euler", "symplectic-euler-dk", "ruth3",
+    ]  # fmt: skip
+
+
+def test_composition_is_leapfrog_after_leapfrog():
+    outer, inner = (3.0 - 1.0) / 4, -0.5
+    halves, wholes = composed((inner, outer))
+    assert wholes == (0.5, -0.5, 1.0, -0.5, 0.5)
+    assert halves == (0.25, 0.0, 0.25, 0.25, 0.0, 0.25)
+    assert composed(()) == ((0.5, 0.5), (1.0,))
+
+
+def test_triple_jump_kick_first_and_drift_first():
+    forest_ruth, yoshida4 = integrator("forest-ruth"), integrator("yoshida4")
+    assert (forest_ruth.kick, forest_ruth.drift) == (yoshida4.drift, yoshida4.kick)
+    assert (forest_ruth.first, yoshida4.first) == ("drift", "kick")
+    w = 1.0 / (2.0 - 2.0 ** (1 / 3))
+    assert yoshida4.drift == pytest.approx((w, 1 - 2 * w, w), abs=1e-15)
+
+
+def test_aliases_are_the_same_row():
+    for alias, name in ALIASES.items():
+        assert INTEGRATORS[alias] is INTEGRATORS[name]
+    assert integrator("leapfrog") is integrator("velocity-verlet")
+    assert kd.integrators() == list(INTEGRATORS)
+    assert "leapfrog" in kd.integrators()
+
+
+@pytest.mark.parametrize(
+    ("wrong", "meant"),
+    [
+        ("velocity-verlt", "velocity-verlet"),
+        ("Yoshida-4", "yoshida4"),
+        ("rk-4", "rk4"),
+        ("frog", "leapfrog"),
+    ],
+)
+def test_unknown_name_suggests_the_nearest(wrong, meant):
+    with pytest.raises(InputError, match=f"'{wrong}' is unknown; did you mean .*{meant}"):
+        integrator(wrong)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"word": "BXB"}, "no flow has the letter 'X'; letters are A (drift), B (kick)"),
+        ({"word": "BABA"}, "4 letters and 3 weights"),
+        ({"weights": (0.5, 1.0, 0.4)}, "kick weights add up to 0.9, not 1"),
+        ({"weights": (0.5, 1.5, 0.5)}, "drift weights add up to 1.5, not 1"),
+        ({"weights": (0.5, math.nan, 0.5)}, "drift weights add up to nan, not 1"),
+        ({"word": "BBB"}, "drift weights add up to 0.0, not 1"),
+        ({"word": "", "weights": ()}, "drift weights add up to 0.0, not 1"),
+    ],
+)
+def test_splitting_refuses_bad_words(change, message):
+    row = {"name": "mine", "word": "BAB", "weights": (0.5, 1.0, 0.5), "order": 2, "source": "me"}
+    assert Splitting(**row).reversible
+    with pytest.raises(InputError, match="mine: ") as caught:
+        Splitting(**{**row, **change})
+    assert message in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("a", "b", "message"),
+    [
+        (((0.5,),), (0.5, 0.4), "b adds up to 0.9, not 1"),
+        (((0.5,),), (0.5, math.nan), "b adds up to nan, not 1"),
+        (((0.5, 0.5),), (0.0, 1.0), "rows of 1, 2, … entries below the diagonal"),
+        ((), (0.0, 1.0), "rows of 1, 2, … entries below the diagonal"),
+        (((0.5,), (0.5,)), (0.0, 0.0, 1.0), "rows of 1, 2, … entries below the diagonal"),
+    ],
+)
+def test_tableau_refuses_bad_rows(a, b, message):
+    with pytest.raises(InputError, match="mine: ") as caught:
+        Tableau("mine", a, b, 2, "me")
+    assert message in str(caught.value)

@@ -1,0 +1,443 @@
+"""Contract tests over the registries: a run goes on from a checkpoint, and in pieces, and looked at, to the same bits.
+
+A method or a force that is registered is tested by that. A checkpoint goes through bytes before it is put back, as
+through a file, and into a Simulation that has never run.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import inspect
+import json
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+import kickdrift as kd
+from kickdrift.errors import InputError
+from kickdrift.forces import FORCES
+from kickdrift.forces.bound import BoundForces
+from kickdrift.forces.pair_kernel import with_room
+from kickdrift.integrators import INTEGRATORS, integrator
+from kickdrift.integrators.method import MIXED, PRECISIONS
+from kickdrift.integrators.step_control import CONTROLLERS
+from kickdrift.trajectory.checkpoints import decoded, encoded
+from kickdrift_validation import same_bits
+from kickdrift_validation.problems import pendulum
+from tests.processes import python
+from tests.systems import liquid
+
+METHODS = [name for name, method in INTEGRATORS.items() if method.name == name]
+CLOCKS = {"wall_seconds": 0.0, "compile_seconds": 0.0}  # of a record: what no two runs share
+
+
+def planets() -> kd.System:
+    """A star, two planets that meet, and a massless body."""
+    r = np.array([1.0, 1.6, 2.3])
+    x = np.concatenate([np.zeros((1, 3)), np.stack([r, 0.1 * r, 0.02 * r], axis=1)])
+    v = np.concatenate([np.zeros((1, 3)), np.stack([-0.1 / r**0.5, 1.0 / r**0.5, 0.03 * r], axis=1)])
+    return kd.System(
+        x, v, masses=[1.0, 1e-3, 5e-4, 0.0], forces=[kd.Gravity()], units="nbody", names=["S", "A", "B", "c"]
+    )
+
+
+def small_liquid() -> kd.System:
+    """The force jumps at the cutoff, and a fixed-point iteration fails where a stage comes to lie there; none does."""
+    return liquid(27, 1.5, seed=8)
+
+
+def choices(name: str) -> list[dict[str, Any]]:
+    """The method as it comes, and with each value of each of its options that has names."""
+    method = integrator(name)
+    known: dict[str, tuple[Any, ...]] = dict(method.choices)
+    known |= {"compensated": (True,)} if "compensated" in method.tunable else {}
+    known |= {"controller": tuple(CONTROLLERS)} if "controller" in method.tunable else {}
+    return [{}, *({key: value} for key, values in known.items() for value in values[-3:] if value is not None)]
+
+
+def subjects(name: str, **options: Any) -> list[Callable[..., kd.Simulation]]:
+    """What makes Simulations with a method: of each kind of subject, those that it takes."""
+    found = []
+    for subject, dt in ((small_liquid, 0.002), (planets, 0.02), (pendulum, 0.05)):
+
+        def make(subject=subject, dt=dt, **more) -> kd.Simulation:
+            method = integrator(name)
+            step = {"dt": dt} if method.needs_dt and "scheme" not in options else {}
+            tolerance = {"rtol": 1e-6} if "rtol" in method.tunable else {}
+            return kd.Simulation(subject(), name, **(tolerance | step | options | more))
+
+        try:
+            make()
+        except InputError:
+            continue
+        found.append(make)
+    assert found, f"{name} with {options} takes no subject"
+    return found
+
+
+def through_bytes(value: Any) -> Any:
+    """What a file gives back of (a part of) a checkpoint."""
+    return decoded(encoded({"value": value}))["value"]
+
+
+def differences(one: Any, other: Any, path: str = "") -> list[str]:
+    """Where two checkpoints differ in a bit."""
+    if type(one) is not type(other):
+        return [f"{path}: {one!r:.60} and {other!r:.60}"]
+    if isinstance(one, dict):
+        assert one.keys() == other.keys(), path
+        return [line for key in one for line in differences(one[key], other[key], f"{path}/{key}")]
+    if isinstance(one, list):
+        assert len(one) == len(other), path
+        pairs = enumerate(zip(one, other, strict=True))
+        return [line for k, (a, b) in pairs for line in differences(a, b, f"{path}/{k}")]
+    if isinstance(one, np.ndarray):
+        same = one.shape == other.shape and one.dtype == other.dtype and one.tobytes() == other.tobytes()
+        return [] if same else [f"{path}: {one!r:.60} and {other!r:.60}"]
+    return [] if one == other or (one != one and other != other) else [f"{path}: {one!r} and {other!r}"]
+
+
+def kept(sim: kd.Simulation) -> dict[str, Any]:
+    """The checkpoint, as a file holds it."""
+    return through_bytes(sim.checkpoint())
+
+
+def but_for_clocks(checkpoint: dict[str, Any]) -> dict[str, Any]:
+    return checkpoint | {"record": checkpoint["record"] | CLOCKS}
+
+
+def bits(sim: kd.Simulation) -> bytes:
+    state = sim.state
+    return (state.phase if isinstance(sim.system, kd.System) else state.y).tobytes()
+
+
+def assert_goes_on(make: Callable[..., kd.Simulation], first: Callable, then: Callable) -> kd.Simulation:
+    """A run with a checkpoint between ``first`` and ``then`` goes on from that in a new Simulation as it does itself,
+    and as it would have without one; the run."""
+    whole, other, alone = make(), make(), make()
+    first(whole)
+    checkpoint = kept(whole)
+    other.restore(checkpoint)
+    assert differences(checkpoint, kept(other)) == []
+    assert bits(other) == bits(whole)
+    for sim in (whole, other):
+        then(sim)
+    assert bits(other) == bits(whole)
+    assert other.time == whole.time
+    assert differences(but_for_clocks(kept(whole)), but_for_clocks(kept(other))) == []
+    first(alone)
+    then(alone)
+    assert bits(alone) == bits(whole)
+    return whole
+
+
+# --- every method ---
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_a_run_goes_on_from_a_checkpoint(name):
+    """Steps of one length with a pair list that is pruned before and after, and not there; a method that chooses its
+    steps also from within one."""
+    for options in choices(name):
+        for make in subjects(name, **options):
+            builds = []
+
+            def first(sim, builds=builds):
+                sim.run(45, every=11)
+                if sim.method.chooses_steps:
+                    sim.run(until=sim.time + 2.6 * sim._stepper.last_step)
+                    assert sim.checkpoint()["present"] is not None
+                builds.append(sim._flow.forces.list_builds)
+
+            whole = assert_goes_on(make, first, lambda sim: sim.run(47, every=7))
+            if builds[0][1] > 1 and not whole.method.chooses_steps:  # which crawl where the force jumps
+                assert whole._flow.forces.list_builds[1] > builds[0][1]
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_pieces_and_looks_change_no_bit(name):
+    for make in subjects(name):
+        whole, pieces = make(), make()
+        whole.run(40)
+        if whole.method.chooses_steps:
+            whole.run(until=1.3 * whole.time)
+        end, steps = whole.time, whole.steps_done
+
+        def look(sim):
+            sim.energy()
+            sim.checkpoint()
+            if isinstance(sim.system, kd.System):
+                sim.forces()
+
+        for k in range(1, 11):
+            if whole.method.chooses_steps:
+                pieces.run(until=end if k == 10 else k / 10 * end, interval=end / 37, observe=look)
+            else:
+                pieces.run(steps // 10, every=3, observe=look)
+        assert (pieces.time, pieces.steps_done) == (end, steps)
+        assert bits(pieces) == bits(whole)
+        assert differences(whole.checkpoint()["stepper"], pieces.checkpoint()["stepper"]) == []
+
+
+# --- every force ---
+
+EXAMPLES: dict[str, dict[str, Any]] = {
+    "lennard-jones": {"cutoff": 2.5, "truncation": "shift", "species": {"A": {}, "B": {"sigma": 0.9}}},
+    "gravity": {"softening": 0.1, "G": 1e-4},
+    "gravity-tree": {"softening": 0.1, "G": 1e-4},
+    "relativity-1pn": {"c": 100.0, "G": 1e-4},
+    "j2": {"j2": 0.1, "radius": 0.1, "G": 1e-4},
+    "springs": {"pairs": [[0, 1], [5, 3]], "stiffness": 2.0, "length": 0.5},
+    "uniform-field": {"acceleration": (0.0, 0.1, 0.0)},
+    "driven-field": {"amplitude": (0.3, 0.0, 0.1), "frequency": 3.0},
+}
+
+
+def example(cls: Any) -> Any:
+    """One of a force: what it needs to be told is 0.1 where nothing is said above."""
+    required = [key for key, each in inspect.signature(cls).parameters.items() if each.default is each.empty]
+    return cls(**(dict.fromkeys(required, 0.1) | EXAMPLES.get(cls.name, {})))
+
+
+@pytest.mark.parametrize("name", [name for name, cls in FORCES.items() if cls.__module__.startswith("kickdrift.")])
+def test_forces_remember_what_their_sums_depend_on(name):
+    """Along a given path: what a force gives after its memory was put back is what it gives without that."""
+    rng = np.random.default_rng(8)
+    x = 1.2 * np.indices((8, 8, 8)).reshape(3, -1) + rng.uniform(-0.1, 0.1, (3, 512))
+    species, masses = ["A" if k % 3 else "B" for k in range(512)], np.where(np.arange(512) == 200, 30.0, 1.0)
+    system = kd.System(x.T, masses=masses, units="nbody", species=species, forces=[example(FORCES[name])])
+    v = rng.normal(size=x.shape)
+
+    def along(bound: BoundForces, steps: range) -> list[Any]:
+        found = [bound.measure(0.1 * k, np.array([x + 0.01 * k * v, v])) for k in steps]
+        return [each and (each.accelerations.tobytes(), *each[1:]) for each in found]
+
+    whole, other = BoundForces(system), BoundForces(system)
+    along(whole, range(30))
+    other.recall(through_bytes(whole.memory()))
+    assert differences(whole.memory(), other.memory()) == []
+    measured = along(whole, range(30, 60))
+    assert measured == along(other, range(30, 60))
+    assert None not in measured
+    assert differences(whole.memory(), other.memory()) == []
+
+
+# --- lists ---
+
+
+def test_the_order_of_sums_is_what_a_state_alone_does_not_hold():
+    """The test of the tests: without the pair lists, a run from the same state has other bits."""
+    whole, anew = (kd.Simulation(liquid(512, 2.5), "velocity-verlet", dt=0.004) for _ in range(2))
+    whole.run(30)
+    anew.state = whole.state
+    for sim in (whole, anew):
+        sim.run(50)
+    assert bits(anew) != bits(whole)
+    np.testing.assert_allclose(anew.state.positions, whole.state.positions, atol=1e-9)
+
+
+def test_lists_that_have_grown():
+    """Room that a list had to be given is there again: to grow takes an evaluation."""
+
+    def make() -> kd.Simulation:
+        sim = kd.Simulation(liquid(512, 2.5), "velocity-verlet", dt=0.004)
+        sim._flow.forces.forces = tuple(with_room(force, 500) for force in sim._flow.forces.forces)
+        return sim
+
+    whole = assert_goes_on(make, lambda sim: sim.run(3), lambda sim: sim.run(40))
+    assert whole.checkpoint()["stepper"]["forces"][0]["room"] > 500
+
+
+# --- thermal starts ---
+
+
+def test_a_thermal_start_brought_to_a_temperature(tmp_path):
+    path = tmp_path / "thermal.toml"
+    path.write_text(THERMAL)
+
+    def make() -> kd.Simulation:
+        return kd.Simulation(kd.load(path), "velocity-verlet", compensated=True)
+
+    def first(sim):
+        sim.equilibrate(0.9, 0.2)
+        sim.run(61)
+
+    assert_goes_on(make, first, lambda sim: sim.run(45, every=9))
+
+
+THERMAL = """
+units = "lj"
+[particles]
+lattice = "fcc"
+count = 256
+density = 0.8
+[velocities]
+temperature = 1.2
+seed = 5
+[box]
+periodic = true
+[[force]]
+type = "lennard-jones"
+cutoff = 2.5
+truncation = "shift"
+[run]
+dt = 0.004
+"""
+
+
+# --- events ---
+
+
+def meeting() -> kd.System:
+    """Three balls on a line towards a heavy one, the second slower; one that passes by, and one that leaves."""
+    x = [[0, 0, 0], [1.0, 0, 0], [4.0, 0, 0], [-1.2, -2.5, 0.3], [9.0, 0, 0]]
+    v = [[0, 0, 0], [-1.0, 0, 0], [-1.0, 0, 0], [-0.1, 1.0, 0], [1.2, 0, 0]]
+    masses = [1.0, 0.01, 0.02, 1e-3, 1e-4]
+    return kd.System(x, v, masses, forces=[kd.Gravity()], units="nbody", radii=0.1, names=list("abcde"))
+
+
+EVENTS = [
+    kd.Collision(action="merge"),
+    kd.CloseApproach(1.5, bodies=["a", "d"]),
+    kd.Escape(12.0, action="remove"),
+    kd.Crossing.pericentre("d", "a"),
+]
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_events_go_on_from_a_checkpoint(name):
+    """After a merger, in a passage, before another merger and an escape; with and without looks inside steps."""
+    method = integrator(name)
+    options = {"rtol": 1e-6} if "rtol" in method.tunable else {"dt": 0.01} if method.needs_dt else {}
+
+    def make() -> kd.Simulation:
+        return kd.Simulation(meeting(), name, events=EVENTS, **options)
+
+    def go(time: float) -> Callable[[kd.Simulation], Any]:
+        def run(sim):
+            return sim.run(until=time, interval=0.3) if method.chooses_steps else sim.run(until=time, every=9)
+
+        return run
+
+    def first(sim):
+        go(2.4)(sim)
+        assert len(sim.state) == 4
+        assert np.isfinite(sim.checkpoint()["stepper"]["events"]["watches"][0]["closest_of"]).any()
+
+    whole = assert_goes_on(make, first, go(3.6))
+    kinds = [event["kind"] for event in whole.events]
+    assert len(whole.state) < 4, kinds
+
+
+def test_a_collision_that_the_present_has_not_come_to():
+    """An adaptive step that holds a bounce, looked at before it: the checkpoint has it waiting."""
+
+    def make() -> kd.Simulation:
+        system = kd.System(
+            [[-1, 0, 0], [1, 0, 0]], [[1, 0, 0], [-1, 0, 0]], forces=[kd.Gravity(G=1e-9)], units="nbody", radii=0.2
+        )
+        return kd.Simulation(system, "dormand-prince45", rtol=1e-6, events=[kd.Collision(action="bounce")])
+
+    def first(sim):
+        sim.run(until=0.7)
+        assert sim.checkpoint()["stepper"]["events"]["act"] is not None
+        assert sim.events == []
+
+    whole = assert_goes_on(make, first, lambda sim: sim.run(until=1.5))
+    assert [event["done"] for event in whole.events] == ["bounced"]
+
+
+# --- threads ---
+
+
+def disc() -> kd.System:
+    """A star and light planets on circles, each its own."""
+    r = np.linspace(1.0, 4.0, 199)[:, None]
+    angle = 2.4 * np.arange(199)[:, None]
+    x = r * np.hstack([np.cos(angle), np.sin(angle), 0.05 * np.sin(7 * angle)])
+    v = r**-0.5 * np.hstack([-np.sin(angle), np.cos(angle), 0 * angle])
+    nothing = np.zeros((1, 3))
+    masses = [1.0, *[1e-6] * 199]
+    return kd.System(np.vstack([nothing, x]), np.vstack([nothing, v]), masses, forces=[kd.Gravity()], units="nbody")
+
+
+THREADS = (1, 2, 4)
+
+
+def fingerprints() -> list[list[str]]:
+    """Of every method, of runs that go on with each number of threads from where one thread has come."""
+    found = []
+    for name in METHODS:
+        for subject, dt in ((lambda: liquid(343, 2.5), 0.002), (disc, 0.02)):
+            method = integrator(name)
+            options = ({"dt": dt} if method.needs_dt else {}) | ({"rtol": 1e-6} if "rtol" in method.tunable else {})
+            try:
+                one, *sims = (kd.Simulation(subject(), name, threads=k, **options) for k in (1, *THREADS))
+            except InputError:
+                continue
+            one.run(3)
+            checkpoint = through_bytes(one.checkpoint())
+            for sim in sims:
+                sim.restore(checkpoint)
+                sim.run(3)
+            found.append([name, *(hashlib.sha256(bits(sim)).hexdigest() for sim in sims)])
+            break
+    return found
+
+
+def test_threads_change_no_bit():
+    """In a process that may have four of them, whatever the machine has."""
+    code = f"import json, {__name__} as t; print(json.dumps(t.fingerprints()))"
+    run = python(code, timeout=900, NUMBA_NUM_THREADS="4")
+    assert run.returncode == 0, run.stderr
+    found = json.loads(run.stdout)
+    assert len(found) >= len(METHODS) - 5
+    for name, *of_each in found:
+        assert of_each == [of_each[0]] * len(THREADS), name
+
+
+def compiles_alone(case: same_bits.Case) -> bool:
+    """Whether a case takes machine code that no other test takes, and that takes seconds to compile."""
+    return case.precision == MIXED and case.system.startswith("lennard-jones") and " shift " not in case.system
+
+
+@pytest.mark.parametrize("alone", [False, pytest.param(True, marks=pytest.mark.long)])
+def test_forces_give_the_same_bits_however_they_run(alone):
+    """Every registered force, each truncation, mixtures and both precisions: threads, pieces, looks, file, restart."""
+    velocities = {"relativity-1pn", "linear-drag"}  # forces of velocities, which velocity-verlet refuses
+    method = {name: "rk4" if name in velocities else "velocity-verlet" for name in same_bits.systems()}
+    listed = [case for case in same_bits.cases(long=False) if case.method == method[case.system]]
+    taken, apart = same_bits.compared([case for case in listed if compiles_alone(case) == alone])
+    assert apart == []
+    assert {case.precision for case in taken} == ({MIXED} if alone else set(PRECISIONS))
+    assert alone or {case.system for case in taken} == set(same_bits.systems())
+
+
+# --- what a checkpoint is of ---
+
+
+def test_a_checkpoint_of_another_run_is_refused():
+    sim = kd.Simulation(small_liquid(), "velocity-verlet", dt=0.002)
+    checkpoint = sim.checkpoint()
+    with pytest.raises(InputError, match="checkpoint: integrator is 'velocity-verlet' there, and 'rk4' here"):
+        kd.Simulation(small_liquid(), "rk4", dt=0.002).restore(checkpoint)
+    with pytest.raises(InputError, match=r"checkpoint: dt is 0\.002 there, and 0\.001 here"):
+        kd.Simulation(small_liquid(), "velocity-verlet", dt=0.001).restore(checkpoint)
+    with pytest.raises(InputError, match="checkpoint: holds 27 particles or unknowns, and the system 64"):
+        kd.Simulation(liquid(), "velocity-verlet", dt=0.002).restore(checkpoint)
+    with pytest.raises(InputError, match="restore: the Simulation runs"):
+        sim.run(2, every=1, observe=lambda sim: sim.restore(checkpoint))
+
+
+def test_a_checkpoint_shares_nothing_with_the_run():
+    sim = kd.Simulation(small_liquid(), "velocity-verlet", dt=0.002)
+    sim.run(20)
+    checkpoint = sim.checkpoint()
+    before = through_bytes(checkpoint)
+    sim.run(30)
+    assert differences(before, checkpoint) == []
+    sim.restore(checkpoint)
+    sim.run(30)
+    assert differences(before, checkpoint) == []

@@ -1,0 +1,7 @@
+"""Where things lie in the checkout."""
+
+from pathlib import Path
+
+TOP = Path(__file__).resolve().parents[1]
+DOCS = TOP / "docs"
+DATA = TOP / "tests" / "data"

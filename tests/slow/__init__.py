@@ -1,0 +1,1 @@
+"""Tests that start other processes, kill them, or try many cases."""

@@ -1,0 +1,87 @@
+"""The documentation: what its pages show runs as it stands there, and the site is built of all of them."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import yaml
+
+import kickdrift as kd
+from tests import pages
+from tests.folders import DOCS, TOP
+
+PAGES = sorted(DOCS.rglob("*.md"))
+WITH_CODE = [page for page in PAGES if any(b.language in ("python", "sh") for b in pages.blocks(page))]
+MADE = {"report.md", "command-line.md"}  # by docs/hooks.py
+LONG = {"ensembles"}  # pages that take more than ten seconds
+
+
+def in_turn(page: Path):
+    """A page as a parameter, with its mark."""
+    return pytest.param(page, id=page.stem, marks=[pytest.mark.long] if page.stem in LONG else [])
+
+
+@pytest.mark.parametrize("page", [in_turn(page) for page in WITH_CODE])
+def test_a_page_runs(page, tmp_path):
+    """In a process of its own, as a reader would: what it registers stays there."""
+    guesses = "ignore:Element information is missing"  # of MDAnalysis, on reduced units
+    command = [sys.executable, "-W", "error", "-W", guesses, "-m", "tests.pages", page]
+    path = os.pathsep.join([str(TOP), os.environ.get("PYTHONPATH", "")])
+    done = subprocess.run(
+        command, cwd=tmp_path, env=os.environ | {"PYTHONPATH": path}, capture_output=True, text=True, timeout=600
+    )
+    assert done.returncode == 0, done.stderr
+
+
+def test_a_page_that_does_not_run_fails(tmp_path, monkeypatch):
+    page = tmp_path / "page.md"
+    page.write_text(
+        '```python title="one.py"\nx = 2\n```\n```python\nfrom one import x\ny = x\n```\n', encoding="utf-8"
+    )
+    (tmp_path / "in").mkdir()
+    monkeypatch.chdir(tmp_path / "in")
+    monkeypatch.syspath_prepend("")
+    assert pages.run(page)["y"] == 2
+    page.write_text("```sh\nkickdrift run no-such-system\n```\n", encoding="utf-8")
+    with pytest.raises(SystemExit, match="no-such-system ended with 2"):
+        pages.run(page)
+
+
+def test_every_page_stands_in_the_site():
+    text = re.sub(r"!!\S+", "", (TOP / "mkdocs.yml").read_text(encoding="utf-8"))
+
+    def leaves(entry):
+        if isinstance(entry, str):
+            return [entry]
+        return [leaf for inner in (entry.values() if isinstance(entry, dict) else entry) for leaf in leaves(inner)]
+
+    pages_there = {page.relative_to(DOCS).as_posix() for page in PAGES}
+    assert sorted(leaves(yaml.safe_load(text)["nav"])) == sorted(pages_there | MADE)
+
+
+def test_the_reference_has_every_public_name():
+    text = (DOCS / "api.md").read_text(encoding="utf-8")
+    named = {path.rpartition(".")[2] for path in re.findall(r"^::: (\S+)$", text, flags=re.MULTILINE)}
+    assert named == (set(kd.__all__) | set(kd.analysis.__all__)) - {"analysis", "__version__"}
+
+
+def test_the_site_is_built(tmp_path):
+    """Strictly: a dead link, a page that is nowhere or a name that is not found is an error. Nothing is fetched."""
+    pytest.importorskip("mkdocs")
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", tmp_path / "site"]
+    done = subprocess.run(
+        command, cwd=TOP, capture_output=True, text=True, env=os.environ | {"NO_MKDOCS_2_WARNING": "1"}
+    )
+    assert done.returncode == 0, done.stderr
+    site = tmp_path / "site"
+    for name, words in {
+        "api.html": "momentum_error",
+        "command-line.html": "--integrator",
+        "index.html": "Lennard-Jones",
+    }.items():
+        assert words in (site / name).read_text(encoding="utf-8")

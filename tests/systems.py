@@ -1,0 +1,61 @@
+"""Systems that several test modules use."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+import kickdrift as kd
+from kickdrift.forces import LennardJones
+from kickdrift.model.system import System
+
+CUTOFF = 2.5
+GRID = 2.0**-24  # positions and edges on a grid: differences and whole edges taken off are then exact in both codes
+SPECIES = {"A": {}, "B": {"epsilon": 0.5, "sigma": 0.8}, "C": {"epsilon": 1.5, "sigma": 1.1}}
+PAIRS = {("C", "A"): {"epsilon": 0.25, "sigma": 0.9}, ("B", "B"): {"sigma": 0.7}}
+
+
+def liquid(count=64, cutoff=2.0, seed=3) -> kd.System:
+    """A disordered Lennard-Jones liquid in a small periodic box."""
+    rng = np.random.default_rng(seed)
+    edge = round(count ** (1 / 3))
+    length = (count / 0.8442) ** (1 / 3)
+    grid = np.indices((edge, edge, edge)).reshape(3, -1).T * length / edge
+    x = grid + rng.uniform(-0.08, 0.08, (count, 3))
+    v = rng.normal(size=(count, 3))
+    v -= v.mean(axis=0)
+    return kd.System(x, v, box=(length,) * 3, forces=[kd.LennardJones(cutoff=cutoff, truncation="shift")])
+
+
+# --- pair forces on a grid ---
+
+
+def on_grid(x):
+    """Positions rounded to the grid."""
+    return np.round(np.asarray(x) / GRID) * GRID
+
+
+def fluid(rng, n):
+    """Positions and box of a shaken simple cubic lattice at the density of a liquid."""
+    cells = max(math.ceil(n ** (1 / 3)), 5)
+    sites = rng.permutation(np.indices((cells,) * 3).reshape(3, -1).T)[:n]
+    return on_grid((sites + rng.uniform(-0.2, 0.2, (n, 3))) * 1.0625), (1.0625 * cells,) * 3
+
+
+def make_system(x, box=None, truncation="shift", mixed=False, seed=0, **options):
+    """Lennard-Jones particles of random masses at x, of one species or of three."""
+    rng = np.random.default_rng(seed)
+    n = len(x)
+    species = None
+    if mixed:  # two species at least, so that it is the same compiled code
+        options = {"species": SPECIES, "pairs": PAIRS, **options}
+        species = [*"AB", *rng.choice(list("ABC"), max(n - 2, 0))][:n]
+    force = LennardJones(**{"cutoff": CUTOFF, "truncation": truncation, **options})
+    return System(x, masses=rng.uniform(0.5, 20.0, n), box=box, forces=[force], species=species)
+
+
+def moved(system, x):
+    """The same system with its particles at x (n, 3)."""
+    names = [system.species[k] for k in system.species_index]
+    return System(x, masses=system.state.masses, box=system.box, forces=system.forces, species=names)

@@ -1,0 +1,376 @@
+"""Systems to and from ASE, and our forces as a calculator of ASE's, beside ASE's own Lennard-Jones and dynamics."""
+
+from __future__ import annotations
+
+import sys
+
+import ase
+import ase.io
+import ase.units
+import numpy as np
+import pytest
+from ase.build import bulk
+from ase.calculators.emt import EMT
+from ase.calculators.lj import LennardJones
+from ase.constraints import FixAtoms
+from ase.filters import FrechetCellFilter
+from ase.md.verlet import VelocityVerlet
+from ase.optimize import BFGS, FIRE
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import kickdrift as kd
+from kickdrift.bridges.ase import Calculator, Scale
+from kickdrift.model.bridging import bridge
+from kickdrift.model.units import UNIT_SYSTEMS, quantity
+from kickdrift.trajectory.export import export
+from kickdrift.trajectory.h5md import Writer
+
+EPSILON, SIGMA, RC = 0.0103, 3.4, 8.0  # of argon, eV and angstrom
+ARGON = kd.LennardJones(epsilon=EPSILON, sigma=SIGMA, cutoff=RC)  # shifted, as ASE's is
+
+
+def argon(periodic: bool = True, seed: int = 1) -> ase.Atoms:
+    """A warm crystal of 256 atoms."""
+    atoms = bulk("Ar", "fcc", a=5.3, cubic=True).repeat(4)
+    rng = np.random.default_rng(seed)
+    atoms.positions += rng.normal(scale=0.1, size=(len(atoms), 3))
+    atoms.set_momenta(rng.normal(scale=np.sqrt(40 * ase.units.kB * atoms.get_masses())[:, None], size=(len(atoms), 3)))
+    atoms.pbc = periodic
+    return atoms
+
+
+def cluster(seed: int) -> ase.Atoms:
+    """Thirteen atoms about the corners of a lattice, none too near another."""
+    rng = np.random.default_rng(seed)
+    places = np.array([(i, j, k) for i in range(3) for j in range(3) for k in range(3)])[rng.permutation(27)[:13]]
+    return ase.Atoms("Ar13", positions=4.0 * places + rng.uniform(-0.4, 0.4, (13, 3)))
+
+
+# --- units ---
+
+
+def test_metal_is_ases_units_but_for_the_time():
+    """ASE's fs is CODATA 2014's, ours scipy's; u / eV differ by 9e-9 between them."""
+    scale = Scale.of(UNIT_SYSTEMS["metal"])
+    assert (scale.length, scale.energy, scale.mass) == (1.0, 1.0, 1.0)
+    assert scale.velocity == pytest.approx(1000 * ase.units.fs, rel=1e-8)  # angstrom/ps in those of ASE
+
+
+@pytest.mark.parametrize("units", ["metal", "si"])
+def test_real_units_are_converted(units):
+    atoms, there = argon(), UNIT_SYSTEMS[units]
+    system = kd.System.from_ase(atoms, [], units)
+    energy = quantity("1 eV", "energy", there)
+    x, v, m = system.state.positions, system.state.velocities, system.coherent_masses
+    length = quantity("1 angstrom", "length", there)
+    np.testing.assert_allclose(x, atoms.positions * length, rtol=1e-15)
+    np.testing.assert_allclose(system.box.lengths, np.diagonal(atoms.cell) * length, rtol=1e-15)
+    assert 0.5 * (m * (v**2).sum(axis=1)).sum() == pytest.approx(atoms.get_kinetic_energy() * energy, rel=1e-14)
+    speed = quantity("1 m/s", "velocity", there)
+    np.testing.assert_allclose(v / speed, atoms.get_velocities() * ase.units.second / ase.units.m, rtol=1e-8)
+
+
+@pytest.mark.parametrize("units", ["lj", "nbody", "astro"])
+def test_units_that_ase_does_not_know_take_the_numbers_as_they_are(units):
+    atoms = argon()
+    system = kd.System.from_ase(atoms, [], units)
+    np.testing.assert_array_equal(system.state.positions, atoms.positions)
+    np.testing.assert_array_equal(system.state.velocities, atoms.get_velocities())
+    np.testing.assert_array_equal(system.state.masses, atoms.get_masses())
+    assert system.units.coherent_mass == 1.0  # so energies keep their numbers too
+
+
+# --- both ways ---
+
+
+@pytest.mark.parametrize("periodic", [True, False])
+@pytest.mark.parametrize("units", ["metal", "lj", "si"])
+def test_atoms_come_back(units, periodic):
+    atoms = argon(periodic)
+    atoms.symbols[::3] = "Kr"
+    atoms.set_masses(np.linspace(30, 90, len(atoms)))
+    back = kd.System.from_ase(atoms, [], units).to_ase()
+    exact = 0.0 if units != "si" else 1e-15
+    np.testing.assert_allclose(back.positions, atoms.positions, rtol=exact)
+    np.testing.assert_allclose(back.get_masses(), atoms.get_masses(), rtol=exact)
+    np.testing.assert_allclose(back.get_momenta(), atoms.get_momenta(), rtol=1e-14)
+    assert back.get_chemical_symbols() == atoms.get_chemical_symbols()
+    assert (back.pbc == atoms.pbc).all()
+    np.testing.assert_allclose(back.cell, atoms.cell if periodic else 0 * atoms.cell, rtol=exact)
+    assert back.calc is None
+
+
+def test_a_system_comes_back_with_its_forces():
+    rng = np.random.default_rng(3)
+    force = kd.LennardJones(cutoff=2.5, truncation="force-shift", species={"A": {}, "Ne": {"sigma": 1.1}})
+    system = kd.System(
+        rng.uniform(-30, 30, (6, 3)), rng.normal(size=(6, 3)), [1, 2, 4, 8, 16, 32], (6.0, 7.0, 8.0), [force],
+        species=["A", "Ne", "A", "A", "Ne", "A"], names=list("abcdef"), radii=np.arange(6.0),
+    )  # fmt: skip
+    atoms = system.to_ase()
+    assert atoms.get_chemical_symbols() == ["X", "Ne", "X", "X", "Ne", "X"]
+    back = kd.System.from_ase(atoms, units="lj")
+    assert back.forces == system.forces
+    assert (back.species, back.names, back.box) == (system.species, system.names, system.box)
+    np.testing.assert_array_equal(back.species_index, system.species_index)
+    np.testing.assert_array_equal(back.radii, system.radii)
+    np.testing.assert_array_equal(back.state.phase, system.state.phase)  # masses are powers of two
+    named = system.to_ase(symbols={"A": "Ar"}, calculator=False)
+    assert named.get_chemical_symbols() == ["Ar", "Ne", "Ar", "Ar", "Ne", "Ar"]
+    assert named.calc is None
+    assert kd.System.from_ase(named, [], "lj", species=["B"] * 6).species == ("B",)
+
+
+@pytest.mark.parametrize("suffix", ["traj", "extxyz"])
+@pytest.mark.parametrize("units", ["lj", "metal"])
+def test_exported_files_are_read_as_the_system_they_were(tmp_path, units, suffix):
+    system = kd.System(
+        np.arange(12.0).reshape(4, 3), np.eye(4, 3), [2, 1, 1, 4], units=units, species=["A", "Kr", "B", "A"],
+        names=["a", "b", "c", "d"],
+    )  # fmt: skip
+    with Writer(tmp_path / "run.h5md", system, method={"dt": 1.0}, every=1) as writer:
+        writer.append(system.state)
+    export(tmp_path / "run.h5md", tmp_path / f"run.{suffix}")
+    back = kd.System.from_ase(ase.io.read(tmp_path / f"run.{suffix}"), [], units)
+    assert [back.species[k] for k in back.species_index] == ["A", "Kr", "B", "A"]
+    assert back.names == system.names
+    # The file of text has eight decimals, of velocities in ASE's unit, of which 1 angstrom/ps is a hundredth.
+    close = 1e-8 if suffix == "traj" else 1e-6
+    np.testing.assert_allclose(back.state.phase, system.state.phase, rtol=close, atol=close)
+    np.testing.assert_allclose(back.state.masses, system.state.masses, rtol=1e-8)
+
+
+@pytest.mark.parametrize("units", ["metal", "lj", "si"])
+def test_ases_lennard_jones_is_taken_with_the_atoms(units):
+    atoms = argon()
+    atoms.calc = LennardJones(epsilon=EPSILON, sigma=SIGMA)
+    (force,) = kd.System.from_ase(atoms, units=units).forces
+    scale = Scale.of(UNIT_SYSTEMS[units])
+    assert force == kd.LennardJones(
+        epsilon=EPSILON * scale.energy, sigma=SIGMA * scale.length, cutoff=3 * SIGMA * scale.length, truncation="shift"
+    )
+
+
+# --- the calculator ---
+
+
+def check_same(atoms: ase.Atoms, calculator: Calculator) -> None:
+    """Energy and forces are those of ASE's own, to round-off."""
+    other = atoms.copy()
+    other.calc, atoms.calc = LennardJones(epsilon=EPSILON, sigma=SIGMA, rc=RC), calculator
+    scale = np.abs(other.get_forces()).max()
+    np.testing.assert_allclose(atoms.get_forces(), other.get_forces(), rtol=0, atol=1e-12 * scale)
+    size = np.abs(other.get_potential_energies()).sum()
+    assert atoms.get_potential_energy() == pytest.approx(other.get_potential_energy(), rel=0, abs=1e-12 * size)
+    if atoms.pbc.all():
+        stress = other.get_stress()
+        np.testing.assert_allclose(atoms.get_stress(), stress, rtol=0, atol=1e-12 * np.abs(stress).max())
+
+
+@pytest.mark.parametrize("units", ["metal", "si"])
+@pytest.mark.parametrize("periodic", [True, False])
+def test_the_calculator_agrees_with_ases(units, periodic):
+    scale = Scale.of(UNIT_SYSTEMS[units])
+    force = kd.LennardJones(epsilon=EPSILON * scale.energy, sigma=SIGMA * scale.length, cutoff=RC * scale.length)
+    check_same(argon(periodic), Calculator([force], units))
+
+
+CLUSTERS = Calculator([ARGON])
+
+
+@settings(max_examples=25, deadline=None)
+@given(seed=st.integers(0, 2**32))
+def test_the_calculator_agrees_with_ases_in_clusters(seed):
+    """One calculator for all of them, whose pair list must follow."""
+    check_same(cluster(seed), CLUSTERS)
+
+
+def test_what_is_compiled_and_bound_is_kept_until_the_atoms_are_others(monkeypatch):
+    from kickdrift.forces import bound
+
+    made = []
+    plain = bound.BoundForces.__init__
+    monkeypatch.setattr(bound.BoundForces, "__init__", lambda self, *args: (made.append(1), plain(self, *args))[1])
+    calculator, atoms = Calculator([ARGON]), argon()
+    for step in range(4):
+        atoms.rattle(0.05, seed=step)
+        check_same(atoms, calculator)
+    assert len(made) == 1
+    atoms.set_cell(1.02 * np.asarray(atoms.cell), scale_atoms=True)
+    check_same(atoms, calculator)
+    assert len(made) == 2
+    del atoms[10:13]
+    check_same(atoms, calculator)
+    atoms.pbc = False
+    check_same(atoms, calculator)
+    assert len(made) == 4
+
+
+def test_masses_count_where_forces_go_by_them():
+    atoms = ase.Atoms("H2", positions=[[0, 0, 0], [2, 0, 0]], masses=[3, 4])
+    atoms.calc = Calculator([kd.Gravity()], "nbody")
+    np.testing.assert_allclose(atoms.get_forces(), [[3.0, 0, 0], [-3.0, 0, 0]], rtol=1e-14)
+    assert atoms.get_potential_energy() == pytest.approx(-6.0, rel=1e-14)
+    atoms.set_masses([3, 8])
+    np.testing.assert_allclose(atoms.get_forces(), [[6.0, 0, 0], [-6.0, 0, 0]], rtol=1e-14)
+
+
+def test_ases_dynamics_run_our_forces():
+    """Velocity Verlet of ASE with ASE's forces, with ours, and ours altogether: one path, in three programs' units."""
+    steps, dt = 20, 5 * ase.units.fs
+    paths = []
+    for calculator in (LennardJones(epsilon=EPSILON, sigma=SIGMA, rc=RC), Calculator([ARGON])):
+        atoms = argon()
+        atoms.calc = calculator
+        VelocityVerlet(atoms, dt).run(steps)
+        paths.append(atoms)
+    theirs, mixed = paths
+    start = argon()
+    start.calc = theirs.calc
+    sim = kd.Simulation(kd.System.from_ase(start), "velocity-verlet", dt=dt / Scale.of(UNIT_SYSTEMS["metal"]).velocity)
+    sim.run(steps)
+    ours = kd.System.from_ase(start).at(sim.state.phase, sim.time).to_ase()
+    moved = np.abs(theirs.positions - start.positions).max()
+    assert moved > 0.1
+    for atoms in (mixed, ours):
+        np.testing.assert_allclose(
+            atoms.positions, theirs.positions, rtol=0, atol=1e-12 * np.abs(theirs.positions).max()
+        )
+        np.testing.assert_allclose(atoms.get_momenta(), theirs.get_momenta(), rtol=0, atol=1e-11)
+        assert atoms.get_potential_energy() == pytest.approx(theirs.get_potential_energy(), rel=1e-12)
+
+
+@pytest.mark.parametrize("optimiser", [BFGS, FIRE])
+def test_ases_optimisers_find_the_minimum(optimiser):
+    """Three atoms come to the triangle with sides 2^(1/6) sigma, energy -3 epsilon but for the shift."""
+    atoms = ase.Atoms("Ar3", positions=[[0, 0, 0], [4.1, 0, 0], [1.7, 3.3, 0.2]])
+    atoms.calc = Calculator([ARGON])
+    assert optimiser(atoms, logfile=None).run(fmax=1e-7, steps=500)
+    sides = atoms.get_all_distances()[np.triu_indices(3, 1)]
+    np.testing.assert_allclose(sides, 2 ** (1 / 6) * SIGMA, rtol=1e-5)
+    shift = 4 * EPSILON * ((SIGMA / RC) ** 12 - (SIGMA / RC) ** 6)
+    assert atoms.get_potential_energy() == pytest.approx(3 * (-EPSILON - shift), rel=1e-9)
+
+
+def test_ases_cell_optimisers_use_our_stress():
+    """The crystal's lattice constant comes to where ASE's own forces bring it."""
+    edges = []
+    for calculator in (LennardJones(epsilon=EPSILON, sigma=SIGMA, rc=RC), Calculator([ARGON])):
+        atoms = bulk("Ar", "fcc", a=5.2, cubic=True).repeat(4)
+        atoms.calc = calculator
+        assert BFGS(FrechetCellFilter(atoms, hydrostatic_strain=True), logfile=None).run(fmax=1e-4, steps=50)
+        edges.append(np.diagonal(atoms.cell))
+    np.testing.assert_allclose(*edges, rtol=1e-10)
+    assert edges[0] == pytest.approx(4 * 5.26, rel=0.01)  # argon's, near absolute zero
+
+
+# --- bad input ---
+
+
+def changed(change) -> ase.Atoms:
+    atoms = argon()
+    change(atoms)
+    return atoms
+
+
+def lean(atoms):
+    atoms.cell[1, 0] = 0.5
+
+
+def turn(atoms):
+    atoms.cell = np.roll(np.asarray(atoms.cell), 1, axis=0)
+
+
+def spoil(atoms):
+    atoms.positions[7, 2] = np.nan
+
+
+def strike(atoms):
+    atoms.set_momenta([[0, 0, np.inf]] + [[0, 0, 0]] * 255)
+
+
+@pytest.mark.parametrize(
+    ("atoms", "message"),
+    [
+        (
+            changed(lean),
+            r"cell vector b is \[0.5, 21.2, 0.0\]; expected a cell with a along x, b along y and c along z",
+        ),
+        (changed(turn), r"cell vector a is \[0.0, 0.0, 21.2\]"),
+        (changed(lambda atoms: atoms.set_cell([20, 20, -20])), r"cell vector c is \[0.0, 0.0, -20.0\]"),
+        (changed(lambda atoms: atoms.set_cell([20, 20, 0])), "box: edge z must be a positive finite length, got 0.0"),
+        (
+            changed(lambda atoms: atoms.set_pbc([1, 1, 0])),
+            r"pbc is \[True, True, False\]; expected a box",
+        ),
+        (changed(spoil), "positions: particle 7 has nan in z; expected finite numbers"),
+        (changed(strike), "velocities: particle 0 has inf in z"),
+        (
+            changed(lambda atoms: atoms.set_constraint(FixAtoms([1]))),
+            "the constraint FixAtoms has no equivalent in kickdrift",
+        ),
+        (changed(lambda atoms: atoms.set_masses(np.zeros(256))), "atom 0 has a momentum but no mass"),
+        (ase.Atoms(), "positions: expected shape"),
+        ("Ar2", "atoms: expected ase.Atoms, got str"),
+    ],
+)
+def test_atoms_that_do_not_fit_are_refused(atoms, message):
+    with pytest.raises(kd.InputError, match=message) as raised:
+        kd.System.from_ase(atoms, [])
+    assert "\n" not in str(raised.value)
+
+
+@pytest.mark.parametrize(
+    ("calculator", "units", "message"),
+    [
+        (None, "metal", r"forces: needed \(forces=\[\] means no forces\)"),
+        (LennardJones(smooth=True), "metal", r"forces: LennardJones\(smooth=True\) has no equivalent in kickdrift"),
+        (EMT(), "metal", "forces: the calculator EMT has no equivalent in kickdrift; give forces"),
+        (Calculator([ARGON]), "lj", "forces: the calculator's forces are in units 'metal', not 'lj'"),
+        (Calculator([ARGON]), "imperial", "units: expected one of lj, metal"),
+    ],
+)
+def test_calculators_that_are_no_force_here_are_refused(calculator, units, message):
+    atoms = argon()
+    atoms.calc = calculator
+    with pytest.raises(kd.InputError, match=message):
+        kd.System.from_ase(atoms, units=units)
+
+
+def test_what_ase_cannot_hold_is_refused():
+    system = kd.System(np.eye(3), masses=[1, 0, 1], units="nbody", forces=[kd.Gravity()], names=["a", "dust", "c"])
+    with pytest.raises(kd.InputError, match="masses: dust has no mass, and ASE stores momenta"):
+        system.to_ase()
+    plain = kd.System(np.eye(3))
+    with pytest.raises(kd.InputError, match="symbols: 'Qq' for species 'A' is not a chemical element"):
+        plain.to_ase({"A": "Qq"})
+    with pytest.raises(kd.InputError, match="symbols: no species 'B'; known are A"):
+        plain.to_ase({"B": "Ar"})
+    dragged = kd.System(np.eye(3), forces=[kd.LinearDrag(0.1)])
+    with pytest.raises(kd.InputError, match="linear-drag depends on more than positions"):
+        dragged.to_ase()
+    assert dragged.to_ase(calculator=False).calc is None
+
+
+def test_a_calculation_that_fails_says_why():
+    atoms = argon()
+    atoms.calc = Calculator([ARGON])
+    atoms.positions[3] = atoms.positions[200]
+    with pytest.raises(kd.RunError, match="not finite; particle 3 and particle 200 are nearest, 0 angstrom apart"):
+        atoms.get_potential_energy()
+    atoms.positions[3] += 2.0
+    assert np.isfinite(atoms.get_potential_energy())
+    open_atoms = argon(periodic=False)
+    open_atoms.calc = atoms.calc
+    with pytest.raises(kd.InputError, match="pressure: needs a periodic box; open space has no volume"):
+        open_atoms.get_stress()
+    atoms.set_cell([12, 12, 12])
+    with pytest.raises(kd.InputError, match="lennard-jones: box edge x is 12, shorter than twice the cutoff"):
+        atoms.get_forces()
+
+
+def test_ase_that_is_not_installed_is_named(monkeypatch):
+    monkeypatch.setitem(sys.modules, "ase", None)
+    with pytest.raises(kd.InputError, match=r"System.from_ase needs ase: pip install kickdrift\[ase\]"):
+        bridge("ase", "System.from_ase")

@@ -1,0 +1,207 @@
+"""Direct gravity against the plain oracle."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import kickdrift
+from kickdrift.errors import InputError
+from kickdrift.forces import Gravity, GravityTree, LennardJones, UniformField
+from kickdrift.forces.bound import BoundForces
+from kickdrift.model.starts.builders import check_overlaps
+from kickdrift.model.system import System
+from kickdrift.model.units import UNIT_SYSTEMS
+from kickdrift.run.simulation import Simulation
+from tests.oracle.forces import gravity_accelerations, interacting_pairs, pair_oracle
+from tests.processes import python
+
+
+def cloud(n, seed=0, massless=0, G=1.0, softening=0.0, **options):
+    rng = np.random.default_rng(seed)
+    masses = rng.uniform(0.1, 3.0, n)
+    masses[rng.permutation(n)[:massless]] = 0.0
+    x = rng.normal(size=(n, 3)) * rng.choice([0.1, 1.0, 10.0], size=(n, 1))
+    return System(x, rng.normal(size=(n, 3)), masses, forces=[Gravity(G, softening)], **options)
+
+
+def assert_right(system):
+    measured = BoundForces(system).measure(0.0, system.state.phase)
+    expected = gravity_accelerations(system)
+    np.testing.assert_allclose(
+        measured.accelerations.T, expected, rtol=0, atol=1e-12 * np.abs(expected).max(initial=0.0)
+    )
+    forces, energy, virial, count = pair_oracle(system)
+    assert measured.pairs == count
+    assert measured.potential == pytest.approx(energy, rel=1e-12, abs=0)
+    assert measured.virial == pytest.approx(virial, rel=1e-12, abs=0)
+    on_masses = measured.accelerations.T * system.coherent_masses[:, None]
+    np.testing.assert_allclose(on_masses, forces, rtol=0, atol=1e-12 * np.abs(forces).max(initial=0.0))
+    return measured
+
+
+@pytest.mark.parametrize("softening", [0.0, 0.05, 3.0])
+@pytest.mark.parametrize("n", [1, 2, 3, 7, 8, 9, 16, 31, 100, 257])
+def test_sizes(n, softening):
+    assert_right(cloud(n, seed=n, softening=softening))
+    assert_right(cloud(n, seed=n, softening=softening, massless=n // 3))
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(1, 60), st.floats(1e-3, 1e3), st.sampled_from([0.0, 0.1]))
+@settings(max_examples=100, deadline=None)
+def test_any_cloud(seed, n, G, softening):
+    assert_right(cloud(n, seed, n // 5, G, softening))
+
+
+@pytest.mark.parametrize("units", UNIT_SYSTEMS)
+def test_the_units_own_constant(units):
+    system = cloud(20, units=units, G=None if UNIT_SYSTEMS[units].gravity else 2.0)
+    assert_right(system)
+
+
+def test_momentum_and_virial():
+    system = cloud(300)
+    measured = assert_right(system)
+    forces = measured.accelerations * system.coherent_masses
+    assert np.abs(forces.sum(axis=1)).max() <= 1e-12 * np.abs(forces).sum()
+    assert measured.virial == pytest.approx(measured.potential, rel=1e-12)  # U ~ 1/r
+
+
+def test_force_is_the_slope_of_the_energy():
+    system, h = cloud(40, softening=0.5), 1e-6
+    bound, phase, rng = BoundForces(system), system.state.phase, np.random.default_rng(1)
+    forces = bound.measure(0.0, phase).accelerations * system.coherent_masses
+    for _ in range(5):
+        direction = np.zeros_like(phase)
+        direction[0] = rng.normal(size=(3, 40))
+        above, below = (bound.measure(0.0, phase + s * direction).potential for s in (h, -h))
+        assert (below - above) / (2 * h) == pytest.approx((forces * direction[0]).sum(), rel=1e-6)
+
+
+def test_massless_particles_feel_and_do_not_pull():
+    x = np.array([[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [0.0, 2.0, 0.0]])
+    system = System(x, masses=[4.0, 0.0, 0.0], forces=[Gravity(1.0)])
+    measured = assert_right(system)
+    assert measured.accelerations[:, 0].tolist() == [0.0, 0.0, 0.0]
+    np.testing.assert_allclose(measured.accelerations[:, 1:], [[-1.0, 0.0], [0.0, -1.0], [0.0, 0.0]], rtol=1e-14)
+    assert measured.potential == 0.0
+
+
+def test_bodies_in_one_place():
+    x = np.array([[1.0, 2.0, 3.0], [1.0, 2.0, 3.0], [0.0, 0.0, 0.0]])
+    softened = System(x, forces=[Gravity(1.0, softening=0.5)])
+    assert_right(softened)  # no force between them, but an energy
+    system = System(x, forces=[Gravity(1.0)])
+    assert BoundForces(system).measure(0.0, system.state.phase) is None
+    test_particles = System(x, masses=[0.0, 0.0, 1.0], forces=[Gravity(1.0)])
+    assert_right(test_particles)
+    check_overlaps(softened)
+    check_overlaps(test_particles)
+    with pytest.raises(InputError, match="particles 0 and 1 are at the same place, distance 0"):
+        check_overlaps(system)
+    on_a_body = System(x, masses=[0.0, 1.0, 1.0], forces=[Gravity(1.0)], names=["Probe", "Sun", "Vega"])
+    with pytest.raises(InputError, match="positions: Probe and Sun are at the same place, distance 0"):
+        check_overlaps(on_a_body)
+
+
+@pytest.mark.parametrize("culprit", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("massless", [False, True])
+def test_positions_that_are_no_numbers(culprit, massless):
+    system = System(np.eye(9, 3), masses=[1.0] * 8 + [0.0 if massless else 1.0], forces=[Gravity(1.0, 0.1)])
+    for axis in range(3):
+        phase = system.state.phase.copy()
+        phase[0, axis, 8] = culprit
+        assert BoundForces(system).measure(0.0, phase) is None
+
+
+@pytest.mark.parametrize("massive", [1, 8, 9, 20])
+def test_test_particles_anywhere(massive):
+    """Bodies and test particles mixed up, many of those at one place: clusters part empty on both sides."""
+    n, rng = 61, np.random.default_rng(massive)
+    masses = np.zeros(n)
+    masses[rng.permutation(n)[:massive]] = rng.uniform(0.5, 2.0, massive)
+    x = rng.normal(size=(n, 3))
+    x[np.flatnonzero(masses == 0.0)[:5]] = 0.25
+    system = System(x, masses=masses, forces=[Gravity(1.0)])
+    check_overlaps(system)
+    assert assert_right(system).pairs == massive * (massive - 1) // 2 + massive * (n - massive)
+
+
+def test_sources_are_the_massive_bodies_alone():
+    """Sun, planets and 2000 test particles: each pair of a body with another, and none more."""
+    system = cloud(2009, massless=2000)
+    force = BoundForces(system).forces[0].parts
+    assert (force.massive, force.sources, force.clusters) == (9, 2, 252)
+    assert_right(system)
+
+
+def test_a_sample_has_the_centre_of_mass():
+    system = cloud(30, massless=10)
+    sample = Simulation(system, dt=1e-3).sample()
+    m, state = system.state.masses, system.state
+    np.testing.assert_allclose(sample.centre_of_mass, m @ state.positions / m.sum(), rtol=1e-13)
+    np.testing.assert_allclose(sample.centre_of_mass_velocity, m @ state.velocities / m.sum(), rtol=1e-13)
+    np.testing.assert_array_equal(sample.observables()["centre_of_mass"], sample.centre_of_mass)
+    massless = System(np.eye(3), masses=0.0)
+    assert Simulation(massless, dt=1e-3).sample().centre_of_mass is None
+
+
+def test_refusals():
+    with pytest.raises(InputError, match="needs open space, and the box is periodic"):
+        System(np.eye(3), box=(1, 1, 1), forces=[Gravity(1.0)])
+    with pytest.raises(InputError, match="units 'lj' define no G; give G"):
+        System(np.eye(3), forces=[Gravity()])
+    with pytest.raises(InputError, match="gravity: no particle has a mass, so there is no attraction"):
+        System(np.eye(3), masses=0.0, forces=[Gravity(1.0)])
+    with pytest.raises(InputError, match="gravity-tree: no particle has a mass"):
+        System(np.eye(3), masses=0.0, forces=[GravityTree(G=1.0)])
+    System(np.eye(3), masses=0.0, forces=[Gravity(1.0), UniformField((0.0, 0.0, -1.0))])  # they fall
+    for options in ({"G": 0.0}, {"G": np.nan}, {"G": -1.0}, {"softening": -1.0}, {"softening": np.inf}):
+        with pytest.raises(InputError, match="gravity: "):
+            Gravity(**{"G": 1.0, **options})
+
+
+def test_two_forces_add_up():
+    rng = np.random.default_rng(2)
+    x = np.indices((4, 4, 4)).reshape(3, -1).T * 1.1 + rng.uniform(-0.1, 0.1, (64, 3))
+    forces = [LennardJones(cutoff=2.5), Gravity(3.0, softening=0.1)]
+    system = System(x, masses=rng.uniform(1, 5, 64), forces=forces)
+    measured = BoundForces(system).measure(0.0, system.state.phase)
+    expected, energy, virial, count = pair_oracle(system)
+    got = (measured.accelerations * system.coherent_masses).T
+    np.testing.assert_allclose(got, expected, rtol=0, atol=1e-12 * np.abs(expected).max())
+    assert measured.potential == pytest.approx(energy, rel=1e-12)
+    scale = sum(np.abs(p.force * p.r).sum() for p in (interacting_pairs(force, system) for force in forces))
+    assert measured.virial == pytest.approx(virial, abs=1e-12 * scale)
+    assert measured.pairs == count
+
+
+def fingerprint(n, threads):
+    system = cloud(n, massless=3)
+    measured = BoundForces(system, threads).measure(0.0, system.state.phase)
+    return hashlib.sha256(measured.accelerations.tobytes() + np.array(measured[1:]).tobytes()).hexdigest()
+
+
+def test_a_new_compilation_rounds_like_the_cached_one(tmp_path):
+    """The process that compiles and those that load its machine code get the same bits, of few bodies and of many."""
+    package = Path(kickdrift.__file__).parent
+    shutil.copytree(package, tmp_path / "kickdrift", ignore=shutil.ignore_patterns("__pycache__"))
+    code = f"from {__name__} import fingerprint as f; print(f(9, 1), f(100, 1))"
+    path = os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])
+    runs = [python(code, PYTHONPATH=path) for _ in range(2)]
+    assert runs[0].stdout == runs[1].stdout != "", runs[0].stderr
+
+
+def test_threads_do_not_change_the_bits():
+    code = f"from {__name__} import fingerprint as f; print(*(f(n, k) for n in (9, 500, 1000) for k in (1, 2, 3, 4)))"
+    run = python(code, NUMBA_NUM_THREADS="4")
+    assert run.stdout.split() == [fingerprint(9, 1)] * 4 + [fingerprint(500, 1)] * 4 + [fingerprint(1000, 1)] * 4, (
+        run.stderr
+    )

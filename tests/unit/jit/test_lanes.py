@@ -1,0 +1,348 @@
+"""Lanes against NumPy: the arithmetic, and NaN and infinity, which blow-up detection lives on."""
+
+from __future__ import annotations
+
+import math
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+from numba import njit, types
+from numba.core.errors import TypingError
+
+from kickdrift.jit.compile import as_written, jit
+from kickdrift.jit.lanes import inverse_sqrt, lane_max, lane_numbers, lane_sum, multiply_add, rotated, splat
+from kickdrift.jit.masks import any_lane, mask_bits, select
+from kickdrift.jit.memory import aligned, flat, load, load_first, store, store_first
+from kickdrift.jit.vectors import WIDTH
+from tests.processes import python
+
+POWERS = (1, 2, 3, 5, 6, 12, 31, 32)
+SPECIAL = (0.0, -0.0, np.inf, -np.inf, np.nan, 5e-324, 1e-310, 2.3e-308, 1e-154, 1.0, -3.0, 1e154, 8.9e307, -1.7e308)
+
+
+@jit
+def arithmetic(a, b, c, out):
+    x, y, z = load(a, 0), load(b, 0), load(c, 0)
+    s = b[0]
+    store(out[0], 0, x + y)
+    store(out[1], 0, x - y)
+    store(out[2], 0, x * y)
+    store(out[3], 0, x / y)
+    store(out[4], 0, multiply_add(x, y, z))
+    store(out[5], 0, select(x < y, x, z))
+    store(out[6], 0, x + s)
+    store(out[7], 0, s - x)
+    store(out[8], 0, 2 * x)  # a whole number becomes a float
+    store(out[9], 0, 1.0 / x)
+    store(out[10], 0, -x)
+    store(out[11], 0, lane_numbers() + splat(s) * 0.0)
+
+
+@jit
+def functions(a, out):
+    x = load(a, 0)
+    store(out[0], 0, math.sqrt(x))
+    store(out[1], 0, math.exp(x))
+    store(out[2], 0, math.log(x))
+    store(out[3], 0, abs(x))
+    store(out[4], 0, math.fabs(x))
+    store(out[5], 0, x**1)
+    store(out[6], 0, x**2)
+    store(out[7], 0, x**3)
+    store(out[8], 0, x**5)
+    store(out[9], 0, x**6)
+    store(out[10], 0, x**12)
+    store(out[11], 0, x**31)
+    store(out[12], 0, x**32)
+
+
+@jit
+def comparisons(a, b, bits):
+    x, y = load(a, 0), load(b, 0)
+    bits[0], bits[1], bits[2] = mask_bits(x < y), mask_bits(x <= y), mask_bits(x > y)
+    bits[3], bits[4] = mask_bits(x >= y), mask_bits(x == y)
+    bits[5] = mask_bits((x < y) & (x > 0.0))
+    bits[6] = any_lane(x < y)
+    return lane_sum(x), lane_max(x)
+
+
+@jit
+def copy_from(a, index, out, to):
+    store(out, to, load(a, index))
+
+
+def computed(function, rows, *inputs):
+    out = np.full((rows, WIDTH), 123.0)
+    function(*inputs, out)
+    return out
+
+
+def numpy_arithmetic(a, b, c):
+    with np.errstate(all="ignore"):
+        s, smaller = b[0], np.where(a < b, a, c)
+        lanes = np.arange(8.0) + s * 0.0
+        return np.array([a + b, a - b, a * b, a / b, a * b + c, smaller, a + s, s - a, 2 * a, 1 / a, -a, lanes])
+
+
+def numpy_functions(a):
+    with np.errstate(all="ignore"):
+        return np.array([np.sqrt(a), np.exp(a), np.log(a), np.abs(a), np.abs(a), *(a**k for k in POWERS)])
+
+
+def ulps(got, expected):
+    """The largest error, in units in the last place; of finite numbers above the subnormal ones."""
+    normal = np.isfinite(expected) & (np.abs(expected) > 1e-290)
+    return np.max(np.abs(got - expected)[normal] / np.spacing(np.abs(expected[normal])), initial=0.0)
+
+
+def eight(elements):
+    return st.lists(elements, min_size=WIDTH, max_size=WIDTH).map(np.array)
+
+
+moderate = st.floats(1e-100, 1e100) | st.floats(-1e100, -1e-100)
+anything = st.floats(width=64) | st.sampled_from(SPECIAL)
+EXACT, DIVISIONS, FUSED = [0, 1, 2, 5, 6, 7, 8, 10, 11], [3, 9], 4
+
+
+@given(eight(moderate), eight(moderate), eight(moderate))
+@settings(max_examples=300, deadline=None)
+def test_arithmetic_is_numpys(a, b, c):
+    got, expected = computed(arithmetic, 12, a, b, c), numpy_arithmetic(a, b, c)
+    np.testing.assert_array_equal(got[EXACT], expected[EXACT])
+    assert ulps(got[DIVISIONS], expected[DIVISIONS]) <= 2
+    # a b + c has one rounding or two; where it cancels, the error is that of a b
+    assert (
+        np.abs(got[FUSED] - expected[FUSED]) <= np.spacing(np.abs(a * b)) + np.spacing(np.abs(expected[FUSED]))
+    ).all()
+
+
+@given(eight(anything), eight(anything), eight(anything))
+@example(np.full(8, 1.0), np.array([0.0, -0.0, np.inf, -np.inf, np.nan, 5e-324, 1e-310, 1e308]), np.zeros(8))
+@example(np.array([0.0, 0.0, np.inf, np.nan, np.nan, -1.0, 1e308, -np.inf]), np.zeros(8), np.full(8, np.nan))
+@example(np.full(8, 3.9705154821422376e16), np.full(8, 1.690585191635847e308), np.zeros(8))
+@settings(max_examples=500, deadline=None)
+def test_what_is_not_finite_stays_visible(a, b, c):
+    """A number in place of NaN or infinity would hide a blow-up; NaN in place of infinity would not."""
+    got, expected = computed(arithmetic, 12, a, b, c), numpy_arithmetic(a, b, c)
+    np.testing.assert_array_equal(got[EXACT], expected[EXACT])  # NaN where NumPy has NaN
+    quotients, right = got[DIVISIONS], expected[DIVISIONS]
+    assert not np.isfinite(quotients[~np.isfinite(right)]).any()
+    both = np.isfinite(quotients)
+    error = np.abs(quotients[both] - right[both])
+    # The reciprocal of a divisor over 2^1022 is subnormal, and its own rounding up to 2^-51 of it.
+    part = np.where(np.abs(np.array([b, a])) > 2.0**1022, 2**-50, 2**-51)[both]
+    assert (error <= part * np.abs(right[both]) + 2 * np.finfo(float).smallest_normal).all()
+    assert np.isnan(got[FUSED][np.isnan(a) | np.isnan(b) | np.isnan(c)]).all()
+
+
+@pytest.mark.parametrize("divisor", [0.0, -0.0, np.nan, 5e-324])
+@pytest.mark.parametrize("numerator", [0.0, 1.0, -2.5, 1e300, np.inf, np.nan])
+def test_division_by_nothing_is_never_a_number(numerator, divisor):
+    if numerator == 0.0 and divisor == 5e-324:
+        return
+    out = computed(arithmetic, 12, np.full(8, numerator), np.full(8, divisor), np.zeros(8))
+    assert not np.isfinite(out[3]).any()
+
+
+def test_division_over_the_whole_range_of_sizes():
+    rng = np.random.default_rng(1)
+    for _ in range(2000):
+        a, b = np.exp(rng.uniform(-300, 300, (2, 8))) * rng.choice([-1.0, 1.0], (2, 8))
+        assert ulps(computed(arithmetic, 12, a, b, a)[3], a / b) <= 2
+
+
+@given(eight(st.floats(1e-300, 1e300)))
+@settings(max_examples=200, deadline=None)
+def test_functions_are_numpys(a):
+    a = np.where(np.arange(8) % 2, a, np.log(a))  # large and small
+    got = computed(functions, 13, a)
+    with np.errstate(all="ignore"):
+        expected = numpy_functions(a)
+        np.testing.assert_array_equal(got[[0, 3, 4]], expected[[0, 3, 4]])
+        np.testing.assert_array_equal(np.isfinite(got), np.isfinite(expected))
+        assert ulps(got[:5], expected[:5]) <= 2
+        assert ulps(got[5:], expected[5:]) <= 34  # k - 1 roundings
+
+
+def test_functions_of_what_is_not_finite():
+    a = np.array([np.nan, np.inf, -np.inf, -1.0, 0.0, -0.0, 710.0, 1e200])
+    got = computed(functions, 13, a)
+    expected = numpy_functions(a)
+    np.testing.assert_array_equal(np.isnan(got), np.isnan(expected))
+    np.testing.assert_array_equal(np.isinf(got), np.isinf(expected))
+
+
+@given(eight(anything | st.sampled_from([1.0, 2.0])), eight(anything | st.sampled_from([1.0, 2.0])))
+@settings(max_examples=300, deadline=None)
+def test_comparisons_masks_and_folds(a, b):
+    bits = np.zeros(7, np.int64)
+    total, largest = comparisons(a, b, bits)
+    masks = [a < b, a <= b, a > b, a >= b, a == b, (a < b) & (a > 0)]
+    assert bits[:6].tolist() == [sum(1 << k for k in np.flatnonzero(mask)) for mask in masks]
+    assert bits[6] == masks[0].any()
+    with np.errstate(all="ignore"):
+        quarters = a[:4] + a[4:]
+        halves = quarters[:2] + quarters[2:]
+        np.testing.assert_equal(total, halves[0] + halves[1])  # always in this order
+    if np.isnan(a).all():
+        assert np.isnan(largest)
+    else:
+        assert largest == np.nanmax(a)  # of zeros with either sign, one
+
+
+@pytest.mark.parametrize("lane", range(WIDTH))
+@pytest.mark.parametrize("culprit", [np.nan, np.inf, -np.inf])
+def test_every_lane_shows_in_the_sum(lane, culprit):
+    a = np.arange(8.0)
+    a[lane] = culprit
+    total, largest = comparisons(a, a, np.zeros(7, np.int64))
+    assert not np.isfinite(total)
+    if np.isnan(culprit):
+        assert largest == np.nanmax(a)
+
+
+def test_select_ignores_what_it_does_not_choose():
+    a, b, c = np.zeros(8), np.array([1.0, -1.0] * 4), np.full(8, np.nan)
+    np.testing.assert_array_equal(computed(arithmetic, 12, a, b, c)[5], np.where(b > 0, 0.0, np.nan))
+    np.testing.assert_array_equal(computed(arithmetic, 12, c, b, a)[5], np.zeros(8))  # NaN < 1 is no
+
+
+@pytest.mark.parametrize("start", range(9))
+def test_load_and_store_anywhere(start):
+    a, out = np.arange(20.0), np.zeros(20)
+    copy_from(a, start, out, 11 - start)
+    assert out.tolist() == [0.0] * (11 - start) + list(range(start, start + 8)) + [0.0] * (1 + start)
+
+
+@jit
+def roots(a, out):
+    x = load(a, 0)
+    store(out[0], 0, inverse_sqrt(x))
+    store(out[1], 0, rotated(x, 1))
+    store(out[2], 0, rotated(x, 5))
+
+
+@given(eight(st.floats(1e-300, 1e300)))
+@settings(max_examples=300, deadline=None)
+def test_inverse_square_roots(a):
+    got = computed(roots, 3, a)
+    exact = 1 / np.sqrt(a.astype(np.longdouble))
+    assert np.max(np.abs(got[0] - exact) / np.spacing(exact.astype(float))) <= 2
+    np.testing.assert_array_equal(got[1:], [np.roll(a, -1), np.roll(a, -5)])
+
+
+def test_an_inverse_square_root_never_hides_what_is_no_number():
+    a = np.array([0.0, -0.0, -1.0, np.nan, np.inf, -np.inf, 4.0, 0.25])
+    got = computed(roots, 3, a)[0]
+    assert not np.isfinite(got[[0, 1, 2, 3, 5]]).any()
+    assert not got[4] > 0  # 0, the true value, or NaN
+    assert got[6:].tolist() == [0.5, 2.0]
+
+
+@jit
+def first_lanes(a, start, count, out, to):
+    whole = flat(a)
+    store_first(flat(out), to, load_first(whole, start, count) + 1.0, count)
+    return whole.size
+
+
+@pytest.mark.parametrize("count", range(9))
+def test_the_first_lanes_alone(count):
+    a, out = np.arange(24.0).reshape(2, 3, 4), np.zeros((4, 6))
+    assert first_lanes(a, 24 - count, count, out, 24 - count) == 24  # nothing beyond the end is touched
+    assert out.ravel().tolist() == [0.0] * (24 - count) + list(np.arange(25.0 - count, 25.0))
+
+
+@pytest.mark.parametrize("shape", [(8,), (3, 16), (1,), (2, 3, 5)])
+def test_aligned(shape):
+    for _ in range(5):
+        array = aligned(shape, 1e30)
+        assert array.ctypes.data % 64 == 0
+        assert array.shape == shape
+        assert array.dtype == np.float64
+        assert array.flags.c_contiguous
+        assert (array == 1e30).all()
+        array[...] = 0.0
+
+
+@pytest.mark.parametrize("exponent", [0, 33, 0.5, -1])
+def test_other_powers_are_refused(exponent):
+    @jit
+    def power(a):
+        store(a, 0, load(a, 0) ** exponent)
+
+    with pytest.raises(TypingError):
+        power(np.ones(8))
+
+
+# --- what is compiled for ---
+
+WITHOUT_AVX = """
+import numpy as np
+from kickdrift.jit.compile import features, jit
+from kickdrift.jit.lanes import inverse_sqrt
+from kickdrift.jit.memory import load, store
+
+@jit
+def quotient(a, out):
+    store(out[0], 0, 1.0 / load(a, 0))
+    store(out[1], 0, inverse_sqrt(load(a, 0)))
+
+a, out = np.linspace(0.3, 7.0, 8), np.zeros((2, 8))
+quotient(a, out)
+assert not [name for name in features() if name.startswith("avx")]
+np.testing.assert_allclose(out, [1 / a, a**-0.5], rtol=5e-16)
+"""
+
+
+def test_code_follows_the_features_that_numba_compiles_for():
+    """NUMBA_ENABLE_AVX=0 on a machine with AVX-512: the estimates of AVX-512 would end the process inside LLVM."""
+    done = python(WITHOUT_AVX, NUMBA_ENABLE_AVX="0")
+    assert done.returncode == 0, done.stderr
+
+
+@jit
+def sums_of_products(a, b, c, out):
+    x, y, z = load(a, 0), load(b, 0), load(c, 0)
+    store(out[0], 0, x * y + z)
+    store(out[1], 0, z - x * y)
+    store(out[2], 0, x * y - z)
+
+
+def test_a_product_inside_a_sum_is_fused_in_one_way_only():
+    """In a function without fast-math flags: with one rounding where the machine can, else always with two."""
+    written = as_written(sums_of_products.py_func)
+    rng = np.random.default_rng(3)
+    a, b, c = rng.normal(size=(3, WIDTH))
+    out = np.zeros((3, WIDTH))
+    written(a, b, c, out)
+    exact = [[Fraction(x) * Fraction(y) for x, y in zip(a, b, strict=True)], [Fraction(z) for z in c]]
+    product, third = exact
+    fused = [
+        [float(p + z) for p, z in zip(product, third, strict=True)],
+        [float(z - p) for p, z in zip(product, third, strict=True)],
+        [float(p - z) for p, z in zip(product, third, strict=True)],
+    ]
+    apart = [a * b + c, c - a * b, a * b - c]
+    assert any(np.array_equal(out, expected) for expected in (fused, apart))
+
+
+@pytest.mark.parametrize(("first", "whole"), [("strict", types.int8), ("fast", types.int16)])
+def test_a_power_has_the_flags_of_its_own_function(first, whole):
+    """numba compiles x**k once for each pair of types, whatever flags the functions have that use it."""
+    flags = {"strict": False, "fast": {"contract"}}
+    marked = {}
+    for name in sorted(flags, key=lambda name: name != first):
+
+        def power(x, k):
+            return x**k
+
+        made = njit(types.float64(types.float64, whole), fastmath=flags[name], error_model="numpy")(power)
+        (code,) = made.inspect_llvm().values()
+        products = [line for line in code.splitlines() if " fmul " in line]
+        assert products
+        marked[name] = {"contract" in line for line in products}
+    assert marked == {"strict": {False}, "fast": {True}}

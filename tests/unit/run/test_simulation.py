@@ -1,0 +1,634 @@
+"""A Simulation: the same bits however it is run, what it reports, and how it ends when it ends badly."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import re
+import signal
+import threading
+
+import numpy as np
+import pytest
+
+import kickdrift as kd
+from kickdrift.errors import InputError, RunError
+from kickdrift.looks.observers import kinetic_energy
+from kickdrift.looks.record import Record, even_stretch
+from kickdrift.model.state import State
+from kickdrift.model.system import RunDefaults
+from tests.oracle.forces import pair_oracle
+
+DT = 0.004
+EDGE = (216 / 0.8442) ** (1 / 3)
+
+
+def liquid(count=216, temperature=1.0, seed=1, density=0.8442, run=None, **force) -> kd.System:
+    """Lennard-Jones particles a little off a simple cubic lattice."""
+    rng = np.random.default_rng(seed)
+    edge = round(count ** (1 / 3))
+    length = (count / density) ** (1 / 3)
+    x = (np.indices((edge,) * 3).reshape(3, -1).T + rng.uniform(0.4, 0.6, (count, 3))) * length / edge
+    v = rng.normal(size=(count, 3))
+    v -= v.mean(axis=0)
+    v *= math.sqrt(temperature * (3 * count - 3) / (v**2).sum())
+    forces = [kd.LennardJones(**{"truncation": "switch", **force})]
+    return kd.System(x, v, box=(length,) * 3, forces=forces, run=run, name="liquid", seed=seed)
+
+
+def two_bodies() -> kd.System:
+    x, v = [[-0.25, 0.0, 0.0], [0.25, 0.0, 0.0]], [[0.0, -(0.75**0.5), 0.0], [0.0, 0.75**0.5, 0.0]]
+    return kd.System(x, v, masses=0.5, forces=[kd.Gravity()], units="nbody", name="two-body")
+
+
+def bits(sim: kd.Simulation) -> bytes:
+    return sim.state.phase.tobytes()
+
+
+# --- the same bits ---
+
+
+@pytest.fixture(scope="module")
+def thousand_steps() -> bytes:
+    sim = kd.Simulation(liquid(), dt=DT)
+    sim.run(1000, every=1000)
+    return bits(sim)
+
+
+def test_in_ten_pieces(thousand_steps):
+    sim = kd.Simulation(liquid(), dt=DT)
+    for _ in range(10):
+        sim.run(100)
+    assert sim.steps_done == 1000
+    assert bits(sim) == thousand_steps
+
+
+def test_in_odd_pieces_and_looked_at(thousand_steps):
+    sim = kd.Simulation(liquid(), dt=DT)
+    for steps in (1, 0, 7, 331, 200, 461):
+        sim.run(steps)
+        sim.energy()
+        sim.forces()
+    assert bits(sim) == thousand_steps
+
+
+@pytest.mark.parametrize("every", [1, 100, 333])
+def test_written_every_so_often(every, thousand_steps, tmp_path):
+    sim = kd.Simulation(liquid(), dt=DT)
+    sim.run(1000, every=every, output=tmp_path / "run.h5md", observe=lambda sim: sim.energy())
+    assert bits(sim) == thousand_steps
+
+
+def test_on_two_threads(thousand_steps):
+    sim = kd.Simulation(liquid(), dt=DT, threads=2)
+    sim.run(1000)
+    assert bits(sim) == thousand_steps
+
+
+@pytest.mark.parametrize("name", ["leapfrog-dkd", "yoshida4", "rk4"])
+def test_in_pieces_with_any_method(name):
+    whole, pieces = (kd.Simulation(liquid(), name, dt=DT) for _ in range(2))
+    whole.run(120, every=120)
+    for _ in range(8):
+        pieces.run(15, every=4)
+    assert bits(pieces) == bits(whole)
+
+
+def test_gravity_in_pieces():
+    whole, pieces = (kd.Simulation(two_bodies(), dt=0.01) for _ in range(2))
+    whole.run(1000)
+    for _ in range(10):
+        pieces.run(until=pieces.time + 1.0)
+    assert bits(pieces) == bits(whole)
+
+
+# --- the state ---
+
+
+def test_state_is_a_copy():
+    sim = kd.Simulation(liquid(), dt=DT)
+    before = bits(sim)
+    sim.state.phase[:] = 7.0
+    sim.state.masses[:] = 7.0
+    assert bits(sim) == before
+    assert np.all(sim.state.masses == 1.0)
+
+
+def test_arrays_shown_are_read_only():
+    sim = kd.Simulation(liquid(), dt=DT)
+    for array in (sim.state.positions, sim.state.velocities, sim.state.wrapped(), sim.forces()):
+        assert array.shape == (216, 3)
+        with pytest.raises(ValueError, match="read-only"):
+            array[0, 0] = 1.0
+
+
+def test_a_simulation_does_not_change_its_system():
+    system = liquid()
+    before = system.state.phase.copy()
+    sim = kd.Simulation(system, dt=DT)
+    sim.run(10)
+    np.testing.assert_array_equal(system.state.phase, before)
+    assert system.state.steps_done == 0
+    system.state.phase[:] = 0.0  # nor the other way around
+    assert np.isfinite(sim.energy().total)
+
+
+def test_positions_are_unwrapped_and_wrapped_on_demand():
+    system = kd.System(
+        [[0.5, 0.5, 0.5]], [[1.0, 0.0, -2.0]], box=(5, 5, 5), forces=[kd.LennardJones(truncation="switch")]
+    )
+    sim = kd.Simulation(system, dt=0.01)
+    sim.run(1000)
+    np.testing.assert_allclose(sim.state.positions, [[10.5, 0.5, -19.5]], atol=1e-11)
+    np.testing.assert_allclose(sim.state.wrapped(), [[0.5, 0.5, 0.5]], atol=1e-11)
+
+
+def test_setting_the_state_goes_on_from_there():
+    first, second = (kd.Simulation(liquid(), dt=DT) for _ in range(2))
+    first.run(50)
+    second.state = first.state
+    assert (second.steps_done, second.time) == (50, first.time)
+    state = first.state
+    first.state = state  # its pair lists begin anew, too
+    state.phase[:] = 0.0  # a copy was taken
+    for sim in (first, second):
+        sim.run(50)
+    assert bits(first) == bits(second)
+    report = second.report()
+    assert (report.steps, second.steps_done) == (50, 100)  # conservation counts from the state that was set
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda s: State(s.phase[:, :, :5], s.masses[:5], s.ids[:5], s.box), "expected 216 particles, got 5"),
+        (lambda s: State(s.phase * np.nan, s.masses, s.ids, s.box), "must be finite"),
+        (lambda s: State(s.phase, s.masses * 2, s.ids, s.box), "ids and masses must equal the system's"),
+        (lambda s: State(s.phase, s.masses, s.ids[::-1], s.box), "ids and masses must equal the system's"),
+        (lambda s: State(s.phase, s.masses, s.ids, kd.Box(None)), "the box is None"),
+    ],
+)
+def test_a_state_of_something_else_is_refused(change, message):
+    sim = kd.Simulation(liquid(), dt=DT)
+    before = bits(sim)
+    with pytest.raises(InputError, match=message):
+        sim.state = change(sim.state)
+    assert bits(sim) == before
+
+
+# --- time and steps ---
+
+
+def test_time_and_steps():
+    sim = kd.Simulation(two_bodies(), dt=0.1)
+    assert (sim.time, sim.steps_done, sim.state.time, sim.state.steps_done) == (0.0, 0, 0.0, 0)
+    sim.run(10)
+    sim.run(until=2.5)
+    assert sim.steps_done == sim.state.steps_done == 25
+    assert sim.time == sim.state.time == 2.5
+    sim.run(until=2.5)  # here already
+    sim.run(0)
+    assert sim.steps_done == 25
+    sim.run(10**5)
+    assert sim.time == 0.1 * (10**5 + 25)  # no sum of steps, which would drift
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({}, "give either steps or until"),
+        ({"steps": 1, "until": 2.0}, "give either steps or until"),
+        ({"steps": -1}, "steps must be a whole number, zero or more, got -1"),
+        ({"steps": 1.5}, "steps must be a whole number, zero or more, got 1.5"),
+        ({"steps": math.nan}, "steps must be a whole number, zero or more, got nan"),
+        ({"steps": math.inf}, "steps must be a whole number, zero or more, got inf"),
+        ({"steps": "10"}, "steps must be a whole number, zero or more, got '10'"),
+        ({"until": 1.53}, "time 1.53 is not on the grid of steps of 0.1; nearest are 1.5 and 1.6"),
+        ({"until": 1.01}, "nearest are 1 and 1.1"),
+        ({"until": 0.9}, "time 0.9 lies before the present, 1"),
+        ({"until": -math.inf}, "must be a finite number, got -inf"),
+        ({"until": math.nan}, "must be a finite number, got nan"),
+        ({"until": "1"}, "must be a finite number, got '1'"),
+        ({"steps": 1, "every": 0}, "every must be a whole number, one or more, got 0"),
+        ({"steps": 1, "every": 2.5}, "every must be a whole number, one or more, got 2.5"),
+    ],
+)
+def test_bad_arguments_of_run(arguments, message):
+    sim = kd.Simulation(two_bodies(), dt=0.1)
+    sim.run(10)
+    with pytest.raises(InputError, match=re.escape(message)):
+        sim.run(**arguments)
+    assert sim.steps_done == 10
+
+
+@pytest.mark.parametrize("dt", [0, -0.1, math.nan, math.inf, "fast", [0.1]])
+def test_bad_steps(dt):
+    with pytest.raises(InputError, match="dt must be a positive finite time"):
+        kd.Simulation(two_bodies(), dt=dt)
+
+
+def test_dt_integrator_and_cadence_come_from_the_file_unless_given():
+    with pytest.raises(InputError, match="dt is needed: system 'two-body' names none"):
+        kd.Simulation(two_bodies())
+    system = liquid(run=RunDefaults("leapfrog-dkd", 0.003, every=7))
+    sim = kd.Simulation(system)
+    assert (sim.dt, sim.integrator) == (0.003, "leapfrog-dkd")
+    sim.run(21)
+    assert [sample.step for sample in sim.record.samples] == [0, 7, 14, 21]
+    assert kd.Simulation(system, "rk4", 0.001).dt == 0.001
+
+
+def test_unknown_integrator_and_threads():
+    with pytest.raises(InputError, match=r"'verlet' is unknown; did you mean .*velocity-verlet"):
+        kd.Simulation(two_bodies(), "verlet", 0.1)
+    for threads in (0, -1, 10**6):
+        with pytest.raises(InputError, match=f"threads must be 1 to .*, got {threads}"):
+            kd.Simulation(two_bodies(), dt=0.1, threads=threads)
+
+
+def test_overlapping_particles_are_named():
+    x = [[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [2.1, 0.0, 0.0]]
+    with pytest.raises(InputError, match=r"particles 1 and 2 overlap: distance 0\.1"):
+        kd.Simulation(kd.System(x, forces=[kd.LennardJones(truncation="switch")]), dt=DT)
+    with pytest.raises(InputError, match="particles 0 and 1 are at the same place"):
+        kd.Simulation(kd.System(np.zeros((2, 3)), forces=[kd.Gravity()], units="nbody"), dt=DT)
+
+
+# --- energies and forces ---
+
+
+def test_energy_and_forces_are_those_of_the_oracle():
+    sim = kd.Simulation(liquid(), dt=DT)
+    sim.run(100)
+    there = kd.System(sim.state.positions, box=sim.system.box, forces=sim.system.forces)
+    forces, potential, virial, pairs = pair_oracle(there)
+    kinetic = 0.5 * (sim.state.velocities**2).sum()
+    assert sim.energy() == pytest.approx((kinetic, potential, kinetic + potential), rel=1e-13)
+    assert sim.energy().total == sim.energy().kinetic + sim.energy().potential
+    np.testing.assert_allclose(sim.forces(), forces, atol=1e-12 * np.abs(forces).max())
+    sample = sim.sample()
+    assert sample.pairs == pairs
+    assert sample.temperature == pytest.approx(2 * kinetic / (3 * 216 - 3), rel=1e-13)
+    assert sample.pressure == pytest.approx((2 * kinetic + virial) / (3 * EDGE**3), rel=1e-12)
+
+
+def test_forces_are_the_slope_of_the_energy():
+    sim = kd.Simulation(liquid(), dt=DT)
+    sim.run(50)
+    state, h = sim.state, 1e-5
+    forces = sim.forces()
+    rng = np.random.default_rng(0)
+    for particle, axis in zip(rng.integers(0, 216, 6), [0, 1, 2, 0, 1, 2], strict=True):
+        energies = []
+        for shift in (-h, h):
+            moved = state.copy()
+            moved.phase[0, axis, particle] += shift
+            sim.state = moved
+            energies.append(sim.energy().potential)
+        slope = (energies[1] - energies[0]) / (2 * h)
+        assert forces[particle, axis] == pytest.approx(-slope, abs=1e-6 * np.abs(forces).max())
+
+
+def test_two_bodies_have_the_closed_forms_energy():
+    sim = kd.Simulation(two_bodies(), dt=0.01)
+    assert sim.energy() == pytest.approx((0.375, -0.5, -0.125), rel=1e-15)
+    np.testing.assert_allclose(sim.forces(), [[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]], atol=1e-15)
+    sample = sim.sample()
+    assert math.isnan(sample.temperature)
+    assert math.isnan(sample.pressure)
+    np.testing.assert_allclose(sample.angular_momentum, [0.0, 0.0, 0.25 * 0.75**0.5], rtol=1e-15)
+
+
+# --- equilibration ---
+
+
+def test_equilibrate_reaches_the_temperature_and_starts_anew():
+    wanted = 1.1
+    sim = kd.Simulation(liquid(count=512, temperature=2.0), dt=DT)
+    sim.run(20)
+    compiled = sim.record.compile_seconds
+    seen = []
+    sim.equilibrate(temperature=wanted, time=8.0, progress=lambda done, of: seen.append((done, of)))
+    assert (sim.time, sim.steps_done) == (0.0, 0)
+    assert sim.record == Record(compile_seconds=compiled)
+    assert seen[-1] == (2000, 2000)
+    report = sim.run(4000, every=10)
+    # The mean over 16 time units: its standard error is 0.004, in ten blocks of which each is nearly independent.
+    temperatures = np.array([sample.temperature for sample in sim.record.samples])
+    blocks = np.array([block.mean() for block in np.array_split(temperatures, 10)])
+    error = blocks.std(ddof=1) / math.sqrt(10)
+    assert error < 0.01
+    assert report.temperature == pytest.approx(wanted, abs=0.03)
+    assert (report.steps, report.samples) == (4000, 401)
+    assert report.energy.max_relative_error < 1e-3
+    assert report.momentum_error < 1e-13
+
+
+def test_equilibrate_again_after_a_run():
+    sim = kd.Simulation(liquid(), dt=DT)
+    sim.equilibrate(1.0, 0.2)
+    sim.run(10)
+    sim.equilibrate(1.0, 0.2)
+    assert (sim.steps_done, sim.time, sim.record.samples) == (0, 0.0, [])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"temperature": 0.0, "time": 1.0}, "temperature must be positive, got 0"),
+        ({"temperature": math.nan, "time": 1.0}, "temperature must be positive, got nan"),
+        ({"temperature": 1.0, "time": -1.0}, "time must be positive, got -1"),
+        ({"temperature": 1.0, "time": math.inf}, "time must be positive, got inf"),
+        ({"temperature": 1.0, "time": 1.0, "interval": 0}, "interval must be a whole number, one or more, got 0"),
+    ],
+)
+def test_bad_arguments_of_equilibrate(arguments, message):
+    with pytest.raises(InputError, match=message):
+        kd.Simulation(liquid(), dt=DT).equilibrate(**arguments)
+
+
+def test_what_cannot_be_equilibrated():
+    resting = kd.System(liquid().state.positions, box=(EDGE,) * 3, forces=[kd.LennardJones(truncation="switch")])
+    with pytest.raises(InputError, match="all velocities are zero"):
+        kd.Simulation(resting, dt=DT).equilibrate(1.0, 1.0)
+    alone = kd.System([[0.0, 0.0, 0.0]], [[1.0, 0.0, 0.0]], forces=[kd.Gravity()], units="nbody")
+    with pytest.raises(InputError, match="one particle has no temperature"):
+        kd.Simulation(alone, dt=DT).equilibrate(1.0, 1.0)
+
+
+# --- ending badly ---
+
+
+def closing_in() -> kd.System:
+    """Particle 2 flies at particle 5, so fast that after a few steps it lands in its core."""
+    x = [[9.0, 9.0, 9.0], [20.0, 0.0, 0.0], [0.0, 0.0, 0.0], [9.0, -9.0, 0.0], [-20.0, 3.0, 0.0], [5.0, 0.0, 0.0]]
+    v = np.zeros((6, 3))
+    v[2, 0] = 20.0
+    return kd.System(x, v, forces=[kd.LennardJones(truncation="switch")], name="closing-in")
+
+
+def test_blow_up_names_step_particle_neighbour_and_frame(tmp_path):
+    path = tmp_path / "run.h5md"
+    sim = kd.Simulation(closing_in(), dt=0.0497)
+    with pytest.raises(RunError) as caught:
+        sim.run(100, every=2, output=path)
+    message = str(caught.value)
+    assert "\n" not in message
+    found = re.fullmatch(
+        r"velocity-verlet, dt = 0\.0497: blew up at step (\d+) \(t = ([\d.]+)\): particle (\d) moves at \S+ sigma/tau, "
+        r"its nearest neighbour was (\d) at (\S+) sigma the step before; the last good frame is step (\d+)",
+        message,
+    )
+    assert found, message
+    step, time, particle, neighbour, distance, last = found.groups()
+    assert {int(particle), int(neighbour)} == {2, 5}
+    assert float(distance) < 0.9
+    assert int(step) in (5, 6, 7)
+    assert int(last) == (int(step) - 1) // 2 * 2
+    assert float(time) == pytest.approx(int(step) * 0.0497)
+    # The state went back to the last good frame, the file is whole and ends with that frame.
+    assert sim.steps_done == int(last)
+    with kd.open(path) as run:
+        assert [frame.step for frame in run] == list(range(0, int(last) + 1, 2))
+        np.testing.assert_array_equal(run[-1].positions, sim.state.positions)
+    report = sim.report()
+    assert report.steps == sim.steps_done
+    # And from there a run with more care goes on.
+    careful = kd.Simulation(closing_in(), dt=0.0005)
+    careful.state = sim.state
+    careful.run(500)
+
+
+@pytest.mark.parametrize("name", ["euler", "rk4", "leapfrog-dkd", "yoshida8"])
+@pytest.mark.parametrize("dt", [0.5, 1e10, 1e300])
+def test_blow_up_of_any_size_is_one_clear_error(name, dt):
+    sim = kd.Simulation(liquid(), name, dt=dt)
+    before = bits(sim)
+    with pytest.raises(
+        RunError, match=r"blew up at step \d+ \(t = .*\): particle \d+ .*; the last good frame is step 0"
+    ):
+        sim.run(1000, every=1000)
+    assert bits(sim) == before
+    assert (sim.steps_done, sim.time, sim.report().steps) == (0, 0.0, 0)
+
+
+def test_blow_up_inside_a_runge_kutta_step_blames_the_stage():
+    sim = kd.Simulation(liquid(), "rk4", dt=0.5)
+    fastest = np.linalg.norm(sim.state.velocities, axis=1).max()
+    with pytest.raises(RunError) as caught:
+        sim.run(10)
+    speed = float(re.search(r"moves at (\S+) sigma", str(caught.value))[1])
+    assert speed > 10 * fastest
+
+
+def test_blow_up_while_equilibrating():
+    sim = kd.Simulation(liquid(), dt=0.5)
+    before = bits(sim)
+    with pytest.raises(RunError, match="blew up at step"):
+        sim.equilibrate(1.0, 100.0)
+    assert sim.steps_done == 0
+    assert bits(sim) == before
+
+
+def interrupt_soon(seconds: float) -> threading.Timer:
+    timer = threading.Timer(seconds, os.kill, (os.getpid(), signal.SIGINT))
+    timer.start()
+    return timer
+
+
+def test_ctrl_c_ends_a_run_cleanly(tmp_path):
+    path = tmp_path / "run.h5md"
+    sim = kd.Simulation(liquid(), dt=DT)
+    sim.run(10)
+    handler = signal.getsignal(signal.SIGINT)
+    timer = interrupt_soon(0.5)
+    with pytest.raises(KeyboardInterrupt):
+        sim.run(10**7, every=50, output=path)
+    timer.join()
+    assert signal.getsignal(signal.SIGINT) is handler
+    assert 10 < sim.steps_done < 10**7
+    assert sim.state.time == sim.steps_done * DT
+    with kd.open(path) as run:
+        assert run[-1].step == sim.steps_done
+        np.testing.assert_array_equal(run[-1].positions, sim.state.positions)
+    sim.run(10)  # and it can go on
+
+
+def test_ctrl_c_while_equilibrating():
+    sim = kd.Simulation(liquid(), dt=DT)
+    sim.run(1)
+    timer = interrupt_soon(0.3)
+    with pytest.raises(KeyboardInterrupt):
+        sim.equilibrate(1.0, 1e6)
+    timer.join()
+    sim.run(10)
+
+
+# --- observers ---
+
+
+def test_observers_see_each_sample():
+    sim = kd.Simulation(two_bodies(), dt=0.1)
+    seen = []
+    sim.run(10, every=4, observe=lambda s: seen.append((s.steps_done, s.time, s.energy().total)))
+    assert [step for step, _, _ in seen] == [0, 4, 8, 10]  # counted from step 0, and the start and the end
+    assert [time for _, time, _ in seen] == [0.0, 0.4, 0.8, 1.0]
+    sim.run(3, observe=lambda s: seen.append((s.steps_done,)))
+    assert [entry[0] for entry in seen[4:]] == [10, 11, 12, 13]  # the cadence was that run's alone
+
+
+def test_observers_cannot_change_the_run():
+    whole, watched = (kd.Simulation(two_bodies(), dt=0.1) for _ in range(2))
+    whole.run(20)
+
+    def meddle(sim):
+        with pytest.raises(ValueError, match="read-only"):
+            sim.state.positions[0] = 0.0
+        sim.state.phase[:] = 0.0  # a copy
+        with pytest.raises(InputError, match="read-only while the Simulation runs"):
+            sim.state = sim.state
+        with pytest.raises(InputError, match="runs already"):
+            sim.run(1)
+        with pytest.raises(InputError, match="runs already"):
+            sim.equilibrate(1.0, 1.0)
+
+    watched.run(20, every=5, observe=meddle)
+    assert bits(watched) == bits(whole)
+
+
+def test_an_observers_error_passes_and_leaves_a_whole_file(tmp_path):
+    def fail(sim):
+        if sim.steps_done == 10:
+            raise LookupError("enough")
+
+    sim = kd.Simulation(two_bodies(), dt=0.1)
+    with pytest.raises(LookupError, match="enough"):
+        sim.run(100, every=5, output=tmp_path / "run.h5md", observe=fail)
+    with kd.open(tmp_path / "run.h5md") as run:
+        assert [frame.step for frame in run] == [0, 5, 10]
+    sim.run(10)
+    assert sim.steps_done == 20
+
+
+def test_progress_reaches_the_end():
+    seen = []
+    kd.Simulation(two_bodies(), dt=0.1).run(50, every=10, progress=lambda done, of: seen.append((done, of)))
+    assert seen[-1] == (50, 50)
+    assert [done for done, _ in seen] == sorted(done for done, _ in seen)
+
+
+# --- files ---
+
+
+def test_the_same_simulation_appends_and_no_other(tmp_path):
+    path = tmp_path / "run.h5md"
+    sim = kd.Simulation(two_bodies(), dt=0.1)
+    sim.run(10, output=path, every=5)
+    sim.run(10, output=path)
+    with kd.open(path) as run:
+        assert [frame.step for frame in run] == [0, 5, 10, 15, 20]
+    before = path.read_bytes()
+    other = kd.Simulation(two_bodies(), dt=0.1)
+    with pytest.raises(InputError, match=r"run\.h5md: exists already"):
+        other.run(10, output=path)
+    assert path.read_bytes() == before
+    other.run(10, output=path, every=10, overwrite=True)
+    with pytest.raises(InputError, match="file of another run"):
+        sim.run(10, output=path)
+    with kd.open(path) as run:
+        assert [frame.step for frame in run] == [0, 10]
+
+
+# --- the report ---
+
+
+def test_report_of_a_liquid():
+    sim = kd.Simulation(liquid(), dt=DT)
+    report = sim.run(500, every=5)
+    samples = sim.record.samples
+    total = np.array([s.energies.total for s in samples])
+    assert (report.system, report.engine, report.integrator) == ("liquid", "native", "velocity-verlet")
+    assert (report.particles, report.units, report.dt, report.seed, report.threads) == (216, "lj", DT, 1, 1)
+    assert (report.steps, report.time, report.samples) == (500, 500 * DT, 101)
+    assert 501 <= report.force_evaluations <= 505  # and those asked for again when a list had no room
+    assert report.steps_per_second == pytest.approx(500 / report.wall_seconds)
+    e = report.energy
+    assert (e.initial, e.final, e.relative_to) == (total[0], total[-1], "initial energy")
+    scale = abs(total[0])
+    assert e.max_relative_error == pytest.approx(np.abs(total - total[0]).max() / scale, rel=1e-12)
+    assert e.rms_relative_error == pytest.approx(np.sqrt(np.mean((total - total[0]) ** 2)) / scale, rel=1e-12)
+    assert e.verdict in ("bounded", "secular drift", "random walk", "round-off", "not resolvable")
+    assert report.momentum_error < 1e-14
+    assert report.angular_momentum_error is None
+    assert report.temperature == pytest.approx(np.mean([s.temperature for s in samples]), rel=1e-12)
+    assert report.pressure == pytest.approx(np.mean([s.pressure for s in samples]), rel=1e-12)
+    assert 0.1 < report.ns_per_pair < 1e4
+
+
+def test_report_of_two_bodies():
+    sim = kd.Simulation(two_bodies(), dt=0.001)
+    report = sim.run(6283, every=100)
+    assert report.temperature is None
+    assert report.pressure is None
+    assert report.angular_momentum_error < 1e-13
+    assert report.momentum_error < 1e-14
+    assert report.energy.max_relative_error < 1e-4
+
+
+def test_report_is_plain_json():
+    keys = {
+        "system", "engine", "integrator", "particles", "dt", "steps", "time", "seed", "threads", "force_evaluations",
+        "wall_seconds", "steps_per_second", "energy", "momentum_error", "angular_momentum_error", "temperature",
+        "pressure",
+    }  # fmt: skip
+    energy_keys = {
+        "initial", "final", "rms_relative_error", "max_relative_error", "relative_to", "drift_per_unit_time",
+        "drift_error", "verdict",
+    }  # fmt: skip
+    for system in (liquid(), two_bodies()):
+        sim = kd.Simulation(system, dt=DT)
+        found = json.loads(json.dumps(sim.run(10).as_json(), allow_nan=False))
+        assert keys <= set(found)
+        assert energy_keys == set(found["energy"])
+
+
+def test_a_report_needs_no_run():
+    report = kd.Simulation(two_bodies(), dt=0.1).report()
+    assert (report.steps, report.samples, report.energy.max_relative_error) == (0, 1, 0.0)
+    assert report.energy.verdict == "not resolvable"
+
+
+def test_errors_are_relative_to_the_kinetic_energy_where_the_total_is_near_zero():
+    x = [[-0.25, 0.0, 0.0], [0.25, 0.0, 0.0]]
+    v = [[0.0, -1.0, 0.0], [0.0, 1.0, 0.0]]  # parabolic: kinetic energy 0.5, potential -0.5
+    for factor, relative_to in ((1.0, "kinetic energy"), (0.8, "initial energy")):
+        system = kd.System(x, np.array(v) * factor, masses=0.5, forces=[kd.Gravity()], units="nbody")
+        sim = kd.Simulation(system, dt=0.01)
+        report = sim.run(100, every=1)
+        total = np.array([s.energies.total for s in sim.record.samples])
+        kinetic = sim.record.samples[0].energies.kinetic
+        scale = kinetic if relative_to == "kinetic energy" else abs(total[0])
+        assert report.energy.relative_to == relative_to
+        assert report.energy.max_relative_error == pytest.approx(np.abs(total - total[0]).max() / scale, rel=1e-9)
+
+
+def test_drift_is_taken_over_samples_an_even_number_of_steps_apart():
+    sim = kd.Simulation(two_bodies(), dt=0.01)
+    sim.run(15, every=10)
+    sim.run(500, every=5)
+    steps = sim.record.series().steps
+    steps = steps[even_stretch(steps)].tolist()
+    assert steps == list(range(10, 516, 5))
+
+
+def test_kinetic_energy():
+    v = np.array([[1.0, 0.0], [2.0, 0.0], [0.0, 3.0]])
+    assert kinetic_energy(np.array([2.0, 4.0]), v) == 0.5 * 2 * 5 + 0.5 * 4 * 9
+
+
+def test_no_forces_at_all():
+    sim = kd.Simulation(kd.System([[0.0, 0.0, 0.0]], [[1.0, 2.0, 3.0]]), dt=0.5)
+    sim.run(4)
+    np.testing.assert_array_equal(sim.state.positions, [[2.0, 4.0, 6.0]])
+    assert sim.energy() == (7.0, 0.0, 7.0)

@@ -1,0 +1,26 @@
+"""The peaks of the machine, and the table of the kernels beside them."""
+
+from kickdrift_validation.performance import peaks, roofline
+from tests.folders import DOCS
+
+
+def test_peaks_are_above_what_one_chain_and_memory_give():
+    found = peaks.measure(turns=3, seconds=0.01)
+    one_chain = 2 * 8 / found["fma_latency_ns"]
+    assert found["fma_gflops"] > 1.5 * one_chain  # several are under way at a time
+    assert found["L1_gb_per_s"] > 1.5 * found["memory_gb_per_s"] > 0.0
+
+
+def test_every_kernel_has_a_row_with_its_share_of_the_peak():
+    peaks = {"fma_gflops": 80.0, "fma_latency_ns": 1.5, "L1_gb_per_s": 250.0, "memory_gb_per_s": 10.0}
+    found = {"processor": "one", "peaks": peaks, "nanoseconds": dict.fromkeys(roofline.KERNELS, 2.0)}
+    rows = {row[0]: row for row in roofline.rows(found)}
+    assert len(rows) == len(roofline.KERNELS)
+    pair = rows["direct gravity, n = 1000"]
+    assert pair[5:8] == ["18.0", "20", "22 %"]  # 36 operations and 40 bytes in 2 ns, beside 80 a nanosecond
+    text = roofline.tables_of(found)
+    page = (DOCS / "roofline.md").read_text(encoding="utf-8")
+    for name in rows:
+        assert f"| {name} |" in text
+        assert f"| {name} |" in page
+    assert page.count(roofline.BEGIN) == page.count(roofline.END) == 1

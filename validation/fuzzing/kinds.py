@@ -1,7 +1,0 @@
-"""Generators of cases by the names of their kinds."""
-
-from __future__ import annotations
-
-from fuzzing import command_lines, flips, killed, run_files, system_files
-
-KINDS = {each.KIND: each.case for each in (system_files, command_lines, run_files, flips, killed)}

@@ -1,0 +1,171 @@
+"""Forces are minus the gradient of the energy, pressure is minus its slope with the volume, and no pair is missed.
+
+    python -m kickdrift_validation.force_gradients
+
+Energies and forces are compiled apart, so that each can be held against the other: energies of positions moved to and
+fro along a random direction, Richardson's extrapolation of three differences (error h^6), against -F . d, for every
+force of the registry; energies of a box that is stretched against the virial. No pair crosses the cutoff on the way,
+where a plain cut would jump. Pair forces are of a mixture here; pair_forces.py has one species.
+
+Forces of a run come out of its positions, a_n = (x_n+1 - 2 x_n + x_n-1) / dt^2 under velocity Verlet. They are held
+against direct sums over all pairs in NumPy at every step of a hot fluid, in which a pair list that is refreshed late
+misses pairs. This does not see chaos: each step is on its own.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+import kickdrift as kd
+from kickdrift.forces import FORCES
+from kickdrift.forces.pair_law import TRUNCATIONS, PairForce
+from kickdrift_validation.claim import Claim, claim, main
+from kickdrift_validation.lennard_jones import direct, frames_of
+from kickdrift_validation.performance.melt import CUTOFF, DENSITY, DT, melt
+
+EDGE, LATTICE, H = 6.0, 3, 2e-3
+CLEAR = 0.01  # what no pair's distance is nearer than to the cutoff, or to where a switch begins
+SLOPE = 1e-10  # relative: rounding of the energy over the smallest h, and what h^6 leaves, are 1e-12
+MIXTURE = {"A": {"epsilon": 1.0, "sigma": 1.0}, "B": {"epsilon": 0.5, "sigma": 0.88}}  # Kob & Andersen's sizes
+HOT, STEPS, PARTICLES = 1.7, 300, 512  # times the velocities of T* = 1.33
+OPEN: dict[str, Callable[[], Any]] = {  # forces of open space
+    "gravity": lambda: kd.Gravity(G=1.0, softening=0.1),
+    "relativity-1pn": lambda: kd.PostNewtonian(c=20.0, form="potential", G=1.0),
+    "j2": lambda: kd.Oblateness(j2=0.1, radius=0.8, j4=-0.05, pole=(0.3, -0.4, 0.8), G=1.0),
+    "springs": lambda: kd.Springs([(0, 1), (1, 2), (5, 9)], stiffness=3.0, length=0.7),
+    "harmonic-trap": lambda: kd.HarmonicTrap((1.0, 2.0, 3.0), (0.1, 0.2, 0.3)),
+    "uniform-field": lambda: kd.UniformField((0.1, -0.2, 0.3)),
+    "driven-field": lambda: kd.DrivenField((0.1, -0.2, 0.3), 0.7, 0.4),
+}
+NOT_GRADIENTS = {
+    "linear-drag": "depends on velocity and has no energy",
+    "gravity-tree": "its energy and its forces are expansions, each to `accuracy`: kickdrift_validation.barnes_hut",
+}
+DIFFERENCES = "differences of the energy, Richardson's extrapolation"
+
+
+def places() -> np.ndarray:
+    """(27, 3): a lattice, shaken until no pair is near the cutoff or near the start of the switch."""
+    sites = np.stack(np.meshgrid(*[np.arange(LATTICE)] * 3), -1).reshape(-1, 3) * (EDGE / LATTICE)
+    i, j = np.triu_indices(len(sites), 1)
+    for seed in range(10_000):
+        x = sites + np.random.default_rng(seed).uniform(-0.35, 0.35, sites.shape)
+        separation = x[i] - x[j]
+        r = np.linalg.norm(separation - EDGE * np.round(separation / EDGE), axis=1)
+        if min(np.abs(r - mark).min() for mark in (CUTOFF, 0.8 * CUTOFF)) > CLEAR and r.min() > 0.95:
+            return x
+    raise ArithmeticError("no such places")
+
+
+def slope(f: Callable[[float], float]) -> float:
+    """df / ds at 0, from differences over H, H / 2 and H / 4."""
+    d = [(f(h) - f(-h)) / (2 * h) for h in (H, H / 2, H / 4)]
+    once = [(4 * d[k + 1] - d[k]) / 3 for k in range(2)]
+    return (16 * once[1] - once[0]) / 15
+
+
+def simulation(x: np.ndarray, force: Any, edge: float | None = None, masses: Any = 1.0) -> kd.Simulation:
+    """The particles at rest; of two kinds where the force knows two."""
+    species = ["AB"[k % 2] for k in range(len(x))] if getattr(force, "species", None) else None
+    return kd.Simulation(
+        kd.System(x, masses=masses, box=None if edge is None else [edge] * 3, forces=[force], species=species), dt=DT
+    )
+
+
+def gradient(force: Any, x: np.ndarray, edge: float | None) -> float:
+    """-F . d against the slope of the energy along d, relative to |F|."""
+    masses = np.linspace(0.5, 1.5, len(x))
+    way = np.random.default_rng(1).standard_normal(x.shape)
+    way /= np.linalg.norm(way)
+    along = slope(lambda s: simulation(x + s * way, force, edge, masses).energy().potential)
+    forces = simulation(x, force, edge, masses).forces()
+    return abs(along + float((forces * way).sum())) / float(np.linalg.norm(forces))
+
+
+def stretched(force: Any, x: np.ndarray) -> float:
+    """The virial 3 P V of particles at rest against minus the slope of the energy with the box's scale, relative."""
+    along = slope(lambda s: simulation(x * (1 + s), force, EDGE * (1 + s)).energy().potential)
+    virial = 3.0 * EDGE**3 * simulation(x, force, EDGE).sample().pressure
+    return abs(virial / -along - 1.0)
+
+
+def gradients() -> list[Claim]:
+    """Every force of the registry, every truncation of the pair laws between two species."""
+    x, rows, bound = places(), [], f"at most {SLOPE:g}"
+    pair_forces = [force for force in FORCES.values() if isinstance(force, type) and issubclass(force, PairForce)]
+    for kind in pair_forces:
+        for truncation in TRUNCATIONS:
+            force, name = kind(cutoff=CUTOFF, truncation=truncation, species=MIXTURE), f"{kind.name}, {truncation}"
+            off = gradient(force, x, EDGE)
+            rows.append(claim(f"{name}, mixture: force, relative difference", off, bound, off <= SLOPE, DIFFERENCES))
+            off = stretched(force, x)
+            text = f"{name}, mixture: virial, relative difference"
+            rows.append(claim(text, off, bound, off <= SLOPE, "energy of a stretched box"))
+    for name, make in OPEN.items():
+        off = gradient(make(), 0.5 * x, None)
+        rows.append(claim(f"{name}: force, relative difference", off, bound, off <= SLOPE, DIFFERENCES))
+    known = {*OPEN, *NOT_GRADIENTS, *(kind.name for kind in pair_forces)}
+    left = sorted(set(FORCES) - known)
+    text = f"forces of {len(FORCES)} in the registry that nothing here looks at"
+    rows.append(claim(text, ", ".join(left) or "none", "none", not left, "the registry"))
+    return rows
+
+
+def tails() -> list[Claim]:
+    """What lies beyond the cutoff in a uniform fluid; Allen & Tildesley 2017, eqs. 2.144 to 2.146."""
+    x, volume = places(), EDGE**3
+    sixth = 0.5 * (1.0 + 0.88)
+    kinds = {(0, 0): (1.0, 1.0), (0, 1): (math.sqrt(0.5), sixth), (1, 0): (math.sqrt(0.5), sixth), (1, 1): (0.5, 0.88)}
+    rows = []
+    for name, mixed, counts in (("one species", None, [len(x)]), ("mixture", MIXTURE, [14, 13])):
+        energy = pressure = 0.0
+        for (a, b), (epsilon, sigma) in kinds.items():
+            if max(a, b) < len(counts):
+                pairs, q = counts[a] * counts[b] / volume, sigma / CUTOFF
+                energy += 8 / 3 * math.pi * pairs * epsilon * sigma**3 * (q**9 / 3 - q**3)
+                pressure += 16 / 3 * math.pi * pairs / volume * epsilon * sigma**3 * (2 / 3 * q**9 - q**3)
+        forces = [kd.LennardJones(cutoff=CUTOFF, truncation="cut", species=mixed, tail=tail) for tail in (False, True)]
+        samples = [simulation(x, force, EDGE).sample() for force in forces]
+        found = samples[1].energies.potential - samples[0].energies.potential, samples[1].pressure - samples[0].pressure
+        for what, value, wanted in zip(("energy", "pressure"), found, (energy, pressure), strict=True):
+            off = abs(value / wanted - 1.0)
+            text = f"{what} from beyond the cutoff, {name}, relative difference"
+            rows.append(claim(text, off, "at most 1e-11", off <= 1e-11, "Allen & Tildesley 2017, eqs. 2.144-2.146"))
+    return rows
+
+
+def pair_list() -> list[Claim]:
+    """The forces of a run."""
+    melted = melt(PARTICLES, 200)
+    state, edges = melted.state, np.array(melted.system.box.lengths)
+    hot = kd.System(state.positions, HOT * state.velocities, box=melted.system.box, forces=melted.system.forces)
+    frames = frames_of(kd.Simulation(hot, dt=DT), STEPS)
+    used = (frames[2:] - 2 * frames[1:-1] + frames[:-2]) / DT**2
+    worst, off = 0, 0.0
+    for k, x in enumerate(frames[1:-1]):
+        miss = float(np.abs(used[k] - direct(x, edges, CUTOFF).forces).max())
+        if not miss <= off:  # nan, too
+            worst, off = k + 1, miss
+    moved = float(np.linalg.norm(frames[-1] - frames[0], axis=1).max())
+    bound = 4.0 * float(np.spacing(np.abs(frames).max())) / DT**2
+    text = (
+        f"forces in {STEPS} steps at rho* = {DENSITY}, way of up to {moved:.1f} sigma; largest difference, step {worst}"
+    )
+    reference = "direct sums in NumPy; four roundings of a place over dt^2, and a missed pair is 0.04"
+    return [claim(text, off, f"at most {bound:.1g}", off <= bound, reference)]
+
+
+def claims(long: bool = False) -> list[Claim]:
+    """The same with and without ``long``."""
+    for name, why in NOT_GRADIENTS.items():
+        print(f"not looked at: {name}: {why}")
+    return [*gradients(), *tails(), *pair_list()]
+
+
+if __name__ == "__main__":
+    sys.exit(main(claims, __doc__))

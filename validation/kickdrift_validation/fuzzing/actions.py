@@ -1,0 +1,112 @@
+"""What a case does beside commands, in a child of the zygote: read a file, and compare it with the truth.
+
+Each returns an exit status: 0, or 2 where a file was refused by an InputError.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+from typing import Any
+
+from kickdrift_validation.fuzzing.places import ENSEMBLE, JOURNAL
+
+FRAMES, LOST, NO_FILE = "a silent wrong frame", "a bit lost", "no file yet"
+
+
+def truth(name: str) -> Path:
+    """The undamaged file of the whole run."""
+    return Path(os.environ["KICKDRIFT_FUZZ_BASE"]) / name
+
+
+def content(path: Path) -> dict[str, Any]:
+    """The frames of a run file, and all that gives their numbers a meaning."""
+    import kickdrift as kd
+
+    with kd.open(path) as run:
+        frames = [(f.step, f.time, f.positions.tobytes(), f.velocities.tobytes()) for f in run]
+        return {
+            "frames": frames, "units": run.units.name, "box": run.box.lengths, "ids": run.ids.tolist(),
+            "masses": run.masses.tolist(), "species": [run.species[k] for k in run.species_index],
+        }  # fmt: skip
+
+
+def found_in(name: str) -> dict[str, Any] | int:
+    """The content of a file; where it is refused, an exit status, after one line."""
+    from kickdrift.errors import KickdriftError
+
+    try:
+        return content(Path(name))
+    except KickdriftError as error:
+        print(f"kickdrift: {error}", file=sys.stderr)
+        return error.exit_status
+
+
+def open(name: str) -> int:
+    """Read every frame, right or wrong."""
+    found = found_in(name)
+    return found if isinstance(found, int) else 0
+
+
+def read(name: str, whole: str, before: str) -> int:
+    """Read every frame: those of the whole run, as many as the file had before it was damaged, or one line."""
+    found = found_in(name)
+    if isinstance(found, int):
+        return found
+    expected = content(truth(whole))
+    for key, value in expected.items():
+        if found[key] != (value[: len(found[key])] if key == "frames" else value):
+            raise AssertionError(f"{FRAMES}: other {key}")
+    if len(found["frames"]) < len(content(truth(before))["frames"]):
+        raise AssertionError(f"{FRAMES}: some are not there")
+    print(f"{len(found['frames'])} of {len(expected['frames'])} frames")
+    return 0
+
+
+def command(*words: str) -> int:
+    """Run a command of the program; its exit status."""
+    from kickdrift.cli import main as cli
+
+    sys.argv = ["kickdrift", *words]
+    try:
+        cli.main()
+    except SystemExit as error:
+        return error.code if isinstance(error.code, int) else 1
+    return 0
+
+
+def goes_on(name: str, whole: str) -> int:
+    """After a kill: the file opens, its frames are the first of the whole run's, and a resume ends in the same bits."""
+    import kickdrift as kd
+    from kickdrift_validation import kills
+
+    if not Path(name).exists():
+        print(NO_FILE)
+        return 0
+    with kd.open(truth(whole)) as reference:
+        print(f"{kills.same_beginning(Path(name), reference)} of {len(reference)} frames")
+    if status := command("resume", name, "--quiet"):
+        raise AssertionError(f"{LOST}: resume ends with {status}")
+    if kills.content(Path(name)) != kills.content(truth(whole)):
+        raise AssertionError(f"{LOST}: resume ends in other bits")
+    return 0
+
+
+def ensemble_goes_on() -> int:
+    """After a kill: the same command ends in the table of an ensemble that was left alone."""
+    import kickdrift as kd
+
+    if not Path(JOURNAL).exists():
+        print(NO_FILE)
+    if status := command(*ENSEMBLE):
+        raise AssertionError(f"{LOST}: the ensemble ends with {status}")
+    found = kd.Ensemble.read("t.parquet")
+    os.remove("t.parquet")
+    if command(*ENSEMBLE):
+        raise AssertionError("the ensemble does not run again")
+    alone = kd.Ensemble.read("t.parquet")
+    columns = [column for column in alone.columns if column != "wall_seconds"]
+    if not found[columns].equals(alone[columns]):
+        raise AssertionError(f"{LOST}: the ensemble ends in another table")
+    return 0

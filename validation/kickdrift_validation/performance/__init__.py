@@ -1,0 +1,1 @@
+"""Speed beside other programs, earlier versions and the peaks of the machine."""

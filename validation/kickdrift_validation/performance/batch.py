@@ -1,0 +1,118 @@
+"""How many small systems a second, side by side in a Batch and one by one?
+
+    python -m kickdrift_validation.performance.batch [--long]
+
+Planetary systems of 3 bodies (with --long of 5 and 9 as well), each different, 10,000 steps each (with --long, of 3
+bodies, 100,000 as well): everything counts, from the Systems on: setting up, the run with its 1000 samples, and the
+reports; for MEGNO 10,000 looks and the fit. Both take turns in one process on one core (BLAS too: its threads are kept
+to one), once all is compiled; the figure is the median of the ratios in the same round. "stepping" is the same without
+reports, every sample but the first and the last left out.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable, Iterator
+
+import numpy as np
+
+import kickdrift as kd
+from kickdrift.analysis.chaos import megno, megnos
+from kickdrift.batch.batch import Batch
+from kickdrift_validation.claim import Claim, claim, main
+from kickdrift_validation.performance.turns import Runner, ratio_of, turns
+from kickdrift_validation.runner import ONE_THREAD
+
+AT_LEAST = 4.0
+GROUP = 64  # members of a Batch
+ROUNDS, SECONDS = 7, 0.4
+STEP = 2 * np.pi / 100  # a hundredth of the innermost body's period
+
+
+def planets(seed: int, bodies: int) -> kd.System:
+    """A star of mass 1 and planets of some 1e-5, well apart on nearly circular orbits; G = 1."""
+    rng = np.random.default_rng(seed)
+    a = 1.5 ** np.arange(bodies - 1)
+    angle, e = rng.uniform(0, 2 * np.pi, bodies - 1), rng.uniform(0.0, 0.05, bodies - 1)
+    x, v = np.zeros((2, bodies, 3))
+    along = np.column_stack([np.cos(angle), np.sin(angle), 0.01 * rng.normal(size=bodies - 1)])
+    across = np.column_stack([-np.sin(angle), np.cos(angle), 0.01 * rng.normal(size=bodies - 1)])
+    x[1:], v[1:] = (a * (1 - e))[:, None] * along, np.sqrt((1 + e) / (1 - e) / a)[:, None] * across
+    masses = np.concatenate([[1.0], rng.uniform(0.5e-5, 2e-5, bodies - 1)])
+    return kd.System(x, v, masses, forces=[kd.Gravity()], units="nbody")
+
+
+class Each(Runner):
+    """So many members: ``go`` is given them in lists of ``size``."""
+
+    def __init__(self, go: Callable[[list[kd.System]], object], systems: list[kd.System], size: int) -> None:
+        self._go, self._systems, self.least = go, systems, float(size)
+        self._size = size
+
+    def run(self, amount: float) -> float:
+        groups = max(1, round(amount / self._size))
+        for k in range(groups):
+            first = k * self._size % len(self._systems)
+            self._go(self._systems[first : first + self._size])
+        return groups * self._size
+
+
+def runs(name: str, steps: int, whole: bool) -> tuple[Callable[..., object], Callable[..., object]]:
+    """One by one, and side by side."""
+    every = None if whole else steps
+
+    def alone(systems: list[kd.System]) -> None:
+        for system in systems:
+            sim = kd.Simulation(system, name, STEP)
+            sim.run(steps, every=every)
+
+    def together(systems: list[kd.System]) -> None:
+        batch = Batch(systems, name, STEP)
+        batch.run(steps, every)
+        if whole:
+            batch.reports()
+
+    return alone, together
+
+
+def growths(name: str, steps: int) -> tuple[Callable[..., object], Callable[..., object]]:
+    """The same for MEGNO."""
+
+    def alone(systems: list[kd.System]) -> None:
+        for system in systems:
+            megno(system, steps * STEP, name, STEP)
+
+    def together(systems: list[kd.System]) -> None:
+        megnos(systems, steps * STEP, name, STEP)
+
+    return alone, together
+
+
+def claims(long: bool = False) -> Iterator[Claim]:
+    """Each method, by the number of bodies and of steps."""
+    cases = [("leapfrog", "run"), ("rk4", "run"), ("wisdom-holman", "run"), ("leapfrog", "megno"), ("rk4", "megno")]
+    cases += [(name, "stepping") for name in ("leapfrog", "rk4", "wisdom-holman")]
+    print(f"{'bodies':>6} {'steps':>7}  {'what':24} {'one by one':>12} {'in a Batch':>12}  members/s; ratio, quartiles")
+    for bodies, steps in ((3, 10_000), (5, 10_000), (9, 10_000), (3, 100_000)) if long else ((3, 10_000),):
+        systems = [planets(seed, bodies) for seed in range(GROUP)]
+        for name, kind in cases:
+            pair = growths(name, steps) if kind == "megno" else runs(name, steps, kind == "run")
+            speeds = turns([Each(pair[0], systems, 1), Each(pair[1], systems, GROUP)], SECONDS, ROUNDS)
+            ratio = ratio_of(speeds[:, 1], speeds[:, 0])
+            slow, fast = np.median(speeds, axis=0)
+            what = f"{name}, {kind}"
+            print(
+                f"{bodies:6} {steps:7}  {what:24} {slow:12.4g} {fast:12.4g}  {ratio.median:.1f} "
+                f"({ratio.low:.1f} to {ratio.high:.1f})",
+                flush=True,
+            )
+            if bodies == 3:
+                text = f"{what}, {bodies} bodies, {steps} steps: members a second over one by one"
+                yield claim(text, ratio.median, f"at least {AT_LEAST:g}", ratio.median >= AT_LEAST, "one by one")
+
+
+if __name__ == "__main__":
+    if not os.environ.items() >= ONE_THREAD.items():  # which is read where NumPy is imported
+        os.execve(sys.executable, [sys.executable, *sys.argv], {**os.environ, **ONE_THREAD})
+    sys.exit(main(claims, __doc__))

@@ -1,0 +1,245 @@
+"""Programs that move bodies under Newton's gravity, each from the same numbers.
+
+The Sun and eight planets are JPL DE421's of J2000, the Earth with the Moon, in AU, years and solar masses; stars are a
+Plummer sphere in N-body units.
+"""
+
+from __future__ import annotations
+
+import json
+from functools import lru_cache
+from importlib.metadata import version
+from typing import Any, NamedTuple
+
+import numba
+import numpy as np
+
+import kickdrift as kd
+from kickdrift.engines import ENGINES
+from kickdrift.model.starts.plummer import plummer
+from kickdrift_validation.exact_reversal import solar_system
+from kickdrift_validation.folders import DATA
+from kickdrift_validation.gauss_radau import system_of
+from kickdrift_validation.performance.turns import Missing, Native, Phase, Runner
+
+FAR_AHEAD = DATA / "solar-system" / "sun-and-planets-100yr.json"
+HEYOKA = "pip install 'kickdrift[heyoka]'"
+NUDGE = 1e-15  # relative, of starts whose roundings differ
+
+
+class Bodies(NamedTuple):
+    """Where programs begin; ``dt`` is of methods that do not choose their steps, ``pilot`` a time that others can well
+    be timed over, ``reference`` a later time and the positions (n, 3) then, known better than in float64."""
+
+    system: kd.System
+    G: float
+    softening: float = 0.0
+    dt: float | None = None
+    reference: tuple[float, np.ndarray] | None = None
+    pilot: float = 1.0
+
+    @property
+    def positions(self) -> np.ndarray:
+        return self.system.state.positions
+
+    @property
+    def velocities(self) -> np.ndarray:
+        return self.system.state.velocities
+
+    @property
+    def masses(self) -> np.ndarray:
+        return self.system.state.masses
+
+    def moved(self, seed: int) -> Bodies:
+        """The same, a rounding away; 0 is the start itself."""
+        if not seed:
+            return self
+        x = self.positions * (1 + NUDGE * np.random.default_rng(seed).standard_normal(self.positions.shape))
+        arguments = {"forces": self.system.forces, "units": self.system.units}
+        return self._replace(system=kd.System(x, self.velocities, self.masses, **arguments))
+
+    def energy(self, x: np.ndarray, v: np.ndarray) -> Any:
+        """Of any positions and velocities, in extended precision."""
+        x, v, m = (np.asarray(part, dtype=np.longdouble) for part in (x, v, self.masses))
+        i, j = np.triu_indices(len(m), 1)
+        distances = np.sqrt(((x[i] - x[j]) ** 2).sum(axis=1) + self.softening**2)
+        return 0.5 * (m * (v**2).sum(axis=1)).sum() - self.G * (m[i] * m[j] / distances).sum()
+
+    def apart(self, x: np.ndarray, y: np.ndarray) -> float:
+        """The largest difference of two programs' coordinates."""
+        return float(np.abs(x - y).max())
+
+
+def planets(dt: float | None = None) -> Bodies:
+    """Sun and planets."""
+    system = solar_system()
+    found = json.loads(FAR_AHEAD.read_text(encoding="utf-8"))
+    reference = found["time"], np.array(found["positions"])
+    return Bodies(system, float(system.units.gravity or 1.0), dt=dt, reference=reference)
+
+
+def outer_planets() -> Bodies:
+    """Hairer's outer solar system: AU and days."""
+    system = system_of("hairer_outer_solar")
+    return Bodies(system, float(system.forces[0].G), pilot=10_000.0)
+
+
+@lru_cache(maxsize=2)
+def stars(count: int, softening: float = 0.01, dt: float = 1e-3) -> Bodies:
+    """A Plummer sphere of equal masses."""
+    x, v, masses = plummer(count, seed=1)
+    system = kd.System(x, v, masses, forces=[kd.Gravity(1.0, softening)], units="nbody")
+    return Bodies(system, 1.0, softening, dt)
+
+
+def kickdrift(start: Bodies, integrator: str, threads: int = 1, **options: Any) -> Native:
+    """Ours."""
+    sim = kd.Simulation(start.system, integrator, start.dt, threads, **options)
+    return Native(sim, least=start.pilot if start.dt is None else None)
+
+
+# --- rebound ---
+
+
+class Rebound(Runner):
+    """rebound, synchronised at the end of each turn; ``values`` are what an integrator has besides its name."""
+
+    def __init__(self, start: Bodies, integrator: str, **values: Any) -> None:
+        try:
+            import rebound
+        except ImportError:
+            raise Missing(ENGINES["rebound"].install) from None
+        self.version, self.chooses = rebound.__version__, start.dt is None
+        self.least = start.pilot if self.chooses else self.least
+        self.sim = sim = rebound.Simulation()
+        sim.G, sim.softening, sim.integrator = start.G, start.softening, integrator
+        if start.dt is not None:
+            sim.dt = start.dt
+        for name, value in values.items():
+            setattr(sim.integrator, name, value)
+        for m, x, v in zip(start.masses, start.positions, start.velocities, strict=True):
+            sim.add(m=float(m), x=x[0], y=x[1], z=x[2], vx=v[0], vy=v[1], vz=v[2])
+
+    def run(self, amount: float) -> float:
+        if self.chooses:
+            begin = self.sim.t
+            self.sim.integrate(begin + amount, exact_finish_time=0)
+            return self.sim.t - begin
+        self.sim.steps(round(amount))
+        self.sim.synchronize()
+        return round(amount)
+
+    def phase(self) -> Phase:
+        x, v = np.zeros((2, self.sim.N, 3))
+        self.sim.serialize_particle_data(xyz=x, vxvyvz=v)
+        return x, v
+
+    def at(self, time: float) -> Phase:
+        self.sim.integrate(time, exact_finish_time=1)
+        return self.phase()
+
+
+class Whfast512(Rebound):
+    """rebound's WHFast with its eight planets in AVX-512's lanes. It wants G = 1: time is in other units inside."""
+
+    def __init__(self, start: Bodies) -> None:
+        self.scale = float(np.sqrt(start.G))
+        x, v, m = start.positions, start.velocities / self.scale, start.masses
+        inside = start._replace(system=kd.System(x, v, m, units="nbody"), G=1.0, dt=start.dt * self.scale)
+        super().__init__(inside, "whfast512")
+        import rebound
+
+        if not rebound.avx512_available:
+            raise Missing("needs a processor with AVX-512")
+
+    def run(self, amount: float) -> float:
+        steps = round(amount)
+        self.sim.integrator.concatenate_steps = steps  # in one call, else each costs a conversion
+        self.sim.integrate(self.sim.t + 0.5 * steps * self.sim.dt, exact_finish_time=0)
+        self.sim.synchronize()
+        return steps
+
+    def phase(self) -> Phase:
+        x, v = super().phase()
+        return x, v * self.scale
+
+
+# --- heyoka ---
+
+
+class Heyoka(Runner):
+    """heyoka's adaptive Taylor method at its default tolerance, for its own N-body system; compiled before."""
+
+    def __init__(self, start: Bodies) -> None:
+        try:
+            import heyoka
+        except ImportError:
+            raise Missing(HEYOKA) from None
+        self.version, self.least = heyoka.__version__, start.pilot
+        bodies = heyoka.model.nbody(len(start.masses), masses=start.masses.tolist(), Gconst=start.G)
+        self.integrator = heyoka.taylor_adaptive(bodies, np.hstack([start.positions, start.velocities]).ravel())
+
+    def run(self, amount: float) -> float:
+        self.at(self.integrator.time + amount)
+        return amount
+
+    def phase(self) -> Phase:
+        state = self.integrator.state.reshape(-1, 6)
+        return state[:, :3].copy(), state[:, 3:].copy()
+
+    def at(self, time: float) -> Phase:
+        self.integrator.propagate_until(time)
+        if self.integrator.time != time:
+            raise RuntimeError(f"heyoka stopped at t = {self.integrator.time:g}")
+        return self.phase()
+
+
+# --- SciPy ---
+
+
+@numba.njit
+def newton(t, y, gm, n):
+    """f(t, y) for positions and velocities in one array, as SciPy wants it; compiled, so that SciPy's own is timed."""
+    dy = np.empty_like(y)
+    dy[: 3 * n] = y[3 * n :]
+    dy[3 * n :] = 0.0
+    for i in range(n):
+        for j in range(i):
+            dx, dy_, dz = y[3 * i] - y[3 * j], y[3 * i + 1] - y[3 * j + 1], y[3 * i + 2] - y[3 * j + 2]
+            r2 = dx * dx + dy_ * dy_ + dz * dz
+            inverse = 1.0 / (r2 * np.sqrt(r2))
+            for k, d in enumerate((dx, dy_, dz)):
+                dy[3 * n + 3 * i + k] -= gm[j] * d * inverse
+                dy[3 * n + 3 * j + k] += gm[i] * d * inverse
+    return dy
+
+
+class Scipy(Runner):
+    """A solver of scipy.integrate, step by step, without what solve_ivp adds; its f is compiled."""
+
+    def __init__(self, start: Bodies, solver: str, rtol: float, atol: float) -> None:
+        from scipy import integrate
+
+        self.version, self.least, self.solver = version("scipy"), 0.1 * start.pilot, getattr(integrate, solver)
+        self.tolerances, n = {"rtol": rtol, "atol": atol}, len(start.masses)
+        gm = start.G * start.masses
+        self.f = lambda t, y: newton(t, y, gm, n)
+        self.time, self.y = 0.0, np.concatenate([start.positions.ravel(), start.velocities.ravel()])
+        self.f(0.0, self.y)
+
+    def run(self, amount: float) -> float:
+        self.at(self.time + amount)
+        return amount
+
+    def phase(self) -> Phase:
+        x, v = self.y.reshape(2, -1, 3)
+        return x.copy(), v.copy()
+
+    def at(self, time: float) -> Phase:
+        solver = self.solver(self.f, self.time, self.y, time, **self.tolerances)
+        while solver.status == "running":
+            solver.step()
+        if solver.status == "failed":
+            raise RuntimeError(f"SciPy's {self.solver.__name__} failed at t = {solver.t:g}")
+        self.time, self.y = time, solver.y
+        return self.phase()

@@ -1,0 +1,96 @@
+"""What does an ensemble cost beside its runs, and how much do two workers gain?
+
+    python -m kickdrift_validation.performance.ensembles [--long]
+
+Members are three bodies on a figure of eight, each pushed a little, run one by one (a function is measured on each). On
+members of about 0.1 s one worker and two take turns; the figure is the median of the ratios in the same round. What a
+member costs beside its run is the wall time of one worker less that of the runs, over the members: it holds reading the
+file, setting up, the samples' report, and all that Dask does. 10,000 members (1000 in the short set) of 10 ms show
+whether memory stays bounded: the resident memory of the process that asks, and of its workers, a tenth of the way and
+at the end.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from contextlib import ExitStack
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+import psutil
+
+import kickdrift as kd
+from kickdrift.ensemble.running import workers
+from kickdrift_validation.claim import Claim, claim, main
+
+STEPS_A_SECOND = 8_000_000  # about
+ROUNDS, MEMBERS = 5, 60
+GAIN, COST, GROWTH = 1.8, 10.0, 1.5  # times, ms a member, times the memory
+
+
+def last(sim: kd.Simulation) -> float:
+    """Where a body ends; whatever the function is, members run one by one for it."""
+    return float(sim.state.positions[0, 0])
+
+
+def ensemble(members: int, seconds: float) -> kd.Ensemble:
+    """Runs of about so many seconds."""
+    steps = round(seconds * STEPS_A_SECOND)
+    vary = {"particles.positions[0][0]": "normal:0.97000436:0.001"}
+    return kd.Ensemble(
+        "figure-eight", vary, replicas=members, measure=last, integrator="leapfrog", dt=1e-3, steps=steps, every=steps
+    )
+
+
+def timed(planned: kd.Ensemble, client: Any, progress: Any = None) -> tuple[float, float]:
+    """Seconds of wall time, and of the runs of all members together."""
+    began = perf_counter()
+    table = planned.run(client, progress=progress)
+    assert (table["status"] == "done").all()
+    return perf_counter() - began, float(table["wall_seconds"].sum())
+
+
+def memory() -> np.ndarray:
+    """MB of this process, and of the largest of its workers."""
+    own = psutil.Process()
+    kept = [child.memory_info().rss for child in own.children(recursive=True)]
+    return np.array([own.memory_info().rss, max(kept)]) / 1e6
+
+
+def claims(long: bool = False) -> Iterator[Claim]:
+    """Gain, cost and memory."""
+    with ExitStack() as stack:
+        one, two = (stack.enter_context(workers(count)) for count in (1, 2))
+        for client in (one, two):
+            timed(ensemble(8, 0.1), client)  # compiled, and everything loaded
+        planned = ensemble(MEMBERS, 0.1)
+        pairs = [(timed(planned, one), timed(planned, two)) for _ in range(ROUNDS)]
+    gains = [alone[0] / together[0] for alone, together in pairs]
+    costs = [1e3 * (alone[0] - alone[1]) / MEMBERS for alone, _ in pairs]
+    run = 1e3 * float(np.median([alone[1] for alone, _ in pairs])) / MEMBERS
+    gain, cost = float(np.median(gains)), float(np.median(costs))
+    print(f"  a run takes {run:.0f} ms; gains {np.round(gains, 2)}; costs {np.round(costs, 1)} ms")
+    text = f"members of {run:.0f} ms: two workers over one"
+    yield claim(text, gain, f"at least {GAIN:g}", gain >= GAIN, "one worker, in turns")
+    yield claim("a member beside its run, ms", cost, f"under {COST:g}", cost < COST, "the runs' own wall time")
+    count = 10_000 if long else 1000
+    early: list[np.ndarray] = []
+
+    def look(done: int, of: int, failed: int) -> None:
+        if done >= of // 10 and not early:
+            early.append(memory())
+
+    with workers(2) as client:
+        seconds, spent = timed(ensemble(count, 0.01), client, look)
+        end = memory()
+    print(f"  {count} members of {1e3 * spent / count:.0f} ms in {seconds:.0f} s; MB of this process and of a worker:")
+    print(f"  {np.round(early[0])} at {count // 10}, {np.round(end)} at the end")
+    grown = float((end / early[0]).max())
+    text = f"memory after {count} members over that after {count // 10}"
+    yield claim(text, grown, f"under {GROWTH:g}", grown < GROWTH, "resident memory")
+
+
+if __name__ == "__main__":
+    sys.exit(main(claims, __doc__))

@@ -1,0 +1,192 @@
+"""What is timed: the same system on every program, a row for each. A row more is a contestant more."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from math import inf
+from typing import Any, NamedTuple
+
+from kickdrift_validation.performance import bodies, liquids
+from kickdrift_validation.performance.bodies import Heyoka, Rebound, Scipy, Whfast512
+from kickdrift_validation.performance.gromacs import Gromacs
+from kickdrift_validation.performance.liquids import Asap, Ase, Lammps, Openmm
+from kickdrift_validation.performance.melt import liquid
+from kickdrift_validation.performance.turns import Runner
+
+MERCURY = 0.2408467  # years
+MELT, MELT_LARGE = 2000, 500  # steps until the lattice is a liquid
+
+
+class Contestant(NamedTuple):
+    """A program and how it is used; one that is slow errs over a shorter ``horizon`` and fewer ``starts``."""
+
+    name: str
+    make: Callable[[Any], Runner]
+    horizon: float = inf
+    starts: int = 100
+
+
+class Goal(NamedTuple):
+    """How many times as fast as ``against``, or as the fastest whose name begins so, one of ours is to be; with
+    ``error``, while its energy error is no larger."""
+
+    against: str
+    at_least: float
+    error: bool = False
+    ours: str = "kickdrift"
+
+
+class Group(NamedTuple):
+    """Contestants of which the first is ours, and what all others are compared with.
+
+    Attributes
+    ----------
+    name : that it is asked for by
+    start : the state from which all begin
+    unit : of the amounts: steps, or of time where methods choose their steps
+    horizon : the amount over which energy errors are taken
+    looks : at the energy, evenly over it
+    starts : a rounding apart from each other, over which they are taken
+    overhead : seconds that it takes beside the turns
+    usual : whether it is among those that run by default
+    """
+
+    name: str
+    title: str
+    start: Callable[[], Any]
+    unit: str
+    horizon: float
+    contestants: tuple[Contestant, ...]
+    goals: tuple[Goal, ...] = ()
+    looks: int = 10
+    starts: int = 1
+    threads: int = 1
+    overhead: float = 5.0
+    usual: bool = True
+
+
+class Command(NamedTuple):
+    """A command that is timed as a whole, in a process of its own, with everything compiled before."""
+
+    name: str
+    title: str
+    words: tuple[str, ...]
+    at_most: float  # seconds
+    overhead: float = 10.0
+    usual: bool = True
+
+
+def of_ours(name: str = "kickdrift", **options: Any) -> Contestant:
+    """kickdrift in a liquid."""
+    return Contestant(name, partial(liquids.kickdrift, **options))
+
+
+def moved_by(integrator: str, name: str = "kickdrift", **options: Any) -> Contestant:
+    """kickdrift with bodies."""
+    return Contestant(name, partial(bodies.kickdrift, integrator=integrator, **options))
+
+
+def rebounds(integrator: str, **settings: Any) -> Contestant:
+    """rebound."""
+    return Contestant(f"rebound {integrator}", partial(Rebound, integrator=integrator, **settings))
+
+
+def on_threads(threads: int) -> tuple[Contestant, ...]:
+    """The fast programs for liquids on more than one."""
+    return (
+        Contestant("LAMMPS omp", partial(Lammps, style="omp", threads=threads)),
+        Contestant(f"LAMMPS MPI, {threads} processes", partial(Lammps, style="opt", processes=threads)),
+        Contestant("OpenMM", partial(Openmm, threads=threads)),
+        Contestant("GROMACS", partial(Gromacs, threads=threads)),
+    )
+
+
+def leapfrog(count: int, at_least: float, horizon: float, usual: bool = True) -> Group:
+    """Direct summation over so many bodies: the planets, or stars."""
+    start = partial(bodies.planets, dt=0.5 / 365.25) if count == 9 else partial(bodies.stars, count)
+    title = "Sun and 8 planets, half a day a step" if count == 9 else f"{count} stars, softened"
+    return Group(
+        f"leapfrog-{count}", f"{title}: direct gravity, leapfrog (drift-kick-drift)", start, "steps", horizon,
+        (moved_by("leapfrog-dkd"), rebounds("leapfrog")), (Goal("rebound leapfrog", at_least),), usual=usual,
+    )  # fmt: skip
+
+
+def kepler(coordinates: str, *theirs: Contestant) -> Group:
+    """Wisdom-Holman maps."""
+    return Group(
+        f"wisdom-holman-{coordinates.split('-')[-1]}",
+        f"Sun and 8 planets, a hundredth of Mercury's period a step: Wisdom-Holman, {coordinates}",
+        partial(bodies.planets, dt=MERCURY / 100), "steps", 20_000,
+        (moved_by("wisdom-holman", coordinates=coordinates), *theirs), (Goal("rebound whfast", 4.0, error=True),),
+    )  # fmt: skip
+
+
+def threads_gain(count: int) -> Group:
+    """A second thread for stars."""
+    return Group(
+        f"leapfrog-{count}-threads", f"{count} stars, softened: leapfrog on 2 threads", partial(bodies.stars, count),
+        "steps", 100, (moved_by("leapfrog-dkd", threads=2), moved_by("leapfrog-dkd", "kickdrift, 1 thread")),
+        (Goal("kickdrift, 1 thread", 1.7),), threads=2, usual=False,
+    )  # fmt: skip
+
+
+ENTRIES: tuple[Group | Command, ...] = (
+    Group(
+        "lj-1000", "1000 Lennard-Jones particles, rho* = 0.8442, cut and shifted at 2.5, dt* = 0.005, one thread",
+        partial(liquid, 1000, MELT), "steps", 2000,
+        (
+            of_ours(),
+            of_ours("kickdrift mixed", precision="mixed"),
+            Contestant("LAMMPS plain", Lammps),
+            Contestant("LAMMPS opt", partial(Lammps, style="opt")),
+            Contestant("LAMMPS omp", partial(Lammps, style="omp")),
+            Contestant("OpenMM", Openmm),
+            Contestant("GROMACS", Gromacs),
+            Contestant("GROMACS, default tolerance", partial(Gromacs, tolerance=0.005, interval=20)),
+            Contestant("ASAP", Asap),
+            Contestant("ASE", Ase, horizon=60),
+        ),
+        (Goal("LAMMPS", 3.5), Goal("LAMMPS", 5.0, ours="kickdrift mixed"), Goal("ASE", 150.0)), overhead=25.0,
+    ),
+    Group(
+        "lj-1000-threads", "the same 1000 particles on two threads", partial(liquid, 1000, MELT), "steps", 2000,
+        (of_ours(threads=2), of_ours("kickdrift, 1 thread"), *on_threads(2)), (Goal("kickdrift, 1 thread", 1.5),),
+        threads=2, overhead=12.0,
+    ),
+    Group(
+        "lj-100000", "97,336 Lennard-Jones particles of the same liquid, two threads",
+        partial(liquid, 46**3, MELT_LARGE, threads=2), "steps", 50, (of_ours(threads=2), *on_threads(2)),
+        (Goal("LAMMPS", 3.0),), looks=5, threads=2, overhead=60.0,
+    ),
+    leapfrog(9, 1.8, 20_000),
+    leapfrog(100, 4.0, 1000, usual=False),
+    leapfrog(1000, 4.0, 100),
+    leapfrog(4096, 4.0, 20, usual=False),
+    threads_gain(1000),
+    threads_gain(4096),
+    kepler(
+        "jacobi", rebounds("whfast", safe_mode=0, coordinates="jacobi"), Contestant("rebound whfast512", Whfast512)
+    ),
+    kepler(
+        "democratic-heliocentric", rebounds("whfast", safe_mode=0, coordinates="democraticheliocentric")
+    ),
+    Group(
+        "planets", "Sun and 8 planets, as accurate as float64 allows: methods that choose their steps",
+        bodies.planets, "years", 100.0,
+        (
+            moved_by("gauss-radau15"),
+            rebounds("ias15"),
+            Contestant("heyoka Taylor", Heyoka),
+            Contestant("SciPy DOP853, rtol 1e-13", partial(Scipy, solver="DOP853", rtol=1e-13, atol=1e-15), 5.0, 1),
+            Contestant("SciPy LSODA, rtol 1e-12", partial(Scipy, solver="LSODA", rtol=1e-12, atol=1e-14), 5.0, 1),
+        ),
+        (Goal("rebound ias15", 2.0, error=True), Goal("heyoka", 1.0, error=True)), starts=16, overhead=25.0,
+    ),
+    Group(
+        "outer-planets", "Hairer's outer solar system, the same methods", bodies.outer_planets, "days", 1e6,
+        (moved_by("gauss-radau15"), rebounds("ias15"), Contestant("heyoka Taylor", Heyoka)),
+        (Goal("rebound ias15", 1.5, error=True),), starts=16, overhead=20.0, usual=False,
+    ),
+    Command("start-up", "kickdrift run lj-1000 --steps 1", ("run", "lj-1000", "--steps", "1"), 2.5),
+)  # fmt: skip

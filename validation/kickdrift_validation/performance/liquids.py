@@ -1,0 +1,159 @@
+"""Programs that move a Lennard-Jones liquid at constant energy, each as a good user of it would set it up.
+
+All take velocity Verlet's steps or the same in leapfrog's form, cut the potential at 2.5 sigma and find every pair at
+every step: LAMMPS checks at every step whether its list must be made anew, which is its default. What each prints of
+itself while it runs is nothing; what it computes for that, at the start and at the end of a turn alone, is its own.
+"""
+
+from __future__ import annotations
+
+import io
+from contextlib import redirect_stderr
+from importlib.metadata import version
+
+import numpy as np
+
+from kickdrift.engines import ENGINES
+from kickdrift_validation.performance.melt import CUTOFF, Liquid
+from kickdrift_validation.performance.turns import Missing, Native, Phase, Runner
+
+
+def kickdrift(start: Liquid, threads: int = 1, precision: str = "float64") -> Native:
+    """Ours; ``precision`` is Simulation's where it is not the default."""
+    options = {} if precision == "float64" else {"precision": precision}
+    return Native(start.simulation(threads, **options), precision)
+
+
+class Lammps(Runner):
+    """LAMMPS' lj/cut of a style: plain (""), opt or omp; or in several processes, then with opt."""
+
+    def __init__(self, start: Liquid, style: str = "", threads: int = 1, processes: int = 1) -> None:
+        from kickdrift.engines.lammps_world import SKIN, Model, World
+
+        self.start, self.version, self.skin = start, ENGINES["lammps"].version or "", f"{SKIN:g}"
+        flags = ["-sf", style] if style else []
+        flags += ["-pk", "omp", str(threads)] if style == "omp" else []
+        n = len(start.positions)
+        model = Model(
+            start.edges, np.ones(n, np.int32), (1.0,), ((1, 1, 1.0, 1.0),), CUTOFF, shifted=True, tail=False,
+            dt=start.dt,
+        )  # fmt: skip
+        try:
+            self.world = World(flags) if processes == 1 else self._several(processes)
+        except ImportError:
+            raise Missing(ENGINES["lammps"].install) from None
+        self.world.reset(model, start.positions, start.velocities)
+
+    @staticmethod
+    def _several(processes: int):
+        from kickdrift.engines.lammps_processes import Processes
+
+        return Processes(processes)
+
+    def run(self, amount: float) -> float:
+        steps = round(amount)
+        self.world.run(steps)
+        return steps
+
+    def phase(self) -> Phase:
+        return self.world.state()[:2]
+
+    def close(self) -> None:
+        self.world.close()
+
+
+class Openmm(Runner):
+    """OpenMM's NonbondedForce and VerletIntegrator on its CPU platform; lengths in nm stand for sigma, and so on.
+
+    The integrator is leapfrog, with velocities half a step behind: it is given such, and ``phase`` makes up for it.
+    """
+
+    precision = "float32 forces"
+
+    def __init__(self, start: Liquid, threads: int = 1) -> None:
+        try:
+            import openmm
+        except ImportError:
+            raise Missing(ENGINES["openmm"].install) from None
+        self.dt, self.version = start.dt, version("openmm")
+        system, force = openmm.System(), openmm.NonbondedForce()
+        system.setDefaultPeriodicBoxVectors(*np.diag(start.edges).tolist())
+        for _ in start.positions:
+            system.addParticle(1.0)
+            force.addParticle(0.0, 1.0, 1.0)
+        force.setNonbondedMethod(force.CutoffPeriodic)
+        force.setCutoffDistance(CUTOFF)
+        force.setUseDispersionCorrection(False)
+        system.addForce(force)
+        self.verlet = openmm.VerletIntegrator(start.dt)
+        platform = openmm.Platform.getPlatformByName("CPU")
+        self.context = openmm.Context(system, self.verlet, platform, {"Threads": str(threads)})
+        self.context.setPositions(start.positions)
+        self.context.setVelocities(start.velocities - 0.5 * start.dt * self._get("Forces"))
+
+    def _get(self, what: str) -> np.ndarray:
+        """As plain numbers in OpenMM's units."""
+        state = self.context.getState(**{what.lower(): True})
+        found = getattr(state, f"get{what}")(asNumpy=True)
+        return found.value_in_unit(found.unit)
+
+    def run(self, amount: float) -> float:
+        self.verlet.step(round(amount))
+        return round(amount)
+
+    def phase(self) -> Phase:
+        return self._get("Positions"), self._get("Velocities") + 0.5 * self.dt * self._get("Forces")
+
+
+class Ase(Runner):
+    """ASE's VelocityVerlet with its LennardJones; dt and energies in its own units, which have no constants here."""
+
+    least = 2.0
+    skin = "0.3"  # of each particle, ASE's default
+
+    def __init__(self, start: Liquid) -> None:
+        try:
+            from ase import Atoms
+            from ase.calculators.lj import LennardJones
+            from ase.md.verlet import VelocityVerlet
+        except ImportError:
+            raise Missing(ENGINES["ase"].install) from None
+        self.version = version("ase")
+        self.atoms = Atoms(f"Ar{len(start.positions)}", positions=start.positions, cell=start.edges, pbc=True)
+        self.atoms.set_masses(np.ones(len(start.positions)))
+        self.atoms.set_velocities(start.velocities)
+        self.atoms.calc = self.calculator(LennardJones)
+        self.dynamics = VelocityVerlet(self.atoms, start.dt, logfile=None)
+
+    def calculator(self, ases: type) -> object:
+        """ASE's own, or that of another program for ASE."""
+        return ases(sigma=1.0, epsilon=1.0, rc=CUTOFF, smooth=False)
+
+    def run(self, amount: float) -> float:
+        self.dynamics.run(round(amount))
+        return round(amount)
+
+    def phase(self) -> Phase:
+        return self.atoms.get_positions(), self.atoms.get_velocities()
+
+
+class Asap(Ase):
+    """ASAP's compiled LennardJones and VelocityVerlet, on ASE's Atoms."""
+
+    least = 20.0
+    skin = ""  # it does not say
+
+    def __init__(self, start: Liquid) -> None:
+        try:
+            from asap3.md.verlet import VelocityVerlet
+        except ImportError:
+            raise Missing("pip install asap3, which needs a C++ compiler") from None
+        super().__init__(start)
+        self.version = version("asap3")
+        with redirect_stderr(io.StringIO()):  # it says which of its two it is
+            self.dynamics = VelocityVerlet(self.atoms, start.dt, logfile=None)
+
+    def calculator(self, ases: type) -> object:
+        from asap3 import LennardJones
+
+        return LennardJones([18], 1.0, 1.0, rCut=CUTOFF, modified=True)

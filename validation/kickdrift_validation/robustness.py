@@ -1,0 +1,80 @@
+"""Does anything break the program: system files, command lines and run files that are broken, and kills?
+
+    python -m kickdrift_validation.robustness [--long]
+
+Generators of the package `fuzzing` make the cases, always the same ones. Every command runs in a process of its own,
+which is watched. No case may end in a traceback, take more than 10 s or more than 1 GiB. Exit status 2 comes with one
+line on standard error. A command touches only the files that it is asked to write. A damaged file gives the right
+frames or an error. A run that is killed goes on to the same bits.
+``python -m kickdrift_validation.fuzzing KIND NUMBER`` repeats a case.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections import Counter
+from collections.abc import Iterator
+from typing import Any
+
+from kickdrift_validation.claim import Claim, claim, main, not_run
+from kickdrift_validation.fuzzing.actions import FRAMES, LOST, NO_FILE
+from kickdrift_validation.fuzzing.kinds import KINDS
+
+SHORT = {"system-files": 300, "command-lines": 150, "run-files": 150, "flipped-bytes": 150, "kills": 12}
+LONG = {"system-files": 10_000, "command-lines": 5000, "run-files": 2500, "flipped-bytes": 2500, "kills": 200}
+WORKERS = 2
+SHOWN = 20  # findings of each kind
+RULES = "the rules of fuzzing/rules.py"
+
+
+def tell(kind: str, results: list[dict[str, Any]]) -> None:
+    """Print each distinct finding, with the first case that shows it."""
+    from kickdrift_validation.fuzzing.rules import signature
+
+    count, first = Counter[str](), dict[str, tuple[int, str]]()
+    for result in sorted(results, key=lambda result: result["number"]):
+        for finding in result["found"]:
+            count[signature(finding)] += 1
+            first.setdefault(signature(finding), (result["number"], finding))
+    for sign, times in count.most_common(SHOWN):
+        number, finding = first[sign]
+        print(f"  {times:5} times, first {kind} {number}: {finding}")
+
+
+def claims(long: bool = False) -> Iterator[Claim]:
+    """How many cases of each kind break a rule, and what the dearest of all takes."""
+    if sys.platform != "linux":
+        yield not_run("no case breaks a rule", "0", RULES, "Linux")
+        return
+    from kickdrift_validation.fuzzing.session import session
+    from kickdrift_validation.fuzzing.watch import Limits
+
+    limits, seconds, megabytes = Limits(), 0.0, 0.0
+    with session(WORKERS, limits) as tried:
+        for kind, number in (LONG if long else SHORT).items():
+            results = list(tried((KINDS[kind], k) for k in range(number)))
+            tell(kind, results)
+            seconds = max(seconds, *(each["seconds"] for each in results))
+            megabytes = max(megabytes, *(each["megabytes"] for each in results))
+            broken = sum(bool(each["found"]) for each in results)
+            yield claim(f"{kind}: cases, of {number:,}, that break a rule", broken, "0", broken == 0, RULES)
+            if kind == "flipped-bytes":
+                wrong = sum(any(FRAMES in text for text in each["found"]) for each in results)
+                text = f"silent wrong frames, of {number:,} damaged files"
+                yield claim(text, wrong, "0", wrong == 0, "the file that was not damaged")
+            if kind == "kills":
+                files = sum(NO_FILE not in each["ends"][-1][4] for each in results)
+                text = f"kills, of {number}, that left a file or a journal"
+                yield claim(text, files, f"at least {number // 3}", files >= number // 3, "the moments are drawn")
+                wrong = sum(any(LOST in text for text in each["found"]) for each in results)
+                yield claim(f"kills, of {number}, that lose a bit", wrong, "0", wrong == 0, "what was not killed")
+    text = "longest work of a command without compiling, s"
+    yield claim(text, seconds, f"at most {limits.seconds:g}", seconds <= limits.seconds, "the processor's time")
+    most = limits.memory / 2**20
+    yield claim(
+        "most memory of a process, MiB", megabytes, f"at most {most:g}", megabytes <= most, "the system's count"
+    )
+
+
+if __name__ == "__main__":
+    sys.exit(main(claims, __doc__))
