@@ -74,6 +74,9 @@ class System:
     names : (n,) names of the bodies, each its own ("Jupiter"); default none
     radii : (n,) or one number; of the bodies, where they have any, for collisions
     events : what a run watches for, e.g. ``[kd.CloseApproach(0.1)]``
+    dimensions : 3, or 2
+        Two-dimensional particles lie and move in one plane, z the same for all. Positions and velocities may then be
+        (n, 2), and the box is two edge lengths or a matrix (2, 2).
     """
 
     state: State
@@ -90,6 +93,7 @@ class System:
     seed: int | None = None  # of the drawn velocities, where they were drawn
     radii: Floats | None = None
     events: tuple[Event, ...] = ()
+    dimensions: int = 3
 
     def __init__(
         self,
@@ -109,10 +113,12 @@ class System:
         names: Sequence[str] = (),
         radii: ArrayLike | None = None,
         events: Iterable[Event] = (),
+        dimensions: int = 3,
     ) -> None:
-        x = _vectors("positions", positions)
+        dimensions = whole_number("dimensions", dimensions, 2, 3)
+        x = _vectors("positions", positions, dimensions)
         n = len(x)
-        v = np.zeros((n, 3)) if velocities is None else _vectors("velocities", velocities)
+        v = np.zeros((n, 3)) if velocities is None else _vectors("velocities", velocities, dimensions)
         if v.shape != x.shape:
             raise InputError(f"velocities: expected shape {x.shape} like the positions, got {v.shape}")
         m = per_particle("masses", masses, n, "mass", "a finite number")
@@ -122,7 +128,10 @@ class System:
         kinds = tuple(dict.fromkeys(kind_of))
         number = {kind: k for k, kind in enumerate(kinds)}
         put = object.__setattr__
-        put(self, "state", State(np.array([x.T, v.T]), m, np.arange(n, dtype=np.int64), Box.of(box)))
+        put(self, "state", State(np.array([x.T, v.T]), m, np.arange(n, dtype=np.int64), _box(box, dimensions)))
+        put(self, "dimensions", dimensions)
+        if dimensions == 2:
+            check_plane(self.state.phase)
         put(self, "forces", _forces(forces))
         put(self, "units", units if isinstance(units, UnitSystem) else unit_system(units))
         put(self, "species", kinds)
@@ -296,9 +305,15 @@ class System:
 
     @property
     def degrees_of_freedom(self) -> int:
-        """3 N, less the three of the conserved total momentum; massless particles do not count."""
+        """3 N, less the three of the conserved total momentum, and 2 N - 2 in two dimensions; massless particles do not
+        count."""
         moving = int(np.count_nonzero(self.state.masses))
-        return max(3 * moving - 3, 0)
+        return max(self.dimensions * (moving - 1), 0)
+
+    @property
+    def volume(self) -> float:
+        """The volume of the box, in two dimensions its area; infinite where the box is open along any of its axes."""
+        return self.box.volume if self.dimensions == 3 else self.box.area
 
 
 def _forces(forces: Iterable[Any]) -> tuple[Any, ...]:
@@ -323,8 +338,34 @@ def _named(key: str, values: list[Any]) -> list[str]:
     return list(map(str, values))
 
 
-def _vectors(key: str, values: ArrayLike) -> Floats:
+def _box(given: Any, dimensions: int) -> Box:
+    """The Box that a System of so many dimensions is in; an InputError where that is another's."""
+    if dimensions == 3 and not isinstance(given, Box) and given is not None and np.shape(given)[:1] == (2,):
+        raise InputError("box: expected three edge lengths or None, got 2; two go with dimensions = 2")
+    box = Box.of(given)
+    if dimensions == 2 and box.periodic_axes[2]:
+        raise InputError(
+            f"box: expected two edge lengths, since a two-dimensional system is not periodic along z, got {box.shape}"
+        )
+    return box
+
+
+def check_plane(phase: Floats) -> None:
+    """Refuse positions and velocities (2, 3, n) of a two-dimensional system that are not in one plane."""
+    z, v = phase[:, 2]
+    for key, values, first, what in (("positions", z, z[0], "z"), ("velocities", v, 0.0, "vz")):
+        off = np.flatnonzero(values != first)
+        if off.size:
+            expected = f"{what} = {first:.6g}, as of particle 0," if key == "positions" else f"{what} = 0"
+            raise InputError(
+                f"{key}: particle {off[0]} has {what} = {values[off[0]]:.6g}; expected {expected} in two dimensions"
+            )
+
+
+def _vectors(key: str, values: ArrayLike, dimensions: int = 3) -> Floats:
     array = numbers(key, values, "numbers of shape (n, 3)")
+    if dimensions == 2 and array.ndim == 2 and array.shape[1] == 2:
+        array = np.column_stack([array, np.zeros(len(array))])
     if array.ndim != 2 or array.shape[1] != 3 or len(array) == 0:
         raise InputError(f"{key}: expected shape (n, 3) with n >= 1, got {array.shape}")
     bad = np.argwhere(~np.isfinite(array))
