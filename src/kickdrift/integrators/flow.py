@@ -23,9 +23,10 @@ from kickdrift.looks.record import Record
 from kickdrift.looks.table import Looks
 from kickdrift.model.checks import no_overflow, unwarned
 from kickdrift.model.problem import Problem, ProblemState
+from kickdrift.model.space import check_plane
 from kickdrift.model.starts.builders import check_overlaps
 from kickdrift.model.state import Floats, State
-from kickdrift.model.system import System, check_plane
+from kickdrift.model.system import System
 
 Derivative = Callable[[float, Floats], Floats]
 NEWTON_UNKNOWNS = 3000  # most unknowns of a dense Jacobian

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from copy import copy
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -13,39 +13,58 @@ from numpy.typing import ArrayLike, NDArray
 from kickdrift.errors import InputError
 from kickdrift.model.box import Box
 from kickdrift.model.bridging import bridge
-from kickdrift.model.checks import listed, no_overflow, numbers, per_particle, whole_number
+from kickdrift.model.checks import listed, no_overflow, per_particle, whole_number
 from kickdrift.model.events import Event, checked_events
+from kickdrift.model.space import box_for, check_plane, vectors_of
 from kickdrift.model.state import Floats, State
 from kickdrift.model.units import UnitSystem, shown, unit_system
 
-Tolerance = float | Sequence[float]  # one number, or one for each component of y
 
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, init=False)
 class RunDefaults:
-    """What a system file's ``[run]`` says; flags and ``Simulation(…)`` override it."""
+    """What a system file's ``[run]`` says; flags and ``Simulation(…)`` override it.
+
+    Attributes
+    ----------
+    integrator, dt, steps, time, every : as in ``[run]``; None where it does not say
+    options : the integrator's options by name, those that it names
+    """
 
     integrator: str | None = None
     dt: float | None = None
     steps: int | None = None
     time: float | None = None
     every: int | None = None
-    rtol: Tolerance | None = None
-    atol: Tolerance | None = None
-    max_step: float | None = None
-    coordinates: str | None = None
-    corrector: int | None = None
-    order: str | None = None
-    eta: float | None = None
-    scheme: str | None = None
-    precision: str | None = None
+    options: Mapping[str, Any] = field(default_factory=dict)
+
+    def __init__(
+        self,
+        integrator: str | None = None,
+        dt: float | None = None,
+        steps: int | None = None,
+        time: float | None = None,
+        every: int | None = None,
+        **options: Any,
+    ) -> None:
+        own = {"integrator": integrator, "dt": dt, "steps": steps, "time": time, "every": every}
+        given = {key: value for key, value in options.items() if value is not None}
+        for key, value in (own | {"options": given}).items():
+            object.__setattr__(self, key, value)
+
+    def __hash__(self) -> int:
+        return hash((self.integrator, self.dt, self.steps, self.time, self.every, frozenset(self.options)))
+
+    def said(self) -> dict[str, Any]:
+        """What it says by key, the options among the others; as arguments, they make the same again."""
+        own = {key: value for key, value in vars(self).items() if key != "options" and value is not None}
+        return own | dict(self.options)
 
     def changed(self, **defaults: Any) -> RunDefaults:
         """The same with these in their places; steps replace a time, and a time steps."""
         for one, other in (("steps", "time"), ("time", "steps")):
             if one in defaults:
                 defaults.setdefault(other, None)
-        return replace(self, **defaults)
+        return RunDefaults(**self.said() | defaults)
 
 
 @dataclass(frozen=True)
@@ -116,9 +135,9 @@ class System:
         dimensions: int = 3,
     ) -> None:
         dimensions = whole_number("dimensions", dimensions, 2, 3)
-        x = _vectors("positions", positions, dimensions)
+        x = vectors_of("positions", positions, dimensions)
         n = len(x)
-        v = np.zeros((n, 3)) if velocities is None else _vectors("velocities", velocities, dimensions)
+        v = np.zeros((n, 3)) if velocities is None else vectors_of("velocities", velocities, dimensions)
         if v.shape != x.shape:
             raise InputError(f"velocities: expected shape {x.shape} like the positions, got {v.shape}")
         m = per_particle("masses", masses, n, "mass", "a finite number")
@@ -128,7 +147,7 @@ class System:
         kinds = tuple(dict.fromkeys(kind_of))
         number = {kind: k for k, kind in enumerate(kinds)}
         put = object.__setattr__
-        put(self, "state", State(np.array([x.T, v.T]), m, np.arange(n, dtype=np.int64), _box(box, dimensions)))
+        put(self, "state", State(np.array([x.T, v.T]), m, np.arange(n, dtype=np.int64), box_for(box, dimensions)))
         put(self, "dimensions", dimensions)
         if dimensions == 2:
             check_plane(self.state.phase)
@@ -336,45 +355,6 @@ def _named(key: str, values: list[Any]) -> list[str]:
         k, value = next((k, value) for k, value in enumerate(values) if type(value) in wrong)
         raise InputError(f"{key}[{k}]: expected a name, got {shown(value)}")
     return list(map(str, values))
-
-
-def _box(given: Any, dimensions: int) -> Box:
-    """The Box that a System of so many dimensions is in; an InputError where that is another's."""
-    if dimensions == 3 and not isinstance(given, Box) and given is not None and np.shape(given)[:1] == (2,):
-        raise InputError("box: expected three edge lengths or None, got 2; two go with dimensions = 2")
-    box = Box.of(given)
-    if dimensions == 2 and box.periodic_axes[2]:
-        raise InputError(
-            f"box: expected two edge lengths, since a two-dimensional system is not periodic along z, got {box.shape}"
-        )
-    return box
-
-
-def check_plane(phase: Floats) -> None:
-    """Refuse positions and velocities (2, 3, n) of a two-dimensional system that are not in one plane."""
-    z, v = phase[:, 2]
-    for key, values, first, what in (("positions", z, z[0], "z"), ("velocities", v, 0.0, "vz")):
-        off = np.flatnonzero(values != first)
-        if off.size:
-            expected = f"{what} = {first:.6g}, as of particle 0," if key == "positions" else f"{what} = 0"
-            raise InputError(
-                f"{key}: particle {off[0]} has {what} = {values[off[0]]:.6g}; expected {expected} in two dimensions"
-            )
-
-
-def _vectors(key: str, values: ArrayLike, dimensions: int = 3) -> Floats:
-    array = numbers(key, values, "numbers of shape (n, 3)")
-    if dimensions == 2 and array.ndim == 2 and array.shape[1] == 2:
-        array = np.column_stack([array, np.zeros(len(array))])
-    if array.ndim != 2 or array.shape[1] != 3 or len(array) == 0:
-        raise InputError(f"{key}: expected shape (n, 3) with n >= 1, got {array.shape}")
-    bad = np.argwhere(~np.isfinite(array))
-    if bad.size:
-        particle, axis = bad[0]
-        raise InputError(
-            f"{key}: particle {particle} has {array[particle, axis]} in {'xyz'[axis]}; expected finite numbers"
-        )
-    return array
 
 
 def body_radii(radii: ArrayLike, n: int) -> Floats:

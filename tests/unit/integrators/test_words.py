@@ -138,7 +138,7 @@ def test_a_flow_is_told_time_span_step_and_stage(word, monkeypatch):
     name = word("PABAP", weights=(0.25, 0.5, 1.0, 0.5, 0.75))
     free = kd.System(np.zeros((1, 3)), [[0.0, 2.0, 0.0]], [1.0], units="lj")
     sim = kd.Simulation(free, name, 0.5)
-    sim.stepper_for(free)
+    sim.integration.stepper_for(free)
     sim.run(2)
     taken = notes[-4:] if count[0] == 6 else notes[: count[0]]
     assert taken.tolist() == [[0.0, 0.125, 0, 0], [0.5, 0.375, 0, 2], [0.5, 0.125, 1, 0], [1.0, 0.375, 1, 2]]
@@ -160,7 +160,7 @@ def test_forces_are_evaluated_when_positions_moved(word, monkeypatch, letters, e
     before = sim.record.force_evaluations
     sim.run(10)
     assert sim.record.force_evaluations - before == 10 * evaluations
-    assert sim._stepper.ends_fresh == ends_fresh
+    assert sim.integration.stepper.ends_fresh == ends_fresh
 
 
 def test_a_flow_that_fails_stops_the_run_at_its_step(word, magnetic):

@@ -174,6 +174,8 @@ X = np.array([[1.0, 1.0, 0.5], [4.0, 4.0, 0.5], [7.0, 7.0, 0.5]])
         ({"box": (9.0, 9.0, 9.0)}, "box: expected two edge lengths, since a two-dimensional system"),
         ({"dimensions": 4}, "dimensions must be a whole number, from 2 to 3, got 4"),
         ({"dimensions": 3, "box": (9.0, 9.0)}, "box: expected three edge lengths or None, got 2; two go"),
+        ({"dimensions": 3, "box": [[9.0, 0.0], [0.0]]}, "box: expected three edge lengths or None, got 2"),
+        ({"box": [[9.0, 0.0], [0.0]]}, "box: expected a matrix of three rows of three numbers"),
         ({"forces": [kd.UniformField((0, 0, -1.0))]}, "uniform-field: acceleration has a z component of -1"),
         ({"forces": [kd.DrivenField((0, 0, 1.0), 2.0)]}, "driven-field: amplitude has a z component of 1"),
     ],
