@@ -138,9 +138,10 @@ def structure_factor(
 
 
 def _lengths(found: Vectors, name: str) -> tuple[float, float, float]:
-    if found.box.lengths is None:
+    lengths = found.box.cuboid(name)
+    if lengths is None:
         raise InputError(f"{name}: needs a periodic box; an open one has no density")
-    return found.box.lengths
+    return lengths
 
 
 def _members(found: Vectors, pair: tuple[str, str] | None) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

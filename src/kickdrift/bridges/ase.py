@@ -166,7 +166,7 @@ def atoms_of(system: System, symbols: Mapping[str, str] | None = None, calculato
         )
     kinds = [system.species[k] for k in system.species_index]
     masses = state.masses / scale.mass
-    lengths = system.box.lengths
+    lengths = system.box.cuboid("to_ase")
     atoms = Atoms(
         [symbol[kind] for kind in kinds],
         positions=state.positions / scale.length,

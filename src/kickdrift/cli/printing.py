@@ -229,11 +229,10 @@ def print_system(system: System | Problem) -> None:
 
     lines = [("system", f"{system.name}: valid")]
     if isinstance(system, System):
-        units, edges = system.units, system.box.lengths
-        box = "open" if edges is None else " x ".join(f"{edge:.6g}" for edge in edges) + f" {units.length}"
+        units = system.units
         lines += [
             ("particles", f"{len(system):,} ({', '.join(system.species)})"),
-            ("box", box),
+            ("box", system.box.described(units.length)),
             (
                 "units",
                 f"{units.name}: length {units.length}, time {units.time}, mass {units.mass}, energy {units.energy}",

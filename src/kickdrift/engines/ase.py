@@ -45,7 +45,7 @@ class AseSession(Session):
         system = self.job.system
         force: Any = system.forces[0]
         law = force.pair_law(system.species[0], system.species[0])
-        lengths = system.box.lengths
+        lengths = system.box.cuboid("engine ase")
         self._atoms = Atoms("X" * len(system), positions=phase[0].T, cell=lengths, pbc=lengths is not None)
         self._atoms.set_masses(system.coherent_masses)
         self._atoms.set_velocities(phase[1].T)

@@ -57,7 +57,7 @@ def model_of(job: Job) -> Model:
         (i + 1, j + 1, force.pair_law(species[i], species[j])) for i in range(len(kinds)) for j in range(i, len(kinds))
     ]
     return Model(
-        lengths=system.box.lengths,
+        lengths=system.box.cuboid("engine lammps"),
         types=(which + 1).astype(np.int32),
         masses=tuple(kinds[:, 1].tolist()),
         pairs=tuple((i, j, float(law.epsilon), float(law.sigma)) for i, j, law in laws),

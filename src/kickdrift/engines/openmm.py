@@ -60,8 +60,9 @@ class OpenmmSession(Session):
         made = openmm.System()
         for mass in system.coherent_masses.tolist():
             made.addParticle(mass)
-        if system.box.lengths is not None:
-            x, y, z = system.box.lengths
+        lengths = system.box.cuboid("engine openmm")
+        if lengths is not None:
+            x, y, z = lengths
             made.setDefaultPeriodicBoxVectors((x, 0, 0), (0, y, 0), (0, 0, z))
         made.addForce(_gravity(system, force) if isinstance(force, Gravity) else _lennard_jones(system, force))
         verlet = openmm.CustomIntegrator(dt)

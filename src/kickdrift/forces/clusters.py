@@ -111,7 +111,7 @@ def empty_rows(chunks: int, room: int, block: Whole | Halves) -> NDArray[np.int3
 
 def cluster_list(n: int, box: Box, cutoff: float, lanes: RowLanes, single: bool = False) -> ClusterList:
     """Empty lists for n particles; with ``single``, also what mixed precision needs."""
-    edges = np.array(box.lengths) if box.lengths is not None else np.zeros(3)
+    edges = np.array(box.cuboid("a pair force") or np.zeros(3))
     inner_skin, outer_skin = skins(edges, cutoff, STRIDE_UNKNOWN * cutoff)
     chunks = chunk_count(n)
     slots = WIDTH * (n // WIDTH + n // WIDTH + 3)  # every column's last cluster may be padded

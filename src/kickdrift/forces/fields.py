@@ -237,11 +237,10 @@ class Springs(Field):
             )
         _check_masses(self.name, system, ids.flat)
         lengths = np.broadcast_to(np.array(self.length), len(ids))
-        if system.box.lengths is not None and lengths.max() >= 0.5 * min(system.box.lengths):
-            raise InputError(
-                f"{self.name}: length {lengths.max():.6g} is not under half the shortest box edge, "
-                f"{0.5 * min(system.box.lengths):.6g}"
-            )
+        half = 0.5 * float(system.box.heights.min())
+        if lengths.max() >= half:
+            shortest = "least height of the box" if system.box.triclinic else "shortest box edge"
+            raise InputError(f"{self.name}: length {lengths.max():.6g} is not under half the {shortest}, {half:.6g}")
         x = system.state.positions
         apart = system.box.minimum_image(x[ids[:, 0]] - x[ids[:, 1]])
         for k in np.flatnonzero((lengths > 0) & ~apart.any(axis=1)):

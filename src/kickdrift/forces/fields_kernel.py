@@ -83,7 +83,7 @@ def _(force: LinearDrag, system: System) -> DragKernel:
 @bind.register(Springs)
 def _(force: Springs, system: System) -> SpringsKernel:
     pairs = np.array(force.pairs, dtype=np.int64)
-    edges = np.array(system.box.lengths) if system.box.lengths is not None else np.zeros(3)
+    edges = np.array(system.box.cuboid("springs") or np.zeros(3))
     stiffness, length = (np.broadcast_to(np.array(v), len(pairs)).copy() for v in (force.stiffness, force.length))
     masses = system.coherent_masses
     return SpringsKernel(pairs, stiffness, length, edges, np.divide(1.0, masses, where=masses > 0, out=0.0 * masses))

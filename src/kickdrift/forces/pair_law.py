@@ -169,14 +169,8 @@ class PairForce:
     def check(self, system: System) -> None:
         """Refuse a system that this force cannot run on."""
         assert self.cutoff is not None
-        if system.box.lengths is not None:
-            for axis, length in zip("xyz", system.box.lengths, strict=True):
-                if length < 2 * self.cutoff:
-                    raise InputError(
-                        f"{self.name}: box edge {axis} is {length:.6g}, shorter than twice the cutoff, "
-                        f"2 x {self.cutoff:.6g} = {2 * self.cutoff:.6g}"
-                    )
-        elif self.tail:
+        system.box.check_cutoff(self.name, self.cutoff)
+        if self.tail and not all(system.box.periodic_axes):
             raise InputError(f"{self.name}: tail corrections need a periodic box")
         massless = np.flatnonzero(system.state.masses == 0)
         if massless.size:

@@ -72,7 +72,7 @@ class ParticleFlow:
         if not (np.array_equal(state.ids, own.ids) and np.array_equal(state.masses, own.masses)):
             raise InputError("state: ids and masses must be those of the system's particles, in the same order")
         if state.box != own.box:
-            raise InputError(f"state: its box is {state.box.lengths}, and the system's {own.box.lengths}")
+            raise InputError(f"state: its box is {state.box.shape}, and the system's {own.box.shape}")
         if not np.all(np.isfinite(state.phase)):
             raise InputError("state: positions and velocities must be finite")
         return np.array(state.phase, dtype=float, order="C")

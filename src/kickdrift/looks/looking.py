@@ -61,7 +61,7 @@ def desk_of(system: System) -> Floats:
     desk = np.zeros(HEAD + 4 * len(masses))
     desk[MASS] = masses.sum()
     desk[FREEDOM] = system.degrees_of_freedom * system.units.boltzmann if collide else np.nan
-    desk[VOLUMES] = 3.0 * system.box.volume if system.box.periodic else np.nan
+    desk[VOLUMES] = 3.0 * system.box.volume if all(system.box.periodic_axes) else np.nan
     desk[HEAD : HEAD + len(masses)] = masses
     return desk
 

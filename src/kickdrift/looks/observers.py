@@ -151,7 +151,8 @@ def take_sample(system: System, forces: Measuring, step: int, time: float, phase
     collides = any(isinstance(force, PairForce) for force in system.forces)
     degrees = system.degrees_of_freedom
     temperature = 2 * kinetic / (degrees * system.units.boltzmann) if collides and degrees else float("nan")
-    pressure = (2 * kinetic + measured.virial) / (3 * system.box.volume) if system.box.periodic else float("nan")
+    closed = all(system.box.periodic_axes)
+    pressure = (2 * kinetic + measured.virial) / (3 * system.box.volume) if closed else float("nan")
     return Sample(
         step=step,
         time=time,

@@ -6,18 +6,18 @@ from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial import cKDTree
 
 from kickdrift.errors import InputError
 from kickdrift.forces import Springs
 from kickdrift.forces.pair_law import PairForce
+from kickdrift.model.nearness import pairs_nearer
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 
 
 def instantaneous_pressure(system: System, positions: ArrayLike, velocities: ArrayLike) -> Floats:
     """(3, 3) the pressure tensor of a System's particles at these positions and velocities, both (n, 3)."""
-    if not system.box.periodic:
+    if not all(system.box.periodic_axes):
         raise InputError("pressure: needs a periodic box; an open one has no volume")
     x, v = np.asarray(positions, dtype=float), np.asarray(velocities, dtype=float)
     total = np.einsum("n,na,nb->ab", system.coherent_masses, v, v)
@@ -48,9 +48,8 @@ def _pair_law(force: PairForce, system: System, x: Floats) -> Iterator[tuple[Flo
     from kickdrift.forces.pair_terms import force_over_r
 
     cutoff = float(force.cutoff or 0.0)
-    tree = cKDTree(system.box.wrap(x), boxsize=system.box.lengths)
     # A hair beyond the cutoff, so that rounding here and there decides alike: below.
-    i, j = tree.query_pairs(cutoff * (1 + 1e-12), output_type="ndarray").T
+    i, j = pairs_nearer(x, system.box, cutoff * (1 + 1e-12)).T
     apart = system.box.minimum_image(x[i] - x[j])
     r2 = np.einsum("ma,ma->m", apart, apart)
     inside = r2 < cutoff**2

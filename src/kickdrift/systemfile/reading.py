@@ -16,6 +16,7 @@ import numpy as np
 from kickdrift.disk.files import SYSTEM_FILE_BYTES, content, unfit
 from kickdrift.errors import InputError
 from kickdrift.forces import FORCES
+from kickdrift.model.box import Box
 from kickdrift.model.capacity import check_room
 from kickdrift.model.checks import no_overflow, path_text, whole_number
 from kickdrift.model.problem import Problem
@@ -34,6 +35,7 @@ from kickdrift.model.units import UNIT_SYSTEMS, UnitSystem, number_density, show
 from kickdrift.systemfile.bodies import cluster, on_orbits
 from kickdrift.systemfile.events import events_of
 from kickdrift.systemfile.schema import (
+    BoxTable,
     ElementsTable,
     LatticeTable,
     OdeFileTable,
@@ -274,27 +276,31 @@ def _force(given: dict[str, Any], units: UnitSystem, path: str) -> Any:
         return cls(**parameters)
 
 
-def _box(table: SystemTable, start: Structure) -> Sequence[float] | None:
+def _box(table: SystemTable, start: Structure) -> Box | None:
     lengths, edges = table.box.lengths, start.edges
+    along = table.box.periodic if isinstance(table.box.periodic, list) else True
+    if table.box.matrix is not None:
+        return Box(matrix=table.box.matrix, periodic=along)
     if lengths is not None:
         for axis, (length, edge) in enumerate(zip(lengths, edges or (0.0,) * 3, strict=True)):
             if length < edge * (1 - 1e-9):
                 raise InputError(
                     f"box.lengths[{axis}]: expected {edge:.9g} or more, which the particles fill, got {length:g}"
                 )
-        return lengths
-    if not (start.periodic if table.box.periodic is None else table.box.periodic):
+        return Box(lengths, periodic=along)
+    periodic = start.periodic if table.box.periodic is None else table.box.periodic
+    if periodic in (False, [False] * 3):
         return None
     if edges is None:
         raise InputError("box.lengths: required key is missing: nothing else sets the edges of this periodic box")
-    return edges
+    return Box(edges, periodic=along)
 
 
 def _start(table: SystemTable, units: UnitSystem, folder: Path, gravity: float | None, seed: int | None) -> Structure:
     particles = table.particles
     with _named("particles."):
         if isinstance(particles, LatticeTable):
-            return _on_lattice(particles, table.box.lengths, units)
+            return _on_lattice(particles, table.box, units)
         if isinstance(particles, PositionsTable):
             return _given(particles, units, gravity)
         if isinstance(particles, ElementsTable | PlummerTable):
@@ -311,8 +317,8 @@ def _start(table: SystemTable, units: UnitSystem, folder: Path, gravity: float |
             return read_structure(folder / particles.file, units)
 
 
-def _on_lattice(particles: LatticeTable, lengths: list[float] | None, units: UnitSystem) -> Structure:
-    count = particles.count
+def _on_lattice(particles: LatticeTable, edges: BoxTable, units: UnitSystem) -> Structure:
+    count, lengths = particles.count, edges.lengths
     check_room("count", count)
     if isinstance(particles.species, dict):
         names = list(particles.species)
@@ -322,6 +328,12 @@ def _on_lattice(particles: LatticeTable, lengths: list[float] | None, units: Uni
     else:
         species = particles.species
     masses = _masses(particles.mass, species, count, units)
+    if edges.matrix is not None:
+        if particles.density is not None:
+            raise InputError("density: does not go with box.matrix: the lattice fills the box that it describes")
+        box = Box(matrix=edges.matrix)
+        positions, cube = lattice(particles.lattice, count, count / box.volume)
+        return Structure(box.cartesian(positions / cube[0]), masses, species, None, periodic=True)
     if particles.density is not None:
         density = number_density(particles.density, units, float(np.mean(masses)))
     elif lengths is not None and len(set(lengths)) == 1:
@@ -330,8 +342,8 @@ def _on_lattice(particles: LatticeTable, lengths: list[float] | None, units: Uni
         raise InputError(
             "density: required key is missing (or box.lengths with three equal edges, which the lattice fills)"
         )
-    positions, edges = lattice(particles.lattice, count, density)
-    return Structure(positions, masses, species, edges, periodic=True)
+    positions, cube = lattice(particles.lattice, count, density)
+    return Structure(positions, masses, species, cube, periodic=True)
 
 
 def _given(particles: PositionsTable, units: UnitSystem, gravity: float | None) -> Structure:

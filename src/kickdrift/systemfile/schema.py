@@ -121,14 +121,26 @@ class VelocitiesTable(Table):
         return self
 
 
+Axes = Annotated[
+    Annotated[bool, Tag("<true or false>")]
+    | Annotated[list[bool], Field(min_length=3, max_length=3), Tag("<one for each axis>")],
+    Discriminator(lambda value: "<one for each axis>" if isinstance(value, list) else "<true or false>"),
+]
+
+
 class BoxTable(Table):
-    periodic: bool | None = None
+    periodic: Axes | None = None
     lengths: Annotated[list[Edge], Field(min_length=3, max_length=3)] | None = None
+    matrix: Annotated[list[Vector], Field(min_length=3, max_length=3)] | None = None
 
     @model_validator(mode="after")
     def _agree(self) -> BoxTable:
-        if self.lengths is not None and self.periodic is False:
-            raise InputError("lengths make a box periodic, and periodic = false says that it is not")
+        given = [key for key in ("lengths", "matrix") if getattr(self, key) is not None]
+        if len(given) == 2:
+            raise InputError("expected lengths or matrix, got both")
+        if given and (self.periodic is False or self.periodic == [False] * 3):
+            verb = "makes" if given == ["matrix"] else "make"
+            raise InputError(f"{given[0]} {verb} a box periodic, and periodic = false says that it is not")
         return self
 
 

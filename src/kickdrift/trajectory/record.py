@@ -55,7 +55,7 @@ def record_of(system: System) -> dict[str, Any]:
         "name": system.name,
         "units": system.units.name,
         "particles": len(system),
-        "box": system.box.lengths,
+        "box": system.box.cuboid("a run's file"),
         "species": system.species,
         "names": system.names,
         "radii": system.radii,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 import re
 import warnings
@@ -17,6 +16,7 @@ from kickdrift.disk.files import unfit
 from kickdrift.errors import InputError
 from kickdrift.model.capacity import check_room
 from kickdrift.model.checks import number, numbers
+from kickdrift.model.nearness import any_nearer, nearest_pair
 from kickdrift.model.state import Floats
 from kickdrift.model.units import UnitSystem, shown, suggestion
 
@@ -31,8 +31,6 @@ LATTICES: dict[str, tuple[tuple[float, float, float], ...]] = {
 }
 
 MOST = 10**8  # particles on a lattice, however large the memory
-CROWD = 3  # particles in one cell; of more a tree finds the nearest sooner
-CELLS = 2**20  # along an axis; further on they begin anew, so that one integer numbers a cell
 OVERLAP = 0.3  # of a force's shortest length; at 0.3 sigma Lennard-Jones is 7 million epsilon
 
 
@@ -199,36 +197,6 @@ def mixture(fractions: Mapping[str, float], count: int, seed: int) -> list[str]:
     return [names[k] for k in order]
 
 
-def any_nearer(positions: Floats, edges: Any, limit: float) -> bool:
-    """Whether two of ``positions`` (n, 3), in a box with ``edges`` or none, are nearer than ``limit``; True also
-    where some nearly are, or where a place is crowded.
-
-    Two that are share a cell in one of eight grids of cells twice as wide as the limit or wider, shifted by half a cell
-    along each axis or not. (A tree of SciPy's, which would do, takes a quarter of a second to import.)
-    """
-    cells = None if edges is None else np.maximum(1, np.floor(np.array(edges) / (2 * limit)))
-    width = 2 * limit if cells is None else np.array(edges) / cells
-    for shift in itertools.product((0.0, 0.5), repeat=3):
-        place = np.floor(positions / width + shift)
-        if cells is not None:
-            place %= cells
-        cell = (place % CELLS).astype(np.int64) @ np.array([CELLS**2, CELLS, 1])
-        order = np.argsort(cell)
-        cell = cell[order]
-        for apart in range(1, len(order)):
-            alike = np.flatnonzero(cell[apart:] == cell[:-apart])
-            if not alike.size:
-                break
-            if apart > CROWD:
-                return True
-            between = positions[order[alike]] - positions[order[alike + apart]]
-            if edges is not None:
-                between -= edges * np.rint(between / edges)
-            if (np.einsum("ij,ij->i", between, between) < (1.000001 * limit) ** 2).any():
-                return True
-    return False
-
-
 def check_overlaps(system: System) -> None:
     """Raise an InputError that names the closest pair and its distance, where two particles overlap.
 
@@ -250,19 +218,12 @@ def check_overlaps(system: System) -> None:
     if not lengths:
         return
     limit = OVERLAP * min(lengths)
-    if not any_nearer(wrapped, system.box.lengths, limit):
+    found = nearest_pair(wrapped, system.box, limit) if any_nearer(wrapped, system.box, limit) else None
+    if found is None:
         return
-    from scipy.spatial import cKDTree
-
-    tree = cKDTree(wrapped, boxsize=system.box.lengths)
-    distances, neighbours = tree.query(wrapped, k=2, distance_upper_bound=limit)
-    closest = int(np.argmin(distances[:, 1]))
-    if not distances[closest, 1] < limit:
-        return
-    other = neighbours[closest][neighbours[closest] != closest][0]
-    first, second = sorted((closest, int(other)))
+    first, second, distance = found
     unit = "" if system.units.reduced else f" {system.units.length}"
     raise InputError(
-        f"positions: particles {first} and {second} overlap: distance {distances[closest, 1]:.6g}{unit}, "
+        f"positions: particles {first} and {second} overlap: distance {distance:.6g}{unit}, "
         f"less than {OVERLAP} of the shortest sigma, {min(lengths):.6g}{unit}"
     )
