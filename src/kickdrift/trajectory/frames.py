@@ -73,7 +73,8 @@ class Frame:
 
     @property
     def box(self) -> Box:
-        return self._run.box
+        """The box at this frame."""
+        return self._run.boxes(range(self.index, self.index + 1))[0]
 
     def wrapped(self) -> Floats:
         """(n, 3) positions inside the box."""

@@ -13,16 +13,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.errors import InputError
+from kickdrift.model.box import Box
 from kickdrift.model.checks import path_text
 from kickdrift.model.file_units import FileUnits
 from kickdrift.model.state import Floats
-from kickdrift.trajectory import header
+from kickdrift.trajectory import edges, header
 from kickdrift.trajectory.checkpoints import CHECKPOINTS, COLUMNS, Table
 from kickdrift.trajectory.contents import Contents
 from kickdrift.trajectory.damage import Checks, Damage
 from kickdrift.trajectory.frames import EnergySeries, Frames, as_slice, energies_of
 from kickdrift.trajectory.header import CLOCK, EVENT_COLUMNS, Committed
-from kickdrift.trajectory.layout import SCHEMA, TRAJECTORY, run_hash, system_hash
+from kickdrift.trajectory.layout import EDGES, SCHEMA, TRAJECTORY, run_hash, system_hash
 from kickdrift.trajectory.opening import open_to_read
 from kickdrift.trajectory.rows import behind
 
@@ -58,6 +59,7 @@ class Run(Frames):
     nominal_units : bool
         Whether the file's angstrom and ps stand for a length and time unit that other programs do not know.
     box : Box
+        That the run began with; every run so far keeps it.
     species : tuple of str
     species_index : (n,) int32 into `species`
     names : tuple of str
@@ -135,9 +137,30 @@ class Run(Frames):
         values: Floats = self._checked(name, rows, particles).astype(np.float64, copy=False)
         if factor != 1.0:
             values = values / factor
-        if what == "positions" and self.box.lengths and "images" in self.options.write:
-            values += self._checked("image", rows, particles) * np.array(self.box.lengths)
+        if what == "positions" and self.box.periodic and "images" in self.options.write:
+            images = self._checked("image", rows, particles)
+            crossed = self.box.cartesian(images)
+            for k, box in enumerate(self.boxes(rows)):
+                if box is not self.box:
+                    crossed[k] = box.cartesian(images[k])
+            values += crossed
         return values
+
+    def boxes(self, rows: range) -> list[Box]:
+        """The box of each of some frames, in ascending order: `box`, unless the Writer was given another."""
+        found = [self.box] * len(rows)
+        if not self.box.periodic or not rows:
+            return found
+        self.check_clock(rows)
+        factor = self._factors.length
+        series = self._contents.series(EDGES, "f8", len(self), edges.shape_of(self.box))
+        there = self._contents.read(series, as_slice(rows))
+        for k in np.flatnonzero((there != edges.stored(self.box) * factor).reshape(len(rows), -1).any(axis=1)):
+            try:
+                found[k] = edges.restored(there[k] / factor, self.box)
+            except InputError:
+                raise self._damaged("frame", rows[int(k)], self.all_steps) from None
+        return found
 
     def _checked(self, name: str, rows: range, particles: slice) -> NDArray:
         """(f, k, 3) of what frames hold, as it is stored; an InputError names the first that is damaged."""
