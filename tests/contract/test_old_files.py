@@ -1,4 +1,7 @@
-"""Run files of version 0.1.0 open, go on as version 0.1.0 went on, and are exported; `tests/data/v0.1.0/make.py` made them."""
+"""Run files of version 0.1.0 open, go on as version 0.1.0 went on, and are exported.
+
+`tests/data/v0.1.0/make.py` made them.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +17,7 @@ from kickdrift.jit.compile import processor
 OLD = Path(__file__).parents[1] / "data" / "v0.1.0"
 ENDS = np.load(OLD / "ends.npz")
 STEPS = {"adaptive": 30, "liquid": 40, "liquid-mixed": 40, "meeting": 150, "planets": 50}
-# Version 0.2.0 adds the forces of a mixture in another order, so that threads change no bit. All else has the same bits.
+# Version 0.2.0 rounds the forces of a mixture in another way, so that threads change no bit. The others keep theirs.
 ROUNDED = {"liquid": 1e-12, "liquid-mixed": 5e-6}
 
 

@@ -134,7 +134,7 @@ def test_registering_again():
     finally:
         unregister("again")
     assert "again" not in kd.integrators()
-    with pytest.raises(InputError, match="'rk4' was not registered"):
+    with pytest.raises(InputError, match="'rk4' is not registered"):
         unregister("rk4")
 
 

@@ -268,7 +268,7 @@ def test_command(folder, kickdrift, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ([], "give FILE, or --stability NAME for a figure of an integrator"),
+        ([], "give FILE, or --stability NAME to draw an integrator"),
         (["run.h5md", "--stability", "rk4"], "give FILE or --stability, not both"),
         (["--stability", "rk5"], "integrator 'rk5' is unknown; did you mean rk4"),
         (["--stability", "rk4", "--output", "x.gif"], "must end in .png"),

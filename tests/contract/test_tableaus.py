@@ -210,7 +210,7 @@ PAIR = {  # Heun's method with Euler's inside, and Hermite's cubic
         ({"errors": ((math.nan, 0.5, 0.0),)}, "row 1 of errors adds up to nan, not 0"),
         ({"error_order": 0}, "errors and error_order go together; error_order is 0"),
         ({"errors": ()}, "errors and error_order go together; error_order is 1"),
-        ({"extra": ((0.5, 0.5),)}, "rows of extra have an entry for each stage before: 3, 4, …"),
+        ({"extra": ((0.5, 0.5),)}, "rows of extra need an entry for each earlier stage: 3, 4, …"),
         ({"extra": ((0.5, 0.5, 0.0),)}, "dense has 4 rows of one length, one for each stage"),
         ({"dense": ((1.0,), (0.0,), (0.0, 0.0))}, "dense has 3 rows of one length, one for each stage"),
         ({"dense": interpolant((0.6, 0.4))}, "row 1 of dense adds up to 0.6"),

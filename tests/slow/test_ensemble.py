@@ -280,7 +280,7 @@ def test_only_one_process_writes_a_table(system, client, tmp_path):
 @pytest.mark.parametrize(
     ("vary", "options", "said"),
     [
-        ({"member": [1]}, {}, "vary: member: is a column of every table"),
+        ({"member": [1]}, {}, "vary: member: every table has a column of this name"),
         ({"dt": [0.1], "run.dt": [0.2]}, {}, "vary: run.dt: is given twice, as dt too"),
         ({"run.dt": [0.1]}, {"dt": 0.2}, "vary: run.dt: is given twice, as dt too"),
         ({"dt": [float("nan")]}, {}, "expected finite numbers"),
@@ -294,13 +294,13 @@ def test_keys_and_values_that_make_no_sense(system, vary, options, said):
 
 
 def test_seeds_on_a_grid_leave_nothing_to_replicas():
-    with pytest.raises(InputError, match="leaves nothing to a seed"):
+    with pytest.raises(InputError, match="is random"):
         kd.Ensemble("lj-1000", {"velocities.seed": [1, 2]}, replicas=2)
 
 
 def test_columns_of_a_run_are_not_measured(system, client):
     found = kd.Ensemble(system, measure=lambda sim: {"time": 1.0}).run(client)
-    assert found["error"][0] == "measure: time is a column of every run; give it another name"
+    assert found["error"][0] == "measure: time: every run has a column of this name; choose another"
 
 
 def test_trajectories_of_the_members(system, client):
@@ -355,7 +355,7 @@ def test_the_command_line(system, tmp_path):
     assert "4 done" in done.output
     again = CliRunner().invoke(app, command)
     assert again.exit_code == 0
-    assert "4 of 4 members are done already" in again.output
+    assert "4 of 4 members are already done" in again.output
     assert len(kd.Ensemble.read(output)) == 4
     assert CliRunner().invoke(app, ["info", str(output)]).output == done.output
     failing = CliRunner().invoke(app, ["ensemble", str(system), "--vary", "dt=1e200,1e201", "--workers", "1"])
@@ -370,7 +370,7 @@ def test_the_command_line(system, tmp_path):
         (["--vary", "dt=0.1", "--vary", "dt=0.2"], "dt is given twice"),
         (["--vary", "dt=0.1", "--dt", "0.2"], "vary: dt: is given twice, as dt too"),
         (["--vary", "dx=0.1"], "dx: unknown key"),
-        (["--replicas", "2"], "leaves nothing to a seed"),
+        (["--replicas", "2"], "is random"),
         (["--vary", "particles.elements[b].m=1"], "unknown key"),
         (["--scheduler", "nowhere"], "--scheduler nowhere: cannot be reached"),
         (["--scheduler", "tcp://127.0.0.1:1", "--workers", "2"], "give --workers or --scheduler"),
@@ -406,7 +406,7 @@ def test_measures_that_workers_cannot_load(system, client):
     exec("def measure(sim): return 1.0", vars(module))
     sys.modules[module.__name__] = module
     try:
-        with pytest.raises(InputError, match="the workers cannot load what members need: No module named 'nowhere"):
+        with pytest.raises(InputError, match="the workers cannot load the members' code: No module named 'nowhere"):
             kd.Ensemble(system, measure=module.measure).run(client)
     finally:
         del sys.modules[module.__name__]
@@ -414,7 +414,7 @@ def test_measures_that_workers_cannot_load(system, client):
 
 def test_workers_with_another_kickdrift(system, client, monkeypatch):
     monkeypatch.setattr("kickdrift.ensemble.work.VERSION", "0.0.1")
-    with pytest.raises(InputError, match=r"has kickdrift \d.*, and this is 0\.0\.1"):
+    with pytest.raises(InputError, match=r"has kickdrift \d.*, this process has 0\.0\.1"):
         kd.Ensemble(system).run(client)
 
 

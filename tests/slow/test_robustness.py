@@ -83,7 +83,7 @@ def test_what_a_case_must_not_do_is_noticed():
 
 def test_a_run_that_was_interrupted_is_right_where_it_may_be_long():
     goes_on = Ended(
-        ("run",), 130, "", "kickdrift: interrupted; what was written is whole", stopped="goes on", computing=True
+        ("run",), 130, "", "kickdrift: interrupted; all written files are whole", stopped="goes on", computing=True
     )
     assert broken(goes_on, may_compute=True) == []
     assert broken(goes_on) == ["goes on, while it computed a run"]

@@ -171,7 +171,7 @@ def test_untested_versions_are_noted(folder, monkeypatch):
     monkeypatch.setattr(report_file, "ENGINES", {**ENGINES, **other})
     monkeypatch.setattr(report_file, "_peers", lambda: ["numpy"])
     report = validated(folder, "good")[1]
-    assert f"**Note:** numpy {np.__version__} is not among the versions tested: 0.x.\n" in report
+    assert f"**Note:** numpy {np.__version__} is not a tested version: 0.x.\n" in report
 
 
 def test_figures_of_the_report_before_go_and_no_others(folder):

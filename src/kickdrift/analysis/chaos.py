@@ -153,7 +153,9 @@ def megnos(
     count = len(systems)
     names = {carrier(system, integrator) if isinstance(system, System) else "" for system in systems}
     if len(names) > 1:
-        raise InputError(f"integrator: a batch has one in common; the systems' are {', '.join(sorted(names))}")
+        raise InputError(
+            f"integrator: a batch needs one integrator for all systems; theirs are {', '.join(sorted(names))}"
+        )
     drawn = [_checked_seed(seed) for seed in _each("seeds", seeds, count)]
     lengths = [length_of(*pair) for pair in zip(systems, _each("time", time, count), strict=True)]
     found = growths(systems, lengths, min(names, default=integrator), dt, drawn, options)
@@ -223,7 +225,7 @@ def length_of(system: System, time: float | None) -> float:
     if time is None and length is None and system.run.steps and system.run.dt:
         length = system.run.steps * system.run.dt
     if length is None:
-        raise InputError(f"time: system {system.name!r} names none in [run]; give how long to run")
+        raise InputError(f"time: system {system.name!r} has no time in [run]; give a time")
     if not (isinstance(length, (int, float, np.number)) and math.isfinite(length) and length > 0):
         raise InputError(f"time must be a positive finite time, got {length!r}")
     return float(length)
@@ -305,7 +307,7 @@ def _growth(
             deviation = stepper.y[:, :, n:]
             size = float(np.linalg.norm(deviation / scale))
             if not size > 0.0:
-                raise InputError("megno: the deviation vanished: these forces lose every trace of the start")
+                raise InputError("megno: the deviation vanished: these forces erase all memory of the start")
             times.append(sim.time - start)
             growth.append(math.log(size) + scaled)
             if not 1.0 / LARGEST < size < LARGEST:
@@ -326,7 +328,7 @@ def _slope(times: Floats, means: Floats) -> tuple[float, float]:
     settled = times >= SETTLED * times[-1]
     t, y = times[settled], means[settled]
     if len(t) < 6:
-        raise InputError(f"time: {len(times) - 1} steps are too few to tell growth by; give a longer time")
+        raise InputError(f"time: {len(times) - 1} steps are too few to measure growth; give a longer time")
     half = len(t) // 2
     whole, early, late = (_line(t[part], y[part]) for part in (slice(None), slice(half), slice(half, None)))
     return whole, abs(late - early) / 2

@@ -46,7 +46,9 @@ def growths(
     (steps, every), n = taken[0], len(systems[0])
     for k, (mine, _) in enumerate(taken):
         if mine != steps:
-            raise InputError(f"system {k}: a batch has steps in common; {mine} here, and {steps} in system 0")
+            raise InputError(
+                f"system {k}: all systems of a batch need the same steps; it has {mine}, system 0 has {steps}"
+            )
     phase = np.array([system.state.phase for system in systems])
     accelerations, begin = _measured(members_of(systems, steps_of, phase))
     scale = chaos.scale_of(phase, accelerations)

@@ -129,7 +129,7 @@ class Bench:
         energy = self.plan.measure == "energy"
         error = (rms if rms is not None else np.nan) if energy else float(np.max(errors))
         if not np.isfinite(error):
-            return Row(**of, step=step, failure="the error is no number")  # type: ignore[arg-type]
+            return Row(**of, step=step, failure="the error is not finite")  # type: ignore[arg-type]
         believed = error > BELIEVED * self.plan.error
         if self.plan.measure == "energy":
             growth = energy_growth(track.times, track.energies, relative_energy(track))

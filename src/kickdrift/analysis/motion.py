@@ -138,7 +138,7 @@ class VelocityAutocorrelation(_Correlation):
         """
         last = self._lag("until", until)
         if last < 1:
-            raise InputError(f"diffusion: until = {until:g} is not one frame's time")
+            raise InputError(f"diffusion: until = {until:g} is not the time of a frame")
         weights = np.full(last + 1, self.times[1] / 3)
         weights[[0, -1]] /= 2
         return self._diffusion(weights, 0)
@@ -204,7 +204,7 @@ def _correlation(
         raise InputError(f"lags: expected 1 to {count}, the number of frames, got {number}")
     members = np.ones(found.particles, bool) if of is None else found.species == of
     if not members.any():
-        raise InputError(f"of: there is no species {of!r}; known are {', '.join(sorted(set(found.species)))}")
+        raise InputError(f"of: no species {of!r}; known are {', '.join(sorted(set(found.species)))}")
     drift = found.centre_of_mass()[:, None] if remove_drift else 0.0
     starts = np.arange(0, count, -(-count // STRETCHES))
     stops = np.append(starts[1:], count)

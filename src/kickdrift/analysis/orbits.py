@@ -85,7 +85,7 @@ def orbital_elements(
     ``pandas.DataFrame(orbital_elements(run))`` is the same as a data frame. Parameters and errors as of ``orbits``.
     """
     if not isinstance(run, reader.Run | str | os.PathLike):
-        raise InputError("orbital_elements: takes a whole run or its path; most_frames thins it out")
+        raise InputError("orbital_elements: expected a whole run or its path; set most_frames to use fewer frames")
     found = orbits(run, frame, plane, most_frames)
     width = max(len(name) for name in found.names)
     columns = [("time", "f8"), ("body", f"U{width}"), *((name, "f8") for name in ("a", *Elements._fields))]
@@ -101,7 +101,7 @@ def orbits_of(found: Paths, frame: str = "jacobi", plane: str = "file") -> Orbit
     if plane not in PLANES:
         raise InputError(f"plane: expected one of {', '.join(PLANES)}, got {shown(plane)}{suggestion(plane, PLANES)}")
     if found.central is None:
-        raise InputError(f"orbits: no body has {DOMINANT:g} of all mass, so that there is none that the others orbit")
+        raise InputError(f"orbits: no body has {DOMINANT:g} of all mass, so there is no central body")
     others = np.delete(np.arange(len(found.masses)), found.central)
     turn = invariable_axes(found) if plane == "invariable" else np.eye(3)
     values = np.full((len(Elements._fields) + 1, len(found.times), len(others)), np.nan)
@@ -128,9 +128,9 @@ def paths(run: reader.Run | str | os.PathLike[str], most_frames: int | None = No
             return paths(opened, most_frames)
     gravity = gravity_of(run)
     if gravity is None:
-        raise InputError(f"{run.path}: has no gravity, and so no orbits")
+        raise InputError(f"{run.path}: no gravity, so no orbits")
     if not len(run):
-        raise InputError(f"{run.path}: holds no frame")
+        raise InputError(f"{run.path}: no frames")
     kept = len(run) if most_frames is None else min(most_frames, len(run))
     chosen = np.unique(np.linspace(0, len(run) - 1, kept).round().astype(int))
     m = run.masses
@@ -171,7 +171,7 @@ def gravity_of(run: reader.Run) -> float | None:
         if isinstance(force["parameters"], dict) and "G" in force["parameters"]:
             given = force["parameters"]["G"]
             if not (given is None or (isinstance(given, int | float) and abs(given) < np.inf)):
-                raise InputError(f"{run.path}: damaged: the gravitational constant of its record is no number")
+                raise InputError(f"{run.path}: damaged: the gravitational constant in its record is not a number")
             return run.units.gravity if given is None else float(given)
     return None
 

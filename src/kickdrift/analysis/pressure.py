@@ -52,7 +52,7 @@ def pressure_tensor(run: Frames | str | os.PathLike[str], system: System | None 
     positions = vectors_of(run, "positions")
     velocities = vectors_of(run, "velocities")
     if not isinstance(positions.source, reader.Run):
-        raise InputError("pressure_tensor: takes a run, whose forces it needs; got an array")
+        raise InputError("pressure_tensor: expected a run, because it needs the forces; got an array")
     assert positions.times is not None
     system = system_of(positions.source) if system is None else system
     if len(system) != positions.particles:

@@ -142,23 +142,23 @@ def _refusal(comparison: Comparison, accuracy: float, ratio: float) -> str | Non
     pilot = f"the pilot of {comparison.length:.4g}"
     if accuracy < SAFETY * comparison.reference_error:
         return (
-            f"the wanted accuracy of {accuracy:g} is below what the reference ({comparison.reference}) is good for, "
+            f"the wanted accuracy of {accuracy:g} is below the limit of the reference ({comparison.reference}), "
             f"{SAFETY * comparison.reference_error:.2g}"
         )
     if ratio <= 1.0 + 1e-9:
         return None
     if ratio > FARTHEST:
-        return f"{pilot} is too short: the run is {ratio:.3g} times as long, and {FARTHEST:g} times is the farthest"
+        return f"{pilot} is too short: the run is {ratio:.3g} times as long, and the limit is {FARTHEST:g} times"
     if comparison.measure != "energy" and comparison.lyapunov > 0:
         return (
-            f"chaos: neighbouring solutions part as exp({comparison.lyapunov:.2g} t), and {pilot} says nothing of "
-            "positions after it"
+            f"chaos: neighbouring solutions diverge as exp({comparison.lyapunov:.2g} t), so {pilot} cannot predict "
+            "later positions"
         )
     if comparison.cycles < CYCLES:
-        seen = f"{comparison.cycles:g} times" if comparison.cycles else "not at all"
+        seen = f"{comparison.cycles:g} cycles" if comparison.cycles else "no cycle"
         return (
-            f"{pilot} is too short: the solution came round {seen} in it, and {CYCLES:g} times are needed to say how "
-            "errors go on"
+            f"{pilot} is too short: it covers {seen} of the solution, and {CYCLES:g} cycles are needed to predict the "
+            "growth of errors"
         )
     return None
 
@@ -192,13 +192,13 @@ def _choice(rows: list[Row], accuracy: float, length: float, ratio: float, hidde
             foreseen.append((row, row.error * factor))
     if not foreseen:
         if unknown:
-            return "too short a pilot: how its error grows cannot be told"
-        return "no run whose error stands clear of the reference's own and below 0.1"
+            return "the pilot is too short to measure the growth of its error"
+        return "no run with an error above the reference's own and below 0.1"
     target = accuracy / SAFETY
     best = min(range(len(foreseen)), key=lambda k: foreseen[k][1])  # finer rows may show rounding alone
     if foreseen[best][1] > target:
         return f"reaches {foreseen[best][1]:.2g} at that length, not {target:.2g}" + (
-            "; how finer runs go on, the pilot is too short to tell" if unknown else ""
+            "; the pilot is too short to predict finer runs" if unknown else ""
         )
     good = best  # the coarsest of the rows from here on that all meet the target
     while good and foreseen[good - 1][1] <= target:

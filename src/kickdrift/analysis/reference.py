@@ -198,8 +198,8 @@ def reference(
         rate = lyapunov_rate(subject, here, there)
         if has_energy and rate * whole > LOST:
             note = (
-                f"chaos: neighbouring solutions part as exp({rate:.2g} t), so that no run in double precision knows "
-                f"the positions after t = {LOST / rate:.3g}; the energy error is compared instead"
+                f"chaos: neighbouring solutions diverge as exp({rate:.2g} t), so no run in double precision predicts "
+                f"positions after t = {LOST / rate:.3g}; the energy error is compared instead"
             )
             return _energy(length, rate, note)
         return _tight(subject, start, name, length, samples, rate, run)
@@ -241,12 +241,12 @@ def _tight(
         text = f"{name} at " + ", ".join(f"{key} = {value:.2g}" for key, value in given.items())
         agreed = int(np.argmax(apart > AGREED)) if (apart > AGREED).any() else samples
         if agreed < max(7, samples // 8):
-            raise RunError(f"two runs of {name}, rtol = {rtol:g} and {looser:g}, part by {apart.max():.2g}")
+            raise RunError(f"two runs of {name}, rtol = {rtol:g} and {looser:g}, differ by {apart.max():.2g}")
         if agreed < samples:
             shorter = length * (agreed - 1) / samples
             note = (
-                f"two runs at rtol = {rtol:g} and {looser:g} part by {apart.max():.2g} at t = {length:.4g}: compared "
-                f"up to t = {shorter:.4g}, as far as they agree to {AGREED:g}"
+                f"two runs at rtol = {rtol:g} and {looser:g} differ by {apart.max():.2g} at t = {length:.4g}: compared "
+                f"up to t = {shorter:.4g}, where they agree to {AGREED:g}"
             )
             found = _tight(subject, start, name, shorter, samples, rate, run)
             return Reference("reference", found.text, found.length, found.y, found.scale, found.error, rate, (note,))

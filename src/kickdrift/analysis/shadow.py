@@ -88,7 +88,9 @@ def shadow_run(problem: Problem, potential: Potential, dt: float, length: float)
     """Run velocity Verlet on a separable Problem of one degree of freedom, and watch H, H to second and to fourth
     order at every step."""
     if not (problem.separable and len(problem) == 2):
-        raise InputError(f"{problem.name}: a modified Hamiltonian is known here for one degree of freedom, separable")
+        raise InputError(
+            f"{problem.name}: the modified Hamiltonian needs a separable problem with one degree of freedom"
+        )
     seen: list[tuple[float, float, float]] = []
     sim = Simulation(problem, "velocity-verlet", dt=dt, compensated=True)  # dt^6 falls below what rounding adds up to
     sim.run(round(length / dt), every=1, observe=lambda sim: seen.append((sim.time, *sim.state.y)))

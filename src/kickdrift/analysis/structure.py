@@ -140,7 +140,7 @@ def structure_factor(
 def _lengths(found: Vectors, name: str) -> tuple[float, float, float]:
     lengths = found.box.cuboid(name)
     if lengths is None:
-        raise InputError(f"{name}: needs a periodic box; an open one has no density")
+        raise InputError(f"{name}: needs a periodic box; an open system has no density")
     return lengths
 
 
@@ -155,7 +155,7 @@ def _members(found: Vectors, pair: tuple[str, str] | None) -> tuple[NDArray[np.i
     for name, those in members.items():
         if not those.size:
             known = ", ".join(sorted(set(found.species)))
-            raise InputError(f"radial_distribution: pair: there is no species {name!r}; known are {known}")
+            raise InputError(f"radial_distribution: pair: no species {name!r}; known are {known}")
     return members[pair[0]], members[pair[1]]
 
 

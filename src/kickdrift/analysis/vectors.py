@@ -79,7 +79,7 @@ class Vectors:
         if self.times is None:
             raise InputError("times: needed for arrays, one for each frame")
         if len(self) < 2:
-            raise InputError(f"{len(self)} frame: correlations in time need two or more")
+            raise InputError(f"{len(self)} frame: correlations in time need two or more frames")
         gaps = np.diff(self.times)
         step = float(gaps.mean())
         wrong = np.flatnonzero(~(np.abs(gaps - gaps[0]) <= 1e-6 * abs(gaps[0])))
@@ -87,7 +87,7 @@ class Vectors:
             k = int(wrong[0]) if wrong.size else 0
             raise InputError(
                 f"frames are not evenly spaced in time: {gaps[k]:.6g} after frame {self.chosen[k]}, {gaps[0]:.6g} "
-                "after the first; choose even ones, as run[start:stop:step]"
+                "after the first; choose an even slice, run[start:stop:step]"
             )
         return step
 
@@ -126,10 +126,10 @@ def vectors_of(
         source = reader.open(source)  # closed when nobody refers to it any more
     if isinstance(source, Frames):
         if any(given is not None for given in (times, box, masses, species)):
-            raise InputError("times, box, masses, species: a run has its own; give them with arrays alone")
+            raise InputError("times, box, masses, species: only for arrays; a run has its own")
         run, chosen = source.run, np.array(source.rows, dtype=np.int64)
         if source.rows.step < 0:
-            raise InputError("frames: expected a slice of the run that goes forward")
+            raise InputError("frames: expected a slice of the run with a positive step")
         if source is run and len(chosen) > 3 and np.ptp(np.diff(run.steps)) > 0:
             on_grid = run.steps % run.every == 0 if run.every else np.ones(len(run), bool)
             if np.count_nonzero(on_grid) > 2:
@@ -139,7 +139,7 @@ def vectors_of(
     else:
         found = _of_array(np.asarray(source, dtype=float), what, times, box, masses, species)
     if not len(found):
-        raise InputError(f"{what}: there is no frame among those chosen")
+        raise InputError(f"{what}: the choice of frames is empty")
     return found
 
 

@@ -141,7 +141,7 @@ def work_precision(
     start = start if start is not None else subject.state
     whole = whole or file_length(subject) or time
     if whole is None:
-        raise InputError(f"compare: {subject.name} names no length in [run]; give a time")
+        raise InputError(f"compare: {subject.name} has no length in [run]; give a time")
     asked = time or whole
     stiff = is_stiff(subject, start, asked)
     scout, reached = _scout(subject, start, asked, stiff, threads, limit=budget / 20)

@@ -1,7 +1,7 @@
-"""Many small gravitational systems at once: eight stand side by side in a processor's registers, a lane each.
+"""Many small gravitational systems at once: eight systems side by side in a processor's registers, a lane each.
 
-A step of three bodies takes one system longer to organise than to compute. Side by side, nothing is left to organise:
-every number of the formulas becomes eight, one for each system.
+For one system, a step of three bodies takes longer to organise than to compute. Side by side, the organisation
+disappears: every number of the formulas becomes eight, one for each system.
 """
 
 from __future__ import annotations
@@ -31,32 +31,32 @@ from kickdrift.model.system import RunDefaults, System
 from kickdrift.run.plan import looks_at
 from kickdrift.run.report import Report, report
 
-MOST = 32  # bodies; side by side they are 16 times as fast at 3, 4 at 16 and 2 at 32, where one alone fills the lanes
-PIECE = 200_000_000  # pairs and steps of one system before Python looks for Ctrl-C; some seconds
-LOOKS = 100_000  # that memory is taken for at a time
-LOOK_BYTES = 2 * 64  # of a member's look, while those of all pieces become one array
+MOST = 32  # most bodies; side by side is 16 times as fast at 3, 4 at 16 and 2 at 32, where one system fills the lanes
+PIECE = 200_000_000  # pairs and steps of one system between checks for Ctrl-C; some seconds
+LOOKS = 100_000  # samples in one piece of memory
+LOOK_BYTES = 2 * 64  # memory of a member's sample while the pieces become one array
 
 
 def refusal(system: Any, method: Method, options: Options) -> str | None:
-    """Why this cannot be run in a Batch, in words; None where it can. What a Simulation refuses, too, may pass."""
+    """Reason why a Batch cannot run this, or None. A Simulation may refuse more."""
     if not isinstance(system, System):
         return "a batch takes Systems of particles"
     if not method.batched:
         return f"{method.name} moves one system at a time; splittings, fixed Runge-Kutta and wisdom-holman move many"
     if options.compensated:
-        return "compensated sums are for one system at a time"
+        return "a batch has no compensated sums"
     if options.corrector:
-        return "a corrector is for one system at a time"
+        return "a batch has no corrector"
     if options.precision == MIXED:
-        return "mixed precision is for pair forces"
+        return "mixed precision needs pair forces"
     if system.box.periodic:
         return "a batch needs open space, and the box is periodic"
     if [type(force) for force in system.forces] != [Gravity]:
-        return f"a batch takes the one force 'gravity', and {system.name!r} has other ones, or none"
+        return f"a batch needs exactly one force, 'gravity'; {system.name!r} has others, or none"
     if system.events:
-        return "events are watched for in one system at a time"
+        return "a batch watches no events"
     if len(system) > MOST:
-        return f"{len(system)} bodies fill the lanes by themselves; a batch takes up to {MOST}"
+        return f"{len(system)} bodies are too many; a batch takes up to {MOST}"
     try:
         method.check(system)
     except InputError as error:
@@ -65,29 +65,29 @@ def refusal(system: Any, method: Method, options: Options) -> str | None:
 
 
 class Batch:
-    """Runs copies of many Systems of as many bodies with one integrator, as Simulations would one after the other.
+    """Copies of many Systems with equal numbers of bodies, run with one integrator, as Simulations would run one by
+    one.
 
-    Each member's results are those of a Simulation of it up to round-off, sums being taken in another order: where
-    nothing chaotic makes it grow, less than 4 eps (steps x stages)^1.5 of the largest position and velocity. Their bits
-    depend on nothing but the member: not on the others, nor on how many there are, nor where in the list it stands. One
-    whose numbers blow up leaves the others alone, and is told by ``finite``; so is one with bodies at the same place,
-    which a Simulation refuses.
+    Each member's results equal a Simulation's up to round-off, since sums have another order. Without chaos the
+    difference is less than 4 eps (steps x stages)^1.5 of the largest position and velocity. A member's bits depend only
+    on the member: not on the others, their number or its place in the list. A member that blows up leaves the others
+    alone, and ``finite`` shows it. So does a member with bodies at the same place, which a Simulation refuses.
 
     Parameters
     ----------
-    systems : of as many bodies, after as many steps, with unsoftened or softened ``Gravity`` alone; starts, masses, G,
-        units and softening may differ
-    integrator : a splitting, a Runge-Kutta method of fixed steps, wisdom-holman or saba; default as in a Simulation
-    dt : of all, or one for each; default that of the system files
+    systems : Systems with equal numbers of bodies and of steps done, under ``Gravity`` alone, softened or not;
+        starts, masses, G, units and softening may differ
+    integrator : a splitting, a fixed-step Runge-Kutta method, wisdom-holman or saba; default as in a Simulation
+    dt : one step for all, or one for each; default from the system files
     options : as in a Simulation: coordinates, order
 
     Raises
     ------
     InputError
-        Where `refusal` says why, naming the member, and where what they must share differs.
+        With the reason of `refusal` and the member, or if a shared property differs.
     """
 
-    @np.errstate(all="ignore")  # of numbers about to blow up
+    @np.errstate(all="ignore")  # numbers about to blow up
     def __init__(
         self,
         systems: Sequence[System],
@@ -104,7 +104,7 @@ class Batch:
         self._stepper: LaneStepper = self.method.in_lanes(members, self.options)
         self._begun = begin_lanes(self.systems)
         self._steps: list[int] = []
-        self._looks: list[Floats] = []  # (k, LOOK, members) of each run
+        self._looks: list[Floats] = []  # (k, LOOK, members) from each run
         self._taken, self._seconds, self._compiling = 0, 0.0, 0.0
 
     def __len__(self) -> int:
@@ -112,16 +112,16 @@ class Batch:
 
     @property
     def time(self) -> Floats:
-        """(members,) in the systems' unit."""
+        """Time of each member (members,) in the systems' unit."""
         return self._start + self.steps_done * self.dt
 
     @property
     def phase(self) -> Floats:
-        """(members, 2, 3, n) positions and velocities; a copy."""
+        """Copy of positions and velocities (members, 2, 3, n)."""
         return from_lanes(self._stepper.y, len(self))
 
     def states(self) -> list[State]:
-        """The State of each member; copies."""
+        """Copies of the State of each member."""
         return [
             replace(system.state.copy(), phase=phase, time=float(time), steps_done=self.steps_done)
             for system, phase, time in zip(self.systems, self.phase, self.time, strict=True)
@@ -129,27 +129,27 @@ class Batch:
 
     @property
     def finite(self) -> NDArray[np.bool_]:
-        """(members,) whether all numbers now, and all that was sampled, are finite; one that has blown up a Simulation
-        of it can say more of."""
+        """Tell for each member (members,) whether all its present and sampled numbers are finite. Run a member that
+        blew up as a Simulation to learn why."""
         found = [np.isfinite(self.phase).all(axis=(1, 2, 3))]
         found += [np.isfinite(looks).all(axis=(0, 1)) for looks in self._looks]
         return np.logical_and.reduce(found)
 
     def run(self, steps: int, every: int | None = None) -> None:
-        """Take ``steps`` steps, and sample energies and momenta at the start, every ``every`` steps (counted from step
-        0) and at the end; default as in ``Simulation.run``. A sample takes 64 bytes a member."""
+        """Take ``steps`` steps. Sample energies and momenta at the start, every ``every`` steps (counted from step 0)
+        and at the end; default as in ``Simulation.run``. A sample takes 64 bytes a member."""
         steps = whole_number("steps", steps, 0)
         every = whole_number("every", every, 1) if every is not None else None
         known = {system.run.every for system in self.systems}
         if every is None and len(known) > 1:
-            raise InputError("every: the systems' own differ; give one for all")
+            raise InputError("every: the systems have different values; give one for all")
         most = looks_at(steps, self.method.evaluations, len(self.systems[0]))
         cadence = every or known.pop() or max(1, steps // most)
         check_room("run", steps / cadence * len(self), "samples", LOOK_BYTES, "give a larger every")
         stops = looks_between(self.steps_done, steps, cadence)
         counts = np.diff(stops, prepend=self.steps_done)
         began = perf_counter()
-        self._stepper.run(0, np.zeros(0, np.int64), self.steps_done)  # compiles, if that was not done before
+        self._stepper.run(0, np.zeros(0, np.int64), self.steps_done)  # compiles, if not done before
         compiled = perf_counter()
         self._compiling += compiled - began
         again = bool(self._steps) and self._steps[-1] == self.steps_done
@@ -161,17 +161,17 @@ class Batch:
         self._seconds += perf_counter() - compiled
 
     def report(self, i: int) -> Report:
-        """That of member ``i``, as ``Simulation.run`` gives it; its wall time is an equal share of all members'."""
+        """Report of member ``i``, as from ``Simulation.run``. Its wall time is an equal share of all members' time."""
         if not self._steps:
-            raise InputError("report: run first")
+            raise InputError("report: call run first")
         return report(Member(self, i))
 
     def reports(self) -> list[Report | None]:
-        """Those of all members; None where one has blown up."""
+        """Reports of all members; None for a member that blew up."""
         return [self.report(i) if finite else None for i, finite in enumerate(self.finite)]
 
     def record(self, i: int) -> LaneRecord:
-        """The samples of member ``i``, and what it cost."""
+        """Samples of member ``i`` and its cost."""
         system, looks = self.systems[i], np.concatenate([looks[:, :, i] for looks in self._looks])
         massive = int(np.count_nonzero(system.state.masses))
         warning = start_warning(system, self.method, float(self.dt[i]))
@@ -200,22 +200,22 @@ class Batch:
 
 @dataclass
 class LaneRecord(Record):
-    """A Record whose samples stand side by side already."""
+    """Record whose samples already stand side by side."""
 
     found: Series | None = field(default=None)
 
     def series(self) -> Series:
-        """See Record."""
+        """Series of the samples; see Record."""
         assert self.found is not None
         return self.found
 
 
 class Member:
-    """A member of a Batch as ``report`` looks at it, in a Simulation's place."""
+    """Member of a Batch in the form of a Simulation, for ``report``."""
 
     engine, threads, processes, stopped = NATIVE, 1, 1, ""
     events: tuple[dict[str, Any], ...] = ()
-    state: Any = None  # which a report asks Problems for
+    state: Any = None  # used by reports of Problems
 
     def __init__(self, batch: Batch, i: int) -> None:
         self.system, self.record = batch.systems[i], batch.record(i)
@@ -224,16 +224,16 @@ class Member:
         self.engine_version = engine(NATIVE).version
 
     def going_on(self) -> list[dict[str, Any]]:
-        """No events."""
+        """Return no events."""
         return []
 
 
 def common(
     systems: tuple[System, ...], integrator: str | None, dt: Any, options: dict[str, Any]
 ) -> tuple[str, Method, Options, Floats]:
-    """The integrator's name, its method and options, which all have in common, and each member's dt (members,)."""
+    """Shared integrator name, method and options, and each member's dt (members,)."""
     if not systems:
-        raise InputError("systems: a batch needs one or more")
+        raise InputError("systems: expected one system or more")
     steps = [dt] * len(systems) if dt is None or np.ndim(dt) == 0 else list(dt)
     if len(steps) != len(systems):
         raise InputError(f"dt: expected one number or {len(systems)}, one for each system, got {len(steps)}")
@@ -242,29 +242,31 @@ def common(
     found = np.empty(len(systems))
     for k, (system, step) in enumerate(zip(systems, steps, strict=True)):
         if not isinstance(system, System):
-            raise InputError(f"system {k}: a batch takes Systems of particles, got {type(system).__name__}")
+            raise InputError(f"system {k}: expected a System of particles, got {type(system).__name__}")
         name = integrator or system.run.integrator or "velocity-verlet"
         method = method_named(name)
-        if (name, system.run) not in known:  # which of most is the same
+        if (name, system.run) not in known:  # the same for most members
             known[name, system.run] = method.checked(asked.or_else(system.run), asked)
         own = known[name, system.run]
         if (why := refusal(system, method, own)) is not None:
             raise InputError(f"system {k}: {why}")
         own_dt = checked_dt(system.run.dt if step is None else step)
         if own_dt is None:
-            raise InputError(f"dt is needed: system {system.name!r} names none in [run]")
+            raise InputError(f"dt is needed: system {system.name!r} has none in [run]")
         found[k] = own_dt
         alike = name, len(system), system.state.steps_done, replace(own, dt=None)
         shared = shared or alike
         for what, mine, first in zip(("integrator", "bodies", "steps_done", "options"), alike, shared, strict=True):
             if mine != first:
-                raise InputError(f"system {k}: a batch has {what} in common; {mine} here, and {first} in system 0")
+                raise InputError(
+                    f"system {k}: all systems of a batch need the same {what}; it has {mine}, system 0 has {first}"
+                )
     assert shared is not None
     return shared[0], method_named(shared[0]), shared[3], found
 
 
 def members_of(systems: Sequence[System], dt: Floats, y: Floats) -> Members:
-    """The systems side by side at y (members, 2, 3, n or 2 n)."""
+    """Systems side by side at y (members, 2, 3, n or 2 n)."""
     forces: list[Any] = [system.forces[0] for system in systems]
     G = [gravitational_constant(force.name, force.G, system) for force, system in zip(forces, systems, strict=True)]
     masses = np.array([system.state.masses for system in systems])
@@ -282,7 +284,7 @@ def members_of(systems: Sequence[System], dt: Floats, y: Floats) -> Members:
 
 
 def begin_lanes(systems: Sequence[System]) -> tuple[Floats, Floats]:
-    """(members,) sums of m |v| and of m |x × v|, as ``Record.begin`` has them."""
+    """Sums of m |v| and of m |x × v| (members,), as in ``Record.begin``."""
     phase = np.array([system.state.phase for system in systems])
     masses = np.array([system.coherent_masses for system in systems])
     x, v = np.moveaxis(phase, 1, 0)
@@ -291,15 +293,15 @@ def begin_lanes(systems: Sequence[System]) -> tuple[Floats, Floats]:
 
 
 def looks_between(done: int, steps: int, every: int) -> NDArray[np.int64]:
-    """The steps to look at: the present one, multiples of ``every``, the last."""
+    """Steps of the samples: the present one, multiples of ``every``, the last."""
     inside = np.arange((done // every + 1) * every, done + steps, every)
     ends = [done, done + steps] if steps else [done]
     return np.unique(np.concatenate([ends, inside])).astype(np.int64)
 
 
 def run_lanes(stepper: LaneStepper, counts: NDArray[np.int64], done: int, watch: Any = None) -> tuple[Floats, Floats]:
-    """Take ``counts`` (k,) steps and look after each, block by block: (k, LOOK, members) looks, and (k, members) what
-    deviations were scaled back by; members with what fills up the last block."""
+    """Take ``counts`` (k,) steps and sample after each, block by block. Returns (k, LOOK, members) samples and the (k,
+    members) factors that rescaled deviations. The members include those that fill up the last block."""
     rows = stepper.y.shape[3]
     passed = np.cumsum(counts) * rows * rows
     pieces = np.searchsorted(passed, np.arange(PIECE, passed[-1] if len(passed) else 0, PIECE))

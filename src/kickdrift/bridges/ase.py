@@ -66,7 +66,9 @@ def system_of(
     system = _system(atoms, forces, units, species)
     if atoms.constraints:
         kind = type(atoms.constraints[0]).__name__
-        raise InputError(f"atoms: the constraint {kind} has no equal here; remove it: del atoms.constraints")
+        raise InputError(
+            f"atoms: the constraint {kind} has no equivalent in kickdrift; remove it: del atoms.constraints"
+        )
     return system
 
 
@@ -78,7 +80,7 @@ def _system(atoms: Any, forces: Iterable[Any] | None, units: str | UnitSystem, s
     masses, momenta = atoms.get_masses(), atoms.get_momenta()
     stray = np.flatnonzero((masses == 0) & momenta.any(axis=1))
     if stray.size:
-        raise InputError(f"atoms: atom {stray[0]} has a momentum and no mass, so that its velocity is not known")
+        raise InputError(f"atoms: atom {stray[0]} has a momentum but no mass, so its velocity is unknown")
     velocities = np.divide(momenta, masses[:, None], out=np.zeros_like(momenta), where=masses[:, None] != 0)
     return System(
         atoms.positions * scale.length,
@@ -114,14 +116,14 @@ def _box(atoms: Any, scale: Scale) -> list[float] | None:
     if not atoms.pbc.any():
         return None
     if not atoms.pbc.all():
-        raise InputError(f"atoms: pbc is {atoms.pbc.tolist()}; a box here is periodic along all three axes or none")
+        raise InputError(f"atoms: pbc is {atoms.pbc.tolist()}; expected a box periodic along all three axes or none")
     cell = np.asarray(atoms.cell)
     for axis, vector in enumerate(cell):
         leaning = np.abs(np.delete(vector, axis)).max()
         if not leaning <= SQUARE * vector[axis]:
             raise InputError(
-                f"atoms: cell vector {'abc'[axis]} is {shown(vector.tolist())}; only cells with a along x, b along y "
-                "and c along z fit"
+                f"atoms: cell vector {'abc'[axis]} is {shown(vector.tolist())}; expected a cell with a along x, "
+                "b along y and c along z"
             )
     return (np.diagonal(cell) * scale.length).tolist()
 
@@ -130,16 +132,23 @@ def _forces_of(atoms: Any, units: UnitSystem, scale: Scale) -> tuple[Any, ...]:
     """The forces of the calculator that the atoms carry."""
     calculator = atoms.calc
     if calculator is None:
-        raise InputError("forces: give some (forces=[] is none), or give the atoms a LennardJones calculator of ASE's")
+        raise InputError("forces: needed (forces=[] means no forces), or give the atoms ASE's LennardJones calculator")
     if isinstance(calculator, Calculator):
         if calculator.units != units:
-            raise InputError(f"forces: the calculator's are in units {calculator.units.name!r}, not {units.name!r}")
+            raise InputError(
+                f"forces: the calculator's forces are in units {calculator.units.name!r}, not {units.name!r}"
+            )
         return calculator.forces
     if type(calculator) is not AseLennardJones:
-        raise InputError(f"forces: the calculator {type(calculator).__name__} has no equal here; give forces")
+        raise InputError(
+            f"forces: the calculator {type(calculator).__name__} has no equivalent in kickdrift; give forces"
+        )
     given = calculator.parameters
     if given.smooth:
-        raise InputError("forces: LennardJones(smooth=True) has no equal here; give forces, say truncation='switch'")
+        raise InputError(
+            "forces: LennardJones(smooth=True) has no equivalent in kickdrift; "
+            "give forces, for example with truncation='switch'"
+        )
     return (
         LennardJones(  # type: ignore[call-arg]
             epsilon=float(given.epsilon) * scale.energy,
@@ -156,13 +165,13 @@ def atoms_of(system: System, symbols: Mapping[str, str] | None = None, calculato
     symbol = {kind: (symbols or {}).get(kind, kind if kind in atomic_numbers else UNKNOWN) for kind in system.species}
     for kind in symbols or ():
         if kind not in symbol:
-            raise InputError(f"symbols: there is no species {kind!r}; they are {', '.join(system.species)}")
+            raise InputError(f"symbols: no species {kind!r}; known are {', '.join(system.species)}")
         if symbol[kind] not in atomic_numbers:
-            raise InputError(f"symbols: {shown(symbol[kind])}, given for species {kind!r}, is no element's")
+            raise InputError(f"symbols: {shown(symbol[kind])} for species {kind!r} is not a chemical element")
     massless = np.flatnonzero(state.masses == 0)
     if massless.size:
         raise InputError(
-            f"masses: {system.body(int(massless[0]))} has none, and ASE keeps momenta: its velocity would be lost"
+            f"masses: {system.body(int(massless[0]))} has no mass, and ASE stores momenta: its velocity would be lost"
         )
     kinds = [system.species[k] for k in system.species_index]
     masses = state.masses / scale.mass
@@ -221,7 +230,7 @@ class Calculator(AseCalculator):
         for force in self.forces:
             for trait in ("velocity_dependent", "works"):
                 if getattr(force, trait, False):
-                    raise InputError(f"forces: {force.name} is no force of positions alone, which is what ASE asks for")
+                    raise InputError(f"forces: {force.name} depends on more than positions, which ASE does not support")
         self._scale = Scale.of(self.units)
         self._system: System | None = None
 

@@ -42,7 +42,7 @@ def system_of(sim: Any, forces: Iterable[Any] | None = None) -> System:
     _refuse(sim)
     units, particles = _units(sim), list(sim.particles)
     if not particles:
-        raise InputError("sim: has no particles")
+        raise InputError("sim: expected one particle or more, got none")
     table = np.array([(p.x, p.y, p.z, p.vx, p.vy, p.vz, p.m, p.r) for p in particles])
     masses, radii = table[:, 6], table[:, 7]
     _check_test_particles(sim, masses)
@@ -66,23 +66,23 @@ def _number(i: int) -> str:
 def _refuse(sim: Any) -> None:
     """Raise an InputError for what would make the System move otherwise."""
     if sim.N_var:
-        raise InputError(f"sim: has {sim.N_var} variational particles; kd.megno follows variations here")
+        raise InputError(f"sim: has {sim.N_var} variational particles; use kd.megno for variations")
     for key in FUNCTIONS:
         if getattr(sim, f"_{key}", None):
-            raise InputError(f"sim: has {key}, which only rebound can call; give forces of kickdrift in its place")
+            raise InputError(f"sim: has {key}, which only rebound can call; use forces of kickdrift instead")
     if sim._N_odes:
-        raise InputError("sim: has ODEs of its own, which have no equal here")
+        raise InputError("sim: its own ODEs have no equivalent in kickdrift")
     if sim.boundary != "none":
-        raise InputError(f"sim: boundary {sim.boundary!r} has no equal here; expected 'none'")
+        raise InputError(f"sim: boundary {sim.boundary!r} has no equivalent in kickdrift; expected 'none'")
     if sim.collision != "none":
         raise InputError(
-            f"sim: what becomes of collisions ({sim.collision!r}) cannot be read from it; set sim.collision = 'none' "
+            f"sim: the action on collisions ({sim.collision!r}) cannot be read; set sim.collision = 'none' "
             "and give the run events=[kd.Collision(…)]"
         )
     if not math.isfinite(sim.t):
         raise InputError(f"sim: t is {sim.t}; expected a finite time")
     if not sim.is_synchronized:
-        raise InputError("sim: stands inside a step; call sim.synchronize() first")
+        raise InputError("sim: is inside a step; call sim.synchronize() first")
 
 
 def _units(sim: Any) -> UnitSystem:
@@ -104,8 +104,8 @@ def _check_test_particles(sim: Any, masses: Floats) -> None:
     if pulling.size:
         which = sim.N_active + int(pulling[0])
         raise InputError(
-            f"sim: particle {which} is a test particle (N_active = {sim.N_active}) with mass {masses[which]:g}; those "
-            "here have none"
+            f"sim: particle {which} is a test particle (N_active = {sim.N_active}) with mass {masses[which]:g}; test "
+            "particles in kickdrift have no mass"
         )
 
 
@@ -113,7 +113,9 @@ def _forces(sim: Any, units: UnitSystem) -> tuple[Any, ...]:
     if sim.gravity == "none":
         return ()
     if sim.gravity not in NEWTON:
-        raise InputError(f"sim: gravity {sim.gravity!r} has no equal here; give forces, say [kd.GravityTree()]")
+        raise InputError(
+            f"sim: gravity {sim.gravity!r} has no equivalent in kickdrift; give forces, for example [kd.GravityTree()]"
+        )
     return (Gravity(G=None if units.gravity == sim.G else sim.G, softening=sim.softening),)
 
 
@@ -133,12 +135,12 @@ def _run(sim: Any, masses: Floats) -> tuple[RunDefaults, list[str]]:
         return replace(run, integrator="wisdom-holman", coordinates=coordinates, corrector=own.corrector), []
     if method == "saba" and central and str(own.type) in SABA:
         return replace(run, integrator="saba", order=SABA[str(own.type)], coordinates=JACOBI), []
-    return RunDefaults(), [f"integrator {method!r} as it is set there, and its step"]
+    return RunDefaults(), [f"integrator {method!r} with its settings and its step"]
 
 
 def _tell(what: str, untaken: list[str]) -> None:
     if untaken:
-        warnings.warn(f"{what}: not taken, having no equal: {'; '.join(untaken)}", stacklevel=4)
+        warnings.warn(f"{what}: left out, without an equivalent in kickdrift: {'; '.join(untaken)}", stacklevel=4)
 
 
 # --- to rebound ---
@@ -148,9 +150,9 @@ def simulation_of(system: System) -> Any:
     """What `System.to_rebound` returns."""
     gravity = _gravity(system)
     if system.box.periodic:
-        raise InputError("to_rebound: the box is periodic, and rebound's boundaries are not ours")
+        raise InputError("to_rebound: the box is periodic; rebound's boundaries differ from kickdrift's")
     if system.units.coherent_mass != 1.0:
-        raise InputError(f"to_rebound: rebound has no units like {system.units.name!r}, in which force is not m a")
+        raise InputError(f"to_rebound: rebound cannot express units {system.units.name!r}, in which force is not m a")
     sim, state = rebound.Simulation(), system.state
     if (units := _rebound_units(system.units)) is not None:
         sim.units = units
@@ -176,9 +178,9 @@ def simulation_of(system: System) -> Any:
 def _gravity(system: System) -> Gravity | None:
     strange = [force.name for force in system.forces if not isinstance(force, Gravity)]
     if strange:
-        raise InputError(f"to_rebound: rebound has no force {strange[0]!r}; only gravity goes there")
+        raise InputError(f"to_rebound: rebound has no force {strange[0]!r}; expected only gravity")
     if len(system.forces) > 1:
-        raise InputError("to_rebound: the system has gravity twice")
+        raise InputError("to_rebound: expected one gravity force, got two")
     return system.forces[0] if system.forces else None
 
 

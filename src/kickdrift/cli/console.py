@@ -1,6 +1,6 @@
 """The program's streams: results on standard output, messages and progress on standard error.
 
-All that the program shows goes through this module, so that no text of a file reaches a terminal as it is.
+All output passes through this module, so that no text from a file reaches a terminal unchecked.
 """
 
 from __future__ import annotations
@@ -13,20 +13,28 @@ from contextlib import contextmanager, suppress
 
 from kickdrift.text import CELL, clean, escaped
 
-PLAIN = {"±": "+-", "×": "x", "→": "->", "…": "...", "–": "-", "ω": "omega", "∞": "inf"}  # for streams without them
-PLAINLY = "kickdrift-plain"  # what Python knows the error handler by
-KEY = 17  # characters of what stands before a line's text
+PLAIN = {
+    "±": "+-",
+    "×": "x",
+    "→": "->",
+    "…": "...",
+    "–": "-",
+    "ω": "omega",
+    "∞": "inf",
+}  # replacements for streams that cannot encode these
+PLAINLY = "kickdrift-plain"  # name of the error handler
+KEY = 17  # width of a line's key
 
 
 def open_streams() -> None:
-    """Make standard output and standard error usable, whatever the caller left of them.
+    """Make standard output and standard error usable, whatever their state.
 
-    What is written to a closed stream is lost. A character that a stream cannot encode is written in plain letters.
+    Output to a closed stream is lost. Plain letters replace a character that a stream cannot encode.
     """
     for number in range(3):
         try:
             os.fstat(number)
-        except OSError:  # a closed one, whose number the next file would have
+        except OSError:  # closed: the next file would get its number
             os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)
     sys.stdout = sys.stdout or open(1, "w", encoding="utf-8", closefd=False)  # noqa: SIM115
     sys.stderr = sys.stderr or open(2, "w", encoding="utf-8", closefd=False)  # noqa: SIM115
@@ -37,25 +45,25 @@ def open_streams() -> None:
 
 
 def _plainly(error: UnicodeError) -> tuple[str, int]:
-    """An error handler of ``codecs``: plain letters in the place of what cannot be encoded."""
+    """Error handler of ``codecs``: replace characters that cannot be encoded by plain letters."""
     if not isinstance(error, UnicodeEncodeError):
         raise error
     return "".join(PLAIN.get(each) or escaped(each) for each in error.object[error.start : error.end]), error.end
 
 
 def out(text: str) -> None:
-    """A line on standard output."""
+    """Print a line on standard output."""
     print(clean(text))
 
 
 def print_lines(lines: Iterable[tuple[str, str]]) -> None:
-    """Lines on standard output: what, and what of it."""
+    """Print lines of key and text on standard output."""
     for key, text in lines:
         out(f"{key:{KEY}} {text}")
 
 
 def print_table(title: str | None, columns: list[str], rows: list[list[str]]) -> None:
-    """A table on standard output, as wide as it needs to be where that is no terminal."""
+    """Print a table on standard output; without a terminal, as wide as needed."""
     from rich import box
     from rich.console import Console
     from rich.table import Table
@@ -69,7 +77,7 @@ def print_table(title: str | None, columns: list[str], rows: list[list[str]]) ->
 
 
 def say(text: str, quiet: bool = False) -> None:
-    """A message on standard error; it is lost where nobody can read it."""
+    """Print a message on standard error, or lose it if the stream is closed."""
     if not quiet:
         with suppress(OSError):
             print(clean(text), file=sys.stderr, flush=True)
@@ -77,7 +85,7 @@ def say(text: str, quiet: bool = False) -> None:
 
 @contextmanager
 def progress_bar(quiet: bool) -> Iterator[Callable[[str], Callable[[int, int], None]]]:
-    """Inside, ``bar(label)`` gives a function (done, of) that moves a bar on standard error, if that is a terminal."""
+    """Yield ``bar(label)``, which returns a function (done, of) that moves a bar on standard error, on a terminal."""
     if quiet or not sys.stderr.isatty():
         yield lambda label: _nothing
         return
@@ -101,7 +109,7 @@ def progress_bar(quiet: bool) -> Iterator[Callable[[str], Callable[[int, int], N
 
 @contextmanager
 def members_bar(quiet: bool) -> Iterator[Callable[[int, int, int], None] | None]:
-    """Inside, a function (done, of, failed) that shows them with their rate and the time left, on a terminal."""
+    """Yield a function (done, of, failed) that shows these with the rate and the remaining time, on a terminal."""
     if quiet or not sys.stderr.isatty():
         yield None
         return
@@ -117,7 +125,7 @@ def members_bar(quiet: bool) -> Iterator[Callable[[int, int, int], None] | None]
         begun: list[int] = []
 
         def show(done: int, of: int, failed: int) -> None:
-            if not begun:  # those that were done before have no rate
+            if not begun:  # members done earlier have no rate
                 begun.append(done)
                 progress.reset(task, total=of, completed=done)
             speed = progress.tasks[0].speed
@@ -128,4 +136,4 @@ def members_bar(quiet: bool) -> Iterator[Callable[[int, int, int], None] | None]
 
 
 def _nothing(done: int, of: int) -> None:
-    """A bar that is not shown."""
+    """Ignore progress: no bar is shown."""

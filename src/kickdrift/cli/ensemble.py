@@ -13,7 +13,7 @@ from kickdrift.disk.files import unfit
 from kickdrift.errors import InputError, RunError
 from kickdrift.text import counted
 
-MEASURE = "measure"  # what the module of a file with a measure is called
+MEASURE = "measure"  # module name of a file with a measure
 
 
 def ensemble(
@@ -22,15 +22,17 @@ def ensemble(
         list[str] | None,
         typer.Option(
             metavar="KEY=VALUES",
-            help="A key of the file, or dt, integrator …; START:STOP:COUNT, log:START:STOP:COUNT, A,B,C, "
-            "uniform:LOW:HIGH, normal:MEAN:DEVIATION or log-uniform:LOW:HIGH; one value sets it for all. Repeat for "
-            "several: every combination is run.",
+            help="A key of the file, or dt, integrator …, and its values: START:STOP:COUNT, log:START:STOP:COUNT, "
+            "A,B,C, uniform:LOW:HIGH, normal:MEAN:DEVIATION or log-uniform:LOW:HIGH; one value holds for all members. "
+            "Repeat for a grid of several keys.",
         ),
     ] = None,
-    replicas: Annotated[int, typer.Option(metavar="N", min=1, help="Runs of each, with other seeds.")] = 1,
-    seed: Annotated[int, typer.Option(metavar="S", min=0, help="The root of all seeds.")] = 0,
+    replicas: Annotated[
+        int, typer.Option(metavar="N", min=1, help="Members per combination, each with its own seed.")
+    ] = 1,
+    seed: Annotated[int, typer.Option(metavar="S", min=0, help="Root of all seeds.")] = 0,
     measure: Annotated[
-        str, typer.Option(metavar="NAME", help="run (default), megno, or FILE.py:FUNCTION of the Simulation.")
+        str, typer.Option(metavar="NAME", help="run (default), megno, or FILE.py:FUNCTION, called with the Simulation.")
     ] = "run",
     integrator: Annotated[str | None, typer.Option(metavar="NAME", help="See: kickdrift list integrators.")] = None,
     dt: Annotated[float | None, typer.Option(metavar="X", help="Step, in the system's unit of time.")] = None,
@@ -41,11 +43,12 @@ def ensemble(
         int | None, typer.Option(metavar="K", min=1, help="Processes on this machine (default: one for each core).")
     ] = None,
     scheduler: Annotated[
-        str | None, typer.Option(metavar="ADDRESS", help="Of a Dask cluster, such as tcp://host:8786, instead.")
+        str | None,
+        typer.Option(metavar="ADDRESS", help="Dask scheduler, such as tcp://host:8786, instead of workers here."),
     ] = None,
     output: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="The table, .parquet or .h5; the same command goes on where it stopped."),
+        typer.Option(metavar="FILE", help="The table, .parquet or .h5; the same command continues an interrupted one."),
     ] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the table of another ensemble.")] = False,
     trajectories: Annotated[
@@ -53,7 +56,7 @@ def ensemble(
     ] = None,
     quiet: QuietOption = False,
 ) -> None:
-    """Run a system many times, with values that vary and seeds of their own, on all cores or on a Dask cluster."""
+    """Run a system many times, with varied values and separate seeds, on all cores or on a Dask cluster."""
     from kickdrift.cli.printing_ensemble import print_ensemble
     from kickdrift.ensemble import Ensemble
     from kickdrift.ensemble.running import workers as dask_workers
@@ -72,7 +75,7 @@ def ensemble(
         def progress(now: int, of: int, failed: int) -> None:
             nonlocal done
             if done < 0 and now:
-                say(f"{output}: {now} of {counted(of, 'member')} are done already", quiet)
+                say(f"{output}: {now} of {counted(of, 'member')} are already done", quiet)
             done = now
             if bar:
                 bar(now, of, failed)
@@ -83,13 +86,13 @@ def ensemble(
             else:
                 with dask_workers(scheduler=scheduler) as client:
                     if not client.nthreads():
-                        say(f"{scheduler}: has no workers; waiting for some", quiet)
+                        say(f"{scheduler}: no workers yet; waiting", quiet)
                     table = planned.run(client, progress=progress, **options)
         except (KeyboardInterrupt, RunError):
             journal = output and journal_of(output)
             if journal and journal.exists():
                 again = "the same command without --overwrite" if overwrite else "the same command"
-                say(f"{journal}: has {max(done, 0)} of {counted(len(planned), 'member')}; {again} goes on from there")
+                say(f"{journal}: {max(done, 0)} of {counted(len(planned), 'member')} done; {again} continues")
             raise
     print_ensemble(table, output)
     if not (table["status"] == "done").any():
@@ -97,7 +100,7 @@ def ensemble(
 
 
 def _varied(given: list[str]) -> dict[str, str]:
-    """KEY=VALUES as a dict."""
+    """Parse KEY=VALUES into a dict."""
     found: dict[str, str] = {}
     for text in given:
         key, equals, values = text.partition("=")
@@ -110,7 +113,7 @@ def _varied(given: list[str]) -> dict[str, str]:
 
 
 def _measure(text: str) -> Any:
-    """What --measure means: a name, or a function in a file."""
+    """Parse --measure: a name, or a function in a file."""
     path, colon, name = text.rpartition(":")
     if not colon:
         if text not in ("run", "megno"):
@@ -131,5 +134,5 @@ def _measure(text: str) -> Any:
         raise InputError(f"--measure {text}: {path} has no function {name!r}")
     for each in found.values():
         if getattr(each, "__module__", None) == MEASURE:
-            each.__module__ = "__main__"  # so that it goes to workers by value
+            each.__module__ = "__main__"  # so that workers get it by value
     return function

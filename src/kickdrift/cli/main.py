@@ -1,4 +1,4 @@
-"""The command line: parse, call one function, print. Results on standard output, all else on standard error."""
+"""The command line: parse, call one function, print. Results go to standard output, the rest to standard error."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ if TYPE_CHECKING:
 
 app = typer.Typer(
     name="kickdrift",
-    help="Molecular dynamics and N-body simulation in which the integrator is a measured choice.",
+    help="Molecular dynamics and N-body simulation in which you choose and measure the integrator.",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
@@ -62,12 +62,12 @@ app.command()(ensemble)
 
 INTERRUPTED = 130
 BAD_NAMES = (errno.ENAMETOOLONG, errno.ELOOP, errno.EILSEQ, errno.ENOTDIR, errno.EISDIR, errno.ENOENT)
-TRACEBACK = "KICKDRIFT_TRACEBACK"  # the environment variable that shows where an error that is a bug came from
-TABLES = (".parquet", ".h5")  # of ensembles
+TRACEBACK = "KICKDRIFT_TRACEBACK"  # the environment variable that shows the source of a bug
+TABLES = (".parquet", ".h5")  # suffixes of ensembles' tables
 
 
 class Figures(StrEnum):
-    """What ``kickdrift plot`` can draw of a run."""
+    """Figures of a run that ``kickdrift plot`` can draw."""
 
     orbits = "orbits"
     energies = "energies"
@@ -78,7 +78,7 @@ class Figures(StrEnum):
 
 
 class Lists(StrEnum):
-    """What ``kickdrift list`` can show."""
+    """Lists that ``kickdrift list`` can show."""
 
     integrators = "integrators"
     forces = "forces"
@@ -94,11 +94,11 @@ def options(
             "--load",
             metavar="FILE.py",
             envvar="KICKDRIFT_LOAD",
-            help="First run a file that registers methods, forces.",
+            help="First load a Python file that registers methods or forces.",
         ),
     ] = None,
 ) -> None:
-    """What goes before the command."""
+    """Options before the command."""
     from kickdrift.integrators.registration import load_file
 
     for path in load or []:
@@ -111,20 +111,20 @@ def run(
     integrator: Annotated[str | None, typer.Option(metavar="NAME", help="See: kickdrift list integrators.")] = None,
     dt: Annotated[
         float | None,
-        typer.Option(metavar="X", help="Step, in the system's unit of time; an adaptive method's first."),
+        typer.Option(metavar="X", help="Step in the system's unit of time; the first step of adaptive methods."),
     ] = None,
     rtol: RtolOption = None,
     atol: AtolOption = None,
     max_step: Annotated[float | None, typer.Option(metavar="X", help="Longest step of adaptive methods.")] = None,
     compensated: Annotated[
-        bool, typer.Option("--compensated", help="Carry on what rounding loses of positions and velocities.")
+        bool, typer.Option("--compensated", help="Use compensated summation for positions and velocities.")
     ] = False,
     mixed: Annotated[
         bool | None,
-        typer.Option("--mixed/--double", help="Pairs in float32 and all else in float64, or all in float64."),
+        typer.Option("--mixed/--double", help="Pairs in float32 and everything else in float64, or all in float64."),
     ] = None,
     coordinates: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Of wisdom-holman and saba: jacobi, democratic-heliocentric.")
+        str | None, typer.Option(metavar="NAME", help="For wisdom-holman and saba: jacobi, democratic-heliocentric.")
     ] = None,
     corrector: Annotated[
         int | None, typer.Option(metavar="ORDER", help="Symplectic corrector of wisdom-holman: 3, 5, 7, 11, 17.")
@@ -132,33 +132,35 @@ def run(
     order: Annotated[str | None, typer.Option(metavar="NAME", help="Order of saba, such as 10,4.")] = None,
     eta: Annotated[float | None, typer.Option(metavar="X", help="Accuracy of hermite4's steps.")] = None,
     scheme: Annotated[str | None, typer.Option(metavar="NAME", help="Steps of hermite4: shared, block.")] = None,
-    steps: Annotated[int | None, typer.Option(metavar="N", min=0, help="Steps to take.")] = None,
-    time: Annotated[float | None, typer.Option(metavar="T", help="Time to run for, instead of --steps.")] = None,
+    steps: Annotated[int | None, typer.Option(metavar="N", min=0, help="Number of steps.")] = None,
+    time: Annotated[
+        float | None, typer.Option(metavar="T", help="Length of the run in time, instead of --steps.")
+    ] = None,
     every: Annotated[int | None, typer.Option(metavar="K", min=1, help="Steps between samples and frames.")] = None,
     interval: Annotated[
         float | None,
-        typer.Option(metavar="T", help="Time between them instead, for adaptive methods."),
+        typer.Option(metavar="T", help="Time between samples and frames, for adaptive methods."),
     ] = None,
     output: Annotated[Path | None, typer.Option(metavar="FILE.h5md", help="Write the trajectory.")] = None,
     overwrite: OverwriteOption = False,
     flush: FlushOption = None,
     precision: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Of the frames: float64 (default), float32.")
+        str | None, typer.Option(metavar="NAME", help="Type of stored frames: float64 (default), float32.")
     ] = None,
     compress: Annotated[bool, typer.Option("--compress", help="Compress the file at the end; lossless.")] = False,
     write: Annotated[
-        str | None, typer.Option(metavar="NAMES", help="What else frames hold: forces, images, or forces,images.")
+        str | None, typer.Option(metavar="NAMES", help="Further data in frames: forces, images, or forces,images.")
     ] = None,
     seed: Annotated[int | None, typer.Option(metavar="S", min=0, help="Seed of the drawn velocities.")] = None,
     threads: ThreadsOption = 1,
     engine: Annotated[str, typer.Option(metavar="NAME", help="See: kickdrift list engines.")] = "native",
     processes: Annotated[
-        int, typer.Option(metavar="N", min=1, help="Processes, of an engine that runs on several: lammps.")
+        int, typer.Option(metavar="N", min=1, help="Number of processes, for an engine that can use several: lammps.")
     ] = 1,
     json_file: JsonOption = None,
     quiet: QuietOption = False,
 ) -> None:
-    """Run a system and say how well it conserved energy and momentum."""
+    """Run a system and report how well it conserved energy and momentum."""
     from kickdrift.engines import engine as engine_named
     from kickdrift.model.system import System
     from kickdrift.systemfile.reading import load
@@ -194,12 +196,12 @@ def run(
 
 
 def file_options(output: Path | None, given: dict[str, Any]) -> FileOptions | None:
-    """How the output is written; None where no option says so."""
+    """Options of the output file; None without any."""
     from kickdrift.trajectory.options import FileOptions
 
     asked = {key: value for key, value in given.items() if value is not None}
     if asked and output is None:
-        raise InputError(f"--{next(iter(asked))}: says how --output is written; give that too")
+        raise InputError(f"--{next(iter(asked))}: needs --output")
     return FileOptions(**asked) if asked else None
 
 
@@ -207,20 +209,21 @@ def file_options(output: Path | None, given: dict[str, Any]) -> FileOptions | No
 def resume(
     file: Annotated[Path, typer.Argument(metavar="FILE.h5md", help="The file of a run, finished or not.")],
     steps: Annotated[
-        int | None, typer.Option(metavar="N", min=0, help="Go on to this step, counted from the run's start.")
+        int | None, typer.Option(metavar="N", min=0, help="Continue to this step, counted from the run's start.")
     ] = None,
     time: Annotated[
-        float | None, typer.Option(metavar="T", help="Go on to this time since the run's start, instead of --steps.")
+        float | None, typer.Option(metavar="T", help="Continue to this time since the run's start, instead of --steps.")
     ] = None,
     threads: Annotated[
-        int | None, typer.Option(metavar="K", min=1, help="Default: the run's; the results do not depend on it.")
+        int | None,
+        typer.Option(metavar="K", min=1, help="Threads (default: as in the run); they do not change the results."),
     ] = None,
     flush: FlushOption = None,
     json_file: JsonOption = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the JSON file.")] = False,
     quiet: QuietOption = False,
 ) -> None:
-    """Finish a run that was interrupted, or make it longer: the same bits as without the interruption."""
+    """Finish an interrupted run or extend a finished one, with the same bits as an uninterrupted run."""
     if steps is not None and time is not None:
         raise InputError("give --steps or --time, not both")
     refuse_outputs({"json": json_file}, overwrite, [file])
@@ -233,20 +236,20 @@ def resume(
     with opened(file) as run:
         options, closed = None if flush is None else replace(run.options, flush=flush), run.closed
     if sim.plan is None:
-        raise InputError(f"{file}: does not say how far the run was to go; give --steps or --time")
+        raise InputError(f"{file}: the length of the run is not known; give --steps or --time")
     sim.plan = continued(sim, steps, time)
     if sim.plan.over(sim) and closed:
-        say(f"{file}: is finished, at step {sim.steps_done}; --steps or --time make it longer", quiet)
+        say(f"{file}: the run is finished at step {sim.steps_done}; --steps or --time extend it", quiet)
         report = sim.report()
     else:
         with progress_bar(quiet) as bar:
-            say(f"{file}: goes on from step {sim.steps_done}", quiet)
+            say(f"{file}: continues from step {sim.steps_done}", quiet)
             report = sim.run(progress=bar("running"), file=options)
     show(report, sim, file, json_file, quiet, overwrite)
 
 
 def warn_of_version(sim: Simulation, quiet: bool) -> None:
-    """Say before the first step that a program's version was not tested."""
+    """Warn of an untested version of an engine before the first step."""
     from kickdrift.engines import ENGINES
 
     for warning in ENGINES[sim.engine].warnings:
@@ -256,32 +259,37 @@ def warn_of_version(sim: Simulation, quiet: bool) -> None:
 def show(
     report: Report, sim: Simulation, output: Path | None, json_file: Path | None, quiet: bool, overwrite: bool
 ) -> None:
-    """A run's warnings and report, printed and where it was asked for written."""
+    """Print a run's warnings and report, and write the report on request."""
     from kickdrift.engines import ENGINES
 
     for warning in report.warnings:
-        if warning not in ENGINES[sim.engine].warnings:  # which was said before
+        if warning not in ENGINES[sim.engine].warnings:  # printed before
             say(f"warning: {warning}", quiet)
     try:
         write_json(json_file, report.as_json(), overwrite=overwrite)
-    finally:  # what was computed is not lost to a full disk
+    finally:  # a full disk does not lose the results
         print_report(report, sim, output)
 
 
 @bench_app.command("lj-energy")
 def bench_lj_energy(
-    particles: Annotated[int, typer.Option(metavar="N", min=1, help="Particles; a cube of a whole number.")] = 1000,
+    particles: Annotated[
+        int, typer.Option(metavar="N", min=1, help="Number of particles; a cube such as 1000.")
+    ] = 1000,
     steps: Annotated[
-        int | None, typer.Option(metavar="N", min=1, help="Steps of 0.005 (default 2000; in full 1000000).")
+        int | None,
+        typer.Option(metavar="N", min=1, help="Steps of 0.005 (default 2000; the full benchmark has 1000000)."),
     ] = None,
-    integrator: Annotated[list[str] | None, typer.Option(metavar="NAME", help="Repeat for several.")] = None,
+    integrator: Annotated[
+        list[str] | None, typer.Option(metavar="NAME", help="Integrator; repeat for several.")
+    ] = None,
     threads: ThreadsOption = 1,
     json_file: JsonOption = None,
     plot: Annotated[Path | None, typer.Option(metavar="FILE.png", help="Draw the energy errors against time.")] = None,
     overwrite: OverwriteOption = False,
     quiet: QuietOption = False,
 ) -> None:
-    """The Lennard-Jones energy benchmark: energy error and drift of the integrators, at one step and at one cost."""
+    """The Lennard-Jones energy benchmark: energy error and drift of integrators, at equal step and at equal cost."""
     refuse_outputs({"json": json_file, "plot": plot}, overwrite)
     from kickdrift.analysis import bench
     from kickdrift.forces.bound import check_threads
@@ -326,16 +334,19 @@ def bench_lj_energy(
 @bench_app.command("speed")
 def bench_speed(
     only: Annotated[
-        list[str] | None, typer.Option(metavar="GROUP", help="Repeat for several; default the usual ones. See --list.")
+        list[str] | None,
+        typer.Option(
+            metavar="GROUP", help="Group of programs; repeat for several (default: the usual groups). See --list."
+        ),
     ] = None,
-    turns: Annotated[int, typer.Option(metavar="N", min=2, help="Of each program; medians are over them.")] = 7,
-    seconds: Annotated[float, typer.Option(metavar="X", min=0.001, help="Length of a turn.")] = 0.4,
-    listing: Annotated[bool, typer.Option("--list", help="List the groups, run none.")] = False,
+    turns: Annotated[int, typer.Option(metavar="N", min=2, help="Turns per program; the median is reported.")] = 7,
+    seconds: Annotated[float, typer.Option(metavar="X", min=0.001, help="Seconds per turn.")] = 0.4,
+    listing: Annotated[bool, typer.Option("--list", help="List the groups and run none.")] = False,
     json_file: JsonOption = None,
     overwrite: OverwriteOption = False,
     quiet: QuietOption = False,
 ) -> None:
-    """Speed beside every other program that is installed, in turns on the same systems; the energy error of each."""
+    """Time kickdrift beside every other installed program, in turns on the same systems, with each energy error."""
     refuse_outputs({"json": json_file}, overwrite)
     need_validation("bench speed")
     from kickdrift_validation.performance import speed
@@ -345,7 +356,7 @@ def bench_speed(
         print_table(None, *speed.listed())
         return
     length = duration(speed.expected_seconds(entries, turns, seconds))
-    say(f"expected time: {length}, and more where something has to be compiled first", quiet)
+    say(f"expected time: {length}, plus compilation where it is needed", quiet)
     with progress_bar(quiet) as bar:
         found = speed.measure(entries, turns, seconds, bar)
     for line in speed.left_out(found):
@@ -360,16 +371,17 @@ def bench_speed(
 def compare(
     system: SystemArgument,
     integrator: Annotated[
-        list[str] | None, typer.Option(metavar="NAME", help="Repeat for several; default a choice that suits.")
+        list[str] | None,
+        typer.Option(metavar="NAME", help="Integrator; repeat for several (default: a suitable choice)."),
     ] = None,
     time: Annotated[
-        float | None, typer.Option(metavar="T", help="Length of the pilot runs (default: what about a minute allows).")
+        float | None, typer.Option(metavar="T", help="Length of the pilot runs (default: about a minute's worth).")
     ] = None,
     accuracy: Annotated[
-        float | None, typer.Option(metavar="X", help="Relative error wanted: recommend what to run.")
+        float | None, typer.Option(metavar="X", help="Wanted relative error: recommend a method and a step.")
     ] = None,
     length: Annotated[
-        float | None, typer.Option(metavar="T", help="Length of the run in mind (default: the file's).")
+        float | None, typer.Option(metavar="T", help="Length of the planned run (default: the file's).")
     ] = None,
     seed: Annotated[int | None, typer.Option(metavar="S", min=0, help="Seed of the drawn velocities.")] = None,
     threads: ThreadsOption = 1,
@@ -380,7 +392,7 @@ def compare(
     overwrite: OverwriteOption = False,
     quiet: QuietOption = False,
 ) -> None:
-    """Work against precision: the error of each integrator over steps or tolerances, and what it costs."""
+    """Measure work against precision: the error and the cost of each integrator over steps or tolerances."""
     refuse_outputs({"json": json_file, "plot": plot}, overwrite, [system])
     from kickdrift.analysis import work_precision as work
     from kickdrift.analysis.recommendation import recommendation
@@ -391,7 +403,7 @@ def compare(
     work.check_arguments(time, length, accuracy, threads)
     subject = load(system, seed)
     if isinstance(subject, System):
-        subject = subject.watched(())  # trajectories of all methods and steps are compared with one reference
+        subject = subject.watched(())  # every method and step is compared with one reference trajectory
     work.chosen(subject, integrator)
     say("compiling (the first time on a machine takes longest) and comparing: about a minute …", quiet)
     with progress_bar(quiet) as bar:
@@ -417,11 +429,11 @@ def compare(
 @app.command()
 def chaos(
     system: SystemArgument,
-    time: Annotated[float | None, typer.Option(metavar="T", help="Time to run for (default: the file's).")] = None,
+    time: Annotated[float | None, typer.Option(metavar="T", help="Length of the run (default: the file's).")] = None,
     integrator: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Default: the file's where it can, else dop853.")
+        str | None, typer.Option(metavar="NAME", help="Default: the file's if it can carry deviations, else dop853.")
     ] = None,
-    dt: Annotated[float | None, typer.Option(metavar="X", help="Step of methods of fixed steps.")] = None,
+    dt: Annotated[float | None, typer.Option(metavar="X", help="Step of fixed-step methods.")] = None,
     rtol: Annotated[float | None, typer.Option(metavar="X", help="Relative tolerance of adaptive methods.")] = None,
     atol: Annotated[float | None, typer.Option(metavar="X", help="Absolute tolerance of adaptive methods.")] = None,
     seed: Annotated[int, typer.Option(metavar="S", min=0, help="Seed of the first deviation.")] = 0,
@@ -430,7 +442,7 @@ def chaos(
     overwrite: OverwriteOption = False,
     quiet: QuietOption = False,
 ) -> None:
-    """Is the motion regular or chaotic: MEGNO and the largest Lyapunov exponent, from the variational equations."""
+    """Tell regular from chaotic motion: MEGNO and the largest Lyapunov exponent from the variational equations."""
     refuse_outputs({"json": json_file}, overwrite, [system])
     from kickdrift.analysis.chaos import megno
     from kickdrift.systemfile.reading import load
@@ -455,25 +467,25 @@ def plot(
         Path | None, typer.Option(metavar="FILE.png", help="Default: FILE.png beside the file, or stability.png.")
     ] = None,
     kind: Annotated[
-        Figures | None, typer.Option(help="Of a run; default orbits where there is gravity, else energies.")
+        Figures | None, typer.Option(help="Figure of a run (default: orbits under gravity, else energies).")
     ] = None,
     stability: Annotated[
         list[str] | None,
-        typer.Option(metavar="NAME", help="Draw where an integrator is stable, no run; repeat for several."),
+        typer.Option(metavar="NAME", help="Draw an integrator's stability region, without a run; repeat for several."),
     ] = None,
     column: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Of an ensemble's table (default: what tells most).")
+        str | None, typer.Option(metavar="NAME", help="Column of an ensemble's table (default: the most informative).")
     ] = None,
     overwrite: OverwriteOption = False,
 ) -> None:
-    """Draw a run (its bodies' orbits and elements; or energies, error, temperature and radial distribution function;
-    or one observable with error bars), an ensemble (a map, a curve, points or a histogram), or where integrators are
-    stable."""
+    """Draw a run, an ensemble or stability regions. A run gives orbits and elements; or energies, error, temperature
+    and radial distribution function; or one observable with error bars. An ensemble gives a map, a curve, points or a
+    histogram."""
     if stability and (file or kind or column):
         raise InputError("give FILE or --stability, not both")
     of_ensemble = file is not None and file.suffix.lower() in TABLES
     if file and (kind if of_ensemble else column):
-        raise InputError("--kind is of a run's .h5md, --column of the .parquet or .h5 of an ensemble")
+        raise InputError("--kind is for a run's .h5md, --column for an ensemble's .parquet or .h5")
     if stability:
         from kickdrift.plots.stability import plot_stability
 
@@ -497,7 +509,7 @@ def plot(
         draw = plot_orbits if orbits else plot_run
         out(str(draw(file, target, overwrite=overwrite)))
     else:
-        raise InputError("give FILE, or --stability NAME for a figure of an integrator")
+        raise InputError("give FILE, or --stability NAME to draw an integrator")
 
 
 @app.command()
@@ -505,18 +517,19 @@ def export(
     file: Annotated[Path, typer.Argument(metavar="FILE.h5md", help="A run's file.")],
     output: Annotated[
         Path,
-        typer.Argument(metavar="OUT", help="The suffix says what: dcd, xtc, trr, xyz, pdb, extxyz, traj."),
+        typer.Argument(metavar="OUT", help="The suffix sets the format: dcd, xtc, trr, xyz, pdb, extxyz, traj."),
     ],
     unwrapped: Annotated[
-        bool, typer.Option("--unwrapped/--wrapped", help="Positions as the run has them, or inside the box.")
+        bool,
+        typer.Option("--unwrapped/--wrapped", help="Unwrapped positions as in the run, or positions inside the box."),
     ] = False,
     start: Annotated[int | None, typer.Option(metavar="A", help="First frame, from 0; negative from the end.")] = None,
-    stop: Annotated[int | None, typer.Option(metavar="B", help="The frame to end before.")] = None,
+    stop: Annotated[int | None, typer.Option(metavar="B", help="First frame after the chosen ones.")] = None,
     step: Annotated[int | None, typer.Option(metavar="C", min=1, help="Only every C-th frame.")] = None,
     overwrite: OverwriteOption = False,
     quiet: QuietOption = False,
 ) -> None:
-    """Write a run's frames for other programs, and say what their format loses."""
+    """Write a run's frames for other programs, and print what the format loses."""
     from kickdrift.trajectory.export import export as write
 
     with progress_bar(quiet) as bar:
@@ -534,7 +547,7 @@ def info(
         str, typer.Argument(metavar="FILE", help="A run's file, an ensemble's table, or a system file or name.")
     ],
 ) -> None:
-    """Say what a run's file or an ensemble's table holds, or check a system file without running it."""
+    """Describe a run's file or an ensemble's table, or check a system file without running it."""
     from kickdrift.systemfile.reading import is_shipped, load
 
     if Path(file).suffix == ".h5md" and not os.path.lexists(file):
@@ -558,7 +571,7 @@ def info(
 
 
 def check_run(system: System | Problem) -> None:
-    """An InputError where a system's [run] names no method, or options that the method does not take."""
+    """Raise InputError if a system's [run] names no method, or options that the method does not take."""
     from kickdrift.integrators import integrator
     from kickdrift.integrators.options import Options
 
@@ -572,17 +585,18 @@ def check_run(system: System | Problem) -> None:
 @app.command()
 def validate(
     names: Annotated[
-        list[str] | None, typer.Argument(metavar="NAME", help="Scripts, or a group of them; default all. See --list.")
+        list[str] | None,
+        typer.Argument(metavar="NAME", help="Scripts or groups of scripts (default: all). See --list."),
     ] = None,
-    long: Annotated[bool, typer.Option("--long", help="All claims, not those that take minutes in all.")] = False,
-    jobs: Annotated[int, typer.Option(metavar="K", min=1, help="Scripts to run at a time.")] = 2,
+    long: Annotated[bool, typer.Option("--long", help="Run every claim (default: some minutes' worth).")] = False,
+    jobs: Annotated[int, typer.Option(metavar="K", min=1, help="Scripts that run at once.")] = 2,
     report: Annotated[
-        Path | None, typer.Option(metavar="FILE.md", help="Where the report goes, its figures in a folder beside it.")
+        Path | None, typer.Option(metavar="FILE.md", help="File of the report; its figures go into a folder beside it.")
     ] = None,
-    listing: Annotated[bool, typer.Option("--list", help="List the scripts, run none.")] = False,
+    listing: Annotated[bool, typer.Option("--list", help="List the scripts and run none.")] = False,
     quiet: QuietOption = False,
 ) -> None:
-    """Compare kickdrift with programs and data that others made, and write a report; exit status 1 if a claim fails."""
+    """Compare kickdrift with other people's programs and data and write a report; exit status 1 if a claim fails."""
     need_validation("validate")
     from kickdrift_validation import runner
 
@@ -593,21 +607,21 @@ def validate(
 
 
 def need_validation(command: str) -> None:
-    """Raise an InputError where the package of the comparisons with other programs is absent."""
+    """Raise InputError if the package of the validation scripts is missing."""
     if find_spec("kickdrift_validation") is None:
-        raise InputError(f"{command}: this copy of kickdrift came without the package kickdrift_validation")
+        raise InputError(f"{command}: this copy of kickdrift lacks the package kickdrift_validation")
 
 
 @app.command("list")
 def list_(what: Annotated[Lists, typer.Argument()]) -> None:
-    """List what there is."""
+    """List integrators, forces, systems or engines."""
     columns, rows = LISTINGS[what]()
     print_table(None, columns, rows)
 
 
 def main() -> None:
     """The program: exit status 0 done, 1 the run failed, 2 bad input, 130 Ctrl-C."""
-    usage_error: Any = typer.BadParameter.__base__  # click's, or that of typer's own copy of click
+    usage_error: Any = typer.BadParameter.__base__  # from click, or from typer's own copy of click
     try:
         open_streams()
         with heard_everywhere():
@@ -616,7 +630,7 @@ def main() -> None:
         say(f"kickdrift: {error}")
         status = error.exit_status
     except usage_error as error:
-        if text := " ".join(error.format_message().split()):  # without any arguments it is empty, and help was shown
+        if text := " ".join(error.format_message().split()):  # empty without arguments, when help was shown
             command = error.ctx.command_path if error.ctx else "kickdrift"
             say(f"kickdrift: {text.rstrip('.')} (see {command} --help)")
         status = 2
@@ -630,7 +644,7 @@ def main() -> None:
         say(f"kickdrift: {where}{reason(error)}")
         status = 2 if error.errno in BAD_NAMES else 1
     except MemoryError:
-        say("kickdrift: there is not enough memory for this")
+        say("kickdrift: not enough memory")
         status = 1
     except Exception as error:
         if os.environ.get(TRACEBACK):
@@ -638,14 +652,14 @@ def main() -> None:
         what = f"{type(error).__name__}: {error}".rstrip(": ")
         say(f"kickdrift: this is a bug in kickdrift, please report it: {what} ({TRACEBACK}=1 shows where)")
         status = 1
-    if status == INTERRUPTED:  # typer makes an exit of a KeyboardInterrupt
-        say("kickdrift: interrupted; what was written is whole")
+    if status == INTERRUPTED:  # typer turns a KeyboardInterrupt into an exit
+        say("kickdrift: interrupted; all written files are whole")
     written = everything_written(quiet=bool(status))
     sys.exit(status or written)
 
 
 def everything_written(quiet: bool) -> int:
-    """Write what standard output still keeps; the exit status, 1 where that fails."""
+    """Flush standard output; return the exit status, 1 if that fails."""
     try:
         sys.stdout.flush()
     except OSError as error:
@@ -657,5 +671,5 @@ def everything_written(quiet: bool) -> int:
 
 
 def forget_output() -> None:
-    """Send the rest of standard output nowhere, so that Python does not try once more at its end."""
+    """Send the rest of standard output to the null device, so that Python does not try again at exit."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

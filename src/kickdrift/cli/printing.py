@@ -1,4 +1,4 @@
-"""What the command line shows of runs, systems and lists, on standard output."""
+"""Output of the command line for runs, systems and lists, on standard output."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 def list_integrators() -> tuple[list[str], list[list[str]]]:
-    """Every integrator and what is known of it."""
+    """Table of every integrator and its properties."""
     from kickdrift.integrators import INTEGRATORS
 
     yes = {True: "yes", False: "no"}
@@ -45,7 +45,7 @@ def list_integrators() -> tuple[list[str], list[list[str]]]:
 
 
 def print_stability(names: Sequence[str]) -> None:
-    """How large a step of each method may be, from its coefficients."""
+    """Print the longest stable step of each method, from its coefficients."""
     from kickdrift.integrators import integrator
     from kickdrift.integrators.splitting import Splitting
     from kickdrift.integrators.stability import imaginary_interval, real_interval, stability_interval
@@ -61,7 +61,7 @@ def print_stability(names: Sequence[str]) -> None:
 
 
 def list_forces() -> tuple[list[str], list[list[str]]]:
-    """Every force and its parameters."""
+    """Table of every force and its parameters."""
     import inspect
 
     from kickdrift.forces import FORCES
@@ -70,11 +70,11 @@ def list_forces() -> tuple[list[str], list[list[str]]]:
         [name, ", ".join(inspect.signature(force).parameters), (force.__doc__ or "").split("\n")[0]]
         for name, force in FORCES.items()
     ]
-    return ["name", "parameters", "what"], rows
+    return ["name", "parameters", "description"], rows
 
 
 def list_systems() -> tuple[list[str], list[list[str]]]:
-    """Every system file that ships."""
+    """Table of every shipped system file."""
     from kickdrift.systemfile.reading import describe, shipped
 
     found = [describe(path) for path in shipped().values()]
@@ -82,7 +82,7 @@ def list_systems() -> tuple[list[str], list[list[str]]]:
 
 
 def list_engines() -> tuple[list[str], list[list[str]]]:
-    """Every engine, and what is installed of it."""
+    """Table of every engine and its installed version."""
     from kickdrift.engines import ENGINES
 
     return ["name", "version", "runs"], [
@@ -99,7 +99,7 @@ LISTINGS: dict[str, Callable[[], tuple[list[str], list[list[str]]]]] = {
 
 
 def print_report(report: Report, sim: Simulation, output: Path | None) -> None:
-    """A run's summary on standard output."""
+    """Print a run's summary on standard output."""
     from kickdrift.model.events import event_lines
     from kickdrift.model.system import System
 
@@ -149,7 +149,7 @@ def print_report(report: Report, sim: Simulation, output: Path | None) -> None:
     speed = f"{rate:,.0f}" if rate >= 10 or not rate else f"{rate:.2g}"
     lines.append(("speed", f"{evaluations}{speed} steps/s on {where}{per_pair}"))
     if report.energy_taken is not None:
-        lines.append(("energy taken", f"{report.energy_taken:.8g}{unit} by collisions and bodies that left"))
+        lines.append(("energy taken", f"{report.energy_taken:.8g}{unit} by collisions and removed bodies"))
     if report.stopped:
         lines.append(("stopped", report.stopped))
     lines += event_lines(report.events)
@@ -159,14 +159,14 @@ def print_report(report: Report, sim: Simulation, output: Path | None) -> None:
 
 
 def drift_text(energy: EnergyReport, ending: str = "") -> str:
-    """The slope, its interval and the ending; nothing where no interval can be told."""
+    """Text of the slope, its interval and the ending; empty without a finite interval."""
     if not math.isfinite(energy.drift_error):
         return ""
     return f"{energy.drift_per_unit_time:+.1e} ± {energy.drift_error:.1e}{ending}"
 
 
 def print_chaos(report: ChaosReport) -> None:
-    """What a deviation's growth says, on standard output."""
+    """Print MEGNO and the Lyapunov exponent on standard output."""
     time_unit = report.time_unit
     step = "" if report.dt is None else f", dt = {report.dt:g} {time_unit}"
     lines = [
@@ -181,10 +181,10 @@ def print_chaos(report: ChaosReport) -> None:
 
 
 def print_benchmark(rows: list[Any], particles: int, seconds: float) -> None:
-    """The benchmark's two tables on standard output."""
+    """Print the benchmark's two tables on standard output."""
     titles = {
-        "same step": "The same step",
-        "same cost": "The same cost: 1000 force evaluations per unit of time",
+        "same step": "Equal step",
+        "same cost": "Equal cost: 1000 force evaluations per unit of time",
     }
     columns = ["method", "dt", "RMS error", "largest", "drift per unit time", "verdict", "steps/s"]
     for table, title in titles.items():
@@ -207,13 +207,13 @@ def print_benchmark(rows: list[Any], particles: int, seconds: float) -> None:
                 body.append([row.method, f"{row.dt:g}", "–", "–", "–", row.failure, "–"])
         print_table(title, columns, body)
     out(
-        f"{particles:,} particles, errors relative to |E(0)|; leapfrog in its kick-drift-kick form is velocity-verlet. "
-        f"Took {duration(seconds)}."
+        f"{particles:,} particles, errors relative to |E(0)|; velocity-verlet is leapfrog in its kick-drift-kick form. "
+        f"Time: {duration(seconds)}."
     )
 
 
 def print_claims(rows: list[Any], claimed: dict[str, str]) -> None:
-    """What is claimed of the full benchmark beside what was measured, on standard output."""
+    """Print the literature's claims on the full benchmark beside the measured values, on standard output."""
     body = []
     for row in rows:
         if row.method in claimed:
@@ -224,7 +224,7 @@ def print_claims(rows: list[Any], claimed: dict[str, str]) -> None:
 
 
 def print_system(system: System | Problem) -> None:
-    """What a system file says, checked."""
+    """Print the content of a checked system file."""
     from kickdrift.model.system import System
 
     lines = [("system", f"{system.name}: valid")]
@@ -244,7 +244,7 @@ def print_system(system: System | Problem) -> None:
         lines += [
             ("problem", f"{counted(len(system), 'unknown')}, separable: {'yes' if system.separable else 'no'}"),
             ("y0", f"{', '.join(f'{value:.10g}' for value in system.y0)} at t = {system.t0:g}"),
-            ("known", ", ".join(about) or "nothing besides f"),
+            ("known", ", ".join(about) or "only f"),
         ]
     given = {key: value for key, value in vars(system.run).items() if value is not None}
     lines.append(("run", ", ".join(f"{key} = {value}" for key, value in given.items())))

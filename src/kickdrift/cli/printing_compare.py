@@ -1,4 +1,4 @@
-"""What ``kickdrift compare`` shows on standard output."""
+"""Output of ``kickdrift compare`` on standard output."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def print_comparison(comparison: Comparison) -> None:
-    """The rows, the slopes and what they were measured against."""
+    """Print the rows, the slopes and the reference."""
     energy = comparison.measure == "energy"
     unit = f" {comparison.time_unit}" if comparison.time_unit else ""
     columns = ["method", "dt or rtol", "evaluations", "seconds", "error"]
@@ -25,19 +25,19 @@ def print_comparison(comparison: Comparison) -> None:
     slopes = []
     for name, (of_all, of_one) in comparison.slopes.items():
         slopes.append([name, _slope(of_all), _slope(of_one)])
-    print_table("Slope against the step: p, and p + 1 of one step", ["method", "error", "error of a step"], slopes)
+    print_table("Slope against the step: p, and p + 1 for one step", ["method", "error", "error of a step"], slopes)
     lines = [
-        ("error", comparison.reference if energy else f"largest over {comparison.samples} samples, over the size of "
-         f"what moves, against {comparison.reference}"),
-        ("reference", f"good to {comparison.reference_error:.1e}; no error below is believed"),
+        ("error", comparison.reference if energy else f"largest of {comparison.samples} samples, relative to the "
+         f"size of the motion, against {comparison.reference}"),
+        ("reference", f"accurate to {comparison.reference_error:.1e}; smaller errors are not resolved"),
         *(("note", note) for note in comparison.notes),
-        ("took", f"{duration(comparison.wall_seconds)} on {counted(comparison.threads, 'thread')}"),
+        ("time taken", f"{duration(comparison.wall_seconds)} on {counted(comparison.threads, 'thread')}"),
     ]  # fmt: skip
     print_lines(lines)
 
 
 def print_recommendation(found: Recommendation, system: str, unit: str) -> None:
-    """What to run and why, or why nothing is recommended."""
+    """Print the recommended method with its evidence, or the reason for a refusal."""
     unit = f" {unit}" if unit else ""
     lines = [("wanted", f"error {found.accuracy:g} over {found.length:.6g}{unit}")]
     pilot = f"{found.pilot:.6g}{unit}; the run is {found.extrapolation:.3g} times as long"
@@ -47,10 +47,10 @@ def print_recommendation(found: Recommendation, system: str, unit: str) -> None:
     else:
         lines.append(("recommended", _foreseen(found.choice)))
         if found.others:
-            tie = ", which timing cannot tell apart" if found.tie else ""
+            tie = ", too close for timing to tell" if found.tie else ""
             lines.append(("next", f"{_foreseen(found.others[0])}: {found.margin:.2g} times the cost{tie}"))
         else:
-            lines.append(("next", "no other method meets it"))
+            lines.append(("next", "no other method reaches this accuracy"))
     lines += [("evidence", line) for line in found.evidence]
     if found.choice is not None:
         lines.append(("to run it", f"kickdrift run {system} {found.choice.options(found.length)}"))
@@ -62,7 +62,7 @@ def _foreseen(choice: Choice) -> str:
     knobs = {key: value for key in ("dt", "rtol", "atol") if (value := getattr(choice, key)) is not None}
     knob = ", ".join(f"{key} = {value:.4g}" for key, value in knobs.items())
     took = f"{choice.seconds:.2g} s" if choice.seconds < 90 else duration(choice.seconds)
-    return f"{choice.method}, {knob}: {took}, {choice.evaluations:.3g} evaluations, error {choice.error:.1e} foreseen"
+    return f"{choice.method}, {knob}: {took}, {choice.evaluations:.3g} evaluations, expected error {choice.error:.1e}"
 
 
 def _cells(row: Row, energy: bool) -> list[str]:
@@ -70,7 +70,7 @@ def _cells(row: Row, energy: bool) -> list[str]:
     if row.failure:
         took = f"{row.seconds:.2g}" if row.seconds else "–"
         return [row.method, knob, "–", took, row.failure[:60], *([] if energy else ["–"]), "–"]
-    error = f"{row.error:.2e}" if row.believed else f"{row.error:.0e} (reference's own)"
+    error = f"{row.error:.2e}" if row.believed else f"{row.error:.0e} (of the reference)"
     others = [] if energy else ["–" if row.energy_error is None else f"{row.energy_error:.1e}"]
     local = "–" if row.local_error is None else f"{row.local_error:.1e}"
     return [row.method, knob, f"{row.evaluations:,}", f"{row.seconds:.2g}", error, *others, local]

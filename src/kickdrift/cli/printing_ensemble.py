@@ -1,4 +1,4 @@
-"""What the command line shows of an ensemble."""
+"""Output of the command line for an ensemble."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from kickdrift.text import counted, with_error
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-ROWS = 24  # points of a grid that are listed one by one
-ERRORS = 3  # failures that are told one by one
+ROWS = 24  # largest grid whose points are listed one by one
+ERRORS = 3  # most failures that are printed one by one
 
 
 def print_ensemble(table: DataFrame, output: Path | None) -> None:
-    """A table's summary on standard output, and its failures on standard error."""
+    """Print a table's summary on standard output, and its failures on standard error."""
     came_from = table.attrs[PROVENANCE]
     counts = table["status"].value_counts()
     grids = {key: "" if len(values) > 1 else f" = {values[0]}" for key, values in came_from["grids"].items()}
-    varied = [*(f"{key}{one}" for key, one in grids.items()), *(f"{key} (drawn)" for key in summary.drawn(table))]
+    varied = [*(f"{key}{one}" for key, one in grids.items()), *(f"{key} (random)" for key in summary.drawn(table))]
     lines = [
         ("ensemble", f"{came_from['system']}: {counted(len(table), 'member')}, root seed {came_from['seed']}"),
-        ("varied", ", ".join(varied) or "seeds alone"),
+        ("varied", ", ".join(varied) or "only seeds"),
         ("members", ", ".join(f"{count:,} {status}" for status, count in counts.items())),
     ]
     done = table[table["status"] == DONE]
@@ -49,8 +49,8 @@ def print_ensemble(table: DataFrame, output: Path | None) -> None:
 
 
 def _print_measured(table: DataFrame) -> None:
-    """Means with their standard errors: of each quantity, or at each point of a small grid of the one that tells
-    most."""
+    """Print means with standard errors: of each quantity, or of the most informative one at each point of a small
+    grid."""
     if not summary.measured(table):
         return
     done = table[table["status"] == DONE]

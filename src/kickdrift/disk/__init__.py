@@ -1,1 +1,1 @@
-"""Files on the disk: opened, made, told apart and replaced without harm. Knows nothing of what they hold."""
+"""Files on disk: open, create, recognise and replace them safely. Knows nothing of their content."""

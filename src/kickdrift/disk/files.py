@@ -1,4 +1,4 @@
-"""Files that a user names as input: nothing but a regular file is opened, and no open waits for another program."""
+"""Input files of the user: only regular files are opened, and no open waits for another program."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import BinaryIO
 
 from kickdrift.errors import InputError
 
-SYSTEM_FILE_BYTES = 16 * 2**20  # about 200,000 particles line by line; more belong in a structure file
+SYSTEM_FILE_BYTES = 16 * 2**20  # about 200,000 particles line by line; put more into a structure file
 _WORDS = {
     errno.ENOENT: "no such file",
     errno.ENOTDIR: "no such file",
@@ -30,7 +30,7 @@ _KINDS = {
 
 
 def unfit(path: str | os.PathLike[str], what: str = "a file") -> str | None:
-    """Why the path is not that of a regular file, in words; None where it is one. Nothing is opened."""
+    """Reason why the path is not a regular file, or None. Opens nothing."""
     try:
         return _unfit(os.stat(path), what)
     except (OSError, ValueError) as error:
@@ -38,17 +38,17 @@ def unfit(path: str | os.PathLike[str], what: str = "a file") -> str | None:
 
 
 def refuse_unfit(path: str | os.PathLike[str], what: str = "a file") -> None:
-    """An InputError where the path is not that of a regular file."""
+    """Raise InputError if the path is not a regular file."""
     if why := unfit(path, what):
         raise InputError(f"{shown_path(path)}: {why}")
 
 
 def descriptor(path: str | os.PathLike[str], flags: int = os.O_RDONLY, what: str = "a file") -> int:
-    """Open a regular file without waiting and return its descriptor; OSError, or an InputError where the path is not
-    that of a regular file.
+    """Open a regular file without waiting and return its descriptor. Raises OSError, or InputError if the path is not a
+    regular file.
 
-    The type is looked at before the file is opened, since opening a device may do something, and after, since another
-    file may have taken the name meanwhile.
+    The type is checked before opening, since opening a device may have effects. It is checked again afterwards, since
+    another file may have taken the name meanwhile.
     """
     if why := _unfit(os.stat(path), what):
         raise InputError(f"{shown_path(path)}: {why}")
@@ -60,7 +60,7 @@ def descriptor(path: str | os.PathLike[str], flags: int = os.O_RDONLY, what: str
 
 
 def opened(path: str | os.PathLike[str], what: str = "a file") -> BinaryIO:
-    """A regular file, open for reading; an InputError says why it cannot be."""
+    """Open a regular file for reading. Raises InputError with the reason if it cannot be opened."""
     try:
         return os.fdopen(descriptor(path, what=what), "rb")
     except (OSError, ValueError) as error:
@@ -70,22 +70,22 @@ def opened(path: str | os.PathLike[str], what: str = "a file") -> BinaryIO:
 
 
 def content(path: str | os.PathLike[str], most: int, what: str = "a file") -> bytes:
-    """The bytes of a regular file; an InputError where there are more than ``most``, also where the file grows while
-    it is read."""
+    """Bytes of a regular file. Raises InputError if there are more than ``most``, even if the file grows during
+    reading."""
     with opened(path, what) as file:
         found = file.read(most + 1)
     if len(found) > most:
-        raise InputError(f"{shown_path(path)}: is too large: {what} has at most {most:,} bytes")
+        raise InputError(f"{shown_path(path)}: too large: {what} has at most {most:,} bytes")
     return found
 
 
 def shown_path(path: str | os.PathLike[str]) -> str:
-    """A path as a message has it: bytes that are no UTF-8 are written as numbers."""
+    """Path as shown in messages: bytes that are not UTF-8 are written as numbers."""
     return os.fspath(path).encode("utf-8", "surrogateescape").decode("utf-8", "backslashreplace")
 
 
 def reason(error: OSError | ValueError) -> str:
-    """Why the system refused to read, in words."""
+    """The system's reason for refusing to read, in words."""
     if not isinstance(error, OSError):
         return "the name has a null character"
     return _WORDS.get(error.errno or 0, (error.strerror or str(error)).lower())
@@ -98,11 +98,11 @@ def _unfit(status: os.stat_result, what: str) -> str | None:
 
 
 def _flag(name: str) -> int:
-    return getattr(os, name, 0)  # Windows has few of them
+    return getattr(os, name, 0)  # Windows lacks most of them
 
 
 def same_file(one: str | os.PathLike[str], other: str | os.PathLike[str]) -> bool:
-    """Whether two names are of one file that exists."""
+    """Tell whether two names belong to one existing file."""
     try:
         return os.path.samestat(os.stat(one), os.stat(other))
     except (OSError, ValueError):
@@ -110,6 +110,6 @@ def same_file(one: str | os.PathLike[str], other: str | os.PathLike[str]) -> boo
 
 
 def place(path: str | os.PathLike[str]) -> Path:
-    """Where a name lies: the folder with its symbolic links followed, the name itself as it is."""
+    """Location of a name: symbolic links of the folder are followed, the name itself is not."""
     path = Path(os.path.abspath(path))
     return Path(os.path.realpath(path.parent)) / path.name

@@ -1,4 +1,4 @@
-"""Ctrl-C that waits for a good moment."""
+"""Ctrl-C at safe moments."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
-AGAIN = 0.01  # seconds after which an interrupt that was lost comes again
+AGAIN = 0.01  # seconds until a lost interrupt is raised again
 
 
 @contextmanager
 def heard_everywhere() -> Iterator[None]:
-    """Inside, no Ctrl-C is lost: one that falls into a callback of compiled code, which cannot raise, comes again."""
+    """Lose no Ctrl-C: a callback of compiled code cannot raise, so an interrupt there is raised again later."""
     before = sys.unraisablehook
 
     def again(found: Any) -> None:
@@ -34,7 +34,7 @@ def heard_everywhere() -> Iterator[None]:
 
 @contextmanager
 def interruptible() -> Iterator[Callable[[], bool]]:
-    """Inside, Ctrl-C only sets a flag, which the function yielded reads; a second one interrupts at once."""
+    """Let Ctrl-C only set a flag, which the yielded function reads. A second Ctrl-C interrupts at once."""
     pressed = threading.Event()
     if threading.current_thread() is not threading.main_thread():
         yield pressed.is_set
@@ -54,20 +54,20 @@ def interruptible() -> Iterator[Callable[[], bool]]:
 
 @contextmanager
 def whole() -> Iterator[None]:
-    """Inside, Ctrl-C waits for the end; a second one interrupts at once. Processes and threads that begin inside never
-    hear Ctrl-C, which a terminal sends to every process."""
+    """Delay Ctrl-C until the end; a second one interrupts at once. Processes and threads that begin inside never get
+    Ctrl-C, which a terminal sends to every process."""
     with interruptible() as pressed:
         try:
             with _deaf():
                 yield
-        finally:  # at the end of deafness comes what was pressed meanwhile
+        finally:  # a Ctrl-C pressed meanwhile arrives when the block ends
             if pressed():
                 raise KeyboardInterrupt
 
 
 @contextmanager
 def _deaf() -> Iterator[None]:
-    """Inside, this thread and what it begins do not hear Ctrl-C; the main thread's handler is called all the same."""
+    """Block Ctrl-C in this thread and in everything that it starts. The main thread's handler still runs."""
     if not hasattr(signal, "pthread_sigmask"):  # on Windows
         yield
         return

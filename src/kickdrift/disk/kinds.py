@@ -1,4 +1,4 @@
-"""The kinds of file that kickdrift writes, and how each is told from a file that somebody else wrote."""
+"""Kinds of file that kickdrift writes, with tests that tell them from other files."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import NamedTuple
 from kickdrift.disk.files import opened
 from kickdrift.errors import InputError
 
-HEAD = TAIL = 256 * 1024  # bytes of a file that are looked at
+HEAD = TAIL = 256 * 1024  # bytes of a file that are examined
 FIGURES = (".png", ".pdf", ".svg")
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _PDB = re.compile(rb"(HEADER|TITLE |REMARK|CRYST1|MODEL |ATOM  |HETATM)")
@@ -26,11 +26,11 @@ _EXPORTS: dict[str, Callable[[bytes], bool]] = {
 
 
 class Kind(NamedTuple):
-    """A kind of output.
+    """Kind of output file.
 
-    ``noun`` is how messages call one, ``suffixes`` how its name may end (empty where any will do). ``ours(head, tail)``
-    says whether kickdrift could have written a file that begins and ends so. One that ``streams`` may go to a pipe or a
-    device.
+    ``noun`` names the kind in messages. ``suffixes`` are the allowed endings of its name (empty: any). ``ours(head,
+    tail)`` tells whether kickdrift could have written a file with this beginning and end. If ``streams`` is set, the
+    output may go to a pipe or a device.
     """
 
     noun: str
@@ -48,7 +48,7 @@ def _json(head: bytes, tail: bytes) -> bool:
 
 
 def _figure(head: bytes, tail: bytes) -> bool:
-    """matplotlib says in every figure that it made it."""
+    """Recognise a figure: matplotlib names itself in every figure."""
     known = head.startswith((b"\x89PNG\r\n\x1a\n", b"%PDF-")) or b"<svg" in head
     return known and (b"atplotlib" in head or b"atplotlib" in tail)
 
@@ -67,13 +67,13 @@ JOURNAL = Kind("the journal of an ensemble", (), lambda head, tail: head.startsw
 
 
 def export(suffix: str, suffixes: tuple[str, ...]) -> Kind:
-    """The kind of an export with that suffix."""
+    """Kind of an export with that suffix."""
     written = _EXPORTS.get(suffix.lower(), lambda head: False)
     return Kind("an export", suffixes, lambda head, tail: written(head))
 
 
 def is_ours(path: str | os.PathLike[str], kind: Kind) -> bool:
-    """Whether kickdrift could have written the regular file there; an empty one has nothing to lose."""
+    """Tell whether kickdrift could have written this regular file. An empty file has nothing to lose."""
     try:
         with opened(path) as file:
             head = file.read(HEAD)

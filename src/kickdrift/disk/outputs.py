@@ -1,7 +1,7 @@
-"""The files that commands are asked to write: looked at before any work is done, and written whole or not at all.
+"""Output files of commands: checked before any work starts, and written whole or not at all.
 
-What stands there already is replaced only where that was asked for, and only where it is a regular file that kickdrift
-could have written. A device or a pipe is written to as it is.
+An existing file is replaced only on request, and only if it is a regular file that kickdrift could have written. A
+device or a pipe is written to directly.
 """
 
 from __future__ import annotations
@@ -26,17 +26,16 @@ from kickdrift.disk.kinds import Kind, is_ours
 from kickdrift.disk.parts import private_place
 from kickdrift.errors import InputError, RunError
 
-KINDS = {"output": kinds.RUN, "json": kinds.JSON, "plot": kinds.FIGURE}  # of options
+KINDS = {"output": kinds.RUN, "json": kinds.JSON, "plot": kinds.FIGURE}  # by option
 _OWN = re.compile(r"/(?:dev|proc/self)/(?:fd/(\d{1,9})|(stdin|stdout|stderr))")
-_CLOSED = (errno.EACCES, errno.EPERM, errno.EROFS)  # places that the user may not write to
-_pipes: dict[tuple[int, int], int] = {}  # by device and inode, open since they were looked at, so that no reader leaves
+_CLOSED = (errno.EACCES, errno.EPERM, errno.EROFS)  # places without write permission
+_pipes: dict[tuple[int, int], int] = {}  # by device and inode; open since the check, so that no reader leaves
 
 
 def refuse_outputs(
     paths: Mapping[str, Path | None], overwrite: bool, inputs: Iterable[str | os.PathLike[str] | None] = ()
 ) -> None:
-    """An InputError where a file that an option asks for exists, is one of the ``inputs``, or cannot be written, before
-    any work is done."""
+    """Raise InputError before any work if an option's file exists, is one of the ``inputs``, or cannot be written."""
     taken: dict[Path, str] = {}
     for option, path in paths.items():
         if path is None:
@@ -46,7 +45,7 @@ def refuse_outputs(
             continue
         for other, name in taken.items():
             if other == target or same_file(other, target):
-                raise InputError(f"{said}: is the file of --{name} too")
+                raise InputError(f"{said}: --{name} names the same file")
         taken[target] = option
         try:
             with tempfile.TemporaryFile(dir=target.parent):
@@ -61,8 +60,8 @@ def checked_target(
     overwrite: bool,
     inputs: Iterable[str | os.PathLike[str] | None] = (),
 ) -> Path:
-    """The path of a file to be written; an InputError where its name is wrong, it must not be replaced or its folder
-    does not exist."""
+    """Checked path of a file to be written. Raises InputError for a wrong name, an existing file or a missing
+    folder."""
     _checked(output, kind, overwrite, inputs, shown_path(output), "pass --overwrite (overwrite=True)")
     return Path(output)
 
@@ -75,7 +74,7 @@ def _checked(
     said: str,
     how: str,
 ) -> Path | None:
-    """The path with its folder's links followed; None where it is a device or a pipe. ``said`` begins each message."""
+    """Path with its folder's links followed; None for a device or a pipe. ``said`` begins each message."""
     path = Path(path)
     if kind.suffixes and path.suffix.lower() not in kind.suffixes:
         name = "the name" if said.startswith("--") else f"the name of {kind.noun}"
@@ -90,7 +89,7 @@ def _checked(
         if why := _not_regular(status):
             raise InputError(f"{said}: {why}")
         if any(each is not None and same_file(each, path) for each in inputs):
-            raise InputError(f"{said}: is what this command reads; it is not replaced")
+            raise InputError(f"{said}: is an input of this command and is not replaced")
         if not overwrite:
             raise InputError(f"{said}: exists already; {how} to replace it")
     if not path.absolute().parent.is_dir():
@@ -101,7 +100,7 @@ def _checked(
 
 
 def _status(path: Path, said: str) -> os.stat_result | None:
-    """Of the name itself, not of what a symbolic link names; None where there is nothing."""
+    """Status of the name itself, without following a symbolic link; None if it does not exist."""
     try:
         os.fspath(path).encode()
         return os.lstat(path)
@@ -110,13 +109,13 @@ def _status(path: Path, said: str) -> os.stat_result | None:
     except OSError as error:
         raise InputError(f"{said}: cannot be written: {reason(error)}") from None
     except UnicodeEncodeError:
-        raise InputError(f"{said}: the name is no UTF-8") from None
+        raise InputError(f"{said}: the name is not UTF-8") from None
     except ValueError:
         raise InputError(f"{said!a}: the name has a null character") from None
 
 
 def _not_regular(status: os.stat_result) -> str | None:
-    """Why there is no regular file, in words."""
+    """Reason why this is not a regular file, in words."""
     if stat.S_ISREG(status.st_mode):
         return None
     if stat.S_ISLNK(status.st_mode):
@@ -125,7 +124,7 @@ def _not_regular(status: os.stat_result) -> str | None:
 
 
 def _not_to_be_replaced(path: Path, status: os.stat_result, kind: Kind) -> str | None:
-    """Why what stands there stays, although it may be replaced as far as the user is concerned."""
+    """Reason why an existing file is kept, although the user permits its replacement."""
     if why := _not_regular(status):
         return why
     if not status.st_mode & 0o222:
@@ -134,7 +133,7 @@ def _not_to_be_replaced(path: Path, status: os.stat_result, kind: Kind) -> str |
 
 
 def reason(error: OSError) -> str:
-    """Why the system refused."""
+    """The system's reason for the refusal."""
     return (error.strerror or str(error)).lower()
 
 
@@ -143,8 +142,8 @@ def reason(error: OSError) -> str:
 
 @contextmanager
 def written_whole(path: Path, kind: Kind, *, overwrite: bool) -> Iterator[Path]:
-    """A path to write to, whose file takes the place of ``path`` at the end, or goes to the device or pipe there; after
-    an error there is nothing new."""
+    """Yield a path for writing. At the end its file takes the name ``path``, or goes to the device or pipe there. After
+    an error nothing new remains."""
     try:
         if is_stream(path):
             with tempfile.TemporaryDirectory(prefix="kickdrift-") as folder:
@@ -161,7 +160,7 @@ def written_whole(path: Path, kind: Kind, *, overwrite: bool) -> Iterator[Path]:
 
 
 def settle(part: Path, path: Path, kind: Kind, *, overwrite: bool) -> None:
-    """Give a finished file its name; an InputError where something stands there that is not to be replaced."""
+    """Give a finished file its name. Raises InputError if an existing file must not be replaced."""
     said = shown_path(path)
     if not overwrite:
         try:
@@ -176,7 +175,7 @@ def settle(part: Path, path: Path, kind: Kind, *, overwrite: bool) -> None:
 
 
 def _link(part: Path, path: Path) -> None:
-    """Give the file its name unless another has it, in one act where the file system has hard links."""
+    """Give the file its name unless the name is taken, in one operation if the file system has hard links."""
     try:
         os.link(part, path)
     except FileExistsError:
@@ -188,7 +187,7 @@ def _link(part: Path, path: Path) -> None:
 
 
 def write_json(path: Path | None, content: dict[str, Any], *, overwrite: bool) -> None:
-    """One JSON object, where it was asked for; the file is whole or not there."""
+    """Write one JSON object on request. The file is whole or absent."""
     if path is not None:
         with written_whole(path, kinds.JSON, overwrite=overwrite) as part:
             part.write_text(json.dumps(plain(content), indent=2, allow_nan=False) + "\n", encoding="utf-8")
@@ -198,8 +197,8 @@ def write_json(path: Path | None, content: dict[str, Any], *, overwrite: bool) -
 
 
 def is_stream(path: str | os.PathLike[str]) -> bool:
-    """Whether the path is that of a pipe or of a device that takes characters, such as /dev/null, or names one of the
-    program's own, such as /dev/stdout."""
+    """Tell whether the path is a pipe, a character device such as /dev/null, or one of the program's own streams such
+    as /dev/stdout."""
     try:
         mode = os.stat(path).st_mode
     except (OSError, ValueError):
@@ -208,7 +207,7 @@ def is_stream(path: str | os.PathLike[str]) -> bool:
 
 
 def _own(path: str | os.PathLike[str]) -> int | None:
-    """The descriptor that a name such as /dev/stdout means."""
+    """Descriptor of a name such as /dev/stdout."""
     found = _OWN.fullmatch(os.fspath(path))
     if not found:
         return None
@@ -217,7 +216,7 @@ def _own(path: str | os.PathLike[str]) -> int | None:
 
 
 def _hold(path: Path, said: str) -> None:
-    """Open a pipe now, without waiting for a reader, since a reader that is there must not be kept waiting in vain."""
+    """Open a pipe now, without waiting for a reader, so that an existing reader does not wait in vain."""
     status = os.stat(path)
     if not stat.S_ISFIFO(status.st_mode) or _own(path) is not None:
         return
@@ -230,7 +229,7 @@ def _hold(path: Path, said: str) -> None:
 
 
 def _stream(path: Path) -> BinaryIO:
-    """A device or a pipe, open for writing."""
+    """Open a device or a pipe for writing."""
     if (own := _own(path)) is not None:
         for each in (sys.stdout, sys.stderr):
             each.flush()
@@ -249,7 +248,7 @@ def _stream(path: Path) -> BinaryIO:
 
 
 def plain(value: Any) -> Any:
-    """The value with None in the place of NaN and infinity, which JSON cannot hold."""
+    """Replace NaN and infinity by None, since JSON cannot hold them."""
     if isinstance(value, dict):
         return {key: plain(inner) for key, inner in value.items()}
     if isinstance(value, (list, tuple)):

@@ -1,4 +1,4 @@
-"""Where a file comes into being before it is given its name: a folder beside it that nobody else can look into."""
+"""Temporary place of a file before it gets its name: a private folder beside it."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from contextlib import contextmanager
 from pathlib import Path
 
 PREFIX, SUFFIX = ".kickdrift-", ".part"
-STALE = 3600.0  # seconds: what nobody has written to for so long is what a kill left
+STALE = 3600.0  # seconds without changes after which a folder counts as left by a kill
 
 
 @contextmanager
 def private_place(path: Path) -> Iterator[Path]:
-    """A path of the same name in a new folder beside ``path``, private and under a name that cannot be guessed. The
-    folder is removed at the end, with what is still in it; so are those that a kill left there."""
+    """Yield a path of the same name in a new private folder beside ``path``, with a name that cannot be guessed. The
+    folder and its content are removed at the end. So are old folders left by a kill."""
     _remove_stale(path.parent)
-    folder = Path(tempfile.mkdtemp(SUFFIX, PREFIX, path.parent))  # 0700
+    folder = Path(tempfile.mkdtemp(SUFFIX, PREFIX, path.parent))  # mode 0700
     try:
         yield folder / path.name
     finally:
@@ -29,7 +29,7 @@ def private_place(path: Path) -> Iterator[Path]:
 
 
 def _remove_stale(folder: Path) -> None:
-    """Folders of this kind, of this user, that have not changed for long."""
+    """Remove folders of this kind, of this user, that have not changed for a long time."""
     with contextlib.suppress(OSError), os.scandir(folder) as found:
         for entry in found:
             if entry.name.startswith(PREFIX) and entry.name.endswith(SUFFIX):

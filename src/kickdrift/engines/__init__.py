@@ -1,7 +1,7 @@
-"""The same System on another program. Reading this registry loads none of them.
+"""The same System in another program. Reading this registry loads none of them.
 
-An engine says what it can express, and refuses the rest by a reason: nothing is run elsewhere, or with another
-parameter, than it was asked for. What runs, looks, writes and reports is the same for all (see ``session``).
+An engine says what it can express, and refuses everything else with a reason. So a run never silently differs from the
+request. The run loop, samples, files and reports are the same for all engines (see ``session``).
 """
 
 from __future__ import annotations
@@ -26,16 +26,16 @@ NATIVE = "native"
 
 @dataclass(frozen=True)
 class Engine:
-    """A row of the registry.
+    """Row of the registry.
 
     Attributes
     ----------
-    name : also of the module in this room, and of the extra that installs it
-    runs : what it runs, in a line
-    needs : the distributions that it takes; the first is the program itself
-    tested : the major versions of that one which the tests have run with
-    methods : our names of the methods that it has, and what it calls them
-    processes : whether it runs on several
+    name : also the name of the module in this package, and of the extra that installs it
+    runs : what it can run, in one line
+    needs : required distributions; the first is the program itself
+    tested : major versions of the program that the tests have run
+    methods : kickdrift's names of its methods, and its own names
+    processes : whether it can use several processes
     """
 
     name: str
@@ -47,56 +47,57 @@ class Engine:
 
     @property
     def foreign(self) -> bool:
-        """Whether it is another program."""
+        """Tell whether it is another program."""
         return self.name != NATIVE
 
     @property
     def version(self) -> str | None:
-        """Of the program that is installed; None where a part of it is missing."""
+        """Version of the installed program; None if a part is missing."""
         found = [_version(package) for package in self.needs or ("kickdrift",)]
         return None if None in found else found[0]
 
     @property
     def install(self) -> str:
-        """The line that installs it."""
+        """Command that installs it."""
         return f"pip install 'kickdrift[{self.name}]'"
 
     @property
     def module(self) -> Any:
-        """What runs it: ``refusal(job)`` and ``session(job)``; the program itself is not loaded before the latter."""
+        """Its module, with ``refusal(job)`` and ``session(job)``. The program itself is loaded only by the latter."""
         return import_module(f"kickdrift.engines.{self.name}")
 
     def method_name(self, name: str) -> str:
-        """Our name of a method that was asked for by its name there, where ours has no method of that name."""
+        """kickdrift's name of a method, given by kickdrift's or the program's name. kickdrift's names take
+        precedence."""
         if not isinstance(name, str) or name in INTEGRATORS:
             return name
         return next((ours for ours, theirs in self.methods.items() if theirs == name), name)
 
     def refusal(self, job: Job) -> str | None:
-        """Why it cannot run that, as it is; None where it can."""
+        """Reason why it cannot run the job as it is, or None."""
         if job.processes > 1 and not self.processes:
-            return f"processes: it runs in one, not in {job.processes}"
+            return f"processes: {self.name} runs in one process, not in {job.processes}"
         if not self.foreign:
             return None
         if job.threads > 1:
             own = "; give processes instead" if self.processes else ""
-            return f"threads: it runs on one here, not on {job.threads}{own}"
+            return f"threads: {self.name} runs on one thread here, not on {job.threads}{own}"
         if not hasattr(job.system, "forces"):
-            return f"{job.system.name!r} is an ODE, and it moves particles"
+            return f"{job.system.name!r} is an ODE; {self.name} moves particles"
         if job.system.events:
             return f"event {job.system.events[0].kind!r}: only a native run watches for events"
         if job.method.name not in self.methods:
             known = ", ".join(f"{ours} ({theirs})" for ours, theirs in self.methods.items())
-            return f"integrator {job.named!r}: it has {known}"
+            return f"integrator {job.named!r}: {self.name} has {known}"
         if job.options.compensated:
-            return "compensated: it has no compensated sums of positions and velocities"
+            return "compensated: {self.name} has no compensated sums of positions and velocities"
         if job.options.precision == MIXED:
-            return f"precision: it has its own, and not {MIXED!r}"
+            return f"precision: {self.name} does not offer {MIXED!r}"
         found: str | None = self.module.refusal(job)
         return found
 
     def check(self, job: Job) -> None:
-        """An InputError where it cannot run that, which names the engines that can; or where it is not installed."""
+        """Raise InputError if it cannot run the job, with the engines that can, or if it is not installed."""
         if reason := self.refusal(job):
             others = [name for name, other in ENGINES.items() if other is not self and other.refusal(job) is None]
             *first, last = others or [""]
@@ -108,14 +109,14 @@ class Engine:
 
     @property
     def warnings(self) -> list[str]:
-        """Of a version that was not tested."""
+        """Warnings of an untested version."""
         here = self.version
         if here is None or not self.foreign or here.split(".")[0] in self.tested:
             return []
-        return [f"{self.needs[0]} {here} is not among the versions tested: {', '.join(f'{t}.x' for t in self.tested)}"]
+        return [f"{self.needs[0]} {here} is not a tested version: {', '.join(f'{t}.x' for t in self.tested)}"]
 
 
-@cache  # looking through all that is installed takes a millisecond
+@cache  # listing all installed distributions takes a millisecond
 def _version(package: str) -> str | None:
     try:
         return version(package)
@@ -128,7 +129,7 @@ _VERLET = "velocity-verlet"
 ENGINES: dict[str, Engine] = {
     engine.name: engine
     for engine in (
-        Engine(NATIVE, "all there is: kickdrift's own compiled kernels"),
+        Engine(NATIVE, "everything, with kickdrift's own compiled kernels"),
         Engine(
             "ase", "shifted Lennard-Jones of one species: ASE's LennardJones and VelocityVerlet", ("ase",), ("3",),
             {_VERLET: "VelocityVerlet"},
@@ -153,12 +154,12 @@ ENGINES: dict[str, Engine] = {
 
 
 def engine(name: str) -> Engine:
-    """The engine of that name; an unknown one is an InputError that lists the names."""
+    """Engine of that name. Raises InputError with the known names if it is unknown."""
     if not isinstance(name, str) or name not in ENGINES:
         raise InputError(f"engine {shown(name)} is not one of {', '.join(ENGINES)}")
     return ENGINES[name]
 
 
 def engines() -> list[str]:
-    """The names of all engines, installed or not."""
+    """Names of all engines, installed or not."""
     return list(ENGINES)

@@ -1,8 +1,8 @@
-"""ASE: its LennardJones calculator, moved by its VelocityVerlet.
+"""ASE: its LennardJones calculator with its VelocityVerlet.
 
-ASE's numbers stand for the system's own units (see ``session``): masses are coherent, so its eV, angstrom and u are
-names here. Energy, forces and stress come from the calculator, which has computed them at the present positions, so
-that looking changes nothing.
+ASE's numbers stand for the system's own units (see ``session``). Masses are coherent, so ASE's eV, angstrom and u are
+only names here. Energy, forces and stress come from the calculator at its present positions, so a sample changes
+nothing.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ def refusal(job: Job) -> str | None:
     force: Any = system.forces[0]
     laws = {force.pair_law(a, b) for a in system.species for b in system.species}
     if len(laws) > 1:
-        return f"species: its LennardJones has one sigma and epsilon, and {', '.join(system.species)} differ"
+        return f"species: ASE's LennardJones has one sigma and epsilon, and {', '.join(system.species)} differ"
     return None
 
 
@@ -35,7 +35,7 @@ def session(job: Job) -> Session:
 
 
 class AseSession(Session):
-    """Atoms with a calculator, and the dynamics of them."""
+    """Atoms with a calculator and their dynamics."""
 
     def reset(self, phase: Floats, time: float) -> None:
         from ase import Atoms
@@ -53,7 +53,7 @@ class AseSession(Session):
         self._dynamics = VelocityVerlet(self._atoms, self.job.options.dt, logfile=None)
 
     def advance(self, steps: int, until: float) -> int:
-        with np.errstate(all="ignore"):  # what is no number is reported
+        with np.errstate(all="ignore"):  # NaN is reported
             for _ in range(steps):
                 self._dynamics.step()
         return steps

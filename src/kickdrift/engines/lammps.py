@@ -1,7 +1,7 @@
-"""LAMMPS: its lj/cut, moved by fix nve, in this process or in several that mpiexec starts.
+"""LAMMPS: its lj/cut with fix nve, in this process or in several processes started by mpiexec.
 
-LAMMPS' units "lj" have no constants, so the system's own numbers stand in them whatever its units, with coherent masses
-(see ``session``). Energy and virial are tallied by LAMMPS at the end of each ``run`` command.
+LAMMPS' units "lj" have no constants, so they hold the system's own numbers in any units, with coherent masses (see
+``session``). LAMMPS tallies energy and virial at the end of each ``run`` command.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from kickdrift.errors import InputError
 from kickdrift.forces.bound import Measured
 from kickdrift.model.state import Floats
 
-MOST_TYPES = 100  # particles of one species may differ in mass; LAMMPS has a table of types, each with each
-IMAGES = 1024  # LAMMPS counts edges crossed in ten bits
-MOST_BLIND = 10**6  # steps without a look at these
+MOST_TYPES = 100  # particles of one species may differ in mass, and LAMMPS has a table of all pairs of types
+IMAGES = 1024  # LAMMPS counts box crossings in ten bits
+MOST_BLIND = 10**6  # steps without reading these counts
 
 
 def refusal(job: Job) -> str | None:
@@ -40,14 +40,14 @@ def session(job: Job) -> Session:
 
 
 def _kinds(job: Job) -> tuple[np.ndarray, np.ndarray]:
-    """(kinds, 2) species and mass of each kind of particles, and (n,) which of these each is."""
+    """Species and mass of each kind of particles (kinds, 2), and the kind of each particle (n,)."""
     both = np.column_stack([job.system.species_index, job.system.coherent_masses])
     kinds, which = np.unique(both, axis=0, return_inverse=True)
     return kinds, which.reshape(-1)
 
 
 def model_of(job: Job) -> Model:
-    """What LAMMPS is told."""
+    """Model for LAMMPS."""
     system, dt = job.system, job.options.dt
     assert dt is not None
     force: Any = system.forces[0]
@@ -69,7 +69,7 @@ def model_of(job: Job) -> Model:
 
 
 class LammpsSession(Session):
-    """LAMMPS in this process or in several; what it keeps is where particles are outside of the box."""
+    """LAMMPS in this process or in several. Keeps the box images of the particles."""
 
     def __init__(self, job: Job) -> None:
         super().__init__(job)
@@ -87,7 +87,7 @@ class LammpsSession(Session):
         self._count(self._seen)
 
     def _begun(self) -> Any:
-        """LAMMPS, and as many processes as were asked for."""
+        """Start LAMMPS with the requested number of processes."""
         if self.job.processes == 1:
             return World()
         from kickdrift.engines.lammps_processes import Processes
@@ -95,17 +95,17 @@ class LammpsSession(Session):
         return Processes(self.job.processes)
 
     def _ask(self, what: str, *arguments: Any) -> Any:
-        """LAMMPS' answer; Trouble where it stopped, and then the next ``reset`` begins another."""
+        """Return LAMMPS' answer. Raises Trouble if it stopped; then the next ``reset`` starts another."""
         try:
             self._world = self._world or self._begun()
             return getattr(self._world, what)(*arguments)
         except ImportError as error:
             raise InputError(f"engine 'lammps': {error}") from None
-        except Exception as error:  # LAMMPS' own and those of the processes
+        except Exception as error:  # from LAMMPS or its processes
             self.close()
             text = " ".join(str(error).split()).removeprefix("ERROR: ")
             raise Trouble(f"LAMMPS: {text.split(' For more information')[0]}") from None
-        except BaseException:  # Ctrl-C for a second time
+        except BaseException:  # a second Ctrl-C
             self.close()
             raise
 
@@ -127,9 +127,9 @@ class LammpsSession(Session):
         return math.isfinite(self._kinetic)
 
     def _count(self, images: NDArray[np.int32]) -> None:
-        """Add what edges were crossed, and say how many steps may pass until this has to be done again: in these not
-        even a particle with twice the speed that all the kinetic energy would give the lightest one goes half way
-        around LAMMPS' counter."""
+        """Add the box crossings, and return the number of steps until the next count. In these steps not even a
+        particle with twice the highest possible speed, all kinetic energy in the lightest particle, moves half around
+        LAMMPS' counter."""
         crossed = images - self._seen
         self._crossed += (crossed + IMAGES // 2) % IMAGES - IMAGES // 2
         self._seen = images

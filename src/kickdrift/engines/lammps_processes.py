@@ -1,7 +1,7 @@
-"""LAMMPS in several processes: mpiexec starts them, each runs ``lammps_worker`` and hears the same commands.
+"""LAMMPS in several processes: mpiexec starts them, each runs ``lammps_worker``, and all get the same commands.
 
-They connect to a socket in a folder that only this user can enter. They are in a session of their own, so that Ctrl-C
-reaches this process alone, which ends them; and they end where this process does.
+They connect to a socket in a folder that only this user can enter. They run in their own session, so that Ctrl-C
+reaches only this process, which ends them. They also end with this process.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ from typing import Any
 
 from kickdrift.engines.lammps_library import mpiexec
 
-SOCKET = "KICKDRIFT_LAMMPS_SOCKET"  # tells the workers where
-START_SECONDS = 120.0  # for all to come up
+SOCKET = "KICKDRIFT_LAMMPS_SOCKET"  # address for the workers
+START_SECONDS = 120.0  # for all processes to start
 POLL_SECONDS = 0.5
 END_SECONDS = 5.0
 
 
 class Processes:
-    """The methods of ``lammps_world.World``, on all processes at once; the first one's answers."""
+    """The methods of ``lammps_world.World``, on all processes at once. Returns the first process's answers."""
 
     def __init__(self, count: int) -> None:
         self.count, program = count, mpiexec()
@@ -44,7 +44,7 @@ class Processes:
             path = os.pathsep.join(each for each in folders if each)
             environment = {k: v for k, v in os.environ.items() if not k.startswith(("PMI_", "HYDRA_"))}
             environment |= {SOCKET: str(folder / "socket"), "PYTHONPATH": path, "OMP_NUM_THREADS": "1"}
-            environment["PYTHONSAFEPATH"] = "1"  # no module from the current folder, which may be anybody's
+            environment["PYTHONSAFEPATH"] = "1"  # no module from the current folder, which may belong to anybody
             words = [str(program), "-n", str(count), sys.executable, "-m", "kickdrift.engines.lammps_worker"]
             try:
                 self._process = subprocess.Popen(
@@ -67,7 +67,7 @@ class Processes:
                 raise
 
     def _accept(self, listening: socket.socket, until: float) -> None:
-        """Have a connection to each."""
+        """Accept a connection from each process."""
         while len(self._connections) < self.count:
             with contextlib.suppress(TimeoutError):
                 connection, _ = listening.accept()
@@ -79,10 +79,10 @@ class Processes:
                 raise self._late(len(self._connections))
 
     def _late(self, came: int) -> RuntimeError:
-        return RuntimeError(f"{came} of {self.count} processes came up in {START_SECONDS:g} s")
+        return RuntimeError(f"{came} of {self.count} processes started within {START_SECONDS:g} s")
 
     def _last_words(self) -> str:
-        """What a process said of its end."""
+        """A process's last output."""
         self._said.flush()
         self._said.seek(0)
         lines = [line.strip() for line in self._said.read().splitlines()]
@@ -102,8 +102,8 @@ class Processes:
             raise
 
     def _answers(self, until: float = math.inf) -> list[Any]:
-        """Of each connection; an error that one reports, or its end, is raised at once, for the others may wait for it
-        for ever. The first answer, which comes once MPI is up, has a time to come until."""
+        """Answers of all processes. Raises at the first error or exit, since the others may wait forever. The first
+        answer, which comes once MPI is up, has a deadline."""
         answers: dict[int, Any] = {}
         while len(answers) < len(self._connections):
             waiting = {c: rank for rank, c in enumerate(self._connections) if rank not in answers}
@@ -152,9 +152,9 @@ class Processes:
 
 
 def _end(process: subprocess.Popen, connections: list[Connection], said: Any, folder: Path) -> None:
-    """Let the processes go, and kill those that do not."""
+    """Let the processes end, and kill any that do not."""
     for connection in connections:
-        connection.close()  # which each takes for its end, once it is done with what it does
+        connection.close()  # a process ends on this once its work is done
     for act in (lambda: None, process.terminate, lambda: os.killpg(process.pid, signal.SIGKILL)):
         with contextlib.suppress(ProcessLookupError):
             act()

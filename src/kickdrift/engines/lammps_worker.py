@@ -1,7 +1,6 @@
-"""One of LAMMPS' processes, which ``lammps_processes`` has mpiexec start.
+"""One of LAMMPS' processes, started by mpiexec for ``lammps_processes``.
 
-It does what it is told, and answers with an error in words or None, and with the result, which the first process alone
-sends.
+It executes commands. It answers each with an error text or None, and the first process also sends the result.
 """
 
 from __future__ import annotations
@@ -38,11 +37,11 @@ def main() -> None:
             orders.send((None, result if rank == 0 else None))
         except OSError:
             break
-        except Exception as error:  # LAMMPS'
+        except Exception as error:  # from LAMMPS
             orders.send((str(error), None))
     world.close()
     world.lmp.finalize()
-    if rank == 0:  # for one who was killed cannot
+    if rank == 0:  # a killed process cannot
         shutil.rmtree(Path(os.environ[SOCKET]).parent, ignore_errors=True)
 
 

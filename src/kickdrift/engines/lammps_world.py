@@ -1,6 +1,6 @@
-"""LAMMPS at work on one process, alone or as one of several that do the same at the same time.
+"""LAMMPS on one process, alone or as one of several that act together.
 
-It is told particles wrapped into the box, and gives them so, with the counts of edges that they have crossed since.
+Particles go in and come out wrapped into the box, with their counts of box crossings.
 """
 
 from __future__ import annotations
@@ -14,20 +14,20 @@ from numpy.typing import NDArray
 from kickdrift.engines.lammps_library import lammps_class
 from kickdrift.model.state import Floats
 
-AT_ONCE = 100_000  # particles, of which Python makes lists
-SKIN = 0.3  # sigma, LAMMPS' own default: how far beyond the cutoff its lists reach; of no effect on the forces
+AT_ONCE = 100_000  # particles in one Python list
+SKIN = 0.3  # in sigma, LAMMPS' own default: reach of its lists beyond the cutoff, without effect on the forces
 
 
 class Model(NamedTuple):
-    """What is simulated, as LAMMPS asks for it.
+    """Simulated model, in LAMMPS' terms.
 
     Attributes
     ----------
-    lengths : of the box's edges, None in open space
-    types : (n,) int32, from 1, of particles that have mass and parameters in common
+    lengths : edges of the box, None in open space
+    types : (n,) int32, from 1; particles of one type share mass and parameters
     masses : by type
     pairs : (type, type, epsilon, sigma) for each pair of types
-    shifted, tail : pair_modify's
+    shifted, tail : options of pair_modify
     """
 
     lengths: tuple[float, float, float] | None
@@ -41,7 +41,7 @@ class Model(NamedTuple):
 
 
 class World:
-    """A LAMMPS instance; ``flags`` are of its command line, and say which style of its force is taken."""
+    """LAMMPS instance. ``flags`` are command-line flags and choose the style of its force."""
 
     def __init__(self, flags: Sequence[str] = ("-sf", "opt")) -> None:
         self.lmp = lammps_class()(cmdargs=["-log", "none", "-screen", "none", "-nocite", *flags])
@@ -51,7 +51,7 @@ class World:
         return int(self.lmp.extract_setting("world_rank"))
 
     def reset(self, model: Model, x: Floats, v: Floats) -> None:
-        """Begin anew with particles at x (n, 3), inside the box, with velocities v (n, 3)."""
+        """Start anew with particles at x (n, 3), inside the box, with velocities v (n, 3)."""
         self.model = model
         if self.lmp.get_natoms():
             self.lmp.command("clear")
@@ -63,7 +63,7 @@ class World:
         edges = " ".join(f"{float(a)!r} {float(b)!r}" for a, b in zip(low, high, strict=True))
         yes = {True: "yes", False: "no"}
         for line in (
-            "units lj",  # no constants: the numbers are those of a system in any coherent units
+            "units lj",  # no constants: the numbers are those of any coherent system of units
             "atom_style atomic",
             f"boundary {'s s s' if model.lengths is None else 'p p p'}",
             f"region box block {edges} units box",
@@ -77,7 +77,7 @@ class World:
             "fix move all nve",
             f"timestep {model.dt!r}",
             "compute pull all pressure NULL virial",
-            "thermo 1000000000",  # at the end of each run alone
+            "thermo 1000000000",  # only at the end of each run
             "thermo_modify norm no lost error",
         ):
             self.lmp.command(line)
@@ -89,35 +89,35 @@ class World:
                 x[part].ravel().tolist(), v[part].ravel().tolist(),
             )  # fmt: skip
         if (made := int(self.lmp.get_natoms())) != n:
-            raise RuntimeError(f"LAMMPS took {made} of {n} particles")
+            raise RuntimeError(f"LAMMPS accepted {made} of {n} particles")
         self.lmp.command("run 0 post no")
 
     def run(self, steps: int) -> None:
-        """Take steps. Nothing is set up again, so that the lists do not depend on how a run is cut."""
+        """Take steps without a new set-up, so that the lists do not depend on how a run is cut."""
         self.lmp.command(f"run {steps} pre no post no")
 
     def kinetic_energy(self) -> float:
-        """Of all particles; LAMMPS stops by itself at positions that are no numbers."""
+        """Kinetic energy of all particles. LAMMPS itself stops at NaN positions."""
         return float(self.lmp.get_thermo("ke"))
 
     def images(self) -> NDArray[np.int32]:
-        """(n, 3) counts of edges crossed, modulo 1024."""
+        """Counts of box crossings (n, 3), modulo 1024."""
         return self._gathered("image", integer=True)
 
     def state(self) -> tuple[Floats, Floats, NDArray[np.int32]]:
-        """(n, 3) positions inside the box, velocities, and ``images``."""
+        """Positions inside the box (n, 3), velocities, and ``images``."""
         return self._gathered("x"), self._gathered("v"), self.images()
 
     def measure(self) -> tuple[Floats, float, float]:
-        """(n, 3) forces, potential energy, and the virial's part of the pressure."""
+        """Forces (n, 3), potential energy, and the virial's part of the pressure."""
         energy, pressure = (self.lmp.extract_compute(name, 0, 0) for name in ("thermo_pe", "pull"))
         return self._gathered("f"), float(energy), float(pressure)
 
     def _gathered(self, name: str, integer: bool = False) -> Any:
-        """Of all particles, by their ids, on each process."""
+        """Values of all particles, by their ids, on each process."""
         data = self.lmp.gather_atoms(name, 0 if integer else 1, 3)
         return np.ctypeslib.as_array(data).reshape(-1, 3).copy()
 
     def close(self) -> None:
-        """End this instance; MPI is left to the process."""
+        """End this instance. MPI stays with the process."""
         self.lmp.close()

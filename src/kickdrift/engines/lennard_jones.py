@@ -1,4 +1,4 @@
-"""What the engines ask of a System under Lennard-Jones."""
+"""Requirements of the engines on a System under Lennard-Jones."""
 
 from __future__ import annotations
 
@@ -9,20 +9,20 @@ from kickdrift.model.system import System
 
 
 def only_lennard_jones(system: System, truncations: Collection[str]) -> str | None:
-    """Why its forces are not one Lennard-Jones of one of these truncations; None where they are."""
+    """Reason why its forces are not one Lennard-Jones with one of these truncations, or None."""
     strange = [force.name for force in system.forces if type(force) is not LennardJones]
     if strange:
-        return f"force {strange[0]!r}: it runs lennard-jones"
+        return f"force {strange[0]!r}: only lennard-jones is possible"
     if len(system.forces) != 1:
-        return f"it runs one force lennard-jones, and {system.name!r} has {len(system.forces) or 'none'}"
+        return f"exactly one force lennard-jones is possible, and {system.name!r} has {len(system.forces) or 'none'}"
     truncation = system.forces[0].truncation
     if truncation not in truncations:
-        return f"truncation {truncation!r}: it has {' and '.join(repr(each) for each in truncations)}"
+        return f"truncation {truncation!r}: possible are {' and '.join(repr(each) for each in truncations)}"
     return None
 
 
 def small_units(system: System) -> str | None:
-    """Why a program whose tolerances are lengths of about a particle's size would err; None where it would not."""
+    """Reason why a program with tolerances of about a particle's size would err, or None."""
     if system.units.name == "si":
-        return "units 'si': its tolerances are absolute, and too long for lengths in metres; metal has angstroms"
+        return "units 'si': the program's tolerances are absolute, and too long for metres; use metal, with angstroms"
     return None

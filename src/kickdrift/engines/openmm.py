@@ -1,11 +1,11 @@
-"""OpenMM: a CustomNonbondedForce, moved by velocity Verlet as a CustomIntegrator, on the Reference platform.
+"""OpenMM: a CustomNonbondedForce with velocity Verlet as a CustomIntegrator, on the Reference platform.
 
-That platform computes in float64; the others round forces to float32, and are not taken. OpenMM's units (nm, ps, u,
-kJ/mol) are coherent and the formulas given to it have no constants but the system's own, so the system's numbers stand
-in them as they are: 1 sigma is 1 nm, 1 epsilon is 1 kJ/mol.
+That platform computes in float64; the others round forces to float32 and are not used. OpenMM's units (nm, ps, u,
+kJ/mol) are coherent, and the given formulas have only the system's own constants. So the system's numbers stand
+unchanged: 1 sigma is 1 nm, 1 epsilon is 1 kJ/mol.
 
-OpenMM gives no virial. It gives the derivative of its energy by a parameter: with U(s r) for U(r), -dU/ds at s = 1 is
-the sum of r . F over pairs, and OpenMM's own derivative of the formula.
+OpenMM gives no virial, but the derivative of its energy with respect to a parameter. With U(s r) for U(r), -dU/ds at s
+= 1 is the sum of r . F over pairs, from OpenMM's own derivative of the formula.
 """
 
 from __future__ import annotations
@@ -33,13 +33,13 @@ def refusal(job: Job) -> str | None:
     system, masses = job.system, job.system.state.masses
     if not all(masses):
         still = system.body(int(np.argmin(masses)))
-        return f"masses: {still} has none, and OpenMM holds such particles still"
+        return f"masses: {still} has no mass, and OpenMM fixes massless particles"
     if [type(force) for force in system.forces] == [Gravity]:
         return None
     if reason := only_lennard_jones(system, ("cut", "shift")) or small_units(system):
         return reason
     if system.forces[0].tail:
-        return "tail: it has no such correction of a force of this kind"
+        return "tail: OpenMM has no tail correction for this kind of force"
     return None
 
 
@@ -49,7 +49,7 @@ def session(job: Job) -> Session:
 
 
 class OpenmmSession(Session):
-    """A Context of OpenMM's."""
+    """OpenMM Context."""
 
     def reset(self, phase: Floats, time: float) -> None:
         import openmm
@@ -97,7 +97,7 @@ class OpenmmSession(Session):
 
 
 def _plain(quantity: Any) -> Any:
-    """The number in OpenMM's own units, in which it is kept."""
+    """Number in OpenMM's internal units."""
     return quantity.value_in_unit(quantity.unit)
 
 
@@ -133,7 +133,7 @@ def _gravity(system: System, force: Gravity) -> Any:
 
 
 def _scaled(force: Any) -> Any:
-    """With the parameter that the virial is had by."""
+    """The force with the scale parameter of the virial."""
     force.addGlobalParameter("s", 1.0)
     force.addEnergyParameterDerivative("s")
     return force

@@ -1,10 +1,10 @@
 """rebound: its leapfrog, whfast, saba and ias15 under its own gravity.
 
-Whfast and saba run without safe mode and keep the unsynchronised state (Rein & Tamayo 2015,
-doi:10.1093/mnras/stv1257), so that what is looked at is a synchronised copy and looking never changes a run. Inside
-a step of ias15, a copy goes back from the last step point to the time asked for.
+Whfast and saba run without safe mode and keep the unsynchronised state (Rein & Tamayo 2015, doi:10.1093/mnras/stv1257).
+A sample is a synchronised copy, so it never changes a run. Inside a step of ias15, a copy goes back from the last step
+point to the requested time.
 
-Forces and potential energy come from rebound's direct sum over a second set of the same bodies, which stand still.
+Forces and potential energy come from rebound's direct sum over a second set of the same bodies at rest.
 """
 
 from __future__ import annotations
@@ -32,22 +32,22 @@ def refusal(job: Job) -> str | None:
     system, options, masses = job.system, job.options, job.system.state.masses
     strange = [force.name for force in system.forces if type(force) is not Gravity]
     if strange:
-        return f"force {strange[0]!r}: it runs gravity alone"
+        return f"force {strange[0]!r}: rebound runs only gravity"
     if len(system.forces) > 1:
-        return "force 'gravity': the system has it twice"
+        return "force 'gravity': the system has two"
     if system.box.periodic:
-        return "box: its periodic boundaries are not ours"
+        return "box: rebound's periodic boundaries differ from kickdrift's"
     if system.units.coherent_mass != 1.0:
-        return f"units {system.units.name!r}: force is not mass times acceleration in them, as it takes for granted"
+        return f"units {system.units.name!r}: rebound needs units in which force is mass times acceleration"
     if job.method.name in KEPLER:
         if not system.forces or system.forces[0].softening:
             return f"integrator {job.named!r}: Kepler orbits need gravity without softening"
         if np.argmax(masses) != 0:
-            return f"integrator {job.named!r}: its central body is the first, and {system.body(0)} is not the heaviest"
+            return f"integrator {job.named!r}: rebound's central body is the first, but {system.body(0)} is lighter"
         if options.coordinates not in (COORDINATES.values() if job.method.name == "wisdom-holman" else ("jacobi",)):
-            return f"coordinates {options.coordinates!r}: its {job.method.name} has jacobi"
+            return f"coordinates {options.coordinates!r}: rebound's {job.method.name} has jacobi"
     if job.method.name == "saba" and not key_of(SABA, options.order or ""):
-        return f"order {options.order!r}: its saba has {', '.join(SABA.values())}"
+        return f"order {options.order!r}: rebound's saba has {', '.join(SABA.values())}"
     return None
 
 
@@ -57,7 +57,7 @@ def session(job: Job) -> Session:
 
 
 class ReboundSession(Session):
-    """A rebound.Simulation at work, and one to look with."""
+    """A running rebound.Simulation, and one for samples."""
 
     def __init__(self, job: Job) -> None:
         super().__init__(job)
@@ -76,7 +76,7 @@ class ReboundSession(Session):
         from kickdrift.bridges.rebound import simulation_of
 
         with warnings.catch_warnings():
-            warnings.simplefilter("error")  # which says what was not taken
+            warnings.simplefilter("error")  # a warning names what is left out
             self._sim = simulation_of(self._system.at(phase, time))
             self._probe = self._probe or simulation_of(self._plain)
         if self.hint:
@@ -106,18 +106,18 @@ class ReboundSession(Session):
             sim.steps(1)
             taken += 1
             if sim.t == before:
-                raise Trouble(f"ias15's step fell to {sim.dt:.3g}, which t = {sim.t:.9g} can no longer tell from 0")
+                raise Trouble(f"ias15's step fell to {sim.dt:.3g}, too short to change t = {sim.t:.9g}")
         self.last_step, self.hint = sim.dt_last_done, sim.dt
         self._inside = sim.t, sim
         return taken
 
     def phase(self) -> Floats:
-        if not self._sim.is_synchronized:  # rebound 5's saba cannot bear it before its first step
+        if not self._sim.is_synchronized:  # rebound 5's saba fails on this before its first step
             self._sim.synchronize()
         return _phase(self._sim)
 
     def _at(self, time: float) -> Any:
-        """The simulation at a time inside the last step."""
+        """Simulation at a time inside the last step."""
         if self._inside[0] != time:
             there = self._sim.copy()
             there.dt = time - there.t
@@ -136,14 +136,14 @@ class ReboundSession(Session):
         probe.set_serialized_particle_data(xyz=np.ascontiguousarray(x.T), vxvyvz=still)
         rebound.clibrebound.reb_simulation_update_acceleration(ctypes.byref(probe))
         accelerations = np.array([(p.ax, p.ay, p.az) for p in probe.particles]).T
-        potential = probe.energy()  # of bodies that stand still
+        potential = probe.energy()  # of bodies at rest
         if not np.isfinite(accelerations).all() or not np.isfinite(potential):
             return None
         return Measured(np.ascontiguousarray(accelerations), potential, np.nan, None)
 
 
 def _asked(system: System, run: RunDefaults) -> System:
-    """The system with this method for its own."""
+    """System with this method in its run defaults."""
     other = copy(system)
     object.__setattr__(other, "run", run)
     return other

@@ -1,10 +1,10 @@
-"""The seam between a Simulation and another program.
+"""Interface between a Simulation and another program.
 
-A program supplies a ``Session``: particles that it moves, and looks at. ``EngineFlow`` and ``EngineStepper`` make of it
-what a Simulation talks to, so that run loop, cadence, Ctrl-C, observers, report and file are the same for all engines.
+A program supplies a ``Session``: particles that it moves and measures. ``EngineFlow`` and ``EngineStepper`` adapt it to
+a Simulation. So run loop, samples, Ctrl-C, observers, report and file are the same for all engines.
 
-Numbers go over as they stand in the system's own units, with the masses that make force = mass x acceleration true in
-them: no formula of the programs used here has a constant with a unit, so nothing is converted, and nothing rounded.
+Numbers are passed in the system's own units, with masses that make force = mass x acceleration true. The programs'
+formulas have no constant with a unit, so nothing is converted and nothing rounded.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Job:
-    """What a Simulation asks of an engine; ``named`` is the method's name as it was asked for."""
+    """Request of a Simulation to an engine. ``named`` is the requested name of the method."""
 
     system: System
     method: Method
@@ -47,54 +47,53 @@ class Job:
 
 
 class Trouble(Exception):
-    """A program cannot go on, for the reason that it gives; its session is over."""
+    """A program cannot continue, for the given reason; its session is over."""
 
 
 class Session:
-    """A program at work; it raises Trouble.
+    """A running program; it raises Trouble.
 
-    A session of a method that chooses its steps has ``time`` of its last step point, ``last_step``, ``hint`` for the
-    next, and ``at`` and ``measure`` inside the last step. Others may ignore these, and ``until``.
+    For a method that chooses its steps, a session has the ``time`` of its last step point, ``last_step``, ``hint`` for
+    the next step, and ``at`` and ``measure`` inside the last step. Others may ignore these, and ``until``.
     """
 
     time: float = 0.0
     last_step: float = 0.0
-    hint: float = 0.0  # how long the next step is to be; 0 where the program decides
+    hint: float = 0.0  # length of the next step; 0 lets the program decide
 
     def __init__(self, job: Job) -> None:
         self.job = job
 
     def reset(self, phase: Floats, time: float) -> None:
-        """Begin anew at positions and velocities ``phase`` (2, 3, n)."""
+        """Start anew at positions and velocities ``phase`` (2, 3, n)."""
         raise NotImplementedError
 
     def advance(self, steps: int, until: float) -> int:
-        """Take so many steps, fewer where a step point reaches ``until``; how many."""
+        """Take this many steps, or fewer if a step point reaches ``until``. Return their number."""
         raise NotImplementedError
 
     def phase(self) -> Floats:
-        """(2, 3, n) positions, unwrapped, and velocities; a copy."""
+        """Copy of unwrapped positions and velocities (2, 3, n)."""
         raise NotImplementedError
 
     def finite(self) -> bool:
-        """Whether positions and velocities are numbers."""
+        """Tell whether positions and velocities are finite."""
         return bool(np.isfinite(self.phase()).all())
 
     def at(self, time: float) -> Floats:
-        """The phase at a time inside the last step; a copy."""
+        """Copy of the phase at a time inside the last step."""
         return self.phase()
 
     def measure(self, time: float) -> Measured | None:
-        """What the program's own code gives of accelerations, potential energy and virial; None where these are no
-        numbers."""
+        """Accelerations, potential energy and virial from the program's own code; None if they are not finite."""
         raise NotImplementedError
 
     def close(self) -> None:
-        """End the program; ``reset`` begins another."""
+        """End the program; ``reset`` starts another."""
 
 
 class EngineFlow(ParticleFlow):
-    """A System's particles on another program; what looks at them asks the program."""
+    """A System's particles in another program. Samples come from the program."""
 
     def __init__(self, system: System) -> None:
         check_overlaps(system)
@@ -103,44 +102,44 @@ class EngineFlow(ParticleFlow):
         self.halves = 2
         self.not_separable = None
         self._ends = np.empty((2, 3, len(system)))
-        self.stepper: EngineStepper  # at work for it
+        self.stepper: EngineStepper  # the stepper in use
 
     def look(self, looks: Looks, y: Floats, time: float, step: int, last: Floats, fresh: bool = False) -> int:
-        """See ParticleFlow; energies are the program's own."""
+        """Sample as ParticleFlow does, with the program's own energies."""
         looks.fill(take_sample(self.subject, self.stepper, step, time, y))
         last[...] = y
         return OK
 
     def looking(self, fresh: bool) -> None:
-        """None: each look asks the program."""
+        """Return None: each sample asks the program."""
 
     def accelerations(self, y: Floats, time: float) -> Floats | None:
-        """(3, n) that the program gives, None where they are not finite."""
+        """Accelerations (3, n) from the program; None if they are not finite."""
         measured = self.stepper.measure(time, y)
         return None if measured is None else measured.accelerations
 
     def prepare(self, y: Floats, time: float) -> None:
-        """Have the program at work."""
+        """Start the program."""
         self.stepper.measure(time, y)
 
     def meeting(self, y: Floats) -> str:
-        """Nothing: where the particles stood when the program stopped is not known."""
+        """Return no text: the particles' places when the program stopped are not known."""
         return ""
 
     def derivative(self, time: float, y: Floats) -> Floats:
-        """Nothing that another program could be asked for away from its own state."""
-        raise InputError(f"{self.name}: runs on another engine, which gives forces at its present state alone")
+        """Refuse: another program gives no derivative away from its own state."""
+        raise InputError(f"{self.name}: runs on another engine, which gives forces only at its present state")
 
 
 class EngineStepper:
-    """An integration by another program.
+    """Integration by another program.
 
-    It is told of a new state when it is next asked for something. A checkpoint holds positions and velocities, and how
-    long the next step is to be where the method chooses that; the program may know more (such as the order of its
-    particles, half a step or a polynomial), so that a run that is taken up again need not have the same bits.
+    The program gets a new state at the next request. A checkpoint holds positions, velocities and, if the method
+    chooses its steps, the length of the next step. The program may have more state (such as the order of its particles,
+    half a step or a polynomial), so a resumed run need not have the same bits.
     """
 
-    _known: Floats | None  # y, where it was asked for since the last step
+    _known: Floats | None  # y, if requested since the last step
 
     def __init__(self, flow: EngineFlow, engine: Engine, job: Job) -> None:
         self._job, self._dt = job, 0.0 if job.method.chooses_steps else (job.options.dt or 0.0)
@@ -151,7 +150,7 @@ class EngineStepper:
         self._evaluations = 0
         flow.stepper = self
 
-    # --- what it stands at ---
+    # --- present state ---
 
     @property
     def y(self) -> Floats:
@@ -175,7 +174,7 @@ class EngineStepper:
 
     @property
     def counts(self) -> Counts:
-        """Evaluations of the force where the method has as many at each step."""
+        """Force evaluations, if each step has the same number."""
         return Counts(self._evaluations)
 
     def reset(self, y: Floats, time: float, steps: int) -> None:
@@ -187,11 +186,11 @@ class EngineStepper:
         self._waiting = True
         self._session.hint = 0.0
 
-    # --- at work ---
+    # --- running ---
 
     @contextmanager
     def _one_line(self) -> Iterator[None]:
-        """Inside, what a version that was not tested stumbles over is an InputError that says so."""
+        """Turn an error of an untested version into an InputError that says so."""
         try:
             yield
         except (Trouble, KickdriftError):
@@ -203,7 +202,7 @@ class EngineStepper:
             raise InputError(f"engine {self._engine.name!r}: {untested[0]}: {text}") from error
 
     def _told(self) -> Session:
-        """The session, at y."""
+        """The session, set to y."""
         if self._waiting:
             with self._one_line():
                 self._session.reset(self.y.copy(), self.time)
@@ -234,8 +233,7 @@ class EngineStepper:
             return self._told().at(time)
 
     def measure(self, time: float, phase: Floats) -> Measured | None:
-        """What the program gives at ``time``, which is the present or inside the last step; None where that makes no
-        sense."""
+        """Measurement at ``time``, at present or inside the last step; None if it is not finite."""
         try:
             with self._one_line():
                 return self._told().measure(time)
@@ -243,7 +241,7 @@ class EngineStepper:
             raise self._stopped(trouble) from None
 
     def _stopped(self, trouble: Trouble) -> RunError:
-        """The program ended while it was looked at."""
+        """RunError of a program that ended during a measurement."""
         self.trouble, self._known = str(trouble), self._last
         return RunError(f"step {self.steps_done}: {trouble}")
 

@@ -1,4 +1,4 @@
-"""Ensembles: a system run many times with what varies, on the cores of this machine or on a Dask cluster."""
+"""Ensembles: one system run many times with varied values, on the cores of this machine or on a Dask cluster."""
 
 from kickdrift.ensemble.ensemble import Ensemble
 

@@ -1,4 +1,4 @@
-"""An Ensemble: one system, run many times with what varies from run to run."""
+"""Ensemble: one system, run many times with varied values."""
 
 from __future__ import annotations
 
@@ -41,26 +41,26 @@ Progress = Callable[[int, int, int], Any]
 
 
 class Ensemble:
-    """Many runs of one system, which differ by values that vary and by their seeds.
+    """Many runs of one system, which differ by varied values and by their seeds.
 
     Parameters
     ----------
-    system : a system file's path or name; or a System; or a function that makes a System of what varies, and of
-        ``seed`` if it takes that
-    vary : of each key the values on a grid, of which every combination is run, or how to draw one for each member.
-        Keys are those of the system file, such as ``"particles.elements[1].a"`` (entries by number from 0, or by name:
-        ``"particles.elements[Saturn].a"``), and ``dt``, ``integrator`` and the others of its ``[run]``; or parameters
-        of the function. Values are numbers in the system's units or texts with theirs, in a list or an array; or a
-        text: ``"5:6:64"`` for 64 values from 5 to 6 (``"log:…"`` evenly in the logarithm), ``"uniform:5:6"``,
+    system : a system file's path or name; or a System; or a function that makes a System from the varied values, and
+        from ``seed`` if it has this parameter
+    vary : for each key the values on a grid, or a random distribution for the members. All combinations of the grids
+        are run. Keys are keys of the system file, such as ``"particles.elements[1].a"`` (entries by number from 0, or
+        by name: ``"particles.elements[Saturn].a"``), and ``dt``, ``integrator`` and the other keys of its ``[run]``; or
+        parameters of the function. Values are numbers in the system's units or texts with units, in a list or an array;
+        or a text: ``"5:6:64"`` for 64 values from 5 to 6 (``"log:…"`` evenly in the logarithm), ``"uniform:5:6"``,
         ``"normal:5.2:0.1"`` (mean and standard deviation), ``"log-uniform:1e-6:1e-3"``
-    replicas : runs of each combination, with seeds of their own
-    seed : the root of all seeds. Member i is the same bits whatever the number of workers, their order, or the number
+    replicas : members of each combination, each with its own seed
+    seed : root of all seeds. Member i has the same bits whatever the number of workers, their order, or the number
         of replicas
-    measure : "run", what a run reports of itself; "megno", whether the motion is chaotic; or a function of the
-        Simulation after its run, which gives a number, or a dict of numbers and texts by name
-    settings : integrator, dt, steps, time and what else ``[run]`` has, for all members
+    measure : "run", the run's own report; "megno", whether the motion is chaotic; or a function of the Simulation
+        after its run, which returns a number, or a dict of numbers and texts by name
+    settings : integrator, dt, steps, time and other keys of ``[run]``, for all members
 
-    Raises InputError where an argument makes no sense.
+    Raises InputError for an invalid argument.
     """
 
     def __init__(
@@ -90,7 +90,7 @@ class Ensemble:
         _refuse_keys(self.members, given)
         drawn = self.members.draws or (self._recipe.drawn and not (measure != MEGNO and seeded(self.members.grids)))
         if replicas > 1 and not drawn:
-            raise InputError(f"replicas: all {replicas} would be the same run: {self.name} leaves nothing to a seed")
+            raise InputError(f"replicas: all {replicas} would be the same run: nothing in {self.name} is random")
         one = self._a_system()
         check_run(one.run)
         self._units = one.units.name if isinstance(one, System) else ""
@@ -98,11 +98,11 @@ class Ensemble:
 
     @property
     def name(self) -> str:
-        """The system's."""
+        """Name of the system."""
         return self._recipe.subject.name
 
     def __len__(self) -> int:
-        """How many members there are."""
+        """Number of members."""
         return len(self.members)
 
     def run(
@@ -117,22 +117,22 @@ class Ensemble:
     ) -> DataFrame:
         """Run all members and return their table, a row for each, in order.
 
-        A row has the member's number, replica and seed, the values that varied, ``status`` ("done", "failed", or "lost"
-        where every worker that ran it died), the ``error`` of one that failed with its last good state, and what was
-        measured. All but ``wall_seconds`` is the same bits however it was run, on one kind of processor.
+        A row has the member's number, replica and seed, the varied values, ``status`` ("done", "failed", or "lost" if
+        every worker that ran the member died), the ``error`` and last good state of a failed member, and the measured
+        values. All but ``wall_seconds`` has the same bits however it was run, on one kind of processor.
 
         Parameters
         ----------
-        client : a ``distributed.Client``; default one of new processes on this machine
-        workers : how many of these; default one for each core
-        output : a ``.parquet`` or ``.h5`` file for the table. Rows are kept in a journal beside it until all are done:
-            after Ctrl-C or a kill the same call goes on where it stopped, as it does with more replicas
-        overwrite : begin anew, whatever the file or the folder of trajectories holds
+        client : a ``distributed.Client``; default one with new processes on this machine
+        workers : number of these processes; default one for each core
+        output : a ``.parquet`` or ``.h5`` file for the table. A journal beside it keeps the rows until all are done.
+            After Ctrl-C or a kill the same call continues; so does a call with more replicas
+        overwrite : start anew, whatever the file or the folder of trajectories holds
         trajectories : a folder for a ``.h5md`` file of each member
         progress : called as ``progress(done, of, failed)``
 
-        Raises InputError where output holds another ensemble or a package is missing, RunError where the scheduler is
-        lost; members that fail raise nothing.
+        Raises InputError if output holds another ensemble or a package is missing, and RunError if the scheduler is
+        lost. Failed members raise nothing.
         """
         if workers is not None:
             workers = whole_number("workers", workers, 1)
@@ -158,7 +158,7 @@ class Ensemble:
         progress: Progress | None,
         journal: tables.Journal | None,
     ) -> Collection[Row]:
-        """The rows of all members, of which some are ``known``."""
+        """Rows of all members, including the ``known`` rows."""
         failed = sum(row["status"] != DONE for row in known.values())
         if progress:
             progress(len(known), len(self), failed)
@@ -174,17 +174,17 @@ class Ensemble:
 
     @staticmethod
     def read(path: str | os.PathLike[str]) -> DataFrame:
-        """The table that ``run`` wrote to a file; what made it is in ``table.attrs["kickdrift"]``."""
+        """Table that ``run`` wrote to a file, with its provenance in ``table.attrs["kickdrift"]``."""
         _check_packages()
         return tables.read(path)
 
     def provenance(self, recipe: Recipe | None = None) -> dict[str, Any]:
-        """All that the table comes from."""
+        """Provenance of the table."""
         members, recipe = self.members, recipe or self._recipe
         vary = {**members.grids, **members.draws}
         own = {"vary": repr(vary), "seed": str(members.seed), "version": VERSION}
         return {
-            "identity": recipe.identity() | own,  # what makes another ensemble of it; more replicas do not
+            "identity": recipe.identity() | own,  # everything that distinguishes ensembles; more replicas do not
             "system": self.name,
             "units": self._units,
             "source": recipe.subject.text,
@@ -202,7 +202,7 @@ class Ensemble:
         }
 
     def _a_system(self) -> System | Problem:
-        """A member's, of the first, the middle and the last; an InputError where none of these can be built."""
+        """System of the first, the middle or the last member. Raises InputError if none of these can be built."""
         for index in (0, len(self) // 2, len(self) - 1):
             try:
                 return self._recipe.system(self.members[index])
@@ -211,18 +211,18 @@ class Ensemble:
         raise found
 
     def _registered(self, system: System | Problem) -> list[Method]:
-        """The integrators that members may name and other processes do not know."""
+        """Integrators that members may name and that other processes do not have."""
         grids = [values for key, values in self.members.grids.items() if path_of(key) == ("run", "integrator")]
         named = {
             *([system.run.integrator] if system.run.integrator else []),
             *(value for values in grids for value in values),
         }
         for name in named:
-            method_named(name)  # or an InputError that suggests another
+            method_named(name)  # or an InputError with a suggestion
         return [INTEGRATORS[name] for name in sorted(REGISTERED & named)]
 
     def _rows(self, recipe: Recipe, todo: list[int], client: Any, workers: int | None) -> Iterator[list[Row]]:
-        """The rows of members as they are done, from the client or from processes of its own."""
+        """Yield the rows of members as they finish, from the client or from own processes."""
         if not todo:
             return
         workers = workers and min(workers, len(todo))
@@ -231,11 +231,11 @@ class Ensemble:
 
 
 def _refuse_keys(members: Members, given: Mapping[str, Any]) -> None:
-    """Keys that would be two columns, or one that every table has."""
+    """Refuse keys that would be two columns, or a column of every table."""
     paths: dict[tuple[str, ...], str] = {path_of(key): key for key in given}
     for key in [*members.grids, *members.draws]:
         if key in COLUMNS:
-            raise InputError(f"vary: {key}: is a column of every table; give what varies another name")
+            raise InputError(f"vary: {key}: every table has a column of this name; choose another")
         if path_of(key) in paths:
             raise InputError(f"vary: {key}: is given twice, as {paths[path_of(key)]} too")
         paths[path_of(key)] = key
@@ -252,7 +252,7 @@ def _subject(system: Any) -> SystemText | SystemMaker:
 
 
 def _check_packages() -> None:
-    """Say what to install where a package is missing."""
+    """Raise InputError with an install command if a package is missing."""
     missing = [name for name in ("distributed", "pandas", "pyarrow", "tomli_w") if find_spec(name) is None]
     if missing:
         raise InputError(f"ensemble: needs {' and '.join(missing)}: pip install 'kickdrift[ensemble]'")

@@ -1,4 +1,4 @@
-"""What makes an ensemble another one: texts that differ where its systems, its functions or their surroundings do."""
+"""Identity of an ensemble: texts that differ if its systems, its functions or their surroundings differ."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from kickdrift.model.system import System
 
 
 def digest(*parts: str | bytes) -> str:
-    """A short text for long ones."""
+    """Short digest of long texts."""
     found = hashlib.sha256()
     for part in parts:
         found.update(part.encode() if isinstance(part, str) else part)
@@ -27,7 +27,7 @@ def digest(*parts: str | bytes) -> str:
 
 
 def of_file(text: str, data: Mapping[str, Any], folder: Path) -> str:
-    """Of a system file and the structure file that it may name."""
+    """Identity of a system file and its structure file, if any."""
     particles = data.get("particles")
     named = particles.get("file") if isinstance(particles, Mapping) else None
     path = folder / named if isinstance(named, str) else None
@@ -35,7 +35,7 @@ def of_file(text: str, data: Mapping[str, Any], folder: Path) -> str:
 
 
 def of_system(system: System | Problem) -> str:
-    """Of a System, or a Problem."""
+    """Identity of a System or a Problem."""
     from kickdrift.trajectory.record import record_of, to_json
 
     if isinstance(system, Problem):
@@ -47,7 +47,7 @@ def of_system(system: System | Problem) -> str:
 
 
 def of_function(function: Callable[..., Any]) -> str:
-    """Of a function: its source, what it has of its surroundings, and its own module's functions that it calls."""
+    """Identity of a function: its source, closure and defaults, and the functions of its module that it calls."""
     return digest(*_parts(function, set()))
 
 
@@ -56,7 +56,7 @@ def _parts(thing: Any, seen: set[int]) -> list[str]:
         return [*_parts(thing.func, seen), *_parts([*thing.args, *sorted(thing.keywords.items())], seen)]
     if isinstance(thing, list | tuple):
         return [part for each in thing for part in _parts(each, seen)]
-    thing = getattr(thing, "py_func", thing)  # of a compiled one
+    thing = getattr(thing, "py_func", thing)  # the source of a compiled function
     if isinstance(thing, np.ndarray):
         return [digest(str(thing.dtype), str(thing.shape), thing.tobytes())]
     if not isinstance(thing, FunctionType):
@@ -76,7 +76,7 @@ def _parts(thing: Any, seen: set[int]) -> list[str]:
 
 
 def _names(code: CodeType) -> set[str]:
-    """Of globals that the code, and code inside of it, may use."""
+    """Global names that code, and nested code, may use."""
     inner = [each for each in code.co_consts if isinstance(each, CodeType)]
     return set(code.co_names).union(*map(_names, inner))
 
@@ -84,5 +84,5 @@ def _names(code: CodeType) -> set[str]:
 def _source(function: FunctionType) -> str:
     try:
         return inspect.getsource(function)
-    except (OSError, TypeError, SyntaxError, TokenError):  # there is none, or the file has changed since
+    except (OSError, TypeError, SyntaxError, TokenError):  # no source, or the file has changed since
         return function.__qualname__ + function.__code__.co_code.hex()

@@ -13,13 +13,13 @@ from kickdrift.systemfile.schema import RunTable
 
 _PART = re.compile(r"([^.\[\]]+)|\[([^\[\]]+)\]")
 _WHOLE = re.compile(r"(?:[^.\[\]]+|\[[^\[\]]+\])(?:\.[^.\[\]]+|\[[^\[\]]+\])*")
-_NAMES = ("body", "type", "name")  # by which an entry of a list of tables may be called
+_NAMES = ("body", "type", "name")  # keys that may name an entry of a list of tables
 
 Path = tuple[str, ...]
 
 
 def path_of(key: str) -> Path:
-    """A key's parts; a bare name of what ``[run]`` holds is meant as ``run.NAME``."""
+    """Parts of a key; a bare name of a key in ``[run]`` means ``run.NAME``."""
     if not isinstance(key, str) or not _WHOLE.fullmatch(key):
         raise InputError(f"vary: expected a key such as dt or particles.elements[1].a, got {shown(key)}")
     parts = tuple(plain or bracketed for plain, bracketed in _PART.findall(key))
@@ -27,7 +27,7 @@ def path_of(key: str) -> Path:
 
 
 def with_values(data: dict[str, Any], values: dict[str, Any]) -> dict[str, Any]:
-    """A copy of a system file's content, with each key's value in its place."""
+    """Copy of a system file's content with each key's value in its place."""
     changed = deepcopy(data)
     run = changed.setdefault("run", {})
     for key, value in values.items():
@@ -36,7 +36,7 @@ def with_values(data: dict[str, Any], values: dict[str, Any]) -> dict[str, Any]:
         for part in way:
             place = place[_index(place, part, key)]
         if not isinstance(place, dict | list):
-            raise InputError(f"vary: {key}: there is no table or list to hold {last!r}, but {shown(place)}")
+            raise InputError(f"vary: {key}: no table or list holds {last!r}, but {shown(place)}")
         index: Any = last if isinstance(place, dict) else _index(place, last, key)
         there = place.get(index) if isinstance(place, dict) else place[index]
         if isinstance(there, dict | list) and not isinstance(value, dict | list):
@@ -50,7 +50,7 @@ def with_values(data: dict[str, Any], values: dict[str, Any]) -> dict[str, Any]:
 
 
 def _index(place: Any, part: str, key: str) -> Any:
-    """Where the part of a key is in a table or list."""
+    """Index of a key's part in a table or list."""
     if isinstance(place, dict):
         if part not in place:
             raise InputError(
@@ -58,14 +58,14 @@ def _index(place: Any, part: str, key: str) -> Any:
             )
         return part
     if not isinstance(place, list):
-        raise InputError(f"vary: {key}: {part!r} stands in {shown(place)}, which is no table or list")
+        raise InputError(f"vary: {key}: {part!r} is inside {shown(place)}, which is not a table or list")
     if (number := whole_text(part)) is not None:
         if number >= len(place):
-            raise InputError(f"vary: {key}: there is no [{part}] in a list of {len(place)}, which are counted from 0")
+            raise InputError(f"vary: {key}: no entry [{part}] in a list of {len(place)}; entries count from 0")
         return number
     called = [next((each[name] for name in _NAMES if name in each), "") for each in place if isinstance(each, dict)]
     if part not in called:
-        raise InputError(f"vary: {key}: no entry is called {part!r}{suggestion(part, called)}")
+        raise InputError(f"vary: {key}: no entry is named {part!r}{suggestion(part, called)}")
     if called.count(part) > 1:
-        raise InputError(f"vary: {key}: {called.count(part)} entries are called {part!r}; give the number, from 0")
+        raise InputError(f"vary: {key}: {called.count(part)} entries are named {part!r}; give its number, from 0")
     return called.index(part)

@@ -1,5 +1,5 @@
-"""Who the members of an ensemble are: every combination of the values on the grids, so many times, each with its draws
-and its seed. A member is the same whatever the size of the ensemble, and whoever runs it."""
+"""Members of an ensemble: every combination of the grids' values, in several replicas, each with random values and a
+seed. A member is the same whatever the size of the ensemble, and whoever runs it."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from kickdrift.model.capacity import check_room
 from kickdrift.model.limits import whole_text
 from kickdrift.text import shown
 
-VALUE_BYTES = 32  # of memory that a value of a grid takes
-ROW_BYTES = 3000  # and a member's row
+VALUE_BYTES = 32  # memory of a grid's value
+ROW_BYTES = 3000  # memory of a member's row
 DRAWS = ("uniform", "normal", "log-uniform")
 SPELLINGS = (
     "START:STOP:COUNT, log:START:STOP:COUNT, A,B,C, uniform:LOW:HIGH, normal:MEAN:DEVIATION or log-uniform:LOW:HIGH"
@@ -24,14 +24,14 @@ SPELLINGS = (
 
 
 class Draw(NamedTuple):
-    """A value drawn anew for each member."""
+    """Distribution of a value, drawn anew for each member."""
 
-    kind: str  # of DRAWS
-    first: float  # the low end, or the mean
-    second: float  # the high end, or the standard deviation
+    kind: str  # one of DRAWS
+    first: float  # low end, or mean
+    second: float  # high end, or standard deviation
 
     def value(self, rng: np.random.Generator) -> float:
-        """One of them."""
+        """Draw one value."""
         if self.kind == "normal":
             return float(rng.normal(self.first, self.second))
         if self.kind == "uniform":
@@ -44,16 +44,16 @@ class Member(NamedTuple):
 
     number: int
     replica: int
-    seed: int  # of all that its system draws
-    values: dict[str, Any]  # of the keys that vary
+    seed: int  # seed of all random choices in its system
+    values: dict[str, Any]  # values of the varied keys
 
 
 @dataclass(frozen=True)
 class Members:
-    """All of them, in order: replica by replica, and in each the last grid's values change fastest.
+    """All members, in order: replica by replica, and within a replica the last grid's values change fastest.
 
-    Member i draws from ``SeedSequence(seed, spawn_key=(i,))``, which is the i-th that ``SeedSequence(seed).spawn``
-    gives (O'Neill 2015; numpy.random).
+    Member i draws from ``SeedSequence(seed, spawn_key=(i,))``, the i-th child of ``SeedSequence(seed).spawn`` (O'Neill
+    2015; numpy.random).
     """
 
     grids: dict[str, list[Any]]
@@ -63,7 +63,7 @@ class Members:
 
     @property
     def points(self) -> int:
-        """Combinations of the values on the grids."""
+        """Number of combinations of the grids' values."""
         return prod(len(values) for values in self.grids.values())
 
     def __len__(self) -> int:
@@ -82,7 +82,7 @@ class Members:
 
 
 def members_of(vary: Mapping[str, Any], replicas: int, seed: int) -> Members:
-    """The members that ``vary`` asks for: of each key the values on a grid, a text that SPELLINGS shows, or a Draw."""
+    """Members of ``vary``: for each key the values on a grid, a text in one of SPELLINGS, or a Draw."""
     for key, value in (("replicas", replicas), ("seed", seed)):
         if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < (key == "replicas"):
             least = "one" if key == "replicas" else "zero"
@@ -101,7 +101,7 @@ def members_of(vary: Mapping[str, Any], replicas: int, seed: int) -> Members:
 
 
 def spelled(key: str, text: str) -> list[Any] | Draw:
-    """What a text says of a key: the values of a grid, or a draw."""
+    """Parse a key's text: the values of a grid, or a draw."""
     if not text.strip():
         raise InputError(f"vary: {key}: expected {SPELLINGS}, got nothing")
     kind, *rest = text.split(":")
@@ -123,7 +123,7 @@ def spelled(key: str, text: str) -> list[Any] | Draw:
     if kind == "log" and not min(start, stop) > 0:
         raise InputError(f"vary: {key}: log takes positive numbers, got {shown(text)}")
     check_room(f"vary: {key}", count, "values", VALUE_BYTES, "give a smaller COUNT")
-    with np.errstate(all="ignore"):  # ends too far apart give values that are not finite, which are refused later
+    with np.errstate(all="ignore"):  # ends too far apart give non-finite values, which are refused later
         values = (np.geomspace if kind == "log" else np.linspace)(start, stop, count).tolist()
     whole = all(whole_text(part.removeprefix("-")) is not None for part in parts)
     whole = whole and all(value.is_integer() for value in values)
@@ -141,7 +141,7 @@ def _number(key: str, text: str) -> float:
 
 
 def _plain(text: str) -> Any:
-    """A value as TOML would have it: a number, true or false, else the text itself."""
+    """Parse a value as TOML does: a number, true or false, else the text itself."""
     if text in ("true", "false"):
         return text == "true"
     for kind in (int, float):
@@ -157,9 +157,9 @@ def _checked(key: str, draw: Draw) -> Draw:
     if draw.kind == "normal" and not high >= 0:
         raise InputError(f"vary: {key}: a standard deviation is zero or more, got {high:g}")
     if draw.kind != "normal" and not low < high:
-        raise InputError(f"vary: {key}: expected the low end before the high one, got {low:g} and {high:g}")
+        raise InputError(f"vary: {key}: expected the low end before the high end, got {low:g} and {high:g}")
     if not np.isfinite(high - low):
-        raise InputError(f"vary: {key}: the low end {low:g} and the high one {high:g} are too far apart")
+        raise InputError(f"vary: {key}: the low end {low:g} and the high end {high:g} are too far apart")
     if draw.kind == "log-uniform" and not low > 0:
         raise InputError(f"vary: {key}: log-uniform takes positive numbers, got {low:g}")
     return draw

@@ -1,9 +1,9 @@
-"""What a worker process of this machine's own does first: Dask runs ``dask_setup`` in it."""
+"""Setup of a local worker process: Dask runs ``dask_setup`` in it."""
 
 import signal
 from typing import Any
 
 
 def dask_setup(worker: Any) -> None:
-    """Leave Ctrl-C, which a terminal sends to all processes, to the one that began the ensemble."""
+    """Ignore Ctrl-C, which a terminal sends to all processes. The process that started the ensemble handles it."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -1,4 +1,4 @@
-"""What every member of an ensemble does, as it goes to the processes that do it."""
+"""Work of every member of an ensemble, in a form that can be sent to other processes."""
 
 from __future__ import annotations
 
@@ -32,19 +32,19 @@ _LOADED: set[Path] = set()  # files of integrators, in this process
 
 @dataclass(frozen=True)
 class SystemText:
-    """A system file, read."""
+    """Content of a system file."""
 
     name: str
     text: str
-    data: dict[str, Any]  # what TOML makes of the text
-    folder: Path  # where it names structure files
+    data: dict[str, Any]  # the parsed TOML
+    folder: Path  # folder of its structure files
 
     def identity(self) -> str:
-        """A text that is another one for another file."""
+        """Text that identifies the file's content."""
         return identity.of_file(self.text, self.data, self.folder)
 
     def system(self, values: Mapping[str, Any], seed: int, with_source: bool = True) -> System | Problem:
-        """The system with these values in its file, which is written anew where its ``source`` is asked for."""
+        """System with these values in its file. With ``source``, the file's text is written anew."""
         import tomli_w
 
         data = with_values(self.data, dict(values))
@@ -54,49 +54,50 @@ class SystemText:
 
 @dataclass(frozen=True)
 class SystemMaker:
-    """A System, or a function that makes one of what varies."""
+    """A System, or a function that makes a System from the varied values."""
 
     name: str
     made: System | Problem | Callable[..., System | Problem]
 
     @property
     def text(self) -> str:
-        """Of the file that the System came from, if there was one."""
+        """Text of the system file behind the System, if any."""
         return "" if callable(self.made) else self.made.source
 
     def identity(self) -> str:
-        """A text that is another one for another System or function."""
+        """Text that identifies the System or function."""
         return identity.of_function(self.made) if callable(self.made) else identity.of_system(self.made)
 
     def system(self, values: Mapping[str, Any], seed: int, with_source: bool = True) -> System | Problem:
-        """The system that the function makes of these values, those of ``[run]`` aside that it does not take."""
+        """System that the function makes from these values. Keys of ``[run]`` are passed only if it has such
+        parameters."""
         made: Any = self.made
         taken = inspect.signature(made).parameters if callable(made) else {}
         rest = {key: value for key, value in values.items() if key not in taken}
         run = {path_of(key)[-1]: value for key, value in rest.items() if path_of(key)[:-1] == ("run",)}
         for key in rest:
             if path_of(key)[:-1] != ("run",):
-                whose = f"{self.name}() does not take it" if callable(made) else "a System is not made anew"
-                raise InputError(f"vary: {key}: {whose}; expected dt, integrator or what else [run] has")
+                whose = f"{self.name}() has no such parameter" if callable(made) else "a System cannot vary this key"
+                raise InputError(f"vary: {key}: {whose}; expected dt, integrator or another key of [run]")
         if callable(made):
             own = {key: value for key, value in values.items() if key in taken}
             made = made(**own, **({"seed": seed} if "seed" in taken and "seed" not in own else {}))
             if not isinstance(made, System | Problem):
-                raise InputError(f"{self.name}(): returned a {type(made).__name__}, no System")
+                raise InputError(f"{self.name}(): returned a {type(made).__name__}, expected a System")
         return made.with_run(**run)
 
 
 @dataclass(frozen=True)
 class Recipe:
-    """A member's system, what is done with it, and what is measured.
+    """System, work and measure of every member.
 
     Attributes
     ----------
-    subject : where systems come from
+    subject : source of the systems
     settings : keys of the file or of ``[run]`` with values that all members share
     measure : RUN, MEGNO, or a function of the Simulation after its run
-    trajectories : a folder for the members' files, or none
-    methods : integrators that did not come with kickdrift, and go along by value
+    trajectories : a folder for the members' files, or None
+    methods : integrators outside kickdrift, which are sent by value
     files : Python files that register others
     """
 
@@ -108,19 +109,18 @@ class Recipe:
     files: tuple[Path, ...] = ()
 
     def system(self, member: Member) -> System | Problem:
-        """The member's system."""
+        """System of a member."""
         with_source = self.trajectories is not None or callable(self.measure)
         return self.subject.system({**self.settings, **member.values}, member.seed, with_source)
 
     def carrier(self, member: Member) -> str | None:
-        """The integrator that `megno` is asked for; none where only the system's own file names one, which may carry no
-        variations."""
+        """Integrator for `megno`; None if only the system's own file names one, which may carry no variations."""
         asked = {path_of(key): value for key, value in {**self.settings, **member.values}.items()}
         return asked.get(("run", "integrator"))
 
     @property
     def drawn(self) -> bool:
-        """Whether members with the same values differ by their seeds, as far as can be told."""
+        """Tell whether members with the same values differ by their seeds, as far as this is known."""
         if self.measure == MEGNO:
             return True
         if isinstance(self.subject, SystemText):
@@ -128,7 +128,7 @@ class Recipe:
         return callable(self.subject.made) and "seed" in inspect.signature(self.subject.made).parameters
 
     def begin(self) -> None:
-        """Know the integrators, in a process that may not."""
+        """Register the integrators in a new process."""
         with _LOADING:
             for method in self.methods:
                 INTEGRATORS[method.name] = method
@@ -139,12 +139,12 @@ class Recipe:
 
     @property
     def measure_name(self) -> str:
-        """What is measured, in a word."""
+        """The measure in one word."""
         return self.measure if isinstance(self.measure, str) else getattr(self.measure, "__name__", "measure")
 
     def knowing(self, methods: Iterable[Method]) -> Recipe:
-        """The same for members that name these integrators: numbers go along, as does a step in the user's script; one
-        in a file is loaded from there."""
+        """Copy for members that name these integrators. Coefficients, and a step in the user's script, are sent by
+        value; a step in a file is loaded from the file."""
         found, files = [], set()
         for method in methods:
             step = getattr(method, "function", None)
@@ -155,10 +155,10 @@ class Recipe:
         return replace(self, methods=tuple(found), files=tuple(sorted(files)))
 
     def writing(self, trajectories: str | os.PathLike[str]) -> Recipe:
-        """The same with a file for each member in that folder, which is made if need be."""
+        """Copy with a file for each member in that folder, which is made if needed."""
         folder = Path(trajectories).resolve()
         if self.measure == MEGNO:
-            raise InputError("trajectories: megno keeps no frames; expected measure 'run' or a function")
+            raise InputError("trajectories: megno writes no frames; expected measure 'run' or a function")
         try:
             folder.mkdir(exist_ok=True)
         except OSError as error:
@@ -166,13 +166,13 @@ class Recipe:
         return replace(self, trajectories=folder)
 
     def refuse_frames(self, overwrite: bool) -> None:
-        """Of other members, in the folder of trajectories."""
+        """Refuse frames of other members in the folder of trajectories."""
         there = sorted(self.trajectories.glob("member-*.h5md")) if self.trajectories and not overwrite else []
         if there:
             raise InputError(f"trajectories: {there[0]} exists already; give another folder, or --overwrite")
 
     def identity(self) -> dict[str, str]:
-        """What makes members other members, by name, as short texts."""
+        """Identity of the members, as short texts by name."""
         files = [path.read_bytes() for path in self.files]
         return {
             "system": self.subject.identity(),
@@ -184,5 +184,5 @@ class Recipe:
 
 
 def seeded(values: Iterable[str]) -> bool:
-    """Whether a seed of the system's own is among what varies."""
+    """Tell whether a seed of the system itself is varied."""
     return any(path_of(key)[0] in ("velocities", "particles") and path_of(key)[-1] == "seed" for key in values)

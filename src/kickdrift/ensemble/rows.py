@@ -1,4 +1,4 @@
-"""Rows of an ensemble's table: a member's columns."""
+"""Rows of an ensemble's table: the columns of a member."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ Row = dict[str, Any]
 DONE, FAILED, LOST = "done", "failed", "lost"
 MEMBER = "member"
 LAST = ("wall_seconds", "last_step", "last_time", "last_y", "last_positions", "last_velocities")  # columns
-UNKNOWNS = 20  # of an ODE, at most, that are columns
-COLUMNS = (MEMBER, "replica", "seed", "status", "error", *LAST)  # of every table
+UNKNOWNS = 20  # most unknowns of an ODE with their own columns
+COLUMNS = (MEMBER, "replica", "seed", "status", "error", *LAST)  # columns of every table
 
 
 def row_of(member: Member, status: str, error: str = "", measured: Row | None = None) -> Row:
-    """A member's row; a column that varied is told as it was given."""
+    """Row of a member; a varied key has its given value."""
     begun = {
         MEMBER: member.number, "replica": member.replica, "seed": member.seed, **member.values, "status": status,
         "error": error,
@@ -31,7 +31,7 @@ def row_of(member: Member, status: str, error: str = "", measured: Row | None = 
 
 
 def run_columns(report: Report, measured: Row | None = None) -> Row:
-    """What a run reports of itself, and what else was ``measured``, as columns."""
+    """A run's report, and the ``measured`` values, as columns."""
     energy = report.energy
     columns: Row = {
         "integrator": report.integrator,
@@ -55,18 +55,18 @@ def run_columns(report: Report, measured: Row | None = None) -> Row:
         columns |= {f"y{i}": value for i, value in enumerate(report.y)}
     for name in measured or {}:
         if name in columns or name in COLUMNS:
-            raise InputError(f"measure: {name} is a column of every run; give it another name")
+            raise InputError(f"measure: {name}: every run has a column of this name; choose another")
     return columns | (measured or {}) | {"wall_seconds": report.wall_seconds}
 
 
 def megno_columns(found: ChaosReport) -> Row:
-    """What a ChaosReport says, as columns."""
+    """A ChaosReport as columns."""
     names = ("integrator", "dt", "steps", "time", "megno", "verdict", "lyapunov", "lyapunov_error", "energy_error")
     return {name: getattr(found, name) for name in names}
 
 
 def last_columns(state: Any, system: System | Problem | None) -> Row:
-    """A failed member's last good state, as columns; positions and velocities as one list each, x y z x y z …"""
+    """Last good state of a failed member, as columns. Positions and velocities are one list each: x y z x y z …"""
     if state is None or system is None:
         return {}
     at = {"last_step": state.steps_done, "last_time": state.time}

@@ -1,7 +1,7 @@
-"""Members go to Dask's workers a few at a time, and their rows come back as they are done.
+"""Distribution of members to Dask's workers, a few at a time, and collection of their rows.
 
-Dask keeps the processes, sends the work, and gives the members of a worker that died to another. No more is in flight
-than keeps the workers busy, so that an ensemble of any size fits into memory.
+Dask keeps the processes, sends the work, and gives the members of a dead worker to another. Only as many members are in
+progress as keep the workers busy, so an ensemble of any size fits into memory.
 """
 
 from __future__ import annotations
@@ -28,25 +28,25 @@ from kickdrift.ensemble.work import check, packed, timed_members
 from kickdrift.errors import InputError, RunError
 from kickdrift.text import counted
 
-PATIENCE = 10.0  # seconds for a scheduler to answer
-AHEAD = 3  # tasks in flight for each thread of the workers
-TASK_SECONDS = 0.4  # members that take less go several in a task, at most MOST
+PATIENCE = 10.0  # seconds to wait for a scheduler's answer
+AHEAD = 3  # tasks in progress for each thread of the workers
+TASK_SECONDS = 0.4  # shorter members share a task, at most MOST
 MOST = 64
-LOCAL = {  # what Dask does in a cluster of this machine's own
-    "distributed.deploy.lost-worker-timeout": "1000 days",  # else a worker that dies while it restarts is no more
-    "distributed.worker.profile.enabled": False,  # nobody looks, and it takes time from the members
+LOCAL = {  # Dask's settings for a cluster on this machine
+    "distributed.deploy.lost-worker-timeout": "1000 days",  # else a worker that dies while it restarts is given up
+    "distributed.worker.profile.enabled": False,  # not used, and it takes time from the members
     "distributed.admin.tick.interval": "2s",
     "distributed.admin.system-monitor.interval": "2s",
     "distributed.scheduler.work-stealing-interval": "1s",
     "distributed.scheduler.active-memory-manager.start": False,
 }
-REFRESH = 1.0  # seconds after which the workers are counted again
+REFRESH = 1.0  # seconds between counts of the workers
 
 
 @contextmanager
 def workers(number: int | None = None, scheduler: str | None = None) -> Iterator[Any]:
-    """A client of the scheduler at that address, or of ``number`` new processes on this machine, one for each core
-    unless told; they are started by spawn, have one thread each, and end with the context."""
+    """Client of the scheduler at an address, or of ``number`` new processes on this machine, by default one for each
+    core. The processes are started by spawn, have one thread each, and end with the context."""
     import dask
     import distributed
     from distributed.comm import get_address_host_port
@@ -54,9 +54,9 @@ def workers(number: int | None = None, scheduler: str | None = None) -> Iterator
 
     silent = partial(silence_logging_cmgr, logging.CRITICAL + 1)
     if scheduler is not None:
-        with silent("distributed"), silent("distributed.client"):  # its errors are told in one line
+        with silent("distributed"), silent("distributed.client"):  # its errors are reported in one line
             try:
-                get_address_host_port(scheduler)  # a Client that was refused an address would wait for it to the end
+                get_address_host_port(scheduler)  # a Client with a refused address would wait until its timeout
                 client = distributed.Client(scheduler, timeout=PATIENCE, set_as_default=False)
             except (OSError, ValueError) as error:
                 why = " ".join(str(error).split())
@@ -64,7 +64,7 @@ def workers(number: int | None = None, scheduler: str | None = None) -> Iterator
             with client:
                 yield client
         return
-    quiet_tracker()  # where it starts it lets this thread hear Ctrl-C
+    quiet_tracker()  # its start would unblock Ctrl-C in this thread
     with (
         _nobody_imports_main(),
         dask.config.set(LOCAL),
@@ -83,7 +83,7 @@ def workers(number: int | None = None, scheduler: str | None = None) -> Iterator
 
 
 def _cluster(number: int | None) -> Any:
-    """New processes on this machine; a RunError where one of them dies before all are there."""
+    """New processes on this machine. Raises RunError if one of them dies before all have started."""
     import distributed
 
     try:
@@ -92,12 +92,12 @@ def _cluster(number: int | None) -> Any:
             threads_per_worker=1,
             processes=True,
             silence_logs=logging.CRITICAL,
-            dashboard_address="127.0.0.1:0",  # one that is free; None means 8787, and a warning where it is taken
+            dashboard_address="127.0.0.1:0",  # a free port; None means 8787, with a warning if it is taken
             preload="kickdrift.ensemble.preload",
         )
     except (RuntimeError, OSError) as error:
         raise RunError(f"ensemble: the workers cannot be started: {_line(error)}") from None
-    except KeyboardInterrupt:  # the second; at the end of Python a cluster that is not there yet prints tracebacks
+    except KeyboardInterrupt:  # the second Ctrl-C; at exit, Python prints tracebacks of an unfinished cluster
         atexit.unregister(distributed.deploy.spec.close_clusters)
         logging.getLogger("distributed").setLevel(logging.CRITICAL + 1)
         for child in active_children():
@@ -107,13 +107,13 @@ def _cluster(number: int | None) -> Any:
 
 
 def quiet_tracker() -> None:
-    """Start the process in which Python tracks semaphores, with no standard error.
+    """Start Python's tracker of semaphores without standard error.
 
-    After a worker was killed that process prints tracebacks of semaphores that are gone.
+    After the kill of a worker the tracker prints tracebacks of missing semaphores.
     """
     try:
         error = os.dup(2)
-    except OSError:  # there is no standard error
+    except OSError:  # no standard error
         return
     nowhere = os.open(os.devnull, os.O_WRONLY)
     try:
@@ -127,8 +127,8 @@ def quiet_tracker() -> None:
 
 @contextmanager
 def _nobody_imports_main() -> Iterator[None]:
-    """A process that is spawned would run the user's script once more, up to its ``if __name__ == "__main__"``: what
-    members need of it comes to them by value, so it does not have to."""
+    """Keep spawned processes from running the user's script again, up to its ``if __name__ == "__main__"``. Members get
+    everything that they need from the script by value."""
     main = sys.modules["__main__"]
     hidden: dict[str, Any] = {name: vars(main).pop(name) for name in ("__file__", "__spec__") if name in vars(main)}
     main.__spec__ = None
@@ -139,19 +139,20 @@ def _nobody_imports_main() -> Iterator[None]:
 
 
 def rows(recipe: Recipe, members: Members, todo: Iterable[int], client: Any) -> Iterator[list[Row]]:
-    """The rows of the members with these numbers, as they are done; as many go together as take about TASK_SECONDS.
+    """Yield the rows of the members with these numbers as they finish. Members that take about TASK_SECONDS together
+    form one task.
 
-    When workers die at a task, and take others with them, Dask gives up all that they were to do. Those members are
-    `suspects`: each runs again, one at a time with no other under way, and is lost where workers still die at it.
+    If workers die at a task, Dask also gives up their other tasks. Those members become `suspects`: each runs again,
+    with no other member at the same time, and is lost if workers still die.
     """
     import distributed
 
     cargo = packed(recipe)
-    for answer in client.run(check, cargo, on_error="return").values():  # of one that dies meanwhile, how it died
+    for answer in client.run(check, cargo, on_error="return").values():  # or the error of a worker that dies
         if isinstance(answer, InputError):
             raise answer
         if isinstance(answer, ImportError | AttributeError):
-            raise InputError(f"ensemble: the workers cannot load what members need: {answer}")
+            raise InputError(f"ensemble: the workers cannot load the members' code: {answer}")
     left = iter(todo)
     name = f"kickdrift-{uuid.uuid4().hex[:12]}"
     tasks = distributed.as_completed(loop=client.loop)
@@ -171,7 +172,7 @@ def rows(recipe: Recipe, members: Members, todo: Iterable[int], client: Any) -> 
                 send([suspects.popleft()])
             return
         nonlocal room, looked
-        if monotonic() - looked >= REFRESH:  # which takes the scheduler as long as a task
+        if monotonic() - looked >= REFRESH:  # this takes the scheduler as long as a task
             room, looked = AHEAD * max(1, sum(client.nthreads().values())), monotonic()
         while len(sent) < room and (batch := [members[i] for i in islice(left, together)]):
             send(batch)
@@ -186,7 +187,7 @@ def rows(recipe: Recipe, members: Members, todo: Iterable[int], client: Any) -> 
                 together = min(max(least, wanted - wanted % least), MOST)
                 yield found
             elif future.status != "error":
-                raise RunError(f"ensemble: the scheduler was lost, with {counted(len(sent) + 1, 'task')} under way")
+                raise RunError(f"ensemble: lost the scheduler, with {counted(len(sent) + 1, 'task')} running")
             elif not isinstance(raised := future.exception(), distributed.KilledWorker):
                 yield [row_of(member, FAILED, _line(raised)) for member in batch]
             elif alone and len(batch) == 1:
@@ -200,5 +201,5 @@ def rows(recipe: Recipe, members: Members, todo: Iterable[int], client: Any) -> 
 
 
 def _line(error: BaseException) -> str:
-    """What went wrong, in one line."""
+    """One line about an error."""
     return " ".join(f"{type(error).__name__}: {error}".split())

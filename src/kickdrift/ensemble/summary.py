@@ -1,4 +1,4 @@
-"""What the members of an ensemble say together: means over replicas with their standard errors."""
+"""Summary of an ensemble's members: means over replicas with their standard errors."""
 
 from __future__ import annotations
 
@@ -16,29 +16,29 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 _NOT_MEASURED = (MEMBER, "replica", "seed", "dt", "steps", "time", "force_evaluations", *LAST)
-LAST_OF_RUN = "warnings"  # the column that a user's function's follow
-_FIRST = ("megno", "pressure", "energy_max_relative_error")  # what is shown of an ensemble unless told
+LAST_OF_RUN = "warnings"  # the columns of a user's function follow this one
+_FIRST = ("megno", "pressure", "energy_max_relative_error")  # columns shown by default
 
 
 def grids(table: DataFrame) -> list[str]:
-    """The keys that took several values on a grid."""
+    """Keys with several values on a grid."""
     return [key for key, values in table.attrs[PROVENANCE]["grids"].items() if len(values) > 1]
 
 
 def drawn(table: DataFrame) -> list[str]:
-    """The keys whose values were drawn."""
+    """Keys with random values."""
     return list(table.attrs[PROVENANCE]["draws"])
 
 
 def measured(table: DataFrame) -> list[str]:
-    """The columns of numbers that were measured, of which there are any."""
+    """Measured columns of numbers that have any."""
     given = {*_NOT_MEASURED, *table.attrs[PROVENANCE]["grids"], *drawn(table)}
     numbers = [name for name in table.columns if name not in given and table[name].dtype.kind in "if"]
     return [name for name in numbers if np.isfinite(table[name]).any()]
 
 
 def chosen(table: DataFrame, column: str | None = None) -> str:
-    """The column asked for, or the one that tells most: what a user's function measured, else the first of _FIRST."""
+    """The requested column, or the most informative one: a user's measured column, else the first of _FIRST."""
     known = measured(table)
     if column is not None:
         if column not in known:
@@ -47,16 +47,18 @@ def chosen(table: DataFrame, column: str | None = None) -> str:
             )
         return column
     if not known:
-        raise InputError("no member measured a number")
+        raise InputError("no member has a measured number")
     columns = list(table.columns)
     own = columns[columns.index(LAST_OF_RUN) + 1 :] if LAST_OF_RUN in columns else []
     return next((name for name in (*own, *_FIRST) if name in known), known[0])
 
 
 def by_point(table: DataFrame, column: str) -> DataFrame:
-    """For each combination of values on the grids: the ``mean`` of a column over its members that are done, its
-    standard ``error`` (the standard deviation over the root of their number; NaN for one), and the ``members``. The
-    index is the combination's number, in which the last grid's values change fastest; one with no member is left out.
+    """Mean of a column for each combination of the grids' values.
+
+    ``mean`` is over the members that are done. ``error`` is the standard error, the standard deviation over the root of
+    the number of members (NaN for one). ``members`` is that number. The index is the combination's number, in which the
+    last grid's values change fastest; combinations without members are left out.
     """
     import pandas as pd
 
@@ -73,7 +75,7 @@ def by_point(table: DataFrame, column: str) -> DataFrame:
 
 
 def moments(values: Any) -> dict[str, float]:
-    """Of one column's finite values: see `by_point`."""
+    """Moments of a column's finite values: see `by_point`."""
     known = values.to_numpy(dtype=float)
     known = known[np.isfinite(known)]
     count = len(known)

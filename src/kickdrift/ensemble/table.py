@@ -1,5 +1,5 @@
-"""An ensemble's table on disk: a journal while members run, which a kill leaves whole but for its last line, and at the
-end one Parquet or HDF5 file with all provenance."""
+"""Table of an ensemble on disk: a journal while members run, then one Parquet or HDF5 file with all provenance. After a
+kill, at most the last line of the journal is damaged."""
 
 from __future__ import annotations
 
@@ -25,15 +25,15 @@ if TYPE_CHECKING:
     from kickdrift.ensemble.rows import Row
 
 SUFFIXES = kinds.TABLE.suffixes
-PROVENANCE = "kickdrift"  # the name under which it stands in a file, and in a table's ``attrs``
-TEXTS = ("status", "error", "integrator", "energy_verdict", "verdict", "stopped", "warnings")  # "" where there is none
-SCALARS = (bool, int, float, str, list, type(None))  # what a cell may hold
+PROVENANCE = "kickdrift"  # its name in a file, and in a table's ``attrs``
+TEXTS = ("status", "error", "integrator", "energy_verdict", "verdict", "stopped", "warnings")  # empty text if missing
+SCALARS = (bool, int, float, str, list, type(None))  # types of a cell
 STATUSES = (DONE, FAILED, LOST)
-WHOLE = 2**63  # numbers from here on are floats
+WHOLE = 2**63  # larger numbers are floats
 
 
 def frame(rows: Iterable[Row], provenance: dict[str, Any]) -> DataFrame:
-    """The rows as a table, by member; numbers that a member has not are NaN."""
+    """Rows as a table, by member. Missing numbers are NaN."""
     import pandas as pd
 
     ordered = sorted(rows, key=lambda row: row[MEMBER])
@@ -45,7 +45,7 @@ def frame(rows: Iterable[Row], provenance: dict[str, Any]) -> DataFrame:
 
 
 def _column(name: str, values: list[Any]) -> Any:
-    """Values of one kind, as a column of a Parquet file has to be: numbers, truths, lists of numbers, or texts."""
+    """Values of one type, as a column of a Parquet file must be: numbers, booleans, lists of numbers, or texts."""
     values = [value.item() if isinstance(value, np.generic) else value for value in values]
     known = [value for value in values if value is not None]
     kinds = {type(value) for value in known}
@@ -64,7 +64,7 @@ def _column(name: str, values: list[Any]) -> Any:
 
 
 def records(table: DataFrame) -> list[Row]:
-    """The rows of a table, as they were before they became one."""
+    """Rows of a table, as before it became a table."""
     rows = table.to_dict("records")
     texts = [name for name in table.columns if table[name].dtype.kind not in "if"]
     for row in rows:
@@ -72,26 +72,26 @@ def records(table: DataFrame) -> list[Row]:
             value = row[name]
             if isinstance(value, np.ndarray):
                 row[name] = value.tolist()
-            elif isinstance(value, float):  # which stands for none
+            elif isinstance(value, float):  # NaN stands for a missing value
                 row[name] = None
     return rows
 
 
 def _is_row(row: Any) -> bool:
-    """Whether it is a member's row, as far as the ensemble looks into it."""
+    """Tell whether this is a member's row, as far as the ensemble reads it."""
     if not (isinstance(row, dict) and all(isinstance(value, SCALARS) for value in row.values())):
         return False
     return type(row.get(MEMBER)) is int and row[MEMBER] >= 0 and row.get("status") in STATUSES
 
 
 def journal_of(output: Path) -> Path:
-    """Where the journal of a table is."""
+    """Path of a table's journal."""
     return output.with_name(f"{output.name}.journal")
 
 
 class Journal:
-    """The rows of the members that are done, a line each, beside the file that they will be in. As a context, it keeps
-    other processes away from both."""
+    """Rows of finished members, a line each, in a file beside the output. As a context, it locks both files against
+    other processes."""
 
     def __init__(self, output: Path, provenance: dict[str, Any]) -> None:
         self.output, self.provenance = output, provenance
@@ -111,8 +111,8 @@ class Journal:
             self._lock.release()
 
     def known(self) -> dict[int, Row]:
-        """The members that are done already, by number, from the journal or the output; those whose workers died are
-        not. InputError where these are of another ensemble."""
+        """Finished members by number, from the journal or the output, without members whose workers died. Raises
+        InputError if they belong to another ensemble."""
         began, found = self._read()
         if began is None and self.output.exists():
             table = read(self.output)
@@ -124,19 +124,19 @@ class Journal:
         then = began.get("identity")
         for key, here in self.provenance["identity"].items():
             if not isinstance(then, dict) or then.get(key) != here:
-                raise InputError(f"{self.output}: holds an ensemble with another {key}; give --overwrite to begin anew")
+                raise InputError(f"{self.output}: holds an ensemble with another {key}; use --overwrite to replace it")
         known = {row[MEMBER]: row for row in found if row["status"] != LOST}
         count = self.provenance["members"]
         if known and max(known) >= count:
             raise InputError(
-                f"{self.output}: holds {len(known)} members of this ensemble, more than the {count} asked for"
+                f"{self.output}: holds {len(known)} members of this ensemble, more than the requested {count}"
             )
         grown = {key: self.provenance[key] for key in ("members", "replicas")}
-        self.provenance = {**began, **grown}  # the rest is that of the first rows
+        self.provenance = {**began, **grown}  # the rest belongs to the first rows
         return known
 
     def _read(self) -> tuple[dict[str, Any] | None, list[Row]]:
-        """The provenance of the ensemble that was begun here, and its rows; what a kill cut short is left out."""
+        """Provenance of the ensemble in the journal, and its rows. A line cut short by a kill is left out."""
         if not os.path.lexists(self.path):
             return None, []
         with opened(self.path) as file:
@@ -146,18 +146,18 @@ class Journal:
         except (ValueError, RecursionError):
             first, rows = None, []
         if not isinstance(first, dict) or not all(map(_is_row, rows)):
-            raise InputError(f"{self.path}: is no journal of an ensemble, or was damaged; take it away")
+            raise InputError(f"{self.path}: is no journal of an ensemble, or was damaged; remove it")
         return first, rows
 
     def begin(self, rows: Iterable[Row]) -> None:
-        """Open it, with these rows in it."""
+        """Open the journal with these rows."""
         with written_whole(self.path, kinds.JOURNAL, overwrite=True) as part:
             part.write_text("".join(json.dumps(each) + "\n" for each in (self.provenance, *rows)), encoding="utf-8")
         flags = os.O_WRONLY | os.O_APPEND | getattr(os, "O_NOFOLLOW", 0)
         self._file = open(self.path, "ab", buffering=0, opener=lambda name, _: descriptor(name, flags))  # noqa: SIM115
 
     def append(self, rows: Iterable[Row]) -> None:
-        """Add rows; once this returns a kill of the process does not lose them."""
+        """Append rows. After the return, a kill of the process does not lose them."""
         try:
             lines = memoryview("".join(json.dumps(row) + "\n" for row in rows).encode())
             while lines:
@@ -166,13 +166,13 @@ class Journal:
             raise RunError(f"{self.path}: cannot be written: {reason(error)}") from None
 
     def finish(self, table: DataFrame) -> None:
-        """Write the table, in the journal's place."""
+        """Write the table and remove the journal."""
         write(table, self.output)
         self.path.unlink(missing_ok=True)
 
 
 def write(table: DataFrame, output: Path) -> None:
-    """Write the table in a file, whole or not at all; what is there is replaced."""
+    """Write the table to a file, whole or not at all, replacing an existing file."""
     with written_whole(output, kinds.TABLE, overwrite=True) as part:
         if output.suffix.lower() == ".parquet":
             table.to_parquet(part, index=False)
@@ -181,10 +181,10 @@ def write(table: DataFrame, output: Path) -> None:
 
 
 def read(path: str | os.PathLike[str]) -> DataFrame:
-    """The table in a file that an ensemble wrote; its provenance is ``table.attrs["kickdrift"]``."""
+    """Read the table of an ensemble's file; its provenance is ``table.attrs["kickdrift"]``."""
     path = Path(path)
     if path.suffix.lower() not in SUFFIXES:
-        raise InputError(f"{path}: the table of an ensemble ends in {' or '.join(SUFFIXES)}")
+        raise InputError(f"{path}: the name of an ensemble's table must end in {' or '.join(SUFFIXES)}")
     refuse_unfit(path)
     try:
         table = _read_parquet(path) if path.suffix.lower() == ".parquet" else _read_hdf5(path)
@@ -198,7 +198,7 @@ def read(path: str | os.PathLike[str]) -> DataFrame:
 
 
 def checked_output(output: str | os.PathLike[str]) -> Path:
-    """The path of a table to be written or gone on with."""
+    """Checked path of a table to write or to continue."""
     path = checked_target(output, kinds.TABLE, overwrite=True)
     checked_target(journal_of(path), kinds.JOURNAL._replace(ours=lambda head, tail: True), overwrite=True)
     try:
@@ -236,7 +236,7 @@ def _write_hdf5(table: DataFrame, path: Path) -> None:
 
 
 def _dataset(name: str) -> str:
-    """Where a column is in a file."""
+    """Path of a column inside a file."""
     return f"table/{name.replace('/', '|')}"
 
 

@@ -1,6 +1,6 @@
 """Members that are small systems under gravity advance side by side, several to a register: see `kickdrift.batch`.
 
-Whether one does depends on nothing but the member, and so do its bits.
+Only the member itself decides whether it does, so its bits depend on nothing else.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ from kickdrift.model.limits import steps_in
 from kickdrift.model.problem import Problem
 from kickdrift.model.system import System
 
-TOGETHER = WIDTH  # members, or a multiple of them
-NEAR = 1e-6  # steps that a time may be off their grid
+TOGETHER = WIDTH  # members, or a multiple of this
+NEAR = 1e-6  # allowed distance of a time from the grid of steps, in steps
 
 
 class Kind(NamedTuple):
-    """What members that advance together have in common."""
+    """Properties shared by members that advance together."""
 
     integrator: str
     bodies: int
@@ -37,7 +37,7 @@ class Kind(NamedTuple):
 
 
 def side_by_side(recipe: Recipe, members: Iterable[tuple[Member, System | Problem]]) -> dict[int, Row]:
-    """The rows, by number, of those members that can advance together, and come to an end without a blow-up."""
+    """Rows, by number, of those members that can advance together and end without a blow-up."""
     groups: dict[Kind, list[tuple[Member, System]]] = {}
     for member, system in members:
         kind = _kind(recipe, member, system)
@@ -47,7 +47,7 @@ def side_by_side(recipe: Recipe, members: Iterable[tuple[Member, System | Proble
     for kind, group in groups.items():
         try:
             columns = (_megno if recipe.measure == MEGNO else _run)(kind, group)
-        except KickdriftError:  # of what they have in common, such as too few steps: each says so alone
+        except KickdriftError:  # a shared problem, such as too few steps: each member reports it alone
             continue
         rows |= {
             member.number: row_of(member, DONE, measured=found)
@@ -58,7 +58,7 @@ def side_by_side(recipe: Recipe, members: Iterable[tuple[Member, System | Proble
 
 
 def _kind(recipe: Recipe, member: Member, system: System | Problem) -> Kind | None:
-    """The member's kind; None where it has to run alone, and says itself what is wrong with it."""
+    """Kind of a member; None if it has to run alone, and reports its own error."""
     if callable(recipe.measure) or recipe.trajectories is not None:
         return None
     if not isinstance(system, System) or system.equilibration is not None or system.run.dt is None:
@@ -77,7 +77,7 @@ def _kind(recipe: Recipe, member: Member, system: System | Problem) -> Kind | No
 
 
 def _steps(system: System) -> int | None:
-    """How many steps the system asks for; None where its time is not on their grid."""
+    """Number of steps that the system asks for; None if its time is not on their grid."""
     run = system.run
     if run.steps is not None and run.time is not None:
         return None

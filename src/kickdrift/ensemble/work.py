@@ -1,4 +1,4 @@
-"""What a worker does: members, each run to a row of the table. Nothing that a member does stops the others."""
+"""Work of a worker: members, each run to a row of the table. No member can stop the others."""
 
 from __future__ import annotations
 
@@ -17,36 +17,36 @@ from kickdrift.model.units import shown
 
 
 def packed(recipe: Recipe) -> bytes:
-    """A Recipe for other processes. It goes to Dask as plain bytes, since a worker that cannot load what it is sent
-    neither does it nor says so."""
+    """Pack a Recipe for other processes. Dask gets plain bytes, since a worker that cannot load what it receives fails
+    silently."""
     import cloudpickle
 
     try:
         return cloudpickle.dumps((VERSION, recipe))
-    except Exception as error:  # of whatever a user's function holds
+    except Exception as error:  # whatever a user's function holds
         why = " ".join(str(error).split())
-        raise InputError(f"ensemble: what members need cannot be sent to other processes: {why}") from None
+        raise InputError(f"ensemble: the members' code cannot be sent to other processes: {why}") from None
 
 
 def unpacked(cargo: bytes) -> Recipe:
-    """The Recipe; an InputError where another version of kickdrift packed it."""
+    """Unpack the Recipe. Raises InputError if another version of kickdrift packed it."""
     import cloudpickle
 
     version, recipe = cloudpickle.loads(cargo)
     if version != VERSION:
         here = platform.node()
-        raise InputError(f"ensemble: the worker on {here} has kickdrift {VERSION}, and this is {version}")
+        raise InputError(f"ensemble: the worker on {here} has kickdrift {VERSION}, this process has {version}")
     return recipe
 
 
 def check(cargo: bytes) -> None:
-    """See whether the Recipe can be unpacked here."""
+    """Test whether the Recipe can be unpacked here."""
     unpacked(cargo)
 
 
 def timed_members(cargo: bytes, members: Sequence[Member]) -> tuple[list[Row], float, int]:
-    """A row for each member, by a packed Recipe; how many seconds it took; and how many members should go together."""
-    from kickdrift.ensemble.together import TOGETHER, side_by_side  # which loads the compiler
+    """Run members by a packed Recipe. Return a row for each, the seconds, and the number of members for one task."""
+    from kickdrift.ensemble.together import TOGETHER, side_by_side  # loads the compiler
 
     began = perf_counter()
     recipe = unpacked(cargo)
@@ -58,7 +58,7 @@ def timed_members(cargo: bytes, members: Sequence[Member]) -> tuple[list[Row], f
 
 
 def _built(recipe: Recipe, member: Member) -> System | Problem | None:
-    """The member's system; none where it cannot be built, which is told when it is run alone."""
+    """The member's system; None if it cannot be built, which its single run reports."""
     try:
         return recipe.system(member)
     except Exception:
@@ -66,7 +66,7 @@ def _built(recipe: Recipe, member: Member) -> System | Problem | None:
 
 
 def run_member(recipe: Recipe, member: Member, system: System | Problem | None = None) -> Row:
-    """A member's row: what it is, how it ended, and what was measured or, of one that failed, its last good state."""
+    """Row of a member: its values, its status, and its measured values or, after a failure, its last good state."""
     try:
         system = system or recipe.system(member)
         return row_of(member, DONE, measured=(_megno if recipe.measure == MEGNO else _run)(recipe, member, system))
@@ -91,7 +91,7 @@ def _run(recipe: Recipe, member: Member, system: System | Problem) -> Row:
 
 
 def _measured(measure: Any, sim: Any) -> Row:
-    """What a user's function says of a run, as columns."""
+    """Result of a user's function on a run, as columns."""
     found = measure(sim)
     if not isinstance(found, dict):
         found = {getattr(measure, "__name__", "measure"): found}

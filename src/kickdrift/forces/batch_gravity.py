@@ -1,7 +1,7 @@
 """Gravity in many small systems at once: a lane is a system.
 
-Eight systems of as many bodies stand side by side, body by body and axis by axis, so that every sum is a plain loop and
-nothing goes across lanes: what a system does depends on no other, and its bits neither on the lane it is in.
+Eight systems with equal numbers of bodies stand side by side, body by body and axis by axis. Every sum is a plain loop
+and nothing crosses lanes. So no system affects another, and a system's bits do not depend on its lane.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ from kickdrift.jit.memory import load, store
 from kickdrift.jit.vector3 import cross, dot, load3, plus_dot, store3, thrice
 from kickdrift.jit.vectors import WIDTH
 
-# Rows of a look: energies, momentum, angular momentum about the origin.
+# Rows of a sample: energies, momentum, angular momentum about the origin.
 KINETIC, POTENTIAL, MOMENTUM, ANGULAR = 0, 1, 2, 5
 LOOK = 8
 
 
 class LaneBodies(NamedTuple):
-    """What of eight systems does not change. Arrays of positions, velocities and accelerations are (3, n, 8), or
-    (3, 2 n, 8) where deviations ride along behind the bodies."""
+    """Constant data of eight systems. Arrays of positions, velocities and accelerations are (3, n, 8), or (3, 2 n, 8)
+    with deviations behind the bodies."""
 
     gm: NDArray[np.float64]  # (n, 8) G m
     masses: NDArray[np.float64]  # (n, 8) coherent
@@ -34,8 +34,8 @@ class LaneBodies(NamedTuple):
 
 @in_order
 def pull_in_lanes(bodies, x, a):
-    """a <- the accelerations at x, each pair once; of deviations, the slope of these along them (the formulas and their
-    sources are in ``gravity_slope``)."""
+    """Write the accelerations at x to a, each pair once. For deviations, write the slope of the accelerations along
+    them (formulas and sources are in ``gravity_slope``)."""
     gm, n, rows = bodies.gm, bodies.gm.shape[0], x.shape[1]
     softening2 = load(bodies.softening2, 0)
     stride, behind, varied = rows * WIDTH, n * WIDTH, rows > n
@@ -67,7 +67,7 @@ def pull_in_lanes(bodies, x, a):
 
 @in_order
 def look_in_lanes(bodies, x, v, found):
-    """found (LOOK, 8) <- energies and momenta of the bodies."""
+    """Write energies and momenta of the bodies to found (LOOK, 8)."""
     gm, masses, n = bodies.gm, bodies.masses, bodies.gm.shape[0]
     softening2 = load(bodies.softening2, 0)
     stride, end = x.shape[1] * WIDTH, n * WIDTH
@@ -91,7 +91,7 @@ def look_in_lanes(bodies, x, v, found):
 
 @driver
 def measure_in_lanes(bodies, y, a, found):
-    """a <- accelerations, found (LOOK, 8) <- what ``look_in_lanes`` sees, at y (2, 3, n or 2 n, 8)."""
+    """Write accelerations to a, and the values of ``look_in_lanes`` to found (LOOK, 8), at y (2, 3, n or 2 n, 8)."""
     bound, y = handle(bodies), unowned(y)
     pull_in_lanes(bound, y[0], unowned(a))
     look_in_lanes(bound, y[0], y[1], unowned(found))

@@ -68,7 +68,7 @@ class BoundForces:
         self.threads = check_threads(threads)
         pairs = [isinstance(force, PairForce) for force in system.forces]
         if mixed and not any(pairs):
-            raise InputError(f"precision: mixed is for pair forces, and {system.name!r} has none")
+            raise InputError(f"precision: mixed needs pair forces; {system.name!r} has none")
         self.forces: tuple[BoundForce, ...] = tuple(
             force.bind(system, threads, mixed) if pair else BoundForce(force.bind(system, threads))
             for force, pair in zip(system.forces, pairs, strict=True)

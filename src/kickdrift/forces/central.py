@@ -32,13 +32,13 @@ def central_body(name: str, central: Central, system: System) -> int:
         index = int(np.argmax(masses))
     elif isinstance(central, str):
         if central not in system.names:
-            known = f"bodies are {', '.join(system.names)}" if system.names else "this system's have no names"
+            known = f"bodies are {', '.join(system.names)}" if system.names else "this system's bodies have no names"
             raise InputError(f"{name}: central: there is no body {shown(central)}; {known}")
         index = system.names.index(central)
     else:
         found = np.flatnonzero(system.state.ids == central)  # its number, also when others have left
         if not found.size:
-            raise InputError(f"{name}: central: there is no body {central}; they are 0 to {len(masses) - 1}")
+            raise InputError(f"{name}: central: there is no body {central}; expected 0 to {len(masses) - 1}")
         index = int(found[0])
     if masses[index] == 0:
         raise InputError(f"{name}: central: {system.body(index)} has no mass")
@@ -49,7 +49,7 @@ def gravitational_constant(name: str, given: float | None, system: System) -> fl
     """G as given, else the unit system's own."""
     value = given if given is not None else system.units.gravity
     if value is None:
-        raise InputError(f"{name}: units {system.units.name!r} have no G of their own; give G")
+        raise InputError(f"{name}: units {system.units.name!r} define no G; give G")
     return value
 
 
@@ -86,4 +86,6 @@ def check_open(name: str, system: System) -> None:
 def check_masses(name: str, system: System) -> None:
     """Refuse particles without any mass where nothing but gravity acts: forces that are ``by_mass``."""
     if not system.state.masses.any() and all(getattr(force, "by_mass", False) for force in system.forces):
-        raise InputError(f"{name}: no particle has a mass, so that nothing pulls; give one or more a mass")
+        raise InputError(
+            f"{name}: no particle has a mass, so there is no attraction; give one or more particles a mass"
+        )

@@ -26,7 +26,7 @@ APART = 1e-11  # relative difference of a component that rounding and libraries 
 OF_LARGEST = 16 * EPSILON  # the same, of the largest component
 NOISE = 1e3  # times what changes of t and y by some roundings make
 WHY = (
-    "compiled code counts whole numbers in 64 bits, keeps lists of whole numbers whole (write 0.0 for 0), and keeps "
+    "compiled code has 64-bit whole numbers, keeps lists of whole numbers whole (write 0.0 for 0), and keeps "
     "the values that names outside f had when it was compiled"
 )
 SHIFTS = (0.37, 1e-3, 1e-7)  # relative, of the states around the start; smaller ones where f has no value there

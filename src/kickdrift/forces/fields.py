@@ -76,7 +76,7 @@ class HarmonicTrap(Field):
     def check(self, system: System) -> None:
         """Refuse a periodic box, and particles without mass, which the trap would move infinitely fast."""
         if system.box.periodic:
-            raise InputError(f"{self.name}: a trap is not periodic, and the box is")
+            raise InputError(f"{self.name}: a trap needs open space, and the box is periodic")
         _check_masses(self.name, system, range(len(system)))
 
 

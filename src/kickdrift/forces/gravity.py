@@ -21,8 +21,8 @@ class Gravity:
 
     The softening is Plummer's (1911, doi:10.1093/mnras/71.5.460).
 
-    Massless particles (test particles) feel the bodies that have a mass and do not pull; an evaluation costs m^2 / 2 +
-    m k for m bodies and k test particles. Each pair counts once, and the two forces on it are opposite to round-off.
+    Massless particles (test particles) feel the massive bodies and attract nothing. An evaluation costs m^2 / 2 + m k
+    for m bodies and k test particles. Each pair counts once, and its two forces are opposite to round-off.
 
     Attributes
     ----------
@@ -47,18 +47,18 @@ class Gravity:
 
     @property
     def may_overlap(self) -> bool:
-        """Whether particles may begin at the same place as far as this force is concerned."""
+        """Tell whether this force allows particles at the same place at the start."""
         return self.softening > 0
 
     def check(self, system: System) -> None:
-        """Refuse a system that this force cannot run on."""
+        """Raise InputError for a system that this force cannot run."""
         if system.box.periodic:
             raise InputError("gravity: direct summation needs open space, and the box is periodic")
         gravitational_constant(self.name, self.G, system)
         check_masses(self.name, system)
 
     def bind(self, system: System, threads: int = 1) -> Any:
-        """The parts of this force for a System: a NamedTuple with a compiled body."""
+        """Bind this force to a System: a NamedTuple with a compiled body."""
         from kickdrift.forces.gravity_kernel import bind
 
         return bind(self, system, threads)

@@ -1,10 +1,10 @@
-"""The compiled direct sum: each pair of massive bodies once (Newton's third law), eight at a time; massless particles
-only look at the massive ones.
+"""Compiled direct sum: each pair of massive bodies once (Newton's third law), eight at a time. Massless particles only
+feel the massive ones.
 
-The massive bodies stand in clusters of eight. A cluster's own pairs come from turning its eight around against
-themselves; beyond it, each of its bodies meets all earlier clusters, which take the reaction. So only the last cluster
-is ever part empty, and nothing of it is wasted where it holds a single body (Sun and eight planets). A chunk has an
-array of accelerations of its own, and they are added up in one order: threads do not change the bits.
+The massive bodies are in clusters of eight. Rotating a cluster's eight bodies against themselves gives its own pairs.
+Each of its bodies also meets all earlier clusters, which take the reaction. So only the last cluster is ever partly
+empty, and a last cluster with a single body (Sun and eight planets) wastes nothing. Each chunk has its own array of
+accelerations, and these are summed in one order, so threads do not change the bits.
 """
 
 from __future__ import annotations
@@ -31,34 +31,34 @@ if TYPE_CHECKING:
 
 PAIRS_PER_CHUNK = 60_000  # some 30 microseconds of work; waking a thread takes a few
 MOST_CHUNKS = 32
-OUT = 1e60  # where empty lanes begin, each at a place of its own: no distance is zero, no third power underflows
-FEW = 2 * WIDTH  # bodies, without massless ones, that stay in registers
+OUT = 1e60  # where empty lanes begin, each at its own place: no distance is zero, no third power underflows
+FEW = 2 * WIDTH  # most bodies kept in registers, without massless ones
 
 
 class GravityKernel(NamedTuple):
-    """Direct gravity bound to a System, in clusters of eight slots: the massive bodies first, then from a cluster of
-    their own on the massless particles; empty slots have no mass. Vectors are stored as in a ``ClusterList``."""
+    """Direct gravity bound to a System, in clusters of eight slots. The massive bodies come first, and the massless
+    particles begin a new cluster. Empty slots have no mass. Vectors are stored as in a ``ClusterList``."""
 
     softening2: float
-    massive: int  # bodies
-    sources: int  # clusters of massive bodies
+    massive: int  # number of massive bodies
+    sources: int  # number of their clusters
     clusters: int
-    place: NDArray[np.int64]  # (n,) where each particle's x is; y and z follow WIDTH and 2 WIDTH behind
+    place: NDArray[np.int64]  # (n,) index of each particle's x; y and z are WIDTH and 2 WIDTH behind
     gm: NDArray[np.float64]  # (slots,) G m
     masses: NDArray[np.float64]  # (slots,) coherent
     x: NDArray[np.float64]  # (3 slots,)
-    a: NDArray[np.float64]  # (chunks x 3 slots,) what each chunk adds to the accelerations
+    a: NDArray[np.float64]  # (chunks x 3 slots,) each chunk's contribution to the accelerations
     sums: NDArray[np.float64]  # (chunks, 2) energy, virial
     chunks: Chunks
 
     @property
     def is_few(self) -> bool:
-        """Whether all bodies have a mass and stay in registers."""
+        """Tell whether all bodies have a mass and stay in registers."""
         return len(self.place) == self.massive <= FEW
 
     @property
     def few_bodies(self) -> FewBodies:
-        """These bodies in a form of their own."""
+        """These bodies in the form for registers."""
         room = np.zeros((2, FEW))
         room[:, : len(self.gm)] = self.gm, self.masses
         return FewBodies(self.softening2, self.massive, room[0], room[1])
@@ -74,7 +74,7 @@ class FewBodies(NamedTuple):
 
 
 def bind(force: Gravity, system: System, threads: int) -> GravityKernel:
-    """The force for this System, on this many threads."""
+    """Bind the force to this System, on this number of threads."""
     n, massless = len(system), system.state.masses == 0.0
     massive = n - int(np.count_nonzero(massless))
     sources = -(-massive // WIDTH)
@@ -105,7 +105,7 @@ def bind(force: Gravity, system: System, threads: int) -> GravityKernel:
 
 
 def chunks_for(massive: int, particles: int) -> int:
-    """How many parts the work falls into: of the sizes alone, and a power of two, so that threads get equal shares."""
+    """Number of chunks: a power of two that depends on the sizes alone, so that threads get equal shares."""
     pairs = massive * (particles - massive) + massive * (massive - 1) // 2
     chunks = 1
     while chunks < MOST_CHUNKS and 2 * chunks * PAIRS_PER_CHUNK <= pairs:
@@ -139,7 +139,7 @@ def gravity_forces(force, t, x, v, a, sums):
 
 @as_written
 def collect(force):
-    """Add the chunks' accelerations up in chunk 0's, in one order."""
+    """Sum the chunks' accelerations into chunk 0's, in one order."""
     a, part = force.a, force.clusters * STRIDE
     for c in range(1, force.chunks.number):
         for p in range(0, part, WIDTH):
@@ -148,22 +148,22 @@ def collect(force):
 
 @chunk_task
 def pull(force, c):
-    """The accelerations from chunk c's pairs."""
+    """Compute the accelerations from chunk c's pairs."""
     never_inline()
     sum_pairs(force, None, c)
 
 
 @chunk_task
 def pull_and_sums(force, c):
-    """The same, and these pairs' energy and virial."""
+    """Compute the same, with these pairs' energy and virial."""
     never_inline()
     sum_pairs(force, force.sums, c)
 
 
 @as_written
 def sum_pairs(force, sums, c):
-    """Of the clusters of massive bodies chunk c has every 2 ``chunks``-th counted from c and from 2 ``chunks`` - 1 - c:
-    a cluster's work grows with its number, and this shares it evenly."""
+    """Sum the pairs of chunk c. It has every 2 ``chunks``-th cluster of massive bodies, counted from c and from 2
+    ``chunks`` - 1 - c. A cluster's work grows with its number, and this shares the work evenly."""
     first, last = c * force.clusters, 2 * force.chunks.number - 1
     zero = splat(0.0)
     for cluster in range(first, first + force.clusters):
@@ -188,11 +188,11 @@ def sum_pairs(force, sums, c):
 
 @as_written
 def few_bodies(force, x, a, sums):
-    """All of a few bodies' pairs from and to rows of numbers, x's and then y's and z's: a ring of eight, each further
-    body with all of that, and a ring of those; nothing is stored and loaded again in between."""
+    """Sum all pairs of a few bodies, from and to rows of x, y and z: a ring of the first eight, each further body with
+    these eight, and a ring of the further bodies. Nothing is stored and loaded again in between."""
     n, softening2 = force.massive, force.softening2
     total_energy, total_virial = splat(0.0), splat(0.0)
-    for first in range(0, max(n - 1, 1), WIDTH):  # one further body alone has no ring
+    for first in range(0, max(n - 1, 1), WIDTH):  # a single further body has no ring
         count = min(n - first, WIDTH)
         y, z = load_first(x, n + first, count), load_first(x, 2 * n + first, count)
         xi = vector3(lanes_or_out(x, first, count), y, z)
@@ -221,15 +221,15 @@ def few_bodies(force, x, a, sums):
 
 @as_written
 def lanes_or_out(x, first, count):
-    """So many numbers, and OUT."""
+    """Load this number of values, and fill up with OUT."""
     lanes = lane_numbers()
     return select(lanes < float(count), load_first(x, first, count), OUT * (lanes + 1.0))
 
 
 @as_written
 def inside_cluster(force, sums, cluster, first):
-    """The pairs within a cluster, whose accelerations begin at cluster ``first`` of those. Energy and virial, in
-    lanes."""
+    """Sum the pairs within a cluster, whose accelerations begin at cluster ``first`` of the array. Returns energy and
+    virial, in lanes."""
     gm, masses = load(force.gm, cluster * WIDTH), load(force.masses, cluster * WIDTH)
     a, energy, virial = ring(load3(force.x, cluster * STRIDE, WIDTH), gm, masses, force.softening2, sums)
     store3(force.a, (first + cluster) * STRIDE, WIDTH, a)
@@ -238,9 +238,9 @@ def inside_cluster(force, sums, cluster, first):
 
 @as_written
 def ring(xi, gm_i, masses, softening2, sums):
-    """The pairs of eight bodies: each with the next, second and third in a ring, which take the reaction, and with the
-    one opposite, which sees to its own half. Where there are fewer, the others have no mass and stand OUT there.
-    Accelerations, energy and virial, in lanes."""
+    """Sum the pairs of eight bodies. Each body meets the next, second and third in a ring, which take the reaction, and
+    the opposite one, which computes its own half. Missing bodies have no mass and stand at OUT. Returns accelerations,
+    energy and virial, in lanes."""
     zero = splat(0.0)
     energy, virial = zero, zero
     a, reaction = thrice(zero), thrice(zero)
@@ -263,7 +263,8 @@ def ring(xi, gm_i, masses, softening2, sums):
 
 @as_written
 def earlier_clusters(force, sums, cluster, first):
-    """The bodies of a cluster, two at a time, with those of all earlier clusters, which take the reaction."""
+    """Sum the pairs of a cluster's bodies, two at a time, with the bodies of all earlier clusters, which take the
+    reaction."""
     x, gm, a, masses = force.x, force.gm, force.a, force.masses
     softening2 = force.softening2
     zero = splat(0.0)
@@ -271,7 +272,7 @@ def earlier_clusters(force, sums, cluster, first):
     for lane in range(0, min(WIDTH, force.massive - cluster * WIDTH), 2):
         i = cluster * WIDTH + lane
         p = cluster * STRIDE + lane
-        q = p + 1 if i + 1 < force.massive else p  # beside the last body stands one without mass
+        q = p + 1 if i + 1 < force.massive else p  # a massless slot follows the last body
         xi, xk, gm_i, gm_k = numbers3(x, p, WIDTH), numbers3(x, q, WIDTH), gm[i], gm[i + 1]
         ai, ak = thrice(zero), thrice(zero)
         for other in range(cluster):
@@ -296,7 +297,7 @@ def earlier_clusters(force, sums, cluster, first):
 
 @as_written
 def pull_massless(force, cluster, first):
-    """A cluster of massless particles, pulled by each massive body."""
+    """Sum the attraction of each massive body on a cluster of massless particles."""
     x, gm, softening2 = force.x, force.gm, force.softening2
     xi, a = load3(x, cluster * STRIDE, WIDTH), thrice(splat(0.0))
     for j in range(force.massive):

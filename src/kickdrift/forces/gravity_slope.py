@@ -1,6 +1,6 @@
-"""The direct sum of gravity together with its slope along a direction.
+"""Direct sum of gravity together with its slope along a direction.
 
-Along the velocities the slope is the time derivative, the jerk of Hermite methods; along a deviation vector it is the
+Along the velocities the slope is the time derivative, the jerk of Hermite methods. Along a deviation vector it is the
 right-hand side of the variational equations.
 """
 
@@ -26,18 +26,18 @@ if TYPE_CHECKING:
 
 
 class Sources(NamedTuple):
-    """Bodies that pull, padded with massless ones to a multiple of eight, and what is found for them."""
+    """Attracting bodies, padded with massless ones to a multiple of eight, and the results for them."""
 
     softening2: float
     gm: NDArray[np.float64]  # (slots,) G m
-    x: NDArray[np.float64]  # (3, slots) where they are
-    u: NDArray[np.float64]  # (3, slots) how they move, or by what they deviate
+    x: NDArray[np.float64]  # (3, slots) positions
+    u: NDArray[np.float64]  # (3, slots) velocities or deviations
     a: NDArray[np.float64]  # (3, n) accelerations
-    slope: NDArray[np.float64]  # (3, n) of the accelerations when each body moves along its u
+    slope: NDArray[np.float64]  # (3, n) change of the accelerations when each body moves along its u
 
 
 def sources_of(force: Gravity, system: System) -> Sources:
-    """The force bound to a System."""
+    """Bind the force to a System."""
     n = len(system)
     slots = WIDTH * -(-n // WIDTH)
     gm = np.zeros(slots)
@@ -49,15 +49,18 @@ def sources_of(force: Gravity, system: System) -> Sources:
 
 @jit
 def pull_and_slope(sources, i):
-    """a = sum G m d / r^3 and sum G m (u - 3 d (d . u) / r^2) / r^3 for body i, with d and u the differences of the
-    sources' from its own, r^2 = d^2 + softening^2 (Makino & Aarseth 1992, doi:10.1093/pasj/44.2.141, eqs. 1 and 2)."""
+    """Compute a = sum G m d / r^3 and its slope sum G m (u - 3 d (d . u) / r^2) / r^3 for body i.
+
+    d and u are the sources' values minus the body's own, and r^2 = d^2 + softening^2 (Makino & Aarseth 1992,
+    doi:10.1093/pasj/44.2.141, eqs. 1 and 2).
+    """
     gm, softening2, zero = sources.gm, sources.softening2, splat(0.0)
     slots, n = gm.size, sources.a.shape[1]
     xi, ui = numbers3(sources.x, i, slots), numbers3(sources.u, i, slots)
     a, slope = thrice(zero), thrice(zero)
     for j in range(0, slots, WIDTH):
         d, u = load3(sources.x, j, slots) - xi, load3(sources.u, j, slots) - ui
-        source = select(lane_numbers() == float(i - j), zero, load(gm, j))  # all but the body itself
+        source = select(lane_numbers() == float(i - j), zero, load(gm, j))  # all except the body itself
         pulling = source > 0.0
         inverse = 1.0 / math.sqrt(dot(d, d) + softening2)
         inverse2 = inverse * inverse

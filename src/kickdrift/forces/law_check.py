@@ -31,7 +31,7 @@ def check_class(cls: Any) -> None:
         inspect.signature(law).bind(None, 1.0)  # type: ignore[arg-type]
     except TypeError:
         given = inspect.signature(law)  # type: ignore[arg-type]
-        raise InputError(f"{cls.__name__}: law must take (p, r2), and takes {given}") from None
+        raise InputError(f"{cls.__name__}: law must take (p, r2), but takes {given}") from None
 
 
 def check_law(name: str, law: Any, r: float) -> None:

@@ -45,7 +45,7 @@ def _states(function: Any, seen: set[int]) -> Iterator[str]:
         if each.opname in ("STORE_GLOBAL", "DELETE_GLOBAL") or (
             each.opname in ("STORE_DEREF", "DELETE_DEREF") and each.argval in code.co_freevars
         ):
-            yield f"it sets {each.argval}, which is not its own{inside}"
+            yield f"it sets {each.argval}, which belongs to other code{inside}"
     found = inspect.getclosurevars(function)
     changes = CHANGING & set(code.co_names) or any(
         each.opname in ("STORE_SUBSCR", "DELETE_SUBSCR", "STORE_ATTR") for each in dis.get_instructions(code)

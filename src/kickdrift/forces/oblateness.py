@@ -1,4 +1,4 @@
-"""The pull of a flattened body: the zonal harmonics J2 and J4 of its field."""
+"""Gravity of a flattened body: the zonal harmonics J2 and J4 of its field."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ class Oblateness:
     U = (G M m / r) [J2 (R / r)^2 P2(s) + J4 (R / r)^4 P4(s)], P2 and P4 Legendre's polynomials, s = r . pole / r, the
     sine of the latitude (Murray & Dermott 1999, Solar System Dynamics, section 6.11).
 
-    The pole stands still: the central body takes the opposite force and so momentum is conserved, but not the torque;
-    of the angular momentum only the part along the pole is conserved.
+    The pole is fixed. The central body takes the opposite force, so momentum is conserved, but it does not take the
+    torque. Only the angular momentum along the pole is conserved.
 
     Attributes
     ----------
@@ -65,7 +65,7 @@ class Oblateness:
         check_central(self.name, self.central)
         pole = vector(self.name, "pole", self.pole)
         if not any(pole):
-            raise InputError(f"{self.name}: pole: expected a direction, got {list(pole)}")
+            raise InputError(f"{self.name}: pole: expected a vector with a direction, got {list(pole)}")
         object.__setattr__(self, "pole", pole)
 
     @property
@@ -77,13 +77,13 @@ class Oblateness:
         return x / length, y / length, z / length
 
     def check(self, system: System) -> None:
-        """Refuse a system that this force cannot run on."""
+        """Raise InputError for a system that this force cannot run."""
         check_open(self.name, system)
         central_body(self.name, self.central, system)
         gravitational_constant(self.name, self.G, system)
 
     def bind(self, system: System, threads: int = 1) -> Any:
-        """The parts of this force for a System: a NamedTuple with a compiled body."""
+        """Bind this force to a System: a NamedTuple with a compiled body."""
         from kickdrift.forces.oblateness_kernel import bind
 
         return bind(self, system)

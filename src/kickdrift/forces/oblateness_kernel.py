@@ -1,4 +1,4 @@
-"""The compiled zonal harmonics. Their time grows as the bodies do, so they run on one thread in one order."""
+"""Compiled zonal harmonics. Their time is linear in the number of bodies, so they run on one thread in one order."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ class OblatenessKernel(NamedTuple):
     j2: float  # J2 R^2
     j4: float  # J4 R^4
     pole: NDArray[np.float64]  # (3,) of length 1
-    share: NDArray[np.float64]  # (n,) m / M: what the central body takes of a body's acceleration
+    share: NDArray[np.float64]  # (n,) m / M: the central body's share of a body's acceleration
     masses: NDArray[np.float64]  # (n,) coherent
 
 
 def bind(force: Oblateness, system: System) -> OblatenessKernel:
-    """The force for this System."""
+    """Bind the force to this System."""
     central, gm, share, masses = Attraction.of(force, system)
     j2, j4 = force.j2 * force.radius**2, force.j4 * force.radius**4
     return OblatenessKernel(central, gm, j2, j4, np.array(force.axis), share, masses)
@@ -40,8 +40,8 @@ def bind(force: Oblateness, system: System) -> OblatenessKernel:
 
 @kernel(OblatenessKernel)
 def oblateness_forces(force, t, x, v, a, sums):
-    """-grad of J_n R^n P_n(s) / r^(n+1) is J_n R^n / r^(n+2) [P'_(n+1)(s) r / |r| - P'_n(s) pole], as s P'_n + (n + 1)
-    P_n = P'_(n+1)."""
+    """Add the forces. -grad of J_n R^n P_n(s) / r^(n+1) is J_n R^n / r^(n+2) [P'_(n+1)(s) r / |r| - P'_n(s) pole],
+    since s P'_n + (n + 1) P_n = P'_(n+1)."""
     never_inline()
     c, gm, j2, j4 = force.central, force.gm, force.j2, force.j4
     n, x, a = x.shape[1], flat(x), flat(a)

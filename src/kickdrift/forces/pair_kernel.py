@@ -323,7 +323,7 @@ def tuned(bound: Any, stride: float) -> Any:
     """The bound force with the skins for a fastest particle that goes so far between two evaluations."""
     if not isinstance(bound, PairKernel):
         return bound
-    inner, outer = skins(bound.pairs.edges, bound.pairs.cutoff, stride)
+    inner, outer = skins(bound.pairs.bricks, bound.pairs.cutoff, stride)
     return bound.with_list(inner_skin=inner, outer_skin=outer)
 
 
@@ -350,7 +350,7 @@ def recalled(bound: PairKernel, memory: dict[str, Any]) -> PairKernel:
     if "inner_skin" not in memory:  # of a version that had other lists
         return bound
     pairs = bound.pairs
-    _, most = skins(pairs.edges, pairs.cutoff, np.inf)
+    _, most = skins(pairs.bricks, pairs.cutoff, np.inf)
     room, built_at, pruned_at = memory["room"], memory["built_at"], memory["pruned_at"]
     shapes = [(built_at, pairs.built_at), (pruned_at, pairs.inner_reference)] if built_at is not None else []
     if not (
@@ -359,10 +359,10 @@ def recalled(bound: PairKernel, memory: dict[str, Any]) -> PairKernel:
         and 0 <= room <= pairs.near.shape[1] + len(pairs.filled) ** 2 * SHIFTS
         and all(given.shape == own.shape and given.dtype == own.dtype for given, own in shapes)
     ):
-        raise InputError("checkpoint: its pair list is not one of these particles")
+        raise InputError("checkpoint: its pair list belongs to other particles")
     skins_then = {key: memory[key] for key in ("inner_skin", "outer_skin")}
     bound = with_room(bound, memory["room"]).with_list(**skins_then).ready()
     bound.pairs.counts[BUILT] = 0
     if memory["built_at"] is not None and bound.remake(memory["built_at"], memory["pruned_at"]) != OK:
-        raise InputError("checkpoint: the positions of its pair list make no list here")
+        raise InputError("checkpoint: the positions of its pair list give no valid list")
     return bound

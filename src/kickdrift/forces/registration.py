@@ -1,6 +1,6 @@
-"""The registry of forces, by the name that system files use; it holds kickdrift's own and the user's.
+"""Registry of forces by the name in system files: kickdrift's own and the user's.
 
-Only classes that stand here can be made from what a system file or a run's file says.
+Only classes in this registry can be made from the content of a system file or a run's file.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from kickdrift.text import shown
 
 Class = TypeVar("Class", bound=type)
 FORCES: dict[str, Any] = {}  # by name
-REGISTERED: dict[tuple[str, str], type] = {}  # the user's, by module and qualified name
+REGISTERED: dict[tuple[str, str], type] = {}  # the user's classes, by module and qualified name
 
 
 @overload
@@ -21,21 +21,21 @@ def register_force(cls: Class, *, overwrite: bool = False) -> Class: ...
 @overload
 def register_force(cls: None = None, *, overwrite: bool = False) -> Any: ...
 def register_force(cls: Any = None, *, overwrite: bool = False) -> Any:
-    """Class decorator: system files may name this class of force, and so may a run's file.
+    """Class decorator: system files and run files may name this class of force.
 
-    A system file uses the ``name`` that the class itself defines, with ``--load FILE.py`` on the command line; a class
-    that inherits its name is for a run's file alone. ``kickdrift list forces`` shows the force. ``resume`` makes the
-    force again with the file's parameters.
+    A system file uses the ``name`` that the class itself defines, with ``--load FILE.py`` on the command line. A class
+    with an inherited name serves run files only. ``kickdrift list forces`` shows the force. ``resume`` makes the force
+    again with the file's parameters.
 
-    ``pair_law`` registers what it makes. Other classes, such as a subclass of `HarmonicTrap`, need this line. A class
-    of the same module and name takes the old one's place, and with ``overwrite`` so does any class for a name of the
-    user's. A class that is made inside a function is left out: a file cannot say which call made the class.
+    ``pair_law`` registers its classes. Other classes, such as a subclass of `HarmonicTrap`, need this decorator. A
+    class of the same module and name replaces the old one. With ``overwrite``, any class replaces a user's class of the
+    same force name. A class made inside a function is not registered: a file cannot say which call made it.
 
     Raises
     ------
     InputError
-        Where this is no class of forces, or not a dataclass or NamedTuple: a file keeps the fields of these. Where the
-        name belongs to another force.
+        If this is not a class of forces, or not a dataclass or NamedTuple, whose fields a file stores. If the name
+        belongs to another force.
     """
     if cls is None:
         return lambda cls: register_force(cls, overwrite=overwrite)
@@ -50,7 +50,7 @@ def register_force(cls: Any = None, *, overwrite: bool = False) -> Any:
 
 
 def _name(cls: Any, overwrite: bool) -> None:
-    """Have system files find the class by its name."""
+    """Register the class's name for system files."""
     name = cls.name
     if not (isinstance(name, str) and name and name == name.strip()):
         raise InputError(f"register_force: a force's name must be a word, got {shown(name)}")
@@ -68,5 +68,5 @@ def _where(cls: Any) -> tuple[str, str]:
 
 
 def registered(module: str, name: str) -> Any:
-    """The class of that module and qualified name; None where no such class was registered."""
+    """Class of that module and qualified name; None if no such class is registered."""
     return REGISTERED.get((module, name))

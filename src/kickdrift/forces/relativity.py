@@ -1,4 +1,4 @@
-"""General relativity's first correction to the pull of one central body."""
+"""First correction of general relativity to the gravity of one central body."""
 
 from __future__ import annotations
 
@@ -24,22 +24,22 @@ FORMS = ("full", "potential")
 
 @dataclass(frozen=True)
 class PostNewtonian:
-    """First post-Newtonian (1PN) pull of the central body on every other one, on top of ``gravity``.
+    """First post-Newtonian (1PN) force of the central body on every other body, in addition to ``gravity``.
 
     The full form is Schwarzschild's field in harmonic coordinates, for r and v from the central body of mass M:
     a = G M / (c^2 r^3) [(4 G M / r - v^2) r + 4 (r . v) v] (Anderson et al. 1975, doi:10.1086/153779; the terms of the
     Sun alone in the Einstein-Infeld-Hoffmann equations, Newhall, Standish & Williams 1983, A&A 125, 150, eq. 1). The
     pericentre advances by 6 pi G M / (c^2 a (1 - e^2)) a revolution (Will 1993, Theory and Experiment in Gravitational
-    Physics, section 7.3). It depends on velocity, so a method for forces of position alone refuses it.
+    Physics, section 7.3). It depends on velocity, so methods for velocity-independent forces refuse it.
 
-    The potential form, U = -3 m (G M / (c r))^2, depends on position alone and has the same advance to first order,
-    but neither the orbit's small periodic changes nor its period (Nobili & Roxburgh 1986, IAU Symposium 114, 105).
+    The potential form, U = -3 m (G M / (c r))^2, depends only on position and has the same advance to first order. It
+    has neither the orbit's small periodic changes nor its period (Nobili & Roxburgh 1986, IAU Symposium 114, 105).
 
-    The central body takes the opposite force, so the sum of m v is conserved. The potential energy holds what the full
-    form adds to E: per mass, 3 v^4 / 8 + G M (3 v^2 + G M / r) / (2 r), over c^2, for a body of no mass; weighted for
-    one that has (see ``relativity_kernel``). With it the energy of one body around the central one is constant to order
-    c^-4, and of several, which pull each other, to m / M of c^-2. The sum of m x × v is not what relativity conserves:
-    on an eccentric orbit it changes by about e G M / (c^2 r) of itself, to and fro.
+    The central body takes the opposite force, so the sum of m v is conserved. The potential energy includes the
+    full form's addition to E: per mass, 3 v^4 / 8 + G M (3 v^2 + G M / r) / (2 r), over c^2, for a massless body, with
+    weights for a massive one (see ``relativity_kernel``). Then the energy of one body around the central body is
+    constant to order c^-4, and the energy of several attracting bodies to m / M of c^-2. Relativity does not conserve
+    the sum of m x × v: on an eccentric orbit it oscillates by about e G M / (c^2 r) of its value.
 
     Attributes
     ----------
@@ -69,25 +69,25 @@ class PostNewtonian:
 
     @property
     def velocity_dependent(self) -> bool:
-        """Whether it is the full form: a splitting method refuses it then."""
+        """Tell whether this is the full form, which a splitting method refuses."""
         return self.form == "full"
 
     def light(self, system: System) -> float:
-        """The speed of light in the system's units."""
+        """Speed of light in the system's units."""
         value = self.c if self.c is not None else system.units.light
         if value is None:
-            raise InputError(f"{self.name}: units {system.units.name!r} have no speed of light of their own; give c")
+            raise InputError(f"{self.name}: units {system.units.name!r} define no speed of light; give c")
         return value
 
     def check(self, system: System) -> None:
-        """Refuse a system that this force cannot run on."""
+        """Raise InputError for a system that this force cannot run."""
         check_open(self.name, system)
         central_body(self.name, self.central, system)
         gravitational_constant(self.name, self.G, system)
         self.light(system)
 
     def bind(self, system: System, threads: int = 1) -> Any:
-        """The parts of this force for a System: a NamedTuple with a compiled body."""
+        """Bind this force to a System: a NamedTuple with a compiled body."""
         from kickdrift.forces.relativity_kernel import bind
 
         return bind(self, system)

@@ -1,4 +1,4 @@
-"""The compiled 1PN correction. Its time grows as the bodies do, so it runs on one thread in one order."""
+"""Compiled 1PN correction. Its time is linear in the number of bodies, so it runs on one thread in one order."""
 
 from __future__ import annotations
 
@@ -26,23 +26,24 @@ class RelativityKernel(NamedTuple):
     gm: float  # G M of the central body
     light2: float  # c^2
     full: bool
-    share: NDArray[np.float64]  # (n,) m / M: what the central body takes of a body's acceleration
+    share: NDArray[np.float64]  # (n,) m / M: the central body's share of a body's acceleration
     masses: NDArray[np.float64]  # (n,) coherent
 
 
 def bind(force: PostNewtonian, system: System) -> RelativityKernel:
-    """The force for this System."""
+    """Bind the force to this System."""
     central, gm, share, masses = Attraction.of(force, system)
     return RelativityKernel(central, gm, force.light(system) ** 2, force.form == "full", share, masses)
 
 
 @jit
 def energy_of_the_full_form(gm_over_r, v2, share):
-    """c^2 E_1 / m of a body of mass ``share`` M, so that E + E_1 is constant to order c^-4 along r'' = -g (1 + share)
-    r / r^3 + (1 + share) a_1PN, g = G M.
+    """Return c^2 E_1 / m of a body of mass ``share`` M, so that E + E_1 is constant to order c^-4 along r'' = -g (1 +
+    share) r / r^3 + (1 + share) a_1PN, g = G M.
 
-    Its rate must be -v . a_1PN = -g (r . v) (3 v^2 + 4 g / r) / (c^2 r^3). With v^4, v^2 g / r and (g / r)^2 that
-    leaves one coefficient free; v^2's is the test body's, 3 / 2, and at share = 0 all three are.
+    Its rate must be -v . a_1PN = -g (r . v) (3 v^2 + 4 g / r) / (c^2 r^3). With v^4, v^2 g / r and (g / r)^2 this
+    leaves one coefficient free. The coefficient of v^2 is the test body's, 3 / 2, and at share = 0 all three are the
+    test body's.
     """
     return 0.375 / (1.0 + share) * v2 * v2 + 1.5 * gm_over_r * v2 + (0.5 - 1.5 * share) * gm_over_r * gm_over_r
 

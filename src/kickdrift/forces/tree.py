@@ -17,24 +17,24 @@ if TYPE_CHECKING:
 class GravityTree:
     """Newtonian gravity of many particles to a chosen accuracy, in a time that grows as n log n.
 
-    Far particles pull in groups, by their mass and quadrupole moment (Barnes & Hut 1986, doi:10.1038/324446a0).
+    Far particles attract as groups, by their mass and quadrupole moment (Barnes & Hut 1986, doi:10.1038/324446a0).
 
-    A group of particles pulls as a whole where a bound on what its quadrupole leaves out (Salmon & Warren 1994,
-    doi:10.1006/jcph.1994.1050) is under a share of the acceleration there, which is estimated first, so the positions
-    alone decide and a run can be cut anywhere. The errors of many groups cancel in part; the share is set, by
-    measurement, so that ``accuracy`` holds for 99 % of the particles (kickdrift_validation.barnes_hut: Plummer spheres,
+    A group of particles counts as a whole if the error bound of its quadrupole (Salmon & Warren 1994,
+    doi:10.1006/jcph.1994.1050) is below a share of the local acceleration. That acceleration is estimated first, so
+    only the positions decide, and a run can be cut anywhere. The errors of many groups partly cancel. The share is
+    measured, so that ``accuracy`` holds for 99 % of the particles (kickdrift_validation.barnes_hut: Plummer spheres,
     uniform cubes, far clusters, a disc).
 
-    The forces of two particles on each other are not quite opposite, so the total momentum is conserved to the accuracy
-    alone; and they jump a little where a group begins to count as one, which an adaptive method with tolerances far
-    under the accuracy takes for structure. Below some thousand particles ``gravity`` is quicker, and exact.
+    The two forces of a pair are not exactly opposite, so the total momentum is conserved only to the accuracy. The
+    forces jump slightly when a group begins to count as a whole. An adaptive method with tolerances far below the
+    accuracy reacts to these jumps. Below some thousand particles ``gravity`` is faster, and exact.
 
     Attributes
     ----------
     accuracy : float
-        Relative error |a - a_exact| / |a_exact| that 99 % of the particles stay within; between 0 and 1.
+        Largest relative error |a - a_exact| / |a_exact| of 99 % of the particles; between 0 and 1.
     softening : float
-        A length; default 0. Massless particles feel the others and do not pull.
+        A length; default 0. Massless particles feel the others and attract nothing.
     G : float, optional
         In the system's units; default the unit system's own.
     """
@@ -57,18 +57,18 @@ class GravityTree:
             raise InputError(f"{self.name}: softening must be a length, zero or more, got {self.softening}")
 
     def check(self, system: System) -> None:
-        """Refuse a system that this force cannot run on."""
+        """Raise InputError for a system that this force cannot run."""
         check_open(self.name, system)
         gravitational_constant(self.name, self.G, system)
         check_masses(self.name, system)
 
     @property
     def may_overlap(self) -> bool:
-        """Whether particles may begin at the same place as far as this force is concerned."""
+        """Tell whether this force allows particles at the same place at the start."""
         return self.softening > 0
 
     def bind(self, system: System, threads: int = 1) -> Any:
-        """The parts of this force for a System: a NamedTuple with a compiled body."""
+        """Bind this force to a System: a NamedTuple with a compiled body."""
         from kickdrift.forces.tree_kernel import bind
 
         return bind(self, system, threads)

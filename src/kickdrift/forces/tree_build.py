@@ -1,14 +1,14 @@
-"""The tree: particles in clusters of eight, halved again and again across the longest edge, and each part's moments.
+"""The tree: particles in clusters of eight, halved recursively across the longest edge, and the moments of each part.
 
-Barnes and Hut's octree cuts cubes; here the box of a node's own particles is cut in the middle of its longest edge, at
+Barnes and Hut's octree cuts cubes. Here the box of a node's own particles is cut in the middle of its longest edge, at
 the nearest whole number of clusters (a k-d tree, Bentley 1975, doi:10.1145/361002.361007). So every cluster is full and
-no SIMD lane idles, and clusters of stars far apart, a plane or many particles in one place need no deeper tree than
-others, where an octree's keys run out of bits.
+no SIMD lane idles. Distant star clusters, a plane or many particles in one place need no deeper tree, whereas an
+octree's keys run out of bits.
 
-A node with c clusters has 2 c - 1 nodes in its tree, itself first, then those of its first part and those of its
-second: node k's parts are k + 1 and k + 2 (clusters of the first), and what follows it is k + 2 c - 1. No pointers, and
-the walk needs no stack. Everything is made anew at each evaluation from the particles in the order of their ids, so the
-tree depends on the positions and on nothing before.
+A node with c clusters has 2 c - 1 nodes in its tree: itself, then the nodes of its first part, then those of its
+second. Node k's parts are k + 1 and k + 2 (clusters of the first), and the next node after its tree is k + 2 c - 1. So
+there are no pointers, and the walk needs no stack. Each evaluation builds the tree anew from the particles in the order
+of their ids, so the tree depends only on the present positions.
 """
 
 from __future__ import annotations
@@ -22,16 +22,16 @@ from kickdrift.jit.masks import select
 from kickdrift.jit.memory import load
 from kickdrift.jit.vectors import WIDTH
 
-# Columns of a node: what the walk looks at (G M, centre of mass, radius about it, bound, first cluster, the node that
-# follows its tree) fills one cache line, the moments another.
+# Columns of a node. The columns for the walk fill one cache line: G M, centre of mass, radius about it, bound, first
+# cluster, the next node after its tree. The moments fill another.
 GM, CX, CY, CZ, RADIUS, BOUND, FIRST, BEYOND, XX, XY, XZ, YY, YZ, ZZ, TRACE, COLUMNS = range(16)
 TASKS, GROUPS = 0, 1  # slots of `counts`
-CHUNKS = 64  # shares of the work; tasks and blocks of groups are dealt out to them in turn
+CHUNKS = 64  # shares of the work; tasks and blocks of groups are assigned to them in turn
 
 
 @jit
 def build(force, x):
-    """Cut the particles at x (3, n) into parts of a CHUNKS-th, the tasks; whether they are numbers."""
+    """Cut the particles at x (3, n) into tasks, parts of a CHUNKS-th. Returns whether the positions are finite."""
     n, rows = x.shape[1], force.rows
     for i in range(n):
         for k in range(3):
@@ -57,7 +57,7 @@ def build(force, x):
 
 @chunk_task
 def subtrees(force, c):
-    """Everything below some of the tasks: order, places, moments."""
+    """Build everything below some of the tasks: order, places, moments."""
     never_inline()
     for task in range(c, force.counts[TASKS], CHUNKS):
         root = force.tasks[task]
@@ -72,7 +72,7 @@ def subtrees(force, c):
 
 @jit
 def finish(force, most):
-    """Moments above the tasks, and the groups: the largest nodes of ``most`` clusters at most."""
+    """Compute moments above the tasks, and the groups: the largest nodes of at most ``most`` clusters."""
     nodes = 2 * (force.gm.size // WIDTH) - 1
     k = task = 0
     while k < nodes:
@@ -96,7 +96,7 @@ def finish(force, most):
 
 @jit
 def halve(force, node):
-    """Cut a node's particles in the middle of the longest edge of their box, but for less than a cluster."""
+    """Cut a node's particles in the middle of the longest edge of their box, to the nearest whole cluster."""
     rows, span = force.rows, force.span
     first, last = span[node, 0], span[node, 1]
     begin, end = WIDTH * first, min(WIDTH * last, rows.shape[0])
@@ -119,8 +119,8 @@ def halve(force, node):
 
 @jit
 def partition(rows, low, high, axis, pivot):
-    """Swap rows low to high so that none up to the second number returned is larger than the pivot, and none from the
-    first one on smaller (Hoare 1961, doi:10.1145/366622.366642)."""
+    """Partition rows low to high: up to the second returned number none is larger than the pivot, and from the first
+    returned number on none is smaller (Hoare 1961, doi:10.1145/366622.366642)."""
     i, j = low, high
     while i <= j:
         while i <= high and rows[i, axis] < pivot:
@@ -137,7 +137,8 @@ def partition(rows, low, high, axis, pivot):
 
 @jit
 def part(rows, low, high, middle, axis):
-    """Swap rows low to high so that none before ``middle`` is larger and none after it smaller than that one."""
+    """Reorder rows low to high: before ``middle`` none is larger than the row at ``middle``, and after it none is
+    smaller."""
     while low < high:
         step = (high - low) // 8
         pivot = median(
@@ -156,13 +157,14 @@ def part(rows, low, high, middle, axis):
 
 @jit
 def median(a, b, c):
-    """The middle one."""
+    """Return the median of three."""
     return max(min(a, b), min(max(a, b), c))
 
 
 @jit
 def place(force, begin, end):
-    """Positions and G m in the tree's order; places beyond the last particle have no mass and stand where it does."""
+    """Write positions and G m in the tree's order. Slots beyond the last particle have no mass and repeat its
+    position."""
     rows, x, y, z = force.rows, force.x[0], force.x[1], force.x[2]
     n = rows.shape[0]
     for s in range(begin, end):
@@ -173,13 +175,13 @@ def place(force, begin, end):
 
 @as_written
 def moments(force, node):
-    """Mass, centre of mass, and the moments about it: second, and third of the absolute distance."""
+    """Compute mass, centre of mass, and the moments about it: the second, and the third of the absolute distance."""
     x, y, z, gm, out = force.x[0], force.x[1], force.x[2], force.gm, force.nodes[node]
     begin, end = WIDTH * force.span[node, 0], WIDTH * force.span[node, 1]
     zero = splat(0.0)
     total, mx, my, mz = zero, zero, zero, zero
     out[GM], out[FIRST], out[BEYOND] = 0.0, begin // WIDTH, node + 2 * ((end - begin) // WIDTH) - 1
-    x0, y0, z0 = x[begin], y[begin], z[begin]  # sums about a near point round less
+    x0, y0, z0 = x[begin], y[begin], z[begin]  # sums about a near point have smaller rounding errors
     for s in range(begin, end, WIDTH):
         m = load(gm, s)
         total = total + m

@@ -1,6 +1,7 @@
-"""The compiled tree force: groups of up to 64 particles walk the tree together and feel what they find eight at a time.
+"""Compiled tree force: groups of up to 64 particles walk the tree together and sum the attraction of nodes and
+particles eight at a time.
 
-Threads take groups; each particle's sum has one order whatever their number.
+Threads share the groups. Each particle's sum has one order, whatever the number of threads.
 """
 
 from __future__ import annotations
@@ -45,17 +46,17 @@ if TYPE_CHECKING:
     from kickdrift.forces.tree import GravityTree
     from kickdrift.model.system import System
 
-GROUP = 8  # clusters that walk together, one lane each where their acceleration is estimated
-# A node may be felt where its bound is SHARE accuracy^POWER |a|. The bounds b of many nodes of random sign make an
-# error of b times the root of their number, b^-3/5 (a volume, and b goes as its edge to the fifth), b^7/10 together.
-# SHARE is measured, so that 99 % of the particles are within the accuracy (kickdrift_validation.barnes_hut).
+GROUP = 8  # clusters that walk together, one lane each in the estimate of their acceleration
+# A node counts as a whole if its bound is below SHARE accuracy^POWER |a|. The bounds b of many nodes of random sign add
+# up to b times the root of their number, b^-3/5 (a volume, and b goes as its edge to the fifth), so to b^7/10. SHARE is
+# measured, so that 99 % of the particles are within the accuracy (kickdrift_validation.barnes_hut).
 SHARE, POWER = 16.0, 10 / 7
-ROUGH = 0.6  # opening angle, radius over distance, of that estimate
-FOUND = 256  # nodes or clusters found before their pull is added up
+ROUGH = 0.6  # opening angle, radius over distance, of the estimate of |a|
+FOUND = 256  # nodes or clusters found before their attraction is summed
 
 
 class TreeKernel(NamedTuple):
-    """A gravity tree bound to a System; ``slots`` are places in full clusters of eight."""
+    """Gravity tree bound to a System. ``slots`` are places in full clusters of eight."""
 
     softening2: float
     tolerance: float
@@ -68,14 +69,14 @@ class TreeKernel(NamedTuple):
     potential: NDArray[np.float64]  # (slots,)
     span: NDArray[np.int64]  # (nodes, 2) first cluster and last + 1
     nodes: NDArray[np.float64]  # (nodes, COLUMNS)
-    tasks: NDArray[np.int64]  # nodes whose trees are built apart
+    tasks: NDArray[np.int64]  # nodes whose trees are built separately
     groups: NDArray[np.int64]  # nodes that walk together
-    counts: NDArray[np.int64]  # how many tasks and groups there are
+    counts: NDArray[np.int64]  # numbers of tasks and groups
     chunks: Chunks
 
 
 def bind(force: GravityTree, system: System, threads: int) -> TreeKernel:
-    """The force for this System, on this many threads."""
+    """Bind the force to this System, on this number of threads."""
     n = len(system)
     clusters = -(-n // WIDTH)
     slots, nodes = WIDTH * clusters, 2 * clusters - 1
@@ -118,8 +119,8 @@ def tree_forces(force, t, x, v, a, sums):
 
 @as_written
 def add_sums(force, sums):
-    """Potential energy, virial and pairs; the virial is the sum of m x . a over particles, x from the centre of mass,
-    which is that of r . F over pairs as far as the forces of two are opposite."""
+    """Add potential energy, virial and pairs. The virial is the sum of m x . a over particles, with x from the centre
+    of mass. This equals the sum of r . F over pairs as far as the two forces of a pair are opposite."""
     n, root = force.rows.shape[0], force.nodes[0]
     energy = virial = 0.0
     massless = 0
@@ -138,21 +139,22 @@ def add_sums(force, sums):
 
 @chunk_task
 def pull_groups(force, c):
-    """The accelerations of some of the groups."""
+    """Compute the accelerations of some of the groups."""
     never_inline()
     walk_some(force, None, c)
 
 
 @chunk_task
 def pull_groups_and_sums(force, c):
-    """The same, and the potential at each particle."""
+    """Compute the same, and the potential at each particle."""
     never_inline()
     walk_some(force, force.potential, c)
 
 
 @as_written
 def walk_some(force, potential, c):
-    """Every CHUNKS-th block of groups from c on; neighbours walk one after the other, over nodes still in the cache."""
+    """Walk every CHUNKS-th block of groups from c on. Neighbours walk one after the other, over nodes still in the
+    cache."""
     count = force.counts[GROUPS]
     block = 1 + count // (8 * CHUNKS)
     for begin in range(c * block, count, CHUNKS * block):
@@ -162,7 +164,7 @@ def walk_some(force, potential, c):
 
 @as_written
 def walk(force, potential, group):
-    """Find what pulls a group, and add it up."""
+    """Find the nodes and particles that attract a group, and sum their attraction."""
     first, last = force.span[group, 0], force.span[group, 1]
     zero = splat(0.0)
     for s in range(WIDTH * first, WIDTH * last, WIDTH):
@@ -204,7 +206,7 @@ def walk(force, potential, group):
 
 @as_written
 def box(force, first, last):
-    """The lowest and highest x, y, z of clusters first to last."""
+    """Lowest and highest x, y, z of clusters first to last."""
     low, high = np.empty(3), np.empty(3)
     for k in range(3):
         x = force.x[k]
@@ -229,9 +231,9 @@ def distance2(row, low, high):
 
 @as_written
 def least_acceleration(force, first, last, low, high):
-    """An estimate of the smallest |a| in a group: that of the smooth field at its clusters' centres, from masses alone.
+    """Estimate the smallest |a| in a group from the smooth field of masses at its clusters' centres.
 
-    A cluster near by pulls as if spread over its radius: no particle near a centre makes the estimate too large.
+    A near cluster counts as spread over its radius, so no particle near a centre makes the estimate too large.
     """
     nodes, softening2 = force.nodes, force.softening2
     centre = np.empty((3, WIDTH))
@@ -267,11 +269,11 @@ def least_acceleration(force, first, last, low, high):
 
 @as_written
 def pull_of_nodes(force, potential, first, last, found, count):
-    """Add the pull of nodes: mass M and second moments S about the centre, for the softened U = -G / sqrt(r^2 +
+    """Add the attraction of nodes: mass M and second moments S about the centre, for the softened U = -G / sqrt(r^2 +
     softening^2).
 
-    With D from the centre and u = 1 / sqrt(D^2 + softening^2) the potential is -G [M u + (3 D.S.D u^5 - tr S u^3) / 2];
-    unsoftened, that is the traceless quadrupole's.
+    With D from the centre and u = 1 / sqrt(D^2 + softening^2), the potential is -G [M u + (3 D.S.D u^5 - tr S u^3) /
+    2]. Without softening this is the traceless quadrupole's potential.
     """
     softening2, stride = force.softening2, force.gm.size
     for s in range(WIDTH * first, WIDTH * last, WIDTH):
@@ -299,7 +301,7 @@ def pull_of_nodes(force, potential, first, last, found, count):
 
 @as_written
 def pull_of_particles(force, potential, first, last, near, count):
-    """Add the pull of the particles of clusters, one by one."""
+    """Add the attraction of the particles of clusters, one by one."""
     softening2, gm, stride, zero = force.softening2, force.gm, force.gm.size, splat(0.0)
     for s in range(WIDTH * first, WIDTH * last, WIDTH):
         x, a = load3(force.x, s, stride), load3(force.a, s, stride)
@@ -312,7 +314,7 @@ def pull_of_particles(force, potential, first, last, near, count):
                     continue
                 d = numbers3(force.x, j, stride) - x
                 u = inverse_sqrt(dot(d, d) + softening2)
-                if start == s:  # all but the particle itself
+                if start == s:  # all except the particle itself
                     u = select(lane_numbers() == float(j - start), zero, u)
                 w = source * u
                 if potential is not None:

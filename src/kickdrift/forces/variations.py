@@ -32,7 +32,7 @@ class Varied:
 
     def __init__(self, force: Any, system: System) -> None:
         if isinstance(force, (PairForce, GravityTree)):  # what a list or a tree sums changes in jumps
-            raise InputError(f"force {force.name!r}: has no variational equations here; gravity and fields have")
+            raise InputError(f"force {force.name!r}: has no variational equations; gravity and fields have them")
         self.force, self.system, self.name = force, system, force.name
         for trait in ("external", "works", "velocity_dependent"):
             setattr(self, trait, getattr(force, trait, False))

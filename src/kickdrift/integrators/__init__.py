@@ -1,4 +1,4 @@
-"""The registry of integrators. Reading it compiles nothing."""
+"""Registry of integrators. Reading it compiles nothing."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ INTEGRATORS |= {alias: INTEGRATORS[name] for alias, name in splitting.ALIASES.it
 
 
 def integrator(name: str) -> Method:
-    """The method of that name; for an unknown one an InputError that offers the nearest names."""
+    """Method of that name. An unknown name raises an InputError with the nearest names."""
     if not isinstance(name, str):
         raise InputError(f"integrator must be a name, got {shown(name)}")
     if name in INTEGRATORS:
@@ -53,5 +53,5 @@ def integrator(name: str) -> Method:
 
 
 def integrators() -> list[str]:
-    """The names of all integrators, aliases included."""
+    """Names of all integrators, including aliases."""
     return list(INTEGRATORS)

@@ -1,4 +1,4 @@
-"""Embedded Runge-Kutta methods: the step follows the error. The last step is kept, so that y can be had inside it."""
+"""Embedded Runge-Kutta methods: the error sets the step. The last step is kept, so that y is known inside it."""
 
 from __future__ import annotations
 
@@ -27,15 +27,18 @@ if TYPE_CHECKING:
     from kickdrift.integrators.flow import Flow
     from kickdrift.integrators.runge_kutta import Tableau
 
-# Further slots of the clock: the errors of the last two steps, whether the last try failed.
+# Further slots of the clock: the errors of the last two steps, whether the last attempt failed.
 ERROR, ERROR_BEFORE, REJECTED_LAST = range(4, 7)
 
 
 @jit
 def scaled_error(y, trial, errors, h, k, rtol, atol):
-    """The root mean square of the error estimate over its tolerance, atol + rtol |y|, |y| the larger of both ends
-    (Hairer, Norsett & Wanner 1993, eq. II.4.11); with two rows of ``errors`` E5 and E3, E5^2 / sqrt(E5^2 + 0.01 E3^2)
-    (II.10). y, trial, rtol and atol are (N,), k (stages, N)."""
+    """Root mean square of the error estimate over its tolerance atol + rtol |y|, with |y| the larger of both ends
+    (Hairer, Norsett & Wanner 1993, eq. II.4.11).
+
+    Two rows of ``errors``, E5 and E3, give E5^2 / sqrt(E5^2 + 0.01 E3^2) (II.10). y, trial, rtol and atol are (N,), k
+    (stages, N).
+    """
     first, second, stages = 0.0, 0.0, errors.shape[1]
     two = errors.shape[0] == 2
     for i in range(y.size):
@@ -56,12 +59,12 @@ def scaled_error(y, trial, errors, h, k, rtol, atol):
 
 @driver
 def adaptive_loop(forces, y, before, work, stages, errors, rtol, atol, settings, numbers, clock, until, steps, cursor):
-    """Steps until the clock has reached ``until``, or ``steps`` of them; a status, STOPPED where the step came to
-    nothing. The loop ends before a step that would lead beyond the end, or cuts that step off there.
+    """Take steps until the clock has reached ``until``, or ``steps`` of them. Return a status, STOPPED if a step fails.
 
-    ``before`` is y at the last step's start, ``work`` the trial state and the stages of the last step, the derivative
-    at its end last; ``settings`` the exponent -1 / (q + 1) with its sign turned, the longest step, the end, and
-    whether to cut off (1 or 0)."""
+    The loop ends before a step beyond the end, or cuts that step off there. ``before`` is y at the last step's start.
+    ``work`` holds the trial state and the stages of the last step, with the derivative at its end last. ``settings``
+    are minus the exponent -1 / (q + 1), the longest step, the end, and whether to cut off (1 or 0).
+    """
     bound = handle(forces)
     count = stages.shape[1]
     trial, k = work[0], work[1:]
@@ -122,8 +125,8 @@ def adaptive_loop(forces, y, before, work, stages, errors, rtol, atol, settings,
 
 
 class AdaptiveStepper(ChosenSteps):
-    """An embedded pair under way. A checkpoint holds its clock, which has the last errors, and the last step: where it
-    began, and its stages."""
+    """Integration with an embedded pair. A checkpoint holds its clock with the last errors, and the start and the
+    stages of the last step."""
 
     keeps = (*ChosenSteps.keeps, "_before", "_stages")
 
@@ -154,7 +157,7 @@ class AdaptiveStepper(ChosenSteps):
     def _first_step(self) -> float | None:
         f, order, limits = self._flow.derivative(self.time, self.y), self._tableau.error_order, (self.end, self.clip)
         h = first_step(self._flow.derivative, self.time, self.y, f, order, self.rtol, self.atol, *limits)
-        self._extra_evaluations += 2 if h is not None else 0  # else all this is done again
+        self._extra_evaluations += 2 if h is not None else 0  # else all this is repeated
         return h
 
     def at(self, time: float) -> Floats:
@@ -169,7 +172,7 @@ class AdaptiveStepper(ChosenSteps):
         return self._before + h * np.tensordot(weights, self._dense_stages(), 1)
 
     def _dense_stages(self) -> Floats:
-        """The derivatives of the last step's stages, those that only its interpolant needs included."""
+        """Derivatives of the last step's stages, including the stages of its interpolant."""
         if self._tableau.extra and not self._k_done:
             k = list(self._stages)
             begin, h = self._clock[BEFORE], self._clock[LAST]

@@ -1,10 +1,9 @@
-"""The compiled loops of fixed steps for eight small systems at once, a system a lane (see ``forces.batch_gravity``).
+"""Compiled fixed-step loops for eight small systems at once, a system a lane (see ``forces.batch_gravity``).
 
 All take (bodies, y, work, weights, dt, counts, looks, watch, cursor): ``y`` (2, 3, rows, 8) positions and velocities,
 ``work`` the method's workspace, ``weights`` as in ``loops``, ``dt`` (8,), ``counts`` (k,) the steps before each of k
-looks, which ``looks`` (k, LOOK, 8) holds. Where deviations ride along, a look is at their length instead: see
-``Watch``. The whole run of a block stays in the nearest cache. Nothing stops for a lane that blows up: it is left with
-numbers that are not finite, and the others go on.
+samples, and ``looks`` (k, LOOK, 8) the samples. With deviations, a sample is their length instead: see ``Watch``. The
+whole run of a block stays in the nearest cache. A lane that blows up keeps non-finite numbers, and the others continue.
 """
 
 from __future__ import annotations
@@ -27,9 +26,11 @@ from kickdrift.jit.vectors import WIDTH
 
 
 class Watch(NamedTuple):
-    """How deviations are looked at: ``inverse`` (2, 8), one over the scales of positions and velocities, ``largest``,
-    beyond which, or below whose inverse, a length is scaled back by a power of two, and ``exponents`` (k, 8), which
-    power."""
+    """Sampling of deviations.
+
+    ``inverse`` (2, 8) is one over the scales of positions and velocities. A length above ``largest``, or below its
+    inverse, is rescaled by a power of two, whose exponents are in ``exponents`` (k, 8).
+    """
 
     inverse: NDArray[np.float64]
     largest: float
@@ -38,7 +39,7 @@ class Watch(NamedTuple):
 
 @in_order
 def look(bodies, y, k, looks, watch, cursor):
-    """looks[k] <- what is seen; of deviations, their length in row 0, after which they may be scaled back."""
+    """looks[k] <- the sample. For deviations, their length in row 0, after which they may be rescaled."""
     n, rows = bodies.gm.shape[0], y.shape[2]
     if rows == n:
         look_in_lanes(bodies, y[0], y[1], looks[k])
@@ -67,19 +68,19 @@ def scale_back(y, n, size, watch, k):
             for half in range(2):
                 for axis in range(3):
                     for i in range(n, y.shape[2]):
-                        y[half, axis, i, lane] *= 2.0**-exponent  # no digit changes
+                        y[half, axis, i, lane] *= 2.0**-exponent  # exact: no digit changes
 
 
 @in_order
 def advance_in_lanes(y, factor, dy, size):
-    """y <- y + factor dy, for as many numbers; ``factor`` in lanes."""
+    """y <- y + factor dy, for ``size`` numbers; ``factor`` in lanes."""
     for p in range(0, size, WIDTH):
         store(y, p, load(y, p) + factor * load(dy, p))
 
 
 @in_order
 def copy_in_lanes(target, source):
-    """target <- source, of as many numbers."""
+    """target <- source, with equal sizes."""
     for p in range(0, source.size, WIDTH):
         store(target, p, load(source, p))
 
@@ -114,7 +115,7 @@ def batch_runge_kutta_loop(bodies, y, work, weights, dt, counts, looks, watch, c
     stages, trial = weights.shape[1], work[0]
     for k in range(counts.size):
         for _ in range(counts[k]):
-            for stage in range(stages + 1):  # the last row is the weights of the step itself
+            for stage in range(stages + 1):  # the last row has the weights of the step itself
                 target = trial if stage < stages else y
                 if stage < stages:
                     copy_in_lanes(trial, y)

@@ -1,4 +1,4 @@
-"""Integrations of many small systems under way, eight to a block, a system a lane."""
+"""Integrations of many small systems, eight to a block, a system a lane."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ if TYPE_CHECKING:
 
 
 class Members(NamedTuple):
-    """Systems of as many bodies, in blocks of eight; where they do not fill the last one, copies of the last do."""
+    """Systems with equal numbers of bodies, in blocks of eight. Copies of the last system fill the last block."""
 
     systems: Sequence[System]
-    done: int  # steps before
+    done: int  # steps done before
     y: Floats  # (blocks, 2, 3, rows, 8); rows beyond the n bodies are deviations
     gm: Floats  # (blocks, n, 8) G m
     masses: Floats  # (blocks, n, 8) coherent
@@ -31,12 +31,12 @@ class Members(NamedTuple):
     start: Floats  # (blocks, 8) the time of step 0
 
     def bodies(self, block: int) -> LaneBodies:
-        """What the forces of a block know."""
+        """Data of a block for the forces."""
         return LaneBodies(self.gm[block], self.masses[block], self.softening2[block])
 
 
 def to_lanes(values: Floats) -> Floats:
-    """(blocks, …, 8) of what is (members, …)."""
+    """Convert (members, …) to (blocks, …, 8)."""
     blocks = -(-len(values) // WIDTH)
     chosen = values[np.minimum(np.arange(blocks * WIDTH), len(values) - 1)]
     lanes = np.moveaxis(chosen.reshape(blocks, WIDTH, *values.shape[1:]), 1, -1)
@@ -46,38 +46,38 @@ def to_lanes(values: Floats) -> Floats:
 
 
 def from_lanes(lanes: Floats, count: int) -> Floats:
-    """(members, …) of what is (blocks, …, 8); a copy."""
+    """Convert (blocks, …, 8) to a copy (members, …)."""
     return np.moveaxis(lanes, -1, 1).reshape(-1, *lanes.shape[1:-1])[:count].copy()
 
 
 class Deviations(NamedTuple):
-    """How deviations are watched; see ``batch_loops.Watch``."""
+    """Sampling of deviations; see ``batch_loops.Watch``."""
 
     inverse: Floats  # (blocks, 2, 8)
     largest: float
 
 
 class LaneStepper(Protocol):
-    """Integrations under way."""
+    """Integrations in progress."""
 
     @property
     def y(self) -> Floats:
-        """(blocks, 2, 3, rows, 8) at the last look."""
+        """State (blocks, 2, 3, rows, 8) at the last sample."""
 
     @property
     def evaluations(self) -> int:
-        """Of the forces of one system so far."""
+        """Force evaluations of one system so far."""
 
     def run(self, block: int, counts: NDArray[np.int64], done: int, watch: Deviations | None = None) -> Any:
-        """Take ``counts`` (k,) steps, ``done`` being taken before, and look after each: (k, LOOK, 8), or (k, 1, 8)
-        lengths of deviations, and (k, 8) the powers of two that these were scaled back by."""
+        """Take ``counts`` (k,) steps after the ``done`` steps, and sample after each. Return samples (k, LOOK, 8), or
+        lengths of deviations (k, 1, 8), and the powers of two (k, 8) that rescaled them."""
 
     def warnings(self, member: int) -> list[str]:
-        """Lines on what the method does not follow in this system."""
+        """Warnings about effects that the method does not follow in this system."""
 
 
 class FixedLanes:
-    """Steps of one length by a compiled loop (see ``batch_loops``) with a workspace of that shape for each block."""
+    """Fixed steps by a compiled loop (see ``batch_loops``), with a workspace of this shape for each block."""
 
     def __init__(self, members: Members, loop: Any, weights: Floats, room: tuple[int, ...]) -> None:
         self._members, self._loop, self._weights = members, loop, weights
@@ -103,5 +103,5 @@ class FixedLanes:
         return looks, exponents
 
     def warnings(self, member: int) -> list[str]:
-        """None."""
+        """Return no warnings."""
         return []

@@ -1,4 +1,4 @@
-"""Wisdom-Holman integrations of many small systems under way, a system a lane."""
+"""Wisdom-Holman integrations of many small systems, a system a lane."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ from kickdrift.model.state import Floats
 
 
 class WisdomHolmanLanes:
-    """The runs are held before the last drift of a step, as in ``WisdomHolmanStepper``."""
+    """The runs stay before the last drift of a step, as in ``WisdomHolmanStepper``."""
 
     def __init__(self, members: Members, table: Splitting, options: Options) -> None:
         drift, kick = np.array(table.drift), np.array([*table.kick, 0.0])
@@ -45,7 +45,7 @@ class WisdomHolmanLanes:
         y, masses, gm = (from_lanes(part, full) for part in (members.y, members.masses, members.gm))
         central = np.argmax(masses, axis=1)[:, None]
         ranks = np.arange(masses.shape[1])
-        self._order = np.argsort(np.where(ranks == central, -1, ranks), axis=1)  # (members, n) the central one first
+        self._order = np.argsort(np.where(ranks == central, -1, ranks), axis=1)  # (members, n) central body first
         masses, gm = np.take_along_axis(masses, self._order, 1), np.take_along_axis(gm, self._order, 1)
         y = np.take_along_axis(y, self._order[:, None, None], 3)
         x, v = y.transpose(1, 0, 3, 2)
@@ -67,9 +67,9 @@ class WisdomHolmanLanes:
         self._seen, self._work = aligned(self._orbit.shape[1:]), aligned((WORK, *self._orbit.shape[2:]))
 
     def _tables(self, gm: Floats) -> Floats:
-        """(members, ROWS, n - 1) what of the bodies around the central one does not change, but their Hill radii."""
+        """Constants (members, ROWS, n - 1) of the bodies around the central one, except their Hill radii."""
         central, source = gm[:, :1], gm[:, 1:]
-        before = np.cumsum(source, axis=1) - source  # G times the mass of the others listed before
+        before = np.cumsum(source, axis=1) - source  # G times the mass of the other bodies listed before
         rows = np.zeros((len(gm), ROWS, source.shape[1]))
         rows[:, SOURCE], rows[:, LIVE] = source, 1.0
         rows[:, INSIDE] = 1.0 / (central + before)

@@ -1,6 +1,6 @@
-"""The compiled loop of the Wisdom-Holman map for eight small systems at once, a system a lane.
+"""Compiled loop of the Wisdom-Holman map for eight small systems at once, a system a lane.
 
-The map is that of ``wisdom_holman_loop``, whose formulas have their sources there. What are sums across lanes there, of
+The map is the same as in ``wisdom_holman_loop``, whose formulas cite their sources. Sums across lanes there, over
 bodies side by side, are plain loops over the bodies here.
 """
 
@@ -36,18 +36,18 @@ from kickdrift.jit.memory import load, store
 from kickdrift.jit.vector3 import dot, load3, numbers3, select3, store3, thrice
 from kickdrift.jit.vectors import WIDTH
 
-# Vectors of ``work``: positions from the central body, their offset from Jacobi's, the pull of the other bodies, the
-# kick; WAY has increments that are solved one by one, and dt.
+# Vectors of ``work``: positions from the central body, their offset from Jacobi's, the acceleration by the other
+# bodies, the kick. WAY has increments solved one by one, and dt.
 PLACE, OFFSET, PULL, KICK = range(4)
 WORK = 4
 WAY = 7
 
 
 class LaneOrbits(NamedTuple):
-    """Eight central bodies and those around them, which are in the order of the list."""
+    """Eight central bodies and the bodies around them, in the order of the list."""
 
     orbit: NDArray[np.float64]  # (2, 3, n - 1, 8), see ``wisdom_holman_loop.Bodies``
-    seen: NDArray[np.float64]  # the same, a copy to look at
+    seen: NDArray[np.float64]  # the same, a copy for samples
     centre: NDArray[np.float64]  # (2, 3, 8) position of the centre of mass at step 0, and its velocity
     table: NDArray[np.float64]  # (ROWS, n - 1, 8)
     first: NDArray[np.float64]  # (3, n - 1, 8), infinite until it happens
@@ -61,12 +61,12 @@ class LaneOrbits(NamedTuple):
 
 @in_order
 def drift(own, orbit, dt, t, noting):
-    """Every body along its Kepler orbit for a time dt that begins at t; where ``noting``, who is unbound is noted."""
+    """Move every body along its Kepler orbit for a time dt from t on. With ``noting``, record unbound bodies."""
     table, x, v, first = own.table, orbit[0], orbit[1], own.first[UNBOUND]
     stride = x[0].size
     for p in range(0, stride, WIDTH):
         moved, kicked, beta, solved = lanes_increments(load(table[GM], p), dt, load3(x, p, stride), load3(v, p, stride))
-        left = mask_bits(beta == beta) & ~mask_bits(solved)  # without those that have blown up
+        left = mask_bits(beta == beta) & ~mask_bits(solved)  # without lanes that have blown up
         if left:
             way = own.way
             store(way, 6 * WIDTH, dt)
@@ -87,7 +87,7 @@ def add3(array, p, stride, change):
 
 @jit
 def one_by_one(own, orbit, i, left):
-    """way <- the increments of body i in the lanes that are left; nan in the others."""
+    """way <- the increments of body i in the remaining lanes; nan in the others."""
     stride = orbit[0, 0].size
     for k in range(WIDTH):
         if (left >> k) & 1:
@@ -103,7 +103,7 @@ def one_by_one(own, orbit, i, left):
 
 @in_order
 def places(own, x):
-    """work[PLACE] <- positions from the central body, work[OFFSET] <- what Jacobi's ``x`` differ from them by."""
+    """work[PLACE] <- positions from the central body, work[OFFSET] <- their difference from Jacobi's ``x``."""
     share, place, offset = own.table[SHARE], own.work[PLACE], own.work[OFFSET]
     stride = share.size
     before = thrice(splat(0.0))
@@ -116,7 +116,7 @@ def places(own, x):
 
 @in_order
 def pulls(own, place, t):
-    """work[PULL] <- the accelerations that bodies other than the central one give to each other, each pair once."""
+    """work[PULL] <- the mutual accelerations of the bodies except the central one, each pair once."""
     source, hill, pull = own.table[SOURCE], own.table[HILL], own.work[PULL]
     stride = source.size
     zero = splat(0.0)
@@ -141,7 +141,7 @@ def pulls(own, place, t):
 
 @in_order
 def note_near(first, p, q, near, t):
-    """Body p came near body q in those lanes."""
+    """Record that body p came near body q in those lanes."""
     known, which = load(first[NEAR], p), load(first[WHICH], p)
     new = near & (known > t)
     store(first[NEAR], p, select(new, t, known))
@@ -150,7 +150,7 @@ def note_near(first, p, q, near, t):
 
 @in_order
 def heliocentric_kick(own, dt, t):
-    """Kicks by the other bodies, then the jump by the sum of the momenta."""
+    """Kick by the other bodies, then jump by the sum of the momenta."""
     x, v, pull, share = own.orbit[0], own.orbit[1], own.work[PULL], own.table[OTHERS]
     stride = share.size
     pulls(own, x, t)
@@ -164,7 +164,7 @@ def heliocentric_kick(own, dt, t):
 
 @in_order
 def jacobi_kick(own, dt, t):
-    """Kicks in Jacobi's coordinates."""
+    """Kick in Jacobi's coordinates."""
     x, v, table, work = own.orbit[0], own.orbit[1], own.table, own.work
     stride = table[GM].size
     central = load(own.central, 0)
@@ -185,7 +185,7 @@ def jacobi_kick(own, dt, t):
 
 @in_order
 def leave(own, orbit, y, elapsed):
-    """y (2, 3, n, 8) <- positions and velocities, the central body first, ``elapsed`` after step 0."""
+    """y (2, 3, n, 8) <- positions and velocities with the central body first, at a time ``elapsed`` after step 0."""
     n = y.shape[2]
     stride, end = (n - 1) * WIDTH, n * WIDTH
     for half in range(2):
@@ -199,7 +199,7 @@ def leave(own, orbit, y, elapsed):
             origin = origin - load(weights, p) * load3(q, p, stride)
         store3(target, 0, end, origin)
         if not own.jacobi and half == 1:
-            origin = centre  # these velocities are from the centre of mass
+            origin = centre  # these velocities are relative to the centre of mass
         for p in range(0, stride, WIDTH):
             here = load3(q, p, stride)
             store3(target, p + WIDTH, end, here + origin)
@@ -209,9 +209,11 @@ def leave(own, orbit, y, elapsed):
 
 @driver
 def batch_wisdom_holman_loop(orbits, y, weights, dt, start, done, counts, looks, cursor):
-    """``counts`` (k,) steps before each look, ``done`` having been taken before. ``weights`` (3, stages + 1) are the
-    row of drifts, the kick after each (0 after the last) and the part of dt that has passed; the last drift is joined
-    to the next step's first, and done on a copy for each look, which ``y`` then holds."""
+    """Take ``counts`` (k,) steps before each sample, after the ``done`` steps.
+
+    ``weights`` (3, stages + 1) hold the row of drifts, the kick after each (0 after the last) and the elapsed fraction
+    of dt. The last drift is joined to the next step's first. For each sample it is done on a copy, in ``y``.
+    """
     own = handle(orbits)
     y, weights, counts = unowned(y), unowned(weights), unowned(counts)
     looks, cursor = unowned(looks), unowned(cursor)

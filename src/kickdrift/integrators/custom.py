@@ -1,4 +1,4 @@
-"""The compiled loop around a user's own step."""
+"""Compiled loop around a user's own step."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from kickdrift.jit.compile import driver, jit
 from kickdrift.jit.handle import handle
 from kickdrift.jit.inner import overload
 
-STATUS = STAGE  # of the cursor: what went wrong inside the step
+STATUS = STAGE  # slot of the cursor: error status inside the step
 
 
 def accelerations(forces: Any, t: float, x: Any, v: Any, a: Any) -> None:
-    """a <- the accelerations at positions x and velocities v, all (rows, n); for steps that ``register_step``
-    compiles."""
+    """a <- the accelerations at positions x and velocities v, all (rows, n). For steps compiled by
+    ``register_step``."""
     raise NotImplementedError("for compiled code: a step registered with kd.register_step")
 
 
@@ -31,7 +31,7 @@ def _accelerations(forces, t, x, v, a):
 
 
 def take_step(kind: Any, forces: Any, t: float, x: Any, v: Any, a: Any, dt: float) -> None:
-    """The user's function that stands behind the class of ``kind``."""
+    """Call the user's function behind the class of ``kind``."""
     raise NotImplementedError("for compiled code")
 
 

@@ -1,4 +1,4 @@
-"""Leapfrog on whole numbers: a run can be turned around and comes back to the very same bits."""
+"""Leapfrog on whole numbers: a run can be reversed and returns to exactly the same bits."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ Integers = NDArray[np.int64]
 
 
 class Lattice(NamedTuple):
-    """Positions and momenta as whole numbers; ``np.savez(path, **lattice._asdict())`` keeps them, and
-    ``Lattice(**np.load(path))`` has them back.
+    """Positions and momenta as whole numbers. ``np.savez(path, **lattice._asdict())`` saves them, and
+    ``Lattice(**np.load(path))`` loads them.
 
     Attributes
     ----------
@@ -30,10 +30,10 @@ class Lattice(NamedTuple):
     images : (3, n) int64
         Whole box edges to add; zero in open space.
     momenta : (3, n) int64
-        In steps of ``momentum``; of mass times velocity under pair forces alone, of velocity where there is gravity.
+        In steps of ``momentum``: of mass times velocity under pair forces alone, of velocity with gravity.
     spacing : (3,) lengths
-    momentum : (n,) one step, the same for all, in the system's mass unit (made coherent) times its velocity unit; or
-        of velocity, finer for the heavy
+    momentum : (n,) one step: equal for all, in the system's coherent mass unit times its velocity unit; or a step of
+        velocity, finer for heavy particles
     time, steps_done
     """
 
@@ -46,23 +46,23 @@ class Lattice(NamedTuple):
     steps_done: int = 0
 
     def reversed(self) -> Lattice:
-        """The same with all momenta turned around: from here a run goes back the way it came."""
+        """The same with all momenta negated: from here a run retraces its path."""
         return self._replace(momenta=-self.momenta)
 
     def same(self, other: Lattice) -> bool:
-        """Whether positions, images and momenta are equal to the last bit."""
+        """Tell whether positions, images and momenta are equal to the last bit."""
         return all(np.array_equal(getattr(self, key), getattr(other, key)) for key in self._fields[:5])
 
 
 @dataclass(frozen=True)
 class Exact(Method):
-    """Kick, drift, kick on int64: every increment is a float rounded to a whole number of steps, and whole numbers add
-    without error and in any order.
+    """Kick, drift, kick on int64. Every increment is a float rounded to a whole number of steps, and whole numbers add
+    exactly and in any order.
 
-    A kick depends on positions alone and a drift on momenta alone, and both turn their sign with the momenta, so a run
-    with the momenta negated undoes every step bit by bit. Before rounding it is velocity Verlet, symplectic of order 2;
-    the rounded map is a permutation of the lattice, as volume conservation demands, and differs from a symplectic map
-    by less than float64 rounding does.
+    A kick depends only on positions and a drift only on momenta, and both change sign with the momenta. So a run with
+    negated momenta undoes every step bit by bit. Before rounding the method is velocity Verlet, symplectic of order 2.
+    The rounded map is a permutation of the lattice, as volume conservation demands. It differs from a symplectic map by
+    less than float64 rounding.
     """
 
     name: str
@@ -92,12 +92,10 @@ class Exact(Method):
 
         system: Any = flow.subject
         if not isinstance(system, System):
-            raise InputError(f"{self.name}: moves particles under pair forces and gravity, and {flow.name!r} is an ODE")
+            raise InputError(f"{self.name}: needs particles under pair forces or gravity; {flow.name!r} is an ODE")
         for force in system.forces:
             if not isinstance(force, (PairForce, Gravity)):
-                raise InputError(
-                    f"{self.name}: adds pair forces and gravity as whole numbers, and force {force.name!r} is neither"
-                )
+                raise InputError(f"{self.name}: takes only pair forces and gravity; force {force.name!r} is neither")
         from kickdrift.integrators.exact_stepper import ExactStepper
 
         return ExactStepper(flow, options)

@@ -1,6 +1,6 @@
-"""The particles of leapfrog-exact, in whole numbers, and the pair list that is searched among them.
+"""Particles of leapfrog-exact in whole numbers, and the search for their pair list.
 
-Positions wrap around at 2^64, the box edge: the difference of two is that of the nearest images.
+Positions wrap around at 2^64, the box edge, so the difference of two positions belongs to their nearest images.
 """
 
 from __future__ import annotations
@@ -13,15 +13,15 @@ from numpy.typing import NDArray
 from kickdrift.forces.kernel import GROW, OK
 from kickdrift.jit.compile import strict
 
-REACH = 2  # cells to look through on each side; cells are at least 1 / REACH of the list's radius wide
+REACH = 2  # cells to search on each side; cells are at least 1 / REACH of the list's radius wide
 
 # slots of `Particles.counts`
 BUILT, BUILDS, ROOM_NEEDED, CULPRIT, AXIS, WHAT = range(6)
-POSITION, MOMENTUM = 1, 2  # WHAT left the lattice
+POSITION, MOMENTUM = 1, 2  # values of WHAT left the lattice
 
 
 class Particles(NamedTuple):
-    """The lattice and the pair list on it."""
+    """Lattice and its pair list."""
 
     periodic: bool
     spacing: NDArray[np.float64]  # (3,)
@@ -30,9 +30,9 @@ class Particles(NamedTuple):
     p: NDArray[np.int64]  # (3, n)
     kick: NDArray[np.int64]  # (3, n) half a step's
     drift: NDArray[np.float64]  # (3, n) a step's, in steps of spacing per step of momentum
-    radius: float  # of the list; 0 without one
+    radius: float  # radius of the list; 0 without a list
     skin: float
-    reference: NDArray[np.int64]  # (3, n) positions when the list was made
+    reference: NDArray[np.int64]  # (3, n) positions at the last search
     span: NDArray[np.int64]  # (n, 2) first and last partner + 1 of a particle
     partners: NDArray[np.int32]  # (room,)
     counts: NDArray[np.int64]
@@ -43,19 +43,19 @@ class Particles(NamedTuple):
 
 @strict
 def whole(value):
-    """The nearest whole number, halves to even: an odd function."""
+    """Nearest whole number, halves to even: an odd function."""
     return np.int64(np.rint(value))
 
 
 @strict
 def wrapped_sum(a, b):
-    """a + b around 2^64. Unsigned, since LLVM may take it for granted that signed numbers do not wrap around."""
+    """Return a + b modulo 2^64. Unsigned, since LLVM may assume that signed numbers do not overflow."""
     return np.int64(np.uint64(a) + np.uint64(b))
 
 
 @strict
 def difference(a, b):
-    """a - b around 2^64."""
+    """Return a - b modulo 2^64."""
     return np.int64(np.uint64(a) - np.uint64(b))
 
 
@@ -64,7 +64,7 @@ def difference(a, b):
 
 @strict
 def refresh(particles):
-    """Search for the pairs anew where a particle has moved by half the skin; a status."""
+    """Search for the pairs again if a particle has moved by half the skin. Return a status."""
     counts = particles.counts
     if particles.radius == 0.0 or (counts[BUILT] and not moved(particles)):
         return OK
@@ -94,7 +94,8 @@ def moved(particles):
 
 @strict
 def sort_into_cells(particles, cells):
-    """cells <- how many along each axis; where each cell's particles begin, and the particles by cell."""
+    """Sort particles into cells: cells <- their number along each axis. Return the start of each cell, and the
+    particles by cell."""
     x, n = particles.x, particles.x.shape[1]
     low, width = np.zeros(3), np.zeros(3)
     most = int((8.0 * n) ** (1.0 / 3.0)) + 1
@@ -125,14 +126,15 @@ def sort_into_cells(particles, cells):
 
 @strict
 def search(particles):
-    """Fill the list, as far as there is room; the number of pairs found. The positions become the reference."""
+    """Fill the list as far as there is room, and return the number of pairs found. The positions become the
+    reference."""
     x, n, reference = particles.x, particles.x.shape[1], particles.reference
     for k in range(3):
         for i in range(n):
             reference[k, i] = x[k, i]
     cells = np.zeros(3, np.int64)
     begin, order = sort_into_cells(particles, cells)
-    near = np.empty(n, np.int64)  # the particles that those of one cell may pair with, its own first
+    near = np.empty(n, np.int64)  # possible partners of a cell's particles, its own first
     found = 0
     for cell in range(begin.size - 1):
         own = begin[cell + 1] - begin[cell]
@@ -145,7 +147,7 @@ def search(particles):
 
 @strict
 def gather(particles, cells, cell, begin, order, near):
-    """near <- the particles of a cell and of the cells after it within reach; their number."""
+    """near <- the particles of a cell and of the later cells within reach. Return their number."""
     low, high = np.zeros(3, np.int64), np.zeros(3, np.int64)
     here = (cell // (cells[1] * cells[2]), cell // cells[2] % cells[1], cell % cells[2])
     for k in range(3):
@@ -171,7 +173,7 @@ def gather(particles, cells, cell, begin, order, near):
 
 @strict
 def add_partners(particles, near, q, count, found):
-    """List particle near[q] with those after it that are within the radius; the number of pairs found so far."""
+    """List particle near[q] with the later ones within the radius. Return the number of pairs found so far."""
     x, partners, i = particles.x, particles.partners, near[q]
     ux, uy, uz = particles.spacing
     radius2, room = particles.radius**2, partners.size

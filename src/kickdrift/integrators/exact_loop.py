@@ -1,7 +1,7 @@
-"""The compiled loop of leapfrog-exact: forces as whole numbers, kicks and drifts.
+"""Compiled loop of leapfrog-exact: forces as whole numbers, kicks and drifts.
 
-All floating-point here is strict, operation by operation, so that an increment has the same bits wherever its pair
-stands in a list.
+All floating-point arithmetic here is strict, operation by operation. So an increment has the same bits wherever its
+pair stands in a list.
 """
 
 from __future__ import annotations
@@ -33,28 +33,28 @@ from kickdrift.integrators.stepping import STOPPED
 from kickdrift.jit.compile import driver, strict
 from kickdrift.jit.inner import overload
 
-# What one pair's half kick may be at most. Momenta reach to 2^62, so it takes 32 such partners at once for a sum to
-# wrap around unseen; a start's largest momentum is 2^54 to 2^55.
+# Largest half kick of one pair. Momenta reach to 2^62, so a sum can overflow unseen only with 32 such partners at once.
+# A start's largest momentum is 2^54 to 2^55.
 LARGEST_KICK = 2.0**57
-FAR = 2**62  # momenta, and positions in open space, stay within
+FAR = 2**62  # limit of momenta, and of positions in open space
 LARGEST_DRIFT = 2.0**62  # a quarter of a box in one step
 
 
 class ExactPairs(NamedTuple):
     """A pair law on the lattice."""
 
-    law: Any  # the law's NamedTuple of parameters (of the first pair of species, where there are several)
+    law: Any  # the law's NamedTuple of parameters (of the first pair of species, if there are several)
     at_cutoff: AtCutoff  # likewise
     tables: Any  # SpeciesTables, or None for one species
     truncation: Any
     cutoff2: float
     gain: NDArray[np.float64]  # (n,) steps of momentum per unit of force in half a step
-    alike: bool  # whether that is the same for all, so that action and reaction are the same whole number
+    alike: bool  # whether the gain is equal for all, so that action and reaction are the same whole number
     largest: float  # of the gains
 
 
 class SpeciesTables(NamedTuple):
-    """Numbers per pair of species."""
+    """Parameters per pair of species."""
 
     law: NDArray[np.float64]  # (parameters, species, species)
     at_cutoff: NDArray[np.float64]  # (2, species, species)
@@ -73,7 +73,7 @@ class ExactGravity(NamedTuple):
 
 
 def add_kicks(force: Any, particles: Particles) -> int:
-    """Add the half kicks of one force, or of a tuple of them, to ``particles.kick``; a status."""
+    """Add the half kicks of one force, or of a tuple of forces, to ``particles.kick``. Return a status."""
     raise NotImplementedError("for compiled code")
 
 
@@ -148,7 +148,7 @@ def gravity_kicks(force, particles):
 
 
 def pair_force(law: Any, at_cutoff: Any, truncation: Any, tables: Any, i: int, j: int, r2: float) -> float:
-    """Force over r between particles i and j, truncated."""
+    """Truncated force over r between particles i and j."""
     raise NotImplementedError("for compiled code")
 
 
@@ -175,7 +175,7 @@ def _pair_force(law, at_cutoff, truncation, tables, i, j, r2):
 
 
 def from_table(cls: Any) -> Callable[..., Any]:
-    """The compiled function that fills a law's NamedTuple from a table of parameters per pair of species."""
+    """Compiled function that fills a law's NamedTuple from a table of parameters per pair of species."""
     numbers = ", ".join(f"table[{k}, a, b]" for k in range(len(cls._fields)))
     scope: dict[str, Any] = {"cls": cls}
     exec(f"def parameters(table, a, b):\n    return cls({numbers})", scope)
@@ -187,7 +187,7 @@ def from_table(cls: Any) -> Callable[..., Any]:
 
 @strict
 def fill_kicks(forces, particles, cursor):
-    """particles.kick <- the half kicks here; a status."""
+    """particles.kick <- the half kicks at these positions. Return a status."""
     status = refresh(particles)
     if status != OK:
         return status
@@ -198,7 +198,7 @@ def fill_kicks(forces, particles, cursor):
 
 @strict
 def leave(particles, what, k, i):
-    """Note which particle left the lattice."""
+    """Record which particle left the lattice."""
     counts = particles.counts
     counts[WHAT], counts[AXIS], counts[CULPRIT] = what, k, i
     return STOPPED

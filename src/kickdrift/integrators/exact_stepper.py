@@ -1,4 +1,4 @@
-"""Leapfrog on whole numbers under way: its scales, and floats to and from the lattice."""
+"""Integration with leapfrog on whole numbers: its scales, and conversion of floats to and from the lattice."""
 
 from __future__ import annotations
 
@@ -26,19 +26,19 @@ from kickdrift.model.state import Floats
 if TYPE_CHECKING:
     from kickdrift.model.system import System
 
-SKIN = 0.16  # of the cutoff; 1000 particles run as fast, within 5 %, from 0.12 to 0.2
+SKIN = 0.16  # fraction of the cutoff; with 1000 particles the speed varies by 5 % from 0.12 to 0.2
 BITS = 63  # of an int64, beside its sign
-ROOM_IN_SPACE = 6  # bits beyond the start's extent: particles may go 32 times as far at least
-ROOM_IN_SPEED = 8  # bits beyond the largest momentum that the start suggests
+ROOM_IN_SPACE = 6  # bits beyond the start's extent: particles may move at least 32 times as far
+ROOM_IN_SPEED = 8  # bits beyond the largest momentum estimated from the start
 
 
 class ExactStepper(Regular):
-    """``y`` shows the lattice in floats after each ``advance``; what runs, and what a run can be taken up from to the
-    last bit, is ``lattice``.
+    """``y`` shows the lattice in floats after each ``advance``. The run itself is ``lattice``, from which it can be
+    resumed to the last bit.
 
-    Its scales follow from the System as it was at its start (and, where nothing moves or pulls there, from dt): they
-    are the same in every process, and a lattice that is put in place brings its own along. A checkpoint holds the
-    lattice, its scales, and the half kicks there; no pair list, since whole numbers add up alike in any order.
+    Its scales follow from the System's starting state, and from dt if nothing moves or attracts there. So they are
+    equal in every process. A lattice put in place brings its own scales. A checkpoint holds the lattice, its scales,
+    and the half kicks there. It needs no pair list, since whole numbers add up equally in any order.
     """
 
     keeps = (
@@ -54,7 +54,7 @@ class ExactStepper(Regular):
         system: System = flow.subject
         self.trouble = ""
         self._gravity = any(isinstance(force, Gravity) for force in system.forces)
-        # Light and heavy bodies need steps of velocity alike; action and reaction are then not one whole number.
+        # Light and heavy bodies need similar steps of velocity; then action and reaction are not one whole number.
         self._weights = np.ones(len(system)) if self._gravity else system.coherent_masses
         self._cutoff = max((float(getattr(force, "cutoff", 0.0)) for force in system.forces), default=0.0)
         self._cursor = np.zeros(SLOTS, np.int64)
@@ -86,7 +86,7 @@ class ExactStepper(Regular):
             top = max(top, float(fall.max()), shared)
         top = top or extent / self.dt * float(w.max())
         tops = np.full(len(w), top)
-        if self._gravity:  # what a heavy body takes up are the momenta of the others
+        if self._gravity:  # a heavy body takes up the momenta of the others
             heavy = masses > 0
             others = top * (masses.sum() - masses[heavy]) / masses[heavy]
             own = np.abs(v).max(axis=0)[heavy]
@@ -168,7 +168,7 @@ class ExactStepper(Regular):
             inside &= np.abs(x) < FAR
         if not inside.all():
             i = np.argwhere(~inside)[0, 1]
-            raise InputError(f"state: particle {i} is beyond what its lattice holds, {self._reach(int(i))}")
+            raise InputError(f"state: particle {i} is outside the range of its lattice, {self._reach(int(i))}")
         self._place(x.astype(np.int64), images, p.astype(np.int64), time, steps)
 
     def _place(self, x: Any, images: Any, p: Any, time: float, steps: int) -> None:
@@ -187,17 +187,17 @@ class ExactStepper(Regular):
         self.y = np.array([x, particles.p * (self._momentum / self._weights)])
 
     def recall(self, memory: Memory) -> None:
-        """See Stepper; the scales come first, for the state may not fit into the start's."""
+        """Restore as Stepper does. The scales come first, since the state may not fit the start's scales."""
         spacing, momentum = np.array(memory["spacing"], dtype=float), np.array(memory["momentum"], dtype=float)
         if momentum.shape != self._momentum.shape or spacing.shape != self._particles.spacing.shape:
-            raise InputError("checkpoint: its scales are not of a run of this system")
+            raise InputError("checkpoint: its scales belong to another system")
         self._set_scales(spacing, momentum)
         super().recall(memory)
         self._show()
 
     @property
     def lattice(self) -> Lattice:
-        """The state to the last bit; a copy."""
+        """Copy of the state to the last bit."""
         particles = self._particles
         return Lattice(
             particles.x.copy(), particles.images.copy(), particles.p.copy(), particles.spacing.copy(),
@@ -214,12 +214,12 @@ class ExactStepper(Regular):
         spacing, momentum = np.array(given.spacing, dtype=float), np.array(given.momentum, dtype=float)
         lengths = self._flow.subject.box.lengths
         if lengths is not None and not np.array_equal(spacing, np.array(lengths) * 0.5 ** (BITS + 1)):
-            raise InputError(f"lattice: its spacing is not that of the system's box, {lengths}")
+            raise InputError(f"lattice: its spacing does not fit the system's box, {lengths}")
         for key, scale, count in (("spacing", spacing, 3), ("momentum", momentum, shape[1])):
             if scale.shape != (count,) or not (np.isfinite(scale).all() and (scale > 0).all()):
                 raise InputError(f"lattice: {key} must be {count} positive numbers, got {scale}")
         if not self._gravity and (momentum != momentum[0]).any():
-            raise InputError("lattice: momentum must be one number for all under pair forces alone")
+            raise InputError("lattice: momentum must be one number for all particles under pair forces alone")
         fits = (np.abs(np.asarray(given.momenta)) < FAR).all()
         if not self._particles.periodic:
             fits &= (np.abs(np.asarray(given.positions)) < FAR).all()
@@ -246,7 +246,7 @@ class ExactStepper(Regular):
             how = "lies" if counts[WHAT] == POSITION else "moves"
             self.trouble = (
                 f"particle {counts[CULPRIT]} {how} beyond the lattice along {'xyz'[counts[AXIS]]}, which holds "
-                f"{self._reach(int(counts[CULPRIT]))}: a start with a larger extent or faster particles makes it larger"
+                f"{self._reach(int(counts[CULPRIT]))}: a start with a larger extent or faster particles enlarges it"
             )
             counts[WHAT] = 0
         return status
@@ -264,5 +264,5 @@ class ExactStepper(Regular):
 
 
 def _step(largest: float, room: int) -> float:
-    """The power of two whose 2^63-fold leaves ``room`` bits above ``largest``."""
+    """Power of two whose 2^63-fold leaves ``room`` bits above ``largest``."""
     return 2.0 ** (math.frexp(largest)[1] + room - BITS)

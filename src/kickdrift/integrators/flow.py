@@ -1,4 +1,4 @@
-"""What a Simulation integrates, as the integrators see it: y' = f(t, y), with y one array.
+"""Flows, the view that integrators have of a System or a Problem: y' = f(t, y), with y one array.
 
 y is (2, 3, n) for particles, positions and velocities; (2, 1, n / 2) for a separable Problem; (1, 1, n) for any other.
 """
@@ -28,7 +28,7 @@ from kickdrift.model.state import Floats, State
 from kickdrift.model.system import System
 
 Derivative = Callable[[float, Floats], Floats]
-NEWTON_UNKNOWNS = 3000  # at most, for a dense Jacobian
+NEWTON_UNKNOWNS = 3000  # most unknowns of a dense Jacobian
 
 
 class ParticleFlow:
@@ -46,7 +46,7 @@ class ParticleFlow:
         self.forces = BoundForces(system, threads, jumps=jumps, mixed=mixed)
         self._aside = BoundForces(
             system, threads, thin=True
-        )  # with lists of its own: looking must not change the run's
+        )  # with own lists: a sample must not change the run's lists
         self._listed = any(isinstance(force, PairForce) for force in system.forces)
         self._shared = self._listed and not mixed
         self._look_at(system)
@@ -55,49 +55,49 @@ class ParticleFlow:
 
     @property
     def clocked(self) -> bool:
-        """Whether f may depend on time: that of a user's own force class, unless the class denies it."""
+        """Tell whether f may depend on time: true for a user's own force class, unless the class denies it."""
         return any(_clocked(force) for force in self.subject.forces)
 
     def state(self, y: Floats, time: float, steps: int) -> State:
-        """The State that y stands for; a copy."""
+        """Copy of y as a State."""
         own = self.subject.state
         return State(y.copy(), own.masses.copy(), own.ids.copy(), own.box, time, steps)
 
     def array(self, state: State) -> Floats:
-        """The y of a State, checked; a copy."""
+        """Checked copy of a State as y."""
         check_state(state, State)
         own = self.subject.state
         if len(state) != len(own):
             raise InputError(f"state: expected {len(own)} particles, got {len(state)}")
         if not (np.array_equal(state.ids, own.ids) and np.array_equal(state.masses, own.masses)):
-            raise InputError("state: ids and masses must be those of the system's particles, in the same order")
+            raise InputError("state: ids and masses must equal the system's, in the same order")
         if state.box != own.box:
-            raise InputError(f"state: its box is {state.box.shape}, and the system's {own.box.shape}")
+            raise InputError(f"state: the box is {state.box.shape}, but the system's is {own.box.shape}")
         if not np.all(np.isfinite(state.phase)):
             raise InputError("state: positions and velocities must be finite")
         return np.array(state.phase, dtype=float, order="C")
 
     @unwarned
     def tune(self, y: Floats, between: float) -> None:
-        """Have pair lists for particles as fast as at y, with that much time between two evaluations of the forces."""
+        """Adapt pair lists to the particles' speed at y, with this time between two evaluations of the forces."""
         self.forces.tune(float(np.sqrt((y[1] ** 2).sum(axis=0).max())) * between)
 
     def begin(self, record: Record, y: Floats) -> None:
-        """A record of conservation begins here."""
+        """Begin a record of conservation here."""
         record.begin(self.subject.coherent_masses, y)
 
-    # --- looks ---
+    # --- samples ---
 
     def _look_at(self, system: System) -> None:
         self._desk = desk_of(system)
         self._cursor = np.zeros(SLOTS, np.int64)
-        self._ends = np.empty((2, 3, len(system)))  # a copy of what is looked at, for nobody
+        self._ends = np.empty((2, 3, len(system)))  # (2, 3, n) a copy of the sampled state
         self._one = Looks(room=1)
 
     def _looks(self, fresh: bool = False) -> BoundForces:
-        """The forces to look with. Where the run's own were last evaluated at these positions, its pair lists hold
-        there, and asking again changes nothing in them. Else the lists are made anew: what a look gives depends on the
-        run alone, and on no look before."""
+        """Forces for a sample. If the run's own forces were last evaluated at these positions, their pair lists are
+        valid, and another evaluation changes nothing in them. Else the lists are made anew, so that a sample depends
+        only on the run, and on no earlier sample."""
         if fresh and self._shared:
             return self.forces
         if self._listed:
@@ -105,25 +105,25 @@ class ParticleFlow:
         return self._aside
 
     def look(self, looks: Looks, y: Floats, time: float, step: int, last: Floats, fresh: bool = False) -> int:
-        """Fill the table's next row with what is seen of y, and ``last`` with y; a status. ``fresh`` says whether the
-        run's forces were last evaluated at y."""
+        """Fill the table's next row with a sample of y, and ``last`` with y. Return a status. ``fresh`` says whether
+        the run's forces were last evaluated at y."""
         row = looks.free()
         return self._looks(fresh).call(look, time, _plain(y), self._desk, last, looks.rows, row, self._cursor)
 
     def looking(self, fresh: bool) -> Looking | None:
-        """What compiled code looks with, many times in a row; None where pair lists are made anew each time."""
+        """Data for many samples in a row by compiled code; None if pair lists are made anew each time."""
         if self._listed and not (fresh and self._shared):
             return None
         return Looking(self._looks(fresh), self._desk, self._cursor)
 
     def refused(self, status: int, step: int, time: float) -> RunError:
-        """What to say of a look that came to nothing."""
+        """Error of a failed sample."""
         if status == NO_ENERGY:
             return RunError(f"step {step} (t = {time:g}): the energy is not finite")
         return RunError(f"step {step} (t = {time:g}): the forces at these positions are not finite")
 
     def sample(self, y: Floats, time: float, steps: int, fresh: bool = False) -> Sample:
-        """All that is watched, at y."""
+        """Sample of all observables at y."""
         one = Looks(room=1)
         status = self.look(one, y, time, steps, self._ends, fresh)
         if status != OK:
@@ -132,40 +132,40 @@ class ParticleFlow:
         return one.samples[0]
 
     def accelerations(self, y: Floats, time: float) -> Floats | None:
-        """(3, n) at y, None where they are not finite."""
+        """Accelerations (3, n) at y; None if they are not finite."""
         if self.look(self._one, y, time, 0, self._ends) not in (OK, NO_ENERGY):
             return None
         n = len(self.subject)
         return self._desk[HEAD + n :].reshape(3, n).copy()
 
     def forget_errors(self) -> None:
-        """Compiled forces raise none."""
+        """Do nothing: compiled forces raise no errors."""
 
     def prepare(self, y: Floats, time: float) -> None:
-        """Compile what looking needs."""
+        """Compile the code for samples."""
         self.look(self._one, y, time, 0, self._ends)
 
     def derivative(self, time: float, y: Floats) -> Floats:
-        """f(t, y), without touching the run's own pair lists."""
+        """Return f(t, y), without using the run's own pair lists."""
         return self._looks().derivative(time, y)
 
-    analytic = False  # the Jacobian
+    analytic = False  # of the Jacobian
 
     def jacobian(self, time: float, y: Floats) -> Floats:
-        """df_i / dy_j of the flattened y by central differences; (N, N)."""
+        """Jacobian (N, N) df_i / dy_j of the flattened y by central differences."""
         return difference_jacobian(self._looks().derivative, time, y)
 
     def explain(self, y: Floats, before: Floats, good: Floats, step: int, time: float, good_step: int) -> str:
-        """One line on what blew up; ``before`` (3, n) is where the particles stood a step before y."""
+        """One line about a blow-up. ``before`` (3, n) holds the particles' positions a step before y."""
         return explain(self.subject, y, before, good, step, time, good_step)
 
     def meeting(self, y: Floats) -> str:
-        """Which particles are nearest to each other, as the end of a line on steps that came to nothing."""
+        """Name the nearest particles, for the end of a line about failed steps."""
         return nearest_pair(self.subject, y[0])
 
 
 def _plain(y: Floats) -> Floats:
-    """The same numbers as compiled code takes them: in one piece, and not declared read-only."""
+    """The same numbers in the form for compiled code: contiguous and writable."""
     return y if y.flags.c_contiguous and y.flags.writeable else np.array(y, dtype=float, order="C")
 
 
@@ -175,7 +175,7 @@ def _clocked(force: Any) -> bool:
 
 
 class ProblemFlow:
-    """A Problem's solution."""
+    """Solution of a Problem."""
 
     clocked = True  # see ParticleFlow
     of_particles = False
@@ -186,17 +186,17 @@ class ProblemFlow:
         self.halves = 2 if problem.separable else 1
         known = "right_hand_side" in vars(problem)
         self._callback = right_hand_side(problem).callback
-        if known:  # names outside f may have other values since
+        if known:  # names outside f may have changed since
             check_right_hand_side(problem, right_hand_side(problem))
         self.forces = BoundForces(_Bindable(problem), threads)
         self.not_separable = None if problem.separable else "the problem is not declared separable=True"
 
     def state(self, y: Floats, time: float, steps: int) -> ProblemState:
-        """The ProblemState that y stands for; a copy."""
+        """Copy of y as a ProblemState."""
         return ProblemState(y.reshape(-1).copy(), time, steps)
 
     def array(self, state: ProblemState) -> Floats:
-        """The y of a ProblemState, checked; a copy."""
+        """Checked copy of a ProblemState as y."""
         check_state(state, ProblemState)
         y = np.array(state.y, dtype=float)
         if y.shape != self.subject.y0.shape:
@@ -207,24 +207,24 @@ class ProblemFlow:
 
     @property
     def raised(self) -> BaseException | None:
-        """What Python code in f raised."""
+        """Error raised by Python code in f."""
         return self._callback.error
 
     def begin(self, record: Record, y: Floats) -> None:
-        """Nothing but the samples is compared."""
+        """Do nothing: only the samples are compared."""
         record.begun = True
 
     def look(self, looks: Looks, y: Floats, time: float, step: int, last: Floats, fresh: bool = False) -> int:
-        """Fill the table's next row with what is seen of y, and ``last`` with y; a status."""
+        """Fill the table's next row with a sample of y, and ``last`` with y. Return a status."""
         looks.fill(self.sample(y, time, step))
         last[...] = y
         return OK
 
     def looking(self, fresh: bool) -> None:
-        """None: each look calls Python."""
+        """Return None: each sample calls Python."""
 
     def sample(self, y: Floats, time: float, steps: int, fresh: bool = False) -> Sample:
-        """The quantity that the problem says is conserved, at y."""
+        """Sample of the problem's conserved quantity at y."""
         energy = self.subject.energy
         try:
             value = float(energy(time, y.reshape(-1).copy())) if energy else float("nan")
@@ -234,11 +234,11 @@ class ProblemFlow:
         return Sample(steps, time, Energies(float("nan"), float("nan"), value))
 
     def forget_errors(self) -> None:
-        """What f raised before is no matter of the steps to come."""
+        """Forget earlier errors of f, which do not concern the coming steps."""
         self._callback.error = None
 
     def prepare(self, y: Floats, time: float) -> None:
-        """The right-hand side is compiled already."""
+        """Do nothing: the right-hand side is compiled already."""
 
     def derivative(self, time: float, y: Floats) -> Floats:
         """f(t, y)."""
@@ -246,18 +246,18 @@ class ProblemFlow:
 
     @property
     def analytic(self) -> bool:
-        """Whether the problem gives its Jacobian."""
+        """Tell whether the problem gives its Jacobian."""
         return self.subject.jacobian is not None
 
     def jacobian(self, time: float, y: Floats) -> Floats:
-        """df_i / dy_j, analytic where the problem gives it; (n, n)."""
+        """Jacobian (n, n) df_i / dy_j, analytic if the problem gives it."""
         if self.subject.jacobian is None:
             return difference_jacobian(self.derivative, time, y)
         value = np.asarray(self.subject.jacobian(time, y.reshape(-1).copy()), dtype=float)
         return value.reshape(len(self.subject), -1)
 
     def explain(self, y: Floats, before: Floats, good: Floats, step: int, time: float, good_step: int) -> str:
-        """One line on what blew up, or on what f raised."""
+        """One line about a blow-up, or about an error of f."""
         if (error := self.raised) is not None:
             return " ".join(f"step {step} (t = {time:.6g}): f raised {type(error).__name__}: {error}".split())
         flat = y.reshape(-1)
@@ -267,12 +267,12 @@ class ProblemFlow:
         return f"blew up at step {step} (t = {time:.6g}): {what}; the last good point is step {good_step}"
 
     def meeting(self, y: Floats) -> str:
-        """Nothing."""
+        """Return no text."""
         return ""
 
 
 def check_state(state: Any, kind: Any) -> None:
-    """Refuse what is no state of that kind, or stands at no time."""
+    """Raise InputError unless this is a state of that kind with a finite time."""
     if not isinstance(state, kind):
         raise InputError(f"state: expected a {kind.__name__}, got {type(state).__name__}")
     if not np.isfinite(state.time) or state.steps_done < 0:
@@ -285,19 +285,19 @@ Flow = ParticleFlow | ProblemFlow
 
 
 def flow_of(subject: System | Problem, threads: int, jumps: bool, mixed: bool = False) -> Flow:
-    """The flow of a System or a Problem; with ``jumps``, trial steps may go far astray; with ``mixed``, pair forces are
-    in mixed precision."""
+    """Flow of a System or a Problem. With ``jumps``, trial steps may go far astray. With ``mixed``, pair forces are in
+    mixed precision."""
     if isinstance(subject, System):
         return ParticleFlow(subject, threads, jumps, mixed)
     if mixed and isinstance(subject, Problem):
-        raise InputError(f"precision: mixed is for pair forces, and {subject.name!r} is an ODE")
+        raise InputError(f"precision: mixed needs pair forces; {subject.name!r} is an ODE")
     if isinstance(subject, Problem):
         return ProblemFlow(subject, threads, jumps)
     raise InputError(f"a Simulation takes a System or a Problem, got {type(subject).__name__}")
 
 
 class _Bindable:
-    """A Problem with its right-hand side in a System's place."""
+    """Problem with its right-hand side in the form of a System."""
 
     def __init__(self, problem: Problem) -> None:
         self.forces = (right_hand_side(problem),)
@@ -312,11 +312,11 @@ class _Bindable:
 
 
 def difference_jacobian(derivative: Derivative, time: float, y: Floats) -> Any:
-    """(N, N) central differences of f with respect to the flattened y, error about 1e-10 relative (steps of the cube
-    root of the rounding unit; Press et al. 2007, Numerical Recipes, 5.7)."""
+    """Central differences (N, N) of f with respect to the flattened y. The relative error is about 1e-10, with steps of
+    the cube root of the rounding unit (Press et al. 2007, Numerical Recipes, 5.7)."""
     flat = y.reshape(-1)
     if flat.size > NEWTON_UNKNOWNS:
-        raise InputError(f"the Jacobian of {flat.size} unknowns is too large to hold; {NEWTON_UNKNOWNS} is the most")
+        raise InputError(f"the Jacobian of {flat.size} unknowns is too large; the limit is {NEWTON_UNKNOWNS}")
     scale = np.maximum(np.abs(flat), 1e-3 * max(float(np.abs(flat).max()), 1e-3))
     steps = np.cbrt(np.finfo(float).eps) * scale
     columns = []

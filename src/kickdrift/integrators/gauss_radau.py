@@ -1,10 +1,10 @@
 """Gauss-Radau collocation of order 15: the nodes, and all numbers that follow from them.
 
-Within a step of length h from t on, with s = (t' - t) / h, the acceleration (or the derivative of a first-order
-problem) is the polynomial a(s) = c_0 + c_1 s + … + c_7 s^7 through its values at s = 0 and at the seven other nodes of
-Gauss' quadrature with one end fixed (Radau 1880, J. Math. Pures Appl. 6, 283). Velocities and positions are its
-integrals, exact to order 15 at the step's end (Hairer, Nørsett & Wanner 1993, II.7, theorem 7.9,
-doi:10.1007/978-3-540-78862-1; Everhart 1985, doi:10.1007/978-94-009-5400-7_17).
+Within a step of length h from t on, let s = (t' - t) / h. The acceleration (or the derivative of a first-order problem)
+is the polynomial a(s) = c_0 + c_1 s + … + c_7 s^7 through its values at s = 0 and at the seven other nodes of Gauss'
+quadrature with one fixed end (Radau 1880, J. Math. Pures Appl. 6, 283). Velocities and positions are its integrals,
+exact to order 15 at the step's end (Hairer, Nørsett & Wanner 1993, II.7, theorem 7.9, doi:10.1007/978-3-540-78862-1;
+Everhart 1985, doi:10.1007/978-94-009-5400-7_17).
 """
 
 from __future__ import annotations
@@ -26,25 +26,25 @@ if TYPE_CHECKING:
     from kickdrift.integrators.options import Options
     from kickdrift.integrators.stepping import Stepper
 
-STAGES = 8  # nodes, the one at the step's start included
-DIGITS = 50  # of the nodes while they are worked out
+STAGES = 8  # nodes, including the step's start
+DIGITS = 50  # digits of the nodes during their computation
 EPSILON = 1e-9  # the default of rtol
 
 
 class Tables(NamedTuple):
-    """What the compiled loop reads; rows belong to nodes 1 to 7 and, as an eighth, to the step's end s = 1.
+    """Tables of the compiled loop. Rows belong to nodes 1 to 7 and, as an eighth, to the step's end s = 1.
 
     Attributes
     ----------
     nodes : (8,) s
     values : (8, 8) weights of c_0 … c_7 in a(s)
     velocities : (8, 8) in the integral of a from 0 to s, over s
-    positions : (8, 8) in the integral of that, over s^2
-    corrections : (7, 8) what the part of the acceleration at a node that the polynomial misses adds to c_0 … c_7, so
-        that the values at the nodes before stay as they are
-    values_low, velocities_low, positions_low : what rounding those weights has lost
-    gains : (2, 7) what a correction at a node, per what was missed, adds to values and positions at the following one
-        (after the last node comes the first)
+    positions : (8, 8) in the second integral, over s^2
+    corrections : (7, 8) contribution to c_0 … c_7 of the polynomial's error at a node, which leaves the values at
+        earlier nodes unchanged
+    values_low, velocities_low, positions_low : rounding errors of those weights
+    gains : (2, 7) change of values and positions at the following node per unit of a node's error (after the last
+        node comes the first)
     shifts : (8, 8) j over k in row k: (1 + s)^j = sum_k shifts_kj s^k
     """
 
@@ -70,7 +70,7 @@ def nodes(digits: int = DIGITS) -> tuple[Decimal, ...]:
         found = []
         for estimate in sorted(np.roots(factors[::-1]).real):
             s = Decimal(float(estimate))
-            for _ in range(8):  # Newton doubles the digits, ten to start with
+            for _ in range(8):  # Newton's method doubles the digits, from ten
                 value = slope = Decimal(0)
                 for factor in factors[::-1]:
                     slope = slope * s + value
@@ -82,8 +82,8 @@ def nodes(digits: int = DIGITS) -> tuple[Decimal, ...]:
 
 @cache
 def tables() -> Tables:
-    """The numbers of the loop, from the nodes as float64 has them: positions and values that belonged to instants 1e-17
-    apart would make the energy drift by 1e-19 a step, and the nodes' own rounding does no harm."""
+    """Numbers of the loop, from the nodes in float64. Positions and values at instants 1e-17 apart would make the
+    energy drift by 1e-19 a step; the nodes' own rounding does no harm."""
     with localcontext() as context:
         context.prec = DIGITS
         s = [Decimal(float(node)) for node in nodes()]
@@ -113,14 +113,16 @@ _WAYS = (
     [1] * STAGES,
     [j + 1 for j in range(STAGES)],
     [(j + 1) * (j + 2) for j in range(STAGES)],
-)  # what integrating s^j once and twice divides it by
+)  # divisors of the single and the double integral of s^j
 
 
 @dataclass(frozen=True)
 class GaussRadau(Method):
-    """Gauss-Radau collocation with as many steps as the motion asks for, to round-off: ``rtol`` is the dimensionless
-    epsilon of Rein & Spiegel 2015 and sets the steps, 1e-9 where it is not said; errors per step go as its power 15/7
-    and are beneath rounding there. It takes no ``atol``."""
+    """Gauss-Radau collocation with steps that follow the motion, accurate to round-off.
+
+    ``rtol`` is the dimensionless epsilon of Rein & Spiegel 2015 and sets the steps; the default is 1e-9. Errors per
+    step go as its power 15/7, and are below rounding there. The method takes no ``atol``.
+    """
 
     name: str
     order: int

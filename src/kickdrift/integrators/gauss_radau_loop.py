@@ -1,7 +1,7 @@
-"""The compiled loop of gauss-radau15: prediction, correction, the next step, and sums that keep what rounding loses.
+"""Compiled loop of gauss-radau15: prediction, correction, the next step, and compensated sums.
 
 Its sums over the polynomial are in ``gauss_radau_series``. Predictor and corrector are Everhart's (1985,
-doi:10.1007/978-94-009-5400-7_17), their iteration to round-off and compensated sums Rein & Spiegel's (2015,
+doi:10.1007/978-94-009-5400-7_17). The iteration to round-off and the compensated sums are Rein & Spiegel's (2015,
 doi:10.1093/mnras/stu2164).
 """
 
@@ -46,21 +46,21 @@ from kickdrift.jit.masks import mask_bits
 from kickdrift.jit.memory import flat, load, store
 from kickdrift.jit.vectors import WIDTH
 
-# Further slots of the clock: what rounding lost of the last step point, the last step's length over that of the one
-# before; how many steps in a row were too long, but the shortest there are.
+# Further slots of the clock: the rounding error of the last step point, the ratio of the last two steps' lengths, and
+# the number of consecutive steps that were too long although the shortest possible.
 LOST_TIME, RATIO, SHORTEST = range(4, 7)
 MOST = 25  # iterations
-CONVERGED = 2.2e-16  # residual that another iteration would find, over the size of the accelerations
-ROUNDED = 1e-9  # a residual that stops shrinking below this is rounding; above, the iteration diverges
-PATIENCE = 3  # iterations in which residuals may grow, from a first guess
-SHORTEST_MOST = 100  # steps that long in a row
-NEAR = 1000.0  # shortest steps before the end: a step that has fallen to nothing there goes on to the end
-SHORTER = 0.25  # a step is rejected if the next one would be shorter by that factor; none is longer by its inverse
+CONVERGED = 2.2e-16  # expected residual of another iteration, over the size of the accelerations
+ROUNDED = 1e-9  # a stalled residual below this is rounding; above, the iteration diverges
+PATIENCE = 3  # iterations in which residuals may grow, after a first guess
+SHORTEST_MOST = 100  # most consecutive steps of that length
+NEAR = 1000.0  # shortest steps before the end: a vanishing step there goes directly to the end
+SHORTER = 0.25  # a step is rejected if the next would be shorter by this factor; none grows by more than its inverse
 
 
 @inlined
 def iterate(bound, t, h, trial, trial_flat, dy, dy_flat, work, width, tables, velocities, cursor):
-    """Correct the step's polynomial until what is left is rounding; a status, BLOWN_UP where it does not converge."""
+    """Correct the step's polynomial until only rounding is left. Return a status, BLOWN_UP without convergence."""
     positions, residual = trial.shape[0] > 1, np.inf
     offset = (trial.shape[0] - 1) * trial.shape[1] * trial.shape[2]
     prepare(work, width, tables, 0, h, positions)
@@ -69,7 +69,7 @@ def iterate(bound, t, h, trial, trial_flat, dy, dy_flat, work, width, tables, ve
         if positions:
             store(trial_flat, i, plus(load(work, X * width + i), load(work, BASE * width + i)))
     for count in range(MOST):
-        worst = splat(0.0)  # at any node
+        worst = splat(0.0)  # over all nodes
         for row in range(NODES):
             following = row + 1 if row + 1 < NODES else 0
             if velocities or not positions:
@@ -120,12 +120,12 @@ def gauss_radau_loop(
     steps,
     cursor,
 ):
-    """Steps until the clock has reached ``until``, or ``steps`` of them; a status, STOPPED where the step came to
-    nothing. No step is longer than ``longest``. The loop ends before a step that would lead beyond ``end``, or cuts
-    that step off there (``clip``).
+    """Take steps until the clock has reached ``until``, or ``steps`` of them. Return a status, STOPPED if a step fails.
 
-    y, trial and dy are (2, rows, n) or (1, 1, n), the flat ones the same memory and some room after; ``velocities``
-    tells whether the accelerations depend on them."""
+    No step is longer than ``longest``. The loop ends before a step beyond ``end``, or cuts that step off there
+    (``clip``). y, trial and dy are (2, rows, n) or (1, 1, n). The flat ones are the same memory with some room behind.
+    ``velocities`` tells whether the accelerations depend on velocities.
+    """
     bound, tables = handle(forces), handle(numbers)
     y, trial, trial_flat, dy, dy_flat = unowned(y), unowned(trial), unowned(trial_flat), unowned(dy), unowned(dy_flat)
     clock, cursor = unowned(clock), unowned(cursor)
@@ -141,7 +141,7 @@ def gauss_radau_loop(
             if not clip:
                 return OK
             h = end - t
-        for half in range(halves):  # velocities for forces that take none but look at them, too
+        for half in range(halves):  # velocities too, for forces that read them
             copied(trial_flat, half * size, work, width, X if half < halves - 1 else V, size)
         if not cursor[FRESH]:
             status = fill_last(bound, t, trial, dy, cursor)
@@ -172,7 +172,7 @@ def gauss_radau_loop(
             clock[NEXT] = wanted
             cursor[REJECTED] += 1
             continue
-        clock[SHORTEST] = clock[SHORTEST] + 1.0 if too_long else 0.0  # a force that jumps, say: it is passed like that
+        clock[SHORTEST] = clock[SHORTEST] + 1.0 if too_long else 0.0  # lets a shortest step pass a jump
         wanted = max(wanted, 4.0 * least) if too_long else wanted
         for i in range(0, TERMS * width, WIDTH):
             store(work, LAST * width + i, load(work, NOW * width + i))
@@ -199,7 +199,7 @@ def gauss_radau_loop(
 
 @strict
 def advance_clock(clock, h):
-    """TIME <- TIME + h, what rounding loses kept, h the longer or not (a two-sum)."""
+    """TIME <- TIME + h, with the rounding error kept, for h longer or shorter (a two-sum)."""
     before = clock[TIME]
     after = before + h
     taken = after - before

@@ -1,9 +1,9 @@
-"""The sums of gauss-radau15 over a step's polynomial: prediction, what it is at the nodes, correction, the step's end.
+"""Sums of gauss-radau15 over a step's polynomial: prediction, values at the nodes, correction, the step's end.
 
-A step's unknowns are the coefficients c_0 … c_7 of a(s), see ``gauss_radau``; eight numbers of all particles'
-components side by side are worked on at a time. ``work`` is the workspace as one row of numbers, and ``width`` how many
-of them a row of the workspace has. All is made part of the loop: what a step of a few bodies takes is little more than
-handing over arrays would.
+A step's unknowns are the coefficients c_0 … c_7 of a(s), see ``gauss_radau``. The code works on eight numbers at a
+time, with all particles' components side by side. ``work`` is the workspace as one row of numbers, and ``width`` the
+length of each of its rows. Everything is inlined into the loop: passing arrays would take nearly as long as a step of a
+few bodies.
 """
 
 from __future__ import annotations
@@ -16,24 +16,27 @@ from kickdrift.jit.memory import load, store, store_first
 from kickdrift.jit.vectors import WIDTH
 
 # Rows of the workspace, (ROWS, width): position and velocity at the step's start (y of a first-order problem in the
-# velocity's place), what rounding has lost of both, both at the start of the step before; the coefficients of this step
-# and of the last; what the last step's were and this one's are by the continuation of the polynomial before; what
-# residuals are multiplied by; derivatives of a at the step's end; what the polynomial is at a node, less c_0;
-# what it would be at the next, and how far positions would have gone, did it not change.
+# velocity's place), the rounding errors of both, both at the start of the previous step. Then the coefficients of this
+# step and of the last, the predictions of the last step's and this step's by the previous polynomial, the scale of
+# residuals, derivatives of a at the step's end. Then the polynomial at a node less c_0, its prediction at the next
+# node, and the predicted displacement.
 X, V, LOST_X, LOST_V, X_BEFORE, V_BEFORE = range(6)
 NOW, LAST, GUESS_LAST, GUESS, SCALE, ENDS = 6, 14, 22, 30, 38, 39
 AT_NODE, AHEAD, BASE = (ENDS + TERMS + k for k in range(3))
 ROWS = BASE + 1
 NODES = TERMS - 1
-BLOCK = 2 * WIDTH  # of which a row of the workspace is a multiple
-LOW = 4  # terms whose weights are taken with what their rounding loses
+BLOCK = 2 * WIDTH  # a row of the workspace is a multiple of this
+LOW = 4  # terms whose weights include their rounding errors
 
 
 @inlined
 def predict(work, width, ratio, before, shifts):
-    """The step's polynomial: the last one gone on with, and the term of s^8 that it has not, by what the one before had
-    missed of the last. That term grows as the eighth power of the step (Everhart 1985 leaves it as it was). ``ratio``
-    is the step's length over the last one's, ``before`` that one's over the one's before; 0 where there was none."""
+    """Predict the step's polynomial: extrapolate the last one, and estimate its missing s^8 term from the previous
+    residual.
+
+    That term grows as the eighth power of the step (Everhart 1985 keeps it constant). ``ratio`` is the step's length
+    over the last one's, ``before`` the last one's over its predecessor's; 0 if there was none.
+    """
     first_share = before**8
     growth = ratio / before if before > 0.0 else 0.0
     for i in range(0, width, WIDTH):
@@ -52,8 +55,8 @@ def predict(work, width, ratio, before, shifts):
 
 @inlined
 def set_scale(work, width, h, particles):
-    """What residuals are multiplied by: one over the largest acceleration of all particles; for each unknown of a
-    Problem one over its own derivative, or over its size where that is larger."""
+    """Set the scale of residuals: one over the largest acceleration of all particles. For each unknown of a Problem,
+    one over its own derivative, or over its size if that is larger."""
     largest = splat(0.0)
     for i in range(0, width, WIDTH):
         largest = larger(largest, abs(load(work, NOW * width + i)))
@@ -67,8 +70,11 @@ def set_scale(work, width, h, particles):
 
 @in_order
 def weighted(work, width, i, first, table, low, row):
-    """sum_j weights_j c_j from c_first on, by a row of weights and, of the largest, what their rounding loses: being
-    the same in every step that would make the energy drift, by some 1e-20 a step. Smallest first."""
+    """Return sum_j weights_j c_j from c_first on, smallest terms first.
+
+    The largest weights include their rounding errors: these are equal in every step and would make the energy drift by
+    some 1e-20 a step.
+    """
     total = splat(low[row, 1]) * load(work, (NOW + 1) * width + i)
     for j in range(2, LOW):
         total = multiply_add(splat(low[row, j]), load(work, (NOW + j) * width + i), total)
@@ -79,8 +85,8 @@ def weighted(work, width, i, first, table, low, row):
 
 @in_order
 def two_weighted(work, width, i, tables, row):
-    """For the polynomial at a node less c_0 and for positions there, each of two vectors: sums as above, side by side,
-    since each by itself waits for its own last addition."""
+    """Return two vectors each of the polynomial at a node less c_0 and of positions there: sums as above, interleaved,
+    since each alone would wait for its own last addition."""
     values, values_low = tables.values, tables.values_low
     twice, twice_low = tables.positions, tables.positions_low
     c, d = load(work, (NOW + 1) * width + i), load(work, (NOW + 1) * width + i + WIDTH)
@@ -102,10 +108,10 @@ def two_weighted(work, width, i, tables, row):
 
 @in_order
 def prepare(work, width, tables, row, h, positions):
-    """What does not hang on the forces at the node before that of a row: AHEAD <- the polynomial there less c_0, BASE
-    <- how far positions will have gone, s h (v + s h sum_j weights_j c_j)."""
+    """Compute the part of a node that does not depend on the forces at the node before: AHEAD <- the polynomial there
+    less c_0, BASE <- the predicted displacement s h (v + s h sum_j weights_j c_j)."""
     factor = splat(tables.nodes[row + 1]) * splat(h)
-    rest = multiply_add(splat(tables.nodes[row + 1]), splat(h), -factor)  # what rounding s h loses
+    rest = multiply_add(splat(tables.nodes[row + 1]), splat(h), -factor)  # rounding error of s h
     if positions:
         for i in range(0, width, BLOCK):
             j = i + WIDTH
@@ -125,9 +131,12 @@ def prepare(work, width, tables, row, h, positions):
 
 @in_order
 def correct(work, width, found, offset, trial, tables, row, following, h, positions, worst):
-    """Make the polynomial go through ``found[offset:]`` at a node, and take positions and AT_NODE to the following one.
-    Returns the larger of ``worst`` and by how much the polynomial had missed on SCALE, in lanes; and 0 in lanes, nan
-    where something is not finite."""
+    """Make the polynomial pass through ``found[offset:]`` at a node, and move positions and AT_NODE to the following
+    node.
+
+    Returns the larger of ``worst`` and the polynomial's error on SCALE, in lanes; and lanes of 0, or nan if something
+    is not finite.
+    """
     odd = splat(0.0)
     factor = tables.nodes[following + 1] * h
     gain, push = tables.gains[0, row], factor * factor * tables.gains[1, row]
@@ -159,8 +168,10 @@ def place_velocities(work, width, trial, offset, tables, row, h):
 @in_order
 def finish(work, width, x, lost, tables, low, h, positions):
     """x <- x + h (v + h sum_j weights_j c_j) with ``positions``, else x + h sum_j weights_j c_j; x and lost are rows.
-    The largest product is taken whole, by a fused multiply-add, and what the sums lose is kept (two-sums: Knuth 1969;
-    Dekker 1971, doi:10.1007/BF01397083)."""
+
+    A fused multiply-add keeps the largest product exact, and two-sums keep the rounding errors of sums (Knuth 1969;
+    Dekker 1971, doi:10.1007/BF01397083).
+    """
     end = TERMS - 1
     for i in range(0, width, WIDTH):
         if positions:
@@ -185,6 +196,6 @@ def finish(work, width, x, lost, tables, low, h, positions):
 
 @inlined
 def copied(target, offset, work, width, row, count):
-    """target[offset:] <- so many numbers of a row of the workspace."""
+    """target[offset:] <- ``count`` numbers of a row of the workspace."""
     for i in range(0, width, WIDTH):
         store_first(target, offset + i, load(work, row * width + i), count - i)

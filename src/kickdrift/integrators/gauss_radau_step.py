@@ -1,14 +1,14 @@
-"""How long gauss-radau15's next step is.
+"""Length of gauss-radau15's next step.
 
 Pham, Rein & Spiegel (2024, doi:10.21105/astro.2401.02849) take the shortest time scale of all particles,
 
     tau^2 = 2 a^2 / (a'^2 + a a''),
 
-with the moduli of the acceleration and its time derivatives at the step's end, 1 / omega on a circle; a step of
-(7! epsilon)^(1/7) tau makes the polynomial's last coefficient about epsilon of the acceleration. It comes to nothing
-where an acceleration passes through zero, which that of a body in the midst of a symmetric figure does. How fast the
-motion changes there, the same ratio of the next derivatives says, a' in the place of a, or a'', and so on. Half of
-that, or a quarter, …, is the least that tau may be: elsewhere tau is longer, and their rule stands as it is.
+with the moduli of the acceleration and its time derivatives at the step's end; it is 1 / omega on a circle. A step of
+(7! epsilon)^(1/7) tau makes the polynomial's last coefficient about epsilon of the acceleration. tau vanishes where an
+acceleration passes through zero, as for a body in the middle of a symmetric figure. There the same ratio of the next
+derivatives (a' in place of a, or a'', and so on) gives the time scale of the motion. Half of that scale, or a quarter,
+…, is the lower bound of tau. Elsewhere tau is longer, and their rule holds unchanged.
 """
 
 from __future__ import annotations
@@ -21,16 +21,18 @@ from kickdrift.jit.masks import select
 from kickdrift.jit.memory import load, store
 from kickdrift.jit.vectors import WIDTH
 
-GUARD = 0.25  # of the square of the next derivatives' time scale
-TERMS = 8  # of a(s); it has as many derivatives, itself included
-UNSEEN = 1e-15  # of a velocity: what changes it by less in a step has no say in how long steps are
+GUARD = 0.25  # fraction of the square of the next derivatives' time scale
+TERMS = 8  # terms of a(s), and number of its derivatives including itself
+UNSEEN = 1e-15  # fraction of a velocity: smaller changes in a step do not affect the step length
 
 
 @inlined
 def next_step(work, width, now, ends, velocities, rows, n, h, eta):
-    """The length for the step after the one whose polynomial stands from row ``now`` of the workspace on, infinite
-    where nothing changes: the shortest of all particles', or, of a Problem, of all unknowns' and of all together. Eight
-    of them at a time; the derivatives at the step's end go to the rows from ``ends`` on."""
+    """Return the length of the step after the one whose polynomial begins at row ``now`` of the workspace.
+
+    This is the shortest length over all particles, or over all unknowns of a Problem and all of them together; infinite
+    if nothing changes. Eight are computed at a time. The derivatives at the step's end go to the rows from ``ends`` on.
+    """
     together, most = rows > 1, splat(0.0)
     for i in range(0, width, WIDTH):
         for level in range(TERMS):
@@ -70,7 +72,7 @@ def smaller(a, b):
 
 @inlined
 def modulus(work, row, first, stop, apart):
-    """The root of the sum of squares of the numbers from the first on, every ``apart``-th; where that is 0, of all."""
+    """Root of the sum of squares of every ``apart``-th number from the first on; with ``apart`` 0, of all."""
     square = splat(0.0)
     if apart > 0:
         for i in range(first, stop, apart):
@@ -86,8 +88,8 @@ def modulus(work, row, first, stop, apart):
 
 @inlined
 def time_scale2(work, width, ends, first, stop, apart):
-    """tau^2 in units of the step's square, by the moduli of a and its derivatives, the square of each next time scale
-    times GUARD; infinite where all moduli are zero."""
+    """Return tau^2 in units of the squared step, from the moduli of a and its derivatives and the square of each next
+    time scale times GUARD; infinite if all moduli are zero."""
     longest, largest, zero, share = splat(0.0), splat(0.0), splat(0.0), 2.0
     size = modulus(work, ends * width, first, stop, apart)
     slope = modulus(work, (ends + 1) * width, first, stop, apart)

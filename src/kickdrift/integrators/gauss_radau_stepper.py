@@ -1,4 +1,4 @@
-"""gauss-radau15 under way. The last step's polynomial is kept, so that y can be had inside it."""
+"""Integration with gauss-radau15. The last step's polynomial is kept, so that y is known inside the step."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ FIRST = 0.01  # of the time in which the first acceleration moves particles by t
 
 
 class GaussRadauStepper(ChosenSteps):
-    """An integration with ``eta`` the length of steps over the shortest time scale (see ``gauss_radau_step``). A
-    checkpoint holds its clock, both ends of the last step and what rounding has lost of them, and that step's
-    polynomial, as found and as predicted."""
+    """Integration with ``eta`` the ratio of step to shortest time scale (see ``gauss_radau_step``). A checkpoint
+    holds its clock, both ends of the last step with their rounding errors, and that step's polynomial, found and
+    predicted."""
 
     keeps = (*ChosenSteps.keeps, "_ends", "_polynomials")
 
@@ -62,7 +62,7 @@ class GaussRadauStepper(ChosenSteps):
         return self._work[:NOW, : self.y[0].size]
 
     @_ends.setter
-    def _ends(self, value: Floats) -> None:  # of a version whose rows were filled up
+    def _ends(self, value: Floats) -> None:  # from a version with padded rows
         self._work[:NOW, : self.y[0].size] = value[:, : self.y[0].size]
 
     @property
@@ -86,7 +86,7 @@ class GaussRadauStepper(ChosenSteps):
         return forces.call(loop, *given, self._clock, until, steps, self._cursor)
 
     def _first_step(self) -> float:
-        """Short enough; the next ones are up to four times as long each."""
+        """Length of a short first step; each of the next steps may be four times as long."""
         f = self._flow.derivative(self.time, self.y)
         self._extra_evaluations += 1
 
@@ -99,8 +99,8 @@ class GaussRadauStepper(ChosenSteps):
         return FIRST * min((length for length in lengths if np.isfinite(length)), default=1.0)
 
     def at(self, time: float) -> Floats:
-        """By a step of its own from the last one's start, for inside a step the polynomial has order 8 alone. It begins
-        with that polynomial, and so takes few iterations."""
+        """State at a time, by a step from the last one's start, because inside a step the polynomial has only order 8.
+        The step begins with that polynomial, so it takes few iterations."""
         begin, h = self._clock[BEFORE], self._clock[STEP_LAST]
         if time == self.time or h == 0.0:
             return self.y.copy()
@@ -120,7 +120,7 @@ class GaussRadauStepper(ChosenSteps):
         return self._integrated(terms, length, -1)
 
     def _integrated(self, terms: Floats, length: float, node: int) -> Floats:
-        """y at a node of a step of that length from the last one's start."""
+        """State at a node of a step of that length from the last one's start."""
         numbers, size = tables(), self.y[0].size
         sh = length * (numbers.nodes[node + 1] if node >= 0 else 1.0)
         v = self._work[V_BEFORE, :size]

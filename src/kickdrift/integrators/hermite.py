@@ -1,4 +1,4 @@
-"""The fourth-order Hermite method of star clusters: gravity and its time derivative, one step for all or for each."""
+"""Fourth-order Hermite method for star clusters: gravity and its time derivative, with shared or individual steps."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ if TYPE_CHECKING:
     from kickdrift.integrators.options import Options
     from kickdrift.integrators.stepping import Stepper
 
-ETA = 0.02  # as in Makino & Aarseth 1992 and most that followed
+ETA = 0.02  # as in Makino & Aarseth 1992 and most later work
 
 
 @dataclass(frozen=True)
 class Hermite(Method):
-    """Predict with acceleration and jerk, evaluate both, correct with the two derivatives that the ends of the step
-    give (PEC). Steps follow Aarseth's criterion with the parameter ``eta``, to which the energy error is as eta^2.
+    """Predict with acceleration and jerk, evaluate both, correct with the two derivatives from the step's ends (PEC).
+    Steps follow Aarseth's criterion with the parameter ``eta``; the energy error goes as eta^2.
 
-    ``scheme`` "shared" (the default) moves all bodies by the shortest of their steps; "block" each by its own, a power
-    of two, so that many move together and the sum is over those due alone. A ``dt`` makes all steps shared and as long
-    as that. Between their steps, and where they are looked at, bodies follow the polynomial of their last step, which
-    is as accurate as the step.
+    ``scheme`` "shared" (the default) moves all bodies by the shortest of their steps. "block" moves each body by its
+    own step, a power of two, so that many move together and the sum is only over these. A ``dt`` makes all steps shared
+    and of this length. Between their steps, and in samples, bodies follow the polynomial of their last step, which is
+    as accurate as the step.
     """
 
     name: str
@@ -48,15 +48,15 @@ class Hermite(Method):
 
     def checked(self, given: Options, asked: Options) -> Options:
         if asked.dt is not None and not (asked.eta is None and asked.scheme in (None, "shared")):
-            raise InputError(f"dt: makes all steps of {self.name} alike; give it, or eta and scheme")
+            raise InputError(f"dt: fixes the step of {self.name}; give either dt, or eta and scheme")
         if asked.dt is not None:
             given = replace(given, eta=None, scheme=None)
-        options = super().checked(replace(given, dt=asked.dt), asked)  # a file's dt is for other methods
+        options = super().checked(replace(given, dt=asked.dt), asked)  # a file's dt is meant for other methods
         if options.dt is not None:
             return options
         eta = ETA if options.eta is None else options.eta
         if isinstance(eta, bool) or not (isinstance(eta, (int, float)) and 0.0 < eta <= 1.0):
-            raise InputError(f"eta must be a number above 0, 1 at most, got {eta!r}")
+            raise InputError(f"eta must be above 0 and at most 1, got {eta!r}")
         return replace(options, eta=float(eta))
 
     def stepper(self, flow: Flow, options: Options) -> Stepper:
@@ -65,14 +65,12 @@ class Hermite(Method):
 
         system: Any = flow.subject
         if not isinstance(system, System):
-            raise InputError(
-                f"{self.name}: moves bodies under gravity, and {flow.name!r} is an ODE; dop853 integrates that"
-            )
+            raise InputError(f"{self.name}: needs bodies under gravity; {flow.name!r} is an ODE; use dop853")
         others = [force.name for force in system.forces if not isinstance(force, Gravity)]
         if others or len(system.forces) != 1:
-            what = f"force {others[0]!r} has none here" if others else f"there are {len(system.forces)} of it"
+            what = f"force {others[0]!r} has no time derivative" if others else f"the system has {len(system.forces)}"
             raise InputError(
-                f"{self.name}: needs the time derivative of one force, gravity, and {what}; dop853 takes any forces"
+                f"{self.name}: needs the time derivative of one force, gravity; {what}; dop853 takes any forces"
             )
         from kickdrift.integrators.hermite_stepper import HermiteStepper
 

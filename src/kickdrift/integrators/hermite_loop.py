@@ -1,4 +1,4 @@
-"""The compiled loop of hermite4: gravity with its time derivative, and predict, evaluate, correct."""
+"""Compiled loop of hermite4: gravity with its time derivative, and predict, evaluate, correct."""
 
 from __future__ import annotations
 
@@ -20,30 +20,30 @@ from kickdrift.jit.handle import handle
 # Rows of a body's Taylor series at its own time.
 X, V, A, JERK, SNAP, CRACKLE = range(6)
 # Slots of the clock: time of the start; time since then of the last step point and of the one before; the next shared
-# step; the length of all steps where it was given, else 0; the steps taken since the start.
+# step; the given length of all steps, else 0; the steps taken since the start.
 START, NOW, BEFORE, NEXT, FIXED, TAKEN = range(6)
 
-TASKS = 64  # that the bodies due are dealt to
-WORTH_THREADS = 20_000  # pairs; below, waking threads takes longer than the sum
-MOST = 2.0  # that a shared step may grow by
+TASKS = 64  # parts of the work on moving bodies
+WORTH_THREADS = 20_000  # pairs; with fewer, waking threads takes longer than the sum
+MOST = 2.0  # largest growth of a shared step
 
 
 class Bodies(NamedTuple):
     """Bodies under gravity, each with its own time."""
 
-    sources: Sources  # at predicted places, with predicted velocities
+    sources: Sources  # at predicted positions, with predicted velocities
     size: float  # the largest coordinate at the start
     series: NDArray[np.float64]  # (6, 3, n) x, v and four more derivatives at each body's own time
     times: NDArray[np.float64]  # (n,) each body's own, since the start
     steps: NDArray[np.float64]  # (n,) each body's own
-    due: NDArray[np.int64]  # (n,) the bodies that the present step moves come first
-    moved: NDArray[np.int64]  # (1,) how many these are
+    due: NDArray[np.int64]  # (n,) begins with the bodies that the present step moves
+    moved: NDArray[np.int64]  # (1,) their number
     chunks: Chunks
 
 
 @chunk_task
 def pulls_and_jerks(bodies, task):
-    """Acceleration and jerk of every TASKS-th body due."""
+    """Compute acceleration and jerk of every TASKS-th moving body."""
     never_inline()
     for k in range(task, bodies.moved[0], TASKS):
         pull_and_slope(bodies.sources, bodies.due[k])
@@ -51,7 +51,7 @@ def pulls_and_jerks(bodies, task):
 
 @jit
 def evaluate(bodies, time, cursor):
-    """Pull and jerk of the bodies due, at predicted places of all; a status."""
+    """Compute acceleration and jerk of the moving bodies, at predicted positions of all. Return a status."""
     n, series, times, sources = bodies.times.size, bodies.series, bodies.times, bodies.sources
     for k in range(3):
         for i in range(n):
@@ -75,10 +75,11 @@ def evaluate(bodies, time, cursor):
 
 @jit
 def correct(bodies, i, h):
-    """The end of body i's step, and the derivatives there (Makino & Aarseth 1992, eqs. 5 to 8).
+    """Compute the end of body i's step, and the derivatives there (Makino & Aarseth 1992, eqs. 5 to 8).
 
-    The acceleration within the step is the cubic through both ends' acceleration and jerk, and the path its integral:
-    ``series`` at the step's end therefore gives the whole step, too."""
+    The acceleration within the step is the cubic through both ends' acceleration and jerk, and the path is its
+    integral. So ``series`` at the step's end describes the whole step.
+    """
     series, sources = bodies.series, bodies.sources
     for k in range(3):
         before, after = series[A, k, i], sources.a[k, i]
@@ -93,15 +94,18 @@ def correct(bodies, i, h):
 
 @jit
 def length(series, row, i):
-    """Of one derivative of body i."""
+    """Length of one derivative of body i."""
     return math.sqrt(series[row, 0, i] ** 2 + series[row, 1, i] ** 2 + series[row, 2, i] ** 2)
 
 
 @jit
 def wanted(bodies, i, h, eta):
-    """Aarseth's step, sqrt(eta (|a| |a''| + |a'|^2) / (|a'| |a'''| + |a''|^2)) (Aarseth 1985, in Brackbill & Cohen,
-    Multiple Time Scales; Makino & Aarseth 1992, eq. 7), after a step h; infinite where rounding hides what the pull
-    moved the body in it, as at a centre of symmetry: there the derivatives are noise."""
+    """Return Aarseth's step after a step h: sqrt(eta (|a| |a''| + |a'|^2) / (|a'| |a'''| + |a''|^2)) (Aarseth 1985, in
+    Brackbill & Cohen, Multiple Time Scales; Makino & Aarseth 1992, eq. 7).
+
+    The step is infinite if rounding hides the body's displacement by its acceleration, as at a centre of symmetry:
+    there the derivatives are noise.
+    """
     series = bodies.series
     a, jerk, snap = length(series, A, i), length(series, JERK, i), length(series, SNAP, i)
     crackle = length(series, CRACKLE, i)
@@ -113,10 +117,12 @@ def wanted(bodies, i, h, eta):
 
 @jit
 def block_step(time, h, want):
-    """The next step of a body that has come to ``time`` with steps h, all powers of two: halved until it is no longer
-    than wanted, doubled where that is wanted and ``time`` is a multiple of it, so that bodies stay in step (McMillan
-    1986, in Hut & McMillan, The Use of Supercomputers in Stellar Dynamics, doi:10.1007/BFb0116406; Makino 1991,
-    doi:10.1093/pasj/43.6.859)."""
+    """Return the next step of a body at ``time`` with steps h, all powers of two.
+
+    The step is halved until it is at most the wanted one. It is doubled if that is wanted and ``time`` is a multiple of
+    it, so that bodies stay in step (McMillan 1986, in Hut & McMillan, The Use of Supercomputers in Stellar Dynamics,
+    doi:10.1007/BFb0116406; Makino 1991, doi:10.1093/pasj/43.6.859).
+    """
     while h > want:
         h *= 0.5
     parts = time / (2.0 * h)
@@ -125,7 +131,7 @@ def block_step(time, h, want):
 
 @driver
 def hermite_start(bodies, cursor):
-    """The series of all bodies at the start as far as acceleration and jerk; a status."""
+    """Compute the series of all bodies at the start, up to acceleration and jerk. Return a status."""
     bound = handle(bodies)
     n = bound.times.size
     bound.moved[0] = n
@@ -138,8 +144,8 @@ def hermite_start(bodies, cursor):
 
 @driver
 def hermite_loop(bodies, eta, individual, clock, until, steps, cursor):
-    """Step points until the clock has reached ``until``, or ``steps`` of them; a status, STOPPED where a step comes to
-    nothing. With ``individual``, a step point is where the next bodies end a step of theirs, else where all do."""
+    """Move to step points until the clock has reached ``until``, or ``steps`` of them. Return a status, STOPPED if a
+    step fails. With ``individual``, a step point is the next end of any body's step, else the common end of all."""
     bound = handle(bodies)
     n, times, own = bound.times.size, bound.times, bound.steps
     while cursor[STEP] < steps and clock[START] + clock[NOW] < until:

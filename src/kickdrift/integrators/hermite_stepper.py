@@ -1,4 +1,4 @@
-"""An integration with hermite4 under way."""
+"""Integration with hermite4."""
 
 from __future__ import annotations
 
@@ -39,10 +39,12 @@ FACTORIALS = np.array([1.0, 1.0, 2.0, 6.0, 24.0, 120.0])
 
 
 class HermiteStepper(Resumable):
-    """Every body has a Taylor series of five terms at its own time, good to the method's order as far as its next step
-    and as far back as its last; ``y`` is what they all give at the last step point, and ``at`` what they give at
-    another time. Neither touches the series, so that looks change no bits. A checkpoint holds the series, times and
-    steps of all bodies, and the clock."""
+    """Integration in which every body has a Taylor series of five terms at its own time.
+
+    The series is valid to the method's order over the body's last and next step. ``y`` evaluates all series at the last
+    step point, and ``at`` evaluates them at another time. Neither changes the series, so samples change no bits. A
+    checkpoint holds the series, times and steps of all bodies, and the clock.
+    """
 
     keeps = ("_cursor", "_clock", "_begun", "_size", "_bodies.series", "_bodies.times", "_bodies.steps")
     _lists = None
@@ -80,7 +82,7 @@ class HermiteStepper(Resumable):
 
     @property
     def _size(self) -> float:
-        """The largest coordinate at the start."""
+        """Largest coordinate at the start."""
         return self._bodies.size
 
     @_size.setter
@@ -97,7 +99,7 @@ class HermiteStepper(Resumable):
 
     @property
     def counts(self) -> Counts:
-        """A step of some bodies is as much of an evaluation as they are of all."""
+        """A step of some bodies counts as their fraction of an evaluation."""
         return Counts(-(-int(self._cursor[EVALUATIONS]) // len(self._bodies.times)))
 
     def advance(self, steps: int, until: float = np.inf) -> int:
@@ -119,8 +121,8 @@ class HermiteStepper(Resumable):
             body = int(self._bodies.due[0])
             least = self._bodies.steps[body] if self._individual else self._clock[NEXT]
             self.trouble = (
-                f"the step fell to {least:.3g}, which t = {self.time:.9g} can no longer tell from 0; bodies that meet "
-                f"need a softening"
+                f"the step fell to {least:.3g}, too short to change t = {self.time:.9g}; use a softening for "
+                f"bodies that meet"
             )
         return status
 
@@ -132,9 +134,12 @@ class HermiteStepper(Resumable):
         return compiled(*args)
 
     def _first_step(self) -> float:
-        """Shared by all, so that the second has snap and crackle of each to go by: eta |a| / |a'| (Makino & Aarseth
-        1992, eq. 9), or eta sqrt(distance / |a|) to the nearest source where that is less, for what starts at rest has
-        no jerk; eta (distance / |a'|)^(1/3) where nothing pulls yet; 1 where nothing does at all."""
+        """Length of the first step, shared by all, so that the second step knows snap and crackle of each body.
+
+        It is eta |a| / |a'| (Makino & Aarseth 1992, eq. 9), or eta sqrt(distance / |a|) to the nearest source if that
+        is less, since a start at rest has no jerk. Without acceleration it is eta (distance / |a'|)^(1/3), and without
+        jerk 1.
+        """
         if self._fixed:
             return self._fixed
         bodies = self._bodies
@@ -152,7 +157,7 @@ class HermiteStepper(Resumable):
         return 2.0 ** np.floor(np.log2(first)) if self._individual else first
 
     def _series_at(self, since: float) -> Floats:
-        """y at a time since the start."""
+        """State at a time since the start."""
         s = since - self._bodies.times
         y = np.zeros((2, *self._bodies.series.shape[1:]))
         for row in range(CRACKLE, -1, -1):  # Horner's rule, from the highest power

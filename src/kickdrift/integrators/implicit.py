@@ -1,4 +1,4 @@
-"""Implicit Runge-Kutta methods of fixed steps: a method is a full Butcher tableau, whose stages an iteration finds."""
+"""Implicit fixed-step Runge-Kutta methods. A method is a full Butcher tableau, and an iteration finds its stages."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ if TYPE_CHECKING:
     from kickdrift.integrators.stepping import Stepper
 
 ITERATIONS = ("newton", "fixed-point")
-ROUNDING = 1e-15  # of a tableau's entries
+ROUNDING = 1e-15  # rounding of a tableau's entries
 
 
 @dataclass(frozen=True)
 class ImplicitTableau(Method):
     """y' = f(t, y): Y_i = y + dt sum_j a_ij f(t + c_j dt, Y_j), y <- y + dt sum b_i f(t + c_i dt, Y_i).
 
-    The stages are solved for to rounding level, by simplified Newton or fixed-point iteration: a symplectic or
-    reversible method is so only then. ``iteration`` is "newton" unless said otherwise for a Problem, and "fixed-point"
-    for particles, whose steps are short enough for it and whose Jacobian is large.
+    Simplified Newton or fixed-point iteration solves the stages to rounding level; only then is a symplectic or
+    reversible method symplectic or reversible. ``iteration`` is "newton" by default for a Problem, and "fixed-point"
+    for particles, whose steps are short and whose Jacobian is large.
 
     Attributes
     ----------
@@ -48,17 +48,17 @@ class ImplicitTableau(Method):
 
     family = "implicit Runge-Kutta"
     float64_because = SOLVES
-    trial_steps = True  # an iteration may stray
-    rescalable = True  # the last step only says where the iteration starts
+    trial_steps = True  # the iteration may stray
+    rescalable = True  # the last step only gives the iteration's first guess
 
     def __post_init__(self) -> None:
         s = len(self.b)
         if [len(row) for row in self.a] != [s] * s:
-            raise InputError(f"{self.name}: an implicit tableau has {s} rows of {s} entries, one for each weight")
+            raise InputError(f"{self.name}: an implicit tableau has {s} rows of {s} entries, one row for each weight")
         if abs(fsum(self.b) - 1.0) > ROUNDING:
             raise InputError(f"{self.name}: b adds up to {fsum(self.b)!r}, not 1")
         if np.linalg.matrix_rank(np.array(self.a)) < s:
-            raise InputError(f"{self.name}: a is singular: a stage is explicit, which the iteration does not know")
+            raise InputError(f"{self.name}: a is singular: a stage is explicit, and the iteration cannot solve it")
 
     @property
     def tunable(self) -> tuple[str, ...]:
@@ -71,7 +71,7 @@ class ImplicitTableau(Method):
 
     @property
     def c(self) -> tuple[float, ...]:
-        """The part of dt that has passed at each stage."""
+        """Fraction of dt at each stage."""
         return tuple(fsum(row) for row in self.a)
 
     @property
@@ -89,19 +89,19 @@ class ImplicitTableau(Method):
 
     @cached_property
     def matrix(self) -> Floats:
-        """(s, s) a."""
+        """The matrix a (s, s)."""
         return np.array(self.a)
 
     @cached_property
     def increment(self) -> Floats:
-        """(s,) d with y <- y + sum d_i (Y_i - y): b a^-1, which spares an f that a stiff problem would magnify (Hairer
-        & Wanner 1996, eq. IV.8.2b)."""
+        """Weights d (s,) with y <- y + sum d_i (Y_i - y): b a^-1. This avoids an f that a stiff problem would magnify
+        (Hairer & Wanner 1996, eq. IV.8.2b)."""
         return np.linalg.solve(self.matrix.T, np.array(self.b))
 
     @cached_property
     def extrapolation(self) -> Floats:
-        """(s, s) from the stages Y_i - y of a step to a guess at the next one's: the polynomial through y and all
-        Y_i, gone on with (Hairer & Wanner 1996, eq. IV.8.5)."""
+        """Matrix (s, s) from the stages Y_i - y of a step to a guess of the next step's stages. It extrapolates the
+        polynomial through y and all Y_i (Hairer & Wanner 1996, eq. IV.8.5)."""
         nodes = np.array((0.0, *self.c))
         powers = np.vander(nodes, increasing=True)
         ahead = np.vander(1.0 + nodes[1:], len(nodes), increasing=True)
@@ -122,11 +122,11 @@ _R = sqrt(3.0)
 ROWS = (
     ImplicitTableau(
         "backward-euler", ((1.0,),), (1.0,), 1,
-        "Curtiss & Hirschfelder 1952, doi:10.1073/pnas.38.3.235", "teaching; damps whatever is stiff",
+        "Curtiss & Hirschfelder 1952, doi:10.1073/pnas.38.3.235", "teaching; damps stiff modes",
     ),
     ImplicitTableau(
         "implicit-midpoint", ((0.5,),), (1.0,), 2,
-        "Hairer, Lubich & Wanner 2006, eq. I.1.7, doi:10.1007/3-540-30666-8", "structure kept of any system",
+        "Hairer, Lubich & Wanner 2006, eq. I.1.7, doi:10.1007/3-540-30666-8", "preserves the structure of any system",
     ),
     ImplicitTableau(
         "gauss-legendre4", ((0.25, 0.25 - _R / 6), (0.25 + _R / 6, 0.25)), (0.5, 0.5), 4,

@@ -1,4 +1,4 @@
-"""An implicit Runge-Kutta method under way: the iteration for the stages, and the step that follows from them."""
+"""Integration with an implicit Runge-Kutta method: the iteration for the stages, and the step from them."""
 
 from __future__ import annotations
 
@@ -21,21 +21,20 @@ if TYPE_CHECKING:
     from kickdrift.integrators.implicit import ImplicitTableau
 
 EPSILON = float(np.finfo(float).eps)
-ROUNDED = 1e-10  # an increment that stops shrinking below this, of y, is rounding; above, the iteration diverges
-LEFT = 1e-3 * EPSILON  # of y, to come: it has the same sign in each step, so that 0.1 of rounding was seen as a drift
+ROUNDED = 1e-10  # a stalled increment below this fraction of y is rounding; above, the iteration diverges
+LEFT = 1e-3 * EPSILON  # allowed error over y: its sign is the same in each step, and 0.1 of rounding showed as a drift
 MOST = {"newton": 50, "fixed-point": 100}  # iterations
-SLOW = 10  # iterations, after which a new Jacobian pays
+SLOW = 10  # from this many iterations on, a new Jacobian pays
 
-Correction = Callable[[Floats, Floats], Floats]  # of the stages, given them and their residual
+Correction = Callable[[Floats, Floats], Floats]  # from the stages and their residual
 
 
 class ImplicitStepper(PythonStepper):
     """Steps of one length. With Z_i = Y_i - y the stages solve Z = dt (a x I) F(Z).
 
-    Newton's matrix I - dt a x J is kept from step to step as long as it converges quickly, as are the stages, for the
-    next guess: a run cut in pieces gives the same bits, and one that begins anew at a step point the same but for
-    rounding. A checkpoint holds the stages, what compensated sums carry on, and in place of the matrix where J was
-    taken.
+    Newton's matrix I - dt a x J is kept from step to step while it converges quickly. The stages are kept for the next
+    guess. So a run cut in pieces gives the same bits, and a run that starts anew at a step point agrees to rounding. A
+    checkpoint holds the stages, the carries of compensated sums, and the place of J instead of the matrix.
     """
 
     keeps = (*PythonStepper.keeps, "_start", "_carry", "_stages", "_matrix_at")
@@ -53,7 +52,7 @@ class ImplicitStepper(PythonStepper):
         self._carry = np.zeros_like(self.y)
         self._stages: Floats | None = None
         self._solve: Callable[[Floats], Floats] | None = None
-        self._matrix_at: Any = None  # the time and the y that its Jacobian is of
+        self._matrix_at: Any = None  # the time and the y of its Jacobian
 
     def recall(self, memory: Memory) -> None:
         """See Stepper."""
@@ -69,7 +68,7 @@ class ImplicitStepper(PythonStepper):
             return self._give_up()
         self._before[...] = self.y
         increment = np.tensordot(self._tableau.increment, z, 1)
-        if self._compensated:  # as loops.add_compensated
+        if self._compensated:  # like loops.add_compensated
             increment += self._carry
             self.y += increment
             self._carry = increment + (self._before - self.y)
@@ -82,7 +81,7 @@ class ImplicitStepper(PythonStepper):
     def _give_up(self) -> int:
         for c in self._tableau.c:
             f = self._f(self.time + c * self.dt, self.y)
-            if not np.isfinite(f).all():  # no fault of the iteration
+            if not np.isfinite(f).all():  # not the iteration's fault
                 return self._blow_up(f)
         other = ', or iteration="newton"' if self.iteration == "fixed-point" else ""
         self.trouble = (
@@ -94,7 +93,7 @@ class ImplicitStepper(PythonStepper):
     # --- the stages ---
 
     def _find_stages(self) -> Floats | None:
-        """(s, *y.shape) Z; None where no iteration converges."""
+        """Stages Z (s, *y.shape); None if no iteration converges."""
         nothing = np.zeros((len(self._tableau.b), *self.y.shape))
         guess = nothing if self._stages is None else np.tensordot(self._tableau.extrapolation, self._stages, 1)
         if self.iteration == "fixed-point":
@@ -116,12 +115,12 @@ class ImplicitStepper(PythonStepper):
     def _iterate(
         self, z: Floats, correct: Correction, memory: int = 1, patient: bool = False
     ) -> tuple[Floats | None, int]:
-        """Correct z until what is left is rounding; None where that fails. Also how often.
+        """Correct z until only rounding is left. Return z, or None if that fails, and the number of iterations.
 
-        The sizes of increments shrink by a rate; once what that leaves to come is beneath rounding, or they stop
-        shrinking while tiny, z is as good as it gets (Hairer & Wanner 1996, IV.8; Hairer, Lubich & Wanner 2006,
-        VIII.6). ``memory`` is over how many iterations the rate is taken: 2 where positions hear of a force one
-        iteration after the velocities. ``patient``: it may grow on the way.
+        The increments shrink at a rate. z is final once the remaining increments are below rounding, or stop shrinking
+        while tiny (Hairer & Wanner 1996, IV.8; Hairer, Lubich & Wanner 2006, VIII.6). ``memory`` is the number of
+        iterations for the rate: 2 if positions feel a force one iteration after the velocities. With ``patient``,
+        increments may grow meanwhile.
         """
         h, c = self.dt, self._tableau.c
         sizes: list[float] = []
@@ -146,7 +145,7 @@ class ImplicitStepper(PythonStepper):
         return None, MOST[self.iteration]
 
     def _relative(self, change: Floats, z: Floats) -> float:
-        """The largest change, over the largest position or velocity, each in its own unit."""
+        """Largest change over the largest position or velocity, each in its own unit."""
         axes = tuple(range(1, self.y.ndim))
         scale = np.abs(self.y).max(axis=axes) + np.abs(z).max(axis=(0, *(k + 1 for k in axes)))
         largest = np.abs(change).max(axis=(0, *(k + 1 for k in axes)))
@@ -157,7 +156,7 @@ class ImplicitStepper(PythonStepper):
         return self._solve(residual.reshape(-1)).reshape(z.shape)
 
     def _newton(self, z: Floats, residual: Floats) -> Floats:
-        """The matrix anew, from the mean of the stages."""
+        """Compute the matrix anew, from the mean of the stages."""
         c = float(np.mean(self._tableau.c))
         self._solve = self._newton_matrix(self.time + c * self.dt, self.y + z.mean(axis=0))
         return self._simplified(z, residual)

@@ -1,13 +1,13 @@
-"""Kepler's problem solved: two bodies' relative position and velocity a time later, whatever the conic.
+"""Solution of Kepler's problem: relative position and velocity of two bodies after a given time, for every conic.
 
-With universal variables (Stumpff 1962; Conway & Prussing 1993; Rein & Tamayo 2015, section 2.2,
-doi:10.1093/mnras/stv1257): r0 = |x|, eta = x . v, beta = 2 GM / r0 - v^2, zeta = GM - beta r0, and X, which grows by
-dt / r, the root of
+The method uses universal variables (Stumpff 1962; Conway & Prussing 1993; Rein & Tamayo 2015, section 2.2,
+doi:10.1093/mnras/stv1257): r0 = |x|, eta = x . v, beta = 2 GM / r0 - v^2, zeta = GM - beta r0. X grows by dt / r and is
+the root of
 
     r0 X + eta G2 + zeta G3 = dt,    G_n = X^n c_n(beta X^2),    c_n(z) = sum over k of (-z)^k / (n + 2 k)!
 
 The left side grows with X (its slope is the distance r), so there is one root. All of this works on numbers and on
-``Lanes`` alike; numbers alone take the safe way, a bracketed root, where the fast one does not arrive.
+``Lanes``. Only numbers have the safe way, a bracketed root, if the fast way does not converge.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ from kickdrift.jit.lanes import inverse_sqrt, lanes_like
 from kickdrift.jit.masks import any_lane, select
 from kickdrift.jit.vector3 import dot, numbers3, store3
 
-SERIES = 0.7  # the largest |beta X^2| that eight terms of the series give to round-off; beyond, X is halved
-SETTLED = 1e-9  # the square of the last correction, in units of what X changes over, that leaves an error below 1e-17
-TRIES = 12  # in lanes, before numbers one by one take over
-TRIES_ONE = 200  # of the bracketed root: a bisection alone needs some 60
+SERIES = 0.7  # largest |beta X^2| for which eight terms of the series reach round-off; beyond, X is halved
+SETTLED = 1e-9  # square of the last correction, relative to the scale of X, that leaves an error below 1e-17
+TRIES = 12  # attempts in lanes, before single numbers take over
+TRIES_ONE = 200  # attempts for the bracketed root: bisection alone needs some 60
 
 # 1 / 2!, 1 / 4!, … and 1 / 3!, 1 / 5!, …
 _C2 = tuple(1.0 / math.factorial(2 * k + 2) for k in range(8))
@@ -43,7 +43,7 @@ class Universal(NamedTuple):
 
 @inlined
 def small_g(beta, x, z):
-    """G0 to G3 at x, where z = beta x^2 is small."""
+    """G0 to G3 at x for small z = beta x^2."""
     a, b = _C2, _C3
     c2 = a[0] - z * (a[1] - z * (a[2] - z * (a[3] - z * (a[4] - z * (a[5] - z * (a[6] - z * a[7]))))))
     c3 = b[0] - z * (b[1] - z * (b[2] - z * (b[3] - z * (b[4] - z * (b[5] - z * (b[6] - z * b[7]))))))
@@ -54,7 +54,7 @@ def small_g(beta, x, z):
 
 @inlined
 def doubled(beta, g):
-    """G0 to G3 at 2 X from those at X; no two large numbers are subtracted."""
+    """G0 to G3 at 2 X from their values at X. No two large numbers are subtracted."""
     g2 = 2.0 * g.g1 * g.g1
     return Universal(1.0 - beta * g2, 2.0 * g.g0 * g.g1, g2, 2.0 * (g.g3 + g.g1 * g.g2))
 
@@ -70,7 +70,7 @@ def shifted(beta, g, d):
 
 @inlined
 def correction(beta, r0, eta, zeta, dt, x, g):
-    """What the inverse of the equation's Taylor series about x, to the fourth order, adds to x, and the square of that
+    """Correction of x from the inverse of the equation's Taylor series about x, to the fourth order. Also its square,
     in units of the length over which the series changes."""
     excess = r0 * x + eta * g.g2 + zeta * g.g3 - dt
     r = r0 + eta * g.g1 + zeta * g.g2
@@ -78,13 +78,13 @@ def correction(beta, r0, eta, zeta, dt, x, g):
     inverse = 1.0 / r
     p, a, b = -excess * inverse, 0.5 * slope * inverse, (1.0 / 6.0) * bend * inverse
     d = p * (1.0 - p * (a - p * (2.0 * a * a - b)))
-    size = p * p * (4.0 * a * a + abs(bend * inverse) + abs(beta)) + 0.0 * (excess + r)  # nan where they overflowed
+    size = p * p * (4.0 * a * a + abs(bend * inverse) + abs(beta)) + 0.0 * (excess + r)  # nan on overflow
     return d, size
 
 
 @inlined
 def laguerre(r0, eta, zeta, dt, x, g):
-    """What Laguerre's method of degree 5 adds to x: it arrives from anywhere, though more slowly (Conway 1986,
+    """Correction of x by Laguerre's method of degree 5, which converges from anywhere, though more slowly (Conway 1986,
     doi:10.1007/BF01230852)."""
     excess = r0 * x + eta * g.g2 + zeta * g.g3 - dt
     r, slope = r0 + eta * g.g1 + zeta * g.g2, eta * g.g0 + zeta * g.g1
@@ -122,8 +122,7 @@ def lanes_g(beta, x):
 
 @jit
 def halved_lanes_g(beta, x):
-    """The same where x must be halved, each lane as often as it needs itself: its bits do not depend on its
-    neighbours'."""
+    """The same where x must be halved, each lane as often as it needs: its bits do not depend on its neighbours."""
     part, z, halvings = x, beta * x * x, 0
     while any_lane(abs(z) > SERIES) and halvings < 12:
         large = abs(z) > SERIES
@@ -145,8 +144,8 @@ def halved_lanes_g(beta, x):
 
 @inlined
 def lanes_solution(gm, beta, r0, r0_inverse, eta, zeta, dt):
-    """G0 to G3 at the root, and the mask of the lanes that came to it; those with steps of half a period or more do
-    not."""
+    """G0 to G3 at the root, and the mask of the converged lanes. Lanes with steps of half a period or more do not
+    converge."""
     x = first_guess(beta, r0_inverse, eta, zeta, dt)
     g = lanes_g(beta, x)
     d, size = correction(beta, r0, eta, zeta, dt, x, g)
@@ -192,7 +191,7 @@ def one_solution(gm, beta, r0, eta, zeta, dt):
     g = one_g(beta, x)
     for k in range(1, TRIES_ONE + 1):
         excess = r0 * x + eta * g.g2 + zeta * g.g3 - dt
-        if not excess <= 0.0:  # nan, too, where it overflowed
+        if not excess <= 0.0:  # also nan on overflow
             high = x
         else:
             low = x
@@ -202,7 +201,7 @@ def one_solution(gm, beta, r0, eta, zeta, dt):
         if high < np.inf and high - low <= 4e-16 * high:
             return g
         x += laguerre(r0, eta, zeta, dt, x, g)
-        # Far out on a hyperbola the left side is an exponential, which Laguerre's method comes down by 5/3 a try.
+        # Far out on a hyperbola the left side is an exponential, and Laguerre's method descends by 5/3 an attempt.
         if not low < x < high or (k % 8 == 0 and high < np.inf):
             x = 0.5 * (low + high) if high < np.inf else 2.0 * max(low, dt / r0)
         g = one_g(beta, x)
@@ -211,12 +210,11 @@ def one_solution(gm, beta, r0, eta, zeta, dt):
 
 @jit
 def kepler_increments(gm, dt, x, v):
-    """What a time dt adds to the relative position x and velocity v of two bodies of G (m1 + m2) = gm, vectors of
-    numbers, for every conic and any dt of either sign: two vectors. An orbit that ends in r = 0 goes through it and
-    back.
+    """Changes of the relative position x and velocity v of two bodies of G (m1 + m2) = gm over a time dt.
 
-    The error is some units of rounding times how far the motion spreads them: a position that is one rounding off
-    moves along its orbit.
+    Takes vectors of numbers, every conic and any dt of either sign. Returns two vectors. An orbit that ends in r = 0
+    passes through it and returns. The error is some units of rounding times the spread of the motion: a position that
+    is one rounding off moves along its orbit.
     """
     r0 = math.sqrt(dot(x, x))
     beta, eta = 2.0 * gm / r0 - dot(v, v), dot(x, v)
@@ -235,9 +233,9 @@ def kepler_increments(gm, dt, x, v):
 
 @jit
 def kepler_step(gm, dt, position, velocity):
-    """Where two bodies of G (m1 + m2) = ``gm`` are after a time ``dt``, from their relative position and velocity (3,).
+    """Return the relative position and velocity (3,) of two bodies of G (m1 + m2) = ``gm`` after a time ``dt``.
 
-    Returns the new position and velocity, (3,) each; any conic, any dt of either sign, many periods too.
+    Takes their relative position and velocity (3,), any conic, any dt of either sign, also many periods.
     """
     x, v = numbers3(position, 0, 1), numbers3(velocity, 0, 1)
     moved, kicked = kepler_increments(gm, dt, x, v)
@@ -249,8 +247,8 @@ def kepler_step(gm, dt, position, velocity):
 
 @inlined
 def lanes_increments(gm, dt, x, v):
-    """The same for eight at a time, ``dt`` a number or eight: the two vectors of increments, beta, and the mask of the
-    lanes that are solved; the others are for ``kepler_increments``."""
+    """The same for eight at a time, with ``dt`` a number or eight. Returns the two vectors of changes, beta, and the
+    mask of the solved lanes; the other lanes are for ``kepler_increments``."""
     r2 = dot(x, x)
     inverse = inverse_sqrt(r2)
     r0 = r2 * inverse

@@ -1,4 +1,4 @@
-"""Compiled loops of looks at a run: steps, a look, steps, a look … without Python in between."""
+"""Compiled loops of samples of a run: steps, a sample, steps, a sample … without Python in between."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ from kickdrift.integrators.loops import STEP
 from kickdrift.jit.by_address import status_at
 from kickdrift.jit.compile import driver, strict
 
-TAKEN, WANTED, REFUSED = range(3)  # slots of ``seen``: looks so far, looks in all, whether the last came to nothing
+TAKEN, WANTED, REFUSED = range(3)  # slots of ``seen``: samples so far, samples in all, whether the last failed
 
 
 @strict
 def clock(start, steps, dt):
-    """The time after so many steps, rounded as Python rounds it."""
+    """Return the time after a number of steps, rounded as in Python."""
     return start + steps * dt
 
 
 @strict
 def next_look(begin, interval, end, time):
-    """The next time to look at, as ``Plan.next_stop`` finds it; the end where there is none before."""
+    """Return the next time of a sample, as ``Plan.next_stop`` finds it, or the end if there is none before."""
     passed = np.floor((time - begin) / interval * (1 + 1e-15))
     ahead = begin + (passed + 1) * interval
     while ahead <= time:
@@ -33,10 +33,13 @@ def next_look(begin, interval, end, time):
 def looked_loop(
     forces, aside, step_loop, look, given, first, every, cursor, start, dt, y, desk, last, rows, row, own, seen
 ):
-    """``every`` steps by ``step_loop`` and a ``look`` at y with the forces ``aside``, again and again; a status. Both
-    are addresses (``jit.by_address``): neither is compiled into this loop. ``given`` is what the steps take beside the
-    forces and (first, steps, cursor), ``first`` the steps done before, ``row`` the first look's row, ``own`` the looks'
-    cursor."""
+    """Take ``every`` steps by ``step_loop`` and a sample by ``look`` at y with the forces ``aside``, repeatedly. Return
+    a status.
+
+    Both are addresses (``jit.by_address``), so neither is compiled into this loop. ``given`` are the arguments of the
+    steps besides the forces and (first, steps, cursor). ``first`` is the number of steps done before, ``row`` the first
+    sample's row, ``own`` the samples' cursor.
+    """
     while seen[TAKEN] < seen[WANTED]:
         done = first + seen[TAKEN] * every
         status = status_at(step_loop, (forces, *given, done, every, cursor))
@@ -57,10 +60,13 @@ def looked_intervals(
     forces, aside, step_loop, look, given, clock, begin, interval, end, steps, cursor, y, desk, last, rows, row, own,
     taken_at, seen,
 ):  # fmt: skip
-    """The same for steps that differ in length: a look at the first step point from each multiple of ``interval`` after
-    ``begin`` on, until the next one is the ``end``, or ``steps`` are taken; ``taken_at`` says after how many steps each
-    look was. It ends without a look after a step beyond the end. ``given`` comes before (clock, time to reach, steps,
-    cursor), and the first number of ``clock`` is the time."""
+    """The same for steps of different lengths.
+
+    Samples are taken at the first step point from each multiple of ``interval`` after ``begin`` on, until the next one
+    is the ``end``, or ``steps`` are taken. ``taken_at`` gets the number of steps before each sample. The loop ends
+    without a sample after a step beyond the end. ``given`` precedes (clock, time to reach, steps, cursor), and the
+    first number of ``clock`` is the time.
+    """
     while seen[TAKEN] < seen[WANTED]:
         ahead = next_look(begin, interval, end, clock[0])
         if ahead >= end:

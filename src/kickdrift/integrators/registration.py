@@ -1,4 +1,4 @@
-"""Integrators of the user's own: rows of numbers, or a step in Python that is compiled into the loop."""
+"""User's own integrators: rows of numbers, or a Python step that is compiled into the loop."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ if TYPE_CHECKING:
     from kickdrift.integrators.options import Options
     from kickdrift.integrators.stepping import Stepper
 
-REGISTERED: set[str] = set()  # the names that did not come with kickdrift
+REGISTERED: set[str] = set()  # names of the user's integrators
 
 
 @dataclass(frozen=True)
 class CompiledStep(Method):
-    """A user's step function, compiled into a loop of its own; see ``register_step``."""
+    """User's step function, compiled into its own loop; see ``register_step``."""
 
     name: str
     function: Callable[..., None]
@@ -132,9 +132,9 @@ def register_tableau(
     """Add an explicit Runge-Kutta method: ``a`` the rows below the diagonal from the second stage on, ``b`` the
     weights.
 
-    ``errors`` and ``error_order`` make it adaptive: one row of weights of the error estimate, for the stages and for
-    f(t + dt, y_new), and the order of the solution that the estimate compares with. The others are as in
-    ``register_splitting``.
+    ``errors`` and ``error_order`` make it adaptive. ``errors`` is one row of weights of the error estimate, for the
+    stages and for f(t + dt, y_new). ``error_order`` is the order of the embedded solution. The other parameters are as
+    in ``register_splitting``.
     """
     rows = tuple(_row(name, "a", row) for row in a)
     estimates = tuple(_row(name, "errors", row) for row in errors)
@@ -155,14 +155,14 @@ def register_step(
 ) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Decorator that adds a method whose step is a Python function, compiled with the forces at native speed.
 
-    The function is ``step(forces, t, x, v, a, dt)``: it changes positions ``x`` and velocities ``v``, arrays of shape
-    (rows, n), in place, from t to t + dt. ``kd.accelerations(forces, t, x, v, a)`` fills ``a``; what is in ``a`` from
-    the last step is not to be relied on. ``separable=False`` says that it copes with forces that depend on velocity.
+    The function is ``step(forces, t, x, v, a, dt)``. It changes positions ``x`` and velocities ``v``, arrays of shape
+    (rows, n), in place, from t to t + dt. ``kd.accelerations(forces, t, x, v, a)`` fills ``a``. Do not rely on the
+    content of ``a`` from the last step. ``separable=False`` allows forces that depend on velocity.
     """
 
     def register(function: Callable[..., None]) -> Callable[..., None]:
         kind = namedtuple("Step_" + "".join(c if c.isalnum() else "_" for c in name), ["unused"])  # type: ignore[misc]
-        kind.__module__ = function.__module__  # what is compiled around it is kept apart by its source
+        kind.__module__ = function.__module__  # code compiled around it is kept apart by its source
         kind.kernel_sources = (function,)  # type: ignore[attr-defined]
         _register(
             CompiledStep(name, function, order, source, use, evaluations, symplectic, reversible, separable, kind),
@@ -174,19 +174,19 @@ def register_step(
 
 
 def unregister(name: str) -> None:
-    """Take a registered method away again."""
+    """Remove a registered method."""
     if name not in REGISTERED:
-        raise InputError(f"integrator {name!r} was not registered")
+        raise InputError(f"integrator {name!r} is not registered")
     REGISTERED.discard(name)
     del INTEGRATORS[name]
 
 
 def load_file(path: Path) -> None:
-    """Run a Python file that registers methods or forces; an InputError of one line where it fails."""
+    """Run a Python file that registers methods or forces. Raises an InputError of one line if the file fails."""
     refuse_unfit(path)
     spec = spec_from_file_location(path.stem, path)
     if spec is None or spec.loader is None:
-        raise InputError(f"{path}: the name of a Python file must end in .py")
+        raise InputError(f"{path}: a Python file's name must end in .py")
     module = module_from_spec(spec)
     sys.modules.setdefault(path.stem, module)
     try:
@@ -207,7 +207,7 @@ def _row(name: str, key: str, weights: Sequence[float]) -> tuple[float, ...]:
 def _register(method: Method, overwrite: bool) -> None:
     name = method.name
     if not (isinstance(name, str) and name and name == name.strip()):
-        raise InputError(f"an integrator's name must be a word, got {name!r}")
+        raise InputError(f"an integrator's name must be one word, got {name!r}")
     if name in INTEGRATORS and not (overwrite and name in REGISTERED):
         hint = "; overwrite=True replaces it" if name in REGISTERED else ""
         raise InputError(f"integrator {name!r} exists already{hint}")

@@ -1,4 +1,4 @@
-"""Leapfrog whose step follows the motion and can be turned around."""
+"""Reversible leapfrog whose step follows the motion."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ class StepDensity(Method):
     """Drift, kick, drift with a step tau that follows a density of steps G of the positions: 1 / tau_n + 1 / tau_n+1 =
     2 G(x_n+1/2), drifts of tau_n / 2 and tau_n+1 / 2, and a kick of their sum.
 
-    G is a smooth maximum over the particles of |a|^(3/4), which in Kepler's problem makes tau grow as r^(3/2), as the
-    time of free fall does; its scale makes the first step from the system's start ``dt``. The recursion is the same
-    from both ends, so it can be turned around where a step ends; its energy error does not grow, though no step keeps
-    the symplectic form. It stops where a step would differ tenfold from the one before, as where a force
-    vanishes on the way or at the start: oscillators and perfect lattices are better served with fixed steps.
+    G is a smooth maximum over the particles of |a|^(3/4). In Kepler's problem this makes tau grow as r^(3/2), like the
+    time of free fall. Its scale makes the first step from the system's start ``dt``. The recursion is the same from
+    both ends, so a run can be reversed at the end of a step. The energy error does not grow, although no step keeps the
+    symplectic form. The run stops if a step would differ tenfold from the one before, as where a force vanishes. Use
+    fixed steps for oscillators and perfect lattices.
     """
 
     name: str
@@ -55,6 +55,6 @@ ROWS = (
         "leapfrog-adaptive", 2,
         "Huang & Leimkuhler 1997, doi:10.1137/S1064827595284658; Holder, Leimkuhler & Reich 2001, "
         "doi:10.1016/S0168-9274(01)00089-9",
-        "eccentric orbits; not where forces vanish on the way",
+        "eccentric orbits; not if forces vanish on the way",
     ),
 )  # fmt: skip

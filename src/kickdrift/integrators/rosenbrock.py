@@ -64,19 +64,19 @@ class Rosenbrock(Method):
 
     @property
     def evaluations(self) -> int:
-        """Of f per accepted step, without Jacobians."""
+        """Evaluations of f per accepted step, without Jacobians."""
         return len(self.m)
 
     @cached_property
     def sums(self) -> tuple[Floats, Floats]:
-        """alpha and gamma_i, of the same method before u took the place of k = Gamma^-1 u (p. 111)."""
+        """The sums alpha and gamma_i of the same method in the variables k = Gamma^-1 u (p. 111)."""
         inverse = np.eye(len(self.m)) / self.gamma - lower(self.c)
         unit = np.asarray(np.linalg.solve(inverse, np.ones(len(self.m))), dtype=float)
         return lower(self.a) @ unit, unit
 
     @property
     def butcher(self) -> tuple[Floats, Floats]:
-        """What the stages are on y' = lambda y, where the Jacobian is exact: of A + Gamma and b (p. 104)."""
+        """Full tableau A + Gamma and b on y' = lambda y, where the Jacobian is exact (p. 104)."""
         g = np.linalg.inv(np.eye(len(self.m)) / self.gamma - lower(self.c))
         return (lower(self.a) + np.eye(len(self.m))) @ g, np.array(self.m) @ g
 
@@ -87,7 +87,7 @@ class Rosenbrock(Method):
 
 
 def lower(rows: Rows) -> Floats:
-    """The square matrix with these rows below its diagonal, the first one empty."""
+    """Square matrix with these rows below its diagonal, the first one empty."""
     matrix = np.zeros((len(rows) + 1, len(rows) + 1))
     for i, row in enumerate(rows, start=1):
         matrix[i, : len(row)] = row

@@ -1,4 +1,4 @@
-"""A Rosenbrock method under way: its step follows the error, as an embedded Runge-Kutta method's does."""
+"""Integration with a Rosenbrock method. Its error sets the step, as in an embedded Runge-Kutta method."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 
 class Tangent(NamedTuple):
-    """f at a step point and its derivatives there."""
+    """f and its derivatives at a step point."""
 
     f: Floats
     by_y: Floats  # (N, N)
@@ -37,8 +37,8 @@ class Tangent(NamedTuple):
 
 
 class RosenbrockStepper(PythonStepper):
-    """An embedded Rosenbrock method. What it keeps from step to step, and a checkpoint holds: the next step, and the
-    errors of the last two; and where the last step began."""
+    """Integration with an embedded Rosenbrock method. A checkpoint holds the next step, the errors of the last two
+    steps and the start of the last step."""
 
     keeps = (*PythonStepper.keeps, "_next", "_errors", "_begun")
 
@@ -53,10 +53,10 @@ class RosenbrockStepper(PythonStepper):
 
     def _forget(self) -> None:
         self._next = 0.0
-        self._errors = [FLOOR, FLOOR]  # of the last step and the one before
+        self._errors = [FLOOR, FLOOR]  # of the last two steps
         self._begun = self.time
-        self._bad: Floats | None = None  # where f was no number in the last try
-        self._tangent: Tangent | None = None  # where the last step began, as looks see it
+        self._bad: Floats | None = None  # value of f that was not finite in the last attempt
+        self._tangent: Tangent | None = None  # at the start of the last step, for samples
 
     def _step(self) -> int:
         t, y, rejected = self.time, self.y, False
@@ -86,7 +86,7 @@ class RosenbrockStepper(PythonStepper):
         if self._bad is not None:
             self._reached = self._bad
             return BLOWN_UP
-        self.trouble = f"the step fell to {h:.3g}, which t = {t:.9g} can no longer tell from 0"
+        self.trouble = f"the step fell to {h:.3g}, too short to change t = {t:.9g}"
         return STOPPED
 
     def _first_step(self, derivative: Derivative, f: Floats) -> float | None:
@@ -101,7 +101,7 @@ class RosenbrockStepper(PythonStepper):
         return h is not None and self.time + min(h, self._longest) <= self.end
 
     def _try(self, derivative: Derivative, t: float, y: Floats, h: float, tangent: Tangent) -> tuple[Floats, float]:
-        """A step of h from (t, y): where it leads, and its error over the tolerance, infinite where it has none."""
+        """Try a step of h from (t, y). Return its end and its error over the tolerance, infinite if there is none."""
         method = self._tableau
         matrix = -tangent.by_y
         np.einsum("ii->i", matrix)[...] += 1.0 / (h * method.gamma)
@@ -124,7 +124,7 @@ class RosenbrockStepper(PythonStepper):
         return trial, float(error) if np.isfinite(error) else np.inf
 
     def at(self, time: float) -> Floats:
-        """By a step from the last step point, thrown away; it depends on that point alone."""
+        """State at a time, by a discarded step from the last step point. It depends only on that point."""
         if time == self.time or self.last_step == 0.0:
             return self.y.copy()
         begin, y, derivative, bad = self._begun, self._before, self._flow.derivative, self._bad
@@ -139,8 +139,10 @@ class RosenbrockStepper(PythonStepper):
 
 
 def _by_time(derivative: Derivative, t: float, y: Floats, f: Floats, h: float) -> Floats:
-    """df/dt by central differences, over a short part of the step, for f may change with t as fast as that; by forward
-    ones at a start before which f is no number. Neither goes beyond the step."""
+    """Return df/dt by central differences over a short part of the step, since f may change with t as fast as that.
+
+    At a start before which f is not finite, use forward differences. Neither goes beyond the step.
+    """
     apart = min(max(EPSILON ** (1 / 3) * h, 1000.0 * float(np.spacing(abs(t)))), h)
     after, before = t + apart, t - apart
     ahead, behind = derivative(after, y), derivative(before, y)

@@ -1,4 +1,4 @@
-"""Explicit Runge-Kutta methods: a method is a Butcher tableau, run by one loop."""
+"""Explicit Runge-Kutta methods. A method is a Butcher tableau, and one loop runs all."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ class Tableau(Method):
     """y' = f(t, y): k_i = f(t + c_i dt, y + dt sum_j a_ij k_j), y <- y + dt sum b_i k_i, with y the positions and
     velocities.
 
-    Stages 1 to s make the step; s + 1 is f(t + dt, y_new), the next step's first stage in any case; those from s + 2 on
-    are for dense output alone.
+    Stages 1 to s make the step. Stage s + 1 is f(t + dt, y_new), always the next step's first stage. Stages from s + 2
+    on serve only dense output.
 
     Attributes
     ----------
@@ -59,7 +59,7 @@ class Tableau(Method):
 
     def __post_init__(self) -> None:
         s = len(self.b)
-        if len(self.a) == s:  # a full matrix, as implicit methods have it
+        if len(self.a) == s:  # a full matrix, as for implicit methods
             for i, row in enumerate(self.a):
                 if any(row[i:]):
                     raise InputError(
@@ -71,7 +71,7 @@ class Tableau(Method):
         if not _adds_up(self.b, 1.0):
             raise InputError(f"{self.name}: b adds up to {fsum(self.b)!r}, not 1")
         if [len(row) for row in self.extra] != [s + 1 + i for i in range(len(self.extra))]:
-            raise InputError(f"{self.name}: rows of extra have an entry for each stage before: {s + 1}, {s + 2}, …")
+            raise InputError(f"{self.name}: rows of extra need an entry for each earlier stage: {s + 1}, {s + 2}, …")
         for number, row in enumerate(self.errors, start=1):
             if len(row) != s + 1:
                 raise InputError(f"{self.name}: row {number} of errors has {len(row)} entries, not {s + 1}")
@@ -94,17 +94,17 @@ class Tableau(Method):
 
     @property
     def adaptive(self) -> bool:
-        """Whether the step can follow an estimate of its error."""
+        """Tell whether an error estimate can set the step."""
         return bool(self.errors)
 
     @property
     def rescalable(self) -> bool:
-        """Nothing is kept from step to step, but by a step control."""
+        """Tell whether velocities may change between steps: only step control keeps anything from step to step."""
         return not self.adaptive
 
     @property
     def c(self) -> tuple[float, ...]:
-        """The part of dt that has passed at each stage that makes the step."""
+        """Fraction of dt at each stage of the step."""
         return (0.0, *(fsum(row) for row in self.a))
 
     @property
@@ -128,7 +128,7 @@ class Tableau(Method):
 
     @cached_property
     def error_rows(self) -> Floats:
-        """(1 or 2, stages + 1) the weights of the error estimate."""
+        """Weights of the error estimate (1 or 2, stages + 1)."""
         return np.array(self.errors)
 
     def step(self, derivative: Callable[[float, Floats], Floats], t: float, y: Floats, dt: float) -> Floats:
@@ -170,15 +170,15 @@ class Tableau(Method):
 
 
 def _adds_up(row: tuple[float, ...], total: float) -> bool:
-    """Whether a row adds up to ``total`` but for the rounding of its entries."""
+    """Tell whether a row adds up to ``total`` to within the rounding of its entries."""
     return abs(fsum(row) - total) <= 1e-14 * fsum(map(abs, row))
 
 
 def interpolant(b: tuple[float, ...], d: Rows = (), extra: int = 0) -> Rows:
-    """``dense`` of the interpolant y + theta (F_0 + (1 - theta) (F_1 + theta (F_2 + (1 - theta) (F_3 + …)))).
+    """Compute ``dense`` of the interpolant y + theta (F_0 + (1 - theta) (F_1 + theta (F_2 + (1 - theta) (F_3 + …)))).
 
-    F_0 = sum_i b_i k_i, F_1 = k_1 - F_0, F_2 = 2 F_0 - k_1 - k_(s+1), and F_3, F_4, … with the weights ``d``. The first
-    three are the cubic of Hermite through both ends and the derivatives there, which the others leave alone.
+    F_0 = sum_i b_i k_i, F_1 = k_1 - F_0, F_2 = 2 F_0 - k_1 - k_(s+1), and F_3, F_4, … have the weights ``d``. The first
+    three are the Hermite cubic through both ends with the derivatives there, which the others do not change.
 
     Source: Hairer, Nørsett & Wanner 1993, II.6, doi:10.1007/978-3-540-78862-1, multiplied out without rounding.
     """

@@ -1,4 +1,4 @@
-"""Methods for stiff problems that SciPy brings, step by step. Their steps and errors are SciPy's business."""
+"""SciPy's methods for stiff problems, step by step. SciPy chooses their steps and errors."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class SciPyMethod(Method):
-    """A solver class of ``scipy.integrate``. It takes the Jacobian that the problem gives, else its own differences.
+    """A solver class of ``scipy.integrate``. It uses the problem's Jacobian, else its own differences.
 
     Attributes
     ----------
@@ -55,6 +55,6 @@ ROWS = (
     ),
     SciPyMethod(
         "lsoda", "LSODA", 12, "Petzold 1983, doi:10.1137/0904010; Hindmarsh 1983; SciPy's LSODA",
-        "stiff or not, switches by itself; orders 1 to 12, stiff 1 to 5",
+        "stiff or not, switches automatically; orders 1 to 12, stiff 1 to 5",
     ),
 )  # fmt: skip

@@ -1,4 +1,4 @@
-"""A solver of SciPy's under way."""
+"""Integration with a solver of SciPy."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ if TYPE_CHECKING:
     from kickdrift.integrators.scipy_methods import SciPyMethod
 
 
-# What a solver keeps from step to step, its settings left out (SciPy 1.17).
+# State that a solver keeps from step to step, without its settings (SciPy 1.17).
 POINT = ("t", "y", "t_old", "status", "nfev", "njev", "nlu")
 MATRIX = ("h_abs", "h_abs_old", "error_norm_old", "jac_factor", "J")
-RETAKEN = 10_000  # steps for a look inside a step, at most; a solution that went astray may ask for any number
+RETAKEN = 10_000  # most steps for a sample inside a step; a solution that went astray may ask for any number
 OF_LSODA = "_lsoda_solver._integrator"
-NEXT_OF_LSODA = 11  # in its rwork: the step that it tries next (HCUR)
-FIRST_ORDER = {"BDF": 1, "Radau": 3, "LSODA": 1}  # by which the error of a first step is measured
+NEXT_OF_LSODA = 11  # index in its rwork of the next step to try (HCUR)
+FIRST_ORDER = {"BDF": 1, "Radau": 3, "LSODA": 1}  # order in the error of a first step
 SOLVER_KEEPS = {
     "BDF": (*POINT, *MATRIX, "LU", "D", "order", "n_equal_steps"),
     "Radau": (*POINT, *MATRIX, "LU_real", "LU_complex", "current_jac", "f", "Z", "y_old"),
@@ -43,7 +43,7 @@ SOLVER_KEEPS = {
 
 
 class Places(NamedTuple):
-    """Which of LSODA's whole numbers are the same in every run of a system, and which are orders, or matrix rows."""
+    """Places of LSODA's whole numbers: equal in every run of a system, orders, or matrix rows."""
 
     same: list[int]
     few: list[int] | slice
@@ -51,16 +51,16 @@ class Places(NamedTuple):
 
 LSODA_INTS = Places([*range(1, 7), 13, 30, 31, 32, 33, 44, 46, 47], [14, 16, 26, 27, 28, 29, 34, 38, 45])
 LSODA_WORK = Places([16, 17], slice(20, None))
-LSODA_ORDERS = 13  # and one more than the highest
-LSODA_SIZE = 18  # of state_ints: how many numbers of its table of differences are in use
+LSODA_ORDERS = 13  # highest order and one more
+LSODA_SIZE = 18  # index in state_ints: used numbers of its table of differences
 
 
 class SciPyStepper(PythonStepper):
-    """One of ``scipy.integrate.OdeSolver``, with no end to reach, so that its steps depend on none. The length of its
-    first step is worked out here: SciPy's LSODA takes that from the end, and has none where f is zero at the start.
+    """Integration with a ``scipy.integrate.OdeSolver`` without an end time, so that its steps depend on none.
 
-    All that it keeps from step to step is inside the solver; one that begins anew at a step point takes other steps. A
-    checkpoint holds what is in there, by value, the factors of its matrices and LSODA's working memory included.
+    The length of the first step is computed here: SciPy's LSODA derives it from the end, and fails where f is zero at
+    the start. The solver holds all state from step to step; a new one at a step point takes other steps. A checkpoint
+    holds this state by value, including the factors of its matrices and LSODA's working memory.
     """
 
     keeps = (*PythonStepper.keeps, "_jacobians_before")
@@ -76,19 +76,19 @@ class SciPyStepper(PythonStepper):
     def _forget(self) -> None:
         self._jacobians_before = self.counts.jacobians
         self._solver: Any = None
-        self._bad: Floats | None = None  # where f was no number
+        self._bad: Floats | None = None  # value of f that was not finite
 
     @property
     def counts(self) -> Counts:
         counts = super().counts
-        if not self._analytic:  # the solver takes differences of f, which counts itself
+        if not self._analytic:  # the solver's differences of f, which counts itself
             solver = getattr(self, "_solver", None)
             counts.jacobians = self._jacobians_before + (int(solver.njev) if solver else 0)
         return counts
 
     def _right_hand_side(self, time: float, y: Floats) -> Floats:
         if self.end < time <= self.end + 4 * np.spacing(abs(self.end)):
-            time = self.end  # rounding of t + c h
+            time = self.end  # t + c h may round beyond the end
         f = self._f(time, y.reshape(self.y.shape))
         self._bad = None if np.isfinite(f).all() else y.reshape(self.y.shape) + f
         return f.reshape(-1)
@@ -99,7 +99,7 @@ class SciPyStepper(PythonStepper):
     def _first_step(self, derivative: Derivative) -> float | None:
         f = derivative(self.time, self.y)
         if self._first or not np.isfinite(f).all():
-            return self._first or 1e-6  # the step itself will say what is wrong
+            return self._first or 1e-6  # the step itself will report the problem
         order, limits = FIRST_ORDER[self._method.solver], (self.end, self.clip)
         return first_step(derivative, self.time, self.y, f, order, self.rtol, self.atol, *limits)
 
@@ -114,7 +114,7 @@ class SciPyStepper(PythonStepper):
         return h is not None and self.time + min(h, self._longest) <= self.end
 
     def _bound(self) -> None:
-        """Tell the solver where its steps end."""
+        """Pass the end of the steps to the solver."""
         solver, end = self._solver, self.end if self.clip else np.inf
         solver.t_bound, solver.status = end, "running"
         if self._method.solver == "LSODA":
@@ -133,7 +133,7 @@ class SciPyStepper(PythonStepper):
             rtol=least if one else self.rtol, atol=self.atol, jac=jac if self._analytic else None,
         )  # fmt: skip
         if not alike:
-            solver.rtol = self.rtol  # BDF and Radau set their Newton iterations by one number, the smallest
+            solver.rtol = self.rtol  # BDF and Radau use one number for their Newton iterations, the smallest
         return solver
 
     def memory(self) -> Memory:
@@ -141,7 +141,7 @@ class SciPyStepper(PythonStepper):
         keeps = SOLVER_KEEPS[self._method.solver]
         solver = None if self._solver is None else {key: by_value(attrgetter(key)(self._solver)) for key in keeps}
         if solver and "D" in solver:
-            solver["D"] = solver["D"][: solver["order"] + 2]  # BDF fills the further rows before it reads them
+            solver["D"] = solver["D"][: solver["order"] + 2]  # BDF fills the further rows before reading them
         return {**super().memory(), "solver": solver}
 
     def recall(self, memory: Memory) -> None:
@@ -160,14 +160,13 @@ class SciPyStepper(PythonStepper):
         if self._method.solver == "Radau":
             solver.sol = solver._compute_dense_output()
         if self._method.solver == "LSODA":
-            attrgetter(OF_LSODA)(solver).call_args[3] = 2  # it has begun
+            attrgetter(OF_LSODA)(solver).call_args[3] = 2  # it is initialised
         self._counts = cost
         if self._lists:
-            self._lists.recall(memory["forces"])  # beginning has used them
+            self._lists.recall(memory["forces"])  # the initialisation used them
 
     def _checked(self, memory: Memory) -> Memory:
-        """What the memory holds of this solver. LAPACK and LSODA look at no bounds, so numbers that are no places in
-        their arrays are an InputError."""
+        """Checked state of this solver. LAPACK and LSODA check no bounds, so invalid indices raise InputError."""
         known = {key: memory[key] for key in SOLVER_KEEPS[self._method.solver]}
         n, fits = self.y.size, True
         for key in [key for key in known if key.startswith("LU")]:
@@ -185,7 +184,7 @@ class SciPyStepper(PythonStepper):
                 fits &= bool(np.array_equal(given[places.same], np.asarray(own)[places.same]))
                 fits &= bool(np.all((given[places.few] >= 0) & (given[places.few] <= most)))
         if not fits:
-            raise InputError(f"checkpoint: what {self._method.name} kept is not of a run of this system")
+            raise InputError(f"checkpoint: the state that {self._method.name} stored belongs to another system")
         return known
 
     def _step(self) -> int:
@@ -198,22 +197,22 @@ class SciPyStepper(PythonStepper):
                 self._bound()
                 message = self._solver.step()
                 failed = self._solver.status == "failed" or not np.isfinite(self._solver.y).all()
-            except (ValueError, RuntimeError, LinAlgError) as error:  # of matrices and states that are no numbers
+            except (ValueError, RuntimeError, LinAlgError) as error:  # for matrices and states that are not finite
                 message, failed = str(error), True
         if failed:
             if self._bad is not None:
                 self._reached = self._bad
                 return BLOWN_UP
-            reasons = [str(warning.message) for warning in said] or [message or "the solution is no number"]
-            self.trouble = f"SciPy's {self._method.solver} gave up: {' '.join(reasons[-1].split())}"
+            reasons = [str(warning.message) for warning in said] or [message or "the solution is not finite"]
+            self.trouble = f"SciPy's {self._method.solver} stopped: {' '.join(reasons[-1].split())}"
             return STOPPED
         self._before, self.y = self.y, self._solver.y.reshape(self.y.shape).copy()
         self.last_step, self.time = float(self._solver.t - self.time), float(self._solver.t)
         return OK
 
     def at(self, time: float) -> Floats:
-        """By steps from the last step point that end there, thrown away: inside a long step of a stiff problem SciPy's
-        interpolants are off by a thousand tolerances."""
+        """State at a time, by discarded steps from the last step point that end there. Inside a long step of a stiff
+        problem SciPy's interpolants are off by a thousand tolerances."""
         if time == self.time or self._solver is None:
             return self.y.copy()
         shape, derivative = self.y.shape, self._flow.derivative

@@ -1,11 +1,10 @@
-"""How large a step may be before a method blows up, from its coefficients alone.
+"""Longest stable step of a method, from its coefficients alone.
 
 The test equations are y' = lambda y for Runge-Kutta methods (z = lambda dt) and the oscillator x'' = -omega^2 x for
-splittings. The bounds count the edge in: a method is stable where |R(z)| <= 1, or |trace| <= 2, and so are all smaller
-steps. Where |R| or |trace| only touches its bound and comes back (to 1e-12: the weights are rounded) the interval goes
-on.
+splittings. The bounds include the edge: a method is stable if |R(z)| <= 1, or |trace| <= 2, at this and all smaller
+steps. If |R| or |trace| only touches its bound (to 1e-12, since the weights are rounded), the interval continues.
 
-Sources: Hairer & Wanner 1996, Solving Ordinary Differential Equations II, IV.2-3, doi:10.1007/978-3-642-05221-7; of
+Sources: Hairer & Wanner 1996, Solving Ordinary Differential Equations II, IV.2-3, doi:10.1007/978-3-642-05221-7; for
 splittings Blanes, Casas & Murua 2008, doi:10.1137/070679764 (the stability of the propagation matrix).
 """
 
@@ -26,15 +25,15 @@ from kickdrift.integrators.splitting import Splitting
 from kickdrift.integrators.subflows import DRIFT, KICK
 from kickdrift.model.state import Floats
 
-TOUCHING = 1e-12  # above the bound, at most, where a curve touches it and comes back
-HORNER = 1e-15  # of the absolute values of a polynomial's terms: what is rounded in a sum that cancels
-ROUNDING = 1e-13  # a coefficient under this part of the terms that it is the sum of is zero
+TOUCHING = 1e-12  # largest excess of a curve that only touches the bound
+HORNER = 1e-15  # rounding of a cancelling polynomial, relative to the absolute values of its terms
+ROUNDING = 1e-13  # a coefficient below this fraction of its terms is zero
 
 Matrix = Sequence[Sequence[float]] | Floats
 
 
 class StabilityFunction(NamedTuple):
-    """R(z): what a step multiplies y by where y' = lambda y, z = lambda dt; the quotient of two polynomials."""
+    """Stability function R(z), the factor of a step on y' = lambda y, z = lambda dt: a quotient of two polynomials."""
 
     numerator: Polynomial
     denominator: Polynomial
@@ -44,16 +43,16 @@ class StabilityFunction(NamedTuple):
 
 
 def stability_function(method: Method) -> StabilityFunction:
-    """R(z) of a one-step method; an InputError for one that is none, or not known by its numbers."""
+    """Stability function R(z) of a one-step method. Raises InputError for a method without a known one."""
     if method.butcher is None:
-        raise InputError(f"{method.name}: its stability is not that of a tableau or of kicks and drifts")
+        raise InputError(f"{method.name}: no stability function is known for this method")
     return stability_function_of(*method.butcher)
 
 
 def stability_function_of(a: Matrix, b: Sequence[float] | Floats) -> StabilityFunction:
     """R(z) = det(I - z A + z 1 b^T) / det(I - z A) of a full tableau, ``a`` (s, s) and ``b`` (s,).
 
-    Computed without rounding but for that of the coefficients. Source: Hairer & Wanner 1996, (IV.3.3).
+    Computed exactly from the rounded coefficients. Source: Hairer & Wanner 1996, (IV.3.3).
     """
     exact = [[Fraction(float(entry)) for entry in row] for row in a]
     weights = [Fraction(float(entry)) for entry in b]
@@ -62,21 +61,21 @@ def stability_function_of(a: Matrix, b: Sequence[float] | Floats) -> StabilityFu
 
 
 def real_interval(method: Method | StabilityFunction) -> float:
-    """The largest x such that |R| <= 1 from -x to 0; infinite where there is no bound."""
+    """Largest x such that |R| <= 1 from -x to 0; infinite without a bound."""
     numerator, denominator = (p(Polynomial([0.0, -1.0])) for p in _stability_function(method))
     return _reach(numerator, denominator, _sizes(numerator) + _sizes(denominator))
 
 
 def imaginary_interval(method: Method | StabilityFunction) -> float:
-    """The largest y such that |R| <= 1 from -i y to i y; infinite where there is no bound."""
+    """Largest y such that |R| <= 1 from -i y to i y; infinite without a bound."""
     (numerator, sizes), (denominator, others) = map(_squared_on_imaginary_axis, _stability_function(method))
     return math.sqrt(_reach(numerator, denominator, sizes + others))
 
 
 def stability_interval(splitting: Splitting) -> float:
-    """The largest omega dt such that a splitting's steps on the oscillator stay bounded, up to there.
+    """Largest omega dt up to which a splitting's steps on the oscillator stay bounded.
 
-    Where |trace| = 2 alone, at the edge, they may grow in proportion to time.
+    Exactly at the edge, |trace| = 2, they may grow in proportion to time.
     """
     half = half_trace(splitting)
     return math.sqrt(_reach(half, Polynomial([1.0]), _sizes(half)))
@@ -88,7 +87,7 @@ def half_trace(splitting: Splitting) -> Polynomial:
     The eigenvalues lie on the unit circle where its absolute value is below one, as the determinant is one.
     """
     trace = [Fraction(0)]
-    for start in (0, 1):  # the columns of the matrix: what becomes of x = 1, v = 0 and of x = 0, v = 1
+    for start in (0, 1):  # the columns of the matrix: images of x = 1, v = 0 and of x = 0, v = 1
         x, v = [Fraction(1 - start)], [Fraction(start)]
         for letter, weight in zip(splitting.word, map(Fraction, splitting.weights), strict=True):
             if letter == KICK:
@@ -100,7 +99,7 @@ def half_trace(splitting: Splitting) -> Polynomial:
 
 
 def spectral_radius(half: Any) -> Any:
-    """The larger |eigenvalue| of a propagation matrix with determinant one, from half its trace."""
+    """Larger |eigenvalue| of a propagation matrix with determinant one, from half its trace."""
     size = np.abs(half)
     return np.where(size > 1.0, size + np.sqrt(np.maximum(size**2 - 1.0, 0.0)), 1.0)
 
@@ -110,16 +109,16 @@ def _stability_function(method: Method | StabilityFunction) -> StabilityFunction
 
 
 def _add(p: list[Fraction], factor: Fraction, q: list[Fraction]) -> list[Fraction]:
-    """p + factor q, as coefficients."""
+    """Return p + factor q, as coefficients."""
     size = max(len(p), len(q))
     p, q = p + [Fraction(0)] * (size - len(p)), q + [Fraction(0)] * (size - len(q))
     return [c + factor * d for c, d in zip(p, q, strict=True)]
 
 
 def _determinant(matrix: list[list[Fraction]]) -> Polynomial:
-    """det(I - z M) by the recurrence of Faddeev and Le Verrier (Gantmacher 1959, IV.5).
+    """Determinant det(I - z M) by the recurrence of Faddeev and Le Verrier (Gantmacher 1959, IV.5).
 
-    In integers, which its divisions do not leave: every double is one over a common power of two.
+    All divisions are exact in integers: every double is an integer over a common power of two.
     """
     scale = math.lcm(*(entry.denominator for row in matrix for entry in row))
     whole = [[int(entry * scale) for entry in row] for row in matrix]
@@ -135,7 +134,7 @@ def _determinant(matrix: list[list[Fraction]]) -> Polynomial:
 
 
 def _squared_on_imaginary_axis(p: Polynomial) -> tuple[Polynomial, Polynomial]:
-    """|p(i y)|^2 in powers of y^2, and for each coefficient the absolute values of the terms that it is the sum of."""
+    """Return |p(i y)|^2 in powers of y^2, and for each coefficient the sum of its terms' absolute values."""
     signs = np.array([1, 1, -1, -1])[np.arange(len(p.coef)) % 4]
     even, odd = np.zeros((2, len(p.coef)))
     even[::2], odd[1::2] = (signs * p.coef)[::2], (signs * p.coef)[1::2]
@@ -149,10 +148,10 @@ def _sizes(p: Polynomial) -> Polynomial:
 
 
 def _reach(numerator: Polynomial, denominator: Polynomial, sizes: Polynomial) -> float:
-    """The first x > 0 beyond which |numerator / denominator|, one at x = 0, exceeds one.
+    """First x > 0 beyond which |numerator / denominator|, one at x = 0, exceeds one.
 
-    Between its extremes and poles the quotient is monotone: only there, and beyond the last, has one to look. At
-    x = 0 the first coefficient of the difference decides that is more than what rounding leaves of terms of ``sizes``.
+    Between its extremes and poles the quotient is monotone, so only these intervals and the last need a check. At x = 0
+    the first coefficient of the difference decides that is larger than the rounding of terms of ``sizes``.
     """
     difference = [float(c) for c in (numerator - denominator).coef]
     clear = [c for c, size in zip(difference, map(float, sizes.coef), strict=False) if abs(c) > ROUNDING * size]
@@ -168,7 +167,7 @@ def _reach(numerator: Polynomial, denominator: Polynomial, sizes: Polynomial) ->
     turning = numerator.deriv() * denominator - numerator * denominator.deriv()
     roots = np.concatenate([turning.trim().roots(), denominator.trim().roots()])
     low = 0.0
-    for x in sorted(float(x) for x in roots.real if x > 0.0):  # of complex ones too: a point too many does no harm
+    for x in sorted(float(x) for x in roots.real if x > 0.0):  # of complex roots too: an extra point does no harm
         if excess(x, HORNER) > TOUCHING:
             return _crossing(excess, low, x)
         low = x
@@ -182,7 +181,7 @@ def _reach(numerator: Polynomial, denominator: Polynomial, sizes: Polynomial) ->
 
 
 def _crossing(excess: Callable[[float], float], low: float, high: float) -> float:
-    """Where it becomes positive, to the last bit."""
+    """Point where it becomes positive, to the last bit."""
     while low < (middle := (low + high) / 2) < high:
         low, high = (low, middle) if excess(middle) > 0.0 else (middle, high)
     return low

@@ -1,4 +1,4 @@
-"""Whether the eigenvalues of the Jacobian, and not accuracy, hold an explicit run's steps down."""
+"""Test whether eigenvalues of the Jacobian, and not accuracy, limit an explicit run's steps."""
 
 from __future__ import annotations
 
@@ -13,26 +13,27 @@ from kickdrift.integrators.runge_kutta import Tableau
 from kickdrift.integrators.stability import stability_function
 from kickdrift.model.state import Floats
 
-WATCHED_UNKNOWNS = 64  # at most, for a run to be watched
-NEAR = 0.8  # of the way to the boundary of stability
-WATCHED_POINTS = 10  # at the end of a run
-WATCHED_STEPS = 1000  # of a run, at least: a shorter one is over before its steps are worth a thought
+WATCHED_UNKNOWNS = 64  # most unknowns of a tested run
+NEAR = 0.8  # fraction of the distance to the boundary of stability
+WATCHED_POINTS = 10  # tested points at the end of a run
+WATCHED_STEPS = 1000  # least steps of a tested run: a shorter one is over too soon to matter
 
 Point = tuple[float, Floats, float]
 
 
 def stability_boundary(method: Method, direction: complex) -> float:
-    """The largest r with |R(s direction)| <= 1 for all s up to r; ``direction`` of absolute value one."""
+    """Largest r with |R(s direction)| <= 1 for all s up to r. ``direction`` has absolute value one."""
     r = np.arange(0.0, 60.0, 0.01)
     beyond = np.abs(stability_function(method)(r * direction)) > 1.0 + 1e-9
     return float(r[np.argmax(beyond) - 1]) if beyond[1:].any() else float(r[-1])
 
 
 def can_be_limited(flow: Flow, method: Method) -> bool:
-    """Whether a run is one for ``stability_warning``: an explicit Runge-Kutta method on few unknowns.
+    """Tell whether a run is subject to ``stability_warning``: an explicit Runge-Kutta method on few unknowns.
 
-    Not that of particles whose forces do not depend on velocity: with each eigenvalue there comes its negative, so that
-    a mode that is gone at once comes with one that grows as fast, and no step follows that."""
+    Particles under velocity-independent forces are excluded. Each of their eigenvalues has its negative: with a mode
+    that decays at once comes one that grows as fast, and no step can follow that.
+    """
     return (
         isinstance(method, Tableau)
         and _unknowns(flow) <= WATCHED_UNKNOWNS
@@ -45,20 +46,19 @@ def _unknowns(flow: Flow) -> int:
 
 
 def stability_warning(flow: Flow, method: Method, points: Sequence[Point]) -> str | None:
-    """One line where stability and not accuracy limits the steps of an explicit run, else None.
+    """One line if stability and not accuracy limits the steps of an explicit run, else None.
 
-    A mode of the linearised equation with Re lambda < 0 that decays by more than e within one step, Re(h lambda) < -1,
-    is gone from the solution, and accuracy asks for no step that short. If h lambda nevertheless stands at the boundary
-    of the method's stability (four fifths of the way to it or more), stability keeps it there: the error estimate grows
-    with the mode as soon as h passes the boundary. This is the test of DOPRI5, h |lambda| > 3.25 of 3.3 (Hairer &
-    Wanner 1996, IV.2, eq. 2.22 ff., doi:10.1007/978-3-642-05221-7), with the eigenvalue itself in place of an
-    estimate. The warning is given where it holds at half of the points or more, for adaptive steps swing about the
-    boundary.
+    Take a mode of the linearised equation with Re lambda < 0 that decays by more than e within one step, Re(h lambda) <
+    -1. The mode is gone from the solution, and accuracy needs no step that short. If h lambda nevertheless lies near
+    the boundary of the method's stability (four fifths of the way or more), stability keeps it there: the error
+    estimate grows with the mode as soon as h passes the boundary. This is the test of DOPRI5, h |lambda| > 3.25 of 3.3
+    (Hairer & Wanner 1996, IV.2, eq. 2.22 ff., doi:10.1007/978-3-642-05221-7), with the eigenvalue itself instead of an
+    estimate. The warning needs this at half of the points or more, since adaptive steps oscillate about the boundary.
 
     Parameters
     ----------
-    flow, method : of the run
-    points : (time, y, step that led there), the last ones of the run; the last ten count
+    flow, method : flow and method of the run
+    points : (time, y, last step) at the end of the run; the last ten count
     """
     if not isinstance(method, Tableau) or not can_be_limited(flow, method):
         return None
@@ -80,7 +80,7 @@ def stability_warning(flow: Flow, method: Method, points: Sequence[Point]) -> st
 
 
 def _limited(flow: Flow, method: Tableau, time: float, y: Floats, step: float) -> Any:
-    """Time, step, eigenvalue and boundary, where stability limits the step."""
+    """Time, step, eigenvalue and boundary, if stability limits the step."""
     jacobian = flow.jacobian(time, y)
     if not np.isfinite(jacobian).all():
         return None

@@ -1,7 +1,7 @@
-"""Step control, apart from stepping: how large the error of a step is, and how long the next one may be.
+"""Step control, separate from stepping: the error of a step, and the length of the next one.
 
-A controller is a row of numbers. With err_n the error of step n over its tolerance, and q the order of the solution
-that it is measured by, the next step is the last times
+A controller is a row of numbers. Let err_n be the error of step n over its tolerance, and q the order of
+the solution that measures this error. The next step is the last times
 
     safety * err_n^(-kI/(q+1)) * (err_{n-1} / err_n)^(kP/(q+1)) * (err_{n-1}^2 / (err_n err_{n-2}))^(kD/(q+1)),
 
@@ -35,7 +35,7 @@ LEAST_RTOL = 100 * EPSILON  # below, rounding alone fails the test
 
 @dataclass(frozen=True)
 class Controller:
-    """How the error of the last steps sets the next one; see the module's text."""
+    """Rule for the next step from the last errors; see the module's text."""
 
     name: str
     integral: float
@@ -43,12 +43,12 @@ class Controller:
     derivative: float
     source: str
     safety: float = 0.9
-    least: float = 0.2  # of the last step
+    least: float = 0.2  # fraction of the last step
     most: float = 10.0
 
     @property
     def numbers(self) -> Floats:
-        """As the compiled loop takes them."""
+        """The numbers in the form for the compiled loop."""
         return np.array([self.integral, self.proportional, self.derivative, self.safety, self.least, self.most])
 
 
@@ -64,7 +64,7 @@ DEFAULT_CONTROLLER = "pi"
 
 
 def controller(name: str | None) -> Controller:
-    """The controller of that name; an InputError names those there are."""
+    """Controller of that name. Raises InputError with the known names."""
     chosen = DEFAULT_CONTROLLER if name is None else name
     if not (isinstance(chosen, str) and chosen in CONTROLLERS):
         raise InputError(f"controller {shown(chosen)} is unknown; known are {', '.join(CONTROLLERS)}")
@@ -72,12 +72,14 @@ def controller(name: str | None) -> Controller:
 
 
 def check_tolerances(rtol: Any, atol: Any) -> None:
-    """Refuse tolerances that no step can meet."""
+    """Raise InputError for tolerances that no step can meet."""
     for key, values in (("rtol", rtol), ("atol", atol)):
         for name, value in _named(key, values):
             positive(name, value)
             if key == "rtol" and value < LEAST_RTOL:
-                raise InputError(f"{name} must be {LEAST_RTOL:.2g} or more, got {value:g}: below, rounding decides")
+                raise InputError(
+                    f"{name} must be {LEAST_RTOL:.2g} or more, got {value:g}: smaller errors drown in rounding"
+                )
 
 
 def _named(key: str, values: Any) -> list[tuple[str, Any]]:
@@ -85,13 +87,13 @@ def _named(key: str, values: Any) -> list[tuple[str, Any]]:
 
 
 def tolerances_of(flow: Flow, options: Options) -> tuple[Floats, Floats]:
-    """rtol and atol for each component of the flattened y; an InputError where their number is another."""
+    """Return rtol and atol for each component of the flattened y. Raises InputError if their number differs."""
     check_tolerances(*options.tolerances)
     size = flow.array(flow.subject.state).size  # type: ignore[arg-type]
     found = []
     for key, value in zip(("rtol", "atol"), options.tolerances, strict=True):
         if isinstance(value, tuple) and flow.of_particles:
-            raise InputError(f"{key}: a System takes one number; one for each component of y is for a Problem")
+            raise InputError(f"{key}: expected one number for a System; only a Problem takes one for each component")
         if isinstance(value, tuple) and len(value) != size:
             raise InputError(f"{key}: expected one number, or {size} as y has components, got {len(value)}")
         found.append(np.full(size, value, dtype=float))
@@ -100,9 +102,10 @@ def tolerances_of(flow: Flow, options: Options) -> tuple[Floats, Floats]:
 
 @jit
 def step_factor(numbers, exponent, error, before, before2):
-    """What to multiply the step by after an accepted one; the errors of the last three steps over their tolerances.
+    """Factor of the step after an accepted one, from the last three errors over their tolerances.
 
-    A step much better than asked for is no guide for later ones: past errors count as 1e-4 at least, as in dopri5."""
+    A step much better than required says little about later ones: past errors count as at least 1e-4, as in dopri5.
+    """
     e0, e1, e2 = max(error, 1e-10), max(before, FLOOR), max(before2, FLOOR)
     factor = e0 ** -(numbers[0] * exponent)
     if numbers[1] != 0.0:
@@ -114,7 +117,8 @@ def step_factor(numbers, exponent, error, before, before2):
 
 @jit
 def rejected_factor(numbers, exponent, error):
-    """The same after a rejected one, by that step's error alone; one that is no number cuts the step most."""
+    """Factor after a rejected step, from that step's error alone. An error that is not finite gives the smallest
+    factor."""
     if not is_finite(error):
         return numbers[4]
     return max(numbers[4], numbers[3] * error ** -((numbers[0] + numbers[1] + numbers[2]) * exponent))
@@ -131,14 +135,17 @@ def first_step(
     end: float = np.inf,
     clip: bool = False,
 ) -> float | None:
-    """A first step that is neither far too long nor far too short (Hairer, Norsett & Wanner 1993, II.4, p. 169); one
-    evaluation of f. ``order`` is that of the solution by which the error is measured; ``rtol`` and ``atol`` have one
-    number for each component. None where that evaluation would lie beyond ``end``; with ``clip`` it is made there."""
+    """First step that is neither far too long nor far too short (Hairer, Norsett & Wanner 1993, II.4, p. 169), with one
+    evaluation of f.
+
+    ``order`` is the order of the solution that measures the error. ``rtol`` and ``atol`` have one number for each
+    component. Returns None if that evaluation would lie beyond ``end``; with ``clip`` it is made at the end.
+    """
 
     def norm(values: Any) -> float:
         return float(np.sqrt(np.mean(np.square(values))))
 
-    with np.errstate(all="ignore"):  # a scale near zero, or very large numbers, make some that are not finite
+    with np.errstate(all="ignore"):  # a scale near zero, or very large numbers, give non-finite results
         scale = (atol + np.abs(y.reshape(-1)) * rtol).reshape(y.shape)
         d0, d1 = norm(y / scale), norm(f / scale)
         h0 = 1e-6 if d0 < 1e-5 or d1 < 1e-5 else 0.01 * d0 / d1

@@ -1,4 +1,4 @@
-"""The loop of leapfrog-adaptive, and an integration with it under way."""
+"""Loop of leapfrog-adaptive, and an integration with it."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ from kickdrift.model.state import Floats
 if TYPE_CHECKING:
     from kickdrift.integrators.flow import Flow
 
-# Slots of the clock: the last step point and the density of steps there, the same of the one before; dt and the
-# crowding at the system's start, which scale the density.
+# Slots of the clock: the last step point and the density of steps there, the same for the previous step point; dt and
+# the crowding at the system's start, which scale the density.
 TIME, DENSITY, BEFORE, DENSITY_BEFORE, DT, SCALE = range(6)
 
-MOST = 10.0  # that a step may differ from the one before
-LOWEST = 1e-4  # of the density at the start: steps grow to 10,000 dt where forces die away
+MOST = 10.0  # largest ratio of consecutive steps
+LOWEST = 1e-4  # fraction of the density at the start: steps grow to 10,000 dt if forces vanish
 
 
 @jit
 def crowding(a):
-    """sum |a|^3 over particles: its fourth root is a smooth maximum of |a|^(3/4)."""
+    """Return sum |a|^3 over particles: its fourth root is a smooth maximum of |a|^(3/4)."""
     total = 0.0
     for i in range(a.shape[1]):
         a2 = 0.0
@@ -40,22 +40,23 @@ def crowding(a):
 
 @jit
 def density(a, clock):
-    """Steps per time that accelerations call for; 1 / dt throughout where nothing was pulled at the start."""
+    """Return the steps per time for these accelerations; 1 / dt throughout if there was no acceleration at the
+    start."""
     ratio = crowding(a) / clock[SCALE] if clock[SCALE] > 0.0 else 1.0
     return (ratio + LOWEST**4) ** 0.25 / clock[DT]
 
 
 @driver
 def density_at(a, clock):
-    """The same, as Python calls it."""
+    """The same, for calls from Python."""
     return density(a, clock)
 
 
 @driver
 def step_density_loop(forces, y, before, a, clock, until, end, steps, cursor):
-    """Steps until the clock has reached ``until``, or ``steps`` of them; a status, STOPPED where one would differ
-    tenfold from the one before. No force is evaluated beyond ``end``. ``before`` is y at the last step's start, ``a``
-    the accelerations in its middle."""
+    """Take steps until the clock has reached ``until``, or ``steps`` of them. Return a status, STOPPED if a step would
+    differ tenfold from the one before. No force is evaluated beyond ``end``. ``before`` is y at the last step's start,
+    ``a`` the accelerations in its middle."""
     bound = handle(forces)
     while cursor[STEP] < steps and clock[TIME] < until:
         tau = 1.0 / clock[DENSITY]
@@ -84,11 +85,12 @@ def step_density_loop(forces, y, before, a, clock, until, end, steps, cursor):
 
 
 class StepDensityStepper(Resumable):
-    """The density of steps belongs to the state, and follows from it only at a start. A ``reset`` to where this
-    integration stands, with the velocities as they are or all negated, therefore keeps it, and goes on or back the way
-    it came. A checkpoint holds its clock, which has the density and its scale, and where the last step began.
+    """Integration whose density of steps is part of the state, and follows from positions only at a start.
 
-    A step that is cut off at the end (``clip``) is a leapfrog step of that length, and the density stays as it is."""
+    A ``reset`` to the present state, with the same or with negated velocities, keeps the density, so the run continues
+    or retraces its path. A checkpoint holds its clock with the density and its scale, and the start of the last step. A
+    step cut off at the end (``clip``) is a leapfrog step of that length, and leaves the density unchanged.
+    """
 
     keeps = ("_cursor", "_clock", "_extra_evaluations", "_scaled", "_start_of_step", "_last", "_cut")
 
@@ -114,7 +116,7 @@ class StepDensityStepper(Resumable):
         clock[TIME] = clock[BEFORE] = time
         if not stays:
             clock[DENSITY] = 0.0
-        self._cut = 0.0  # the length of the last step, where it was cut off
+        self._cut = 0.0  # length of the last step if it was cut off
         self._cursor[STEP:] = 0
         self._flow.forces.forget()
 
@@ -131,7 +133,7 @@ class StepDensityStepper(Resumable):
         return Counts(int(self._cursor[EVALUATIONS]) + self._extra_evaluations)
 
     def _start(self) -> None:
-        """Scale the density by the system's start, and begin with what it is here."""
+        """Scale the density by the system's start, and compute the present density."""
         clock, flow = self._clock, self._flow
         if not self._scaled:
             begin: Any = flow.subject.state
@@ -140,7 +142,7 @@ class StepDensityStepper(Resumable):
         here = np.ascontiguousarray(flow.derivative(self.time, self.y)[-1])
         self._extra_evaluations += 2
         value = density_at(here, clock)
-        clock[DENSITY] = value if np.isfinite(value) else 1.0 / self.dt  # the first step will say what is wrong
+        clock[DENSITY] = value if np.isfinite(value) else 1.0 / self.dt  # the first step will report the problem
 
     def advance(self, steps: int, until: float = np.inf) -> int:
         if self._clock[DENSITY] == 0.0 and steps:
@@ -158,13 +160,13 @@ class StepDensityStepper(Resumable):
         if status == STOPPED:
             self.trouble = (
                 f"the forces changed so much in a step of {1.0 / self._clock[DENSITY]:.3g} that the next would differ "
-                f"tenfold; where forces vanish, on the way or at the start, a method of fixed steps is needed, and "
-                f"elsewhere a smaller dt than {self.dt:g} helps"
+                f"tenfold; use a fixed-step method if forces vanish on the way or at the start, else a smaller dt than "
+                f"{self.dt:g}"
             )
         return status
 
     def _cut_off(self) -> None:
-        """A step that ends where f does."""
+        """Take a step that ends at ``end``."""
         clock = self._clock
         clock[BEFORE], self._start_of_step, self._cut = clock[TIME], self.y.copy(), self.end - self.time
         clock[TIME] = self.end
@@ -173,7 +175,7 @@ class StepDensityStepper(Resumable):
         self.steps_done += 1
 
     def at(self, time: float) -> Floats:
-        """By the part of the last step that leads to the time: one more evaluation, thrown away."""
+        """State at a time, by a part of the last step: one more evaluation, discarded."""
         clock = self._clock
         begin = clock[BEFORE]
         if time == self.time or self.time == begin:
@@ -184,7 +186,7 @@ class StepDensityStepper(Resumable):
         return self._leapt(0.5 * part / clock[DENSITY_BEFORE], 0.5 * part / clock[DENSITY])
 
     def _leapt(self, first: float, second: float) -> Floats:
-        """y after two drifts from the last step's start, with a kick between them."""
+        """State after two drifts from the last step's start, with a kick between them."""
         y = self._start_of_step.copy()
         y[0] += first * y[1]
         y[1] += (first + second) * self._flow.derivative(self._clock[BEFORE] + first, y)[-1]

@@ -1,6 +1,6 @@
-"""Whether steps of one length are short enough for the fastest orbit or spring.
+"""Test whether fixed steps are short enough for the fastest orbit or spring.
 
-Beyond the limit of stability a run goes on without an error, and its result means nothing.
+Beyond the limit of stability a run continues without an error, and its result means nothing.
 """
 
 from __future__ import annotations
@@ -24,19 +24,19 @@ from kickdrift.model.system import System
 
 Slope = Callable[[Floats], Floats]
 
-MOST = 2000  # particles whose fastest oscillation is looked for
-DENSE = 12  # particles up to which the whole matrix is worked out
-ITERATIONS = 12  # of the power method, which finds the frequency of more particles to some 10 %
-DIFFERENCE = 1e-6  # of the largest coordinate, for differences of accelerations
+MOST = 2000  # most particles for the search of the fastest oscillation
+DENSE = 12  # most particles for the whole matrix
+ITERATIONS = 12  # iterations of the power method, which finds the frequency of more particles to some 10 %
+DIFFERENCE = 1e-6  # difference, relative to the largest coordinate, for derivatives of accelerations
 TOO_LONG = "is too long for a stable run"
-LEAPFROG = 2.0  # omega dt of leapfrog, in whole numbers too
+LEAPFROG = 2.0  # omega dt of leapfrog, also on whole numbers
 
 
 def longest_step(method: Method) -> float | None:
-    """The largest omega dt of a stable oscillation, for methods of fixed steps where the coefficients tell; else None.
+    """Largest omega dt of a stable oscillation, for fixed-step methods with known coefficients; else None.
 
-    Of a Runge-Kutta method the larger of both intervals counts: one that is unstable at every imaginary number, such as
-    Euler's, says so by the energy.
+    For a Runge-Kutta method the larger of both intervals counts: a method unstable at every imaginary number, such as
+    Euler's, shows this in the energy.
     """
     if method.chooses_steps:
         return None
@@ -48,7 +48,7 @@ def longest_step(method: Method) -> float | None:
 
 
 def can_be_checked(flow: Flow, method: Method) -> bool:
-    """Whether a run is one for ``step_warning``: fixed steps, not too many particles, and no pair force.
+    """Tell whether a run is subject to ``step_warning``: fixed steps, not too many particles, and no pair force.
 
     Under a pair force a step that is too long blows up at once.
     """
@@ -59,7 +59,7 @@ def can_be_checked(flow: Flow, method: Method) -> bool:
 
 
 def step_warning(flow: ParticleFlow, method: Method, dt: float, time: float, y: Floats) -> str | None:
-    """One line where dt is beyond the limit of stability for the fastest oscillation about y, else None."""
+    """One line if dt exceeds the limit of stability for the fastest oscillation about y, else None."""
     limit, omega = longest_step(method), fastest(flow, time, y)
     if limit is None or not omega * dt > limit:
         return None
@@ -72,7 +72,7 @@ def step_warning(flow: ParticleFlow, method: Method, dt: float, time: float, y: 
 
 
 def start_warning(system: System, method: Method, dt: float) -> str | None:
-    """``step_warning`` at the start of a system under gravity alone; a cheap bound shows that most steps are fine."""
+    """Return ``step_warning`` at the start of a system under gravity alone. A cheap bound clears most steps."""
     limit, phase = longest_step(method), system.state.phase
     if limit is None or not limit < bound_by_gravity(system) * dt < math.inf:
         return None
@@ -81,7 +81,7 @@ def start_warning(system: System, method: Method, dt: float) -> str | None:
 
 @unwarned
 def bound_by_gravity(system: System) -> float:
-    """A bound of the angular frequencies about the start: omega^2 <= max_i sum_j 4 G m_j / r_ij^3."""
+    """Bound on the angular frequencies about the start: omega^2 <= max_i sum_j 4 G m_j / r_ij^3."""
     force, x = system.forces[0], system.state.positions
     r2 = ((x[:, None] - x[None]) ** 2).sum(axis=-1) + force.softening**2
     np.fill_diagonal(r2, np.inf)
@@ -90,12 +90,12 @@ def bound_by_gravity(system: System) -> float:
 
 
 def fastest(flow: ParticleFlow, time: float, y: Floats) -> float:
-    """The largest angular frequency of the motion linearised about y, in radians per time; 0 where none oscillates."""
+    """Largest angular frequency of the motion linearised about y, in radians per time; 0 without oscillation."""
     x = y[0]
     scale = DIFFERENCE * float(np.abs(x).max())
 
     def slope(direction: Floats) -> Floats:
-        """The change of the accelerations along a direction (3, n) of length one."""
+        """Change of the accelerations along a direction (3, n) of length one."""
         ends = []
         for sign in (1.0, -1.0):
             moved = y.copy()
@@ -112,14 +112,14 @@ def fastest(flow: ParticleFlow, time: float, y: Floats) -> float:
 
 
 def _dense(slope: Slope, shape: tuple[int, ...]) -> float:
-    """The least eigenvalue, from all columns."""
+    """Least eigenvalue, from all columns."""
     columns = [slope(one.reshape(shape)).reshape(-1) for one in np.eye(math.prod(shape))]
     matrix = np.array(columns).T
     return float(np.linalg.eigvals(matrix).real.min()) if np.isfinite(matrix).all() else 0.0
 
 
 def _by_power(slope: Slope, shape: tuple[int, ...]) -> float:
-    """The least eigenvalue by the power method, after a shift by the largest one if that is positive."""
+    """Least eigenvalue by the power method, after a shift by the largest one if that is positive."""
     largest = _dominant(slope, shape, 0.0)
     if not largest > 0.0:
         return largest if math.isfinite(largest) else 0.0
@@ -128,7 +128,7 @@ def _by_power(slope: Slope, shape: tuple[int, ...]) -> float:
 
 
 def _dominant(slope: Slope, shape: tuple[int, ...], shift: float) -> float:
-    """The eigenvalue furthest from ``shift``."""
+    """Eigenvalue furthest from ``shift``."""
     direction = np.random.default_rng(0).standard_normal(shape)
     found = 0.0
     for _ in range(ITERATIONS):

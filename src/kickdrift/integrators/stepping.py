@@ -1,9 +1,9 @@
-"""Integrations under way: what a Simulation asks to go on, whatever the method.
+"""Steppers: integrations in progress, with the same methods for every integrator.
 
-A stepper has ``y`` and ``time``, its last step point, ``last_step``, the length of the step that led there (0 before
-an adaptive method's first), ``steps_done`` step points passed since the start, and ``counts``; ``advance`` takes steps,
-``at`` gives y between the last two step points without changing anything. ``memory`` is what the next step's bits
-depend on, and ``recall`` puts a stepper that was made anew, in another process say, in that very state.
+A stepper has ``y`` and ``time``, its last step point; ``last_step``, the length of the step to this point (0 before an
+adaptive method's first); ``steps_done``, the step points passed since the start; and ``counts``. ``advance`` takes
+steps. ``at`` returns y between the last two step points without changing anything. ``memory`` holds the state that
+determines the next step's bits. ``recall`` puts a new stepper, for example in another process, into that state.
 """
 
 from __future__ import annotations
@@ -32,15 +32,15 @@ if TYPE_CHECKING:
     from kickdrift.integrators.flow import Flow
     from kickdrift.integrators.options import Options
 
-# The first slots of the clock of a loop that chooses its steps: the last step point, the step to try, the step that led
-# there, the time it began at.
+# First slots of the clock of a loop that chooses its steps: the last step point, the step to try, the last step, its
+# starting time.
 TIME, NEXT, LAST, BEFORE = range(4)
-STOPPED = 3  # besides the forces' OK, GROW and BLOWN_UP: the method itself cannot go on, and ``trouble`` says why
+STOPPED = 3  # besides the forces' OK, GROW and BLOWN_UP: the method itself cannot continue, for the reason ``trouble``
 
 
 @dataclass
 class Counts:
-    """What an integration cost so far."""
+    """Cost of an integration so far."""
 
     evaluations: int = 0
     rejected: int = 0
@@ -52,7 +52,7 @@ class Counts:
 
 
 class LookTimes(Protocol):
-    """When looks are due: every ``interval`` from ``begin_time`` to ``end_time``."""
+    """Times of samples: every ``interval`` from ``begin_time`` to ``end_time``."""
 
     @property
     def begin_time(self) -> float: ...
@@ -65,10 +65,11 @@ class LookTimes(Protocol):
 
 
 class Stepper(Protocol):
-    """An integration under way.
+    """Integration in progress.
 
-    Steppers whose steps differ in length also have ``end``: they evaluate f at no later time. ``advance`` then stops
-    before the first step that would lead beyond it. With ``clip`` that step is cut off at ``end`` instead."""
+    Steppers with steps of different lengths also have ``end``: they evaluate f at no later time. ``advance`` then stops
+    before the first step beyond the end. With ``clip`` that step is cut off at ``end`` instead.
+    """
 
     y: Floats
     steps_done: int
@@ -76,53 +77,53 @@ class Stepper(Protocol):
 
     @property
     def time(self) -> float:
-        """Of the last step point."""
+        """Time of the last step point."""
 
     @property
     def last_step(self) -> float:
-        """The length of the step that led there; 0 where there was none."""
+        """Length of the step to the last step point; 0 if there was none."""
 
     @property
     def counts(self) -> Counts:
-        """What it cost since it was made."""
+        """Cost since the stepper was made."""
 
     def reset(self, y: Floats, time: float, steps: int) -> None:
-        """Begin anew at y."""
+        """Start anew at y."""
 
     def advance(self, steps: int, until: float) -> int:
-        """Take so many steps, fewer where a step point reaches ``until``; a status."""
+        """Take this many steps, or fewer if a step point reaches ``until``. Return a status."""
 
     def at(self, time: float) -> Floats:
-        """y at a time between the last two step points; a copy."""
+        """Copy of y at a time between the last two step points."""
 
     def reached(self, inside_step: bool) -> tuple[Floats, Floats]:
-        """After a blow-up, inside a step or in the last one: the y that it reached, and the positions before."""
+        """After a blow-up inside a step or in the last one: the y reached, and the positions before."""
 
     def memory(self) -> Memory:
-        """What the next step's bits depend on, at the last step point; copies."""
+        """Copies of the state, at the last step point, that determines the next step's bits."""
 
     def recall(self, memory: Memory) -> None:
-        """Be in the state of a stepper of the same method, options and bodies that had this memory."""
+        """Restore the state of a stepper of the same method, options and bodies from its memory."""
 
 
 CompiledSteps = tuple[Any, "BoundForces", tuple[Any, ...]]
-AT_ONCE = 10_000  # steps of compiled code between two looks at Ctrl-C
+AT_ONCE = 10_000  # steps of compiled code between checks for Ctrl-C
 
 
 class Resumable(Remembering):
-    """A stepper that remembers y, its step point, its forces' pair lists, and what else it ``keeps``."""
+    """Stepper that stores y, its step point, its forces' pair lists, and the attributes in ``keeps``."""
 
     y: Floats
     steps_done: int
     end: float = np.inf  # see Stepper
     clip: bool = False
-    _addresses: tuple[int, int] | None = None  # of the machine code of steps and looks, once known
-    fresh: bool = False  # whether the flow's forces were last evaluated at ``y``, so that their pair lists hold there
+    _addresses: tuple[int, int] | None = None  # of the machine code of steps and samples, once known
+    fresh: bool = False  # whether the flow's forces were last evaluated at ``y``, so that their pair lists are valid
     _flow: Flow
 
     @property
     def _lists(self) -> BoundForces | None:
-        """The forces that the steps are made with, where their pair lists matter."""
+        """Forces of the steps, if their pair lists matter."""
         return self._flow.forces
 
     def memory(self: Any) -> Memory:
@@ -131,11 +132,11 @@ class Resumable(Remembering):
         return {**point, **Remembering.memory(self), "forces": self._lists.memory() if self._lists else []}
 
     def recall(self: Any, memory: Memory) -> None:
-        """See Stepper. The memory may come from a file, and compiled code looks at no bounds: what does not fit is an
-        InputError. Whoever asks has seen that y has the shape of these bodies."""
+        """Restore as Stepper does. The memory may come from a file, and compiled code checks no bounds, so anything
+        invalid raises InputError. The caller has checked that y has the shape of these bodies."""
         y, steps = np.array(memory["y"], dtype=float), memory["steps_done"]
         if not (isinstance(steps, int) and 0 <= steps < NEVER and np.isfinite(memory["time"])):
-            raise InputError("checkpoint: its step or its time makes no sense")
+            raise InputError("checkpoint: its step or time is invalid")
         if "cursor" in memory and not np.all(memory["cursor"] >= 0):
             raise InputError("checkpoint: cursor holds a negative number")
         self.reset(y, memory["time"], steps)
@@ -144,10 +145,10 @@ class Resumable(Remembering):
             self._lists.recall(memory["forces"])
 
     def ahead(self: Any, time: float) -> tuple[int, Floats, Counts]:
-        """y at a time beyond the last step point, without an evaluation of f beyond it: a status, y, and what it
-        cost.
+        """Return a status, y at a time beyond the last step point without evaluations of f beyond it, and the cost.
 
-        The steps that lead there are forgotten, unless they fail. So the run goes on as if nobody had asked."""
+        The steps to that time are discarded, unless they fail. So the run itself is unchanged.
+        """
         known, before, limits = self.memory(), self.counts, (self.end, self.clip)
         self.end, self.clip = time, True
         try:
@@ -163,13 +164,13 @@ class Resumable(Remembering):
 
 
 class Regular(Resumable):
-    """The clock of steps of one length: it counts them, so that the times do not depend on how a run is cut."""
+    """Clock of fixed steps. It counts steps, so that times do not depend on how a run is cut."""
 
     dt: float
     y: Floats
     steps_done: int
     ends_fresh: bool = False  # whether it is ``fresh`` after any whole step
-    steady: bool = True  # whether the next step is one like all that follow
+    steady: bool = True  # whether the next step is like all later ones
     _start: float  # the time of step 0
     _cursor: NDArray[np.int64]
 
@@ -190,11 +191,11 @@ class Regular(Resumable):
         return Counts(int(self._cursor[EVALUATIONS]))
 
     def at(self, time: float) -> Floats:
-        """The step point: no time lies between two."""
+        """State at the step point: no time lies between two."""
         return self.y.copy()
 
     def series(self, count: int, every: int, look: Callable[[], int]) -> int:
-        """``count`` times take ``every`` steps and ``look``, as long as both return OK; the first other status."""
+        """Take ``every`` steps and ``look``, ``count`` times, while both return OK. Return the first other status."""
         for _ in range(count):
             if (status := self.advance(every) or look()) != OK:
                 return status
@@ -202,16 +203,15 @@ class Regular(Resumable):
 
     @property
     def compiled_steps(self) -> CompiledSteps | None:
-        """What takes steps in compiled code and leaves ``y`` at a step point: a driver, the forces that it is called
-        with, and what comes between these and (first, steps, cursor). While ``steady``; None where Python is needed for
-        that."""
+        """Driver of steps that leaves ``y`` at a step point, its forces, and its arguments between these and (first,
+        steps, cursor). While ``steady``; None if that needs Python."""
         return None
 
     def looked(
         self, count: int, every: int, looking: Looking, last: Floats, rows: Floats, row: int
     ) -> tuple[int, int, bool]:
-        """``series`` with the looks in compiled code, from that row of ``rows`` on: a status, how many looks were good,
-        and whether it was a look that failed."""
+        """Like ``series``, with samples by compiled code, from that row of ``rows`` on. Return a status, the
+        number of good samples, and whether a sample failed."""
         assert self.compiled_steps is not None
         (loop, forces, given), cursor = self.compiled_steps, self._cursor
         seen, places = np.array([0, count, 0]), (looking.desk, last, rows, row, looking.cursor)
@@ -229,17 +229,19 @@ class Regular(Resumable):
 
 
 def _with_lists(loop: Any, looking: Looking, forces: BoundForces) -> Callable[..., int]:
-    """A compiled loop of looks as ``BoundForces.call`` takes it. Where the looks are taken with the run's own forces,
-    their lists may have grown meanwhile."""
+    """Compiled loop of samples in the form for ``BoundForces.call``. If samples use the run's own forces, their lists
+    may have grown meanwhile."""
     if looking.forces is forces:
         return lambda bound, *args: int(loop(bound, bound, *args))
     return lambda bound, *args: int(loop(bound, looking.forces.table, *args))
 
 
 class FixedStepper(Regular):
-    """Steps of one length, by a compiled loop (see ``loops``) with a workspace of ``room`` arrays of y's ``shape``,
-    which goes over from step to step where ``kept``: a checkpoint then holds it. It always holds what compensated sums
-    carry on."""
+    """Fixed steps by a compiled loop (see ``loops``) with a workspace of ``room`` arrays of y's ``shape``.
+
+    With ``kept``, the workspace is carried from step to step, and a checkpoint holds it. A checkpoint always holds the
+    carries of compensated sums.
+    """
 
     trouble = ""
     keeps = ("_start", "_cursor", "_carry", "_carried")
@@ -286,7 +288,7 @@ class FixedStepper(Regular):
 
 
 class ChosenSteps(Resumable):
-    """Steps that a compiled loop chooses by their error; it keeps the clock."""
+    """Steps that a compiled loop chooses by their error. Keeps the clock."""
 
     keeps: ClassVar[tuple[str, ...]] = ("_cursor", "_clock", "_extra_evaluations")
 
@@ -310,7 +312,7 @@ class ChosenSteps(Resumable):
 
     @property
     def last_step(self) -> float:
-        """How long the step that led here was; 0 before the first."""
+        """Length of the last step; 0 before the first."""
         return float(self._clock[LAST])
 
     @property
@@ -319,19 +321,19 @@ class ChosenSteps(Resumable):
 
     @property
     def steady(self) -> bool:
-        """Whether the next step is one like all that follow: its length is known."""
+        """Tell whether the next step is like all later ones: its length is known."""
         return self._clock[NEXT] != 0.0
 
     @property
     def compiled_steps(self) -> CompiledSteps | None:
-        """As for ``Regular``, but for what ends with (clock, time to reach, steps, cursor)."""
+        """Driver as for ``Regular``, but its last arguments are (clock, time to reach, steps, cursor)."""
         return None
 
     def looked(
         self, plan: LookTimes, steps: int, looking: Looking, last: Floats, rows: Floats, row: int
     ) -> tuple[int, NDArray[np.int64], bool]:
-        """Steps, and looks as the plan wants them, until that many steps are taken or Python is due: a status, the step
-        of each good look, and whether it was a look that failed."""
+        """Take steps and the plan's samples, until that many steps are taken or Python is needed. Return a status, the
+        step of each good sample, and whether a sample failed."""
         assert self.compiled_steps is not None
         (loop, forces, given), cursor, clock = self.compiled_steps, self._cursor, self._clock
         seen, taken_at = np.array([0, len(rows) - row, 0]), np.zeros(len(rows) - row, np.int64)
@@ -349,11 +351,11 @@ class ChosenSteps(Resumable):
         return self._judged(status), found, bool(seen[LOOK_REFUSED])
 
     def _first_step(self) -> float | None:
-        """How long the first step is to be; None where finding out would take f beyond the end."""
+        """Length of the first step; None if finding it would take f beyond the end."""
         raise NotImplementedError
 
     def _go(self, until: float, steps: int) -> int:
-        """Run the loop; a status."""
+        """Run the loop. Return a status."""
         raise NotImplementedError
 
     def advance(self, steps: int, until: float = np.inf) -> int:
@@ -368,9 +370,7 @@ class ChosenSteps(Resumable):
         return self._judged(status)
 
     def _judged(self, status: int) -> int:
-        """The status; where it is STOPPED, there is ``trouble``."""
+        """Return the status. If it is STOPPED, set ``trouble``."""
         if status == STOPPED:
-            self.trouble = (
-                f"the step fell to {self._clock[NEXT]:.3g}, which t = {self.time:.9g} can no longer tell from 0"
-            )
+            self.trouble = f"the step fell to {self._clock[NEXT]:.3g}, too short to change t = {self.time:.9g}"
         return status

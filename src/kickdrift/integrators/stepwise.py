@@ -1,6 +1,6 @@
-"""What the implicit steppers share: steps taken one by one in Python, around the flow's compiled derivative.
+"""Shared parts of the implicit steppers: steps taken one by one in Python, around the flow's compiled derivative.
 
-Their time goes into linear algebra, which LAPACK does, so that the loop around it may stay readable.
+LAPACK's linear algebra takes most of their time, so the loop around it may stay readable.
 """
 
 from __future__ import annotations
@@ -24,9 +24,10 @@ if TYPE_CHECKING:
 
 
 class PythonStepper(Resumable):
-    """Steps taken one by one; a method gives ``_step`` and what it forgets when it begins anew.
+    """Steps taken one by one. A method supplies ``_step`` and the state that it forgets at a new start.
 
-    A checkpoint holds where the last step began, what the run cost, and what the method says besides."""
+    A checkpoint holds the start of the last step, the cost of the run, and the method's additions.
+    """
 
     keeps: ClassVar[tuple[str, ...]] = (
         "_counts.evaluations", "_counts.rejected", "_counts.jacobians", "last_step", "_before",
@@ -45,15 +46,15 @@ class PythonStepper(Resumable):
         self._forget()
 
     def _forget(self) -> None:
-        """Drop what is kept from step to step."""
+        """Drop the state kept from step to step."""
         raise NotImplementedError
 
     def _step(self) -> int:
-        """Take a step, ``y`` and ``time`` with it; a status."""
+        """Take a step with ``y`` and ``time``. Return a status."""
         raise NotImplementedError
 
     def _fits(self) -> bool:
-        """Whether the next step can be tried without f beyond ``end``; costs and changes nothing."""
+        """Tell whether the next step can be tried without f beyond ``end``. Costs and changes nothing."""
         return True
 
     @property
@@ -62,8 +63,8 @@ class PythonStepper(Resumable):
 
     def advance(self, steps: int, until: float = np.inf) -> int:
         if steps == 0:
-            self._flow.derivative(self.time, self.y)  # compiles what a step needs, and leaves the run's lists alone
-        with np.errstate(all="ignore"):  # a trial that overflows is one that failed
+            self._flow.derivative(self.time, self.y)  # compiles the code of a step, and leaves the run's lists alone
+        with np.errstate(all="ignore"):  # a trial that overflows has failed
             for _ in range(steps):
                 if self.time >= until or not (self.clip or self.end == np.inf or self._fits()):
                     break
@@ -80,12 +81,12 @@ class PythonStepper(Resumable):
         return (self._reached, self.y[0]) if inside_step else (self.y, self._before[0])
 
     def _f(self, time: float, y: Floats) -> Floats:
-        """f(t, y), through the run's own pair lists: what others look at must not change its bits."""
+        """Return f(t, y), through the run's own pair lists: samples must not change its bits."""
         self._counts.evaluations += 1
         return self._flow.forces.derivative(time, y)
 
     def _jacobian(self, time: float, y: Floats) -> Floats:
-        """(N, N) of the flattened y, which alone it depends on: what the problem gives, else differences."""
+        """Jacobian (N, N) of the flattened y, which depends only on y: the problem's own, else differences."""
         self._counts.jacobians += 1
         self._counts.evaluations += 0 if self._flow.analytic else 2 * y.size
         try:
@@ -97,22 +98,20 @@ class PythonStepper(Resumable):
             ) from error
 
     def _blow_up(self, f: Floats) -> int:
-        """f at the last step point is no number: y goes where it is not."""
+        """Set y after f at the last step point is not finite."""
         self._reached = self.y + f
         return BLOWN_UP
 
 
 def check_unknowns(name: str, flow: Flow, hint: str = "") -> None:
-    """Refuse a Jacobian that is too large to hold."""
+    """Raise InputError for a Jacobian that is too large."""
     unknowns = flow.array(flow.subject.state).size  # type: ignore[arg-type]
     if unknowns > NEWTON_UNKNOWNS:
-        raise InputError(
-            f"{name}: needs the Jacobian of {unknowns} unknowns, and {NEWTON_UNKNOWNS} is the most that it holds{hint}"
-        )
+        raise InputError(f"{name}: needs the Jacobian of {unknowns} unknowns; the limit is {NEWTON_UNKNOWNS}{hint}")
 
 
 def factored(matrix: Floats) -> Callable[[Floats], Any]:
-    """What solves a linear system with this matrix; of a singular one the solution is infinite or no number."""
+    """Solver of linear systems with this matrix. For a singular one, the solution is infinite or NaN."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", LinAlgWarning)
         factors = lu_factor(matrix, overwrite_a=True, check_finite=False)

@@ -17,11 +17,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Stormer(Method):
-    """x(t + dt) = 2 x(t) - x(t - dt) + dt^2 a(t), started from the velocity, with v(t) = (x(t + dt) - x(t - dt)) / 2
-    dt.
+    """The recursion x(t + dt) = 2 x(t) - x(t - dt) + dt^2 a(t), started from the velocity, with v(t) = (x(t + dt) - x(t
+    - dt)) / 2 dt.
 
-    In exact arithmetic its positions are those of velocity-verlet, and of leapfrog with velocities at half steps; it
-    loses digits to the difference of two positions, the more the smaller dt.
+    In exact arithmetic its positions equal those of velocity-verlet, and of leapfrog with velocities at half steps. The
+    difference of two positions loses digits, the more the smaller dt.
     """
 
     name: str

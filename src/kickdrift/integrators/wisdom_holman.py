@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from kickdrift.model.system import System
 
 JACOBI, HELIOCENTRIC = "jacobi", "democratic-heliocentric"
-DOMINANT = 0.2  # of the central body's mass is what all others may have together
+DOMINANT = 0.2  # largest total mass of the others, relative to the central body's
 
 _LASKAR = "Laskar & Robutel 2001, doi:10.1023/A:1012098603882"
 _MCLACHLAN = "McLachlan 1995, BIT 35, 258, doi:10.1007/BF01737165"
@@ -33,8 +33,8 @@ _BLANES = "Blanes et al. 2013, doi:10.1016/j.apnum.2013.01.003"
 
 # In these words A is the Kepler motion of each planet, and B its kick by the other planets.
 def _gauss(count: int) -> Splitting:
-    """Drifts to the nodes of Gauss and Legendre's quadrature and kicks by its weights: the error is of order
-    2 ``count`` where it is linear in the planets' masses, and 2 where it is quadratic."""
+    """Drifts to the nodes of Gauss-Legendre quadrature and kicks by its weights. The error is of order 2 ``count`` in
+    the terms linear in the planets' masses, and of order 2 in the quadratic terms."""
     nodes, weights = np.polynomial.legendre.leggauss(count)
     at = [0.0, *(0.5 * (1.0 + nodes)).tolist(), 1.0]
     half = tuple(after - before for before, after in pairwise(at[: count // 2 + 1]))
@@ -43,7 +43,7 @@ def _gauss(count: int) -> Splitting:
     return Splitting(f"saba {2 * count},2", *in_turn("AB", drift, kick), 2, _LASKAR)
 
 
-# The orders are those of dt in the terms of the error that have the planets' masses to the powers 1, 2, 3.
+# The orders are the powers of dt in the error terms with the planets' masses to the powers 1, 2, 3.
 LEAPFROG = Splitting("wisdom-holman", "ABA", (0.5, 1.0, 0.5), 2, "Wisdom & Holman 1991, doi:10.1086/115978")
 SABA = {f"{2 * count},2": _gauss(count) for count in (2, 3, 4, 5)} | {
     "8,4": Splitting(
@@ -90,14 +90,16 @@ CORRECTORS = (0, 3, 5, 7, 11, 17)
 
 @cache
 def corrector(order: int) -> Floats:
-    """(2, 4 K + 1) drifts, and kicks after each, that take a state to the one that leapfrog maps with an error of
-    order dt^(order + 1) in the terms linear in the planets' masses; backwards with every sign turned they undo it.
+    """Drifts, and the kicks after each, of a symplectic corrector (2, 4 K + 1).
 
-    To first order in B leapfrog is exp(dt A + (x / 2) / sinh(x / 2) dt B), x the commutator with dt A; conjugation by
-    exp(W) takes [dt A, W] from that, so W = w(x) dt B with w = ((x / 2) / sinh(x / 2) - 1) / x makes it exact. W is
-    made of drifts by a, kicks by b and drifts by -a, each of which is exp(b e^(a x) dt B), in pairs of (a, b) and
-    (-a, -b): the odd powers of x are matched, K = (order - 1) / 2 of them by as many pairs with a = k sqrt(7 / 40)
-    (Wisdom, Holman & Touma 1996; Wisdom 2006, doi:10.1086/500829).
+    They map a state to one for which leapfrog has an error of order dt^(order + 1) in the terms linear in the planets'
+    masses. Backwards, with every sign changed, they undo this.
+
+    To first order in B leapfrog is exp(dt A + (x / 2) / sinh(x / 2) dt B), with x the commutator with dt A. Conjugation
+    by exp(W) subtracts [dt A, W], so W = w(x) dt B with w = ((x / 2) / sinh(x / 2) - 1) / x makes it exact. W consists
+    of drifts by a, kicks by b and drifts by -a, each of them exp(b e^(a x) dt B), in pairs of (a, b) and (-a, -b). The
+    pairs match the odd powers of x: K = (order - 1) / 2 of them by as many pairs with a = k sqrt(7 / 40) (Wisdom,
+    Holman & Touma 1996; Wisdom 2006, doi:10.1086/500829).
     """
     count = (order - 1) // 2
     # sinh(x / 2) / (x / 2), and its inverse, by powers of x^2.
@@ -123,7 +125,7 @@ def corrector(order: int) -> Floats:
 
 
 def _solved(rows: list[list[Fraction]]) -> list[Fraction]:
-    """The solution of a square linear system with its right side in the last column, by Gauss and Jordan."""
+    """Solution of a square linear system with its right side in the last column, by Gauss-Jordan elimination."""
     count = len(rows)
     for k in range(count):
         rows[k] = [value / rows[k][k] for value in rows[k]]
@@ -134,19 +136,19 @@ def _solved(rows: list[list[Fraction]]) -> list[Fraction]:
 
 
 def undone(row: Floats) -> Floats:
-    """The drifts and kicks that take back those of ``row`` (2, n), which begins and ends with a drift."""
+    """Drifts and kicks that undo those of ``row`` (2, n), which begins and ends with a drift."""
     return np.array([-row[0, ::-1], [*(-row[1, -2::-1]), 0.0]])
 
 
 @dataclass(frozen=True)
 class WisdomHolman(Method):
-    """Drifts along Kepler orbits and kicks by what the bodies around the central one do to each other.
+    """Drifts along Kepler orbits, and kicks by the mutual forces of the bodies around the central one.
 
-    The central body is the most massive; the others keep the order of the list, which Jacobi's coordinates depend on:
-    each body is measured from the centre of mass of the central one and the massive ones before it (a massless one too,
-    wherever it stands). ``coordinates="democratic-heliocentric"`` does not depend on the order, and bears bodies that
-    change places. Other forces of positions alone join the kicks. Halves of drifts that follow each other are one; the
-    state that is looked at is a copy with the last half, and the corrector, done: looking never changes a run.
+    The central body is the most massive. The others keep the order of the list, on which Jacobi's coordinates depend:
+    each body is measured from the centre of mass of the central one and the massive ones before it (also a massless
+    body, wherever it stands). ``coordinates="democratic-heliocentric"`` does not depend on the order, and allows bodies
+    that change places. Other velocity-independent forces join the kicks. Consecutive half drifts are joined. A sample
+    is a copy with the last half drift, and the corrector, done, so it never changes a run.
     """
 
     name: str
@@ -177,11 +179,11 @@ class WisdomHolman(Method):
         return {"coordinates": (JACOBI, HELIOCENTRIC), "corrector": CORRECTORS}
 
     def table(self, options: Options) -> Splitting:
-        """The row of weights."""
+        """Row of weights."""
         return LEAPFROG
 
     def check(self, system: System) -> None:
-        """Refuse a System without a central body, or with softened gravity, or none."""
+        """Raise InputError for a System without a central body, without gravity, or with softened gravity."""
         from kickdrift.forces.gravity import Gravity
 
         gravities = [force for force in system.forces if isinstance(force, Gravity)]
@@ -189,11 +191,11 @@ class WisdomHolman(Method):
             count = len(gravities) or "none"
             raise InputError(f"{self.name}: needs one force 'gravity', and {system.name!r} has {count}")
         if gravities[0].softening:
-            raise InputError(f"{self.name}: Kepler orbits know no softening; gravity's must be 0")
+            raise InputError(f"{self.name}: needs gravity without softening")
         masses = system.state.masses
         heaviest = int(np.argmax(masses))
         if masses[heaviest] == 0.0:
-            raise InputError(f"{self.name}: needs a central body, and no particle has mass")
+            raise InputError(f"{self.name}: needs a central body, but no particle has mass")
         rest = float(np.delete(masses, heaviest).sum() / masses[heaviest])
         if rest > DOMINANT:
             raise InputError(
@@ -207,7 +209,7 @@ class WisdomHolman(Method):
 
         system: Any = flow.subject
         if not isinstance(system, System):
-            raise InputError(f"{self.name}: moves particles under gravity, and {flow.name!r} is an ODE")
+            raise InputError(f"{self.name}: needs particles under gravity; {flow.name!r} is an ODE")
         self.check(system)
         from kickdrift.integrators.wisdom_holman_stepper import WisdomHolmanStepper
 
@@ -225,7 +227,7 @@ class WisdomHolman(Method):
 
 @dataclass(frozen=True)
 class Saba(WisdomHolman):
-    """The same drifts and kicks with more of them a step."""
+    """The same drifts and kicks with more of them in a step."""
 
     @property
     def evaluations(self) -> int:

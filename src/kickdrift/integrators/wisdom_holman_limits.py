@@ -1,4 +1,4 @@
-"""What the Wisdom-Holman map does not follow, and how it says so."""
+"""Warnings about effects that the Wisdom-Holman map does not follow."""
 
 from __future__ import annotations
 
@@ -13,15 +13,17 @@ from kickdrift.model.state import Floats
 if TYPE_CHECKING:
     from kickdrift.model.system import System
 
-STEPS_PER_PERIOD = 20  # of a passage of the pericentre: fewer are worth a warning (Wisdom 2015; Rein & Tamayo 2015)
+STEPS_PER_PERIOD = 20  # least steps in a pericentre passage (Wisdom 2015; Rein & Tamayo 2015)
 
 
 def passages_and_hill(
     x: Floats, v: Floats, gm: Floats, source: Floats, central: Floats | float
 ) -> tuple[Floats, Floats]:
-    """How long bodies at x and v (3, …) take about their pericentres as on a circle, 2 pi q / v there (infinite where
-    that lies behind them for ever), and their squared Hill radii; gm of the Kepler motion, ``source`` and ``central`` G
-    times the body's and the central one's mass."""
+    """Durations of pericentre passages and squared Hill radii for bodies at x and v (3, …).
+
+    A passage takes 2 pi q / v, as on a circle; it is infinite if the pericentre is past for ever. gm belongs to the
+    Kepler motion, and ``source`` and ``central`` are G times the masses of the body and of the central one.
+    """
     r, h2 = np.sqrt((x * x).sum(axis=0)), (np.cross(x, v, axis=0) ** 2).sum(axis=0)
     energy, outward = 0.5 * (v * v).sum(axis=0) - gm / r, (x * v).sum(axis=0)
     e = np.sqrt(np.maximum(0.0, 1.0 + 2.0 * energy * h2 / gm**2))
@@ -41,19 +43,22 @@ def warning_lines(
     unbound: Iterable[tuple[int, float]],
     near: Iterable[tuple[int, int, float]],
 ) -> list[str]:
-    """Lines on what the map does not follow: ``shortest`` is the shortest passage and whose, ``least`` the time between
-    two kicks, ``unbound`` who was first unbound when, ``near`` who was first near whom when."""
+    """Warnings about effects that the map does not follow.
+
+    ``shortest`` is the shortest passage and its body, ``least`` the time between two kicks, ``unbound`` the first
+    unbound bodies with their times, ``near`` the first near pairs with their times.
+    """
     unit = "" if system.units.reduced else f" {system.units.time}"
     found = []
     if shortest is not None and least > shortest[0] / STEPS_PER_PERIOD:
         passage, i = shortest
         found.append(
-            f"dt = {dt:g}{unit} is long: {system.body(i)} turns about its pericentre as on a circle of period "
+            f"dt = {dt:g}{unit} is long: {system.body(i)} passes its pericentre as on a circle of period "
             f"{passage:.4g}{unit}, in {passage / least:.3g} kicks; {STEPS_PER_PERIOD} or more resolve it"
         )
     found += [
-        f"{system.body(i)} is on a hyperbola from t = {time:.6g}{unit} on: the map is made for bound orbits; "
-        "gauss-radau15 follows visitors"
+        f"{system.body(i)} is on a hyperbola from t = {time:.6g}{unit} on: the map is for bound orbits; "
+        "use gauss-radau15"
         for i, time in unbound
     ]
     pairs: dict[tuple[int, int], float] = {}
@@ -63,6 +68,6 @@ def warning_lines(
     for (i, j), time in pairs.items():
         found.append(
             f"{system.body(i)} and {system.body(j)} come within the Hill radius at t = {time:.6g}{unit}: the map "
-            "does not follow close encounters; gauss-radau15 does"
+            "does not follow close encounters; use gauss-radau15"
         )
     return found

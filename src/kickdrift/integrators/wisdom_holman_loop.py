@@ -1,8 +1,8 @@
-"""The compiled loop of the Wisdom-Holman map: Kepler drifts and interaction kicks, eight bodies at a time.
+"""Compiled loop of the Wisdom-Holman map: Kepler drifts and interaction kicks, eight bodies at a time.
 
-``y' = A + B``, A the Kepler motion of every body and B what is left of the Hamiltonian; the rows of drift and kick
-weights are those of any splitting. Bodies around the central one stand in lanes, massive ones first; those with mass
-and those without are each filled up to a multiple of eight with massless ones on circles far out, which feel nothing.
+``y' = A + B``, with A the Kepler motion of every body and B the rest of the Hamiltonian. The rows of drift and kick
+weights are as in any splitting. Bodies around the central one are in lanes, massive ones first. The massive and the
+massless are each padded to a multiple of eight with massless bodies on distant circles, which feel nothing.
 """
 
 from __future__ import annotations
@@ -24,44 +24,45 @@ from kickdrift.jit.memory import load, store
 from kickdrift.jit.vector3 import dot, lane_sums, load3, numbers3, select3, store3, thrice, vector3
 from kickdrift.jit.vectors import WIDTH
 
-# Rows of ``table``: GM of the Kepler motion; G m; the body's share m_i / M_i of the mass up to it; 1 / (G M_(i-1)), of
-# the mass inside; the others' share of that, 1 - m_0 / M_(i-1) (in
-# heliocentric coordinates m_i / m_0); 1 for a body, 0 for what fills up; Hill radius squared.
+# Rows of ``table``: GM of the Kepler motion; G m; the body's share m_i / M_i of the mass up to it; 1 / (G M_(i-1)), for
+# the mass inside; the others' share of that mass, 1 - m_0 / M_(i-1) (in heliocentric coordinates m_i / m_0); 1 for a
+# body, 0 for padding; Hill radius squared.
 GM, SOURCE, SHARE, INSIDE, OTHERS, LIVE, HILL = range(7)
 ROWS = 7
-# Rows of ``work``: positions from the central body; their offset from Jacobi's; the pull of the other bodies; the pull
-# of the central one per G m_0; what of both to sum; the next three are increments solved one by one.
+# Rows of ``work``: positions from the central body; their offset from Jacobi's; the acceleration by the other bodies;
+# the acceleration by the central one per G m_0; the terms of both for the sums; the last three are increments solved
+# one by one.
 PLACE, OFFSET, PULL, STAR, WAY = 0, 3, 6, 9, 12
 WORK = 18
-# Rows of ``first``: when a body was first unbound, when first near another, and which (a slot).
+# Rows of ``first``: times when a body was first unbound and first near another, and which other (a slot).
 UNBOUND, NEAR, WHICH = range(3)
 
-SELF = 1e300  # a squared distance at which nothing pulls
+SELF = 1e300  # a squared distance without attraction
 
 
 class Bodies(NamedTuple):
-    """A central body and those around it.
+    """Central body and the bodies around it.
 
-    ``orbit`` holds three rows of positions and three of velocities: Jacobi's (each body from the centre of mass of the
-    central one and the massive ones before it), or democratic heliocentric (positions from the central body, velocities
-    from the centre of mass).
+    ``orbit`` holds three rows of positions and three of velocities. They are Jacobi's (each body from the centre of
+    mass of the central one and the massive ones before it), or democratic heliocentric (positions from the central
+    body, velocities from the centre of mass).
     """
 
     orbit: NDArray[np.float64]  # (6, slots)
-    carry: NDArray[np.float64]  # (6, slots), of compensated sums; (6, 0) for plain ones
-    centre: NDArray[np.float64]  # (5, 8) position, velocity of the centre of mass, what their rounding lost; work
+    carry: NDArray[np.float64]  # (6, slots), carries of compensated sums; (6, 0) for plain sums
+    centre: NDArray[np.float64]  # (5, 8) position and velocity of the centre of mass, their rounding errors; work
     table: NDArray[np.float64]  # (ROWS, slots)
-    inside: NDArray[np.int64]  # (slots,) how many massive bodies stand before a massless one
+    inside: NDArray[np.int64]  # (slots,) number of massive bodies before a massless one
     first: NDArray[np.float64]  # (3, slots)
     work: NDArray[np.float64]  # (WORK, slots)
     massive: int  # slots of bodies with mass
     jacobi: bool
-    order: NDArray[np.int64]  # (slots,) which particle; -1 for what fills up
-    central: int  # likewise
+    order: NDArray[np.int64]  # (slots,) particle in each slot; -1 for padding
+    central: int  # particle of the central body
     gm: float  # G m of the central body
     shares: NDArray[np.float64]  # (n,) masses of all particles over their sum
-    x: NDArray[np.float64]  # (2, 3, n) positions as forces other than gravity take them, and velocities, left at 0
-    a: NDArray[np.float64]  # (3, n) what they give
+    x: NDArray[np.float64]  # (2, 3, n) positions for forces other than gravity, and velocities, always 0
+    a: NDArray[np.float64]  # (3, n) accelerations by these forces
 
 
 # --- sums ---
@@ -69,7 +70,7 @@ class Bodies(NamedTuple):
 
 @inlined
 def add_lanes(bodies, p, change):
-    """Eight numbers of ``orbit`` += change, compensated where ``carry`` has room (see ``loops.add_compensated``)."""
+    """Add change to eight numbers of ``orbit``, compensated if ``carry`` has room (see ``loops.add_compensated``)."""
     orbit, carry = bodies.orbit, bodies.carry
     before = load(orbit, p)
     if carry.size:
@@ -83,7 +84,7 @@ def add_lanes(bodies, p, change):
 
 @inlined
 def add_vectors(bodies, row, b, change):
-    """Eight vectors likewise, in three rows from ``row`` on."""
+    """Add change to eight vectors likewise, in three rows from ``row`` on."""
     n = bodies.orbit.shape[1]
     p = row * n + b
     add_lanes(bodies, p, change.x)
@@ -93,13 +94,13 @@ def add_vectors(bodies, row, b, change):
 
 @inlined
 def sums_before3(vector):
-    """``sums_before`` of each component."""
+    """Apply ``sums_before`` to each component."""
     return vector3(sums_before(vector.x), sums_before(vector.y), sums_before(vector.z))
 
 
 @inlined
 def add_centre(centre, row, change):
-    """centre[row] += change, compensated."""
+    """Compensated centre[row] += change."""
     position, lost = centre[row], centre[row + 2]
     before = load(position, 0)
     increment = plus(load(lost, 0), change)
@@ -113,7 +114,8 @@ def add_centre(centre, row, change):
 
 @inlined
 def drift(bodies, dt, t):
-    """Every body along its Kepler orbit for a time dt that begins at t, the centre of mass along its line; a status."""
+    """Move every body along its Kepler orbit for a time dt from t on, and the centre of mass along its line. Return a
+    status."""
     orbit, table, work = bodies.orbit, bodies.table, bodies.work
     n = orbit.shape[1]
     for b in range(0, n, WIDTH):
@@ -135,7 +137,7 @@ def drift(bodies, dt, t):
 
 @jit
 def one_by_one(bodies, dt, b, done):
-    """The increments of the lanes that are not done, in ``work``; a status."""
+    """Compute the increments of the unsolved lanes in ``work``. Return a status."""
     orbit, work = bodies.orbit, bodies.work
     n = orbit.shape[1]
     for i in range(b, b + WIDTH):
@@ -160,7 +162,7 @@ def note_unbound(bodies, b, lanes, t):
 
 @jit
 def note_near(bodies, place, b, t):
-    """Which bodies of these eight are within the Hill radius of which others."""
+    """Record which of these eight bodies are within the Hill radius of which others."""
     first, hill, n = bodies.first, bodies.table[HILL], bodies.orbit.shape[1]
     for i in range(b, b + WIDTH):
         if bodies.table[LIVE, i] == 0.0 or not np.isnan(first[NEAR, i]):
@@ -177,8 +179,8 @@ def note_near(bodies, place, b, t):
 
 @inlined
 def places(bodies):
-    """work[PLACE] <- positions from the central body, work[OFFSET] <- what Jacobi's differ from them by, which is the
-    sum of m_j / M_j times Jacobi's position over the massive bodies j before."""
+    """work[PLACE] <- positions from the central body, work[OFFSET] <- their difference from Jacobi's: the sum of m_j /
+    M_j times Jacobi's position over the massive bodies j before."""
     orbit, table, work, inside = bodies.orbit, bodies.table, bodies.work, bodies.inside
     n, before = orbit.shape[1], thrice(0.0)
     for b in range(0, bodies.massive, WIDTH):
@@ -200,7 +202,7 @@ def places(bodies):
 
 @inlined
 def pulls(bodies, place, b, t):
-    """The acceleration that the massive bodies other than the central one give to eight bodies at ``place``."""
+    """Accelerations of eight bodies at ``place`` by the massive bodies other than the central one."""
     if bodies.massive == WIDTH and b == 0:
         a, near = ring_pulls(bodies, place)
     else:
@@ -212,8 +214,8 @@ def pulls(bodies, place, b, t):
 
 @inlined
 def ring_pulls(bodies, place):
-    """The same of eight bodies among themselves, each pair once, as in ``gravity_kernel.ring``; and whether a body of a
-    pair is within the Hill radius of the other."""
+    """Mutual accelerations of eight bodies, each pair once, as in ``gravity_kernel.ring``. Also tells whether any pair
+    is within a Hill radius."""
     gm_i, hill_i = load(bodies.table[SOURCE], 0), load(bodies.table[HILL], 0)
     here = load3(place, 0, bodies.orbit.shape[1])
     xi, yi, zi = here.x, here.y, here.z
@@ -240,7 +242,7 @@ def ring_pulls(bodies, place):
 
 @inlined
 def pulls_one_by_one(bodies, place, b):
-    """The same of any eight, by each massive body."""
+    """Accelerations of any eight, by each massive body."""
     source, hill, n = bodies.table[SOURCE], bodies.table[HILL], bodies.orbit.shape[1]
     x, zero = load3(place, b, n), splat(0.0)
     a, near = thrice(zero), zero > 1.0
@@ -261,8 +263,8 @@ def kick_velocities(bodies, b, dt, a):
 
 @inlined
 def jump(bodies, dt):
-    """Every body moves with what the central one does, by the sum of the momenta over its mass (Duncan, Levison & Lee
-    1998, doi:10.1086/300541)."""
+    """Move every body with the central one, by the sum of the momenta over its mass (Duncan, Levison & Lee 1998,
+    doi:10.1086/300541)."""
     orbit, share, move = bodies.orbit, bodies.table[OTHERS], thrice(0.0)
     n = orbit.shape[1]
     for b in range(0, bodies.massive, WIDTH):
@@ -273,16 +275,19 @@ def jump(bodies, dt):
 
 @inlined
 def heliocentric_kick(bodies, dt, t):
-    """Kicks by the other bodies alone; the central one's pull is in the Kepler motion."""
+    """Kick by the other bodies alone; the central one's attraction is in the Kepler motion."""
     for b in range(0, bodies.orbit.shape[1], WIDTH):
         kick_velocities(bodies, b, dt, pulls(bodies, bodies.orbit, b, t))
 
 
 @inlined
 def central_part(place, offset):
-    """For bodies at r' + offset from the central one, r' = ``place``: w, the central body's pull there per G m_0,
-    against r', and r' / r'^3 - r / r^3, the pull of the mass inside from its centre less that from the central body,
-    from their small quotient as Encke does (Battin 1999, eq. 8.62 ff., doi:10.2514/4.861543)."""
+    """Parts of the central body's attraction for bodies at r' + offset from it, r' = ``place``.
+
+    Returns w, the attraction there per G m_0, against r'. Also returns r' / r'^3 - r / r^3, the attraction of the mass
+    inside from its centre minus that from the central body. It follows from their small quotient by Encke's method
+    (Battin 1999, eq. 8.62 ff., doi:10.2514/4.861543).
+    """
     there = place + offset
     before2 = dot(place, place)
     before, now = inverse_sqrt(before2), inverse_sqrt(dot(there, there))
@@ -296,14 +301,15 @@ def central_part(place, offset):
 
 @inlined
 def jacobi_kick(bodies, dt, t):
-    """Kicks in Jacobi's coordinates (Rein & Tamayo 2015, eq. 9, doi:10.1093/mnras/stv1257). With w the central body's
-    pull on a body per G m_0 and p that of the others, body i feels
+    """Kick in Jacobi's coordinates (Rein & Tamayo 2015, eq. 9, doi:10.1093/mnras/stv1257).
+
+    With w the central body's attraction on a body per G m_0 and p that of the others, body i feels
 
         G M_i (r' / r'^3 - w_i) + G (M_i - m_0 M_i / M_(i-1)) w_i + p_i - A_i,
         A_i = (m_0 sum over j > i of G m_j w_j + sum over 0 < j < i of m_j p_j) / M_(i-1),
 
-    which is the acceleration from the centre of the mass inside, less the Kepler motion's, without a difference of two
-    large numbers: by Newton's third law the forces within the mass inside cancel, and have been left out.
+    This is the acceleration from the centre of the mass inside, minus the Kepler motion's, without a difference of two
+    large numbers. By Newton's third law the forces within the mass inside cancel, and they are left out.
     """
     orbit, table, work, inside = bodies.orbit, bodies.table, bodies.work, bodies.inside
     slots, massive = orbit.shape[1], bodies.massive
@@ -325,7 +331,7 @@ def jacobi_kick(bodies, dt, t):
     for b in range(0, massive, WIDTH):
         star, rest = load3(work, STAR * slots + b, slots), load(table[INSIDE], b)
         felt = sums_before3(star) + total - central * load3(work, WAY * slots + b, slots)
-        if slots > massive:  # for the massless, in whose sums the last body before them counts as well
+        if slots > massive:  # massless bodies, whose sums also include the last body before them
             store3(work, STAR * slots + b, slots, sums_before3(star) + star + total)
         kick_velocities(bodies, b, dt, load3(work, PULL * slots + b, slots) - rest * felt)
         if b + WIDTH < massive:
@@ -345,7 +351,7 @@ def jacobi_kick(bodies, dt, t):
 
 @jit
 def fill_positions(bodies):
-    """bodies.x[0] <- where the particles are."""
+    """bodies.x[0] <- the particles' positions."""
     orbit, work, order, x, shares = bodies.orbit, bodies.work, bodies.order, bodies.x[0], bodies.shares
     if bodies.jacobi:
         places(bodies)
@@ -363,7 +369,7 @@ def fill_positions(bodies):
 
 @jit
 def add_accelerations(bodies, dt):
-    """Kicks by the accelerations bodies.a, taken to the map's coordinates."""
+    """Kick by the accelerations bodies.a, transformed to the map's coordinates."""
     orbit, work, order, a, shares = bodies.orbit, bodies.work, bodies.order, bodies.a, bodies.shares
     for k in range(3):
         mean = a[k, bodies.central]
@@ -390,7 +396,7 @@ def add_accelerations(bodies, dt):
 
 @jit
 def fill_others(forces, bodies, t, cursor):
-    """bodies.a <- the accelerations by the forces besides gravity; a status."""
+    """bodies.a <- the accelerations by forces other than gravity. Return a status."""
     fill_positions(bodies)
     status = fill_accelerations(forces, t, bodies.x[0], bodies.x[1], bodies.a, None, cursor)
     cursor[EVALUATIONS] -= 1  # the kick counts
@@ -402,8 +408,9 @@ def fill_others(forces, bodies, t, cursor):
 
 @driver
 def wisdom_holman_loop(forces, bodies, stages, dt, start, first, steps, cursor):
-    """``steps`` times the row of drifts (``stages[0]``), each followed by its kick (``stages[1]``); ``stages[2]`` is
-    the part of dt that has passed at the kick. ``forces`` are those besides gravity; the rest as in ``loops``."""
+    """Apply the row of drifts (``stages[0]``), each followed by its kick (``stages[1]``), ``steps`` times.
+    ``stages[2]`` is the fraction of dt at the kick. ``forces`` are the forces other than gravity; the rest is as in
+    ``loops``."""
     bound, others = handle(bodies), handle(forces)
     stages, cursor = unowned(stages), unowned(cursor)
     drifts, kicks, passed = stages[0], stages[1], stages[2]

@@ -1,4 +1,4 @@
-"""Positions and velocities from the coordinates of the Wisdom-Holman map, rounded as ``coordinates`` rounds them."""
+"""Positions and velocities from the coordinates of the Wisdom-Holman map, with the rounding of ``coordinates``."""
 
 from __future__ import annotations
 
@@ -13,8 +13,10 @@ from kickdrift.model.state import Floats
 
 
 def listed_masses(shares: Floats) -> Floats:
-    """(3, n) of bodies with these masses, the central one first: the masses, what is inside each orbit and on it as a
-    share of the mass, and in the first place of the last row all of it."""
+    """Table (3, n) for bodies with these masses, the central one first.
+
+    Its rows are the masses, each mass over the mass up to its orbit, and the total mass.
+    """
     return np.array([shares, shares / np.cumsum(shares), np.full(len(shares), shares.sum())])
 
 
@@ -54,7 +56,7 @@ def leave_democratic(orbit, carry, centre, slots, listed, masses, half, k, y):
 
 @driver
 def leave(orbit, carry, centre, slots, listed, masses, jacobi, y):
-    """y (2, 3, n) <- positions and velocities; ``slots`` is where each of the ``listed`` bodies stands."""
+    """y (2, 3, n) <- positions and velocities. ``slots`` is the slot of each of the ``listed`` bodies."""
     for half in range(2):
         for k in range(3):
             if jacobi:
@@ -68,9 +70,12 @@ def shown_steps(
     forces, looks, loop, bodies, orbit, carry, centre, first_seen, step, end, back, aside, slots, listed, masses, dt,
     start, y, first, steps, cursor,
 ):  # fmt: skip
-    """Steps of ``wisdom_holman_loop``, at the address ``loop``, and y <- the state at the step point; a status. The run
-    itself stays before the last drift, which a copy takes: ``orbit`` to ``first_seen`` are its arrays, ``end`` and
-    ``back`` the drift and what undoes the corrector."""
+    """Take steps of ``wisdom_holman_loop``, at the address ``loop``, and y <- the state at the step point. Return a
+    status.
+
+    The run itself stays before the last drift, which is done on a copy: ``orbit`` to ``first_seen`` are its arrays.
+    ``end`` and ``back`` are the drift and the steps that undo the corrector.
+    """
     cursor[STEP:] = 0
     status = status_at(loop, (forces, bodies, step, dt, start, first, steps, cursor))
     if status != OK:

@@ -1,4 +1,4 @@
-"""A Wisdom-Holman integration under way: its coordinates, and what to warn of."""
+"""Wisdom-Holman integration: its coordinates and its warnings."""
 
 from __future__ import annotations
 
@@ -43,13 +43,15 @@ if TYPE_CHECKING:
     from kickdrift.integrators.flow import Flow
     from kickdrift.model.system import System
 
-FAR = 4.0  # what fills up the lanes circles so many times as far out as the farthest body
+FAR = 4.0  # padding bodies circle this many times as far out as the farthest body
 
 
 class WisdomHolmanStepper(Regular):
-    """The run itself is held before the last drift of a step, which the next one's first is joined to; ``y`` is a copy
-    with that drift, and the corrector, done. A checkpoint holds the orbits there, the centre of mass, what compensated
-    sums carry on, and what there is to warn of."""
+    """Integration that stays before the last drift of a step, which is joined to the next step's first.
+
+    ``y`` is a copy with that drift, and the corrector, done. A checkpoint holds the orbits there, the centre of mass,
+    the carries of compensated sums, and the data of warnings.
+    """
 
     trouble = ""
     _loop_at: int | None = None  # the address of the loop's machine code, once known
@@ -65,7 +67,7 @@ class WisdomHolmanStepper(Regular):
         self._jacobi, self._compensated = options.coordinates == JACOBI, options.compensated
         others = system.under(force for force in system.forces if not isinstance(force, Gravity))
         self._others = BoundForces(others, flow.forces.threads)
-        self._looks = BoundForces(others, flow.forces.threads, thin=True)  # for the corrector of what is looked at
+        self._looks = BoundForces(others, flow.forces.threads, thin=True)  # for the corrector of samples
         drift, kick = np.array(table.drift), np.array([*table.kick, 0.0])
         passed = np.cumsum(drift)
         begin = np.array([drift, kick, passed])
@@ -82,7 +84,7 @@ class WisdomHolmanStepper(Regular):
         self._place(system)
 
     def _place(self, system: System) -> None:
-        """Which body stands in which slot, and what of it does not change."""
+        """Assign bodies to slots, and fill in their constants."""
         masses = system.state.masses
         central = int(np.argmax(masses))
         others = np.delete(np.arange(len(masses)), central)
@@ -90,11 +92,11 @@ class WisdomHolmanStepper(Regular):
         order = np.concatenate([_filled(heavy), _filled(light)])
         massive, slots = len(_filled(heavy)), len(order)
         self._real = order >= 0
-        self._listed = np.array([central, *others])  # as coordinates.py takes them
+        self._listed = np.array([central, *others])  # in the order of coordinates.py
         self._row = 1 + np.searchsorted(others, order)  # of each slot in that list
         self._row[~self._real] = 0
         gm = self._G * masses
-        before = np.zeros(slots)  # G times the mass of the others listed before
+        before = np.zeros(slots)  # G times the mass of the other bodies listed before
         before[self._real] = (np.cumsum(gm[others]) - gm[others])[self._row[self._real] - 1]
         before[~self._real] = gm[others].sum()
         table = aligned((ROWS, slots))
@@ -200,7 +202,7 @@ class WisdomHolmanStepper(Regular):
 
     @property
     def compiled_steps(self) -> CompiledSteps | None:
-        if self._others.forces:  # whose lists are made anew for what is shown
+        if self._others.forces:  # their lists are made anew for the shown state
             return None
         own, shown, others = self._bodies, self._shown, self._others
         if self._loop_at is None:
@@ -214,7 +216,7 @@ class WisdomHolmanStepper(Regular):
         return shown_steps, others, given
 
     def _synchronise(self) -> int:
-        """``y`` <- the state at the step point; a status."""
+        """y <- the state at the step point. Return a status."""
         own, shown = self._bodies, self._shown
         shown.orbit[...], shown.carry[...] = own.orbit, own.carry
         shown.centre[...], shown.first[...] = own.centre, own.first
@@ -235,7 +237,7 @@ class WisdomHolmanStepper(Regular):
     # --- warnings ---
 
     def _look_at_start(self) -> None:
-        """Hill radii, and the body whose passage of the pericentre takes fewest steps."""
+        """Find Hill radii, and the body whose pericentre passage takes fewest steps."""
         bodies, real = self._bodies, np.flatnonzero(self._real)
         self._shortest: tuple[float, int] | None = None
         bodies.table[HILL] = 0.0
@@ -250,7 +252,7 @@ class WisdomHolmanStepper(Regular):
 
     @property
     def warnings(self) -> list[str]:
-        """Lines on what the map does not follow."""
+        """Warnings about effects that the map does not follow."""
         first, order = self._bodies.first, self._bodies.order
         unbound = np.flatnonzero(~np.isnan(first[UNBOUND]) & self._real)
         near = np.flatnonzero(~np.isnan(first[NEAR]))

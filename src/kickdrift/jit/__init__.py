@@ -1,1 +1,1 @@
-"""How kickdrift compiles and caches: numba and LLVM, and no physics."""
+"""Compiling and caching of machine code: numba and LLVM, no physics."""

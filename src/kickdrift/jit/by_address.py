@@ -1,4 +1,4 @@
-"""Calls from compiled code to functions that were compiled before, by their address: no second copy is compiled."""
+"""Calls from compiled code to already compiled functions, by address. No second copy is compiled."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from kickdrift.jit.numba_private import cgutils
 
 
 def address_of(driver: Any, *args: Any) -> int:
-    """The address of a driver's machine code for arguments like these, for ``status_at``. It holds as long as the
-    driver."""
+    """Address of a driver's machine code for arguments of these types, for ``status_at``. It is valid while the driver
+    lives."""
     kinds = tuple(driver.typeof_pyval(each) for each in args)
     if kinds not in driver.overloads:
         driver.compile(kinds)
@@ -23,7 +23,8 @@ def address_of(driver: Any, *args: Any) -> int:
 
 @intrinsic
 def status_at(typingctx, address, args):
-    """What the driver at an address returns, a whole number, for a tuple of arguments, of whose types it must be."""
+    """Return the whole number that the driver at an address returns. The tuple of arguments must have the driver's
+    types."""
 
     def codegen(context, builder, sig, values):
         kinds = tuple(sig.args[1])

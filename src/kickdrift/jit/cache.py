@@ -1,9 +1,9 @@
-"""The cache of machine code on disk, which sees every edit.
+"""Cache of machine code on disk. Every edit of a source changes the key.
 
-Only drivers (the functions that Python calls) and callbacks are cached; what they call is compiled into them. Each file
-holds the code of one function for the types of its arguments, and is named by a hash of all that the code comes from
-(see `sources`): whatever is edited, the code of before has another name. The folder is the user's alone (see
-`folders`); old code leaves it (see `pruning`).
+Only drivers (functions that Python calls) and callbacks are cached; the functions that they call are compiled into
+them. Each file holds the code of one function for the types of its arguments. A hash of all sources of the code (see
+`sources`) names the file, so an edit of any source gives another name. The folder is private to the user (see
+`folders`), and old code is removed (see `pruning`).
 """
 
 from __future__ import annotations
@@ -25,25 +25,25 @@ from kickdrift.jit.package_files import UnknownSource
 from kickdrift.jit.pruning import prune, use
 from kickdrift.jit.sources import Sources
 
-# Machine code is linked by names, in which numba tells functions apart by a count that begins at 1 in each process.
-# Two functions (such as one function for two forces of equal types) that two processes compiled can have one name, and
-# a process that loads both from the disk would run the first for both. Counts that begin anywhere do not meet.
+# numba links machine code by names and tells functions apart by a count that begins at 1 in each process. So two
+# functions from two processes can have one name (such as one function for two forces of equal types). A process that
+# loads both from disk would run the first for both. Counts with random starts do not collide.
 FunctionIdentity._unique_ids = count(secrets.randbits(60))
 
 
 class DriverCache:
-    """The cache of one driver, as numba asks for it. Code is read from every place that is private, and kept in the
-    one that can be written."""
+    """Cache of one driver, with the methods that numba calls. Reads code from every private place, and writes to the
+    one writable place."""
 
     def __init__(self, py_func: Callable[..., Any]) -> None:
         self._py_func = py_func
         name = f"{py_func.__module__}.{py_func.__qualname__}".removeprefix("kickdrift.")
         self._name = re.sub(r"[^\w.]+", "", name)[-100:]  # for people who look into the folder
-        self._asked: dict[Any, str] = {}  # keys, by types
+        self._asked: dict[Any, str] = {}  # keys by types
 
     @property
     def cache_path(self) -> str:
-        """Where code is kept."""
+        """Folder of the code."""
         return str(folder() or "")
 
     def _sources(self, args: tuple[types.Type, ...]) -> Sources:
@@ -57,7 +57,7 @@ class DriverCache:
         return place / CODE / f"{self._name}.{key[:32]}{code_files.SUFFIX}"
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """The code for these types; None where it is not on the disk."""
+        """Code for these types, or None if it is not on disk."""
         args = _args(sig)
         try:
             sources = self._sources(args)
@@ -68,22 +68,22 @@ class DriverCache:
             content = code_files.load(path := self._path(place, key), key) if place is not None else None
             if content is None:
                 continue
-            # numba loads all that compiling would need, which takes longer than all else that a small run does; our
-            # own machine code needs its memory alone.
+            # numba loads everything that compiling would need, which takes longer than the rest of a small run. Our
+            # machine code needs only its memory.
             if sources.foreign:
                 target_context.refresh()
             else:
                 rtsys.initialize(target_context)
             try:
                 found = CompileResult._rebuild(target_context, *content)
-            except ImportError:  # it refers to a module of the user's that this process cannot import
+            except ImportError:  # the code refers to a user's module that this process cannot import
                 continue
             use(path)
             return found._replace(signature=signature(found.signature.return_type, *args))
         return None
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        """Keep code, unless it may come from more than its key tells of; a disk that cannot be written is no error."""
+        """Save code, unless the key does not cover all its sources. A read-only disk is no error."""
         args, place = _args(sig), folder()
         if place is None or data.library.has_dynamic_globals:
             return
@@ -111,7 +111,7 @@ class DriverCache:
 
 
 class CallbackCache(DriverCache):
-    """The cache of a function of plain numbers that is made around a type."""
+    """Cache of a function of plain numbers, compiled for one type."""
 
     def __init__(self, py_func: Callable[..., Any], kind: types.Type) -> None:
         super().__init__(py_func)

@@ -1,4 +1,4 @@
-"""Machine code by address: functions that compiled code calls without being compiled around them."""
+"""Machine code by address: compiled code calls these functions without being compiled together with them."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from kickdrift.jit.numba_private import CFunc
 
 
 def callback(function: Callable[..., Any], of: Any, kind: types.Type) -> Any:
-    """Compile a function with the signature ``of`` plain numbers and pointers, which code that knows its ``address``
-    calls; ``kind`` is the type that it is made around, and its machine code is kept on disk for each."""
+    """Compile a function with the signature ``of`` plain numbers and pointers, for calls by ``address``. ``kind`` is
+    the type for which it is compiled; the disk keeps the machine code of each type."""
     made: Any = CFunc(function, (of.args, of.return_type), {}, OPTIONS | {"fastmath": FAST_MATH})
     made._cache = CallbackCache(function, kind)
     with no_collection():

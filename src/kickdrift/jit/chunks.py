@@ -1,9 +1,9 @@
-"""Work in chunks: one after the other or on threads, by the same machine code and so to the same bits.
+"""Work in chunks, serial or on threads, by the same machine code and with the same bits.
 
 A *task* is a jitted function ``task(bound, c)`` of a handle and a chunk's number. ``each_chunk(bound, chunks, task
-name)`` runs the task for every chunk. Tasks are named, not passed, since a function that takes functions could not be
-cached. Either way of running calls the task by its address: the compiler makes one copy of a task, and cannot round
-differently in a second one.
+name)`` runs the task for every chunk. Tasks are named, not passed, since numba cannot cache a function that takes
+functions. Both ways of running call the task by its address. So the compiler makes one copy of a task, and no second
+copy can round differently.
 """
 
 from __future__ import annotations
@@ -23,25 +23,25 @@ from kickdrift.jit.inner import overload
 
 TASKS: dict[str, Any] = {}
 _WHOLE = ir.IntType(64)
-_CODE = ir.FunctionType(ir.VoidType(), [_WHOLE, _WHOLE])  # of a task: where its handle points, the chunk
-_LOOP = ir.FunctionType(ir.VoidType(), [_WHOLE, _WHOLE, _WHOLE])  # of the loop on threads: a task, its handle, how many
+_CODE = ir.FunctionType(ir.VoidType(), [_WHOLE, _WHOLE])  # type of a task: address of its handle, chunk
+_LOOP = ir.FunctionType(ir.VoidType(), [_WHOLE, _WHOLE, _WHOLE])  # type of the threads' loop: task, handle, chunks
 
 
 class Chunks(NamedTuple):
-    """How many chunks, and how they run."""
+    """Number of chunks, and how they run."""
 
     number: int
-    loop: int  # address of the loop that shares chunks among threads; 0: one after the other
+    loop: int  # address of the loop that shares chunks among threads; 0: serial
 
 
 def in_chunks(count: int, threads: int) -> Chunks:
-    """So many chunks, on threads where there are several of both."""
+    """Chunks on threads, or serial if there is only one chunk or one thread."""
     return Chunks(count, _loop_on_threads() if threads > 1 and count > 1 else 0)
 
 
 @cache
 def _loop_on_threads() -> int:
-    get_num_threads()  # starts numba's threads: machine code from the disk refers to them
+    get_num_threads()  # starts numba's threads, which machine code from disk needs
     return int(callback(_on_threads, types.void(types.intp, types.intp, types.intp), types.none).address)
 
 
@@ -52,7 +52,7 @@ def _on_threads(code, place, count):
 @njit(error_model="numpy", parallel=True)
 def _shared_out(code, place, count):
     for c in prange(count):
-        _call_task(code, place, np.intp(c))  # c is unsigned here
+        _call_task(code, place, np.intp(c))  # c is unsigned in this loop
 
 
 def chunk_task(function: Any) -> Any:
@@ -62,7 +62,7 @@ def chunk_task(function: Any) -> Any:
 
 
 def each_chunk(bound: Any, chunks: Chunks, name: str) -> None:
-    """Run the task of that name on every chunk."""
+    """Run the named task on every chunk."""
     raise NotImplementedError("for compiled code")
 
 
@@ -84,8 +84,8 @@ def _each_chunk(bound, chunks, name):
 
 @intrinsic(prefer_literal=True)
 def _task_code(typingctx, bound, name):
-    """The address of a task for that type of handle, as a function of two whole numbers."""
-    if not isinstance(name, types.StringLiteral):  # tried after the literal failed, whose error says more
+    """Address of a task for this type of handle, as a function of two whole numbers."""
+    if not isinstance(name, types.StringLiteral):  # tried after the literal failed; the literal's error is clearer
         return None
     task = TASKS[name.literal_value]
     own = typingctx.resolve_function_type(types.Dispatcher(task), (bound, types.intp), {})
@@ -109,7 +109,7 @@ def _task_code(typingctx, bound, name):
 
 @intrinsic
 def _call_task(typingctx, code, place, c):
-    """Run the task at that address on chunk c."""
+    """Run the task at an address on chunk c."""
 
     def codegen(context, builder, sig, args):
         builder.call(builder.inttoptr(args[0], _CODE.as_pointer()), args[1:])
@@ -120,7 +120,7 @@ def _call_task(typingctx, code, place, c):
 
 @intrinsic
 def _call_loop(typingctx, loop, code, place, count):
-    """Run the task at that address on all chunks, by the loop at another."""
+    """Run the task at an address on all chunks, by the loop at another address."""
 
     def codegen(context, builder, sig, args):
         builder.call(builder.inttoptr(args[0], _LOOP.as_pointer()), args[1:])

@@ -1,4 +1,4 @@
-"""Files of compiled code. A damaged file, or one of another user, counts as missing."""
+"""Files of compiled code. A damaged file, or a file of another user, counts as missing."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ SUFFIX, UNFINISHED = ".nbc", ".tmp"
 
 
 def load(path: Path, key: str) -> Any:
-    """What was saved under that key; None where that is not there.
+    """Return the content saved under a key, or None if there is none.
 
-    A file is a pickle with machine code: to load it is to run it. So a file counts only if it belongs to this user or
-    root, and only whole (its first bytes are a checksum): LLVM ends the process where code is cut short.
+    A file is a pickle with machine code, so loading the file runs it. Therefore a file counts only if it belongs to
+    this user or root, and only if it is whole: LLVM ends the process on truncated code. The first bytes are a checksum.
     """
     try:
         with open(path, "rb", opener=_opened) as file:
@@ -32,14 +32,14 @@ def load(path: Path, key: str) -> Any:
             return None
         saved, content = pickle.loads(data)
     except (OSError, ArithmeticError, AttributeError, EOFError, ImportError, LookupError, TypeError, ValueError):
-        return None  # it may refer to a module of the user's that this process cannot import
+        return None  # the content may refer to a user's module that this process cannot import
     except pickle.UnpicklingError:
         return None
     return content if saved == key else None
 
 
 def save(path: Path, key: str, content: Any) -> None:
-    """Write a file whole or not at all, whatever other processes write there; an OSError where it cannot be written."""
+    """Write a file whole or not at all, whatever other processes write there. Raises OSError if the write fails."""
     data = dumps((key, content))
     unfinished = f"{path}{UNFINISHED}{secrets.token_hex(8)}"
     try:
@@ -56,7 +56,7 @@ def _opened(path: str, flags: int) -> int:
 
 
 def _made(path: str, flags: int) -> int:
-    return os.open(path, flags, 0o644)  # a file that others could write to would not count
+    return os.open(path, flags, 0o644)  # a file that others can write to does not count
 
 
 def _ours(found: os.stat_result) -> bool:

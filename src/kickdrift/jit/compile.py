@@ -1,4 +1,4 @@
-"""How kickdrift compiles: numba's flags in one place, and the functions that Python calls."""
+"""Compilation: numba's flags in one place, and drivers, the functions that Python calls."""
 
 from __future__ import annotations
 
@@ -17,24 +17,24 @@ from kickdrift.jit.inner import OPTIONS, inner
 from kickdrift.jit.numba_private import CPUContext, CPUDispatcher, cpu_target
 
 FAST_MATH = {"reassoc", "nsz", "arcp", "contract"}  # never nnan or ninf: blow-ups are found by their NaN
-# What is not said a compiled function takes over from its caller: hence each False below.
+# A compiled function inherits unset options from its caller, hence each False below.
 jit = inner(fastmath=FAST_MATH, forceinline=False)
-# The same, always made part of the caller: handing over its arrays takes longer than a step of a few bodies.
+# The same, always inlined: passing its arrays would take longer than a step of a few bodies.
 inlined = inner(fastmath=FAST_MATH, forceinline=True)
-# Always made part of the caller, sums in the order as written.
+# Always inlined, with sums in the order as written.
 in_order = inner(fastmath={"nsz", "contract"}, forceinline=True)
-# Operation by operation as written, for what reassociation would undo.
+# Operation by operation as written, for code that reassociation would break.
 strict = inner(fastmath=False, forceinline=False)
-# The same, always made part of the caller: for all that forces on threads run. Where LLVM may choose which products to
-# fuse with sums, two copies of one formula can differ in the last bit; `lanes.multiply_add` says where fusing pays.
+# The same, always inlined: for everything that forces on threads run. If LLVM chooses which products to fuse with sums,
+# two copies of one formula can differ in the last bit. `lanes.multiply_add` marks the products worth fusing.
 as_written = inner(fastmath=False, forceinline=True)
 
 
 def _internal_functions(context: Any) -> dict[Any, Any]:
-    """The functions that numba compiles by itself, such as ``x**2``, with the fast-math flags of this context.
+    """Compile numba's internal functions, such as ``x**2``, with the fast-math flags of this context.
 
-    numba keeps one copy of each for all flags, those of the function that needed it first. Then the bits of a power
-    would depend on what else was compiled before, or was found in the cache.
+    numba keeps one copy of each for all flags, with the flags of its first caller. Then the bits of a power would
+    depend on the code that was compiled earlier or found in the cache.
     """
     flags = context.fastmath.flags if context.fastmath else ()
     found: dict[Any, Any] = context.internal_functions.setdefault(frozenset(flags), {})
@@ -50,15 +50,15 @@ _begin_internal_functions(cpu_target.target_context, {})
 
 
 def processor() -> str:
-    """The kind of processor that code is compiled for, in LLVM's words; the same bits are promised on one kind."""
+    """Kind of processor in LLVM's words. The same bits are promised on one kind."""
     return str(cpu_target.target_context.codegen().magic_tuple()[1])
 
 
 @cache
 def features() -> tuple[str, ...]:
-    """The processor features that code is compiled for ("avx2", "fma" …), sorted, in LLVM's words.
+    """Processor features of compiled code ("avx2", "fma" …), sorted, in LLVM's words.
 
-    numba's settings (``NUMBA_CPU_NAME``, ``NUMBA_CPU_FEATURES``, ``NUMBA_ENABLE_AVX``) go before the machine's own.
+    numba's settings (``NUMBA_CPU_NAME``, ``NUMBA_CPU_FEATURES``, ``NUMBA_ENABLE_AVX``) override the machine's own.
     """
     named = cpu_target.target_context.codegen().magic_tuple()[2].split(",")
     return tuple(sorted(name.removeprefix("+") for name in named if name.startswith("+")))
@@ -66,18 +66,17 @@ def features() -> tuple[str, ...]:
 
 @inlined
 def is_finite(number):
-    """Whether it is neither infinite nor NaN. np.isfinite asks whether number - number is 0, and reassociation may make
-    that 0 for a sum."""
+    """Tell whether a number is neither infinite nor NaN. np.isfinite tests number - number == 0, and reassociation can
+    make this 0 for a sum."""
     return -inf < number and number < inf
 
 
 @intrinsic
 def never_inline(typingctx):
-    """Called in a function's body: keep it one piece of machine code wherever it is called from, so that it rounds
-    alike."""
+    """Keep the function one piece of machine code for all callers, so that it rounds alike. Call this in its body."""
 
     def codegen(context, builder, sig, args):
-        builder.function.attributes.discard("alwaysinline")  # which it may have taken over from its caller
+        builder.function.attributes.discard("alwaysinline")  # which it may inherit from its caller
         builder.function.attributes.add("noinline")
         return context.get_dummy_value()
 
@@ -85,7 +84,7 @@ def never_inline(typingctx):
 
 
 class _Driver(CPUDispatcher):
-    """A compiled function that Python calls."""
+    """Compiled function that Python calls."""
 
     def compile(self, sig: Any) -> Any:
         with no_collection():
@@ -94,8 +93,8 @@ class _Driver(CPUDispatcher):
 
 @contextmanager
 def no_collection() -> Iterator[None]:
-    """Inside, Python looks for no garbage: of the many objects that numba makes there is none, and looking through them
-    again and again took a tenth of the time to compile."""
+    """Suspend garbage collection. None of numba's many objects is garbage, and scanning them took a tenth of the
+    compilation time."""
     enabled = gc.isenabled()
     gc.disable()
     try:
@@ -106,7 +105,7 @@ def no_collection() -> Iterator[None]:
 
 
 def driver(function: Callable[..., Any]) -> Any:
-    """Compile a function that Python calls, with its machine code kept on disk."""
+    """Compile a function that Python calls, and keep its machine code on disk."""
     dispatcher = _Driver(function, targetoptions=OPTIONS | {"fastmath": FAST_MATH, "nogil": True})
     dispatcher._cache = DriverCache(function)
     return dispatcher

@@ -1,8 +1,8 @@
-"""What a user's function is made of, as text: equal texts mean equal machine code, in every process.
+"""Description of a user's function as text: equal texts mean equal machine code, in every process.
 
-A function is described by its code and by all that the code can use: global variables, closures, defaults, attributes
-of modules and classes, other functions, and what these use in turn. A value without a stable description (an object
-that is known by its place in memory) raises `UnknownSource`.
+A description covers the function's code and everything that the code can use: global variables, closures, defaults,
+attributes of modules and classes, other functions, and in turn their sources. A value without a stable description (an
+object known only by its memory address) raises `UnknownSource`.
 """
 
 from __future__ import annotations
@@ -34,12 +34,12 @@ NUMBERS = (types.Number, types.Boolean, types.NoneType)
 _STDLIB = os.path.join(os.path.realpath(sysconfig.get_path("stdlib")), "")
 _LIBRARIES = {each.__name__: each for each in (np, numba, llvmlite)}
 
-Text = tuple[Any, ...]  # of strings and such tuples: its repr has one meaning
+Text = tuple[Any, ...]  # strings and nested tuples of strings, so that its repr has one meaning
 
 
 @cache
 def settled(name: str | None) -> bool:
-    """Whether a module of that name is Python's, numpy's or numba's: its version says all about it."""
+    """Tell whether a module belongs to Python, numpy or numba, so that its version describes it fully."""
     root = (name or "").partition(".")[0]
     module = sys.modules.get(root)
     if root in sys.builtin_module_names or module is None:
@@ -51,7 +51,7 @@ def settled(name: str | None) -> bool:
 
 
 def found_by_name(module: str | None, qualname: str | None) -> Any:
-    """What goes by that name in a module; None where nothing does."""
+    """Object of that name in a module, or None."""
     value: Any = sys.modules.get(module or "")
     for part in (qualname or "").split("."):
         value = getattr(value, part, None)
@@ -59,7 +59,7 @@ def found_by_name(module: str | None, qualname: str | None) -> Any:
 
 
 def _codes(code: CodeType) -> Iterable[CodeType]:
-    """A function's code and that of all functions within."""
+    """A function's code and the code of all functions inside."""
     yield code
     for constant in code.co_consts:
         if isinstance(constant, CodeType):
@@ -68,7 +68,7 @@ def _codes(code: CodeType) -> Iterable[CodeType]:
 
 @cache
 def _names(code: CodeType) -> tuple[frozenset[str], frozenset[str]]:
-    """The global names that code uses, and the names of attributes that it may ask for (by `getattr`, too)."""
+    """Global names that code uses, and names of attributes that it may use (also by `getattr`)."""
     names: set[str] = set()
     attributes: set[str] = set()
     for each in _codes(code):
@@ -81,22 +81,22 @@ def _names(code: CodeType) -> tuple[frozenset[str], frozenset[str]]:
 
 
 class Description:
-    """Describes values, and remembers the functions and the package's modules that they led to.
+    """Describe values, and record the functions and modules of the package that they use.
 
     Attributes
     ----------
-    modules : of the package, whose files have yet to be read
-    codes : of the functions that are described
+    modules : modules of the package whose files must be read
+    codes : code of the described functions
     """
 
     def __init__(self) -> None:
         self.modules: set[str] = set()
         self.codes: set[CodeType] = set()
-        self._seen: dict[Any, tuple[int, Any]] = {}  # the values too: their ids are theirs as long as they live
+        self._seen: dict[Any, tuple[int, Any]] = {}  # keeps the values too, so that their ids stay unique
         self._registered: dict[Any, list[Any]] | None = None
 
     def of(self, value: Any, names: frozenset[str] = frozenset()) -> Text:
-        """A value as text; of a module or a class, the attributes with these names."""
+        """Describe a value as text; for a module or a class, only the attributes with these names."""
         if type(value) in PLAIN:
             return (type(value).__name__, hex(value) if type(value) is int else repr(value))
         if isinstance(value, np.generic):
@@ -162,7 +162,7 @@ class Description:
         return self.of(value, names)
 
     def _compiled(self, value: Any) -> Text:
-        """A function that numba compiles: with what options, and for what types alone, where it names them."""
+        """Describe a function that numba compiles, with its options and its explicit types."""
         locked = () if value._can_compile else tuple(map(str, value.nopython_signatures))
         pipeline = value._compiler.pipeline_class
         if not (settled(pipeline.__module__) or in_package(pipeline.__module__)):
@@ -180,7 +180,7 @@ class Description:
         defaults = (self.of(value.__defaults__), self.of(value.__kwdefaults__))
         if in_package(value.__module__):
             self.modules.add(value.__module__)
-            if not value.__code__.co_filename.startswith("<"):  # then the file says all else
+            if not value.__code__.co_filename.startswith("<"):  # then the file covers the rest
                 return ("package", *name, str(value.__code__.co_firstlineno), *closed, *defaults)
         overloads = self._overloads(value)
         if settled(value.__module__) and found_by_name(*name) is value:
@@ -217,7 +217,7 @@ class Description:
         return ("settled", str(home), name, *overloads)
 
     def _overloads(self, what: Any) -> tuple[Text, ...]:
-        """What else than numba and the package registers with numba for a function, or for an attribute's name."""
+        """Describe what user code registers with numba for a function, or for an attribute's name."""
         if self._registered is None:
             self._registered = _registrations()
         of_name = isinstance(what, str)
@@ -231,7 +231,7 @@ class Description:
                 found.append(("overload", *map(self.of, options), self.of(body)))
         return tuple(found)
 
-    # The first kind that a value is of counts.
+    # The first matching kind counts.
     _KINDS: ClassVar[list[tuple[Any, Callable[[Any, Any, frozenset[str]], Text]]]] = [
         (np.ndarray, lambda self, value, names: self._array(value)),
         (np.dtype, lambda self, value, names: ("dtype", repr(value))),

@@ -1,7 +1,7 @@
-"""Where kickdrift keeps what it can make again: compiled code, font lists.
+"""Folders for files that kickdrift can make again: compiled code, font lists.
 
-Whoever can write a file of code here can run code as the user who loads the file. So a folder counts only where that
-user alone can write to the folder, or root where the folder is only read.
+Whoever can write a file of code here can run code as the user who loads the file. So a folder counts only if nobody but
+this user can write to it, or nobody but root if it is only read.
 """
 
 from __future__ import annotations
@@ -15,14 +15,14 @@ from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
-PRIVATE = 0o700  # of a folder
+PRIVATE = 0o700  # mode of a folder
 CODE = "jit"  # the folder of compiled code
 
 
 @cache
 def folder() -> Path | None:
-    """A writable folder that is private to the user: the package's own ``__pycache__``, else one in the user's cache,
-    else a temporary one; None where nothing can be written."""
+    """A writable folder, private to the user: the package's own ``__pycache__``, else one in the user's cache, else a
+    temporary one. None if nothing is writable."""
     for candidate in _candidates():
         if _made(candidate) and _private(candidate) and _writable(candidate):
             return candidate
@@ -31,7 +31,7 @@ def folder() -> Path | None:
 
 @cache
 def warm() -> tuple[Path, ...]:
-    """Folders before `folder` that can be read and not written: of an installation that was made for others, say."""
+    """Readable folders before `folder` that are not writable, such as an installation for many users."""
     before: list[Path] = []
     for candidate in _candidates():
         if candidate == folder():
@@ -45,15 +45,15 @@ def _candidates() -> Iterator[Path]:
     yield Path(__file__).resolve().parents[1] / "__pycache__"
     given = Path(os.environ.get("XDG_CACHE_HOME", ""))
     try:
-        home = given if given.is_absolute() else Path("~/.cache").expanduser()  # a relative one does not count
-    except RuntimeError:  # there is no HOME, and no entry for the user
+        home = given if given.is_absolute() else Path("~/.cache").expanduser()  # a relative path does not count
+    except RuntimeError:  # no HOME, and no entry for the user
         home = Path()
     if home.is_absolute():
         yield home / "kickdrift"
-        yield home / "kickdrift-private"  # where others can write to the first
+        yield home / "kickdrift-private"  # if others can write to the first
     try:
         yield Path(tempfile.gettempdir()) / f"kickdrift-{_user()}"
-    except OSError:  # there is none that can be written to
+    except OSError:  # none is writable
         return
 
 
@@ -62,7 +62,7 @@ def _user() -> int:
 
 
 def make_private(place: Path) -> None:
-    """Make a folder, and those above it that are not there, for this user alone."""
+    """Make a folder and its missing parents, for this user alone."""
     if not place.is_dir():
         make_private(place.parent)
         place.mkdir(PRIVATE, exist_ok=True)
@@ -77,7 +77,7 @@ def _made(place: Path) -> bool:
 
 
 def _private(place: Path) -> bool:
-    """Whether only this user and root can change the folder and its folder of code."""
+    """Tell whether only this user and root can change the folder and its folder of code."""
     if not hasattr(os, "getuid"):  # Windows keeps a user's folders apart
         return place.is_dir()
     try:
@@ -103,14 +103,14 @@ def _writable(place: Path) -> bool:
 
 
 def _temporary() -> Path | None:
-    """A folder that goes with this process."""
+    """A temporary folder that is removed with this process."""
     try:
         made, process = Path(tempfile.mkdtemp(prefix="kickdrift-")), os.getpid()
     except OSError:
         return None
 
     def clear() -> None:
-        if os.getpid() == process:  # and not in a copy of it
+        if os.getpid() == process:  # not in a forked copy of the process
             shutil.rmtree(made, ignore_errors=True)
 
     atexit.register(clear)

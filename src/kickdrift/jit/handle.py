@@ -1,8 +1,9 @@
-"""Bound forces by reference: compiled functions pass one pointer instead of the hundreds of numbers that a NamedTuple
-of arrays unpacks into (which made compiling ten times slower), and threads can share it.
+"""Bound forces by reference.
 
-``handle(value)`` puts a NamedTuple, or a tuple of them, on the caller's stack and returns a ``Handle``; attributes read
-through it. A handle lives as long as the call of the function that made it, and keeps nothing alive.
+A NamedTuple of arrays unpacks into hundreds of numbers, which made compiling ten times slower. Compiled functions pass
+one pointer instead, and threads can share it. ``handle(value)`` puts a NamedTuple, or a tuple of them, on the caller's
+stack and returns a ``Handle``, whose attributes are the value's. A handle is valid during the call that made it, and
+keeps nothing alive.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ from kickdrift.jit.numba_private import (
 
 
 class Handle(types.Type):
-    """A pointer to a value of the numba type ``kind``."""
+    """Pointer to a value of the numba type ``kind``."""
 
     def __init__(self, kind: types.BaseTuple) -> None:
         self.kind = kind
@@ -57,7 +58,7 @@ def _leaves(kind: types.Type) -> Iterator[types.Type]:
 
 
 def _read(kind: types.Type) -> types.Type:
-    """What reading a part of that type gives: tuples that hold arrays by reference, anything else by value."""
+    """Type of a part when read: a handle for a tuple that holds arrays, else the value's own type."""
     by_reference = isinstance(kind, types.BaseTuple) and any(isinstance(leaf, types.Array) for leaf in _leaves(kind))
     return Handle(kind) if by_reference else kind
 
@@ -80,8 +81,8 @@ def _part(context: Any, builder: ir.IRBuilder, pointer: ir.Value, index: int, ki
 
 
 def _unowned(context: Any, builder: ir.IRBuilder, kind: types.Type, value: ir.Value) -> ir.Value:
-    """An array without its owner, whose references then need no counting (atomic, and longer than a step of a few
-    bodies); anything else as it is."""
+    """Drop an array's owner, so that references are not counted; counting is atomic and takes longer than a step of a
+    few bodies. Other values stay unchanged."""
     if not isinstance(kind, types.Array):
         return impl_ret_borrowed(context, builder, kind, value)
     array = cgutils.create_struct_proxy(kind)(context, builder, value=value)
@@ -97,7 +98,7 @@ def _attribute(context, builder, handle, pointer, name):
 
 @intrinsic
 def handle(typingctx, value):
-    """A Handle of the value, on the caller's stack."""
+    """Return a Handle of the value, on the caller's stack."""
 
     def codegen(context, builder, sig, args):
         return cgutils.alloca_once_value(builder, args[0])
@@ -107,7 +108,7 @@ def handle(typingctx, value):
 
 @intrinsic
 def unowned(typingctx, array):
-    """The same array, for as long as the caller keeps it alive: its references are not counted."""
+    """Return the same array without reference counting. The caller must keep the array alive."""
 
     def codegen(context, builder, sig, args):
         return _unowned(context, builder, array, args[0])
@@ -117,7 +118,7 @@ def unowned(typingctx, array):
 
 @intrinsic
 def address(typingctx, of):
-    """A handle as a whole number, for numba's parallel loops, which take nothing else."""
+    """Return a handle as a whole number, since numba's parallel loops take only numbers."""
 
     def codegen(context, builder, sig, args):
         return builder.ptrtoint(args[0], context.get_value_type(types.intp))
@@ -126,7 +127,7 @@ def address(typingctx, of):
 
 
 def memory_of(value: tuple[Any, ...]) -> NDArray[np.int64]:
-    """A NamedTuple in memory as compiled code lays it out, for `handle_at` to find there; it keeps no array alive."""
+    """Copy a NamedTuple into memory in the layout of compiled code, for `handle_at`. It keeps no array alive."""
     kind = typeof(value)
     context = cpu_target.target_context
     memory = np.zeros(-(-context.get_abi_sizeof(context.get_value_type(kind)) // 8), np.int64)
@@ -147,7 +148,7 @@ def _put(value: Any, kind: types.Type, place: int) -> None:
 
 @cache
 def _offsets(kind: types.BaseTuple) -> tuple[int, ...]:
-    """Where LLVM puts the parts of a tuple of that type, in bytes from its beginning."""
+    """Byte offsets of the parts of a tuple of this type in LLVM's layout."""
     context = cpu_target.target_context
     whole = context.get_value_type(kind)
     if isinstance(whole, ir.ArrayType):
@@ -158,7 +159,7 @@ def _offsets(kind: types.BaseTuple) -> tuple[int, ...]:
 
 @driver
 def put_array(array, place):
-    """Write how compiled code knows the array, unowned, to the memory at ``place``."""
+    """Write the structure of an array, without its owner, to the memory at ``place``."""
     write_at(place, array)
 
 
@@ -175,7 +176,7 @@ def write_at(typingctx, place, array):
 
 
 def handle_at(kind: Handle) -> Any:
-    """The compiled inverse of ``address`` for that type of handle."""
+    """Return the compiled inverse of ``address`` for this type of handle."""
 
     @intrinsic
     def restore(typingctx, number):

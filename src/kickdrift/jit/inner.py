@@ -1,8 +1,8 @@
-"""Functions that compiled code alone calls: they go into their callers, and get no machine code of their own.
+"""Functions that only compiled code calls. They are linked into their callers and get no machine code of their own.
 
-numba by itself optimises each function and makes machine code of it, with all that it calls inside; a force of eighty
-functions, six calls deep, is then done many times over, to be run from within its driver alone. Here a function that is
-not called from Python stays as it was lowered until the driver that it is part of is optimised as one piece.
+By default numba optimises each function separately and makes its machine code, with everything that it calls inside. A
+force of eighty functions, six calls deep, is then compiled many times over, although only its driver runs. Here such a
+function stays in its lowered form until its driver is optimised as one piece.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ from kickdrift.jit.numba_private import (
     register_pass,
 )
 
-OPTIONS = {"nopython": True, "boundscheck": None, "error_model": "numpy"}  # of all that kickdrift compiles
+OPTIONS = {"nopython": True, "boundscheck": None, "error_model": "numpy"}  # for all code of kickdrift
 
 
 class _InnerLibrary(JITCodeLibrary):
-    """LLVM code to be linked into other libraries, as it was lowered."""
+    """Lowered LLVM code, for linking into other libraries."""
 
-    function: Callable[..., Any]  # that it is the code of
+    function: Callable[..., Any]  # the source of this code
 
     def _optimize_final_module(self) -> None: ...
 
@@ -46,7 +46,7 @@ class _InnerLowering(NativeLowering):
         state.flags.no_cpython_wrapper = state.flags.no_cfunc_wrapper = state.flags.no_compile = True
         super().run_pass(state)
         lowered = state.cr
-        fndesc = lowered.fndesc  # what numba finds the code by, and nobody calls
+        fndesc = lowered.fndesc  # numba looks the code up by this, and nobody calls it
         key = make_function(fndesc.lookup_module(), fndesc.qualname, "", 0, lowered.env, (state.library,))
         state.targetctx.insert_user_function(key, fndesc, [state.library])
         state.cr = lowered._replace(cfunc=key)
@@ -54,7 +54,7 @@ class _InnerLowering(NativeLowering):
 
 
 class InnerCompiler(CompilerBase):
-    """numba's compiler, but for the library that it lowers to."""
+    """numba's compiler with another library for lowered code."""
 
     def define_pipelines(self) -> list[Any]:
         pipeline = DefaultPassBuilder.define_nopython_pipeline(self.state, "inner")
@@ -66,23 +66,23 @@ class InnerCompiler(CompilerBase):
 
 
 class Inner(CPUDispatcher):
-    """A function for compiled code; where Python calls it, as tests do, it is compiled once more for that."""
+    """Function for compiled code. A call from Python, as in tests, compiles it once more."""
 
     def __init__(self, py_func: Callable[..., Any], locals: Any = None, targetoptions: Any = None) -> None:
         super().__init__(py_func, locals or {}, targetoptions, InnerCompiler)
         self._alone: CPUDispatcher | None = None
 
     def add_overload(self, cres: Any) -> None:
-        self.overloads[tuple(cres.signature.args)] = cres  # and not in the table of what Python can call
+        self.overloads[tuple(cres.signature.args)] = cres  # and not in the table of functions that Python can call
 
     def _compile_for_args(self, *args: Any, **kws: Any) -> CPUDispatcher:
         if self._alone is None:
             self._alone = CPUDispatcher(self.py_func, self.locals, self.targetoptions)
-        return self._alone  # which numba then calls
+        return self._alone  # numba then calls this
 
 
 def functions_in(library: Any) -> list[Callable[..., Any]]:
-    """The functions for compiled code whose code went into a library, directly or not."""
+    """Functions for compiled code whose code was linked into a library, directly or not."""
     found, waiting = {}, [library]
     while waiting:
         each = waiting.pop()
@@ -93,11 +93,11 @@ def functions_in(library: Any) -> list[Callable[..., Any]]:
 
 
 def inner(**options: Any) -> Callable[[Callable[..., Any]], Inner]:
-    """A decorator, like ``numba.njit`` with those options."""
+    """Decorator like ``numba.njit`` with these options."""
     return lambda function: Inner(function, targetoptions=OPTIONS | options)
 
 
 def overload(function: Callable[..., Any], forceinline: bool = False, **options: Any) -> Callable[..., Any]:
-    """``numba.extending.overload``, of functions for compiled code."""
+    """``numba.extending.overload`` for functions of compiled code."""
     jit_options = {"pipeline_class": InnerCompiler} | ({"forceinline": True} if forceinline else {})
     return extending.overload(function, jit_options=jit_options, **options)

@@ -1,15 +1,15 @@
 """SIMD as a type: 8 or 4 lanes of float64, or 16 or 8 of float32, that compiled kernels use like a number.
 
-numba learns the types ``Lanes`` (LLVM's ``<8 x double>``, ``<16 x float>`` and half as many) and ``Mask``, with the
-arithmetic operators, the comparisons and a few functions lowered on them; LLVM then emits AVX-512, AVX2, SSE2 or NEON
-as the machine has it. Eight lanes of float64 are what all kernels use; of the others see `forces.row_lanes`. Lanes mix
-with scalars, which are copied to all lanes. They have the fast-math flags of the function that they stand in, as
-scalars do. In a function without such flags a product inside a sum is fused with it, always in the same way.
+numba learns the types ``Lanes`` (LLVM's ``<8 x double>``, ``<16 x float>`` and half as many) and ``Mask``, with
+arithmetic operators, comparisons and a few functions. LLVM then emits AVX-512, AVX2, SSE2 or NEON for the machine. All
+kernels use eight lanes of float64; for the other types see `forces.row_lanes`. Lanes mix with scalars, which are copied
+to all lanes. Like scalars, they have the fast-math flags of the function around them. In a function without such flags,
+a product inside a sum is always fused with the sum, in the same way.
 
-Division by 512 bits of lanes is a 14-bit estimate refined by a series where numba compiles for AVX-512 (its divide
-would take over half of a pair kernel's time), within 2 ulp, and so is ``inverse_sqrt``; r = 0, infinity and NaN give a
-result that is not finite, and so stay visible. Elsewhere it is a plain divide: estimates were no faster in a pair
-kernel for AVX2. `single` has what float32 alone needs.
+For AVX-512, whose divide would take over half of a pair kernel's time, division of 512 bits is a 14-bit estimate
+refined by a series, within 2 ulp. So is ``inverse_sqrt``. Zero, infinity and NaN give a result that is not finite, so
+they stay visible. Elsewhere division is a plain divide: in a pair kernel for AVX2 estimates were no faster. `single`
+holds the operations of float32.
 """
 
 from __future__ import annotations
@@ -46,7 +46,8 @@ from kickdrift.jit.vectors import (
 
 
 def _divide(builder: ir.IRBuilder, a: ir.Value, b: ir.Value, flags: tuple[str, ...]) -> ir.Value:
-    """a / b; with an estimate y, e = 1 - b y < 2^-13: 1 / b = y (1 + e) (1 + e^2) to 2^-52, y (1 + e) to 2^-26."""
+    """Emit a / b. An estimate y with e = 1 - b y < 2^-13 gives 1 / b = y (1 + e) (1 + e^2) to 2^-52, or y (1 + e) to
+    2^-26."""
     if "avx512f" not in features() or b.type not in FULL:
         return builder.fdiv(a, b, flags=flags)
     y = estimate(builder, "rcp14", b)
@@ -62,7 +63,7 @@ def _is_product(value: ir.Value) -> bool:
 
 
 def added(builder: ir.IRBuilder, a: ir.Value, b: ir.Value, flags: tuple[str, ...]) -> ir.Value:
-    """a + b, fused where one is a product; LLVM sees to that itself where it may (by the flag "contract")."""
+    """Emit a + b, fused if one is a product. LLVM fuses by itself where the flag "contract" allows it."""
     if not flags and _is_product(b):
         return fused(builder, b.operands[0], b.operands[1], a)
     if not flags and _is_product(a):
@@ -71,7 +72,7 @@ def added(builder: ir.IRBuilder, a: ir.Value, b: ir.Value, flags: tuple[str, ...
 
 
 def subtracted(builder: ir.IRBuilder, a: ir.Value, b: ir.Value, flags: tuple[str, ...]) -> ir.Value:
-    """a - b, likewise."""
+    """Emit a - b, likewise."""
     if not flags and _is_product(b):
         return fused(builder, builder.fneg(b.operands[0]), b.operands[1], a)
     if not flags and _is_product(a):
@@ -96,7 +97,7 @@ _FUNCTIONS: dict[Callable[..., Any], str] = {
 
 
 def register(function: Callable[..., Any], signatures: list[Any]) -> None:
-    """Teach numba the types that a function takes and gives."""
+    """Teach numba the argument types and result types of a function."""
     infer_global(function)(type("LanesTemplate", (ConcreteTemplate,), {"key": function, "cases": signatures}))
 
 
@@ -149,7 +150,7 @@ def _negative(context, builder, sig, args):
 
 @infer_global(operator.pow)
 class _WholePower(AbstractTemplate):
-    """``x**k`` for a written-out whole k from 1 to 32; other exponents are not for SIMD lanes."""
+    """``x**k`` for a literal whole k from 1 to 32. SIMD lanes have no other exponents."""
 
     def generic(self, args: Any, kws: Any) -> Any:
         whole = len(args) == 2 and isinstance(args[0], Lanes) and isinstance(args[1], types.IntegerLiteral)
@@ -169,7 +170,7 @@ def _whole_power(context, builder, sig, args):
 
 @intrinsic
 def splat(typingctx, scalar):
-    """The same number in all lanes."""
+    """Return the same number in all lanes."""
 
     def codegen(context, builder, sig, args):
         return copied(builder, args[0])
@@ -179,7 +180,7 @@ def splat(typingctx, scalar):
 
 @intrinsic
 def lanes_like(typingctx, value, like):
-    """Lanes as they are, a number in as many lanes as ``like`` has; for formulas that happen not to depend on the
+    """Return lanes unchanged, or a number in as many lanes as ``like`` has. For formulas that happen not to depend on
     lanes."""
 
     def codegen(context, builder, sig, args):
@@ -190,7 +191,7 @@ def lanes_like(typingctx, value, like):
 
 @intrinsic
 def in_eight(typingctx, value):
-    """Four or eight lanes of either precision as eight of float64; the last four of four are zero."""
+    """Convert four or eight lanes of either precision to eight of float64. With four, the last four lanes are zero."""
     wide = ir.VectorType(F64, value.vector.count)
 
     def codegen(context, builder, sig, args):
@@ -205,7 +206,8 @@ def in_eight(typingctx, value):
 
 @intrinsic
 def multiply_add(typingctx, a, b, c):
-    """a b + c, fused where the machine can; for where a product is used twice and LLVM would not fuse by itself."""
+    """Return a b + c, fused where the machine can. For products that are used twice, which LLVM does not fuse by
+    itself."""
 
     def codegen(context, builder, sig, args):
         return fused(builder, *args)
@@ -215,7 +217,7 @@ def multiply_add(typingctx, a, b, c):
 
 @intrinsic
 def plus(typingctx, a, b):
-    """a + b that nothing may reassociate: for compensated sums, in functions that are ``compile.strict``."""
+    """Return a + b without reassociation: for compensated sums, in functions that are ``compile.strict``."""
 
     def codegen(context, builder, sig, args):
         return builder.fadd(*args)
@@ -225,7 +227,7 @@ def plus(typingctx, a, b):
 
 @intrinsic
 def minus(typingctx, a, b):
-    """a - b, likewise."""
+    """Return a - b, likewise."""
 
     def codegen(context, builder, sig, args):
         return builder.fsub(*args)
@@ -235,11 +237,11 @@ def minus(typingctx, a, b):
 
 @intrinsic
 def inverse_sqrt(typingctx, value):
-    """1 / sqrt(x), within 2 ulp; where x is zero, below it, infinite, subnormal or NaN, something that is not finite or
-    the true value.
+    """1 / sqrt(x), within 2 ulp.
 
-    With AVX-512 an estimate y of 14 bits is corrected by the series of (1 - e)^(-1/2), e = 1 - x y^2 < 2^-13, whose
-    first term left out, 35/128 e^4, is below half a rounding unit: a third of the time of a square root and a divide.
+    Zero, negative, infinite, subnormal and NaN x give a result that is not finite, or the true value. With AVX-512 the
+    series of (1 - e)^(-1/2), e = 1 - x y^2 < 2^-13, corrects an estimate y of 14 bits. The first omitted term, 35/128
+    e^4, is below half a rounding unit. This takes a third of the time of a square root and a divide.
     """
 
     def codegen(context, builder, sig, args):
@@ -259,7 +261,7 @@ def inverse_sqrt(typingctx, value):
 
 @intrinsic(prefer_literal=True)
 def rotated(typingctx, value, places):
-    """Lane k of the result is lane (k + places) mod 8; ``places`` is a written-out number."""
+    """Rotate lanes: lane k of the result is lane (k + places) mod 8. ``places`` is a literal number."""
     order = [(k + places.literal_value) % WIDTH for k in range(WIDTH)]
 
     def codegen(context, builder, sig, args):
@@ -270,14 +272,14 @@ def rotated(typingctx, value, places):
 
 @intrinsic
 def sums_before(typingctx, value):
-    """In each lane the sum of the lanes before it, 0 in the first (Hillis & Steele 1986, doi:10.1145/7902.7903); one
-    that is not finite makes all so."""
+    """Exclusive prefix sum: each lane gets the sum of the lanes before it, the first gets 0 (Hillis & Steele 1986,
+    doi:10.1145/7902.7903). A non-finite lane makes all lanes non-finite."""
 
     def codegen(context, builder, sig, args):
         def shifted(vector, by, add):
             order = [(k - by) % WIDTH for k in range(WIDTH)]
             turned = builder.shuffle_vector(vector, vector, ir.Constant(ir.VectorType(I32, WIDTH), order))
-            kept = ir.Constant(F64X8, [float(k >= by) for k in range(WIDTH)])  # a shift that brings zeros in is slower
+            kept = ir.Constant(F64X8, [float(k >= by) for k in range(WIDTH)])  # a shift that brings in zeros is slower
             return fused(builder, turned, kept, add)
 
         total = shifted(args[0], 1, constant(0.0))
@@ -290,7 +292,7 @@ def sums_before(typingctx, value):
 
 @intrinsic
 def lane_numbers(typingctx):
-    """0.0, 1.0, … 7.0."""
+    """The lanes 0.0, 1.0, … 7.0."""
 
     def codegen(context, builder, sig, args):
         return ir.Constant(F64X8, [float(k) for k in range(WIDTH)])
@@ -300,7 +302,7 @@ def lane_numbers(typingctx):
 
 @intrinsic
 def lane_sum(typingctx, value):
-    """The sum of the lanes."""
+    """Sum of the lanes."""
 
     def codegen(context, builder, sig, args):
         return folded(builder, args[0], builder.fadd)
@@ -310,7 +312,7 @@ def lane_sum(typingctx, value):
 
 @intrinsic
 def lane_max(typingctx, value):
-    """The largest lane; lanes that are not numbers do not count."""
+    """Largest lane. NaN lanes do not count."""
 
     def codegen(context, builder, sig, args):
         def larger(a, b):

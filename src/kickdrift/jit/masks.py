@@ -1,4 +1,4 @@
-"""Masks of lanes: and, or, the choice between two values, and their bits as a whole number."""
+"""Masks of lanes: and, or, selection, and bits as a whole number."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ def _or(context, builder, sig, args):
 
 @intrinsic
 def select(typingctx, mask, yes, no):
-    """``yes`` where the mask is set, else ``no`` (lanes or a number); what is not chosen has no influence, NaN or
-    not."""
+    """Select ``yes`` where the mask is set, else ``no`` (lanes or a number). The other value has no influence, even
+    NaN."""
 
     def codegen(context, builder, sig, args):
         return builder.select(args[0], args[1], as_lanes(builder, args[2], sig.args[2], sig.args[1].vector))
@@ -39,7 +39,7 @@ def select(typingctx, mask, yes, no):
 
 @intrinsic
 def mask_bits(typingctx, mask):
-    """The mask as a whole number, lane k in bit k."""
+    """The mask as a whole number: lane k is bit k."""
 
     def codegen(context, builder, sig, args):
         return builder.zext(builder.bitcast(args[0], ir.IntType(sig.args[0].count)), ir.IntType(64))
@@ -49,7 +49,7 @@ def mask_bits(typingctx, mask):
 
 @intrinsic
 def any_lane(typingctx, mask):
-    """Whether one lane of the mask is set."""
+    """Tell whether any lane of the mask is set."""
 
     def codegen(context, builder, sig, args):
         return builder.icmp_unsigned("!=", builder.bitcast(args[0], ir.IntType(8)), ir.IntType(8)(0))
@@ -59,7 +59,7 @@ def any_lane(typingctx, mask):
 
 @intrinsic
 def lowest_bit(typingctx, bits):
-    """The number of the lowest bit that is set, of one at least."""
+    """Index of the lowest set bit. At least one bit must be set."""
 
     def codegen(context, builder, sig, args):
         return builder.cttz(args[0], ir.IntType(1)(1))
@@ -69,7 +69,7 @@ def lowest_bit(typingctx, bits):
 
 @intrinsic
 def count_ones(typingctx, bits):
-    """How many bits of a whole number are set."""
+    """Number of set bits."""
 
     def codegen(context, builder, sig, args):
         return builder.ctpop(args[0])
@@ -79,7 +79,7 @@ def count_ones(typingctx, bits):
 
 @intrinsic
 def bytes_with_bits(typingctx, bits):
-    """Which of the eight bytes of a whole number are not zero, as bits: byte k in bit k."""
+    """The bytes of a whole number that are not zero, as bits: byte k is bit k."""
 
     def codegen(context, builder, sig, args):
         several = builder.bitcast(args[0], ir.VectorType(ir.IntType(8), 8))

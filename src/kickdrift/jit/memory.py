@@ -1,4 +1,4 @@
-"""Arrays and lanes: reading, writing and the layout that both need."""
+"""Memory of arrays and lanes: loads, stores and layout."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ from kickdrift.jit.vectors import (
 
 
 def aligned(shape: tuple[int, ...], fill: float | None = 0.0, dtype: Any = np.float64) -> np.ndarray:
-    """An array that begins on a 64-byte boundary, so that eight lanes never straddle two cache lines.
+    """Array that begins on a 64-byte boundary, so that eight lanes never straddle two cache lines.
 
-    Without ``fill`` its memory is not touched, and so not taken from the system before it is used.
+    Without ``fill`` its memory is not touched, so the system does not allocate it before its first use.
     """
     count, line = int(np.prod(shape)), 64 // np.dtype(dtype).itemsize
     raw = np.empty(count + line, dtype)
@@ -41,7 +41,7 @@ def aligned(shape: tuple[int, ...], fill: float | None = 0.0, dtype: Any = np.fl
 
 
 def loading(vector: ir.VectorType) -> Callable[..., ir.Value]:
-    """What emits the reading of neighbours, the first two arguments being an array and an index."""
+    """Emitter of a load of adjacent numbers. The first two arguments are an array and an index."""
 
     def codegen(context: Any, builder: Any, sig: Any, args: Any) -> ir.Value:
         value = builder.load(pointer_to(context, builder, sig, args, vector))
@@ -53,19 +53,20 @@ def loading(vector: ir.VectorType) -> Callable[..., ir.Value]:
 
 @intrinsic
 def load(typingctx, array, index):
-    """Eight neighbours of a contiguous float64 array, from ``index`` on."""
+    """Load eight adjacent numbers of a contiguous float64 array, from ``index`` on."""
     return lanes_type(array, types.intp), loading(F64X8)
 
 
 @intrinsic
 def load_like(typingctx, array, index, like):
-    """Neighbours of a contiguous array, as many as ``like`` has lanes and of its precision, which is the array's."""
+    """Load adjacent numbers of a contiguous array, as many as ``like`` has lanes. ``like`` and the array must have the
+    same precision."""
     return like(array, types.intp, like), loading(like.vector)
 
 
 @intrinsic
 def store(typingctx, array, index, value):
-    """Write neighbours: all lanes of the value, whose precision is the array's."""
+    """Store all lanes of the value to adjacent numbers. The value must have the array's precision."""
 
     def codegen(context, builder, sig, args):
         written = builder.store(args[2], pointer_to(context, builder, sig, args, value.vector))
@@ -77,7 +78,7 @@ def store(typingctx, array, index, value):
 
 @intrinsic
 def load_first(typingctx, array, index, count):
-    """The first ``count`` of eight neighbours, zero in the other lanes, whose memory is not touched."""
+    """Load the first ``count`` of eight adjacent numbers. The other lanes are zero, and their memory is not touched."""
 
     def codegen(context, builder, sig, args):
         pointer = pointer_to(context, builder, sig, args)
@@ -90,7 +91,7 @@ def load_first(typingctx, array, index, count):
 
 @intrinsic
 def store_first(typingctx, array, index, value, count):
-    """Write the first ``count`` of eight neighbours."""
+    """Store the first ``count`` of eight lanes to adjacent numbers."""
 
     def codegen(context, builder, sig, args):
         pointer = pointer_to(context, builder, sig, args)
@@ -104,7 +105,7 @@ def store_first(typingctx, array, index, value, count):
 
 @intrinsic
 def flat(typingctx, array):
-    """All numbers of a contiguous float64 array in one row; it shares the memory and keeps nothing alive."""
+    """All numbers of a contiguous float64 array in one row. The result shares the memory and keeps nothing alive."""
     row = types.Array(types.float64, 1, "C")
 
     def codegen(context, builder, sig, args):
@@ -121,7 +122,8 @@ def flat(typingctx, array):
 
 @intrinsic
 def broadcast(typingctx, array, index, like):
-    """The number at ``index``, which is not negative, of a contiguous array, in as many lanes as ``like`` has."""
+    """Broadcast the number at ``index`` of a contiguous array to as many lanes as ``like`` has. ``index`` must not be
+    negative."""
 
     def codegen(context, builder, sig, args):
         array = context.make_array(sig.args[0])(context, builder, args[0])
@@ -132,7 +134,7 @@ def broadcast(typingctx, array, index, like):
 
 @intrinsic
 def entry(typingctx, array, row, column):
-    """``array[row, column]`` of a contiguous matrix of int32; neither may be negative."""
+    """Return ``array[row, column]`` of a contiguous matrix of int32. Neither index may be negative."""
 
     def codegen(context, builder, sig, args):
         array = context.make_array(sig.args[0])(context, builder, args[0])
@@ -145,8 +147,7 @@ def entry(typingctx, array, row, column):
 
 @intrinsic
 def sums_of_rows(typingctx, array, index, stride):
-    """The lanes' sums of eight times eight numbers of a float64 array, from ``index`` on and ``stride`` apart: lane k
-    is the sum of the k-th eight."""
+    """Sum eight rows of eight float64 numbers, from ``index`` on and ``stride`` apart: lane k is the sum of row k."""
 
     def codegen(context, builder, sig, args):
         data = context.make_array(sig.args[0])(context, builder, args[0]).data
@@ -172,8 +173,8 @@ def sums_of_rows(typingctx, array, index, stride):
 
 @intrinsic
 def named_lanes(typingctx, like, table, row, index, lanes):
-    """A NamedTuple of the class of ``like`` whose k-th field is the numbers ``table[k, row, index:]``, as many as
-    ``lanes`` has, in the precision that it has."""
+    """NamedTuple of the class of ``like``, with lanes as fields. Field k holds the numbers ``table[k, row, index:]``,
+    with the number and precision of ``lanes``."""
     result = types.NamedTuple([lanes] * len(like), like.instance_class)
     wide = ir.VectorType(F64, lanes.vector.count)
 

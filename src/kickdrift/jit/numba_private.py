@@ -1,6 +1,6 @@
-"""Every name that kickdrift takes from the inside of numba, which may change in any version; each is looked for here.
+"""Every private name of numba that kickdrift uses. Any version may change these, so each is checked here.
 
-A name that is missing, or a version of numba that was never tried, is an `InputError` of one line.
+A missing name, or an untested version of numba, raises an `InputError` of one line.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import numba
 
 from kickdrift.errors import InputError
 
-OLDEST, NEWEST = (0, 61), (0, 68)  # versions that the tests ran with; pyproject.toml has the same bounds
+OLDEST, NEWEST = (0, 61), (0, 68)  # tested versions; pyproject.toml has the same bounds
 
 
 def _version() -> tuple[int, int]:
@@ -25,7 +25,7 @@ def _works() -> str:
 
 
 def private(module: str, name: str) -> Any:
-    """The object of that name; an InputError where this numba has none."""
+    """Return the object of that name. Raises InputError if this numba has none."""
     try:
         return getattr(import_module(f"numba.{module}"), name)
     except (ImportError, AttributeError):

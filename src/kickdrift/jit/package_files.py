@@ -1,8 +1,8 @@
-"""The package's own source files: from which of them a module's code can come, and what they hold.
+"""The package's own source files: their content, and the files behind a module's code.
 
-Code of a module can come from the module's file and from every file of the package that it imports, directly or not.
-Imports are read from the text, wherever in the file they stand. No module is imported for this, and only files that
-matter are read: about a millisecond for a step loop.
+A module's code can come from the module's file and from every file of the package that it imports, directly or not. The
+imports are read from the text, wherever they stand in the file. This imports no module and reads only the needed files:
+about a millisecond for a step loop.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ NAME = __name__.partition(".")[0]
 _IMPORT = re.compile(
     rf"\n[ \t]*(?:from[ \t]+({NAME}[\w.]*)[ \t]+import[ \t]*(\((?:[^)#]|#[^\n]*)*\)|[^\n]*)|import[ \t]+([^\n]*))"
 )
-_FOR_TYPE_CHECKERS = re.compile(r"\nif TYPE_CHECKING:\n(?:[ \t][^\n]*\n|\n)*")  # what they alone read makes no code
+_FOR_TYPE_CHECKERS = re.compile(r"\nif TYPE_CHECKING:\n(?:[ \t][^\n]*\n|\n)*")
 _COMMENT = re.compile(r"#[^\n]*")
 
 
 class UnknownSource(Exception):
-    """Something of which equal descriptions do not mean equal code; what uses it is not kept on disk."""
+    """A value whose equal descriptions do not mean equal code. Code that uses it is not kept on disk."""
 
 
 class _File(NamedTuple):
@@ -40,7 +40,7 @@ def _stamp(found: os.stat_result) -> tuple[int, ...]:
 
 
 def _files(folder: str | Path, package: str) -> Iterator[tuple[str, _File]]:
-    """Every module in a package's folder, and its file as it is now."""
+    """Every module in a package's folder with its present file."""
     with os.scandir(folder) as entries:
         for entry in entries:
             stem, suffix = os.path.splitext(entry.name)
@@ -50,17 +50,17 @@ def _files(folder: str | Path, package: str) -> Iterator[tuple[str, _File]]:
                 yield from _files(entry.path, f"{package}.{stem}")
 
 
-# As the files were when this process began to compile: a file that is edited later is not what the process runs.
+# Stamps of the files when this process began to compile. The process does not run later edits.
 _FILES = dict(_files(PACKAGE, NAME))
 
 
 def in_package(module: str | None) -> bool:
-    """Whether a module of that name is the package's."""
+    """Tell whether a module belongs to the package."""
     return module is not None and (module == NAME or module.startswith(f"{NAME}."))
 
 
 def imports(text: str) -> set[tuple[str, str]]:
-    """What a file with this text imports from the package: (module, name in the module, or "" of a module alone)."""
+    """Imports of the package in a file's text: (module, name in the module, or "" for the module alone)."""
     found: set[tuple[str, str]] = set()
     for base, names, plain in _IMPORT.findall(_FOR_TYPE_CHECKERS.sub("\n", "\n" + text)):
         words = _COMMENT.sub("", names or plain).strip("() \t\r\n").split(",")
@@ -70,7 +70,7 @@ def imports(text: str) -> set[tuple[str, str]]:
 
 
 def _module(base: str, name: str = "") -> str:
-    """The module that holds a name of ``base``: the module of that name, where there is one."""
+    """Module that holds a name of ``base``: the submodule of that name, if there is one."""
     if f"{base}.{name}" in _FILES:
         return f"{base}.{name}"
     if base not in _FILES:
@@ -80,7 +80,7 @@ def _module(base: str, name: str = "") -> str:
 
 @cache
 def _read(module: str) -> tuple[str, frozenset[str]]:
-    """A hash of a module's file, and the modules that the file may import."""
+    """Hash of a module's file, and the modules that the file may import."""
     try:
         content = Path(_FILES[module].path).read_bytes()
     except OSError:
@@ -90,7 +90,7 @@ def _read(module: str) -> tuple[str, frozenset[str]]:
 
 @cache
 def reach(modules: frozenset[str]) -> tuple[str, ...]:
-    """The modules of the package that code of these modules can come from, sorted."""
+    """Modules of the package that can contribute to these modules' code, sorted."""
     found: set[str] = set()
     waiting = [_module(name) for name in modules]
     while waiting:
@@ -107,12 +107,12 @@ def _hash(modules: tuple[str, ...]) -> str:
 
 
 def sources_hash(modules: Iterable[str]) -> str:
-    """A hash of every file of the package that code of these modules can come from.
+    """Hash of every file of the package that can contribute to these modules' code.
 
     Raises
     ------
     UnknownSource
-        Where a file was edited after this process began.
+        If a file was edited after this process began.
     """
     reached = reach(frozenset(modules))
     for module in reached:

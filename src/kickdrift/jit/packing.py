@@ -1,4 +1,4 @@
-"""Numbers that a mask names, written side by side: by what the processor has for it."""
+"""Compress-store: write the numbers selected by a mask side by side, with the processor's own instructions."""
 
 from __future__ import annotations
 
@@ -13,9 +13,12 @@ from kickdrift.jit.vectors import I32, WIDTH
 
 @intrinsic
 def append_members(typingctx, rows, at, listed, members, start, count, bit, plus):
-    """Write those of the eight whole numbers ``listed[start:start + 8]``, ``count`` at most, whose ``members`` has that
-    bit set, each with ``plus`` added, to the matrix ``rows`` of two int32 from row ``at`` on; how many they are. Up to
-    eight rows after the last may be overwritten."""
+    """Append selected numbers to a matrix and return their count.
+
+    Selects from the eight whole numbers ``listed[start:start + 8]``, at most ``count``, those whose ``members`` has
+    ``bit`` set. Adds ``plus`` to each and writes it to the matrix ``rows`` of two int32, from row ``at`` on. May
+    overwrite up to eight rows after the last.
+    """
     whole = ir.IntType(64)
     eight = ir.VectorType(whole, WIDTH)
 
@@ -44,8 +47,7 @@ def append_members(typingctx, rows, at, listed, members, start, count, bit, plus
 
 
 def _with_avx512(builder: ir.IRBuilder, numbers: ir.Value, mask: ir.Value, pointer: ir.Value) -> ir.Value:
-    """Write the numbers that the mask names side by side from the pointer on; how many: by AVX-512's instruction for
-    it."""
+    """Write selected numbers side by side from the pointer on, by AVX-512's instruction; return their count."""
     kind = ir.FunctionType(ir.VoidType(), [numbers.type, pointer.type, mask.type])
     write = cgutils.get_or_insert_function(builder.module, kind, "llvm.masked.compressstore.v8i64")
     builder.call(write, [numbers, pointer, mask])
@@ -53,7 +55,7 @@ def _with_avx512(builder: ir.IRBuilder, numbers: ir.Value, mask: ir.Value, point
 
 
 def _with_avx2(builder: ir.IRBuilder, numbers: ir.Value, mask: ir.Value, pointer: ir.Value) -> ir.Value:
-    """The same, four at a time, put in order by a table of which of four come first."""
+    """The same, four at a time, with a table of permutations."""
     whole, pairs = ir.IntType(64), ir.VectorType(I32, WIDTH)
     kind = ir.FunctionType(pairs, [pairs, pairs])
     permute = cgutils.get_or_insert_function(builder.module, kind, "llvm.x86.avx2.permd")
@@ -75,8 +77,8 @@ def _with_avx2(builder: ir.IRBuilder, numbers: ir.Value, mask: ir.Value, pointer
 
 
 def _one_by_one(builder: ir.IRBuilder, numbers: ir.Value, mask: ir.Value, pointer: ir.Value) -> ir.Value:
-    """The same, one after the other: each is written, and the place moves on where it counts. LLVM's own way is eight
-    branches that nobody can foretell."""
+    """The same, one after the other: each number is written, and the place advances if it is selected. LLVM's own way
+    has eight unpredictable branches."""
     ones, made = builder.zext(mask, numbers.type), ir.IntType(64)(0)
     for k in range(WIDTH):
         written = builder.store(builder.extract_element(numbers, I32(k)), builder.gep(pointer, [made]))

@@ -1,7 +1,7 @@
-"""Old compiled code leaves the disk: what nobody used for `DAYS` days, and the least recently used beyond `BYTES`.
+"""Removal of old compiled code: files unused for `DAYS` days, and the least recently used beyond `BYTES`.
 
-Every edit of a source, and every new version of numba, leaves code behind that no process will ask for again. A file's
-time of modification is when a process last used the file, to the nearest `STEP`.
+Every edit of a source, and every new version of numba, leaves code that no process will load again. A file's
+modification time is its last use by a process, to the nearest `STEP`.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ BYTES = 500_000_000
 DAY = 86_400.0  # seconds
 STEP = 0.1 * DAY
 
-_used: set[str] = set()  # by this process, which removes none of them
+_used: set[str] = set()  # files used by this process, which removes none of them
 
 
 class _File(NamedTuple):
@@ -29,17 +29,17 @@ class _File(NamedTuple):
 
 
 def use(path: Path) -> None:
-    """Note that this process uses a file."""
+    """Record that this process uses a file."""
     _used.add(str(path))
     try:
         if time.time() - os.stat(path).st_mtime > STEP:
             os.utime(path)
-    except OSError:  # somebody else's, or gone by now
+    except OSError:  # another user's file, or already removed
         return
 
 
 def prune(folder: Path) -> None:
-    """Remove old code from a folder. Whatever cannot be removed stays: other processes may be at the same."""
+    """Remove old code from a folder. Files that cannot be removed stay: other processes may prune at the same time."""
     try:
         files = sorted(_files(str(folder), time.time()), key=lambda file: file.age)
     except OSError:
@@ -59,7 +59,7 @@ def prune(folder: Path) -> None:
 
 
 def _files(folder: str, now: float) -> Iterator[_File]:
-    """The files of compiled code in a folder; earlier versions kept them in folders within, which go when empty."""
+    """Files of compiled code in a folder. Earlier versions kept them in subfolders, which are removed when empty."""
     with os.scandir(folder) as entries:
         for entry in entries:
             try:
@@ -69,5 +69,5 @@ def _files(folder: str, now: float) -> Iterator[_File]:
                 elif entry.name.endswith((SUFFIX, ".nbi")) or UNFINISHED in entry.name:
                     found = entry.stat(follow_symlinks=False)
                     yield _File(entry.path, found.st_size, now - found.st_mtime)
-            except OSError:  # gone by now, or a folder that is not empty
+            except OSError:  # already removed, or a folder that is not empty
                 continue

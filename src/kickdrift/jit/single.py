@@ -1,5 +1,4 @@
-"""What kernels in mixed precision need beside the arithmetic of `lanes`: 16 lanes of float32 made of eight float64, and
-back."""
+"""Mixed precision beside the arithmetic of `lanes`: 16 lanes of float32 from eight float64, and back."""
 
 from __future__ import annotations
 
@@ -24,7 +23,8 @@ def _half(builder: ir.IRBuilder, value: ir.Value, which: int) -> ir.Value:
 
 @intrinsic
 def joined(typingctx, low, high):
-    """16 lanes of float32: eight float64, or one number for all eight, below eight others."""
+    """Join two halves to 16 lanes of float32. Each half is eight float64, or one number for all eight; ``low`` comes
+    first."""
 
     def codegen(context, builder, sig, args):
         halves = [
@@ -38,7 +38,7 @@ def joined(typingctx, low, high):
 
 @intrinsic(prefer_literal=True)
 def two_of(typingctx, value, pair):
-    """Lanes 2 ``pair`` and 2 ``pair`` + 1 of eight float64, eight times each, as float32; ``pair`` is written out."""
+    """Lanes 2 ``pair`` and 2 ``pair`` + 1 of eight float64, eight times each, as float32. ``pair`` is a literal."""
     first = 2 * pair.literal_value
 
     def codegen(context, builder, sig, args):
@@ -51,7 +51,7 @@ def two_of(typingctx, value, pair):
 
 @intrinsic
 def halves(typingctx, value):
-    """The lower and the upper eight of 16 lanes, as float64."""
+    """Lower and upper eight of 16 lanes, as float64."""
 
     def codegen(context, builder, sig, args):
         parts = [_half(builder, args[0], which) for which in range(2)]
@@ -62,7 +62,7 @@ def halves(typingctx, value):
 
 @intrinsic
 def load_twice(typingctx, array, index):
-    """Eight neighbours of a contiguous float32 array in both halves."""
+    """Load eight adjacent numbers of a contiguous float32 array into both halves."""
 
     def codegen(context, builder, sig, args):
         value = builder.load(pointer_to(context, builder, sig, args, F32X8))
@@ -75,13 +75,13 @@ def load_twice(typingctx, array, index):
 
 @intrinsic
 def load_single(typingctx, array, index):
-    """16 neighbours of a contiguous float32 array."""
+    """Load 16 adjacent numbers of a contiguous float32 array."""
     return single_type(array, types.intp), loading(F32X16)
 
 
 @intrinsic
 def store_narrow(typingctx, array, index, value):
-    """Write eight float64 as float32."""
+    """Store eight float64 as float32."""
 
     def codegen(context, builder, sig, args):
         narrow = builder.fptrunc(args[2], F32X8)
@@ -94,7 +94,7 @@ def store_narrow(typingctx, array, index, value):
 
 @intrinsic
 def named_lanes_single(typingctx, like, table, row, next_row, index):
-    """As `memory.named_lanes`, with ``row`` in the lower eight lanes and ``next_row`` in the upper."""
+    """Like `memory.named_lanes`, with ``row`` in the lower eight lanes and ``next_row`` in the upper eight."""
     result = types.NamedTuple([single_type] * len(like), like.instance_class)
 
     def codegen(context, builder, sig, args):

@@ -1,8 +1,8 @@
-"""What a compiled function comes from, as a key: equal keys mean equal machine code.
+"""Key of a compiled function's sources: equal keys mean equal machine code.
 
-The key covers the files of the package that the code can come from (see `package_files`), all that the user's functions
-in it use (see `described`), the types, and the versions and settings of Python, numba, LLVM and numpy. Where one of
-them cannot be described, there is no key, and the code is not kept on disk.
+The key covers the files of the package behind the code (see `package_files`) and everything that the user's functions
+use (see `described`). It also covers the types, and the versions and settings of Python, numba, LLVM and numpy. If one
+of them cannot be described, there is no key, and the code is not kept on disk.
 """
 
 from __future__ import annotations
@@ -22,17 +22,17 @@ from kickdrift.jit.described import Description, Text, found_by_name, settled
 from kickdrift.jit.numba_private import Intrinsic
 from kickdrift.jit.package_files import NAME, UnknownSource, in_package, reach, sources_hash
 
-# Types whose names say all about them.
+# Types that their names describe fully.
 _NAMED = (
     *(types.Number, types.Boolean, types.NoneType, types.StringLiteral),
     *(types.Array, types.CPointer, types.RawPointer),
 )
-# numba's settings that change the machine code, beside those of the processor.
+# numba's settings that change the machine code, beside the processor's settings.
 _SETTINGS = (
     *("OPT", "LOOP_VECTORIZE", "SLP_VECTORIZE", "USING_SVML"),
     *("BOUNDSCHECK", "DEBUGINFO_DEFAULT", "LLVM_REFPRUNE_FLAGS"),
 )
-# By these names compiled code of the package finds functions in the class of a type.
+# Names of functions that compiled code of the package looks up in the class of a type.
 _METHODS = ("law", "apply")
 
 
@@ -42,7 +42,7 @@ def _versions() -> Text:
 
 
 def functions_of(cls: type) -> Iterator[Any]:
-    """The functions of a NamedTuple class that code for its instances is compiled from."""
+    """Functions of a NamedTuple class that code for its instances is compiled from."""
     for name in _METHODS:
         if hasattr(cls, name) and name not in getattr(cls, "_fields", ()):
             yield getattr(cls, name)
@@ -50,7 +50,7 @@ def functions_of(cls: type) -> Iterator[Any]:
 
 
 class Sources:
-    """All that a compiled function comes from.
+    """All sources of a compiled function.
 
     Attributes
     ----------
@@ -60,19 +60,19 @@ class Sources:
     def __init__(self) -> None:
         self.foreign = False
         self._description = Description()
-        self._description.modules.add(f"{NAME}.jit.compile")  # all is compiled with the options there
+        self._description.modules.add(f"{NAME}.jit.compile")  # all code is compiled with the options of this module
         self._texts: list[Text] = []
 
     def add_function(self, function: Any) -> None:
-        """Add a function, and all that its code uses."""
-        if in_package(function.__module__) and function.__closure__ is None:  # the files say all
+        """Add a function and everything that its code uses."""
+        if in_package(function.__module__) and function.__closure__ is None:  # the files cover it fully
             self._description.modules.add(function.__module__)
             self._texts.append((function.__module__, function.__qualname__, str(function.__code__.co_firstlineno)))
             return
         self._texts.append(self._description.of(function))
 
     def add_made_around(self, function: Callable[..., Any], kind: types.Type) -> None:
-        """Add a function of the package that closes over intrinsics that follow from a type alone."""
+        """Add a function of the package that closes over intrinsics of one type."""
         if not in_package(function.__module__):
             raise UnknownSource("a function from outside the package that closes over a type")
         closure = [cell.cell_contents for cell in function.__closure__ or ()]
@@ -82,7 +82,7 @@ class Sources:
         self.add_type(kind)
 
     def add_type(self, kind: types.Type) -> None:
-        """Add a type, and the functions that come with the classes in it."""
+        """Add a type and the functions of its classes."""
         self._texts.append(self._type(kind))
 
     def _type(self, kind: types.Type) -> Text:
@@ -108,23 +108,23 @@ class Sources:
         return (*name, *(self._description.of(each) for each in functions_of(cls)))
 
     def key(self, processor: Any) -> str:
-        """The key of the code for a processor, as numba names that.
+        """Key of the code for a processor, in numba's name for it.
 
         Raises
         ------
         UnknownSource
-            Where a file of the package was edited after this process began.
+            If a file of the package was edited after this process began.
         """
         files = sources_hash(self._description.modules)
         whole = (_versions(), repr(processor), files, *self._texts)
         return hashlib.sha256(repr(whole).encode()).hexdigest()
 
     def cover(self, functions: Iterable[Callable[..., Any]]) -> bool:
-        """Whether the key tells of an edit of each of these functions."""
+        """Tell whether the key detects an edit of each of these functions."""
         files = reach(frozenset(self._description.modules))
         for function in functions:
             home = function.__module__
-            if home is None:  # written and run by one of the others
+            if home is None:  # generated and executed by another function
                 continue
             if in_package(home) and home not in files:
                 return False
@@ -134,6 +134,6 @@ class Sources:
 
 
 def fingerprint(cls: type) -> str:
-    """A NamedTuple class as text: equal for equal code, in every process."""
+    """Describe a NamedTuple class as text: equal texts mean equal code, in every process."""
     sources = Sources()
     return repr((sources._class(cls), sorted(sources._description.modules)))

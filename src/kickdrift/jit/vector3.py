@@ -1,9 +1,9 @@
 """Vectors of three as a type, of lanes or of numbers, so that compiled kernels read as formulas.
 
 numba learns ``Vector3`` with +, -, the sign, products with lanes and with numbers, and ``.x .y .z``. An operation has
-the bits of its components written out: each is that of `lanes` or of numbers, with the fast-math flags of the function
-around it, and in a function without such flags a product of lanes inside a sum is fused with it. Where lanes and
-numbers meet, the numbers are copied to all lanes.
+the bits of its components written out, as `lanes` or numbers have them, with the fast-math flags of the function around
+it. In a function without such flags, a product of lanes inside a sum is fused with the sum. Where lanes and numbers
+meet, the numbers are copied to all lanes.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ AXES = ("x", "y", "z")
 
 
 class Vector3(types.Type):
-    """Three of the type ``of``: lanes or float64."""
+    """Three values of the type ``of``: lanes or float64."""
 
     def __init__(self, of: types.Type) -> None:
         self.of = of
@@ -53,8 +53,8 @@ _lanes3, _numbers3 = Vector3(lanes_type), Vector3(types.float64)
 
 
 def components(builder: ir.IRBuilder, vector: ir.Value) -> list[ir.Value]:
-    """Of a vector. Of one that was put together just before, the values that it was made of, so that `lanes.added`
-    still knows a product."""
+    """Components of a vector. For a vector just put together, these are its original values, so that `lanes.added`
+    still recognises a product."""
     known: dict[int, ir.Value] = {}
     while isinstance(vector, ir.instructions.InsertValue):
         (place,), (vector, value) = vector.indices, vector.operands
@@ -63,7 +63,7 @@ def components(builder: ir.IRBuilder, vector: ir.Value) -> list[ir.Value]:
 
 
 def joined(builder: ir.IRBuilder, parts: list[ir.Value]) -> ir.Value:
-    """The vector of three components."""
+    """Vector of three components."""
     vector = ir.Constant(ir.LiteralStructType([part.type for part in parts]), ir.Undefined)
     for k, part in enumerate(parts):
         vector = builder.insert_value(vector, part, k)
@@ -71,7 +71,7 @@ def joined(builder: ir.IRBuilder, parts: list[ir.Value]) -> ir.Value:
 
 
 def common(*kinds: types.Type) -> types.Type | None:
-    """The type of number that vectors, lanes and numbers have when they meet; None where they do not mix."""
+    """Common type of vectors, lanes and numbers in one operation, or None if they do not mix."""
     inner = [kind.of if isinstance(kind, Vector3) else kind for kind in kinds]
     lanes = {kind for kind in inner if isinstance(kind, Lanes)}
     if len(lanes) > 1 or not all(isinstance(kind, Lanes | types.Number) for kind in inner):
@@ -80,12 +80,12 @@ def common(*kinds: types.Type) -> types.Type | None:
 
 
 def passed(kind: types.Type) -> types.Type:
-    """The type that a vector, lanes or a number is handed over as: whole numbers become float64."""
+    """Type of a vector, lanes or a number as an argument: whole numbers become float64."""
     return kind if isinstance(kind, Vector3 | Lanes) else types.float64
 
 
 def parts_of(builder: ir.IRBuilder, value: ir.Value, kind: types.Type, of: types.Type) -> list[ir.Value]:
-    """Three of the type ``of``: the components of a vector, or lanes or a number three times."""
+    """Three values of the type ``of``: a vector's components, or lanes or a number three times."""
     parts = components(builder, value) if isinstance(kind, Vector3) else [value]
     if isinstance(of, Lanes) and not isinstance(parts[0].type, ir.VectorType):
         parts = [copied(builder, part, of.vector) for part in parts]
@@ -100,7 +100,7 @@ def _multiplied(builder: ir.IRBuilder, a: ir.Value, b: ir.Value, flags: tuple[st
 
 
 def _teach(function: Callable[..., Any], emit: Callable[..., ir.Value], *pairs: tuple[Any, Any]) -> None:
-    """An operator on two operands of such classes, component by component."""
+    """Teach numba an operator on two operands of these classes, component by component."""
 
     def generic(self: Any, args: Any, kws: Any) -> Any:
         if not any(isinstance(kind, Vector3) for kind in args) or len(args) != 2:
@@ -155,12 +155,12 @@ def _each(builder: ir.IRBuilder, vector: ir.Value, emit: Callable[[ir.Value], ir
     return joined(builder, [emit(part) for part in components(builder, vector)])
 
 
-# --- making them ---
+# --- constructors ---
 
 
 @intrinsic
 def vector3(typingctx, x, y, z):
-    """The vector of three components, lanes or numbers."""
+    """Vector of three components, lanes or numbers."""
     of = common(x, y, z)
 
     def codegen(context, builder, sig, args):
@@ -171,7 +171,7 @@ def vector3(typingctx, x, y, z):
 
 @intrinsic
 def thrice(typingctx, value):
-    """The vector of three equal components, lanes or a number."""
+    """Vector of three equal components, lanes or a number."""
     given = passed(value)
 
     def codegen(context, builder, sig, args):
@@ -180,11 +180,12 @@ def thrice(typingctx, value):
     return Vector3(given)(given), codegen
 
 
-# --- memory: contiguous arrays of float64, an index from 0 in all their numbers ---
+# --- memory: contiguous arrays of float64; the index counts all their numbers from 0 ---
 
 
 def _pointers(context: Any, builder: Any, sig: Any, args: Any, to: ir.Type) -> list[ir.Value]:
-    """To the three parts; arguments begin with the array, where x is, and how far y is from it and z from y."""
+    """Pointers to the three components. The arguments begin with the array, the index of x, and the stride from x to y
+    and from y to z."""
     array, place, stride = args[:3]
     places = [place, builder.add(place, stride), builder.add(place, builder.add(stride, stride))]
     return [pointer_to(context, builder, sig, (array, each), to) for each in places]
@@ -206,19 +207,19 @@ def _is_plain(array: types.Type) -> bool:
 
 @intrinsic
 def load3(typingctx, array, place, stride):
-    """Eight x from ``place`` on, eight y ``stride`` behind, eight z twice as far."""
+    """Load eight x from ``place`` on, eight y ``stride`` behind, eight z twice as far."""
     return (_lanes3(array, types.intp, types.intp), _loading(F64X8)) if _is_plain(array) else None
 
 
 @intrinsic
 def numbers3(typingctx, array, place, stride):
-    """The number x at ``place``, y ``stride`` behind, z twice as far."""
+    """Load the number x at ``place``, y ``stride`` behind, z twice as far."""
     return (_numbers3(array, types.intp, types.intp), _loading(F64)) if _is_plain(array) else None
 
 
 @intrinsic
 def store3(typingctx, array, place, stride, vector):
-    """Write a vector, of lanes as ``load3`` reads it, of numbers as ``numbers3`` does."""
+    """Store a vector: lanes in the layout of ``load3``, numbers in the layout of ``numbers3``."""
 
     def codegen(context, builder, sig, args):
         parts = components(builder, args[3])
@@ -244,7 +245,7 @@ def _sum_of_products(
 
 @intrinsic
 def dot(typingctx, a, b):
-    """a_x b_x + a_y b_y + a_z b_z."""
+    """Scalar product a_x b_x + a_y b_y + a_z b_z."""
     of = common(a, b)
 
     def codegen(context, builder, sig, args):
@@ -256,7 +257,7 @@ def dot(typingctx, a, b):
 
 @intrinsic
 def plus_dot(typingctx, start, a, b):
-    """start + a_x b_x + a_y b_y + a_z b_z, which rounds unlike start + dot(a, b)."""
+    """Return start + a_x b_x + a_y b_y + a_z b_z. It rounds differently from start + dot(a, b)."""
     of = common(start, a, b)
 
     def codegen(context, builder, sig, args):
@@ -268,7 +269,7 @@ def plus_dot(typingctx, start, a, b):
 
 @intrinsic
 def cross(typingctx, a, b):
-    """a x b."""
+    """Vector product a x b."""
     of = common(a, b)
 
     def codegen(context, builder, sig, args):
@@ -285,7 +286,7 @@ def cross(typingctx, a, b):
 
 @intrinsic
 def select3(typingctx, mask, yes, no):
-    """As `masks.select`, of two vectors of lanes."""
+    """Like `masks.select`, for two vectors of lanes."""
 
     def codegen(context, builder, sig, args):
         pairs = zip(components(builder, args[1]), components(builder, args[2]), strict=True)
@@ -296,7 +297,7 @@ def select3(typingctx, mask, yes, no):
 
 @intrinsic(prefer_literal=True)
 def rotated3(typingctx, vector, places):
-    """As `lanes.rotated`, of each component."""
+    """Like `lanes.rotated`, for each component."""
     order = [(k + places.literal_value) % WIDTH for k in range(WIDTH)]
 
     def codegen(context, builder, sig, args):
@@ -308,7 +309,7 @@ def rotated3(typingctx, vector, places):
 
 @intrinsic
 def lane_sums(typingctx, vector):
-    """The vector of the sums of each component's lanes."""
+    """Vector of the lane sums of each component."""
 
     def codegen(context, builder, sig, args):
         return _each(builder, args[0], lambda part: folded(builder, part, builder.fadd))

@@ -1,4 +1,4 @@
-"""Vectors in LLVM code: the numba types of lanes and masks, and what intrinsics emit to make and to combine them."""
+"""Vectors in LLVM code: numba types for lanes and masks, and emitters that make and combine them."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ F64X8 = ir.VectorType(F64, WIDTH)
 F32X16 = ir.VectorType(F32, 2 * WIDTH)
 F64X4 = ir.VectorType(F64, WIDTH // 2)
 F32X8 = ir.VectorType(F32, WIDTH)
-FULL = (F64X8, F32X16)  # 512 bits, as AVX-512 has them
+FULL = (F64X8, F32X16)  # 512 bits, as in AVX-512
 I1X8 = ir.VectorType(ir.IntType(1), WIDTH)
 I32 = ir.IntType(32)
 
 
 class Mask(types.Type):
-    """Yes-or-no side by side."""
+    """Booleans side by side."""
 
     def __init__(self, count: int) -> None:
         self.count = count
@@ -32,7 +32,7 @@ class Mask(types.Type):
 
 
 class Lanes(types.Type):
-    """Numbers side by side, with the LLVM type ``vector``; comparisons give a ``mask``."""
+    """Numbers side by side, with the LLVM type ``vector``. Comparisons give a ``mask``."""
 
     def __init__(self, vector: ir.VectorType, mask: Mask) -> None:
         self.vector, self.mask = vector, mask
@@ -70,12 +70,12 @@ def constant(value: float, vector: ir.VectorType = F64X8) -> ir.Constant:
 
 
 def as_lanes(builder: ir.IRBuilder, value: ir.Value, kind: types.Type, vector: ir.VectorType) -> ir.Value:
-    """A value of that numba type, lanes or a number, as lanes."""
+    """Convert a value of a numba type, lanes or a number, to lanes."""
     return value if isinstance(kind, Lanes) else copied(builder, value, vector)
 
 
 def bytes_of(element: ir.Type) -> int:
-    """Of a lane of float64 or float32."""
+    """Bytes of a lane of float64 or float32."""
     return 8 if element == F64 else 4
 
 
@@ -90,7 +90,7 @@ def fused(builder: ir.IRBuilder, a: ir.Value, b: ir.Value, c: ir.Value, name: st
 
 
 def estimate(builder: ir.IRBuilder, name: str, x: ir.Value) -> ir.Value:
-    """AVX-512's estimate of 1 / x (rcp14) or 1 / sqrt(x) (rsqrt14), to 14 bits; of the ``FULL`` vectors."""
+    """AVX-512's estimate of 1 / x (rcp14) or 1 / sqrt(x) (rsqrt14), to 14 bits, for the ``FULL`` vectors."""
     letter = "d" if x.type == F64X8 else "s"
     every = ir.Constant(ir.IntType(x.type.count), -1)
     kind = ir.FunctionType(x.type, [x.type, x.type, every.type])
@@ -99,7 +99,7 @@ def estimate(builder: ir.IRBuilder, name: str, x: ir.Value) -> ir.Value:
 
 
 def flags_of(context: Any) -> tuple[str, ...]:
-    """The fast-math flags of the function being compiled."""
+    """Fast-math flags of the function being compiled."""
     return tuple(sorted(context.fastmath.flags)) if context.fastmath else ()
 
 
@@ -110,7 +110,7 @@ def pointer_to(context: Any, builder: Any, sig: Any, args: Any, vector: ir.Vecto
 
 
 def first_lanes(builder: ir.IRBuilder, count: ir.Value) -> ir.Value:
-    """The mask of the first ``count`` lanes."""
+    """Mask of the first ``count`` lanes."""
     lanes, kind = ir.Constant(ir.VectorType(count.type, WIDTH), list(range(WIDTH))), ir.VectorType(I32, WIDTH)
     one = builder.insert_element(ir.Constant(lanes.type, ir.Undefined), count, I32(0))
     many = builder.shuffle_vector(one, ir.Constant(lanes.type, ir.Undefined), ir.Constant(kind, [0] * WIDTH))
@@ -118,7 +118,7 @@ def first_lanes(builder: ir.IRBuilder, count: ir.Value) -> ir.Value:
 
 
 def folded(builder: ir.IRBuilder, vector: ir.Value, combine: Callable[[ir.Value, ir.Value], ir.Value]) -> ir.Value:
-    """The lanes combined to one number, always in the same order: halves, quarters, eighths."""
+    """Combine the lanes to one number, always in the same order: halves, quarters, eighths."""
     width = WIDTH
     while width > 1:
         width //= 2

@@ -18,7 +18,7 @@ from kickdrift.model.system import System
 def instantaneous_pressure(system: System, positions: ArrayLike, velocities: ArrayLike) -> Floats:
     """(3, 3) the pressure tensor of a System's particles at these positions and velocities, both (n, 3)."""
     if not all(system.box.periodic_axes):
-        raise InputError("pressure: needs a periodic box; an open one has no volume")
+        raise InputError("pressure: needs a periodic box; open space has no volume")
     x, v = np.asarray(positions, dtype=float), np.asarray(velocities, dtype=float)
     total = np.einsum("n,na,nb->ab", system.coherent_masses, v, v)
     for force in system.forces:
@@ -41,7 +41,7 @@ def _pulls(force: object, system: System, x: Floats) -> Iterator[tuple[Floats, F
         yield apart, -np.divide(stretch, r, out=np.zeros_like(r), where=r > 0)
     elif not getattr(force, "external", False):
         name = getattr(force, "name", type(force).__name__)
-        raise InputError(f"pressure: force {name!r} has no pairs to sum over here")
+        raise InputError(f"pressure: force {name!r} has no pairs for the sum")
 
 
 def _pair_law(force: PairForce, system: System, x: Floats) -> Iterator[tuple[Floats, Floats]]:

@@ -106,9 +106,9 @@ class Record:
         for key, value in kept.items():
             kind = type(getattr(fresh, key, None))
             if key != "taken" and not isinstance(value, (int, float) if kind in (int, float) else kind):
-                raise InputError(f"checkpoint: record.{key} does not hold what it held in such a run")
+                raise InputError(f"checkpoint: record.{key} does not fit a run of this system")
         if not all(isinstance(line, str) for line in kept["warnings"]) or not all(map(is_row, kept["events"])):
-            raise InputError("checkpoint: its warnings or events are none")
+            raise InputError("checkpoint: its warnings or events are invalid")
         return cls(**(kept | {"taken": NOTHING if kept["taken"] is None else Taken(*kept["taken"])}))
 
     def series(self) -> Series:

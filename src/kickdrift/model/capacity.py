@@ -26,7 +26,7 @@ def check_room(key: str, count: float, what: str = "particles", each: float = BY
         needed = f"about {size(count * each)}" if count < 10**15 else "more memory than there is"
         raise InputError(
             f"{key}: {amount(number(count))} {what} take {needed}, and this machine has {size(there)} of memory; "
-            f"{advice or f'the most is {most:,} here'}"
+            f"{advice or f'the limit is {most:,} here'}"
         )
 
 

@@ -92,7 +92,7 @@ class Collision:
         if not (is_number(self.restitution) and 0 <= self.restitution <= 1):
             raise InputError(f"{self.kind}: restitution must be a number from 0 to 1, got {shown(self.restitution)}")
         if self.restitution != 1 and self.action != "bounce":
-            raise InputError(f"{self.kind}: restitution is for action 'bounce', not {self.action!r}")
+            raise InputError(f"{self.kind}: restitution needs action 'bounce', not {self.action!r}")
         values = self.radii.items() if isinstance(self.radii, Mapping) else enumerate(_listed(self.radii))
         for key, radius in values:
             if not (math.isfinite(number(radius)) and radius >= 0):
@@ -253,7 +253,7 @@ def checked_events(subject: System | Problem, events: Iterable[Event]) -> tuple[
             raise InputError(f"events: expected CloseApproach, Collision, Escape or Crossing, got {shown(event)}")
         if not isinstance(subject, System):
             if not (isinstance(event, Crossing) and callable(event.function)):
-                raise InputError(f"{event.kind}: is for particles; a Problem's event is a Crossing of a function of y")
+                raise InputError(f"{event.kind}: needs particles; for a Problem use a Crossing of a function of y")
             continue
         if subject.box.periodic:
             raise InputError(f"{event.kind}: events need open space, and the box is periodic")
@@ -275,7 +275,7 @@ def checked_events(subject: System | Problem, events: Iterable[Event]) -> tuple[
             if pair[0] == pair[1]:
                 raise InputError(f"{event.name}: expected two bodies, got {shown(event.function.body)} twice")
         if getattr(event, "action", "") in ("merge", "remove") and subject.acting("joins"):
-            raise InputError(f"{event.kind}: action {event.action!r} is not for bodies joined by springs")  # type: ignore[union-attr]
+            raise InputError(f"{event.kind}: action {event.action!r} cannot act on bodies joined by springs")  # type: ignore[union-attr]
     return found
 
 

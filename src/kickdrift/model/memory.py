@@ -65,11 +65,11 @@ def put_back(owner: Any, name: str, value: Any) -> None:
     there = getattr(owner, last, None)
     if isinstance(there, np.ndarray) and isinstance(value, np.ndarray) and there.shape == value.shape:
         if not np.can_cast(value.dtype, there.dtype, "same_kind"):
-            raise InputError(f"checkpoint: {label(name)} does not hold the numbers of such a run")
+            raise InputError(f"checkpoint: {label(name)} does not hold the expected numbers")
         there[...] = value
     elif isinstance(there, np.ndarray) and not isinstance(getattr(type(owner), last, None), property):
-        raise InputError(f"checkpoint: {label(name)} has another shape than in a run of this system")
+        raise InputError(f"checkpoint: {label(name)} has another shape than this system needs")
     elif any(isinstance(there, kind) and not isinstance(value, kind) for kind in (int | float, str)):
-        raise InputError(f"checkpoint: {label(name)} does not hold what it held in such a run")
+        raise InputError(f"checkpoint: {label(name)} does not fit a run of this system")
     else:
         setattr(owner, last, by_value(value))

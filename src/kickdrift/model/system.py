@@ -351,6 +351,6 @@ def body_names(names: Sequence[str], n: int) -> tuple[str, ...]:
         return given
     for k, name in enumerate(given):
         if not name.strip() or name in seen:
-            raise InputError(f"names: particle {k} is called {name!r}; expected a name that no other has")
+            raise InputError(f"names: particle {k} is called {name!r}; expected unique names")
         seen.add(name)
     return given

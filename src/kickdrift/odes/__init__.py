@@ -1,6 +1,6 @@
-"""The differential equations that the literature measures methods by: factories of Problems, by name.
+"""Standard test problems of the literature: factories of Problems, by name.
 
-Each takes its starting values ``y0``, its parameters and the time ``t0`` at the start, all with defaults.
+Each takes its starting values ``y0``, its parameters and the starting time ``t0``, all with defaults.
 """
 
 from __future__ import annotations

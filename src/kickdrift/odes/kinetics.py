@@ -104,7 +104,7 @@ def robertson(
 
 
 def hires(y0: Numbers = (1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0057), t0: float = 0.0) -> Problem:
-    """How light makes a plant grow: eight reactants of phytochrome ("high irradiance responses"). Stiff.
+    """Growth of a plant under light: eight reactants of phytochrome ("high irradiance responses"). Stiff.
 
     ``energy`` is y7 + y8, the amount of an enzyme, free and bound.
 
@@ -173,7 +173,8 @@ def orego(
 def lorenz(
     y0: Numbers = (0.0, 1.0, 0.0), sigma: float = 10.0, rho: float = 28.0, beta: float = 8.0 / 3.0, t0: float = 0.0
 ) -> Problem:
-    """x' = sigma (y - x), y' = x (rho - z) - y, z' = x y - beta z. Chaotic: neighbouring solutions part as exp(0.9 t).
+    """x' = sigma (y - x), y' = x (rho - z) - y, z' = x y - beta z. Chaotic: neighbouring solutions diverge as exp(0.9
+    t).
 
     Source: Lorenz 1963, eqs. 25 to 27, doi:10.1175/1520-0469(1963)020<0130:DNF>2.0.CO;2."""
     start = start_values(y0, 3)

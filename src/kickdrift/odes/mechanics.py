@@ -56,7 +56,7 @@ def pendulum(y0: Numbers = (2.0, 0.0), omega: float = 1.0, t0: float = 0.0) -> P
 
 
 def kepler(eccentricity: float = 0.5, y0: Numbers | None = None, t0: float = 0.0) -> Problem:
-    """x'' = -x / |x|^3 in the plane; y is (x, y, x', y'). Closed form where the orbit is an ellipse.
+    """x'' = -x / |x|^3 in the plane; y is (x, y, x', y'). Closed form for elliptic orbits.
 
     Starts at the pericentre of an ellipse of semi-major axis 1 and period 2 pi, or at ``y0``.
 
@@ -66,7 +66,7 @@ def kepler(eccentricity: float = 0.5, y0: Numbers | None = None, t0: float = 0.0
     e = float(eccentricity)
     start = start_values((1 - e, 0.0, 0.0, math.sqrt((1 + e) / (1 - e))) if y0 is None else y0, 4)
     if not start[:2].any():
-        raise InputError("y0: the body stands on the centre of attraction")
+        raise InputError("y0: the body is at the centre of attraction")
 
     def f(t, y):
         r2 = y[0] * y[0] + y[1] * y[1]
@@ -83,8 +83,8 @@ def kepler(eccentricity: float = 0.5, y0: Numbers | None = None, t0: float = 0.0
 
 
 def _ellipse(start: Floats, t0: float) -> Callable[[float], Floats]:
-    """The bound orbit of the Kepler problem through ``start``: Kepler's equation in the difference of eccentric
-    anomaly, and Lagrange's f and g (Danby 1988, Fundamentals of Celestial Mechanics, 6.3)."""
+    """Bound orbit of the Kepler problem through ``start``, from Kepler's equation in the difference of eccentric
+    anomaly and Lagrange's f and g (Danby 1988, Fundamentals of Celestial Mechanics, 6.3)."""
     x, v = start[:2], start[2:]
     r0 = float(np.hypot(*x))
     a = 1.0 / (2.0 / r0 - float(v @ v))
@@ -98,7 +98,7 @@ def _ellipse(start: Floats, t0: float) -> Callable[[float], Floats]:
             return u - e_cos * math.sin(u) + e_sin * (1.0 - math.cos(u)) - mean
 
         low, high = mean - 2.0, mean + 2.0  # the difference is below 1 + e
-        while high - low > 1e-3:  # Newton is safe from here on
+        while high - low > 1e-3:  # Newton's method converges from here
             middle = 0.5 * (low + high)
             low, high = (low, middle) if excess(middle) > 0 else (middle, high)
         u = 0.5 * (low + high)
@@ -115,16 +115,17 @@ def _ellipse(start: Floats, t0: float) -> Callable[[float], Floats]:
 def arenstorf(
     y0: Numbers = (0.994, 0.0, 0.0, -2.00158510637908252240537862224), mu: float = 0.012277471, t0: float = 0.0
 ) -> Problem:
-    """A satellite between Earth and Moon, which turn with the axes: the plane restricted three-body problem; y is
-    (x, y, x', y'). The default is a closed orbit of four loops and period 17.0652165601579625588917206249.
+    """Satellite between Earth and Moon: the plane restricted three-body problem in rotating axes. y is (x, y, x', y').
 
-    ``energy`` is half of Jacobi's integral with its sign turned.
+    The default is a closed orbit of four loops and period 17.0652165601579625588917206249. ``energy`` is minus half of
+    Jacobi's integral.
 
     Source: Arenstorf 1963, Am. J. Math. 85, 27; Hairer, Nørsett & Wanner 1993, eq. II.0.1,
-    doi:10.1007/978-3-540-78862-1."""
+    doi:10.1007/978-3-540-78862-1.
+    """
     start = start_values(y0, 4)
     if not 0 <= mu <= 1:
-        raise InputError(f"mu: expected the Moon's part of the mass, from 0 to 1, got {mu!r}")
+        raise InputError(f"mu: expected the Moon's fraction of the mass, from 0 to 1, got {mu!r}")
     rest = 1.0 - mu
 
     def f(t, y):

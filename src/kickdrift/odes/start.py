@@ -1,4 +1,4 @@
-"""What the factories check of their arguments."""
+"""Checks of the factories' arguments."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def start_values(y0: Numbers, count: int) -> Floats:
 
 
 def positive(key: str, value: float) -> float:
-    """The value, where it is positive."""
+    """Return the value if it is positive, else raise InputError."""
     if not value > 0:
         raise InputError(f"{key}: expected a positive number, got {value!r}")
     return value

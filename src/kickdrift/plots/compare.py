@@ -1,4 +1,4 @@
-"""The figure of work against precision."""
+"""Figure of work against precision."""
 
 from __future__ import annotations
 
@@ -16,10 +16,9 @@ MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 
 
 def plot_comparison(comparison: Comparison, output: str | os.PathLike[str], *, overwrite: bool = False) -> Path:
-    """Draw the error of each method against force evaluations and against seconds; returns the figure's path.
+    """Draw the error of each method against force evaluations and against seconds. Return the figure's path.
 
-    Methods go through the colours first and then through the markers. Below the grey line the reference itself is not
-    known.
+    Methods use all colours first and then all markers. Below the grey line the reference itself is not accurate.
     """
     target = checked_target(output, overwrite)
     drawn = {

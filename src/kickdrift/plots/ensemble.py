@@ -1,4 +1,4 @@
-"""Figures of an ensemble: a map over two keys, a curve over one, points over drawn ones, or a histogram."""
+"""Figures of an ensemble: a map over two keys, a curve over one, points over random keys, or a histogram."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from pandas import DataFrame
 
-# MEGNO tends to 2 where motion is regular (Cincotta & Simo 2000, doi:10.1051/aas:2000108); colours end at the second.
+# MEGNO tends to 2 for regular motion (Cincotta & Simo 2000, doi:10.1051/aas:2000108); colours end at the second number.
 REGULAR, CHAOTIC = 2.0, 4.0
-WIDE = 100.0  # a logarithm shows positive values whose largest is that many times the smallest
-FEW = 8  # values along an axis of a map that are all named
-NONE = "#BDBDBD"  # where there is no value to draw
+WIDE = 100.0  # smallest ratio of the largest to the smallest positive value for a logarithmic axis
+FEW = 8  # most values along a map's axis that are all labelled
+NONE = "#BDBDBD"  # no value to draw
 
 # Dimensions of columns, and of the keys of a system file by their last part.
 COLUMNS = {
@@ -51,19 +51,19 @@ def plot_ensemble(
     *,
     overwrite: bool = False,
 ) -> Path:
-    """Draw a column of an ensemble's table against what varied; returns the figure's path.
+    """Draw a column of an ensemble's table against the varied keys. Return the figure's path.
 
-    A map for two keys on grids; for one a curve of the mean over the members at each value, with its standard error;
-    points for one or two keys that were drawn; else a histogram. The column is the one that tells most unless named.
-    Members that failed, or that have no number there, are counted in the title, and marked where they would be.
+    Two keys on grids give a map. One gives a curve of the mean over the members at each value, with its standard error.
+    One or two random keys give points, and anything else a histogram. The default column is the most informative one.
+    The title counts members that failed or that have no number there, and the figure marks their places.
     """
     target = checked_target(output, overwrite, path)
     table = Ensemble.read(path)
     grids, drawn = summary.grids(table), summary.drawn(table)
     if len(grids) > 2:
         raise InputError(
-            f"{path}: {len(grids)} keys vary on grids, {', '.join(grids)}, and a figure shows two: "
-            f"fix the others with one value each, as in --vary {grids[-1]}=VALUE"
+            f"{path}: {len(grids)} keys vary on grids, {', '.join(grids)}, but a figure shows two: "
+            f"give each of the others one value, as in --vary {grids[-1]}=VALUE"
         )
     try:
         name = summary.chosen(table, column)
@@ -89,17 +89,18 @@ def plot_ensemble(
 
 
 class _Scale(NamedTuple):
-    """An axis along the values of a grid: where they are, the edges between, and their names if they are no numbers."""
+    """Axis along the values of a grid: their places, the edges between them, and their names if they are not
+    numbers."""
 
     places: Any
     edges: Any
-    order: Any  # of the grid's values along the axis
+    order: Any  # order of the grid's values along the axis
     log: bool
     names: list[str]
 
 
 def _scale(values: Sequence[Any]) -> _Scale:
-    """Numbers where they are, evenly in the logarithm if that is nearer to how they are spaced; others one by one."""
+    """Axis of numbers, in the logarithm if that is more even; other values are placed one by one."""
     numbers = all(isinstance(value, int | float) and not isinstance(value, bool) for value in values)
     if not numbers or len(set(values)) < len(values):
         places = np.arange(len(values), dtype=float)
@@ -115,7 +116,7 @@ def _scale(values: Sequence[Any]) -> _Scale:
 
 
 def _unevenness(places: Any) -> float:
-    """The standard deviation of the gaps over their mean; what rounding makes of even ones is nothing."""
+    """Standard deviation of the gaps over their mean; rounding of even gaps counts as zero."""
     gaps = np.diff(places)
     found = float(gaps.std() / gaps.mean())
     return found if found > 1e-6 else 0.0
@@ -239,22 +240,22 @@ def _draw_histogram(axes: Axes, table: DataFrame, name: str) -> None:
     axes.grid(False, axis="x")
 
 
-# -- what they share
+# -- shared parts
 
 
 def _values(table: DataFrame, name: str) -> Any:
-    """A column's numbers; NaN for members that are not done."""
+    """Numbers of a column; NaN for members that are not done."""
     return np.where(table["status"] == DONE, table[name].to_numpy(dtype=float), np.nan)
 
 
 def _wide(values: Any) -> bool:
-    """Whether values are drawn on a logarithmic scale."""
+    """Tell whether values need a logarithmic scale."""
     known = values[np.isfinite(values)]
     return bool(len(known) and known.min() > 0 and known.max() > WIDE * known.min())
 
 
 def _colours(name: str, values: Any) -> dict[str, Any]:
-    """A colour map and its scale. That of MEGNO has regular motion in its middle, and is the same in all figures."""
+    """Colour map and scale. MEGNO's has regular motion in its middle, and is the same in all figures."""
     from matplotlib.colors import LogNorm
 
     if name == "megno":
@@ -263,7 +264,7 @@ def _colours(name: str, values: Any) -> dict[str, Any]:
 
 
 def _colour_bar(figure: Figure, axes: Axes, drawn: Any, values: Any, label: str) -> None:
-    """The bar, with a tip where values lie beyond its end."""
+    """Draw the colour bar, with a tip if values lie beyond its end."""
     low, high = drawn.get_clim()
     below, above = np.nanmin(values) < low, np.nanmax(values) > high
     extend = {(False, False): "neither", (True, False): "min", (False, True): "max"}.get((below, above), "both")
@@ -274,7 +275,7 @@ def _colour_bar(figure: Figure, axes: Axes, drawn: Any, values: Any, label: str)
 
 
 def _set_values(axes: Axes, table: DataFrame, name: str) -> None:
-    """The y axis of a column."""
+    """Set the y axis of a column."""
     if name == "megno":
         axes.axhline(REGULAR, color=INK, linewidth=0.9, linestyle=(0, (4, 3)), label="regular motion: 2")
     if _wide(_values(table, name)):
@@ -283,13 +284,13 @@ def _set_values(axes: Axes, table: DataFrame, name: str) -> None:
 
 
 def _set_drawn(axes: Axes, which: str, table: DataFrame, key: str) -> None:
-    """The axis of a key that was drawn."""
+    """Set the axis of a random key."""
     log = table.attrs[PROVENANCE]["draws"][key][0] == "log-uniform"
     axes.set(**{f"{which}label": _key_label(table, key), f"{which}scale": "log" if log else "linear"})
 
 
 def _mark_missing(axes: Axes, places: Any) -> None:
-    """Crosses along the x axis where there is no value."""
+    """Draw crosses along the x axis for missing values."""
     if len(places):
         axes.plot(
             places, np.full(len(places), 0.025), "x", color="#888888", markersize=5, label="no value",
@@ -298,7 +299,7 @@ def _mark_missing(axes: Axes, places: Any) -> None:
 
 
 def _title(table: DataFrame, name: str) -> str:
-    """The system, how many members there are, and how many of them have nothing to draw."""
+    """Title: the system, the number of members, and the number without a value."""
     came_from = table.attrs[PROVENANCE]
     counts = {str(status): int(count) for status, count in table["status"].value_counts().items() if status != DONE}
     done = table["status"] == DONE
@@ -317,13 +318,13 @@ def _column_label(table: DataFrame, name: str) -> str:
 
 
 def _key_label(table: DataFrame, key: str) -> str:
-    """A key, with its unit if it is one of a system file's or of [run]."""
+    """Label of a key, with its unit if it belongs to a system file or to [run]."""
     last = key.rpartition(".")[2]
     return _labelled(table, key, KEYS.get(last) if "." in key or last in ("dt", "time") else None)
 
 
 def _labelled(table: DataFrame, name: str, dimension: str | None) -> str:
-    """A name with the unit of its dimension, where the system's units have names."""
+    """Name with the unit of its dimension, if the system's units have names."""
     units = UNIT_SYSTEMS.get(table.attrs[PROVENANCE].get("units", ""))
     if dimension is None or units is None or (units.name == "nbody" and dimension != "angle"):
         return name

@@ -1,4 +1,4 @@
-"""Figures of a run's observables, one to a figure, with their standard errors below."""
+"""Figures of a run's observables, each with its standard errors below."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-WORK = 2e8  # n^2 times frames that g(r) and S(k) are averaged over: a few seconds
-FEWEST_FRAMES = 10  # of them, where a run has these
-FAINT = 0.02  # of a velocity's own square: correlations under that cannot be told from zero in the picture
-MOST_SPECIES = 3  # that get a line each, or one for each pair; of more, all particles are taken together
+WORK = 2e8  # n^2 times the frames averaged for g(r) and S(k): a few seconds
+FEWEST_FRAMES = 10  # least number of frames, if the run has them
+FAINT = 0.02  # fraction of a velocity's square: smaller correlations look like zero
+MOST_SPECIES = 3  # most species with a line each, or a line for each pair; else all particles are taken together
 
 
 class Curve(NamedTuple):
-    """Values with standard errors, infinite where none is known."""
+    """Values with standard errors, infinite if unknown."""
 
     label: str
     x: Floats
@@ -39,17 +39,17 @@ class Curve(NamedTuple):
 def plot_observable(
     path: str | os.PathLike[str], kind: str, output: str | os.PathLike[str], *, overwrite: bool = False
 ) -> Path:
-    """Draw "rdf", "msd", "vacf" or "structure-factor" of a run; returns the figure's path.
+    """Draw "rdf", "msd", "vacf" or "structure-factor" of a run. Return the figure's path.
 
-    Each species, or each pair of them, has a line of its own where there are few. Bands and bars are standard errors
-    by block averages, shown by themselves below; where the run is too short to tell one there is none. g(r) and S(k)
-    are averages over no more frames than take a few seconds, spread evenly, the first one left out.
+    If there are few species, each species or pair has its own line. Bands and bars are standard errors by block
+    averages, and a panel below shows the errors alone. A run that is too short has no errors. g(r) and S(k) are
+    averages over frames spread evenly over the run without the first, as many as take a few seconds.
     """
     target = checked_target(output, overwrite, path)
     measure, draw = KINDS[kind]
     with reader.open(path) as run:
         if not len(run):
-            raise InputError(f"{run.path}: holds no frame to draw")
+            raise InputError(f"{run.path}: no frame to draw")
         curves = measure(run)
         title = _title(run)
         figure = new_figure(7.2, 6.0)
@@ -62,7 +62,7 @@ def plot_observable(
     return save_figure(figure, target)
 
 
-# -- what is drawn
+# -- curves
 
 
 def _rdf(run: reader.Run) -> list[Curve]:
@@ -91,7 +91,7 @@ def _displacements(run: reader.Run) -> list[Curve]:
 def _velocities(run: reader.Run) -> list[Curve]:
     found = ((name, velocity_autocorrelation(run, of=name)) for name in _each_species(run))
     curves = [Curve(name or "", c.times, c.normalised, c.error / abs(c.values[0])) for name, c in found]
-    # Twice as far as there is something to see.
+    # Twice the visible range.
     shown = min(2 * max(int(np.flatnonzero(abs(curve.y) > FAINT)[-1]) for curve in curves) + 2, len(curves[0].x))
     return [Curve(c.label, c.x[:shown], c.y[:shown], c.error[:shown]) for c in curves]
 
@@ -101,13 +101,13 @@ def _each_species(run: reader.Run) -> list[str | None]:
 
 
 def _spread(run: reader.Run) -> slice:
-    """Frames over the whole run, but for its start, which often is a lattice."""
+    """Frames over the whole run except its start, which often is a lattice."""
     count = max(FEWEST_FRAMES, int(WORK / len(run.ids) ** 2))
     step = -(-len(run) // count)
     return slice(min(max(1, step - 1), len(run) - 1), None, step)
 
 
-# -- how
+# -- drawing
 
 
 def _draw_rdf(axes: Axes, curves: list[Curve], run: reader.Run) -> None:
@@ -145,7 +145,7 @@ def _draw_velocities(axes: Axes, curves: list[Curve], run: reader.Run) -> None:
 
 
 def _lines(axes: Axes, curves: list[Curve]) -> None:
-    """Lines, each with a band of one standard error to both sides as far as it is known."""
+    """Draw lines, each with a band of one standard error to both sides where it is known."""
     for curve, colour in zip(curves, COLOURS, strict=False):
         known = np.isfinite(curve.error)
         band = np.where(known, curve.error, 0.0)
@@ -154,7 +154,7 @@ def _lines(axes: Axes, curves: list[Curve]) -> None:
 
 
 def _draw_errors(figure: Figure, above: Axes, curves: list[Curve]) -> None:
-    """The errors alone, which are thinner than a line where a run is long."""
+    """Draw the errors alone, which are thinner than a line for a long run."""
     axes = new_axes(figure, (4, 1, 4))
     axes.set_xscale(above.get_xscale())
     axes.set_yscale("log")

@@ -1,4 +1,4 @@
-"""The figure of an N-body run: orbits in the plane and in space, to scale; elements against time; energy error."""
+"""Figure of an N-body run: orbits in the plane and in space, to scale; elements against time; energy error."""
 
 from __future__ import annotations
 
@@ -33,36 +33,36 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-FRAMES = 4000  # at most, of a run's
-FEW = 12  # bodies that get a line, a colour and a name each; more are drawn as points
-COARSE = 0.35  # radians from frame to frame from which on a path is no line
-TURNS = 8  # ellipses that are drawn of a body, spread over the run
-INNER = 8.0  # times farther out: from there on the bodies inside the widest gap get a panel of their own
-CROWD = 0.97  # of many bodies lie inside of the panel
-CLOSE = 0.8  # of a few bodies' places, where none dominates, lie inside of the close-up
-# Seven of Okabe & Ito and five of Paul Tol's muted ones, all told apart by colour-blind readers.
+FRAMES = 4000  # most frames of a run
+FEW = 12  # most bodies with a line, a colour and a name each; more are drawn as points
+COARSE = 0.35  # largest angle between frames, in radians, for a path drawn as a line
+TURNS = 8  # ellipses drawn for a body, spread over the run
+INNER = 8.0  # ratio of distances across the widest gap from which the inner bodies get their own panel
+CROWD = 0.97  # share of many bodies inside the panel
+CLOSE = 0.8  # share of a few bodies' places, without a dominant one, inside the close-up
+# Seven of Okabe & Ito's colours and five of Paul Tol's muted ones, distinguishable for colour-blind readers.
 BODY_COLOURS = (*COLOURS, "#882255", "#44AA99", "#999933", "#332288", "#AA4499")
 
 
 def has_orbits(path: str | os.PathLike[str]) -> bool:
-    """Whether a run's file is one of bodies under gravity, with frames to draw."""
+    """Tell whether a run's file has bodies under gravity and frames to draw."""
     with reader.open(path) as run:
         return gravity_of(run) is not None and len(run) > 0 and len(run.ids) > 1
 
 
 def plot_orbits(path: str | os.PathLike[str], output: str | os.PathLike[str], *, overwrite: bool = False) -> Path:
-    """Draw the orbits of a run's bodies; returns the figure's path.
+    """Draw the orbits of a run's bodies. Return the figure's path.
 
-    The plane is the one at right angles to the total angular momentum, seen from the side where the bodies turn
-    counterclockwise; x-y where they do not turn. Positions are relative to the barycentre. Of a body whose frames are
-    too far apart for a path, the ellipses that it was on are drawn, faint, and strong the one of the end. A body that
-    was absorbed or removed is drawn as far as it came.
+    The plane is perpendicular to the total angular momentum, seen from the side where the bodies turn counterclockwise.
+    It is x-y if they do not turn. Positions are relative to the barycentre. A body whose frames are too far apart for a
+    path is drawn by its ellipses, faint, with the last one strong. A body that was absorbed or removed is drawn up to
+    its end.
     """
     target = checked_target(output, overwrite, path)
     with reader.open(path) as run:
         found = paths(run, FRAMES)
         if len(run.ids) < 2:
-            raise InputError(f"{run.path}: holds one body; orbits need two or more")
+            raise InputError(f"{run.path}: one body; orbits need two or more")
         energies = run.energies if len(run.sample_times) else None
         units, title = run.units, _title(run, "bodies")
     axes = invariable_axes(found)
@@ -96,10 +96,10 @@ def plot_orbits(path: str | os.PathLike[str], output: str | os.PathLike[str], *,
 
 
 def _lines(found: Paths, orbits: Orbits | None) -> list[list[Floats]]:
-    """For each of a few bodies the (k, 3) lines to draw, the one of the end last; many bodies have none.
+    """The (k, 3) lines to draw for each of a few bodies, with the last one at the end; many bodies have none.
 
-    A line is the body's path. Where its frames are too far apart for that, lines are the ellipses that it was on at
-    TURNS times, about the centre of mass of the bodies inside of it, which it moves as they move it.
+    A line is the body's path. If its frames are too far apart, the lines are its ellipses at TURNS times, about the
+    centre of mass of the bodies inside its orbit.
     """
     n = len(found.masses)
     if n > FEW:
@@ -130,7 +130,7 @@ def _lines(found: Paths, orbits: Orbits | None) -> list[list[Floats]]:
 
 
 def _coarse(orbits: Orbits, k: int) -> bool:
-    """Whether a body is on ellipses and turns by more than COARSE from frame to frame at its pericentre."""
+    """Tell whether a body is on ellipses and turns by more than COARSE between frames at its pericentre."""
     found = orbits.elements
     there = np.isfinite(found.e[:, k])
     e = found.e[there, k]
@@ -141,13 +141,13 @@ def _coarse(orbits: Orbits, k: int) -> bool:
 
 
 def _ellipse(at: Elements, mu: float) -> Floats:
-    """(k, 3) points of an ellipse, from where the body is, once around; even steps of the eccentric anomaly."""
+    """Points (k, 3) of an ellipse, once around from the body, in even steps of the eccentric anomaly."""
     around = float(at.E) + np.linspace(0, TAU, 361)
     return states(mu, q=at.q, e=at.e, inc=at.inc, Omega=at.Omega, omega=at.omega, E=around)[0]
 
 
 def _views(found: Paths, lines: list[list[Floats]]) -> list[tuple[str, Floats, float]]:
-    """Panels of the plane: title, centre (3,), half the width. The second looks closer where bodies differ much."""
+    """Panels of the plane: title, centre (3,), half the width. The second is a close-up if distances differ much."""
     far = np.linalg.norm(found.positions, axis=2)
     origin = np.zeros(3)
     if not lines:
@@ -227,7 +227,7 @@ def _few_ticks(count: int) -> Any:
 
 
 def _draw_elements(figure: Figure | Any, columns: int, orbits: Orbits, units: UnitSystem) -> None:
-    """Against time for a few bodies; at the end, against the semi-major axis, for many."""
+    """Draw elements against time for a few bodies, or at the end against the semi-major axis for many."""
     found = orbits.elements
     inc = np.degrees(found.inc)
     if len(orbits.names) >= FEW:
@@ -260,7 +260,7 @@ def _draw_elements(figure: Figure | Any, columns: int, orbits: Orbits, units: Un
 
 
 def _colour(found: Paths, i: int) -> str:
-    """Of a body: the central one has its own, the others those of their elements' lines."""
+    """Colour of a body: the central one has its own, the others share the colours of their elements' lines."""
     if i == found.central:
         return INK
     k = i if found.central is None or i < found.central else i - 1

@@ -27,26 +27,27 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-RDF_FRAMES = 20  # at most, spread evenly over the run
-RDF_NEIGHBOURS = 400  # g(r) reaches as far as that many neighbours, or to half the box
-RDF_PARTICLES = 20_000  # fewer frames where that many particles over all of them (about a second) would be passed
-WINDOWS = 50  # parts of a benchmark's run that the RMS error is drawn over
-MAX_POINTS = 4000  # of a line, about twice the dots across a panel; more only makes the file large
+RDF_FRAMES = 20  # most frames, spread evenly over the run
+RDF_NEIGHBOURS = 400  # g(r) reaches to this many neighbours, or to half the box
+RDF_PARTICLES = 20_000  # particles over all frames, about a second of work; more particles use fewer frames
+WINDOWS = 50  # parts of a benchmark's run for the RMS error
+MAX_POINTS = 4000  # most points of a line, about twice the dots across a panel; more only make the file large
 
-# Okabe & Ito's colours for colour-blind readers, without the yellow that a white page swallows.
+# Okabe & Ito's colours for colour-blind readers, without yellow, which is hardly visible on white.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#555555")
 INK, GRID = "#333333", "#E4E4E4"
 
 
 def plot_run(path: str | os.PathLike[str], output: str | os.PathLike[str], *, overwrite: bool = False) -> Path:
-    """Draw a run's energies, energy error, temperature and radial distribution function; returns the figure's path.
+    """Draw a run's energies, energy error, temperature and radial distribution function. Return the figure's path.
 
-    The error is (E(t) - E(0)) / |E(0)|, or over the kinetic energy at the start where |E(0)| is under a tenth of it.
+    The error is (E(t) - E(0)) / |E(0)|, or relative to the kinetic energy at the start if |E(0)| is under a tenth of
+    it.
     """
     target = checked_target(output, overwrite, path)
     with reader.open(path) as run:
         if not len(run.sample_times):
-            raise InputError(f"{run.path}: holds no sample to draw")
+            raise InputError(f"{run.path}: no sample to draw")
         energies = run.energies
         temperature = run.observables.get("temperature")
         rdf = _rdf(run) if run.box.periodic and len(run.ids) > 1 and len(run) else None
@@ -66,7 +67,7 @@ def plot_run(path: str | os.PathLike[str], output: str | os.PathLike[str], *, ov
 def plot_benchmark(
     rows: Sequence[Mapping[str, Any]], output: str | os.PathLike[str], *, overwrite: bool = False, time_unit: str = "τ"
 ) -> Path:
-    """Draw the relative energy error of each method against time, a panel for each table; returns the figure's path.
+    """Draw the relative energy error of each method against time, a panel for each table. Return the figure's path.
 
     Faint: every sample; strong: the root mean square over each fiftieth of the run.
 
@@ -144,7 +145,7 @@ def _draw_rdf(r: Floats, g: Floats, frames: int, axes: Axes, units: UnitSystem) 
 
 def _draw_method(axes: Axes, row: Mapping[str, Any], colour: str) -> None:
     times, errors = np.asarray(row["times"], dtype=float), np.abs(np.asarray(row["relative_error"], dtype=float))
-    drawn = np.isfinite(errors) & (errors > 0)  # zero, as at the start, has no place on a logarithmic axis
+    drawn = np.isfinite(errors) & (errors > 0)  # zero, as at the start, cannot be drawn on a logarithmic axis
     label = f"{row['method']}, dt = {row['dt']:g}"
     if row.get("verdict"):
         label += f": {row['verdict']}"
@@ -158,7 +159,7 @@ def _rdf(run: reader.Run) -> tuple[Floats, Floats, int]:
     assert run.box.lengths is not None
     n = len(run.ids)
     count = max(1, min(RDF_FRAMES, len(run), RDF_PARTICLES // n))
-    # The frames nearest the end of each of `count` equal parts: the start, often a lattice, is not among them.
+    # The frames nearest the end of each of `count` equal parts, without the start, which often is a lattice.
     chosen = np.unique(np.linspace(0, len(run) - 1, count + 1).round().astype(int)[1:])
     positions = np.array([run[int(index)].positions for index in chosen])
     reach = (RDF_NEIGHBOURS * 3 / (4 * math.pi) * run.box.volume / n) ** (1 / 3)
@@ -166,7 +167,7 @@ def _rdf(run: reader.Run) -> tuple[Floats, Floats, int]:
     return found.r, found.g, len(chosen)
 
 
-# -- what all figures share
+# -- shared by all figures
 
 
 def _title(run: reader.Run, what: str = "particles") -> str:
@@ -179,13 +180,13 @@ def _title(run: reader.Run, what: str = "particles") -> str:
 
 
 def _pretty(unit: str) -> str:
-    """The name of a unit as print has it."""
+    """Name of a unit in print."""
     greek = {"sigma": "σ", "tau": "τ", "epsilon": "ε", "epsilon/k_B": "ε/k$_B$", "angstrom": "Å"}
     return greek.get(unit, unit)
 
 
 def with_unit(name: str, unit: str) -> str:
-    """A label with its unit, where that has a name of its own: not so in N-body units."""
+    """Label with its unit, if the unit has a name; N-body units have none."""
     return name if unit in ("length", "time", "mass", "energy") else f"{name} ({_pretty(unit)})"
 
 
@@ -194,7 +195,7 @@ def _time_axis(axes: Axes, units: UnitSystem) -> None:
 
 
 def _thin(x: Floats, y: Floats) -> tuple[Floats, Floats]:
-    """A line with no more than MAX_POINTS points that keeps the smallest and largest y of every stretch."""
+    """Line with at most MAX_POINTS points that keeps the smallest and largest y of every stretch."""
     if len(x) <= MAX_POINTS:
         return x, y
     starts = np.linspace(0, len(x), MAX_POINTS // 2 + 1).astype(int)
@@ -207,13 +208,13 @@ def _thin(x: Floats, y: Floats) -> tuple[Floats, Floats]:
 
 
 def checked_target(output: str | os.PathLike[str], overwrite: bool, *inputs: str | os.PathLike[str]) -> Path:
-    """The path of a figure to be written, which is none of the ``inputs``."""
+    """Checked path of a figure, which must not be one of the ``inputs``."""
     return outputs.checked_target(output, FIGURE, overwrite, inputs)
 
 
 @contextmanager
 def _own_matplotlib_folder() -> Iterator[None]:
-    """Let matplotlib, if it is loaded here first, keep its font list in kickdrift's cache, not in the user's home."""
+    """Let matplotlib, if first loaded here, keep its font list in kickdrift's cache, not in the user's home."""
     own = folders.folder()
     if "matplotlib" in sys.modules or "MPLCONFIGDIR" in os.environ or own is None:
         yield
@@ -224,7 +225,7 @@ def _own_matplotlib_folder() -> Iterator[None]:
     try:
         yield
     finally:
-        del os.environ["MPLCONFIGDIR"]  # matplotlib has looked by now, and child processes should not inherit it
+        del os.environ["MPLCONFIGDIR"]  # matplotlib has read it by now, and child processes should not inherit it
 
 
 def new_figure(width: float, height: float) -> Figure:

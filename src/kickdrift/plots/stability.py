@@ -1,4 +1,4 @@
-"""The figure of how large a step may be: regions in the complex plane, and splittings on the oscillator."""
+"""Figure of the longest stable step: regions in the complex plane, and splittings on the oscillator."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ from kickdrift.plots.runs import COLOURS, GRID, INK, checked_target, new_axes, n
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-POINTS = 600  # of the grid along each axis of the complex plane, and a quarter of those along a curve
-STYLES = ("-", "--", ":", "-.")  # of the lines, each once the colours have all been used
-UNBOUNDED = 8.0  # how far to draw where no method drawn has a bound
-TRACE = 1.8  # how far to draw half a trace
+POINTS = 600  # grid points along each axis of the complex plane; a curve has a quarter of this
+STYLES = ("-", "--", ":", "-.")  # line styles; the next one starts after all colours
+UNBOUNDED = 8.0  # extent of the figure without any bound
+TRACE = 1.8  # extent of the figure for half a trace
 
 
 def plot_stability(names: Sequence[str], output: str | os.PathLike[str], *, overwrite: bool = False) -> Path:
-    """Draw where the methods of those names are stable; returns the figure's path.
+    """Draw the stability regions of the named methods. Return the figure's path.
 
-    Of one-step methods the regions |R(z)| <= 1, z = lambda dt, of y' = lambda y; of splittings half the trace of the
-    propagation matrix of an oscillator against omega dt. Computed from the coefficients: see ``integrators.stability``.
+    For one-step methods: the regions |R(z)| <= 1, z = lambda dt, of y' = lambda y. For splittings: half the trace of
+    an oscillator's propagation matrix against omega dt. Computed from the coefficients: see ``integrators.stability``.
     """
     methods = list(dict.fromkeys(integrator(name) for name in names))
     if not methods:
@@ -50,7 +50,7 @@ def plot_stability(names: Sequence[str], output: str | os.PathLike[str], *, over
 
 
 def number(bound: float) -> str:
-    """A bound as print has it."""
+    """A bound as printed."""
     return f"{bound:.4f}" if math.isfinite(bound) else "∞"
 
 
@@ -66,7 +66,7 @@ def _draw_regions(axes: Axes, regions: Sequence[Method], functions: Sequence[sta
     axes.axvline(0.0, color=INK, linewidth=0.7)
     for index, (method, r) in enumerate(zip(regions, functions, strict=True)):
         colour, style = _style(index)
-        # The logarithm changes evenly across the edge, |R| does not; NaN at a pole would leave a hole.
+        # Across the edge the logarithm changes evenly, unlike |R|; NaN at a pole would leave a hole.
         size = np.log(np.clip(np.abs(r(z)), 1e-30, 1e30))
         axes.contourf(real, imaginary, size, levels=[-100.0, 0.0], colors=[colour], alpha=0.08)
         axes.contour(real, imaginary, size, levels=[0.0], colors=[colour], linestyles=[style], linewidths=1.5)
@@ -80,7 +80,7 @@ def _draw_regions(axes: Axes, regions: Sequence[Method], functions: Sequence[sta
 
 
 def _extent(functions: Sequence[stability.StabilityFunction]) -> tuple[float, float, float]:
-    """The rectangle about what is bounded of the regions: left, right, and up as far as down."""
+    """Rectangle around the bounded parts of the regions: left, right, and equally far up and down."""
     reach = [x for x in map(stability.real_interval, functions) if math.isfinite(x)]
     width = 2.0 * max(reach, default=UNBOUNDED / 2)
     line = np.linspace(-width, width, POINTS // 2)

@@ -1,1 +1,1 @@
-"""Numbers about series: means with errors, drift, waves and trends. Knows no Simulation."""
+"""Numbers about series: means with errors, drift, spectral lines and trends. Knows no Simulation."""

@@ -1,4 +1,4 @@
-"""Does an invariant drift?  Size of the energy error, and the slope of a correlated series with an honest interval."""
+"""Drift of an invariant: the size of the energy error, and the slope of a correlated series with an honest interval."""
 
 from __future__ import annotations
 
@@ -16,16 +16,18 @@ from kickdrift.statistics.trend import Trend, goes_one_way, is_bent, mixed_trend
 Array = NDArray[np.float64]
 Verdict = Literal["bounded", "secular drift", "random walk", "round-off", "not resolvable"]
 
-MIN_SAMPLES = 40  # with 36, one white-noise series in twenty already passes for a random walk
-MAX_SAMPLES = 1024  # longer series are averaged in bins: only the slow end of the spectrum bears on the slope
-CONFIDENCE = 0.95  # of the interval
-SIGNIFICANCE = 0.01  # of the verdict "secular drift", stricter so that one verdict in a hundred is wrong, not in twenty
-RESIDUE = 1e-9  # of the waves: what they leave below that is the rounding of many steps, whatever way it walks
-ROUNDINGS = 100.0  # under so many the verdict is "round-off"
+MIN_SAMPLES = 40  # with 36 samples, one white-noise series in twenty already counts as a random walk
+MAX_SAMPLES = 1024  # longer series are averaged in bins: only the slow end of the spectrum affects the slope
+CONFIDENCE = 0.95  # level of the interval
+SIGNIFICANCE = (
+    0.01  # level of the verdict "secular drift": stricter, so that one verdict in a hundred is wrong, not in twenty
+)
+RESIDUE = 1e-9  # fraction of the waves: a smaller residue is the accumulated rounding of many steps
+ROUNDINGS = 100.0  # a range of at most this many roundings has the verdict "round-off"
 WALKED = (
     0.1  # times the root of the steps: three standard deviations of a walk by some 3 roundings a step, over ROUNDINGS
 )
-LEAST_SQUARES = 1.05  # standard error of the slope of a walk, over that by its increments
+LEAST_SQUARES = 1.05  # standard error of a walk's slope by least squares, over that by its increments
 EPSILON = float(np.finfo(np.float64).eps)
 UNKNOWN = float("nan")
 # 1 % points of the Dickey-Fuller t as a + b / n, with constant and trend and with a constant only; MacKinnon (2010),
@@ -36,13 +38,13 @@ UNIT_ROOT_CONSTANT = (-3.43035, -6.5393)
 
 @dataclass(frozen=True)
 class EnergyError:
-    """How far the total energy left its first value; energies in the units given, errors dimensionless.
+    """Distance of the total energy from its first value. Energies are in the units of the input, errors are
+    dimensionless.
 
     ``initial`` and ``final`` are the first and last total energy.  ``rms_relative_error`` and ``max_relative_error``
-    are the root mean square and the largest modulus, over all samples, of (E(t) - E(0)) / D.  ``relative_to`` names D:
-    "initial energy", |E(0)|; "initial kinetic energy" K(0) is called "kinetic energy" and taken where |E(0)| < K(0)/10,
-    because a total that cancels makes a ratio of no meaning; "absolute", D = 1, where both are zero (the errors then
-    have the units of energy).
+    are the root mean square and the largest modulus, over all samples, of (E(t) - E(0)) / D.  ``relative_to`` names D.
+    D is the "initial energy" |E(0)|, or the "kinetic energy" K(0) at the start if |E(0)| < K(0)/10, because a ratio to
+    a cancelling total has no meaning. If both are zero, D = 1 ("absolute"), and errors have the units of energy.
     """
 
     initial: float
@@ -54,15 +56,14 @@ class EnergyError:
 
 @dataclass(frozen=True)
 class Drift:
-    """Linear trend of a series, its 95 % interval and what kind of motion the series shows.
+    """Linear trend of a series, its 95 % interval and the kind of motion.
 
     ``slope`` (value per unit time) lies within ``slope`` ± ``error``. The error is never larger than the range of the
-    series over its duration; it is infinite for a single sample.
-    ``p_value`` is the two-sided probability of a slope this large when there is none.
-    ``correlation_time`` (unit of time) is the integrated autocorrelation time, 1/2 + the sum of the autocorrelations,
-    of what trend and spectral lines leave. ``effective_samples`` is the length over twice that (more than the samples
-    for noise that undoes itself). They are infinite and 1 where a unit root is not rejected, and nan where no
-    autoregression was fitted. ``lines`` counts the sine waves found.
+    series over its duration; it is infinite for a single sample. ``p_value`` is the two-sided probability of a slope
+    this large if there is no slope. ``correlation_time`` (unit of time) is the integrated autocorrelation time of the
+    residue without trend and spectral lines: 1/2 + the sum of the autocorrelations. ``effective_samples`` is the length
+    over twice this time; anticorrelated noise has more than the number of samples. They are infinite and 1 if a unit
+    root is not rejected, and nan without a fitted autoregression. ``lines`` is the number of sine waves found.
     """
 
     slope: float
@@ -75,7 +76,7 @@ class Drift:
 
 
 def energy_error(total: ArrayLike, kinetic: ArrayLike) -> EnergyError:
-    """Errors of the energies ``total`` (n,) relative to the first; ``kinetic`` (n,) or a number gives K(0).
+    """Errors of the energies ``total`` (n,) relative to the first. ``kinetic`` (n,) or a number gives K(0).
 
     Raises InputError for an empty series, a wrong shape or a value that is not finite.
     """
@@ -94,39 +95,39 @@ def energy_error(total: ArrayLike, kinetic: ArrayLike) -> EnergyError:
 
 
 def rounding_of(energy: float, steps: int) -> float:
-    """Size of one rounding of an energy, or of a hundredth of the walk that many steps make of their roundings."""
+    """Size of one rounding of an energy, or of a hundredth of the random walk of many steps' roundings."""
     return EPSILON * abs(energy) * max(1.0, WALKED * float(np.sqrt(steps)))
 
 
 def drift(times: ArrayLike, values: ArrayLike, rounding: float | None = None) -> Drift:
-    """Slope of ``values`` (n,) over the evenly spaced ``times`` (n,), with an interval that knows about correlation.
+    """Slope of ``values`` (n,) over the evenly spaced ``times`` (n,), with an interval that accounts for correlation.
 
-    ``rounding`` is the size of one rounding of the values (``rounding_of``), by default that of the largest value.
+    ``rounding`` is the size of one rounding of the values (``rounding_of``), by default of the largest value.
 
-    1. "round-off" where the whole range is at most 100 roundings. "not resolvable" under 40 samples.
-    2. "secular drift" where the series goes one way: the means of 16 blocks go up alone or down alone, but for 5 %, and
-       the way is most of the range. If the way is bent, no wave is fitted: a bend is no wave. The slope is then that of
-       least squares. Its interval comes from how much the slow increments differ (``walk_trend``), so that a bend
-       widens the interval. Of a straight way, slope and interval are those of 3 to 6.
+    1. "round-off" if the whole range is at most 100 roundings. "not resolvable" under 40 samples.
+    2. "secular drift" if the series moves one way: the means of 16 blocks only rise or only fall, except for 5 %, and
+       this motion is most of the range. For a bent motion no wave is fitted: a bend is no wave. The slope is then from
+       least squares. Its interval comes from the spread of the slow increments (``walk_trend``), so a bend widens the
+       interval. For a straight motion, slope and interval come from 3 to 6.
     3. Spectral lines, found by Fisher's test on the prewhitened periodogram, join the regression: a periodic error is
-       a wave of its own, not noise that averages out. With a wave slower than 3 cycles, slope and interval are those
-       of 2: "secular drift" if p < 0.01, else "not resolvable".
+       a wave, not noise that averages out. With a wave slower than 3 cycles, slope and interval are as in 2:
+       "secular drift" if p < 0.01, else "not resolvable".
     4. An autoregression with constant and trend, its order by BIC, gives the Dickey-Fuller t of a unit root.
-    5. Unit root rejected at 1 %: generalised least squares, whitened by the autoregression, whose O(1/n) bias is taken
-       out. The interval is Student's, with the degrees of freedom that the uncertain noise level at zero frequency
-       leaves (Satterthwaite). The verdict is "bounded" unless 7 finds a drift.
+    5. Unit root rejected at 1 %: generalised least squares, whitened by the autoregression after removal of its O(1/n)
+       bias. The interval is Student's, with the degrees of freedom of the uncertain noise level at zero frequency
+       (Satterthwaite). The verdict is "bounded" unless 7 finds a drift.
     6. Not rejected: the same for the mean of the increments. The verdict is "random walk" unless 7 finds a drift: over
-       this length the series cannot be told from one whose spread grows as sqrt(t). A stationary series shorter than
-       some 25 times twice its correlation time also ends here. Increments that wander themselves end as in 3.
-    7. "secular drift" if p < 0.01 here and in a second test, where a walk below the noise may make the slope
-       (``mixed_trend``): cut-off forces add such a walk to the energy of a liquid, and no test for a unit root sees a
-       small one. If the second test fails, its interval is given, and "random walk" if the walk is the likelier.
+       this length the spread may grow as sqrt(t). A stationary series shorter than some 25 times twice its correlation
+       time also ends here. Increments that wander themselves end as in 3.
+    7. "secular drift" if p < 0.01 here and in a second test, where a walk below the noise may cause the slope
+       (``mixed_trend``): cut-off forces add such a walk to the energy of a liquid, and no unit-root test sees a
+       small walk. If the second test fails, its interval counts, and "random walk" if the walk is more likely.
     8. No "secular drift" below 100 roundings, or below the amplitude of a harmonic that sampling may have folded to
        the frequency zero (``folded``): "bounded".
 
-    A series that is trend and lines to within rounding gets the rounding as its ``error``. One whose trend and residue
-    over its whole length stay under 1e-9 of its lines is "bounded", with slope and error as found. Over 1024 samples
-    are averaged in equal bins; the first few that fill none are dropped.
+    A series of trend and lines to within rounding gets the rounding as its ``error``. If trend and residue over the
+    whole length stay under 1e-9 of the lines, the series is "bounded", with slope and error as found. More than 1024
+    samples are averaged in equal bins; the first few samples that fill no bin are dropped.
 
     Raises InputError for unequal lengths, values that are not finite and times that are not evenly spaced.
 
@@ -165,7 +166,7 @@ def drift(times: ArrayLike, values: ArrayLike, rounding: float | None = None) ->
 
 
 def _judged(y: Array, own_rounding: float, rounding: float) -> Drift:
-    """The drift of ``y``, whose largest modulus is 1, per sample; ``own_rounding`` is that of the numbers as given."""
+    """Drift per sample of ``y``, whose largest modulus is 1. ``own_rounding`` is the rounding of the input numbers."""
     count = len(y)
     trend = np.column_stack((np.ones(count), np.arange(count) - 0.5 * (count - 1)))
     straight = float(trend[:, 1] @ y / (trend[:, 1] @ trend[:, 1]))
@@ -230,7 +231,7 @@ def _judged(y: Array, own_rounding: float, rounding: float) -> Drift:
 
 
 def _unfitted(straight: float, by_walk: Trend, verdict: Verdict, count: int, lines: int = 0) -> Drift:
-    """The slope of least squares with the interval of ``walk_trend``, which its own variance widens a little."""
+    """Slope of least squares with the interval of ``walk_trend``, slightly widened by the slope's own variance."""
     half_width = LEAST_SQUARES * by_walk.half_width / count
     if verdict == "not resolvable":
         half_width = float("inf")
@@ -238,7 +239,7 @@ def _unfitted(straight: float, by_walk: Trend, verdict: Verdict, count: int, lin
 
 
 def _finite(name: str, values: ArrayLike) -> Array:
-    """``values`` as a one-dimensional array of finite numbers, or an InputError."""
+    """Return ``values`` as a one-dimensional array of finite numbers, or raise InputError."""
     array = np.asarray(values, dtype=np.float64)
     if array.ndim != 1 or len(array) == 0:
         raise InputError(f"{name}: expected a non-empty one-dimensional series, got shape {array.shape}")

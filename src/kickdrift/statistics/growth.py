@@ -1,4 +1,4 @@
-"""How an error grows with time, as a pilot run shows it."""
+"""Growth of an error with time, measured in a pilot run."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ from kickdrift.model.state import Floats
 from kickdrift.statistics.drift import drift, rounding_of
 
 WINDOWS, LEAST_WINDOWS = 8, 7
-FIRST = 2  # windows that are left out: an error that grows faster later must not be taken for its slow beginning
+FIRST = 2  # windows left out, so that the slow beginning of an error does not hide its later growth
 LEAST_SAMPLES = 4  # per window
 SURE = 2.0  # standard errors
 
 
 @dataclass(frozen=True)
 class Growth:
-    """What an error does after the pilot.
+    """Behaviour of an error after the pilot.
 
     Attributes
     ----------
-    exponent, exponent_error : p of error ~ t^p and its standard error, fitted to the largest errors in the last six of
-        eight windows of the pilot; of positions
-    drift : at most, of the relative energy error per unit of time: slope and half-width of its 95 % interval together
+    exponent, exponent_error : p of error ~ t^p for positions and its standard error, fitted to the largest errors in
+        the last six of eight windows of the pilot
+    drift : bound on the drift of the relative energy error per unit of time: slope plus half-width of its 95 % interval
     verdict : of the energy's drift, "bounded", "secular drift", "random walk", "round-off" or "not
         resolvable"
     """
@@ -34,8 +34,8 @@ class Growth:
     verdict: str | None = None
 
     def factor(self, error: float, ratio: float, length: float) -> float | None:
-        """What the error is multiplied by in a run ``ratio`` times the pilot and of that ``length``, at most as the
-        pilot has it; None where the pilot cannot say."""
+        """Bound on the growth of the error in a run of this ``length``, ``ratio`` times the pilot's; None if the pilot
+        cannot tell."""
         if ratio <= 1.0:
             return 1.0
         if self.drift is not None:
@@ -49,7 +49,7 @@ class Growth:
 
 
 def position_growth(times: Floats, errors: Floats) -> Growth:
-    """The exponent, by the largest error in each window; without one where there are too few samples or no errors."""
+    """Exponent from the largest error in each window; none if there are too few samples or no errors."""
     t, e = times[1:] - times[0], errors[1:]
     count = min(WINDOWS, len(t) // LEAST_SAMPLES)
     if count < LEAST_WINDOWS:
@@ -67,7 +67,7 @@ def position_growth(times: Floats, errors: Floats) -> Growth:
 
 
 def energy_growth(times: Floats, energies: Floats, errors: Floats) -> Growth:
-    """How much the energy drifts, by the regression that knows of autocorrelation (``statistics.drift``)."""
+    """Drift of the energy, by the regression that accounts for autocorrelation (``statistics.drift``)."""
     largest = float(np.abs(energies - energies[0]).max())
     scale = largest / float(errors.max()) if largest > 0 else 1.0
     trend = drift(times, (energies - energies[0]) / scale, rounding_of(energies[0], len(times)) / scale)

@@ -1,4 +1,4 @@
-"""Least squares, and a regression whose noise is autoregressive."""
+"""Least squares, and regression with autoregressive noise."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 
 from kickdrift.model.state import Floats
 
-WORTH_THREADS = 2**18  # multiplications from which on OpenBLAS uses threads
+WORTH_THREADS = 2**18  # from this many multiplications on, OpenBLAS uses threads
 
 
 @dataclass(frozen=True)
@@ -23,15 +23,16 @@ class Fit:
 
 
 def regression(y: Floats, design: Floats, deterministic: int, rest: Floats | None = None) -> Fit:
-    """Generalised least squares of ``y`` on ``design`` with autoregressive noise, about column ``deterministic`` - 1.
+    """Generalised least squares of ``y`` on ``design`` with autoregressive noise, for the coefficient of column
+    ``deterministic`` - 1.
 
-    ``deterministic`` is how many leading columns the autoregression keeps (1: constant, 2: and trend).  It is
-    du(i) = those + g u(i-1) + sum d(j) du(i-j) for the least-squares residuals u, which are ``rest`` where they are
-    known; g = 0 is a unit root.
+    ``deterministic`` is the number of leading columns in the autoregression (1: constant, 2: and trend).  The model is
+    du(i) = these columns + g u(i-1) + sum d(j) du(i-j) for the least-squares residuals u. ``rest`` holds u if known. g
+    = 0 is a unit root.
     """
     n, target = len(y), deterministic - 1
     rest = least_squares(design, y)[1] if rest is None else rest
-    # Schwert 1989 (10.1080/07350015.1989.10509723), fewer in a short series.
+    # Schwert 1989 (10.1080/07350015.1989.10509723), fewer for a short series.
     longest = min(int(12.0 * (n / 100.0) ** 0.25), n // 12)
     steps = np.diff(rest)
 
@@ -39,7 +40,7 @@ def regression(y: Floats, design: Floats, deterministic: int, rest: Floats | Non
         lagged = [steps[lags - j : len(steps) - j] for j in range(1, lags + 1)]
         return np.column_stack((design[lags + 1 :, :deterministic], rest[lags:-1], *lagged)), steps[lags:]
 
-    # Columns are nested, so that one orthogonalisation gives the residual of every order.
+    # Columns are nested, so one orthogonalisation gives the residual of every order.
     matrix, right = regressors(longest)
     projections = along_each(matrix, right) ** 2
     squares = (right @ right - np.cumsum(projections)[deterministic:]) / (right @ right)
@@ -49,8 +50,8 @@ def regression(y: Floats, design: Floats, deterministic: int, rest: Floats | Non
     root, differences = solution[deterministic], solution[deterministic + 1 :]
     unit_root_t = float(root / deviations[deterministic])
 
-    # Near g = 0 the estimate of g is too negative by (2k + 2) / n, k deterministic columns; with var g = -2 g / n there
-    # that is a fraction (k + 1) / t^2 of g.  Written so, it vanishes where the root is well known, at any order.
+    # Near g = 0 the estimate of g is too negative by (2k + 2) / n for k deterministic columns. With var g = -2 g / n
+    # this is a fraction (k + 1) / t^2 of g. In this form it vanishes where the root is well known, at any order.
     root *= max(1.0 - (deterministic + 1.0) / unit_root_t**2, 0.1)
     whitener = np.convolve([1.0, -1.0], np.concatenate(([1.0], -differences)))
     whitener[1] -= root
@@ -68,7 +69,7 @@ def regression(y: Floats, design: Floats, deterministic: int, rest: Floats | Non
 
 
 def along_each(matrix: Floats, right: Floats) -> Floats:
-    """How far ``right`` goes along each column, less what goes along the columns before: modified Gram-Schmidt."""
+    """Projections of ``right`` on each column without the columns before: modified Gram-Schmidt."""
     rows, found = np.vstack((matrix.T, right)), np.empty(matrix.shape[1])
     for k in range(len(found)):
         own, others = rows[k], rows[k + 1 :]
@@ -80,17 +81,18 @@ def along_each(matrix: Floats, right: Floats) -> Floats:
 
 
 def least_squares(matrix: Floats, right: Floats, used: int = 0) -> tuple[Floats, Floats, Floats]:
-    """Coefficients, residuals and standard errors; ``used`` degrees of freedom are gone besides the columns."""
+    """Coefficients, residuals and standard errors. ``used`` is the number of degrees of freedom used besides the
+    columns."""
     solution, inverse, norms = normal_equations(matrix, right)
     rest = right - matrix @ (solution / norms)
-    solution += inverse @ (matrix.T @ rest / norms)  # one refinement makes up for the squared condition
+    solution += inverse @ (matrix.T @ rest / norms)  # one refinement compensates for the squared condition number
     rest = right - matrix @ (solution / norms)
     variance = rest @ rest / max(len(right) - len(norms) - used, 1)
     return solution / norms, rest, np.sqrt(variance * np.diag(inverse)) / norms
 
 
 def normal_equations(matrix: Floats, right: Floats) -> tuple[Floats, Floats, Floats]:
-    """Their solution, of columns over their norms, the inverse of their matrix, and the norms."""
+    """Solution for columns divided by their norms, the inverse of their matrix, and the norms."""
     gram = products(matrix, matrix)
     norms: Floats = np.sqrt(np.diag(gram))
     norms[norms == 0.0] = 1.0
@@ -99,10 +101,11 @@ def normal_equations(matrix: Floats, right: Floats) -> tuple[Floats, Floats, Flo
 
 
 def products(a: Floats, b: Floats) -> Floats:
-    """The products of all columns of ``a`` with all of ``b``, summed over blocks of rows.
+    """Products of all columns of ``a`` with all of ``b``, summed over blocks of rows.
 
-    The blocks are too small for the BLAS to share out among threads: on a processor that has other work these wait for
-    each other a hundred times as long as the products take."""
+    The blocks are too small for the BLAS to use threads. On a busy processor the threads wait for each other a hundred
+    times as long as the products take.
+    """
     count, columns = len(a), a.shape[1] * b.shape[1]
     rows = max(1, min(count, WORTH_THREADS // columns))
     whole = count - count % rows
@@ -111,9 +114,10 @@ def products(a: Floats, b: Floats) -> Floats:
 
 
 def inverse_of(gram: Floats) -> Floats:
-    """Of a symmetric matrix without negative eigenvalues; of those that rounding hides, nothing.
+    """Inverse of a symmetric matrix without negative eigenvalues. Eigenvalues hidden by rounding contribute nothing.
 
-    On such a processor one of 122 rows takes a hundred times as long as one of 82, for the same reason."""
+    On such a processor a matrix of 122 rows takes a hundred times as long as one of 82, for the same reason.
+    """
     try:
         inverse = np.asarray(np.linalg.inv(gram), np.float64)
     except np.linalg.LinAlgError:

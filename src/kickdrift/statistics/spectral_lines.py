@@ -1,4 +1,4 @@
-"""The sine waves of an evenly spaced series."""
+"""Sine waves in an evenly spaced series."""
 
 from __future__ import annotations
 
@@ -10,16 +10,17 @@ from kickdrift.model.state import Floats
 from kickdrift.statistics.regression import inverse_of, least_squares, normal_equations, products
 
 MAX_LINES = 40
-MIN_CYCLES = 3.0  # a slower wave cannot be told from a trend
+MIN_CYCLES = 3.0  # a slower wave cannot be distinguished from a trend
 LINE_SIGNIFICANCE = 1e-4
 
 
 def spectral_lines(y: Floats, trend: Floats, floor: float) -> tuple[Floats, bool]:
-    """Cosine and sine columns (n, 2 L) of the significant spectral lines of ``y``, and whether a slow wave is left.
+    """Cosine and sine columns (n, 2 L) of the significant spectral lines of ``y``, and whether a slow wave remains.
 
-    Each pass whitens a red residual to first order, so that its slow end is no line, and tapers it, so that a slow wave
-    does not leak into one; then all frequencies move together by Gauss-Newton.  Waves of under ``MIN_CYCLES`` cycles
-    stay in, because trend and wave would share the blame arbitrarily.  ``floor`` is where rounding begins.
+    Each pass whitens a red residual to first order, so that its slow end is no line. Then it tapers the residual, so
+    that a slow wave does not leak into one. Then all frequencies move together by Gauss-Newton. Waves of under
+    ``MIN_CYCLES`` cycles stay in the series, because trend and wave would share its change arbitrarily. ``floor`` is
+    the level of rounding.
     """
     n, index = len(y), trend[:, 1]
     waves = np.empty((n, 0))
@@ -33,13 +34,13 @@ def spectral_lines(y: Floats, trend: Floats, floor: float) -> tuple[Floats, bool
         power = np.abs(np.fft.rfft(white * np.hanning(n - 1))) ** 2
         power[0] = 0.0
         bins = (n - 1) / (2.0 * np.pi)
-        for known in frequencies * bins:  # what is left within a resolution element of a line is no other line
+        for known in frequencies * bins:  # a residue within a resolution element of a line is no other line
             power[max(int(known), 0) : int(known) + 2] = 0.0
         slow, first = False, power.max()
         found: list[float] = []
         while len(frequencies) + len(found) < min(MAX_LINES, n // 20):
             peak, m = int(np.argmax(power)), int(np.count_nonzero(power))
-            # Beside a line not yet refined, what the taper's side lobes (-31 dB) leave is no line of its own.
+            # Side lobes of the taper (-31 dB) beside an unrefined line are no lines.
             if power[peak] <= 1e-3 * first or m * (1.0 - power[peak] / power.sum()) ** (m - 1) > LINE_SIGNIFICANCE:
                 break
             slow = slow or peak < MIN_CYCLES
@@ -56,9 +57,10 @@ def spectral_lines(y: Floats, trend: Floats, floor: float) -> tuple[Floats, bool
 
 
 def _correction(y: Floats, trend: Floats, frequencies: Floats) -> Floats:
-    """A Gauss-Newton step of all frequencies, with trend and amplitudes fitted along with them.
+    """One Gauss-Newton step of all frequencies, with trend and amplitudes fitted at the same time.
 
-    These are taken out of the normal equations first: their inverse is known, and what is left is small."""
+    Trend and amplitudes are eliminated from the normal equations first: their inverse is known, and the rest is small.
+    """
     index = trend[:, 1]
     waves = _waves(index, frequencies)
     fixed = np.column_stack((trend, waves))
@@ -74,11 +76,11 @@ def _correction(y: Floats, trend: Floats, frequencies: Floats) -> Floats:
 
 
 def folded(waves: Floats, amplitudes: Floats) -> float:
-    """The largest amplitude of a wave that sampling may have folded to the frequency zero.
+    """Largest amplitude of a wave that sampling may have folded to the frequency zero.
 
-    Where the samples stand almost in step with a wave, its harmonics fold to pairs of close lines, and one harmonic
-    folds to a wave too slow to be told from a trend. That one is no larger than the weaker line of the closest
-    harmonics. Two pairs closer than ``MIN_CYCLES`` cycles are a fold; without them the answer is 0.
+    If the samples are almost in step with a wave, its harmonics fold to pairs of close lines. One harmonic then folds
+    to a wave too slow to be distinguished from a trend. It is no larger than the weaker line of the closest harmonics.
+    Two pairs closer than ``MIN_CYCLES`` cycles count as a fold; without them the result is 0.
     """
     if not waves.size:
         return 0.0
@@ -92,8 +94,8 @@ def folded(waves: Floats, amplitudes: Floats) -> float:
 
 
 def _waves(index: Floats, frequencies: Floats) -> Floats:
-    """Columns cos(w i), sin(w i), pair by pair; ``index`` goes up by one. Each is a product of two turns, by a whole
-    number of strides and by what is left: of so many cosines and sines, few need to be worked out."""
+    """Columns cos(w i), sin(w i), pair by pair, for an ``index`` that rises by one. Each is a product of two rotations:
+    by a whole number of strides and by the remainder. So few cosines and sines need to be computed."""
     stride = math.isqrt(len(index)) + 1
     turns = np.exp(1j * np.multiply.outer(index[::stride], frequencies))[:, None] * np.exp(
         1j * np.multiply.outer(np.arange(stride), frequencies)

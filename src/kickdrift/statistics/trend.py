@@ -1,4 +1,4 @@
-"""Trends that noise, waves and walks cannot explain: tests that need neither a straight line nor a fitted wave."""
+"""Trends that noise, waves and random walks cannot explain. The tests need no straight line and no fitted wave."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ import numpy as np
 
 from kickdrift.model.state import Floats
 
-BLOCKS = 16  # whose means show whether a series goes one way
-ONE_WAY = 0.95  # of the way that the block means go, this share at least is the way from the first to the last
-LEAST_WAY = 0.6  # of the range
-SPREAD = 2.2  # blocks, at least, among which that way is shared: a single jump is no trend
-BENT = 8.0  # times the faster cosines; of white noise, one series in ten thousand
-COSINES = 16  # the slow end of a spectrum
-PRIOR_WHITE = 0.8  # of noise without a walk
-WALKS = np.concatenate(([0.0], np.geomspace(0.3, 3e4, 20)))  # walk over noise at the first cosine
+BLOCKS = 16  # blocks whose means show a one-way motion
+ONE_WAY = 0.95  # least net motion, from first to last block, over the total motion of the block means
+LEAST_WAY = 0.6  # least net motion over the range
+SPREAD = 2.2  # least number of blocks that share the motion: a single jump is no trend
+BENT = 8.0  # times the faster cosines; reached by one white-noise series in ten thousand
+COSINES = 16  # number of cosines: the slow end of the spectrum
+PRIOR_WHITE = 0.8  # prior probability of noise without a walk
+WALKS = np.concatenate(([0.0], np.geomspace(0.3, 3e4, 20)))  # ratio of walk to noise at the first cosine
 
 
 class Trend(NamedTuple):
@@ -24,14 +24,14 @@ class Trend(NamedTuple):
     change: float
     half_width: float
     p_value: float
-    walk: float = 1.0  # probability that a walk is there beside the noise
+    walk: float = 1.0  # probability of a walk beside the noise
 
 
 def goes_one_way(y: Floats) -> bool:
-    """Whether the means of sixteen blocks go up alone, or down alone.
+    """Tell whether the means of sixteen blocks only rise, or only fall.
 
-    A few small steps back are allowed where the way is shared by several blocks. Of random walks one in a thousand
-    passes. A wave passes where the series holds less than about half a cycle.
+    A few small steps back are allowed if several blocks share the motion. One random walk in a thousand passes. A wave
+    passes if the series holds less than about half a cycle.
     """
     n = len(y) // BLOCKS
     steps = np.diff(y[len(y) - n * BLOCKS :].reshape(BLOCKS, n).mean(axis=1))
@@ -43,7 +43,7 @@ def goes_one_way(y: Floats) -> bool:
 
 
 def is_bent(y: Floats) -> bool:
-    """Whether the slowest cosines that a line leaves stand far above the faster ones."""
+    """Tell whether the slowest cosines, without the line, are far above the faster ones."""
     weights, line = cosines(y, min(COSINES, len(y) // 3))
     weights -= line * (weights @ line) / (line @ line)
     half = len(weights) // 2
@@ -53,8 +53,8 @@ def is_bent(y: Floats) -> bool:
 def cosines(y: Floats, count: int) -> tuple[Floats, Floats]:
     """Weights of the first ``count`` cosines (type II) in ``y``, and in a line that rises by 1 over the series.
 
-    The cosines are the eigenfunctions of a random walk less its mean, with variances 1 / (pi j)^2: in them noise and
-    walk are independent from weight to weight (Mueller & Watson 2008, doi:10.1111/j.1468-0262.2008.00884.x).
+    The cosines are the eigenfunctions of a random walk less its mean, with variances 1 / (pi j)^2. In their weights
+    noise and walk are independent (Mueller & Watson 2008, doi:10.1111/j.1468-0262.2008.00884.x).
     """
     n = len(y)
     angles = np.pi * (np.arange(n) + 0.5) / n
@@ -64,9 +64,9 @@ def cosines(y: Floats, count: int) -> tuple[Floats, Floats]:
 
 
 def walk_trend(y: Floats) -> Trend:
-    """The mean increment of ``y``, judged by how much its slow increments differ: Student's t over 16 cosines.
+    """Mean increment of ``y`` with an error from the spread of its slow increments: Student's t over 16 cosines.
 
-    Waves that are faster, and noise, only widen the interval. A bend widens it too.
+    Faster waves, noise and a bend only widen the interval.
     """
     weights, line = cosines(y, min(COSINES, len(y) // 3))
     scale = np.arange(1, len(weights) + 1)
@@ -74,9 +74,9 @@ def walk_trend(y: Floats) -> Trend:
 
 
 def mixed_trend(y: Floats) -> Trend:
-    """The trend of ``y``, judged by noise and a walk together, in a proportion that the slow end of the spectrum tells.
+    """Trend of ``y`` under noise and a walk together, in proportions inferred from the slow end of the spectrum.
 
-    Each proportion counts with its restricted likelihood.
+    The restricted likelihood weights each proportion.
     """
     weights, line = cosines(y, min(COSINES, len(y) // 3))
     spectra = 1.0 + np.multiply.outer(WALKS, 1.0 / np.arange(1, len(weights) + 1) ** 2)
@@ -101,7 +101,7 @@ def _trends(weights: Floats, line: Floats, spectra: Floats, prior: Floats) -> Tr
     centre = float(share @ change)
 
     def outside(half_width: float, middle: float) -> float:
-        """Probability that the change is further than that from the middle."""
+        """Probability that the change is further from the middle than the half-width."""
         up, down = (middle + half_width - change) / deviation, (middle - half_width - change) / deviation
         return float(share @ (stdtr(freedom, -up) + stdtr(freedom, down)))
 

@@ -50,7 +50,9 @@ def meeting():
     system = kd.System(
         x, v, [1.0, 0.01, 0.02, 1e-3], forces=[kd.Gravity()], units="nbody", radii=0.1, names=list("abcd")
     )
-    return kd.Simulation(system, "velocity-verlet", dt=0.01, events=[kd.Collision(action="merge"), kd.CloseApproach(1.5)])
+    return kd.Simulation(
+        system, "velocity-verlet", dt=0.01, events=[kd.Collision(action="merge"), kd.CloseApproach(1.5)]
+    )
 
 
 SMALL = kd.FileOptions(compress=True)

@@ -131,7 +131,7 @@ def test_tangent_map_is_the_slope_of_the_map(name, dt):
 @pytest.mark.parametrize("force", [kd.LennardJones(cutoff=2.0), kd.GravityTree(G=1.0)])
 def test_sums_over_lists_and_trees_are_refused(force):
     system = kd.System(np.eye(3) * 3, forces=[force])
-    with pytest.raises(InputError, match=f"force '{force.name}': has no variational equations here; gravity and"):
+    with pytest.raises(InputError, match=f"force '{force.name}': has no variational equations; gravity and"):
         varied(system, np.zeros((2, 3, 3)))
 
 
@@ -235,7 +235,7 @@ def _parts(system):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"time": None}, "time: system 'system' names none in [run]; give how long to run"),
+        ({"time": None}, "time: system 'system' has no time in [run]; give a time"),
         ({"time": -1.0}, "time must be a positive finite time, got -1.0"),
         ({"time": math.inf}, "time must be a positive finite time, got inf"),
         ({"seed": -1}, "seed: expected a whole number, zero or more, got -1"),
@@ -243,7 +243,7 @@ def _parts(system):
         ({"integrator": "leapfrog-exact"}, "integrator: leapfrog-exact carries no variations"),
         ({"integrator": "velocity-verlet"}, "dt is needed"),
         ({"integrator": "rk-4"}, "did you mean rk4"),
-        ({"integrator": "yoshida4", "dt": 1.0, "time": 2.0}, "time: 2 steps are too few to tell growth by"),
+        ({"integrator": "yoshida4", "dt": 1.0, "time": 2.0}, "time: 2 steps are too few to measure growth"),
     ],
 )
 def test_what_makes_no_sense_is_said(options, message):
@@ -289,7 +289,7 @@ def test_command(monkeypatch, tmp_path, capsys):
     assert called(monkeypatch, *words) == 2
     assert "exists already" in capsys.readouterr().err
     assert called(monkeypatch, "chaos", "lj-1000") == 2
-    assert "has no variational equations here" in capsys.readouterr().err
+    assert "has no variational equations" in capsys.readouterr().err
 
 
 def test_report_is_public():

@@ -116,7 +116,7 @@ def test_without_an_energy_chaos_shortens_the_pilot():
     assert 20 < found.length < 50
     assert found.reference_error <= 1e-6
     assert found.lyapunov == pytest.approx(0.9, abs=0.3)
-    assert "part by" in found.notes[0]
+    assert "differ by" in found.notes[0]
     refused = recommendation(found, 1e-3, 100.0)
     assert refused.choice is None
     assert "chaos" in refused.refusal
@@ -229,9 +229,9 @@ def test_no_step_beyond_the_ladder_is_recommended():
     ("given", "accuracy", "length", "reason"),
     [
         ({}, 1e-4, 1e6, "too short"),
-        ({"cycles": 2.0}, 1e-4, 1000.0, "came round 2 times"),
+        ({"cycles": 2.0}, 1e-4, 1000.0, "it covers 2 cycles"),
         ({"lyapunov": 0.5}, 1e-4, 1000.0, "chaos"),
-        ({"reference_error": 1e-3}, 1e-4, 50.0, "is good for"),
+        ({"reference_error": 1e-3}, 1e-4, 50.0, "below the limit of the reference"),
         ({}, 1e-11, 1000.0, "no method reaches"),
     ],
 )
@@ -332,7 +332,7 @@ def test_bad_input_is_one_line(monkeypatch, capsys, arguments, words):
 
 
 def test_a_length_is_needed():
-    with pytest.raises(kd.InputError, match="names no length"):
+    with pytest.raises(kd.InputError, match="has no length"):
         work_precision(logistic(), ["rk4"])
 
 

@@ -189,9 +189,9 @@ def test_some_of_the_frames(tmp_path):
     path = write(tmp_path / "run.h5md", x)
     with kd.open(path) as run:
         found = mean_squared_displacement(run[10::3], lags=20)
-        with pytest.raises(InputError, match="goes forward"):
+        with pytest.raises(InputError, match="a positive step"):
             mean_squared_displacement(run[::-1])
-        with pytest.raises(InputError, match="there is no frame"):
+        with pytest.raises(InputError, match="the choice of frames is empty"):
             mean_squared_displacement(run[500:])
     np.testing.assert_allclose(found.values, plain(x[10::3], True)[:20], rtol=1e-11, atol=1e-13)
     assert found.times[1] == pytest.approx(3 * DT)

@@ -169,7 +169,7 @@ def test_bad_input(run, tmp_path):
     system = System([[0.0, 0, 0], [2.0, 0, 0]], name="gas")
     s = system.state
     gas = write(tmp_path / "gas.h5md", system, lambda t: (s.positions, s.velocities), [0.0, 1.0])
-    with pytest.raises(InputError, match="has no gravity, and so no orbits"):
+    with pytest.raises(InputError, match="no gravity, so no orbits"):
         of.orbits(gas)
     assert not plots_orbits.has_orbits(gas)
     assert plots_orbits.has_orbits(run)

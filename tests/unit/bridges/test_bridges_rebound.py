@@ -189,9 +189,9 @@ def test_a_corrector_is_taken():
 @pytest.mark.parametrize(
     ("integrator", "fields", "untaken"),
     [
-        ("mercurius", {}, "integrator 'mercurius' as it is set there, and its step"),
+        ("mercurius", {}, "integrator 'mercurius' with its settings and its step"),
         ("bs", {}, "integrator 'bs'"),
-        ("leapfrog", {"order": 8}, "integrator 'leapfrog' as it is set there"),
+        ("leapfrog", {"order": 8}, "integrator 'leapfrog' with its settings"),
         ("whfast", {"kernel": "LAZY"}, "integrator 'whfast'"),
         ("whfast", {"coordinates": "WHDS"}, "integrator 'whfast'"),
         ("saba", {"type": "CM_2"}, "integrator 'saba'"),
@@ -202,7 +202,9 @@ def test_a_corrector_is_taken():
 def test_what_is_not_taken_is_said(integrator, fields, untaken):
     sim = planets()
     set_fields(sim, integrator, fields)
-    with pytest.warns(UserWarning, match=f"from_rebound: not taken, having no equal: {untaken}") as seen:
+    with pytest.warns(
+        UserWarning, match=f"from_rebound: left out, without an equivalent in kickdrift: {untaken}"
+    ) as seen:
         system = kd.System.from_rebound(sim)
     assert seen[0].filename == __file__
     assert (system.run.integrator is None) == (untaken != "ias15's min_dt")
@@ -217,7 +219,9 @@ def test_a_central_body_elsewhere_is_no_wisdom_holman():
     with pytest.warns(UserWarning, match="integrator 'whfast'"):
         kd.System.from_rebound(sim)
     system = kd.System(np.eye(2, 3), masses=[1e-3, 1], units="nbody", run=RunDefaults("wisdom-holman", 0.1))
-    with pytest.warns(UserWarning, match="to_rebound: not taken, having no equal: integrator 'wisdom-holman'"):
+    with pytest.warns(
+        UserWarning, match="to_rebound: left out, without an equivalent in kickdrift: integrator 'wisdom-holman'"
+    ):
         assert str(system.to_rebound().integrator) == "ias15"
 
 
@@ -256,18 +260,24 @@ def refused(key, value):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda sim: sim.add_variation(), "variational particles; kd.megno follows variations here"),
+        (lambda sim: sim.add_variation(), "variational particles; use kd.megno for variations"),
         (refused("additional_forces", lambda sim: None), "has additional_forces, which only rebound can call"),
         (refused("post_timestep_modifications", lambda sim: None), "has post_timestep_modifications"),
-        (lambda sim: sim.create_ode(length=2), "has ODEs of its own"),
-        (refused("boundary", "open"), "boundary 'open' has no equal here; expected 'none'"),
-        (refused("collision", "direct"), r"collisions \('direct'\) cannot be read .* events=\[kd.Collision\(…\)\]"),
-        (refused("gravity", "tree"), r"gravity 'tree' has no equal here; give forces, say \[kd.GravityTree\(\)\]"),
-        (heavy, r"particle 4 is a test particle \(N_active = 3\) with mass 1e-09; those here have none"),
+        (lambda sim: sim.create_ode(length=2), "its own ODEs have no equivalent"),
+        (refused("boundary", "open"), "boundary 'open' has no equivalent in kickdrift; expected 'none'"),
+        (refused("collision", "direct"), r"collisions \('direct'\) cannot be read; .* events=\[kd.Collision\(…\)\]"),
+        (
+            refused("gravity", "tree"),
+            r"gravity 'tree' has no equivalent in kickdrift; give forces, for example \[kd.GravityTree\(\)\]",
+        ),
+        (
+            heavy,
+            r"particle 4 is a test particle \(N_active = 3\) with mass 1e-09; test particles in kickdrift have no mass",
+        ),
         (spoil, "positions: particle 1 has nan in x; expected finite numbers"),
         (refused("G", -1.0), "gravity: G must be a positive number, got -1.0"),
         (refused("t", np.nan), "sim: t is nan; expected a finite time"),
-        (twins, "names: particle 2 is called 'Sun'; expected a name that no other has"),
+        (twins, "names: particle 2 is called 'Sun'; expected unique names"),
     ],
 )
 def test_simulations_that_do_not_fit_are_refused(change, message):
@@ -290,11 +300,11 @@ def test_a_simulation_inside_a_step_is_refused():
     set_fields(sim, "whfast", {"safe_mode": 0})
     sim.heartbeat = look
     sim.steps(2)
-    assert seen == [5, *["sim: stands inside a step; call sim.synchronize() first"] * 2]
+    assert seen == [5, *["sim: is inside a step; call sim.synchronize() first"] * 2]
 
 
 def test_what_is_no_simulation_is_refused():
-    with pytest.raises(kd.InputError, match="has no particles"):
+    with pytest.raises(kd.InputError, match="expected one particle or more, got none"):
         kd.System.from_rebound(rebound.Simulation())
     with pytest.raises(kd.InputError, match="sim: expected a rebound"):
         kd.System.from_rebound("archive.bin")
@@ -304,10 +314,10 @@ def test_what_is_no_simulation_is_refused():
     ("options", "message"),
     [
         ({"box": (9, 9, 9)}, "the box is periodic"),
-        ({"forces": [kd.LennardJones()]}, "rebound has no force 'lennard-jones'; only gravity goes there"),
+        ({"forces": [kd.LennardJones()]}, "rebound has no force 'lennard-jones'; expected only gravity"),
         ({"forces": [kd.Gravity(), kd.Oblateness(1e-3, 1.0)]}, "rebound has no force 'j2'"),
-        ({"forces": [kd.Gravity(), kd.Gravity()]}, "gravity twice"),
-        ({"units": "metal"}, "no units like 'metal'"),
+        ({"forces": [kd.Gravity(), kd.Gravity()]}, "expected one gravity force, got two"),
+        ({"units": "metal"}, "cannot express units 'metal'"),
     ],
 )
 def test_systems_that_rebound_cannot_run_are_refused(options, message):

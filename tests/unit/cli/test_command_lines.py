@@ -83,7 +83,7 @@ def test_a_run_that_asks_for_too_much(arguments, part, kickdrift):
         (["--vary", "dt=1:2:" + 12 * "9"], "values take"),
         (["--vary", "dt=-1e308:1e308:3"], "finite"),
         (["--vary", "dt=uniform:-1e308:1e308"], "too far apart"),
-        (["--vary", "particles.elements[²].a=1"], "no entry is called '²'"),
+        (["--vary", "particles.elements[²].a=1"], "no entry is named '²'"),
         (["--vary", f"particles.elements[{DIGITS}].a=1"], "characters more"),
     ],
 )
@@ -312,7 +312,7 @@ def test_no_memory_is_one_line(kickdrift, monkeypatch):
         raise MemoryError
 
     monkeypatch.setattr("kickdrift.systemfile.reading.load", greedy)
-    assert kickdrift("info", "sun-jupiter") == (1, "", "kickdrift: there is not enough memory for this\n")
+    assert kickdrift("info", "sun-jupiter") == (1, "", "kickdrift: not enough memory\n")
 
 
 # --- particles and samples ---

@@ -77,12 +77,12 @@ NOT_OURS = {
     "other.xyz": b"precious",
 }
 REFUSED = [
-    (["resume", "run.h5md", "--json", "run.h5md"], "--json run.h5md: is what this command reads; it is not replaced"),
-    (["resume", "run.h5md", "--json", "./run.h5md"], "is what this command reads"),
-    (["resume", "run.h5md", "--json", "name.json"], "is what this command reads"),
-    (["run", "s.toml", "--json", "s.toml"], "--json s.toml: is what this command reads; it is not replaced"),
-    (["run", "s.toml", "--output", "o.h5md", "--json", "o.h5md"], "--json o.h5md: is the file of --output too"),
-    (["run", "s.toml", "--output", "o.h5md", "--json", "there/../o.h5md"], "is the file of --output too"),
+    (["resume", "run.h5md", "--json", "run.h5md"], "--json run.h5md: is an input of this command and is not replaced"),
+    (["resume", "run.h5md", "--json", "./run.h5md"], "is an input of this command"),
+    (["resume", "run.h5md", "--json", "name.json"], "is an input of this command"),
+    (["run", "s.toml", "--json", "s.toml"], "--json s.toml: is an input of this command and is not replaced"),
+    (["run", "s.toml", "--output", "o.h5md", "--json", "o.h5md"], "--json o.h5md: --output names the same file"),
+    (["run", "s.toml", "--output", "o.h5md", "--json", "there/../o.h5md"], "--output names the same file"),
     (["run", "s.toml", "--output", "one.h5md", "--json", "two.json"], "is not a JSON object that kickdrift wrote"),
     (["run", "s.toml", "--json", "notes.json"], "is not a JSON object that kickdrift wrote; it is not replaced"),
     (["run", "s.toml", "--json", "list.json"], "is not a JSON object"),
@@ -90,17 +90,17 @@ REFUSED = [
     (["run", "s.toml", "--json", "other.png"], "is not a JSON object"),
     (["run", "s.toml", "--output", "other.h5md"], "is not a run's file that kickdrift wrote; it is not replaced"),
     (["run", "s.toml", "--output", "s.toml"], "the name must end in .h5md"),
-    (["compare", "s.toml", "--json", "s.toml"], "is what this command reads"),
+    (["compare", "s.toml", "--json", "s.toml"], "is an input of this command"),
     (["compare", "s.toml", "--plot", "other.png"], "is not a figure that kickdrift wrote; it is not replaced"),
-    (["compare", "s.toml", "--plot", "x.png", "--json", "x.png"], "--plot x.png: is the file of --json too"),
-    (["chaos", "s.toml", "--json", "s.toml"], "is what this command reads"),
+    (["compare", "s.toml", "--plot", "x.png", "--json", "x.png"], "--plot x.png: --json names the same file"),
+    (["chaos", "s.toml", "--json", "s.toml"], "is an input of this command"),
     (["chaos", "s.toml", "--json", "notes.json"], "is not a JSON object"),
     (["bench", "lj-energy", "--json", "s.toml"], "is not a JSON object"),
     (["bench", "speed", "--json", "s.toml"], "is not a JSON object"),
     (["plot", "run.h5md", "--output", "other.png"], "other.png: is not a figure"),
     (["plot", "--stability", "leapfrog", "--output", "other.png"], "other.png: is not a figure"),
     (["export", "run.h5md", "other.xyz"], "other.xyz: is not an export"),
-    (["export", "run.h5md", "name.dcd"], "name.dcd: is what this command reads"),
+    (["export", "run.h5md", "name.dcd"], "name.dcd: is an input of this command"),
     (["run", "s.toml", "--json", "link.json"], "is a symbolic link; give the name of the file itself"),
     (["run", "s.toml", "--output", "link.h5md"], "is a symbolic link"),
     (["run", "s.toml", "--output", "nowhere.h5md"], "is a symbolic link"),
@@ -110,7 +110,7 @@ REFUSED = [
     (["run", "s.toml", "--json", "there"], "is a folder"),
     (["run", "s.toml", "--json", "x" * 300], "file name too long"),
     (["run", "s.toml", "--output", "x" * 252 + ".h5md"], "file name too long"),
-    (["run", "s.toml", "--json", "a\udcff.json"], "--json a\\xff.json: the name is no UTF-8"),
+    (["run", "s.toml", "--json", "a\udcff.json"], "--json a\\xff.json: the name is not UTF-8"),
     (["run", "s.toml", "--json", "socket"], "is no regular file"),
     (["run", "s.toml", "--output", "pipe.h5md"], "is a device or a pipe; a run's file is a regular file"),
     (["run", "s.toml", "--json", "pipe.h5md"], "is a pipe that no program reads"),
@@ -327,7 +327,7 @@ def test_what_a_kill_left_is_removed_in_time(monkeypatch):
 
 def test_two_names_of_one_place_are_the_same(folder):
     (folder / "also").symlink_to(folder)
-    with pytest.raises(InputError, match=r"--json also/x\.h5md: is the file of --output too"):
+    with pytest.raises(InputError, match=r"--json also/x\.h5md: --output names the same file"):
         refuse_outputs({"output": Path("x.h5md"), "json": Path("also/x.h5md")}, False)
 
 

@@ -55,12 +55,12 @@ def test_values_are_put_in_their_places_of_a_copy():
     ("key", "said"),
     [
         ("particle.elements[0].a", "there is no 'particle'; did you mean 'particles'?"),
-        ("particles.elements[2].a", r"there is no \[2\] in a list of 2"),
-        ("particles.elements[d].a", "no entry is called 'd'"),
+        ("particles.elements[2].a", r"no entry \[2\] in a list of 2"),
+        ("particles.elements[d].a", "no entry is named 'd'"),
         ("particles.elements[0]", "is a table, not one value"),
         ("particles.elements", "is a list, not one value"),
-        ("run.dt.x", "no table or list to hold 'x'"),
-        ("force[0].type.x.y", "'x' stands in 'gravity'"),
+        ("run.dt.x", "no table or list holds 'x'"),
+        ("force[0].type.x.y", "'x' is inside 'gravity'"),
     ],
 )
 def test_a_key_that_is_not_there(key, said):
@@ -89,7 +89,7 @@ def test_grids_and_draws_as_text():
         ("log:-1:1:3", "log takes positive numbers"),
         ("normal:1", "expected normal:A:B"),
         ("normal:1:-1", "a standard deviation is zero or more"),
-        ("uniform:2:1", "the low end before the high one"),
+        ("uniform:2:1", "the low end before the high end"),
         ("log-uniform:0:1", "log-uniform takes positive numbers"),
     ],
 )

@@ -156,9 +156,9 @@ def test_a_sample_has_the_centre_of_mass():
 def test_refusals():
     with pytest.raises(InputError, match="needs open space, and the box is periodic"):
         System(np.eye(3), box=(1, 1, 1), forces=[Gravity(1.0)])
-    with pytest.raises(InputError, match="units 'lj' have no G of their own; give G"):
+    with pytest.raises(InputError, match="units 'lj' define no G; give G"):
         System(np.eye(3), forces=[Gravity()])
-    with pytest.raises(InputError, match="gravity: no particle has a mass, so that nothing pulls"):
+    with pytest.raises(InputError, match="gravity: no particle has a mass, so there is no attraction"):
         System(np.eye(3), masses=0.0, forces=[Gravity(1.0)])
     with pytest.raises(InputError, match="gravity-tree: no particle has a mass"):
         System(np.eye(3), masses=0.0, forces=[GravityTree(G=1.0)])

@@ -131,11 +131,11 @@ def test_a_file_goes_on_in_the_same_precision(tmp_path):
     [
         (
             lambda: kd.Simulation(kd.load("figure-eight"), "rk4", dt=0.01, precision="mixed"),
-            "mixed is for pair forces, and .* has none",
+            "mixed needs pair forces; .* has none",
         ),
         (
             lambda: kd.Simulation(kd.Problem(lambda t, y: [-y[0]], [1.0]), precision="mixed"),
-            "precision: mixed is for pair forces, and .* is an ODE",
+            "precision: mixed needs pair forces; .* is an ODE",
         ),
         (
             lambda: kd.Simulation(liquid(), "leapfrog-exact", dt=0.01, precision="mixed"),
@@ -151,7 +151,7 @@ def test_a_file_goes_on_in_the_same_precision(tmp_path):
         ),
         (
             lambda: kd.Simulation(liquid(), dt=0.01, precision="mixed", engine="ase"),
-            "precision: it has its own, and not 'mixed'",
+            "does not offer 'mixed'",
         ),
     ],
 )

@@ -148,7 +148,7 @@ def test_refusals():
         ({"j2": "1e-3"}, "j2: expected a finite number, got '1e-3'"),
         ({"radius": 0.0}, "radius must be a positive number, got 0.0"),
         ({"radius": math.inf}, "radius: expected a finite number, got inf"),
-        ({"pole": (0, 0, 0)}, r"pole: expected a direction, got \[0.0, 0.0, 0.0\]"),
+        ({"pole": (0, 0, 0)}, r"pole: expected a vector with a direction, got \[0.0, 0.0, 0.0\]"),
         ({"pole": (0, 1)}, r"pole: expected three numbers, got \(0, 1\)"),
         ({"central": -3}, "central: expected a body's name or its number from 0 on, got -3"),
         ({"G": 0.0}, "G must be a positive number, got 0.0"),
@@ -156,9 +156,9 @@ def test_refusals():
         with pytest.raises(InputError, match=f"^j2: {message}$"):
             Oblateness(**{"j2": 1e-3, "radius": 1.0, **options})
     for options, force, message in [
-        ({"units": "lj"}, {}, "units 'lj' have no G of their own; give G"),
+        ({"units": "lj"}, {}, "units 'lj' define no G; give G"),
         ({"units": "nbody", "box": (9, 9, 9)}, {}, "needs open space, and the box is periodic"),
-        ({"units": "nbody"}, {"central": 9}, "central: there is no body 9; they are 0 to 2"),
+        ({"units": "nbody"}, {"central": 9}, "central: there is no body 9; expected 0 to 2"),
     ]:
         with pytest.raises(InputError, match=f"^j2: {message}$"):
             kd.System(np.eye(3), forces=[Oblateness(1e-3, 1.0, **force)], **options)

@@ -181,15 +181,19 @@ def test_the_central_body_by_name_or_number():
 def test_refusals():
     x, heavy = np.eye(3), [0.0, 1.0, 2.0]
     for force, options, message in [
-        (PostNewtonian(), {"units": "nbody"}, "units 'nbody' have no speed of light of their own; give c"),
-        (PostNewtonian(), {"units": "metal"}, "units 'metal' have no G of their own; give G"),
-        (PostNewtonian(central="Sol"), {"units": "si"}, "central: there is no body 'Sol'; this system's have no names"),
+        (PostNewtonian(), {"units": "nbody"}, "units 'nbody' define no speed of light; give c"),
+        (PostNewtonian(), {"units": "metal"}, "units 'metal' define no G; give G"),
+        (
+            PostNewtonian(central="Sol"),
+            {"units": "si"},
+            "central: there is no body 'Sol'; this system's bodies have no names",
+        ),
         (
             PostNewtonian(central="Sol"),
             {"units": "si", "names": ["Sun", "a", "b"]},
             "central: there is no body 'Sol'; bodies are Sun, a, b",
         ),
-        (PostNewtonian(central=3), {"units": "si"}, "central: there is no body 3; they are 0 to 2"),
+        (PostNewtonian(central=3), {"units": "si"}, "central: there is no body 3; expected 0 to 2"),
         (PostNewtonian(central=0), {"units": "si"}, "central: particle 0 has no mass"),
         (PostNewtonian(), {"units": "si", "box": (9, 9, 9)}, "needs open space, and the box is periodic"),
     ]:
@@ -223,8 +227,8 @@ type = "relativity-1pn"
         ("c = 3e8", None),
         ('c = "299792.458 km/s"\ncentral = 0\nform = "potential"', None),
         ('c = "1 km"', "force[0].c: expected a velocity such as"),
-        ("central = 7", "relativity-1pn: central: there is no body 7; they are 0 to 1"),
-        ('central = "Sun"', "relativity-1pn: central: there is no body 'Sun'; this system's have no names"),
+        ("central = 7", "relativity-1pn: central: there is no body 7; expected 0 to 1"),
+        ('central = "Sun"', "relativity-1pn: central: there is no body 'Sun'; this system's bodies have no names"),
         ("central = 0.5", "force[0]: relativity-1pn: central: expected a body's name or its number from 0 on, got 0.5"),
         ('form = "fall"', "force[0]: relativity-1pn: form: expected one of full, potential, got 'fall'"),
         ("speed = 3", "force[0].speed: unknown key"),

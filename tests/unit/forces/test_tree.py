@@ -248,7 +248,7 @@ def test_refusals():
         kd.System(np.eye(3), box=(1, 1, 1), forces=[GravityTree(G=1.0)])
     with pytest.raises(InputError, match=r"^gravity-tree: no particle has a mass"):
         kd.System(np.eye(3), masses=0.0, forces=[GravityTree(G=1.0)])
-    with pytest.raises(InputError, match=r"^gravity-tree: units 'lj' have no G of their own; give G"):
+    with pytest.raises(InputError, match=r"^gravity-tree: units 'lj' define no G; give G"):
         kd.System(np.eye(3), forces=[GravityTree()])
 
 

@@ -265,7 +265,7 @@ def test_a_lattice_of_other_particles_is_refused():
         (own._replace(positions=own.positions[:, :4]), "positions must be int64 of shape"),
         (own._replace(momenta=own.momenta * 1.0), "momenta must be int64"),
         (own._replace(momenta=own.momenta + 2**62), "within 2\\^62"),
-        (own._replace(spacing=2 * own.spacing), "not that of the system's box"),
+        (own._replace(spacing=2 * own.spacing), "does not fit the system's box"),
         (own._replace(momentum=-own.momentum), "positive"),
     ):
         with pytest.raises(InputError, match=culprit):
@@ -283,7 +283,7 @@ def test_leaving_the_lattice_stops_the_run():
     assert np.isfinite(sim.state.phase).all()
     far = system.state
     far.phase[0, 0, 1] = 1e6
-    with pytest.raises(InputError, match="particle 1 is beyond what its lattice"):
+    with pytest.raises(InputError, match="particle 1 is outside the range of its lattice"):
         sim.state = far
 
 

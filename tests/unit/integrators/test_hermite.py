@@ -291,12 +291,12 @@ def test_what_was_chosen_is_in_the_report():
     ("options", "message"),
     [
         ({"rtol": 1e-6}, "rtol: hermite4 does not take it; it takes dt, eta, scheme"),
-        ({"eta": 0.0}, "eta must be a number above 0, 1 at most, got 0.0"),
-        ({"eta": math.nan}, "eta must be a number above 0, 1 at most, got nan"),
-        ({"eta": "fine"}, "eta must be a number above 0, 1 at most, got 'fine'"),
+        ({"eta": 0.0}, "eta must be above 0 and at most 1, got 0.0"),
+        ({"eta": math.nan}, "eta must be above 0 and at most 1, got nan"),
+        ({"eta": "fine"}, "eta must be above 0 and at most 1, got 'fine'"),
         ({"scheme": "tree"}, "scheme 'tree' is unknown; known are shared, block"),
-        ({"dt": 0.1, "eta": 0.1}, "dt: makes all steps of hermite4 alike; give it, or eta and scheme"),
-        ({"dt": 0.1, "scheme": "block"}, "dt: makes all steps of hermite4 alike; give it, or eta and scheme"),
+        ({"dt": 0.1, "eta": 0.1}, "dt: fixes the step of hermite4; give either dt, or eta and scheme"),
+        ({"dt": 0.1, "scheme": "block"}, "dt: fixes the step of hermite4; give either dt, or eta and scheme"),
         ({"dt": -0.1}, "dt must be a positive finite time, got -0.1"),
     ],
 )
@@ -309,11 +309,11 @@ def test_options_that_make_no_sense(options, message):
 def test_what_it_cannot_run():
     fluid = kd.System(np.eye(3) * 3, forces=[kd.LennardJones(cutoff=2.0)])
     with pytest.raises(
-        InputError, match=r"hermite4: .* gravity, and force 'lennard-jones' has none here; dop853 takes"
+        InputError, match=r"hermite4: .* gravity; force 'lennard-jones' has no time derivative; dop853 takes"
     ):
         kd.Simulation(fluid, "hermite4")
-    with pytest.raises(InputError, match=r"hermite4: .* one force, gravity, and there are 0 of it"):
+    with pytest.raises(InputError, match=r"hermite4: .* one force, gravity; the system has 0"):
         kd.Simulation(kd.System(np.eye(3)), "hermite4")
     ode = kd.Problem(lambda t, y: [y[1], -y[0]], [1.0, 0.0], separable=True, name="oscillator")
-    with pytest.raises(InputError, match=r"hermite4: .*'oscillator' is an ODE; dop853"):
+    with pytest.raises(InputError, match=r"hermite4: .*'oscillator' is an ODE; use dop853"):
         kd.Simulation(ode, "hermite4")

@@ -95,8 +95,8 @@ def test_velocities_follow_from_the_seed_and_are_normal():
 def test_bad_velocities():
     assert (maxwell_boltzmann([1.0, 2.0], 0.0, 1.0, 1) == 0).all()
     for masses, temperature, seed, message in [
-        ([1.0], 1.0, 1, "temperature: needs two particles with mass or more"),
-        ([1.0, 0.0], 1.0, 1, "temperature: needs two particles with mass or more"),
+        ([1.0], 1.0, 1, "temperature: needs two or more particles with mass"),
+        ([1.0, 0.0], 1.0, 1, "temperature: needs two or more particles with mass"),
         ([1.0, 1.0], -1.0, 1, "temperature: expected a finite number, zero or more, got -1.0"),
         ([1.0, 1.0], 1.0, -1, "seed: expected a whole number, zero or more, got -1"),
         ([1.0, -1.0], 1.0, 1, "masses: expected a list of finite numbers, zero or more"),
@@ -186,7 +186,7 @@ def test_bad_structure_files(tmp_path, monkeypatch):
         read_structure(path, METAL)
     for cell, pbc, message in [
         ([[9, 0, 0], [1, 9, 0], [0, 0, 9]], True, "is not orthorhombic along x, y, z"),
-        ([9, 9, 9], [True, True, False], "is periodic in some directions only"),
+        ([9, 9, 9], [True, True, False], "is periodic along some axes only"),
     ]:
         write(path, ase.Atoms("Ar", cell=cell, pbc=pbc))
         with pytest.raises(InputError, match=message):

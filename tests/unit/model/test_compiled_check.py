@@ -111,7 +111,7 @@ def test_other_values_than_pythons_are_refused(f, y0, plain, compiled):
         kd.Simulation(kd.Problem(f, y0, name="mine"))
     message = str(error.value)
     assert message.startswith(f"mine: f(t, y){plain}")
-    assert f"{compiled}: compiled code counts whole numbers in 64 bits" in message
+    assert f"{compiled}: compiled code has 64-bit whole numbers" in message
     assert message.endswith("; compiled=False runs f as plain Python, slowly")
     assert "\n" not in message
 

@@ -140,11 +140,11 @@ def test_detest_d():
     ("name", "arguments", "message"),
     [
         ("kepler", {"eccentricity": 1.0}, "eccentricity: expected a number from 0 to below 1, got 1.0"),
-        ("kepler", {"y0": [0, 0, 1, 1]}, "y0: the body stands on the centre of attraction"),
+        ("kepler", {"y0": [0, 0, 1, 1]}, "y0: the body is at the centre of attraction"),
         ("logistic", {"capacity": 0.0}, "capacity: expected a positive number, got 0.0"),
         ("orego", {"s": -1.0}, "s: expected a positive number, got -1.0"),
         ("pendulum", {"omega": math.nan}, "omega: expected a positive number, got nan"),
-        ("arenstorf", {"mu": 1.5}, "mu: expected the Moon's part of the mass, from 0 to 1, got 1.5"),
+        ("arenstorf", {"mu": 1.5}, "mu: expected the Moon's fraction of the mass, from 0 to 1, got 1.5"),
         ("lotka-volterra", {"y0": [1.0, 0.0]}, r"y0: expected populations above 0, got [1.0, 0.0]"),
         ("lorenz", {"y0": [1.0, math.nan, 0.0]}, "y0[1] is nan; expected finite numbers"),
         ("lorenz", {"y0": [[1.0, 2.0, 3.0]]}, "y0: expected 3 numbers, got shape (1, 3)"),

@@ -175,8 +175,8 @@ def test_ctrl_c_inside_python_code_is_not_swallowed():
         ({"y0": "two"}, "problem: y0: expected numbers: "),
         ({"y0": [1.0, [2.0]]}, "problem: y0: expected numbers: "),
         ({"y0": [1.0, math.nan]}, "problem: y0[1] is nan; expected finite numbers"),
-        ({"y0": [1.0, 2.0, 3.0]}, "problem: f must return shape (3,), as y0 has it, got (2,)"),
-        ({"f": lambda t, y: [y, y]}, "problem: f must return shape (2,), as y0 has it, got (2, 2)"),
+        ({"y0": [1.0, 2.0, 3.0]}, "problem: f must return shape (3,), like y0, got (2,)"),
+        ({"f": lambda t, y: [y, y]}, "problem: f must return shape (2,), like y0, got (2, 2)"),
         ({"f": lambda t, y: [y[0], math.inf]}, "problem: f(t0, y0)[1] is inf; expected finite numbers"),
         ({"f": lambda t, y: None}, "problem: f(t0, y0)"),
         ({"f": lambda t, y: [y[0], "a"]}, "problem: f(t0, y0): expected numbers: "),
@@ -184,12 +184,12 @@ def test_ctrl_c_inside_python_code_is_not_swallowed():
         ({"f": lambda y: y}, "problem: f(t0, y0) raised TypeError: "),
         ({"f": 3}, "problem: f must be a function, got 3"),
         ({"jacobian": [[1.0]]}, "problem: jacobian must be a function, got [[1.0]]"),
-        ({"jacobian": lambda t, y: [1.0, 2.0]}, "problem: jacobian must return shape (2, 2), as y0 has it, got (2,)"),
+        ({"jacobian": lambda t, y: [1.0, 2.0]}, "problem: jacobian must return shape (2, 2), like y0, got (2,)"),
         ({"energy": 1.0}, "problem: energy must be a function, got 1.0"),
         ({"t0": math.inf}, "problem: t0 must be a finite number, got inf"),
         (
             {"y0": [1.0, 2.0, 3.0], "separable": True},
-            "separable means positions, then as many velocities, and y0 has 3",
+            "separable means positions, then as many velocities; y0 has 3",
         ),
         ({"f": lambda t, y: [y[1] + 1, -y[0]], "separable": True}, "the first half of f is the second half of y"),
     ],
@@ -208,7 +208,7 @@ def test_a_problem_that_makes_no_sense(arguments, message):
         ("dop853", {"rtol": 0.0}, "rtol must be a positive number, got 0.0"),
         ("dop853", {"rtol": -1e-3}, "rtol must be a positive number, got -0.001"),
         ("dop853", {"rtol": math.nan}, "rtol must be a positive number, got nan"),
-        ("dop853", {"rtol": 1e-15}, "rtol must be 2.2e-14 or more, got 1e-15: below, rounding decides"),
+        ("dop853", {"rtol": 1e-15}, "rtol must be 2.2e-14 or more, got 1e-15: smaller errors drown in rounding"),
         ("dop853", {"atol": 0.0}, "atol must be a positive number, got 0.0"),
         ("dop853", {"atol": math.inf}, "atol must be a positive number, got inf"),
         ("dop853", {"controller": "pd"}, "controller 'pd' is unknown; known are i, pi, pid"),
@@ -461,14 +461,14 @@ def test_dense_output_costs_no_evaluations_but_dop853s_three_a_step():
 
 
 def test_what_a_problem_refuses_of_its_functions():
-    with pytest.raises(kd.InputError, match="f's depend on velocities"):
+    with pytest.raises(kd.InputError, match="f depends on velocities"):
         kd.Problem(lambda t, y: [y[1], -y[0] - 0.5 * y[1]], [1.0, 0.0], separable=True)
 
     def careless(t, y):
         y[0] *= 2.0
         return [1.0]
 
-    with pytest.raises(kd.InputError, match="f changes the y that it is given"):
+    with pytest.raises(kd.InputError, match="f changes its argument y"):
         kd.Problem(careless, [1.0])
     with pytest.raises(kd.InputError, match="t0 must be a finite number"):
         kd.Problem(lambda t, y: y, [1.0], t0="now")

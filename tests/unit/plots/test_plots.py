@@ -154,7 +154,7 @@ def test_bad_input(tmp_path, output):
     assert png_size(output)
     with pytest.raises(InputError, match="no such file"):
         plots.plot_run(tmp_path / "none.h5md", tmp_path / "b.png")
-    with pytest.raises(InputError, match="holds no sample"):
+    with pytest.raises(InputError, match="no sample"):
         plots.plot_run(write_run(tmp_path / "empty.h5md", samples=0), tmp_path / "b.png")
 
 

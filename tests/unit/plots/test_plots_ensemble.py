@@ -276,7 +276,7 @@ def test_refusals(tmp_path):
     with pytest.raises(kd.InputError, match=r"two.h5: column: expected one of megno, got 'mego'; did you mean 'megno'"):
         of.plot_ensemble(two, target, "mego")
     failed = write(tmp_path / "failed.h5", MEGNO, lambda member: None)
-    with pytest.raises(kd.InputError, match=r"failed.h5: no member measured a number"):
+    with pytest.raises(kd.InputError, match=r"failed.h5: no member has a measured number"):
         of.plot_ensemble(failed, target)
     with pytest.raises(kd.InputError, match=r"nothing.h5: no such file"):
         of.plot_ensemble(tmp_path / "nothing.h5", target)
@@ -297,6 +297,6 @@ def test_the_command(tmp_path):
     assert kickdrift(path, "--overwrite", "--column", "megno").exit_code == 0
     assert kickdrift(path, "--output", tmp_path / "other.svg").exit_code == 0
     assert "expected one of megno" in str(kickdrift(path, "--overwrite", "--column", "x").exception)
-    assert "--kind is of a run's" in str(kickdrift(path, "--kind", "rdf").exception)
-    assert "--column of the .parquet" in str(kickdrift("run.h5md", "--column", "megno").exception)
+    assert "--kind is for a run's" in str(kickdrift(path, "--kind", "rdf").exception)
+    assert "--column for an ensemble's .parquet" in str(kickdrift("run.h5md", "--column", "megno").exception)
     assert "give FILE or --stability" in str(kickdrift("--stability", "rk4", "--column", "x").exception)

@@ -730,7 +730,7 @@ def test_lengths_in_files_have_units():
         (lambda: kd.Collision("big"), "collision: radii must be lengths, got 'big'"),
         (lambda: kd.Collision(1.0, "melt"), "collision: action must be one of merge, bounce, stop, got 'melt'"),
         (lambda: kd.Collision(1.0, "bounce", 1.5), "collision: restitution must be a number from 0 to 1, got 1.5"),
-        (lambda: kd.Collision(1.0, "merge", 0.5), "collision: restitution is for action 'bounce', not 'merge'"),
+        (lambda: kd.Collision(1.0, "merge", 0.5), "collision: restitution needs action 'bounce', not 'merge'"),
         (lambda: kd.Escape(-1.0), "escape: distance must be a positive number, got -1.0"),
         (lambda: kd.Escape(1.0, action="merge"), "escape: action must be one of log, remove, stop, got 'merge'"),
         (lambda: kd.Crossing(3.0, "three"), "crossing 'three': function must be callable, got 3.0"),
@@ -777,12 +777,12 @@ def test_what_makes_no_sense_is_refused(make, message):
 
 def test_springs_do_not_merge():
     joined = kd.System([[0, 0, 0], [1, 0, 0]], forces=[kd.Springs([(0, 1)], 1.0)], radii=0.1)
-    with pytest.raises(InputError, match="collision: action 'merge' is not for bodies joined by springs"):
+    with pytest.raises(InputError, match="collision: action 'merge' cannot act on bodies joined by springs"):
         kd.Simulation(joined, dt=0.1, events=[kd.Collision()])
 
 
 def test_a_problem_takes_crossings_of_y_alone():
     problem = kd.Problem(lambda t, y: -y, [1.0])
     for event in (kd.Collision(1.0), kd.Crossing.pericentre(0, 1)):
-        with pytest.raises(InputError, match="is for particles; a Problem's event is a Crossing of a function of y"):
+        with pytest.raises(InputError, match="needs particles; for a Problem use a Crossing of a function of y"):
             kd.Simulation(problem, events=[event])

@@ -164,9 +164,9 @@ def test_setting_the_state_goes_on_from_there():
     [
         (lambda s: State(s.phase[:, :, :5], s.masses[:5], s.ids[:5], s.box), "expected 216 particles, got 5"),
         (lambda s: State(s.phase * np.nan, s.masses, s.ids, s.box), "must be finite"),
-        (lambda s: State(s.phase, s.masses * 2, s.ids, s.box), "ids and masses must be those of the system's"),
-        (lambda s: State(s.phase, s.masses, s.ids[::-1], s.box), "ids and masses must be those of the system's"),
-        (lambda s: State(s.phase, s.masses, s.ids, kd.Box(None)), "its box is None"),
+        (lambda s: State(s.phase, s.masses * 2, s.ids, s.box), "ids and masses must equal the system's"),
+        (lambda s: State(s.phase, s.masses, s.ids[::-1], s.box), "ids and masses must equal the system's"),
+        (lambda s: State(s.phase, s.masses, s.ids, kd.Box(None)), "the box is None"),
     ],
 )
 def test_a_state_of_something_else_is_refused(change, message):

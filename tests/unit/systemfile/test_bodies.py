@@ -162,7 +162,7 @@ BAD = [
     (BODIES, "elements = [", 'frame = "geocentric"\nelements = [', "particles.frame: expected 'heliocentric', 'jacobi' "
      "or 'barycentric', got 'geocentric'"),
     (BODIES, '"astro"', '"lj"', "particles.elements[2].T: lj quantities are plain numbers, got '-30 day'"),
-    (BODIES, '"Saturn"', '"Jupiter"', "names: particle 2 is called 'Jupiter'; expected a name that no other has"),
+    (BODIES, '"Saturn"', '"Jupiter"', "names: particle 2 is called 'Jupiter'; expected unique names"),
     (BODIES, "[[force]]", "[velocities]\ntemperature = 1.0\nseed = 1\n[[force]]", "elements and plummer give vel"),
     (BODIES, "a = 5.2, e = 0.048", 'P = "2 yr", e = 1.5', "particles.elements[0] (Jupiter).P: only an ellipse (e < 1)"),
     (BELT, "seed = 4\n", "", "particles: seed is missing: bodies are drawn with a named seed"),

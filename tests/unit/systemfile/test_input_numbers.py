@@ -138,7 +138,7 @@ plummer = {{count = {count}, seed = 1, scaled = false}}
 @pytest.mark.parametrize("text", [LATTICE, ORBITS, PLUMMER])
 def test_a_count_beyond_the_memory_is_refused_with_what_fits(text, count):
     with pytest.raises(
-        kd.InputError, match=r"count: [0-9,.e+]+ particles take .* this machine has .*; the most is [0-9,]+"
+        kd.InputError, match=r"count: [0-9,.e+]+ particles take .* this machine has .*; the limit is [0-9,]+"
     ):
         loads(text.format(count=count, density=1.0))
 

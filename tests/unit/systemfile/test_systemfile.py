@@ -336,7 +336,7 @@ BAD = [
         PAIR,
         ", [1.5, 0, 0]]",
         "]\n[velocities]\ntemperature = 1\nseed = 1",
-        "velocities.temperature: needs two particles",
+        "velocities.temperature: needs two or more particles",
     ),
     (
         PAIR,

@@ -249,7 +249,7 @@ def test_the_command_line_takes_the_options(path):
         (("--output", "no.h5md", "--flush", "-1"), "flush: must be a positive number of seconds, got -1.0"),
         (("--output", "no.h5md", "--precision", "half"), "precision: must be float64 or float32, got 'half'"),
         (("--output", "no.h5md", "--write", "forces,heat"), "write: must be some of forces, images"),
-        (("--precision", "float32"), "--precision: says how --output is written; give that too"),
+        (("--precision", "float32"), "--precision: needs --output"),
     ):
         done = run(*options)
         assert done.returncode == 2

@@ -501,8 +501,8 @@ def generated(p, r2):
 
 
 STATES = {
-    counted: "it sets CALLS, which is not its own",
-    closed(): "it sets calls, which is not its own",
+    counted: "it sets CALLS, which belongs to other code",
+    closed(): "it sets calls, which belongs to other code",
     array_default: "the default of seen is a ndarray",
     list_default: "the default of seen is a list",
     table: "it changes TABLE",

@@ -97,7 +97,7 @@ def maxwell_boltzmann(masses: ArrayLike, temperature: float, boltzmann: float, s
     if temperature == 0:
         return velocities
     if np.count_nonzero(moving) < 2:
-        raise InputError("temperature: needs two particles with mass or more, once the total momentum is taken out")
+        raise InputError("temperature: needs two or more particles with mass, since the total momentum is removed")
     draws = rng.standard_normal((len(m), 3))[moving]
     weight = m[moving, None] / m.max()  # relative masses keep kilograms of single atoms clear of underflow
     drawn = draws / np.sqrt(weight)
@@ -153,7 +153,7 @@ def read_structure(path: Path, units: UnitSystem) -> Structure:
         if np.any(np.abs(cell - np.diag(edges)) > 1e-9 * np.abs(cell).max()) or min(edges) <= 0:
             raise InputError(f"the cell of {path} is not orthorhombic along x, y, z: {shown(cell.tolist())}")
     if atoms.pbc.any() and not (atoms.pbc.all() and edges is not None):
-        raise InputError(f"{path} is periodic in some directions only; expected all three or none")
+        raise InputError(f"{path} is periodic along some axes only; expected all three or none")
     masses = atoms.get_masses()
     velocities = None
     if atoms.has("momenta"):  # u angstrom per ASE's own time unit, in which a mass of 1 u is coherent
