@@ -33,8 +33,11 @@ if TYPE_CHECKING:
     )
     from kickdrift.forces.pair_law import pair_law
     from kickdrift.forces.registration import register_force
+    from kickdrift.integrators.asked import integrator
     from kickdrift.integrators.custom import accelerations
+    from kickdrift.integrators.option import Option
     from kickdrift.integrators.registration import register_splitting, register_step, register_tableau
+    from kickdrift.looks.columns import Column
     from kickdrift.looks.observers import Energies
     from kickdrift.model.box import Box
     from kickdrift.model.events import CloseApproach, Collision, Crossing, Escape
@@ -57,6 +60,7 @@ _HOMES = {
     "ChaosReport": "analysis.chaos",
     "CloseApproach": "model.events",
     "Collision": "model.events",
+    "Column": "looks.columns",
     "Crossing": "model.events",
     "DrivenField": "forces",
     "Energies": "looks.observers",
@@ -69,6 +73,7 @@ _HOMES = {
     "InputError": "errors",
     "KickdriftError": "errors",
     "LennardJones": "forces",
+    "Option": "integrators.option",
     "Problem": "model.problem",
     "LinearDrag": "forces",
     "Oblateness": "forces",
@@ -81,6 +86,7 @@ _HOMES = {
     "System": "model.system",
     "UniformField": "forces",
     "export": "trajectory.export",
+    "integrator": "integrators.asked",
     "load": "systemfile.reading",
     "megno": "analysis.chaos",
     "open": "trajectory.reader",
@@ -97,6 +103,7 @@ __all__ = [
     "ChaosReport",
     "CloseApproach",
     "Collision",
+    "Column",
     "Crossing",
     "DrivenField",
     "Energies",
@@ -111,6 +118,7 @@ __all__ = [
     "LennardJones",
     "LinearDrag",
     "Oblateness",
+    "Option",
     "PostNewtonian",
     "Problem",
     "Report",
@@ -124,6 +132,7 @@ __all__ = [
     "analysis",
     "engines",
     "export",
+    "integrator",
     "integrators",
     "load",
     "megno",

@@ -18,6 +18,7 @@ import kickdrift as kd
 from kickdrift.cli import main as cli
 from kickdrift.engines import ENGINES
 from kickdrift.model.starts.builders import lattice, maxwell_boltzmann
+from kickdrift.run.advance import Integration
 from kickdrift.trajectory.info import info
 
 registry = sys.modules["kickdrift.engines"]  # kd.engines is the function
@@ -226,7 +227,7 @@ def test_a_run_that_blows_up_says_so():
 
 def workers(sim: kd.Simulation) -> list[int]:
     """Of LAMMPS, by the folder that they were told."""
-    told = str(sim._stepper._session._world.folder)
+    told = str(sim.integration.stepper._session._world.folder)
     found = []
     for process in Path("/proc").glob("[0-9]*"):
         try:
@@ -249,7 +250,7 @@ def test_a_process_that_dies_ends_the_run_and_no_more():
     assert not any(Path(f"/proc/{worker}").exists() for worker in there)
     assert sim.run(10).steps  # with others
     last = workers(sim)
-    sim._stepper._session.close()
+    sim.integration.stepper._session.close()
     assert len(last) == 2
     assert not any(Path(f"/proc/{worker}").exists() for worker in last)
 
@@ -288,7 +289,7 @@ def test_processes_that_connect_and_say_nothing(monkeypatch, tmp_path):
 def test_lammps_stops_counting_where_the_energy_is_no_number():
     sim = kd.Simulation(liquid(), engine="lammps", dt=0.002)
     sim.run(1)
-    session = sim._stepper._session
+    session = sim.integration.stepper._session
     session._blind_steps = 3
     session._world.kinetic_energy = lambda: np.nan
     assert session.advance(10, np.inf) == 3
@@ -401,7 +402,7 @@ def test_what_another_version_stumbles_over_is_one_line(monkeypatch, capsys):
 def test_other_versions_are_told_of_once_and_before_the_run(monkeypatch, capsys, tmp_path):
     version = registry._version
     monkeypatch.setattr(registry, "_version", lambda package: "1999.1" if package == "ase" else version(package))
-    monkeypatch.setattr(kd.Simulation, "_prepare", lambda sim, alone=None: print("prepared", file=sys.stderr))
+    monkeypatch.setattr(Integration, "prepare", lambda run: print("prepared", file=sys.stderr))
     words = ["kickdrift", "run", "lj-1000", "--engine", "ase", "--steps", "1", "--json", str(tmp_path / "run.json")]
     monkeypatch.setattr("sys.argv", words)
     with pytest.raises(SystemExit) as ended:

@@ -95,8 +95,8 @@ def test_the_pieces_of_a_run_change_no_bit(name):
 def test_a_force_of_the_users_own_that_depends_on_time():
     """A force class of the user's own may depend on time; the engine's do not, and their runs go on as they did."""
     system = load("two-body")
-    assert not kd.Simulation(system, "dop853")._flow.clocked
-    assert kd.Simulation(kd.Problem(lambda t, y: -y, [1.0]))._flow.clocked
+    assert not kd.Simulation(system, "dop853").integration.flow.clocked
+    assert kd.Simulation(kd.Problem(lambda t, y: -y, [1.0])).integration.flow.clocked
 
 
 @pytest.mark.parametrize("name", ADAPTIVE)

@@ -147,13 +147,13 @@ def test_a_run_goes_on_from_a_checkpoint(name):
             def first(sim, builds=builds):
                 sim.run(45, every=11)
                 if sim.method.chooses_steps:
-                    sim.run(until=sim.time + 2.6 * sim._stepper.last_step)
+                    sim.run(until=sim.time + 2.6 * sim.integration.stepper.last_step)
                     assert sim.checkpoint()["present"] is not None
-                builds.append(sim._flow.forces.list_builds)
+                builds.append(sim.integration.flow.forces.list_builds)
 
             whole = assert_goes_on(make, first, lambda sim: sim.run(47, every=7))
             if builds[0][1] > 1 and not whole.method.chooses_steps:  # which crawl where the force jumps
-                assert whole._flow.forces.list_builds[1] > builds[0][1]
+                assert whole.integration.flow.forces.list_builds[1] > builds[0][1]
 
 
 @pytest.mark.parametrize("name", METHODS)
@@ -243,7 +243,9 @@ def test_lists_that_have_grown():
 
     def make() -> kd.Simulation:
         sim = kd.Simulation(liquid(512, 2.5), "velocity-verlet", dt=0.004)
-        sim._flow.forces.forces = tuple(with_room(force, 500) for force in sim._flow.forces.forces)
+        sim.integration.flow.forces.forces = tuple(
+            with_room(force, 500) for force in sim.integration.flow.forces.forces
+        )
         return sim
 
     whole = assert_goes_on(make, lambda sim: sim.run(3), lambda sim: sim.run(40))

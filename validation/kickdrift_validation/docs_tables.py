@@ -1,8 +1,16 @@
-"""Tables that scripts write into pages of the documentation, between two comments that stand there."""
+"""Tables that scripts write into pages of the documentation, between two comments that stand there.
+
+python -m kickdrift_validation.docs_tables     (writes the options of integrators into docs/integrators.md)
+"""
 
 from __future__ import annotations
 
+from collections import Counter
 from pathlib import Path
+
+from kickdrift_validation.folders import checkout
+
+BEGIN, END = "<!-- options: kickdrift_validation.docs_tables writes them -->", "<!-- end of options -->"
 
 
 def put(page: Path, begin: str, end: str, text: str) -> None:
@@ -15,3 +23,44 @@ def put(page: Path, begin: str, end: str, text: str) -> None:
 def table(heading: list[str], rows: list[list[str]]) -> str:
     """In Markdown."""
     return "\n".join(f"| {' | '.join(cells)} |" for cells in [heading, ["---"] * len(heading), *rows])
+
+
+def options_table() -> str:
+    """The options of the methods that ship, as the table of docs/integrators.md."""
+    from kickdrift.integrators.asked import known_options, takers
+    from kickdrift.integrators.option import DT
+    from kickdrift.integrators.registration import REGISTERED
+
+    rows = [[f"`{DT.name}`", DT.words, DT.unit, "", "", DT.help, "all"]]
+    for name, option in known_options().items():
+        if not (methods := [each for each in takers(name) if each not in REGISTERED]):
+            continue
+        rows.append(
+            [f"`{name}`", option.words, option.unit, defaults(name, methods), option.known, option.help, whose(methods)]
+        )
+    return table(["option", "type", "unit", "default", "choices", "what it does", "taken by"], rows)
+
+
+def defaults(name: str, methods: list[str]) -> str:
+    """The default of most methods, and those of the others with their names."""
+    from kickdrift.integrators import integrator
+
+    found = {method: each.fallback for method in methods for each in integrator(method).options if each.name == name}
+    usual = Counter(found.values()).most_common(1)[0][0]
+    return ", ".join([usual, *(f"{text} ({method})" for method, text in found.items() if text != usual)])
+
+
+def whose(methods: list[str]) -> str:
+    """Methods by name, or by family where all of a large one are among them."""
+    from kickdrift.integrators import INTEGRATORS
+    from kickdrift.integrators.registration import REGISTERED
+
+    every = [each for name, each in INTEGRATORS.items() if name == each.name and name not in REGISTERED]
+    families = {each.family: [other.name for other in every if other.family == each.family] for each in every}
+    whole = [family for family, names in families.items() if len(names) > 3 and set(names) <= set(methods)]
+    rest = [f"`{name}`" for name in methods if not any(name in families[family] for family in whole)]
+    return "all" if len(methods) == len(every) else ", ".join([*(f"family {family}" for family in whole), *rest])
+
+
+if __name__ == "__main__":
+    put(checkout() / "docs" / "integrators.md", BEGIN, END, options_table())

@@ -52,7 +52,7 @@ def leg(name: str, begin: Path, end: Path, steps: int) -> None:
         there += lattice.images * np.array(own.box.lengths)[:, None]
     system = kd.System(there.T, masses=own.state.masses, box=own.box, forces=own.forces, units=own.units, name=name)
     sim = kd.Simulation(system, "leapfrog-exact", dt=DT[name])
-    sim.lattice = lattice
+    sim.method_state = lattice
     began, spent = perf_counter(), process_time()
 
     def progress(done: int, of: int) -> None:
@@ -62,7 +62,7 @@ def leg(name: str, begin: Path, end: Path, steps: int) -> None:
             print(f"{name}: {done} of {of} steps, {process_time() - spent:.0f} s of processor", file=sys.stderr)
 
     sim.run(steps, every=steps, progress=progress)
-    np.savez(end, **sim.lattice._asdict())
+    np.savez(end, **sim.method_state._asdict())
 
 
 def claims(long: bool = False) -> list[Claim]:
@@ -72,7 +72,7 @@ def claims(long: bool = False) -> list[Claim]:
     with TemporaryDirectory() as folder:
         place = Path(folder)
         for name in DT:
-            first = kd.Simulation(start(name), "leapfrog-exact", dt=DT[name]).lattice
+            first = kd.Simulation(start(name), "leapfrog-exact", dt=DT[name]).method_state
             files = [place / f"{name}-{k}.npz" for k in ("start", "there", "turned", "back")]
             np.savez(files[0], **first._asdict())
             began = perf_counter()

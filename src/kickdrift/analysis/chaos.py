@@ -18,12 +18,13 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from kickdrift.errors import InputError
+from kickdrift.errors import InputError, RunError
 from kickdrift.forces.variations import varied
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators import integrator as method_named
+from kickdrift.integrators.asked import Integrator, unpacked
 from kickdrift.looks.observers import Energies
-from kickdrift.model.limits import steps_in
+from kickdrift.model.limits import MOST_STEPS, steps_in
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 from kickdrift.run.simulation import Simulation
@@ -87,7 +88,7 @@ class ChaosReport:
 def megno(
     system: System | Problem,
     time: float | None = None,
-    integrator: str | None = None,
+    integrator: str | Integrator | None = None,
     dt: float | None = None,
     *,
     seed: int = 0,
@@ -112,11 +113,15 @@ def megno(
     if not isinstance(system, System):
         raise InputError(f"megno: takes a System of particles, got {type(system).__name__}")
     seed = _checked_seed(seed)
-    n, name, length = len(system), carrier(system, integrator), length_of(system, time)
-    sim = Simulation(varied(system, np.zeros_like(system.state.phase)), name, dt, threads, **options)
+    asked, given = unpacked(integrator, {"dt": dt, **options})
+    n, name, length = len(system), carrier(system, asked), length_of(system, time)
+    sim = Simulation(varied(system, np.zeros_like(system.state.phase)), name, threads=threads, **given)
     state = sim.state
-    accelerations = sim._flow.accelerations(state.phase, sim.time)  # type: ignore[union-attr]
-    scale = scale_of(state.phase[:, :, :n], np.zeros((3, 1)) if accelerations is None else accelerations[:, :n])
+    try:
+        accelerations = sim.accelerations()[:n].T
+    except RunError:  # not finite, which the run says more of
+        accelerations = np.zeros((3, 1))
+    scale = scale_of(state.phase[:, :, :n], accelerations)
     state.phase[:, :, n:] = first_deviation(n, seed) * scale
     sim.state = state
     begin = sim.energy()
@@ -129,7 +134,7 @@ def megno(
 def megnos(
     systems: Sequence[System],
     time: float | Sequence[float] | None = None,
-    integrator: str | None = None,
+    integrator: str | Integrator | None = None,
     dt: float | Sequence[float] | None = None,
     *,
     seeds: int | Sequence[int] = 0,
@@ -151,14 +156,16 @@ def megnos(
 
     systems = tuple(systems)
     count = len(systems)
-    names = {carrier(system, integrator) if isinstance(system, System) else "" for system in systems}
+    asked, options = unpacked(integrator, {"dt": dt, **options})
+    dt = options.pop("dt", None)
+    names = {carrier(system, asked) if isinstance(system, System) else "" for system in systems}
     if len(names) > 1:
         raise InputError(
             f"integrator: a batch needs one integrator for all systems; theirs are {', '.join(sorted(names))}"
         )
     drawn = [_checked_seed(seed) for seed in _each("seeds", seeds, count)]
     lengths = [length_of(*pair) for pair in zip(systems, _each("time", time, count), strict=True)]
-    found = growths(systems, lengths, min(names, default=integrator), dt, drawn, options)
+    found = growths(systems, lengths, min(names, default=asked), dt, drawn, options)
     reports: list[ChaosReport | None] = []
     for k, (system, seed) in enumerate(zip(systems, drawn, strict=True)):
         begin, end, growth = found.begin[k], float(found.end[k]), found.growth[k]
@@ -293,33 +300,34 @@ def _growth(
     sim: Simulation, length: float, scale: Floats, progress: Callable[[int, int], Any] | None
 ) -> tuple[Floats, Floats]:
     """Run a varied System for a time: times since the start, and ln of the deviation's length at them."""
-    stepper, start = sim._stepper, sim.time
+    start = sim.time
     n = len(sim.system) // 2
-    steps, every = (None, 1) if sim.method.chooses_steps else cadence(length, sim.dt or length)
-    times, growth, scaled = [0.0], [0.0], 0.0
-    sim._prepare()
-    with sim._busy() as interrupted:
-        while not interrupted():
-            left = 1 if steps is None else steps - sim.steps_done
-            if left == 0 or (steps is None and times[-1] >= length):
-                break
-            sim._advance(min(every, left))
-            deviation = stepper.y[:, :, n:]
-            size = float(np.linalg.norm(deviation / scale))
-            if not size > 0.0:
-                raise InputError("megno: the deviation vanished: these forces erase all memory of the start")
-            times.append(sim.time - start)
-            growth.append(math.log(size) + scaled)
-            if not 1.0 / LARGEST < size < LARGEST:
-                exponent = round(math.log2(size))
-                scaled += exponent * math.log(2.0)
-                y = stepper.y.copy()
-                y[:, :, n:] *= 2.0**-exponent  # a power of two: no digit changes
-                stepper.reset(y, sim.time, sim.steps_done)
-            if progress and len(times) % 64 == 0:
-                progress(int(1000 * min(1.0, times[-1] / length)), 1000)
-    if interrupted():
-        raise KeyboardInterrupt
+    steps, every = (MOST_STEPS, 1) if sim.method.chooses_steps else cadence(length, sim.dt or length)
+    times, growth, scaled, exponent = [0.0], [0.0], 0.0, 0
+
+    def visit(sim: Simulation) -> bool:
+        """Note the deviation's length; whether the time is over, or the deviation is to be scaled back."""
+        nonlocal scaled, exponent
+        size = float(np.linalg.norm(sim.integration.y[:, :, n:] / scale))
+        if not size > 0.0:
+            raise InputError("megno: the deviation vanished: these forces lose every trace of the start")
+        times.append(sim.time - start)
+        growth.append(math.log(size) + scaled)
+        exponent = 0 if 1.0 / LARGEST < size < LARGEST else round(math.log2(size))
+        scaled += exponent * math.log(2.0)
+        if progress and len(times) % 64 == 0:
+            progress(int(1000 * min(1.0, times[-1] / length)), 1000)
+        return exponent != 0 or over()
+
+    def over() -> bool:
+        return sim.steps_done >= steps or (steps == MOST_STEPS and times[-1] >= length)
+
+    while not over():
+        sim.advance(steps - sim.steps_done, every=every, visit=visit)
+        if exponent:
+            state = sim.state
+            state.phase[:, :, n:] *= 2.0**-exponent  # a power of two: no digit changes
+            sim.state, exponent = state, 0
     return np.array(times), np.array(growth)
 
 

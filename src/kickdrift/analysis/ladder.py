@@ -12,7 +12,7 @@ from kickdrift.analysis.local_error import LocalErrors, slope
 from kickdrift.analysis.pilot import SHORT, OutOfTime, Subject, follow, warm_up
 from kickdrift.analysis.reference import Reference, reference_method, relative_energy, tolerances
 from kickdrift.errors import RunError
-from kickdrift.integrators import integrator as method_named
+from kickdrift.integrators.asked import Integrator
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 from kickdrift.statistics.growth import Growth, energy_growth, position_growth
@@ -31,7 +31,7 @@ class Row:
 
     Attributes
     ----------
-    method : its name
+    method : its name, with ``-o KEY=VALUE`` for options of it
     dt, rtol, atol : the step, or the tolerances of an adaptive method
     step : dt, or the mean step of a method that chooses its steps
     steps, rejected, evaluations, seconds : what it took
@@ -84,16 +84,16 @@ class Bench:
         self._local = LocalErrors(subject, start, plan, length, points, reference_method(subject, stiff), threads)
         self._finest: Floats | None = None  # the solution that oscillations are counted in
 
-    def ladder(self, name: str, progress: Callable[[int], Any]) -> list[Row]:
+    def ladder(self, which: Integrator, progress: Callable[[int], Any]) -> list[Row]:
         """Rows from coarse to fine; of those that are of no use, the finest."""
-        method = method_named(name)
+        method = which.method
         rows: list[Row] = []
         left, seconds, below = self.share, 0.0, 0
-        warm_up(self.subject, self.start, name, 1e-3 * self.length / max(self.evaluations, 1.0), self.threads)
+        warm_up(self.subject, self.start, which, 1e-3 * self.length / max(self.evaluations, 1.0), self.threads)
         for rung, knob in enumerate(self._knobs(method)):
             if seconds > left or below == 2:
                 break
-            row = self._row(name, knob, left)
+            row = self._row(which, knob, left)
             left -= (2 if row.seconds > SHORT else 4) * row.seconds  # it is run again to be timed
             seconds = 2 * row.seconds
             if rows and rows[-1].useless and row.useless:
@@ -111,19 +111,19 @@ class Bench:
         coarsest = max(1, round(COARSEST * self.evaluations / per_step / self.samples))
         return [{"steps": self.samples * coarsest * 2**rung} for rung in range(RUNGS)]
 
-    def _row(self, name: str, knob: dict[str, Any], limit: float) -> Row:
+    def _row(self, which: Integrator, knob: dict[str, Any], limit: float) -> Row:
         dt = self.length / knob["steps"] if "steps" in knob else None
-        of = {"method": name, "dt": dt, "rtol": knob.get("rtol"), "atol": knob.get("atol")}
+        of = {"method": str(which), "dt": dt, "rtol": knob.get("rtol"), "atol": knob.get("atol")}
         try:
             track = follow(
-                self.subject, self.start, name, self.length, self.samples, **knob, threads=self.threads, limit=limit
+                self.subject, self.start, which, self.length, self.samples, **knob, threads=self.threads, limit=limit
             )
         except RunError as failed:
             return Row(**of, step=dt or np.nan, failure=f"blew up: {failed}")  # type: ignore[arg-type]
         except OutOfTime as end:
             return Row(**of, step=dt or np.nan, seconds=end.seconds, failure=str(end))  # type: ignore[arg-type]
         errors = self.plan.error_of(track, self.subject)
-        chosen = method_named(name).chooses_steps
+        chosen = which.method.chooses_steps
         step = self.length / max(track.steps, 1) if dt is None or chosen else dt
         rms = track.energy.rms_relative_error if track.energy else None
         energy = self.plan.measure == "energy"
@@ -146,7 +146,7 @@ class Bench:
             seconds=track.seconds,
             error=error,
             energy_error=rms,
-            local_error=self._local.of(name, step),
+            local_error=self._local.of(which, step),
             growth=growth,
             believed=believed,
         )

@@ -11,7 +11,7 @@ import numpy as np
 from kickdrift.analysis.pilot import Subject, state_at, vector
 from kickdrift.analysis.reference import EPSILON, TIGHT, Reference, compared, distance, natural_scale, tolerances
 from kickdrift.errors import InputError, RunError
-from kickdrift.integrators import integrator
+from kickdrift.integrators.asked import Integrator, method_of
 from kickdrift.integrators.scipy_methods import SciPyMethod
 from kickdrift.run.simulation import Simulation
 
@@ -41,16 +41,16 @@ class LocalErrors:
             subject, name, threads=threads, precision="double", **tolerances(subject, start, TIGHT[name][0][0], name)
         )
 
-    def of(self, name: str, step: float) -> float | None:
+    def of(self, which: str | Integrator, step: float) -> float | None:
         """After one step of that length; None where it blows up, without points, and for methods that begin
         with steps of their own."""
-        method = integrator(name)
+        method = method_of(which)
         if isinstance(method, SciPyMethod) or not self.starts:
             return None
         given: dict[str, Any] = {key: ANY for key in ("rtol", "atol") if key in method.tunable}
         try:
             with np.errstate(all="ignore"):
-                sim = Simulation(self.subject, name, dt=step, threads=self.threads, precision="double", **given)
+                sim = Simulation(self.subject, which, dt=step, threads=self.threads, precision="double", **given)
                 errors = [self._one(sim, start) for start in self.starts]
         except (RunError, ArithmeticError, InputError):
             return None

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from kickdrift.errors import InputError, RunError
+from kickdrift.integrators.asked import Integrator
 from kickdrift.model.problem import Problem, ProblemState
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
@@ -78,7 +79,7 @@ def state_at(start: Any, y: Floats, time: float) -> Any:
 def follow(
     subject: Subject,
     start: Any,
-    name: str,
+    which: str | Integrator,
     length: float,
     samples: int,
     *,
@@ -93,7 +94,7 @@ def follow(
     Raises RunError where it blows up, and OutOfTime after ``limit`` seconds.
     """
     dt = length / steps if steps else None
-    sim = Simulation(subject, name, dt=dt, threads=threads, rtol=rtol, atol=atol, precision="double")
+    sim = Simulation(subject, which, dt=dt, threads=threads, rtol=rtol, atol=atol, precision="double")
     sim.state = start
     y = np.full((samples + 1, vector(start).size), np.nan)
     energies = np.full(samples + 1, np.nan)
@@ -129,10 +130,10 @@ def follow(
     )
 
 
-def warm_up(subject: Subject, start: Any, name: str, step: float, threads: int) -> None:
+def warm_up(subject: Subject, start: Any, which: str | Integrator, step: float, threads: int) -> None:
     """Compile all that a run needs; ``step`` is a short one, and whether it comes to anything does not matter: it is
     long beside what a stiff problem does at its start."""
-    sim = Simulation(subject, name, dt=step, threads=threads, precision="double")
+    sim = Simulation(subject, which, dt=step, threads=threads, precision="double")
     sim.state = start
     with suppress(RunError):
         if sim.method.chooses_steps:

@@ -29,7 +29,7 @@ class Choice:
 
     Attributes
     ----------
-    method, dt, steps, rtol, atol : what to run; dt divides the length
+    method, dt, steps, rtol, atol : what to run (see `Row`); dt divides the length
     error : foreseen at the end of the run, the safety factor not in it
     evaluations, seconds : foreseen for the whole run
     """
@@ -214,7 +214,7 @@ def _choice(rows: list[Row], accuracy: float, length: float, ratio: float, hidde
     seconds = median(r.seconds / r.evaluations for r, _ in foreseen)
     cost *= ratio
     if row.dt is not None:
-        method = INTEGRATORS.get(row.method)
+        method = INTEGRATORS.get(row.method.split()[0])
         if method and method.chooses_steps:  # dt is its first step
             return Choice(row.method, float(f"{knob:.3g}"), None, None, None, error, cost, cost * seconds)
         steps = ceil(length / knob * (1 - 1e-12))

@@ -110,9 +110,9 @@ def tolerances(subject: Subject, start: Any, rtol: float, name: str) -> dict[str
     of the unknowns' size."""
     if "atol" not in integrator(name).tunable:
         return {"rtol": rtol}
-    given = subject.run
-    if given.rtol and given.atol:
-        return {"rtol": rtol, "atol": float(np.min(rtol * np.asarray(given.atol) / given.rtol))}
+    given = subject.run.options
+    if given.get("rtol") and given.get("atol"):
+        return {"rtol": rtol, "atol": float(np.min(rtol * np.asarray(given["atol"]) / given["rtol"]))}
     y = vector(start)
     halves = y.reshape(2, -1) if isinstance(subject, System) or subject.separable else y.reshape(1, -1)
     sizes = [float(np.sqrt(np.mean(half**2))) for half in halves]

@@ -75,7 +75,7 @@ def stiffness(subject: Simulation | System | Problem, states: Iterable[Any] | No
     if isinstance(subject, (System, Problem)):
         flow, step = flow_of(subject, 1, jumps=True), None
     else:
-        flow, step = subject._flow, subject._stepper.last_step or None
+        flow, step = subject.integration.flow, subject.integration.stepper.last_step or None
     points: list[Any] = [subject.state] if states is None else list(states)
     return [_stiffness(flow, state.time, flow.array(state), step if states is None else None) for state in points]
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import platform
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from importlib.metadata import version
@@ -20,7 +20,7 @@ from kickdrift.analysis.reference import is_stiff, reference, scout_method, tole
 from kickdrift.errors import InputError
 from kickdrift.forces.bound import check_threads
 from kickdrift.integrators import INTEGRATORS
-from kickdrift.integrators import integrator as method_named
+from kickdrift.integrators.asked import Integrator, method_of, refuse_unknown, takers_text, unpacked
 from kickdrift.model.system import System
 from kickdrift.run.simulation import Simulation
 
@@ -30,6 +30,7 @@ STIFF = ("bdf", "radau", "rosenbrock", "lsoda", "dormand-prince45")
 BESIDE_SPLITTINGS = ("rk4", "dormand-prince45", "dop853", "gauss-radau15")
 BUDGET = 60.0  # seconds that a comparison should take, without compiling
 ANY_STEP = 1e-3
+LADDERED = ("dt", "rtol", "atol", "precision")  # what a comparison sets itself
 LEAST_LIMIT = 10.0  # seconds that a reference run may take at least
 LOOSE = 1e-3  # rtol of the run that tells how many evaluations the problem takes at the coarse end
 FINEST, FINEST_ADAPTIVE, FINEST_ENERGY = 64, 8, 4  # times these evaluations, that the length of a pilot leaves time for
@@ -105,13 +106,14 @@ class Comparison:
 
 def work_precision(
     subject: Subject,
-    integrators: Sequence[str] | None = None,
+    integrators: Sequence[str | Integrator] | None = None,
     time: float | None = None,
     *,
     whole: float | None = None,
     accuracy: float | None = None,
     start: Any = None,
     threads: int = 1,
+    options: Mapping[str, Any] | None = None,
     budget: float = BUDGET,
     progress: Progress | None = None,
 ) -> Comparison:
@@ -121,11 +123,12 @@ def work_precision(
     Parameters
     ----------
     subject : System or Problem
-    integrators : names; default a choice that suits the subject
+    integrators : names, or values that ``kickdrift.integrator`` makes; default a choice that suits the subject
     time : length of the pilot runs; default what the ``budget`` leaves time for, at most ``whole``
     whole : length of the run in mind; default the file's
     accuracy : the error wanted: finer runs than a tenth of it, over the whole length, are spared
     start : a State to start from, default the subject's own
+    options : for those of the methods that take them
     budget : seconds for all of it, without compiling
 
     Raises
@@ -135,7 +138,7 @@ def work_precision(
     RunError
         Where there is no reference and no energy.
     """
-    names = chosen(subject, integrators)
+    methods = chosen(subject, integrators, options)
     check_arguments(time, whole, accuracy, threads)
     began = perf_counter()
     start = start if start is not None else subject.state
@@ -148,8 +151,8 @@ def work_precision(
     if not stiff and is_stiff(subject, reached, asked):  # it need not be so at the start
         stiff = True
         scout, _ = _scout(subject, start, asked, stiff, threads, limit=budget / 20)
-    names = names or default_integrators(subject, stiff)
-    share = 0.75 * budget / len(names)
+    methods = methods or chosen(subject, default_integrators(subject, stiff), options)
+    share = 0.75 * budget / len(methods)
     length, notes = asked, []
     if time is None:
         length = min(asked, _affordable(scout, share, FINEST_ADAPTIVE if stiff else FINEST))
@@ -177,25 +180,25 @@ def work_precision(
     wanted = accuracy and accuracy * min(1.0, length / whole) ** 2  # errors may grow as the square of the time
     bench = Bench(subject, start, plan, length, samples, scout[0] * length, wanted, threads, share, stiff)
     rows: list[Row] = []
-    for index, name in enumerate(names):
-        rows += bench.ladder(name, partial(_part, progress, index, len(names)))
-    slopes = {name: bench.slopes([row for row in rows if row.method == name], plan.error) for name in names}
+    for index, each in enumerate(methods):
+        rows += bench.ladder(each, partial(_part, progress, index, len(methods)))
+    names = [str(each) for each in methods]
     return Comparison(
-        subject.name,
-        plan.measure,
-        plan.text,
-        plan.error,
-        plan.lyapunov,
-        length,
-        whole,
-        bench.cycles(),
-        samples,
-        subject.units.time if isinstance(subject, System) and subject.units.time != "time" else "",
-        threads,
-        tuple(rows),
-        slopes,
-        (*plan.notes, *notes),
-        perf_counter() - began,
+        system=subject.name,
+        measure=plan.measure,
+        reference=plan.text,
+        reference_error=plan.error,
+        lyapunov=plan.lyapunov,
+        length=length,
+        whole=whole,
+        cycles=bench.cycles(),
+        samples=samples,
+        time_unit=subject.units.time if isinstance(subject, System) and subject.units.time != "time" else "",
+        threads=threads,
+        rows=tuple(rows),
+        slopes={name: bench.slopes([row for row in rows if row.method == name], plan.error) for name in names},
+        notes=(*plan.notes, *notes),
+        wall_seconds=perf_counter() - began,
     )
 
 
@@ -217,12 +220,27 @@ def equilibrated(subject: Subject, threads: int, bar: Callable[[str], Progress] 
     return sim.state
 
 
-def chosen(subject: Subject, integrators: Sequence[str] | None) -> list[str]:
-    """The names asked for, each known and able to run the subject; no name twice."""
-    names = list(dict.fromkeys(method_named(name).name for name in integrators or ()))
-    for name in names:
-        Simulation(subject, name, dt=ANY_STEP)  # which says what the method cannot do
-    return names
+def chosen(
+    subject: Subject, integrators: Sequence[str | Integrator] | None, options: Mapping[str, Any] | None = None
+) -> list[Integrator]:
+    """The methods asked for, each known and able to run the subject, with those of the ``options`` that it takes; none
+    twice."""
+    found: list[Integrator] = []
+    refuse_unknown(options or ())
+    for each in integrators or ():
+        method, own = method_of(each), unpacked(each, {})[1]
+        taken = {key: value for key, value in (options or {}).items() if key in method.tunable}
+        value = Integrator(method.name, taken | own)
+        if value not in found:
+            found.append(value)
+    for key in {*(options or {}), *(key for each in found for key in each.options)}:
+        if key in LADDERED:
+            raise InputError(f"{key}: compare sets it: it runs steps and tolerances from coarse to fine, in float64")
+        if found and not any(key in each.options for each in found):
+            raise InputError(f"{key}: {' or '.join(map(str, found))} does not take it; {takers_text(key)} it")
+    for each in found:
+        Simulation(subject, each, dt=ANY_STEP)  # which says what the method cannot do
+    return found
 
 
 def default_integrators(subject: Subject, stiff: bool) -> list[str]:

@@ -19,8 +19,10 @@ from kickdrift.errors import InputError
 from kickdrift.forces.central import gravitational_constant
 from kickdrift.forces.gravity import Gravity
 from kickdrift.integrators import integrator as method_named
+from kickdrift.integrators.asked import Integrator, settled, unpacked
 from kickdrift.integrators.batch_stepping import LaneStepper, Members, from_lanes, to_lanes
-from kickdrift.integrators.method import MIXED, Method, checked_dt
+from kickdrift.integrators.method import Method, checked_dt
+from kickdrift.integrators.option import MIXED
 from kickdrift.integrators.options import Options
 from kickdrift.integrators.step_length import start_warning
 from kickdrift.looks.record import Record, Series
@@ -91,7 +93,7 @@ class Batch:
     def __init__(
         self,
         systems: Sequence[System],
-        integrator: str | None = None,
+        integrator: str | Integrator | None = None,
         dt: float | Sequence[float] | Floats | None = None,
         **options: Any,
     ) -> None:
@@ -220,7 +222,7 @@ class Member:
     def __init__(self, batch: Batch, i: int) -> None:
         self.system, self.record = batch.systems[i], batch.record(i)
         self.integrator, self.method, self.dt = batch.integrator, batch.method, float(batch.dt[i])
-        self.options = replace(batch.options, dt=self.dt)
+        self.options = batch.options.changed(dt=self.dt)
         self.engine_version = engine(NATIVE).version
 
     def going_on(self) -> list[dict[str, Any]]:
@@ -229,16 +231,18 @@ class Member:
 
 
 def common(
-    systems: tuple[System, ...], integrator: str | None, dt: Any, options: dict[str, Any]
+    systems: tuple[System, ...], which: str | Integrator | None, dt: Any, options: dict[str, Any]
 ) -> tuple[str, Method, Options, Floats]:
     """Shared integrator name, method and options, and each member's dt (members,)."""
+    integrator, options = unpacked(which, options)
+    dt = options.pop("dt", None) if dt is None else dt
     if not systems:
         raise InputError("systems: expected one system or more")
     steps = [dt] * len(systems) if dt is None or np.ndim(dt) == 0 else list(dt)
     if len(steps) != len(systems):
         raise InputError(f"dt: expected one number or {len(systems)}, one for each system, got {len(steps)}")
     shared: tuple[Any, ...] | None = None
-    asked, known = Options(**options), dict[tuple[str, RunDefaults], Options]()
+    known: dict[tuple[str, RunDefaults], Options] = {}
     found = np.empty(len(systems))
     for k, (system, step) in enumerate(zip(systems, steps, strict=True)):
         if not isinstance(system, System):
@@ -246,7 +250,7 @@ def common(
         name = integrator or system.run.integrator or "velocity-verlet"
         method = method_named(name)
         if (name, system.run) not in known:  # the same for most members
-            known[name, system.run] = method.checked(asked.or_else(system.run), asked)
+            known[name, system.run] = settled(method, options, system.run)
         own = known[name, system.run]
         if (why := refusal(system, method, own)) is not None:
             raise InputError(f"system {k}: {why}")
@@ -254,7 +258,7 @@ def common(
         if own_dt is None:
             raise InputError(f"dt is needed: system {system.name!r} has none in [run]")
         found[k] = own_dt
-        alike = name, len(system), system.state.steps_done, replace(own, dt=None)
+        alike = name, len(system), system.state.steps_done, own.changed(dt=None)
         shared = shared or alike
         for what, mine, first in zip(("integrator", "bodies", "steps_done", "options"), alike, shared, strict=True):
             if mine != first:

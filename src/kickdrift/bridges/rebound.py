@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Iterable
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -125,16 +124,16 @@ def _run(sim: Any, masses: Floats) -> tuple[RunDefaults, list[str]]:
     run = RunDefaults(dt=sim.dt)
     central = int(np.argmax(masses)) == 0
     if method == "leapfrog" and own.order in LEAPFROGS:
-        return replace(run, integrator=LEAPFROGS[own.order]), []
+        return run.changed(integrator=LEAPFROGS[own.order]), []
     if method == "ias15" and own.epsilon > 0 and str(own.adaptive_mode) == "PRS23":
         untaken = ["ias15's min_dt"] if own.min_dt else []
-        return replace(run, integrator="gauss-radau15", rtol=own.epsilon), untaken
+        return run.changed(integrator="gauss-radau15", rtol=own.epsilon), untaken
     plain = method == "whfast" and str(own.kernel) == "DEFAULT" and not own.corrector2
     if plain and central and str(own.coordinates) in COORDINATES:
         coordinates = COORDINATES[str(own.coordinates)]
-        return replace(run, integrator="wisdom-holman", coordinates=coordinates, corrector=own.corrector), []
+        return run.changed(integrator="wisdom-holman", coordinates=coordinates, corrector=own.corrector), []
     if method == "saba" and central and str(own.type) in SABA:
-        return replace(run, integrator="saba", order=SABA[str(own.type)], coordinates=JACOBI), []
+        return run.changed(integrator="saba", order=SABA[str(own.type)], coordinates=JACOBI), []
     return RunDefaults(), [f"integrator {method!r} with its settings and its step"]
 
 
@@ -202,8 +201,8 @@ def _set_method(sim: Any, system: System) -> list[str]:
         return []
     if run.integrator == "gauss-radau15":
         sim.integrator = "ias15"
-        if run.rtol is not None:
-            sim.integrator.epsilon = run.rtol
+        if run.options.get("rtol") is not None:
+            sim.integrator.epsilon = run.options["rtol"]
         return []
     for order, name in LEAPFROGS.items():
         if run.integrator == name:
@@ -212,11 +211,11 @@ def _set_method(sim: Any, system: System) -> list[str]:
             return []
     if run.integrator == "wisdom-holman" and central:
         sim.integrator = "whfast"
-        sim.integrator.coordinates = key_of(COORDINATES, run.coordinates or JACOBI)
-        sim.integrator.corrector = run.corrector or 0
+        sim.integrator.coordinates = key_of(COORDINATES, run.options.get("coordinates", JACOBI))
+        sim.integrator.corrector = run.options.get("corrector", 0)
         return []
-    order_there = key_of(SABA, run.order or "10,6,4")
-    if run.integrator == "saba" and central and order_there and run.coordinates in (None, JACOBI):
+    order_there = key_of(SABA, run.options.get("order", "10,6,4"))
+    if run.integrator == "saba" and central and order_there and run.options.get("coordinates", JACOBI) == JACOBI:
         sim.integrator = "saba"
         sim.integrator.type = order_there
         return []

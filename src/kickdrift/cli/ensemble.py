@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from kickdrift.cli.console import members_bar, say
-from kickdrift.cli.options import QuietOption, SystemArgument
+from kickdrift.cli.options import QuietOption, SystemArgument, with_options
 from kickdrift.disk.files import unfit
 from kickdrift.errors import InputError, RunError
 from kickdrift.text import counted
@@ -16,6 +16,7 @@ from kickdrift.text import counted
 MEASURE = "measure"  # module name of a file with a measure
 
 
+@with_options("dt")
 def ensemble(
     system: SystemArgument,
     vary: Annotated[
@@ -35,7 +36,7 @@ def ensemble(
         str, typer.Option(metavar="NAME", help="run (default), megno, or FILE.py:FUNCTION, called with the Simulation.")
     ] = "run",
     integrator: Annotated[str | None, typer.Option(metavar="NAME", help="See: kickdrift list integrators.")] = None,
-    dt: Annotated[float | None, typer.Option(metavar="X", help="Step, in the system's unit of time.")] = None,
+    options: Any = None,
     steps: Annotated[int | None, typer.Option(metavar="N", min=1, help="Steps of each member.")] = None,
     time: Annotated[float | None, typer.Option(metavar="T", help="Time of each member, instead of --steps.")] = None,
     every: Annotated[int | None, typer.Option(metavar="K", min=1, help="Steps between samples.")] = None,
@@ -66,9 +67,9 @@ def ensemble(
         raise InputError("give --workers or --scheduler, not both: a cluster has its own workers")
     planned = Ensemble(
         system, _varied(vary or []), replicas=replicas, seed=seed, measure=_measure(measure), integrator=integrator,
-        dt=dt, steps=steps, time=time, every=every,
+        steps=steps, time=time, every=every, **options,
     )  # fmt: skip
-    options: dict[str, Any] = {"output": output, "overwrite": overwrite, "trajectories": trajectories}
+    where: dict[str, Any] = {"output": output, "overwrite": overwrite, "trajectories": trajectories}
     done = -1
     with members_bar(quiet) as bar:
 
@@ -82,12 +83,12 @@ def ensemble(
 
         try:
             if scheduler is None:
-                table = planned.run(workers=workers, progress=progress, **options)
+                table = planned.run(workers=workers, progress=progress, **where)
             else:
                 with dask_workers(scheduler=scheduler) as client:
                     if not client.nthreads():
                         say(f"{scheduler}: no workers yet; waiting", quiet)
-                    table = planned.run(client, progress=progress, **options)
+                    table = planned.run(client, progress=progress, **where)
         except (KeyboardInterrupt, RunError):
             journal = output and journal_of(output)
             if journal and journal.exists():

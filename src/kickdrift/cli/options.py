@@ -1,11 +1,18 @@
 """Arguments and options of several commands."""
 
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable
+from functools import wraps
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from kickdrift.errors import InputError
+from kickdrift.integrators.asked import known_options, parsed, takers
+from kickdrift.integrators.option import DOUBLE, DT, MIXED, PRECISION, Option
 
 SystemArgument = Annotated[
     str, typer.Argument(metavar="SYSTEM.toml", help="A system file, or the name of a shipped system.")
@@ -16,12 +23,6 @@ JsonOption = Annotated[
 OverwriteOption = Annotated[bool, typer.Option("--overwrite", help="Replace files that kickdrift wrote.")]
 ThreadsOption = Annotated[int, typer.Option(metavar="K", min=1, help="Threads; they do not change the results.")]
 QuietOption = Annotated[bool, typer.Option("--quiet", help="Print only errors on standard error.")]
-RtolOption = Annotated[
-    str | None, typer.Option(metavar="X", help="Relative tolerance of adaptive methods; X,X,… for each unknown.")
-]
-AtolOption = Annotated[
-    str | None, typer.Option(metavar="X", help="Absolute tolerance of adaptive methods; X,X,… for each unknown.")
-]
 FlushOption = Annotated[
     float | None,
     typer.Option(
@@ -29,13 +30,67 @@ FlushOption = Annotated[
     ),
 ]
 
+_METAVARS = {float: "X", int: "N", str: "NAME"}
+_FEW = 3  # methods that a flag's help names
+_PAIRS: Any = Annotated[
+    list[str] | None,
+    typer.Option(
+        "-o", metavar="KEY=VALUE", help="An option of the integrator; see: kickdrift list integrators NAME. Repeatable."
+    ),
+]
 
-def tolerance(key: str, text: str | None) -> float | list[float] | None:
-    """Parse a tolerance: one number, or several with commas between them."""
-    if text is None:
-        return None
+
+def with_options(*flags: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Decorator of a command: ``-o KEY=VALUE`` for every option of integrators, and flags for those named. They come as
+    one dict in the place of the command's parameter ``options``."""
+
+    def decorate(command: Callable[..., None]) -> Callable[..., None]:
+        known = {DT.name: DT, **known_options()}
+
+        @wraps(command)
+        def wrapped(**given: Any) -> None:
+            pairs, said = given.pop("o") or (), {name: _value(known[name], given.pop(name)) for name in flags}
+            command(**given, options=parsed(pairs, said))
+
+        parameters: list[inspect.Parameter] = []
+        for each in inspect.signature(command, eval_str=True).parameters.values():
+            if each.name == "options":
+                parameters += [_parameter(name, _flag(known[name])) for name in flags]
+                parameters.append(_parameter("o", _PAIRS))
+            else:
+                parameters.append(each)
+        wrapped.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+        wrapped.__annotations__ = {each.name: each.annotation for each in parameters}
+        return wrapped
+
+    return decorate
+
+
+def _parameter(name: str, annotation: Any) -> inspect.Parameter:
+    return inspect.Parameter(name, inspect.Parameter.POSITIONAL_OR_KEYWORD, default=None, annotation=annotation)
+
+
+def _flag(option: Option) -> Any:
+    """The flag of an option. That of precision has two names, as a switch has."""
+    if option.name == PRECISION.name:
+        help_ = "Pairs in float32 and everything else in float64, or all in float64."
+        return Annotated[bool | None, typer.Option(f"--{MIXED}/--{DOUBLE}", help=help_)]
+    methods = takers(option.name)
+    whose = f" ({', '.join(methods)})" if option is not DT and len(methods) <= _FEW else ""
+    help_ = f"{option.help[:-1]}{f': {option.known}' if option.choices else ''}{whose}."
+    if option.type is bool:
+        return Annotated[bool | None, typer.Option(f"--{option.name}", help=help_)]
+    several = "; X,X,… one for each unknown." if option.several else ""
+    return Annotated[
+        str | None, typer.Option(metavar=_METAVARS[option.type], help=help_[:-1] + several if several else help_)
+    ]
+
+
+def _value(option: Option, given: Any) -> Any:
+    """What a flag says; an InputError that names the flag."""
+    if option.name == PRECISION.name and given is not None:
+        return MIXED if given else DOUBLE
     try:
-        found = [float(part) for part in text.split(",")]
-    except ValueError:
-        raise InputError(f"--{key}: expected a number, or numbers with commas between them, got {text!r}") from None
-    return found if "," in text else found[0]
+        return option.parsed(given) if isinstance(given, str) else given
+    except InputError as error:
+        raise InputError(f"--{str(error).replace('_', '-', option.name.count('_'))}") from None

@@ -246,8 +246,7 @@ def print_system(system: System | Problem) -> None:
             ("y0", f"{', '.join(f'{value:.10g}' for value in system.y0)} at t = {system.t0:g}"),
             ("known", ", ".join(about) or "only f"),
         ]
-    given = {key: value for key, value in vars(system.run).items() if value is not None}
-    lines.append(("run", ", ".join(f"{key} = {value}" for key, value in given.items())))
+    lines.append(("run", ", ".join(f"{key} = {value}" for key, value in system.run.said().items())))
     if isinstance(system, System) and system.equilibration:
         wanted = vars(system.equilibration).items()
         lines.append(("equilibrate", ", ".join(f"{key} = {value}" for key, value in wanted)))

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from kickdrift.errors import InputError
 from kickdrift.integrators import INTEGRATORS
-from kickdrift.integrators.method import MIXED
+from kickdrift.integrators.option import MIXED
 from kickdrift.model.units import shown
 
 if TYPE_CHECKING:

@@ -21,6 +21,7 @@ from kickdrift.ensemble.rows import COLUMNS, DONE, MEMBER, Row
 from kickdrift.errors import InputError
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators import integrator as method_named
+from kickdrift.integrators.asked import meant, unpacked
 from kickdrift.integrators.method import Method
 from kickdrift.integrators.registration import REGISTERED
 from kickdrift.jit.compile import processor
@@ -31,7 +32,7 @@ from kickdrift.model.system import System
 from kickdrift.model.units import suggestion
 from kickdrift.run.plan import check_run
 from kickdrift.systemfile.reading import find, parsed
-from kickdrift.systemfile.schema import RunTable
+from kickdrift.systemfile.schema_run import run_keys
 from kickdrift.trajectory.layout import versions
 
 if TYPE_CHECKING:
@@ -58,7 +59,8 @@ class Ensemble:
         of replicas
     measure : "run", the run's own report; "megno", whether the motion is chaotic; or a function of the Simulation
         after its run, which returns a number, or a dict of numbers and texts by name
-    settings : integrator, dt, steps, time and other keys of ``[run]``, for all members
+    settings : integrator (a name, or a value that ``kickdrift.integrator`` makes), dt, steps, time and other keys of
+        ``[run]``, for all members
 
     Raises InputError for an invalid argument.
     """
@@ -74,10 +76,13 @@ class Ensemble:
         **settings: Any,
     ) -> None:
         _check_packages()
+        integrator, rest = unpacked(settings.pop("integrator", None), settings)
+        settings = {"integrator": integrator, **rest}
+        known = run_keys()
         for key in settings:
-            if key not in RunTable.model_fields:
-                hint = suggestion(key, RunTable.model_fields)
-                raise InputError(f"{key}: expected one of {', '.join(RunTable.model_fields)}{hint}")
+            if key not in known:
+                hint = meant(key) or suggestion(key, known)
+                raise InputError(f"{key}: expected one of {', '.join(known)}{hint}")
         if not (callable(measure) or measure in (RUN, MEGNO)):
             raise InputError(f"measure: expected {RUN!r}, {MEGNO!r} or a function of the Simulation, got {measure!r}")
         given = {

@@ -36,10 +36,10 @@ def of_file(text: str, data: Mapping[str, Any], folder: Path) -> str:
 
 def of_system(system: System | Problem) -> str:
     """Identity of a System or a Problem."""
-    from kickdrift.trajectory.record import record_of, to_json
+    from kickdrift.trajectory.record import record_of, run_record, to_json
 
     if isinstance(system, Problem):
-        said = to_json([system.name, system.equation, system.parameters, system.run, system.t0])
+        said = to_json([system.name, system.equation, system.parameters, run_record(system.run), system.t0])
         return digest(said, system.y0.tobytes(), of_function(system.f))
     state = system.state
     arrays = (state.phase, state.masses, state.ids, system.species_index)

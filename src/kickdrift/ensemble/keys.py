@@ -9,7 +9,7 @@ from typing import Any
 from kickdrift.errors import InputError
 from kickdrift.model.limits import whole_text
 from kickdrift.model.units import shown, suggestion
-from kickdrift.systemfile.schema import RunTable
+from kickdrift.systemfile.schema_run import is_run_key
 
 _PART = re.compile(r"([^.\[\]]+)|\[([^\[\]]+)\]")
 _WHOLE = re.compile(r"(?:[^.\[\]]+|\[[^\[\]]+\])(?:\.[^.\[\]]+|\[[^\[\]]+\])*")
@@ -23,7 +23,7 @@ def path_of(key: str) -> Path:
     if not isinstance(key, str) or not _WHOLE.fullmatch(key):
         raise InputError(f"vary: expected a key such as dt or particles.elements[1].a, got {shown(key)}")
     parts = tuple(plain or bracketed for plain, bracketed in _PART.findall(key))
-    return ("run", *parts) if len(parts) == 1 and parts[0] in RunTable.model_fields else parts
+    return ("run", *parts) if len(parts) == 1 and is_run_key(parts[0]) else parts
 
 
 def with_values(data: dict[str, Any], values: dict[str, Any]) -> dict[str, Any]:

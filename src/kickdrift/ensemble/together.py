@@ -6,7 +6,6 @@ Only the member itself decides whether it does, so its bits depend on nothing el
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
 from typing import NamedTuple
 
 from kickdrift.analysis.chaos import cadence, carrier, length_of, megnos
@@ -16,6 +15,7 @@ from kickdrift.ensemble.recipe import MEGNO, Recipe
 from kickdrift.ensemble.rows import DONE, Row, megno_columns, row_of, run_columns
 from kickdrift.errors import KickdriftError
 from kickdrift.integrators import integrator
+from kickdrift.integrators.asked import settled
 from kickdrift.integrators.options import Options
 from kickdrift.jit.vectors import WIDTH
 from kickdrift.model.limits import steps_in
@@ -67,13 +67,13 @@ def _kind(recipe: Recipe, member: Member, system: System | Problem) -> Kind | No
         chaos = recipe.measure == MEGNO
         name = carrier(system, recipe.carrier(member)) if chaos else system.run.integrator or "velocity-verlet"
         method = integrator(name)
-        options = method.checked(Options().or_else(system.run), Options())
+        options = settled(method, {}, system.run)
         steps = _megno_steps(system) if chaos else _steps(system)
     except KickdriftError:
         return None
     if steps is None or refusal(system, method, options) or (chaos and not method.carries):
         return None
-    return Kind(name, len(system), steps, system.run.every, replace(options, dt=None))
+    return Kind(name, len(system), steps, system.run.every, options.changed(dt=None))
 
 
 def _steps(system: System) -> int | None:

@@ -107,7 +107,7 @@ def _measured(measure: Any, sim: Any) -> Row:
 def _megno(recipe: Recipe, member: Member, system: System | Problem) -> Row:
     from kickdrift.analysis.chaos import megno
 
-    run = system.run
+    rtol, atol = (system.run.options.get(key) for key in ("rtol", "atol"))
     return megno_columns(
-        megno(system, None, recipe.carrier(member), run.dt, seed=member.seed, rtol=run.rtol, atol=run.atol)
+        megno(system, None, recipe.carrier(member), system.run.dt, seed=member.seed, rtol=rtol, atol=atol)
     )

@@ -39,10 +39,17 @@ def take_step(kind: Any, forces: Any, t: float, x: Any, v: Any, a: Any, dt: floa
 def _take_step(kind, forces, t, x, v, a, dt):
     function = jit(kind.instance_class.kernel_sources[0])
 
-    def step(kind, forces, t, x, v, a, dt):
-        function(forces, t, x, v, a, dt)
+    if "options" not in kind.fields:
 
-    return step
+        def step(kind, forces, t, x, v, a, dt):
+            function(forces, t, x, v, a, dt)
+
+        return step
+
+    def step_with_options(kind, forces, t, x, v, a, dt):
+        function(forces, t, x, v, a, dt, *kind.options)
+
+    return step_with_options
 
 
 @driver

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from kickdrift.errors import InputError
 from kickdrift.integrators.method import OWN_FORCES, Method
+from kickdrift.integrators.option import Option
 
 if TYPE_CHECKING:
     from kickdrift.integrators.flow import Flow
@@ -82,7 +83,7 @@ class Exact(Method):
         return 1
 
     @property
-    def tunable(self) -> tuple[str, ...]:
+    def declared(self) -> tuple[Option, ...]:
         return ()
 
     def stepper(self, flow: Flow, options: Options) -> Stepper:

@@ -33,8 +33,8 @@ ROOM_IN_SPEED = 8  # bits beyond the largest momentum estimated from the start
 
 
 class ExactStepper(Regular):
-    """``y`` shows the lattice in floats after each ``advance``. The run itself is ``lattice``, from which it can be
-    resumed to the last bit.
+    """``y`` shows the lattice in floats after each ``advance``. The run itself is ``method_state``, a `Lattice`, from
+    which it can be resumed to the last bit.
 
     Its scales follow from the System's starting state, and from dt if nothing moves or attracts there. So they are
     equal in every process. A lattice put in place brings its own scales. A checkpoint holds the lattice, its scales,
@@ -196,7 +196,7 @@ class ExactStepper(Regular):
         self._show()
 
     @property
-    def lattice(self) -> Lattice:
+    def method_state(self) -> Lattice:
         """Copy of the state to the last bit."""
         particles = self._particles
         return Lattice(
@@ -204,8 +204,8 @@ class ExactStepper(Regular):
             self._momentum.copy(), self.time, self.steps_done,
         )  # fmt: skip
 
-    @lattice.setter
-    def lattice(self, given: Lattice) -> None:
+    @method_state.setter
+    def method_state(self, given: Lattice) -> None:
         shape = self._particles.x.shape
         for key in ("positions", "images", "momenta"):
             array = np.asarray(getattr(given, key))

@@ -19,6 +19,7 @@ import numpy as np
 
 from kickdrift.errors import InputError
 from kickdrift.integrators.method import SOLVES, Method
+from kickdrift.integrators.option import MAX_STEP, RTOL
 from kickdrift.model.state import Floats
 
 if TYPE_CHECKING:
@@ -28,7 +29,8 @@ if TYPE_CHECKING:
 
 STAGES = 8  # nodes, including the step's start
 DIGITS = 50  # digits of the nodes during their computation
-EPSILON = 1e-9  # the default of rtol
+_EPSILON = "The dimensionless epsilon that sets the steps; errors per step go as its power 15/7."
+EPSILON = replace(RTOL, help=_EPSILON, default=1e-9, several=False, written=True)
 
 
 class Tables(NamedTuple):
@@ -132,13 +134,12 @@ class GaussRadau(Method):
     family = "Gauss-Radau"
     float64_because = SOLVES
     adaptive = True
-    tunable = ("rtol", "max_step")
+    declared = (EPSILON, MAX_STEP)
 
     def checked(self, given: Options, asked: Options) -> Options:
-        options = super().checked(given, asked)
-        if isinstance(options.rtol, tuple):
-            raise InputError(f"rtol: {self.name} takes one number, got {len(options.rtol)}")
-        return replace(options, rtol=EPSILON if options.rtol is None else float(options.rtol))
+        if isinstance(given.rtol, tuple):
+            raise InputError(f"rtol: {self.name} takes one number, got {len(given.rtol)}")
+        return super().checked(given, asked)
 
     def stepper(self, flow: Flow, options: Options) -> Stepper:
         from kickdrift.integrators.gauss_radau_stepper import GaussRadauStepper

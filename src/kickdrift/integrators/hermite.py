@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from kickdrift.errors import InputError
 from kickdrift.integrators.method import Method
+from kickdrift.integrators.option import ETA, SCHEME, Option
 
 if TYPE_CHECKING:
     from kickdrift.integrators.flow import Flow
     from kickdrift.integrators.options import Options
     from kickdrift.integrators.stepping import Stepper
-
-ETA = 0.02  # as in Makino & Aarseth 1992 and most later work
 
 
 @dataclass(frozen=True)
@@ -39,25 +38,16 @@ class Hermite(Method):
     needs_dt = False
 
     @property
-    def tunable(self) -> tuple[str, ...]:
-        return ("eta", "scheme")
-
-    @property
-    def choices(self) -> dict[str, tuple[Any, ...]]:
-        return {"scheme": ("shared", "block")}
+    def declared(self) -> tuple[Option, ...]:
+        return ETA, SCHEME
 
     def checked(self, given: Options, asked: Options) -> Options:
         if asked.dt is not None and not (asked.eta is None and asked.scheme in (None, "shared")):
             raise InputError(f"dt: fixes the step of {self.name}; give either dt, or eta and scheme")
         if asked.dt is not None:
-            given = replace(given, eta=None, scheme=None)
-        options = super().checked(replace(given, dt=asked.dt), asked)  # a file's dt is meant for other methods
-        if options.dt is not None:
-            return options
-        eta = ETA if options.eta is None else options.eta
-        if isinstance(eta, bool) or not (isinstance(eta, (int, float)) and 0.0 < eta <= 1.0):
-            raise InputError(f"eta must be above 0 and at most 1, got {eta!r}")
-        return replace(options, eta=float(eta))
+            given = given.changed(eta=None, scheme=None)
+        options = super().checked(given.changed(dt=asked.dt), asked)  # a file's dt is meant for other methods
+        return options if options.dt is not None or options.eta is not None else options.changed(eta=ETA.default)
 
     def stepper(self, flow: Flow, options: Options) -> Stepper:
         from kickdrift.forces.gravity import Gravity

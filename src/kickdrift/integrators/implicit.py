@@ -11,6 +11,7 @@ import numpy as np
 
 from kickdrift.errors import InputError
 from kickdrift.integrators.method import SOLVES, Method
+from kickdrift.integrators.option import COMPENSATED, ITERATION, Option
 from kickdrift.integrators.tableaus import Rows
 from kickdrift.model.state import Floats
 
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
     from kickdrift.integrators.options import Options
     from kickdrift.integrators.stepping import Stepper
 
-ITERATIONS = ("newton", "fixed-point")
+ITERATIONS = ITERATION.choices
 ROUNDING = 1e-15  # rounding of a tableau's entries
 
 
@@ -61,8 +62,8 @@ class ImplicitTableau(Method):
             raise InputError(f"{self.name}: a is singular: a stage is explicit, and the iteration cannot solve it")
 
     @property
-    def tunable(self) -> tuple[str, ...]:
-        return ("compensated", "iteration")
+    def declared(self) -> tuple[Option, ...]:
+        return COMPENSATED, ITERATION
 
     @property
     def butcher(self) -> tuple[Floats, Floats]:
@@ -107,10 +108,6 @@ class ImplicitTableau(Method):
         ahead = np.vander(1.0 + nodes[1:], len(nodes), increasing=True)
         weights = np.linalg.solve(powers.T, ahead.T).T[:, 1:]
         return weights - self.increment
-
-    @property
-    def choices(self) -> dict[str, tuple[str | None, ...]]:
-        return {"iteration": (None, *ITERATIONS)}
 
     def stepper(self, flow: Flow, options: Options) -> Stepper:
         from kickdrift.integrators.implicit_stepper import ImplicitStepper

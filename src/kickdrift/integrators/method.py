@@ -2,21 +2,31 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from kickdrift.errors import InputError
-from kickdrift.model.checks import positive
-from kickdrift.model.units import shown
+from kickdrift.integrators.option import (
+    ATOL,
+    COMPENSATED,
+    CONTROLLER,
+    DOUBLE,
+    DT,
+    MAX_STEP,
+    MIXED,
+    PRECISION,
+    RTOL,
+    Option,
+)
+from kickdrift.integrators.options import Options
 
-PRECISIONS = DOUBLE, MIXED = "double", "mixed"  # of pair forces
+PRECISIONS = PRECISION.choices  # of pair forces
 OWN_FORCES = "adds up forces of its own"  # what rules out mixed precision
 SOLVES = "solves equations to the rounding of float64"
 
 if TYPE_CHECKING:
     from kickdrift.integrators.batch_stepping import LaneStepper, Members
     from kickdrift.integrators.flow import Flow
-    from kickdrift.integrators.options import Options
     from kickdrift.integrators.stepping import Stepper
     from kickdrift.model.state import Floats
     from kickdrift.model.system import System
@@ -39,7 +49,8 @@ class Method:
     trial_steps : whether it may evaluate the force far from the solution
     particles_only : whether it runs Systems alone, no Problems
     rescalable : whether velocities may be changed between two steps without telling it
-    tunable : the options of a Simulation, beside dt, that it takes
+    declared : the options of a Simulation, beside dt and precision, that it takes; see `Option`
+    tunable : their names
     choices : the values that some of these may have, the default first (None: it depends)
     """
 
@@ -105,12 +116,26 @@ class Method:
         return not self.particles_only
 
     @property
+    def declared(self) -> tuple[Option, ...]:
+        return (RTOL, ATOL, CONTROLLER, MAX_STEP) if self.adaptive else (COMPENSATED,)
+
+    @property
+    def options(self) -> tuple[Option, ...]:
+        """All that it takes: dt, what it declares, and what precision its forces may have."""
+        precision = replace(PRECISION, choices=(DOUBLE,)) if self.float64_because else PRECISION
+        return (DT, *self.declared, precision)
+
+    @property
     def tunable(self) -> tuple[str, ...]:
-        return ("rtol", "atol", "controller", "max_step") if self.adaptive else ("compensated",)
+        return tuple(each.name for each in self.declared)
 
     @property
     def choices(self) -> dict[str, tuple[Any, ...]]:
-        return {}
+        return {
+            each.name: (each.default, *(choice for choice in each.choices if choice != each.default))
+            for each in self.declared
+            if each.choices
+        }
 
     def stepper(self, flow: Flow, options: Options) -> Stepper:
         """An integration of the flow with this method."""
@@ -131,36 +156,23 @@ class Method:
     def checked(self, given: Options, asked: Options) -> Options:
         """The options that this method takes of those given in arguments and file; those ``asked`` for in arguments
         that it does not take are an InputError, and so are values that make no sense."""
-        for key, value in asdict(asked).items():
-            if key not in ("dt", "precision", *self.tunable) and value is not None and value is not False:
+        for key, value in asked.items():
+            if key not in ("dt", PRECISION.name, *self.tunable) and value is not None and value is not False:
                 takes = ", ".join(("dt", *self.tunable))
                 raise InputError(f"{key}: {self.name} does not take it; it takes {takes}")
-        if not isinstance(asked.compensated, bool):
-            raise InputError(f"compensated must be True or False, got {shown(asked.compensated)}")
-        kept = {key: getattr(given, key) for key in self.tunable}
-        for key, known in self.choices.items():
-            if kept[key] is None:
-                kept[key] = known[0]
-            elif kept[key] not in known:
-                names = [str(k) for k in known if k is not None]
-                between = "; " if any("," in name for name in names) else ", "
-                raise InputError(f"{key} {shown(kept[key])} is unknown; known are {between.join(names)}")
+        kept = {each.name: each.filled(given.get(each.name)) for each in self.declared}
         dt = asked.dt if self.adaptive else given.dt  # a file's dt is no first step for a method that chooses its own
-        if given.precision not in (None, *PRECISIONS):
-            raise InputError(f"precision {shown(given.precision)} is unknown; known are {', '.join(PRECISIONS)}")
-        if given.precision == MIXED and self.float64_because:
+        precision = PRECISION.filled(given.precision)
+        if precision == MIXED and self.float64_because:
             raise InputError(f"precision: {self.name} {self.float64_because}, and takes {DOUBLE} alone")
-        if "max_step" in kept:
-            kept["max_step"] = checked_dt(kept["max_step"], "max_step")
-        options = replace(type(given)(), dt=checked_dt(dt), precision=given.precision, **kept)
+        options = Options(dt=checked_dt(dt), precision=precision, **kept)
         if self.adaptive:
-            from kickdrift.integrators.step_control import check_tolerances, controller
+            from kickdrift.integrators.step_control import check_tolerances
 
             check_tolerances(*options.tolerances)
-            controller(options.controller)
         return options
 
 
-def checked_dt(dt: Any, key: str = "dt") -> float | None:
+def checked_dt(dt: Any) -> float | None:
     """A step, if one is given; an InputError where it is no positive finite time."""
-    return None if dt is None else positive(key, dt, "a positive finite time")
+    return None if dt is None else DT.checked(dt)

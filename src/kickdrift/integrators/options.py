@@ -2,63 +2,88 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
-from dataclasses import asdict, dataclass, fields, replace
+from collections.abc import Collection, Iterator, Mapping
 from typing import Any
 
 import numpy as np
 
+from kickdrift.integrators.option import ATOL, OPTIONS, RTOL
+
 Tolerance = float | tuple[float, ...]  # one number, or one for each component of y
 
 
-@dataclass(frozen=True)
-class Options:
-    """How a Simulation was asked to integrate; None where it was not said."""
+class Options(Mapping[str, Any]):
+    """Values of dt and of options by name, each an attribute too; None where it was not said.
 
-    dt: float | None = None
-    rtol: Tolerance | None = None
-    atol: Tolerance | None = None
-    controller: str | None = None
-    compensated: bool = False
-    iteration: str | None = None
-    coordinates: str | None = None
-    corrector: int | None = None
-    order: str | None = None
-    eta: float | None = None
-    scheme: str | None = None
-    precision: str | None = None
-    max_step: float | None = None
+    ``options.dt``, ``options["rtol"]``. All options of the table are there, and those that a user's method declares
+    where they have values. Tolerances in a list or an array become tuples. Equal options are equal, and may be keys.
+    """
 
-    def __post_init__(self) -> None:
-        for key in ("rtol", "atol"):
-            value: Any = getattr(self, key)
-            if isinstance(value, list | np.ndarray):
-                object.__setattr__(self, key, _row(value))
+    _values: dict[str, Any]
 
-    def or_else(self, defaults: Any) -> Options:
-        """The same, with what was not said taken from ``defaults`` where those have it."""
-        unsaid = [field.name for field in fields(self) if getattr(self, field.name) is None]
-        found: dict[str, Any] = {key: getattr(defaults, key, None) for key in unsaid}
-        return replace(self, **found)
+    def __init__(self, dt: float | None = None, **values: Any) -> None:
+        found = {"dt": dt, **{name: False if each.type is bool else None for name, each in OPTIONS.items()}}
+        found |= {key: _row(key, value) for key, value in values.items() if value is not None}
+        object.__setattr__(self, "_values", found)
+
+    def __getitem__(self, key: str) -> Any:
+        return self._values[key]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._values)
+
+    def __len__(self) -> int:
+        return len(self._values)
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("_") or name not in self._values:
+            raise AttributeError(f"Options have no {name!r}")
+        return self._values[name]
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        raise AttributeError("Options are read-only; ``changed`` makes others")
+
+    def __hash__(self) -> int:
+        return hash(frozenset(self._values.items()))
+
+    def __repr__(self) -> str:
+        said = [f"{key}={value!r}" for key, value in self.items() if value is not None and value is not False]
+        return f"Options({', '.join(said)})"
+
+    def __reduce__(self) -> Any:
+        return _made, (dict(self),)
+
+    def changed(self, **values: Any) -> Options:
+        """The same with these in their places."""
+        return Options(**{**self, **values})
 
     def extras(self, tunable: Collection[str]) -> dict[str, Any]:
         """What a run's file should say besides dt, of a method that takes these options."""
-        said = {key: value for key, value in asdict(self).items() if key != "dt" and value}
+        said = {key: value for key, value in self.items() if key != "dt" and value}
         tolerances = zip(("rtol", "atol"), self.tolerances, strict=True)
         return said | {key: value for key, value in tolerances if key in tunable}
 
     @property
     def tolerances(self) -> tuple[Tolerance, Tolerance]:
         """rtol and atol, with what stands in where they were not said."""
-        return (1e-8 if self.rtol is None else self.rtol), (1e-10 if self.atol is None else self.atol)
+        rtol, atol = self._values[RTOL.name], self._values[ATOL.name]
+        return (RTOL.default if rtol is None else rtol), (ATOL.default if atol is None else atol)
 
     @property
     def longest(self) -> float:
         """The longest step allowed."""
-        return np.inf if self.max_step is None else self.max_step
+        longest = self._values["max_step"]
+        return np.inf if longest is None else longest
 
 
-def _row(value: Any) -> Any:
-    """A list or an array as a tuple of Python's numbers; an array of no dimension as its number."""
+def _made(values: dict[str, Any]) -> Options:
+    return Options(**values)
+
+
+def _row(key: str, value: Any) -> Any:
+    """A list or an array as a tuple of Python's numbers, for an option that may have several; an array of no dimension
+    as its number."""
+    if key in OPTIONS and not OPTIONS[key].several:
+        return value
     found = value.tolist() if isinstance(value, np.ndarray) else value
     return tuple(found) if isinstance(found, list) else found

@@ -16,6 +16,7 @@ from kickdrift.disk.files import refuse_unfit
 from kickdrift.errors import InputError
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators.method import Method
+from kickdrift.integrators.option import Option, own_options
 from kickdrift.integrators.runge_kutta import Tableau
 from kickdrift.integrators.splitting import Splitting, even_weights, in_turn
 
@@ -40,13 +41,10 @@ class CompiledStep(Method):
     symplectic: bool = False
     reversible: bool = False
     separable: bool = True
+    declared: tuple[Option, ...] = ()
     kind: Any = field(default=None, repr=False)
 
     family = "compiled step"
-
-    @property
-    def tunable(self) -> tuple[str, ...]:
-        return ()
 
     def stepper(self, flow: Flow, options: Options) -> Stepper:
         from kickdrift.integrators.custom import custom_loop
@@ -54,9 +52,8 @@ class CompiledStep(Method):
 
         if flow.halves != 2:
             raise InputError(f"{self.name}: a compiled step needs positions and velocities; {flow.not_separable}")
-        return FixedStepper(
-            flow, custom_loop, self.kind(0.0), lambda shape: np.zeros((3, *shape[1:])), options, kept=True
-        )
+        values = self.kind(tuple(options[each.name] for each in self.declared) if self.declared else 0.0)
+        return FixedStepper(flow, custom_loop, values, lambda shape: np.zeros((3, *shape[1:])), options, kept=True)
 
 
 def register_splitting(
@@ -151,6 +148,7 @@ def register_step(
     reversible: bool = False,
     separable: bool = True,
     use: str = "",
+    options: Sequence[Option] = (),
     overwrite: bool = False,
 ) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Decorator that adds a method whose step is a Python function, compiled with the forces at native speed.
@@ -158,14 +156,25 @@ def register_step(
     The function is ``step(forces, t, x, v, a, dt)``. It changes positions ``x`` and velocities ``v``, arrays of shape
     (rows, n), in place, from t to t + dt. ``kd.accelerations(forces, t, x, v, a)`` fills ``a``. Do not rely on the
     content of ``a`` from the last step. ``separable=False`` allows forces that depend on velocity.
+
+    ``options`` declares numbers or switches that the step takes, each a ``kd.Option`` with a default. Their values
+    follow dt in their order: ``step(forces, t, x, v, a, dt, friction)``. A Simulation takes them as keywords, a system
+    file in ``[run]``, the command line as ``-o friction=0.1``.
     """
+    declared = own_options(options)
+    for each in declared:
+        if each.type is str or each.several or each.default is None or not each.written:
+            raise InputError(f"option {each.name}: of a compiled step is a number or a switch, and has a default")
 
     def register(function: Callable[..., None]) -> Callable[..., None]:
-        kind = namedtuple("Step_" + "".join(c if c.isalnum() else "_" for c in name), ["unused"])  # type: ignore[misc]
+        fields = ["options" if declared else "unused"]
+        kind = namedtuple("Step_" + "".join(c if c.isalnum() else "_" for c in name), fields)  # type: ignore[misc]
         kind.__module__ = function.__module__  # code compiled around it is kept apart by its source
         kind.kernel_sources = (function,)  # type: ignore[attr-defined]
         _register(
-            CompiledStep(name, function, order, source, use, evaluations, symplectic, reversible, separable, kind),
+            CompiledStep(
+                name, function, order, source, use, evaluations, symplectic, reversible, separable, declared, kind
+            ),
             overwrite,
         )
         return function

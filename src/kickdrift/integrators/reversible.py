@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from kickdrift.integrators.method import Method
+from kickdrift.integrators.option import Option
 
 if TYPE_CHECKING:
     from kickdrift.integrators.flow import Flow
@@ -41,7 +42,7 @@ class StepDensity(Method):
         return 1
 
     @property
-    def tunable(self) -> tuple[str, ...]:
+    def declared(self) -> tuple[Option, ...]:
         return ()
 
     def stepper(self, flow: Flow, options: Options) -> Stepper:

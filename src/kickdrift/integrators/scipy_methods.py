@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from kickdrift.integrators.method import SOLVES, Method
+from kickdrift.integrators.option import ATOL, MAX_STEP, RTOL, Option
 
 if TYPE_CHECKING:
     from kickdrift.integrators.flow import Flow
@@ -35,8 +36,8 @@ class SciPyMethod(Method):
     trial_steps = True
 
     @property
-    def tunable(self) -> tuple[str, ...]:
-        return ("rtol", "atol", "max_step")
+    def declared(self) -> tuple[Option, ...]:
+        return RTOL, ATOL, MAX_STEP
 
     def stepper(self, flow: Flow, options: Options) -> Stepper:
         from kickdrift.integrators.scipy_stepper import SciPyStepper

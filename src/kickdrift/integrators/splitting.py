@@ -12,6 +12,7 @@ import numpy as np
 
 from kickdrift.errors import InputError
 from kickdrift.integrators.method import Method
+from kickdrift.integrators.option import COMPENSATED, Option
 from kickdrift.integrators.subflows import DRIFT, FLOWS, KICK
 from kickdrift.model.state import Floats
 
@@ -114,6 +115,10 @@ class Splitting(Method):
     def further(self) -> str:
         """The letters of the flows beside kicks and drifts, in the order of ``subflows.FLOWS``."""
         return "".join(letter for letter in FLOWS if letter in self.word and letter not in (KICK, DRIFT))
+
+    @property
+    def declared(self) -> tuple[Option, ...]:
+        return COMPENSATED, *(option for letter in self.further for option in FLOWS[letter].options)
 
     @cached_property
     def stages(self) -> Floats:

@@ -11,6 +11,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from kickdrift.integrators.option import Option
+
 if TYPE_CHECKING:
     from kickdrift.integrators.flow import Flow
     from kickdrift.integrators.options import Options
@@ -28,6 +30,7 @@ class Subflow:
     name : what the flow is called
     moves : whether it changes positions, so that forces must be evaluated anew
     symplectic, reversible : whether the flow keeps the symplectic form; whether -dt undoes dt
+    options : what the flow takes; every method whose word has the letter takes it
     bind : makes the BoundSubflow of a run from its Flow and Options; None for kick and drift, which loops have built in
     """
 
@@ -35,6 +38,7 @@ class Subflow:
     moves: bool
     symplectic: bool = True
     reversible: bool = True
+    options: tuple[Option, ...] = ()
     bind: Callable[[Flow, Options], BoundSubflow] | None = None
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cache
 from itertools import pairwise
@@ -13,6 +13,7 @@ import numpy as np
 
 from kickdrift.errors import InputError
 from kickdrift.integrators.method import OWN_FORCES, Method
+from kickdrift.integrators.option import COMPENSATED, COORDINATES, CORRECTOR, ORDER, Option
 from kickdrift.integrators.splitting import Splitting, in_turn, palindrome
 from kickdrift.model.state import Floats
 
@@ -23,7 +24,8 @@ if TYPE_CHECKING:
     from kickdrift.integrators.stepping import Stepper
     from kickdrift.model.system import System
 
-JACOBI, HELIOCENTRIC = "jacobi", "democratic-heliocentric"
+JACOBI, HELIOCENTRIC = COORDINATES.choices
+CORRECTORS = CORRECTOR.choices
 DOMINANT = 0.2  # largest total mass of the others, relative to the central body's
 
 _LASKAR = "Laskar & Robutel 2001, doi:10.1023/A:1012098603882"
@@ -85,7 +87,7 @@ SABA = {f"{2 * count},2": _gauss(count) for count in (2, 3, 4, 5)} | {
         4, _BLANES,
     ),
 }  # fmt: skip
-CORRECTORS = (0, 3, 5, 7, 11, 17)
+SABA_ORDER = replace(ORDER, default="10,6,4", choices=("10,6,4", *(name for name in SABA if name != "10,6,4")))
 
 
 @cache
@@ -171,12 +173,8 @@ class WisdomHolman(Method):
         return OWN_FORCES
 
     @property
-    def tunable(self) -> tuple[str, ...]:
-        return ("coordinates", "corrector", "compensated")
-
-    @property
-    def choices(self) -> dict[str, tuple[Any, ...]]:
-        return {"coordinates": (JACOBI, HELIOCENTRIC), "corrector": CORRECTORS}
+    def declared(self) -> tuple[Option, ...]:
+        return COORDINATES, CORRECTOR, COMPENSATED
 
     def table(self, options: Options) -> Splitting:
         """Row of weights."""
@@ -238,17 +236,12 @@ class Saba(WisdomHolman):
         return OWN_FORCES
 
     @property
-    def tunable(self) -> tuple[str, ...]:
-        return ("coordinates", "order", "compensated")
-
-    @property
-    def choices(self) -> dict[str, tuple[Any, ...]]:
-        known = ("10,6,4", *(name for name in SABA if name != "10,6,4"))
-        return {"coordinates": (JACOBI, HELIOCENTRIC), "order": known}
+    def declared(self) -> tuple[Option, ...]:
+        return COORDINATES, SABA_ORDER, COMPENSATED
 
     def table(self, options: Options) -> Splitting:
-        assert options.order is not None
-        return SABA[options.order]
+        row: Splitting = SABA[options.order]
+        return row
 
 
 ROWS = (

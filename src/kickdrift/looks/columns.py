@@ -1,9 +1,148 @@
-"""Columns of the table that looks at a run are written into (``looking``); without numba, for those who only read."""
+"""What each look at a run writes down: the table of columns, kickdrift's own and those of users. Without numba.
+
+Looks at particles are rows of numbers that compiled code fills (``looking``). A column of kickdrift's own stands at its
+``place`` in these rows, and is an attribute of the ``Sample`` that is made of a row.
+"""
 
 from __future__ import annotations
+
+import keyword
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import prod
+from typing import Any
+
+import numpy as np
+
+from kickdrift.errors import InputError
+from kickdrift.text import shown
 
 # Potential energy, virial and pairs are neighbours: the forces add to the three of them.
 TIME, POTENTIAL, VIRIAL, PAIRS, KINETIC, TOTAL, TEMPERATURE, PRESSURE = range(8)
 MOMENTUM, ANGULAR, CENTRE, VELOCITY = 8, 11, 14, 17  # three each
 ENERGY_TAKEN, MOMENTUM_TAKEN, ANGULAR_TAKEN = 20, 21, 24  # by events so far; one, three, three
 COLUMNS = 27
+
+MOST_NUMBERS = 10_000  # of a user's column at one look
+_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,59}")
+
+
+@dataclass(frozen=True)
+class Column:
+    """A number, or an array of numbers, that each look at a run writes down.
+
+    ``sim.run(columns=[kd.Column("radius_of_gyration", "length", (), f)])`` calls ``f(sim)`` at each look. The file, its
+    readers, ``info``, figures and tables show the values beside kickdrift's own.
+
+    Parameters
+    ----------
+    name : letters, digits and underscores; none of kickdrift's own names
+    unit : a dimension ("length", "energy", "velocity", …) for the system's own unit of it, or a unit's name
+        ("angstrom"), or "" for a plain number. Values are written as they are: the unit is their label
+    shape : of what the function returns: () for a number, (3,) for a vector, (3, 3) for a tensor
+    function : called as ``function(sim)`` with the Simulation, whose state it reads and cannot replace; returns a
+        number or an array of ``shape``. nan stands for a value that does not exist
+
+    Raises
+    ------
+    InputError
+        Where one of these makes no sense. ``run`` refuses what it finds at the first look: a unit that nobody knows, a
+        function that raises, or that returns something else than numbers of that shape.
+    """
+
+    name: str
+    unit: str
+    shape: tuple[int, ...]
+    function: Callable[[Any], Any]
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.name, str) or not _NAME.fullmatch(self.name) or keyword.iskeyword(self.name):
+            raise InputError(
+                f"column: its name must be a letter and up to 59 letters, digits or underscores, got {shown(self.name)}"
+            )
+        key = f"column {self.name!r}"
+        if self.name in _taken():
+            raise InputError(f"{key}: is a name of kickdrift's own; give another")
+        if not isinstance(self.unit, str):
+            raise InputError(f"{key}: unit must be text, got {shown(self.unit)}")
+        shape = (self.shape,) if isinstance(self.shape, int) and not isinstance(self.shape, bool) else self.shape
+        whole = isinstance(shape, tuple | list) and all(isinstance(n, int) and not isinstance(n, bool) for n in shape)
+        if not whole or any(n < 1 for n in shape):
+            raise InputError(
+                f"{key}: shape must be a tuple of whole numbers, one or more each, got {shown(self.shape)}"
+            )
+        if prod(shape) > MOST_NUMBERS:
+            raise InputError(f"{key}: shape {tuple(shape)} has {prod(shape):,} numbers; the most is {MOST_NUMBERS:,}")
+        object.__setattr__(self, "shape", tuple(shape))
+        if not callable(self.function):
+            raise InputError(f"{key}: function must be a function, got {shown(self.function)}")
+
+
+@dataclass(frozen=True)
+class Own:
+    """A column of kickdrift's own: ``value`` gives it of a Sample, or None where the run has none.
+
+    ``unit`` is a dimension; ``place`` is that of its first number in a row."""
+
+    name: str
+    unit: str
+    shape: tuple[int, ...]
+    place: int
+    value: Callable[[Any], Any]
+
+
+def _number(name: str) -> Callable[[Any], Any]:
+    """The attribute of a Sample of that name; None where it is nan."""
+
+    def value(sample: Any) -> Any:
+        found = getattr(sample, name)
+        return found if found == found else None
+
+    return value
+
+
+def _pairs(sample: Any) -> float | None:
+    """Pairs within range; None of a Problem, and where another engine does not say."""
+    return None if sample.momentum is None or sample.pairs is None else float(sample.pairs)
+
+
+OWN = (
+    Own("kinetic_energy", "energy", (), KINETIC, lambda sample: sample.energies.kinetic),
+    Own("potential_energy", "energy", (), POTENTIAL, lambda sample: sample.energies.potential),
+    Own("total_energy", "energy", (), TOTAL, lambda sample: sample.energies.total),
+    Own("momentum", "momentum", (3,), MOMENTUM, lambda sample: sample.momentum),
+    Own("angular_momentum", "angular momentum", (3,), ANGULAR, lambda sample: sample.angular_momentum),
+    Own("centre_of_mass", "length", (3,), CENTRE, lambda sample: sample.centre_of_mass),
+    Own("centre_of_mass_velocity", "velocity", (3,), VELOCITY, lambda sample: sample.centre_of_mass_velocity),
+    Own("temperature", "temperature", (), TEMPERATURE, _number("temperature")),
+    Own("pressure", "pressure", (), PRESSURE, _number("pressure")),
+    Own("pairs", "dimensionless", (), PAIRS, _pairs),
+)
+TAKEN = (  # where events may change what is conserved
+    Own("energy_taken", "energy", (), ENERGY_TAKEN, lambda sample: sample.taken.energy),
+    Own("momentum_taken", "momentum", (3,), MOMENTUM_TAKEN, lambda sample: sample.taken.momentum * np.ones(3)),
+    Own(
+        "angular_momentum_taken",
+        "angular momentum",
+        (3,),
+        ANGULAR_TAKEN,
+        lambda sample: sample.taken.angular_momentum * np.ones(3),
+    ),
+)
+KNOWN = {column.name: column for column in OWN + TAKEN}
+
+
+def parts(name: str, shape: tuple[int, ...]) -> list[str]:
+    """What a table calls the numbers of a column: ``momentum_x``, ``stress_x_y``, ``share_0``."""
+    labels = [""]
+    for size in shape:
+        labels = [f"{label}_{'xyz'[k] if size == 3 else k}" for label in labels for k in range(size)]
+    return [name + label for label in labels]
+
+
+def _taken() -> set[str]:
+    """Names that no user's column may have: kickdrift's own, and what tables and files call other things."""
+    own = {part for column in KNOWN.values() for part in (column.name, *parts(column.name, column.shape))}
+    others = "step time value positions velocities forces masses species names frame sample particle axis"
+    return own | set(others.split()) | {"sample_step", "sample_time"}

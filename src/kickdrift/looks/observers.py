@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
 
 from kickdrift.errors import RunError
 from kickdrift.forces.pair_law import PairForce
+from kickdrift.looks.columns import KNOWN, OWN, TAKEN
 from kickdrift.model.checks import unwarned
 from kickdrift.model.state import Floats
 
@@ -54,6 +55,7 @@ class Sample:
     centre_of_mass, centre_of_mass_velocity : (3,) sum of m x and of m v over that of m; None for a Problem and without
     a mass
     taken : Taken
+    columns : values of the user's columns, by name
     """
 
     step: int
@@ -67,34 +69,12 @@ class Sample:
     taken: Taken = NOTHING
     centre_of_mass: Floats | None = None
     centre_of_mass_velocity: Floats | None = None
+    columns: Mapping[str, Any] = field(default_factory=dict)
 
     def observables(self, taken: bool = False) -> dict[str, float | Floats]:
-        """By the names that a run's file uses; with what events took out, if ``taken``."""
-        kinetic, potential, total = self.energies
-        values: dict[str, float | Floats] = {
-            "kinetic_energy": kinetic,
-            "potential_energy": potential,
-            "total_energy": total,
-        }
-        if self.momentum is not None and self.angular_momentum is not None:
-            values |= {"momentum": self.momentum, "angular_momentum": self.angular_momentum}
-        if self.centre_of_mass is not None:
-            values["centre_of_mass"] = self.centre_of_mass
-        if self.centre_of_mass_velocity is not None:
-            values["centre_of_mass_velocity"] = self.centre_of_mass_velocity
-        if not np.isnan(self.temperature):
-            values["temperature"] = self.temperature
-        if not np.isnan(self.pressure):
-            values["pressure"] = self.pressure
-        if self.momentum is not None and self.pairs is not None:
-            values["pairs"] = float(self.pairs)
-        if taken:
-            values |= {
-                "energy_taken": self.taken.energy,
-                "momentum_taken": self.taken.momentum * np.ones(3),
-                "angular_momentum_taken": self.taken.angular_momentum * np.ones(3),
-            }
-        return values
+        """kickdrift's own columns by the names that a run's file uses; with what events took out, if ``taken``."""
+        own = ((column.name, column.value(self)) for column in (OWN + TAKEN if taken else OWN))
+        return {name: value for name, value in own if value is not None}
 
     @classmethod
     def of(cls, step: int, time: float, values: Mapping[str, Any]) -> Sample:
@@ -116,6 +96,7 @@ class Sample:
             taken=taken,
             centre_of_mass=values.get("centre_of_mass"),
             centre_of_mass_velocity=values.get("centre_of_mass_velocity"),
+            columns={name: value for name, value in values.items() if name not in KNOWN},
         )
 
 

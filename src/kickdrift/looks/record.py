@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, fields
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,6 +54,14 @@ def even_stretch(steps: NDArray[np.int64]) -> slice:
     return slice(int(starts[longest]), int(ends[longest]) + 1)
 
 
+class Counted(Protocol):
+    """Evaluations of f and of its Jacobian, and steps that were thrown away."""
+
+    evaluations: int
+    rejected: int
+    jacobians: int
+
+
 @dataclass
 class Record:
     """The looks at a run since conservation is counted from, and what it cost."""
@@ -71,6 +79,12 @@ class Record:
     warnings: list[str] = field(default_factory=list)
     events: list[dict[str, Any]] = field(default_factory=list)
     taken: Taken = NOTHING
+
+    def count(self, cost: Counted) -> None:
+        """Add what some steps cost."""
+        self.force_evaluations += cost.evaluations
+        self.jacobian_evaluations += cost.jacobians
+        self.rejected_steps += cost.rejected
 
     def take(self, before: Sample, after: Sample) -> None:
         """An event changed what is conserved."""

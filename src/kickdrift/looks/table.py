@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +33,7 @@ class Looks:
         self.count = 0
         self.steps: NDArray[np.int64] = np.zeros(room, np.int64)
         self.rows: Floats = np.zeros((room, column.COLUMNS))
+        self._columns: dict[int, Mapping[str, Any]] = {}  # of users, by row
         self._samples: list[Sample] = []  # of the first rows; the others are made when somebody asks
         self._shared = False  # whether somebody holds the filled rows
 
@@ -85,6 +87,11 @@ class Looks:
         self.take(self.count - 1, taken)
         del self._samples[self.count - 1 :]
 
+    def note(self, columns: Mapping[str, Any]) -> None:
+        """Keep the values of the user's columns at the last look."""
+        self._columns[self.count - 1] = columns
+        del self._samples[self.count - 1 :]
+
     def at(self, step: int, time: float) -> bool:
         """Whether the last look was at that step and time."""
         k = self.count - 1
@@ -108,6 +115,8 @@ class Looks:
         """Fill and count a row."""
         self.fill(sample)
         self.keep(sample.step, sample.taken)
+        if sample.columns:
+            self.note(sample.columns)
 
     @property
     def samples(self) -> list[Sample]:
@@ -132,6 +141,7 @@ class Looks:
             pressure=pressure,
             pairs=None if np.isnan(pairs) else int(pairs),
             taken=taken,
+            columns=self._columns.get(k, {}),
             **{name: None if np.isnan(value).all() else value for name, value in vectors.items()},
         )
 
@@ -148,12 +158,7 @@ class Looks:
 
 _ENERGIES = [column.KINETIC, column.POTENTIAL, column.TOTAL]
 _NUMBERS = [*_ENERGIES, column.TEMPERATURE, column.PRESSURE, column.PAIRS]
-_VECTORS = {
-    column.MOMENTUM: "momentum",
-    column.ANGULAR: "angular_momentum",
-    column.CENTRE: "centre_of_mass",
-    column.VELOCITY: "centre_of_mass_velocity",
-}
+_VECTORS = {own.place: own.name for own in column.OWN if own.shape == (3,)}
 
 
 def check_samples(count: float, key: str) -> None:

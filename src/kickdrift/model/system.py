@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from copy import copy
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -18,34 +18,52 @@ from kickdrift.model.events import Event, checked_events
 from kickdrift.model.state import Floats, State
 from kickdrift.model.units import UnitSystem, shown, unit_system
 
-Tolerance = float | Sequence[float]  # one number, or one for each component of y
 
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, init=False)
 class RunDefaults:
-    """What a system file's ``[run]`` says; flags and ``Simulation(…)`` override it."""
+    """What a system file's ``[run]`` says; flags and ``Simulation(…)`` override it.
+
+    Attributes
+    ----------
+    integrator, dt, steps, time, every : as in ``[run]``; None where it does not say
+    options : the integrator's options by name, those that it names
+    """
 
     integrator: str | None = None
     dt: float | None = None
     steps: int | None = None
     time: float | None = None
     every: int | None = None
-    rtol: Tolerance | None = None
-    atol: Tolerance | None = None
-    max_step: float | None = None
-    coordinates: str | None = None
-    corrector: int | None = None
-    order: str | None = None
-    eta: float | None = None
-    scheme: str | None = None
-    precision: str | None = None
+    options: Mapping[str, Any] = field(default_factory=dict)
+
+    def __init__(
+        self,
+        integrator: str | None = None,
+        dt: float | None = None,
+        steps: int | None = None,
+        time: float | None = None,
+        every: int | None = None,
+        **options: Any,
+    ) -> None:
+        own = {"integrator": integrator, "dt": dt, "steps": steps, "time": time, "every": every}
+        given = {key: value for key, value in options.items() if value is not None}
+        for key, value in (own | {"options": given}).items():
+            object.__setattr__(self, key, value)
+
+    def __hash__(self) -> int:
+        return hash((self.integrator, self.dt, self.steps, self.time, self.every, frozenset(self.options)))
+
+    def said(self) -> dict[str, Any]:
+        """What it says by key, the options among the others; as arguments, they make the same again."""
+        own = {key: value for key, value in vars(self).items() if key != "options" and value is not None}
+        return own | dict(self.options)
 
     def changed(self, **defaults: Any) -> RunDefaults:
         """The same with these in their places; steps replace a time, and a time steps."""
         for one, other in (("steps", "time"), ("time", "steps")):
             if one in defaults:
                 defaults.setdefault(other, None)
-        return replace(self, **defaults)
+        return RunDefaults(**self.said() | defaults)
 
 
 @dataclass(frozen=True)

@@ -222,6 +222,18 @@ def number_density(value: Any, units: UnitSystem, mass: float, key: str = "densi
         return quantity(value, "density", units, key) / mass
 
 
+def unit_named(text: str, units: UnitSystem | None, key: str) -> str:
+    """The unit that a text names: that of a dimension ("length") in ``units``, or the text, where it is a unit.
+
+    "" is no unit. An InputError begins with ``key``."""
+    dimension = text.replace("_", " ")
+    if dimension in DIMENSIONS and units is not None:
+        return units.unit(dimension)
+    if text and not (units is not None and text in map(units.unit, DIMENSIONS)):
+        _parsed(text, text, f"{key}: ")
+    return text
+
+
 def _powers(dimension: str) -> dict[str, int]:
     try:
         return DIMENSIONS[dimension.replace("_", " ")]
@@ -249,7 +261,8 @@ def _registry() -> Any:
     return registry
 
 
-def _convert(number: float, unit: str, dimension: str, units: UnitSystem, wrong: str, prefix: str) -> float:
+def _parsed(unit: str, text: str, prefix: str) -> Any:
+    """pint's unit of that name; an InputError names what is not known in the ``text``."""
     import pint
 
     registry = _registry()
@@ -257,15 +270,19 @@ def _convert(number: float, unit: str, dimension: str, units: UnitSystem, wrong:
         raise InputError(f"{prefix}cannot read the unit {shown(unit)}")
     spelled = re.sub(r"(?<=[^\W\d])([+-]?\d)", r"**\1", unit)  # cm3, s-1 -> cm**3, s**-1
     try:
-        parsed = registry.parse_units(spelled)
+        return registry.parse_units(spelled)
     except pint.UndefinedUnitError as error:
         names = error.unit_names
         name = names if isinstance(names, str) else next(iter(names))
-        raise InputError(
-            f"{prefix}unknown unit {name!r}{suggestion(name, _COMMON.split())} in {shown(f'{number:g} {unit}')}"
-        ) from None
+        raise InputError(f"{prefix}unknown unit {name!r}{suggestion(name, _COMMON.split())} in {shown(text)}") from None
     except Exception:  # pint's parser raises whatever Python's tokenizer and evaluator raise
         raise InputError(f"{prefix}cannot read the unit {shown(unit)}") from None
+
+
+def _convert(number: float, unit: str, dimension: str, units: UnitSystem, wrong: str, prefix: str) -> float:
+    import pint
+
+    registry, parsed = _registry(), _parsed(unit, f"{number:g} {unit}", prefix)
     given = registry.Quantity(number, parsed)
     try:
         if not _is_pure(registry, parsed, dimension):

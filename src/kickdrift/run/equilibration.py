@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from kickdrift.engines import NATIVE
 from kickdrift.errors import InputError
 from kickdrift.looks.observers import kinetic_energy
 from kickdrift.model.checks import positive, unwarned, whole_number
@@ -16,13 +15,49 @@ from kickdrift.model.state import State
 from kickdrift.model.system import System
 
 if TYPE_CHECKING:
-    from kickdrift.run.simulation import Simulation
+    from kickdrift.integrators.method import Method
+    from kickdrift.looks.observers import Energies
+    from kickdrift.run.advance import Integration
+
+Progress = Callable[[int, int], Any]
+
+
+class Heated(Protocol):
+    """What is known of a Simulation that is brought to a temperature."""
+
+    state: Any
+    method: Method
+    dt: float | None
+    integration: Integration
+
+    @property
+    def system(self) -> Any: ...
+
+    @property
+    def running(self) -> bool: ...
+
+    @property
+    def steps_done(self) -> int: ...
+
+    def energy(self) -> Energies: ...
+
+    def advance(self, steps: int) -> None: ...
+
+    def equilibrate(
+        self, temperature: float, time: float, interval: int = 10, progress: Progress | None = None
+    ) -> None: ...
 
 
 def equilibrate(
-    sim: Simulation, temperature: float, time: float, interval: int, progress: Callable[[int, int], Any] | None
+    sim: Heated,
+    temperature: float,
+    time: float,
+    interval: int,
+    progress: Progress | None,
+    with_verlet: Callable[[], Heated],
 ) -> None:
-    """See ``Simulation.equilibrate``."""
+    """See ``Simulation.equilibrate``; ``with_verlet`` makes the Simulation that takes the place of one whose velocities
+    cannot be rescaled."""
     if not isinstance(sim.system, System):
         raise InputError("equilibrate: a Problem has no temperature")
     temperature = positive("equilibrate: temperature", temperature, "positive")
@@ -33,11 +68,7 @@ def equilibrate(
     if sim.running:
         raise InputError("equilibrate: the Simulation runs already")
     if not sim.method.rescalable:
-        from kickdrift.run.simulation import Simulation
-
-        other = Simulation(
-            sim.system, "velocity-verlet", sim.system.run.dt, sim.threads, engine=sim.engine, processes=sim.processes
-        )
+        other = with_verlet()
         other.equilibrate(temperature, time, interval, progress)
         sim.state = other.state
         return
@@ -45,40 +76,33 @@ def equilibrate(
     masses = sim.system.coherent_masses
     wanted = 0.5 * sim.system.degrees_of_freedom * sim.system.units.boltzmann * temperature
     count = max(1, round(steps_in("equilibrate: time", time, sim.dt)))
-    sim._prepare()
-    compile_seconds = sim.record.compile_seconds
+    sim.integration.prepare()
+    compile_seconds = sim.integration.record.compile_seconds
     _restart(sim)
     potentials: list[float] = []
-    with sim._busy() as interrupted:
-        while sim.steps_done < count and not interrupted():
-            _rescale(sim, masses, wanted)
-            sim._advance(min(interval, count - sim.steps_done))
-            if 2 * sim.steps_done >= count:
-                potentials.append(sim.energy().potential)
-            if progress:
-                progress(sim.steps_done, count)
-    if interrupted():
-        raise KeyboardInterrupt
+    while sim.steps_done < count:
+        _rescale(sim, masses, wanted)
+        sim.advance(min(interval, count - sim.steps_done))
+        if 2 * sim.steps_done >= count:
+            potentials.append(sim.energy().potential)
+        if progress:
+            progress(sim.steps_done, count)
     _rescale(sim, masses, max(wanted + float(np.mean(potentials)) - potentials[-1], 0.5 * wanted))
     _restart(sim)
-    sim.record.compile_seconds = compile_seconds
+    sim.integration.record.compile_seconds = compile_seconds
 
 
-def _restart(sim: Simulation) -> None:
+def _restart(sim: Heated) -> None:
     """Call the present step 0."""
     now = sim.state
     sim.state = State(now.phase, now.masses, now.ids, now.box)
 
 
 @unwarned
-def _rescale(sim: Simulation, masses: Any, kinetic: float) -> None:
-    stepper = sim._stepper
-    velocities = stepper.y[1]
-    now = kinetic_energy(masses, velocities)
+def _rescale(sim: Heated, masses: Any, kinetic: float) -> None:
+    now = kinetic_energy(masses, sim.integration.stepper.y[1])
     if now == 0:
         raise InputError(
             "equilibrate: all velocities are zero, so none can be rescaled; give [velocities] a temperature"
         )
-    velocities *= np.sqrt(kinetic / now)
-    if sim.engine != NATIVE:
-        stepper.reset(stepper.y, stepper.time, stepper.steps_done)  # which tells the program
+    sim.integration.rescale_velocities(np.sqrt(kinetic / now))

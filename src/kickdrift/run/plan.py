@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import astuple, dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
@@ -17,8 +17,9 @@ from kickdrift.model.limits import whole_number as whole_number
 from kickdrift.text import shown
 
 if TYPE_CHECKING:
-    from kickdrift.model.system import RunDefaults
-    from kickdrift.run.simulation import Simulation
+    from kickdrift.integrators.method import Method
+    from kickdrift.model.problem import Problem
+    from kickdrift.model.system import RunDefaults, System
 
 # Looks at a run that does not say how often; ``looks_at`` says how many when. They depend on the run alone, so that the
 # same run is looked at alike on every machine.
@@ -27,6 +28,30 @@ GLIMPSES = 10  # where there is no energy to sample: for stiffness alone
 LEAST = 50  # the verdict on the drift needs 40
 EVALUATIONS = 100  # of the forces for each look: a look costs one to seven of them
 BODIES = 16_000  # that may be looked at whatever the run's length: that is a few milliseconds in all
+
+
+class Clock(Protocol):
+    """How far a run has come."""
+
+    @property
+    def steps_done(self) -> int: ...
+
+    @property
+    def time(self) -> float: ...
+
+
+class Planned(Clock, Protocol):
+    """What is known of a run that is to be planned: a Simulation."""
+
+    method: Method
+    integrator: str
+    dt: float | None
+
+    @property
+    def system(self) -> System | Problem: ...
+
+    @property
+    def running(self) -> bool: ...
 
 
 @dataclass(frozen=True)
@@ -56,19 +81,19 @@ class Plan:
         begin_step, begin_time, end_step, end_time, every, interval, exact = numbers
         return cls(int(begin_step), begin_time, int(end_step), end_time, int(every), interval, bool(exact))
 
-    def over(self, sim: Simulation) -> bool:
+    def over(self, run: Clock) -> bool:
         """Whether the run has come to its end."""
-        return sim.steps_done >= self.end_step or sim.time >= self.end_time
+        return run.steps_done >= self.end_step or run.time >= self.end_time
 
-    def next_stop(self, sim: Simulation) -> tuple[int, float]:
+    def next_stop(self, run: Clock) -> tuple[int, float]:
         """The next step number and time to stop at, whichever comes first."""
         step, time = self.end_step, self.end_time
         if self.every:
-            step = min(step, (sim.steps_done // self.every + 1) * self.every)
+            step = min(step, (run.steps_done // self.every + 1) * self.every)
         if self.interval:
-            passed = np.floor((sim.time - self.begin_time) / self.interval * (1 + 1e-15))
+            passed = np.floor((run.time - self.begin_time) / self.interval * (1 + 1e-15))
             ahead = self.begin_time + (passed + 1) * self.interval
-            while ahead <= sim.time:
+            while ahead <= run.time:
                 passed += 1
                 ahead = self.begin_time + (passed + 1) * self.interval
             if ahead < self.end_time - 1e-15 * abs(self.end_time):
@@ -84,11 +109,11 @@ class Plan:
         """The present comes no further than that before the next look."""
         return stop_time if self.exact else self.end_time
 
-    def progress(self, sim: Simulation) -> tuple[int, int]:
+    def progress(self, run: Clock) -> tuple[int, int]:
         """Done, and of how much."""
         if self.end_step < NEVER:
-            return sim.steps_done - self.begin_step, self.end_step - self.begin_step
-        done = (sim.time - self.begin_time) / (self.end_time - self.begin_time)
+            return run.steps_done - self.begin_step, self.end_step - self.begin_step
+        done = (run.time - self.begin_time) / (self.end_time - self.begin_time)
         return min(1000, int(1000 * done)), 1000
 
 
@@ -101,7 +126,7 @@ def looks_at(steps: int, evaluations: int, bodies: int) -> int:
 
 
 def plan_of(
-    sim: Simulation,
+    sim: Planned,
     steps: int | None,
     until: float | None,
     every: int | None,
@@ -149,7 +174,7 @@ def check_run(run: RunDefaults) -> None:
         check_samples(steps / run.every, "every")
 
 
-def length_of(sim: Simulation, name: str, steps: int | None = None, time: float | None = None) -> dict[str, Any]:
+def length_of(sim: Planned, name: str, steps: int | None = None, time: float | None = None) -> dict[str, Any]:
     """What ``Simulation.run`` is asked for: steps, or the time until; where neither is given, what the system, which
     goes by that name, says itself."""
     given = sim.system.run
@@ -161,10 +186,10 @@ def length_of(sim: Simulation, name: str, steps: int | None = None, time: float 
         raise InputError(f"{name}: [run] names neither steps nor time; give --steps or --time")
     if sim.method.chooses_steps and time is not None:
         return {"until": sim.time + time}
-    return {"steps": sim.steps_to(steps, None if time is None else sim.time + time)}
+    return {"steps": steps_to(sim, steps, None if time is None else sim.time + time)}
 
 
-def steps_to(sim: Simulation, steps: int | None, until: float | None) -> int:
+def steps_to(sim: Planned, steps: int | None, until: float | None) -> int:
     """See ``Simulation.steps_to``."""
     if sim.running:
         raise InputError("run: the Simulation runs already")

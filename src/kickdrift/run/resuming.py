@@ -21,6 +21,7 @@ from kickdrift.looks.observers import Sample
 from kickdrift.model.limits import NEVER
 from kickdrift.model.system import System
 from kickdrift.model.units import shown
+from kickdrift.run.loop import go_to
 from kickdrift.run.plan import Plan, check_samples, whole_number
 from kickdrift.run.simulation import Simulation
 from kickdrift.text import counted
@@ -74,7 +75,7 @@ def resume(
         end = step is None
         goal = _goal(run, step, run.last_point)
         damaged = _restore(sim, run, goal)
-        sim.go_to(*goal, end=Plan.of(run.plan).end_time if run.plan else np.inf)
+        go_to(sim.integration, *goal, end=Plan.of(run.plan).end_time if run.plan else np.inf)
         at, when = goal
         if when is not None and not same((at, when), sim.steps_done, sim.time):
             raise InputError(f"{run.path}: damaged: its last sample is of step {at} and time {when:g}, and no step is")

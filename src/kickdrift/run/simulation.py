@@ -3,50 +3,44 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager, nullcontext
-from dataclasses import asdict
-from time import perf_counter
-from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
+from collections.abc import Callable, Iterable
+from typing import TYPE_CHECKING, Any
+from warnings import warn
 
-import numpy as np
-from numpy.typing import ArrayLike
-
-from kickdrift.disk.files import place
-from kickdrift.disk.interrupt import interruptible
 from kickdrift.engines import engine as engine_named
-from kickdrift.engines.session import Job, begin
-from kickdrift.errors import InputError, RunError
+from kickdrift.engines.session import Job
+from kickdrift.errors import InputError
 from kickdrift.forces.bound import check_threads
-from kickdrift.forces.kernel import OK
 from kickdrift.integrators import integrator as method_named
-from kickdrift.integrators.flow import Flow, ParticleFlow, flow_of
-from kickdrift.integrators.method import MIXED
-from kickdrift.integrators.options import Options
-from kickdrift.integrators.stepping import STOPPED, Counts, Stepper
-from kickdrift.jit.compile import features, processor
+from kickdrift.integrators.asked import Integrator, settled, unpacked
 from kickdrift.looks.observers import Energies, Sample
 from kickdrift.looks.record import Record
 from kickdrift.model.capacity import PROCESS_BYTES, check_room
-from kickdrift.model.checks import no_overflow, path_text, unwarned, whole_number
+from kickdrift.model.checks import path_text, whole_number
 from kickdrift.model.events import checked_events
 from kickdrift.model.memory import Memory
 from kickdrift.model.problem import Problem
-from kickdrift.model.state import Floats, read_only
+from kickdrift.model.state import Floats
 from kickdrift.model.system import System
-from kickdrift.model.units import shown
-from kickdrift.run.lookout import Lookout
+from kickdrift.run.advance import Integration
+from kickdrift.run.asked import check_asked, kind_of
+from kickdrift.run.checkpoint import checkpoint_of, restore
+from kickdrift.run.columns import ColumnWatcher, check_columns_fit, checked_columns
+from kickdrift.run.equilibration import equilibrate
+from kickdrift.run.forces import accelerations_at, forces_at
+from kickdrift.run.looks import Sampler
+from kickdrift.run.loop import go_on, run_through
+from kickdrift.run.outputs import Outputs
 from kickdrift.run.plan import Plan, plan_of, steps_to
 from kickdrift.run.report import Report, report
-from kickdrift.run.watch.watching import WatchedStepper
+from kickdrift.run.watch.stability import Stability
+from kickdrift.run.watch.watcher import Observe, Watcher
+from kickdrift.run.watch.watching import Events
 
 if TYPE_CHECKING:
-    from kickdrift.integrators.exact import Lattice
+    from kickdrift.looks.columns import Column
     from kickdrift.model.events import Event
-    from kickdrift.trajectory.h5md import Writer
     from kickdrift.trajectory.options import FileOptions
-
-CHUNK_SECONDS = 0.1  # how long compiled code runs before Python looks for Ctrl-C
 
 Observer = Callable[["Simulation"], Any]
 
@@ -57,24 +51,18 @@ class Simulation:
     Parameters
     ----------
     system : System or Problem
-    integrator : name, see ``kickdrift.integrators()``; default the system file's, else "velocity-verlet" for particles
-        and "dormand-prince45" for a Problem
+    integrator : name, see ``kickdrift.integrators()``, or a value that ``kickdrift.integrator`` makes; default the
+        system file's, else "velocity-verlet" for particles and "dormand-prince45" for a Problem
     dt : step in the system's unit of time; default the system file's. For an adaptive method the first step, optional
     threads : of the forces; the results do not depend on it, bit by bit
     engine : the program that runs it, see ``kickdrift.engines()``: "native", or another that is installed
     processes : of an engine that runs on several ("lammps")
-    rtol, atol : relative and absolute error allowed per step by an adaptive method, one number or, for a Problem, one
-        for each component of y; default the system file's, else 1e-8 and 1e-10. gauss-radau15 takes one rtol alone,
-        which sets its steps, 1e-9 by default
-    max_step : the longest step that an adaptive method may take; default the system file's, else any
-    controller : how an adaptive method sets its step: "i", "pi" (default) or "pid"
-    compensated : carry on what rounding loses of positions and velocities; for methods of fixed steps
     events : what to watch for (`CloseApproach`, `Collision`, `Escape`, `Crossing`); default the system file's
-    iteration : how an implicit method solves for its stages: "newton" or "fixed-point"
-    coordinates, corrector, order, eta, scheme : see the integrators that take them; default the system file's
-    precision : of pair forces, "double" (float64, default) or "mixed": pairs in float32, all else in float64; forces
-        in a liquid are off by about 2e-7 of a typical one for each sigma of the box's edge (or of the extent, in open
-        space), and the energies that are reported are float64's
+    options : what the integrator takes, such as ``rtol=1e-10`` or ``corrector=17``; `kickdrift list integrators NAME`
+        explains them. Options given here come first, then those of an integrator's value, then the system file's.
+        Every integrator takes ``precision``, which is of pair forces: "double" (float64, default) or "mixed" (pairs in
+        float32, all else in float64). With "mixed", forces in a liquid are off by about 2e-7 of a typical one for each
+        sigma of the box's edge (or of the extent, in open space). Reported energies are float64's
 
     Raises
     ------
@@ -85,39 +73,24 @@ class Simulation:
     def __init__(
         self,
         system: System | Problem,
-        integrator: str | None = None,
+        integrator: str | Integrator | None = None,
         dt: float | None = None,
         threads: int = 1,
         *,
         engine: str = "native",
         processes: int = 1,
-        rtol: ArrayLike | None = None,
-        atol: ArrayLike | None = None,
-        max_step: float | None = None,
-        controller: str | None = None,
-        compensated: bool = False,
-        iteration: str | None = None,
-        coordinates: str | None = None,
-        corrector: int | None = None,
-        order: str | None = None,
-        eta: float | None = None,
-        scheme: str | None = None,
-        precision: str | None = None,
         events: Iterable[Event] | None = None,
+        **options: Any,
     ) -> None:
         if not isinstance(system, System | Problem):
-            raise InputError(f"a Simulation takes a System or a Problem, got {_kind_of(system)}")
+            raise InputError(f"a Simulation takes a System or a Problem, got {kind_of(system, Simulation)}")
         self._engine = engine_named(engine)
         default = "velocity-verlet" if isinstance(system, System) else "dormand-prince45"
-        named = integrator if integrator is not None else system.run.integrator
+        name, asked = unpacked(integrator, {"dt": dt, **options})
+        named = name if name is not None else system.run.integrator
         self.integrator = default if named is None else self._engine.method_name(named)
         self.method = method_named(self.integrator)
-        tolerances: Any = rtol, atol  # which `checked` looks at
-        asked = Options(
-            dt, tolerances[0], tolerances[1], controller, compensated, iteration, coordinates, corrector, order, eta,
-            scheme, precision, max_step,
-        )  # fmt: skip
-        self.options = self.method.checked(asked.or_else(system.run), asked)
+        self.options = settled(self.method, asked, system.run)
         self.dt = self.options.dt
         if self.dt is None and self.method.needs_dt:
             raise InputError(f"dt is needed: system {system.name!r} names none in [run]")
@@ -130,22 +103,42 @@ class Simulation:
             watched: tuple[Event, ...] = system.events
         else:
             watched = checked_events(system, events or ())
+        job = Job(system, self.method, self.integrator, self.options, self.threads, self.processes)  # type: ignore[arg-type]
         if self._engine.foreign or self.processes > 1:
-            self._engine.check(self._job(system))
-        self._stepper: Stepper | WatchedStepper = self.stepper_for(system)
-        self._watching: WatchedStepper | None = None
-        if watched:
-            self._stepper = self._watching = WatchedStepper(self, self._stepper, watched)
-        self._lookout = Lookout(self, self._engine.foreign)
-        self._chunk = 1
-        self._compiled = 0  # 1: all that steps and a look need; 2: and what many looks in a row do
-        self.running = False
-        self.output: str | None = None  # the file that `run` writes to unless told, of a run that was taken up again
+            self._engine.check(job)
+        self.integration = Integration(job, self._engine, watched)
+        self._stability = Stability(self.integration, self._engine.foreign)
+        self._sampler = Sampler(self.integration, self._stability)
+        self._outputs = Outputs(self.integration, self.checkpoint)
         self.plan: Plan | None = None  # what `run` goes on with where it is told nothing
-        self._files: dict[str, Own] = {}  # files that this Simulation began, or goes on into
         self.state = system.state
 
     # --- state ---
+
+    @property
+    def system(self) -> Any:
+        """The System or Problem that runs; bodies that an event took away are missing."""
+        return self.integration.system
+
+    @property
+    def engine(self) -> str:
+        """The name of the program that runs it."""
+        return self._engine.name
+
+    @property
+    def engine_version(self) -> str | None:
+        """Its version."""
+        return self._engine.version
+
+    @property
+    def running(self) -> bool:
+        """Whether a run goes on; the state is read-only meanwhile."""
+        return self.integration.running
+
+    @property
+    def record(self) -> Record:
+        """The run's samples, and what it cost."""
+        return self.integration.record
 
     @property
     def state(self) -> Any:
@@ -154,22 +147,40 @@ class Simulation:
 
         An adaptive run's own step point may lie before or past ``time``. The run goes on from that step point, whatever
         was looked at."""
-        return self._flow.state(self._now(), self.time, self.steps_done)
+        return self.integration.state
 
     @state.setter
     def state(self, state: Any) -> None:
         if self.running:
             raise InputError("state: is read-only while the Simulation runs")
-        y = self._flow.array(state)
-        if self.dt is not None and isinstance(self._flow, ParticleFlow) and not self._engine.foreign:
-            self._flow.tune(y, self.dt / max(1, self.method.evaluations))
-        with no_overflow():
-            self._stepper.reset(y, state.time, state.steps_done)
-        self._at: float | None = None  # the present, where it lies before the stepper's last step point
-        self._present: tuple[float, Floats] | None = None  # and y there, once it was looked at
-        self.record = Record()
-        self._replaced = True  # a file that goes on with this cannot be replayed from what it has
-        self._lookout.begin(check_at=self.record.steps)
+        self.integration.begin_at(state)
+        self._stability.begin_anew(check_at=0)
+
+    @property
+    def method_state(self) -> Any:
+        """What the method moves where that is more than positions and velocities; an InputError where it is not.
+
+        Under leapfrog-exact that is a `Lattice` of whole numbers, a copy, which ``state`` shows rounded to floats.
+        Setting it takes a run up again to the last bit, and ``sim.method_state = sim.method_state.reversed()`` turns
+        the run around."""
+        return self.integration.stepper_with_state.method_state
+
+    @method_state.setter
+    def method_state(self, value: Any) -> None:
+        if self.running:
+            raise InputError("method_state: is read-only while the Simulation runs")
+        self.integration.begin_with(value)
+
+    @property
+    def lattice(self) -> Any:
+        """The old name of ``method_state``; goes after version 0.2."""
+        _warn_of_lattice()
+        return self.method_state
+
+    @lattice.setter
+    def lattice(self, value: Any) -> None:
+        _warn_of_lattice()
+        self.method_state = value
 
     def checkpoint(self) -> Memory:
         """All that the rest of the run depends on, by value: arrays, numbers, texts, None, and lists and dicts of these
@@ -178,15 +189,7 @@ class Simulation:
         That is: the method and its options; the stepper's own memory (see the integrators' pages), pair lists
         included; the present, where it lies inside a step; what events are under way, and the bodies that are left;
         and the record but for its samples. It may be taken at any look, and changes nothing."""
-        return {
-            "step": self.steps_done,
-            "time": self.time,
-            "integrator": self.method.name,
-            "options": asdict(self.options),
-            "stepper": self._stepper.memory(),
-            "present": self._at,
-            "record": self.record.memory(),
-        }
+        return checkpoint_of(self.integration)
 
     def restore(self, checkpoint: Memory) -> None:
         """Go on where ``checkpoint`` was taken, of a Simulation of the same system, method, options and events; the
@@ -196,89 +199,34 @@ class Simulation:
         goes on."""
         if self.running:
             raise InputError("restore: the Simulation runs")
-        try:
-            self._restore(checkpoint)
-        except InputError:
-            raise
-        except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError, MemoryError) as error:
-            why = " ".join(f"{type(error).__name__}: {error}".split())
-            raise InputError(f"checkpoint: does not fit a run of this system: {why[:200]}") from None
-
-    def _restore(self, checkpoint: Memory) -> None:
-        own = {"integrator": self.method.name, **asdict(self.options)}
-        for key, value in {"integrator": checkpoint["integrator"], **checkpoint["options"]}.items():
-            if own.get(key) != (tuple(value) if isinstance(value, list) else value):
-                raise InputError(f"checkpoint: {key} is {value!r} there, and {own.get(key)!r} here")
-        there, here = checkpoint["stepper"]["y"].shape, self._stepper.y.shape
-        if there != here and not self._watching:
-            raise InputError(f"checkpoint: holds {there[-1]} particles or unknowns, and the system {here[-1]}")
-        self._stepper.recall(checkpoint["stepper"])
-        self._at, self._present = checkpoint["present"], None
-        self.record = Record.recalled(checkpoint["record"])
-        self._replaced = True
-        self._lookout.begin(check_at=2 * self.record.steps)
-
-    @property
-    def lattice(self) -> Lattice:
-        """The whole numbers that leapfrog-exact moves, a copy; ``state`` shows them rounded to floats. Setting it takes
-        a run up again to the last bit, and ``sim.lattice = sim.lattice.reversed()`` turns it around."""
-        return self._exact().lattice
-
-    @lattice.setter
-    def lattice(self, lattice: Lattice) -> None:
-        if self.running:
-            raise InputError("lattice: is read-only while the Simulation runs")
-        self._exact().lattice = lattice
-        if self._watching:
-            self._watching.begin()
-        self._replaced = True
-        self.record = Record()
-        self._lookout.keep()
-
-    def _exact(self) -> Any:
-        stepper = self._watching.inner if self._watching else self._stepper
-        if not hasattr(stepper, "lattice"):
-            raise InputError(f"lattice: {self.integrator} has none; leapfrog-exact has")
-        return stepper
+        restore(self.integration, checkpoint)
+        self._stability.begin_anew(check_at=2 * self.record.steps)
 
     @property
     def time(self) -> float:
         """In the system's unit."""
-        return self._stepper.time if self._at is None else self._at
+        return self.integration.time
 
     @property
     def steps_done(self) -> int:
         """Steps since the start; where the present lies inside one, that one counts."""
-        return self._stepper.steps_done + (self._at is not None and self._at > self._stepper.time)
-
-    def _now(self) -> Floats:
-        if self._at is None:
-            return self._stepper.y
-        if self._present is None or self._present[0] != self._at:
-            if self._at > self._stepper.time:
-                self._look_ahead(self._at)
-            else:
-                self._present = self._at, self._stepper.at(self._at)
-        assert self._present is not None
-        return self._present[1]
+        return self.integration.steps_done
 
     def energy(self) -> Energies:
         """Kinetic, potential and total energy now, in the system's units."""
         return self.sample().energies
 
+    def accelerations(self) -> Floats:
+        """(n, 3) accelerations of the particles now, in the system's units; a read-only copy."""
+        return accelerations_at(self.integration)
+
     def forces(self) -> Floats:
         """(n, 3) forces on the particles now, in the system's energy unit per length; a read-only copy."""
-        if not isinstance(self._flow, ParticleFlow):
-            raise InputError("forces: a Problem has none")
-        accelerations = self._flow.accelerations(self._now(), self.time)
-        if accelerations is None:
-            raise RunError(f"step {self.steps_done}: the forces at these positions are not finite")
-        return read_only((accelerations * self._flow.subject.coherent_masses).T.copy())
+        return forces_at(self.integration)
 
     def sample(self) -> Sample:
         """All that is watched, now."""
-        fresh = self._at is None and getattr(self._stepper, "fresh", False)
-        return self._flow.sample(self._now(), self.time, self.steps_done, fresh)
+        return self.integration.sample()
 
     @property
     def events(self) -> list[dict[str, Any]]:
@@ -286,10 +234,20 @@ class Simulation:
         kind, time, step (in which it was), bodies, ids, distance, energy that it took out, and what was done."""
         return [dict(row) for row in self.record.events]
 
+    @property
+    def stopped(self) -> str:
+        """The event that ended the last run, in words; "" where none did."""
+        return self.integration.events.stopped if self.integration.events else ""
+
+    def going_on(self) -> list[dict[str, Any]]:
+        """Close approaches that have not ended yet, as entries of ``events`` so far."""
+        return self.integration.events.going_on() if self.integration.events else []
+
     def report(self) -> Report:
         """How well the run conserved energy and momentum so far, and what it cost."""
         if not self.record.looks:
-            self._look()
+            self._sampler.look()
+            self._stability.look()
         return report(self)
 
     # --- running ---
@@ -305,6 +263,7 @@ class Simulation:
         overwrite: bool = False,
         file: FileOptions | None = None,
         observe: Observer | None = None,
+        columns: Iterable[Column] = (),
         progress: Callable[[int, int], Any] | None = None,
     ) -> Report:
         """Take ``steps`` steps, or go on ``until`` a time: on the grid of whole steps, or any for an adaptive method.
@@ -312,7 +271,10 @@ class Simulation:
         Every ``every`` steps (counted from step 0), at the start and at the end the energies are sampled, a frame goes
         to ``output`` (a new .h5md file, or one that this Simulation began) and ``observe(sim)`` is called. An adaptive
         run may ask for that at every ``interval`` of time instead; the steps do not change by it. ``file`` says how the
-        output is written: how often it is flushed, its precision, compression, forces and images.
+        output is written: how often it is flushed, its precision, compression, forces and images. The values of
+        ``columns`` are written beside the energies; ``record.samples`` has them too. A run that goes on into a file
+        gives the columns that the file was begun with.
+
         Without ``every`` the system file's counts, or that of the file that the run goes on into. Where nothing says
         how often, there are about 1000 looks; in a run of fewer than 100,000 evaluations of the forces, one for each
         100 of them, but at least 16000 / bodies or 50 (as far as there are steps). That depends on the run alone.
@@ -322,100 +284,56 @@ class Simulation:
         Returns the Report. Raises InputError for arguments that make no sense, and RunError where the run blows up; the
         state is then that of the last sample.
         """
-        for key, function in (("observe", observe), ("progress", progress)):
-            if not (function is None or callable(function)):
-                raise InputError(f"run: {key} must be a function, got {shown(function)}")
-        if not isinstance(overwrite, bool | np.bool_):
-            raise InputError(f"run: overwrite must be True or False, got {shown(overwrite)}")
-        output = None if output is None else path_text("run: output", output)
-        if output is None:
-            output = self.output
-            if output and (overwrite or not os.path.exists(output)):
-                why = "is what this run goes on into" if overwrite else "is gone, and this run goes on into it"
-                raise InputError(f"{output}: {why}; give another output")
-        own = self._files.get(os.path.realpath(output or "")) or self._files.get(self.output or "")
+        check_asked(observe, progress, overwrite)
+        units = self.system.units if isinstance(self.system, System) else None
+        written = ColumnWatcher(checked_columns(columns, units), self.integration, self)
+        output = self._outputs.chosen(None if output is None else path_text("run: output", output), overwrite)
         if self.plan is not None and (steps, until, every, interval) == (None,) * 4:
             plan = self.plan
         else:
-            seen = isinstance(self.system, System) or self.system.energy is not None or observe is not None
+            own = self._outputs.own(output)
+            seen = isinstance(self.system, System) or self.system.energy is not None or bool(observe or written.columns)
             if own and self.method.chooses_steps and (steps, every, interval) == (None,) * 3:
                 interval = own.interval
             plan = plan_of(self, steps, until, every, interval, own.every if own else None, seen)
+        check_columns_fit(written.columns, plan)
         self.plan = None
-        alone = output is None and not (observe or self._watching)  # nobody but the record looks
-        self._prepare(plan if alone else None)
-        if self._watching:
-            self._watching.stopped = ""
-        with self._busy() as interrupted, self._writer(output, plan, overwrite, file) as writer:
-            if self._watching:
-                self._watching.writer = writer
-                if writer:
-                    writer.absorbed = self._watching.absorbed
-            self._look(writer, observe, again=False)
-            self._lookout.check_step()
-            if writer and self._replaced:
-                writer.flush(final=True, anew=True)
-            self._replaced = False if writer else self._replaced
-            began = perf_counter()
-            spent_before = self.record.wall_seconds
-            looked = True
-            while not (plan.over(self) or interrupted() or self.stopped):
-                if alone and (count := self._lookout.alone(plan, self._chunk)):
-                    self._series(plan, count)
-                    self.record.wall_seconds = spent_before + perf_counter() - began
-                    looked = self._at is None and self.record.looks.at(self.steps_done, self.time)
-                    if progress:
-                        progress(*plan.progress(self))
-                    continue
-                stop, stop_time = plan.next_stop(self)
-                steps = min(self._chunk, stop - self._stepper.steps_done)
-                held = self._advance(steps, stop_time, plan.horizon(stop_time), plan.end_time)
-                if held:
-                    self._look_ahead(plan.horizon(stop_time), counted=plan.horizon(stop_time) == plan.end_time)
-                else:
-                    self._at = plan.present(self._stepper.time, stop_time)
-                self.record.wall_seconds = spent_before + perf_counter() - began
-                looked = held or self.steps_done == stop or self._stepper.time >= stop_time
-                if looked:
-                    self._look(writer, observe)
-                elif writer:
-                    writer.flush_if_due()
-                if progress:
-                    progress(*plan.progress(self))
-            if not looked:
-                self._look(writer, observe)
-            self._lookout.warn()
-            found = self.report()
-            if writer:
-                writer.report = found.as_json()
-                writer.report["events"] = self.going_on()  # the others stand in the file already
-        if interrupted():
-            raise KeyboardInterrupt
-        return found
+        run = self.integration
+        watching: list[Watcher | None] = [
+            Events(run.events) if run.events else None,
+            self._stability,
+            written if written.columns else None,
+            self._outputs.watcher(output, plan, overwrite, file, written.described, self.going_on),
+            Observe(observe, self) if observe else None,
+        ]
+        watchers = [each for each in watching if each]
+        alone = watchers == [self._stability]
+        run.prepare()
+        if alone:
+            self._sampler.prepare(plan)
+        return run_through(run, self._sampler, plan, watchers, alone, self.report, progress)
 
-    def go_to(self, step: int, time: float | None = None, end: float = np.inf) -> None:
-        """Run to a step without a look; an adaptive method to a ``time`` inside the step that leads there. ``end`` is
-        where the run was to end."""
-        self._prepare()
-        horizon, held = (np.inf if time is None else time), False
-        with self._busy() as interrupted:
-            while self.steps_done < step and not (held or interrupted()):
-                if self._watching:
-                    self._watching.stopped = ""  # a run that an event ended, and that was continued
-                held = self._advance(min(self._chunk, step - self._stepper.steps_done), horizon=horizon, end=end)
-                if self._stepper.time - self._stepper.last_step > horizon + 1e-9 * abs(horizon):
-                    raise InputError(f"step {step}: is not at time {horizon:g}, which lies at step {self.steps_done}")
-        if interrupted():
-            raise KeyboardInterrupt
-        if time is not None and (held or self._stepper.time > time):
-            self._at = time
-        self._lookout.keep()
+    def advance(self, steps: int, *, every: int | None = None, visit: Observer | None = None) -> None:
+        """Take ``steps`` steps without a look: nothing is sampled, written or observed.
+
+        The bits are those of ``run``. ``visit(sim)`` is called after each ``every`` steps and at the end; where it
+        returns something true, the steps end there. The steps count in the report. A run that blows up goes back to
+        the last look, or to the last state that was set. An event that ends a run ends this too, and ``stopped`` names
+        it. Raises InputError for numbers that make no sense, and while a run goes on; RunError where the run blows
+        up."""
+        steps, every = self.steps_to(steps), every if every is None else whole_number("every", every, 1)
+        go_on(self.integration, steps, every, visit, self)
+
+    @property
+    def output(self) -> str | None:
+        """The file that ``run`` writes to unless told, of a run that was resumed."""
+        return self._outputs.default
 
     def continue_in(self, path: str, run_id: str, every: int, plan: Plan | None) -> None:
         """Go on into a file that another Simulation of the same run began, by its plan unless told otherwise."""
-        self.output, self.plan = path, plan
-        self._replaced = False
-        self._files[path] = Own.of(run_id, every, plan)
+        self.plan = plan
+        self.integration.replaced = False
+        self._outputs.continue_in(path, run_id, every, plan)
 
     def equilibrate(
         self,
@@ -431,249 +349,17 @@ class Simulation:
         over the second half, K(T) + <U>: the run that follows, at constant energy, then has the temperature as its mean
         and not just as its start. An adaptive method leaves this to velocity Verlet with the system file's dt.
         """
-        from kickdrift.run.equilibration import equilibrate
-
-        equilibrate(self, temperature, time, interval, progress)
-
-    @contextmanager
-    def _busy(self) -> Iterator[Callable[[], bool]]:
-        """Inside, the state cannot be replaced, and Ctrl-C only sets what the function yielded returns."""
-        self.running = True
-        try:
-            with interruptible() as interrupted:
-                yield interrupted
-        finally:
-            self.running = False
+        more = {"engine": self.engine, "processes": self.processes}
+        equilibrate(
+            self, temperature, time, interval, progress,
+            lambda: Simulation(self.system, "velocity-verlet", self.system.run.dt, self.threads, **more),  # type: ignore[arg-type]
+        )  # fmt: skip
 
     def steps_to(self, steps: int | None = None, until: float | None = None) -> int:
         """How many steps ``run(steps)`` or ``run(until=…)`` would take now; an InputError where that makes no sense, or
         where only the run can tell (an adaptive one until a time)."""
         return steps_to(self, steps, until)
 
-    def _prepare(self, alone: Plan | None = None) -> None:
-        """Compile what the run needs, so that its time does not count as the run's; what many looks in a row need, too,
-        where nobody else looks at it."""
-        level = 1 if alone is None else 2
-        if self._compiled >= level:
-            return
-        began = perf_counter()
-        if not self._compiled:
-            self._stepper.advance(0, self.time)
-            self._flow.prepare(self._stepper.y, self.time)
-        if alone:
-            self._lookout.prepare(alone)
-        self._compiled = level
-        self.record.compile_seconds += perf_counter() - began
 
-    def _advance(self, steps: int, until: float = np.inf, horizon: float = np.inf, end: float = np.inf) -> bool:
-        """Take steps; whether the next one is held back, because it would take f beyond the ``end``."""
-        began = perf_counter()
-        if self._watching:
-            self._watching.horizon = horizon
-        stepper: Any = self._stepper
-        limited = self.method.chooses_steps and not self._engine.foreign and self._flow.clocked
-        if limited:
-            stepper.end = end
-        self.record.steps += stepper.steps_done - self.steps_done  # a step that was begun is counted anew
-        before, counts = stepper.steps_done, stepper.counts
-        self._flow.forget_errors()
-        status = stepper.advance(steps, until)
-        self._at = self._present = None
-        self.record.steps += stepper.steps_done - before
-        self._count(stepper.counts - counts)
-        if status != OK or not (self._engine.foreign or np.isfinite(stepper.y).all()):  # the others look themselves
-            self._fail(inside_step=status != OK, stopped=status == STOPPED)
-        if stepper.steps_done == before:
-            return limited and not self._watching and steps > 0 and stepper.time < until
-        self._pace(perf_counter() - began)
-        return False
-
-    def _pace(self, elapsed: float) -> None:
-        """Have about as many steps in each call of compiled code as take CHUNK_SECONDS, if the last took so long."""
-        self._chunk = max(1, min(int(self._chunk * min(CHUNK_SECONDS / max(elapsed, 1e-9), 8.0)), 10**6))
-
-    def _count(self, cost: Counts) -> None:
-        self.record.force_evaluations += cost.evaluations
-        self.record.jacobian_evaluations += cost.jacobians
-        self.record.rejected_steps += cost.rejected
-
-    def _look_ahead(self, time: float, counted: bool = False) -> None:
-        """Have the present inside the step that follows, which is not taken: it would lead beyond the run's end."""
-        stepper: Any = self._stepper
-        self._flow.forget_errors()
-        status, y, cost = stepper.ahead(time)
-        if status != OK or not np.isfinite(y).all():
-            self._at = self._present = None
-            self._fail(inside_step=status != OK, stopped=status == STOPPED)
-        if self._at is None or self._at <= stepper.time:
-            self.record.steps += 1
-        if counted:
-            self._count(cost)
-        self._at, self._present = time, (time, y)
-
-    @unwarned
-    def _fail(self, inside_step: bool, stopped: bool = False) -> NoReturn:
-        """Say what blew up, in the step going on or in the last one, and go back to the last sample."""
-        seen, stepper = self._lookout, self._stepper
-        step = stepper.steps_done + inside_step
-        time = stepper.time + (0.0 if self.method.chooses_steps else (self.dt or 0.0) * inside_step)
-        with_step = "" if self.method.chooses_steps else f", dt = {self.dt:g}"
-        last, good = self._flow.state(seen.y, seen.time, seen.step), seen.y.copy()
-        if stopped:
-            message = (
-                f"stopped at step {step} (t = {stepper.time:.6g}): {stepper.trouble}{self._flow.meeting(stepper.y)}"
-            )
-        else:
-            reached, before = stepper.reached(inside_step)
-            message = self._flow.explain(reached, before, good, step, time, last.steps_done)
-        self.record.steps -= stepper.steps_done - last.steps_done
-        self.record.events = [event for event in self.record.events if event["time"] <= last.time]
-        self._replaced = True
-        stepper.reset(good, last.time, last.steps_done)
-        self._at = None
-        raised = self._flow.raised
-        if raised is not None and not isinstance(raised, Exception):
-            raise raised  # KeyboardInterrupt, SystemExit
-        error = RunError(f"{self.integrator}{with_step}: {message}")
-        error.state = last
-        raise error from raised
-
-    # --- what events ask for ---
-
-    @property
-    def stopped(self) -> str:
-        """The event that ended the last run, in words; "" where none did."""
-        return self._watching.stopped if self._watching else ""
-
-    def going_on(self) -> list[dict[str, Any]]:
-        """Close approaches that have not ended yet, as entries of ``events`` so far."""
-        return self._watching.going_on() if self._watching else []
-
-    def stepper_for(self, system: Any) -> Stepper:
-        """The method's stepper for these bodies, which are the Simulation's from now on."""
-        self.system = system
-        self._flow: Flow
-        if self._engine.foreign:
-            self._flow, stepper = begin(self._engine, self._job(system))
-            return stepper
-        mixed = self.options.precision == MIXED
-        self._flow = flow_of(system, self.threads, jumps=self.method.trial_steps, mixed=mixed)
-        if self.method.separable and self._flow.not_separable:
-            raise InputError(
-                f"{self.integrator}: needs accelerations that depend on positions and time alone, and "
-                f"{self._flow.not_separable}; Runge-Kutta methods do not"
-            )
-        return self.method.stepper(self._flow, self.options)
-
-    def _job(self, system: Any) -> Job:
-        return Job(system, self.method, self.integrator, self.options, self.threads, self.processes)
-
-    @property
-    def engine(self) -> str:
-        """The name of the program that runs it."""
-        return self._engine.name
-
-    @property
-    def engine_version(self) -> str | None:
-        """Its version."""
-        return self._engine.version
-
-    def bodies_changed(self) -> None:
-        """An event acted: there is no going back behind it."""
-        self._at = self._present = None
-        self._lookout.begin_anew()
-
-    def sample_at(self, y: Floats, time: float) -> Sample:
-        """All that is watched, at y."""
-        return self._flow.sample(y, time, self.steps_done)
-
-    def _look(self, writer: Writer | None = None, observe: Observer | None = None, again: bool = True) -> None:
-        """Sample, write and show the present state."""
-        if not self._lookout.look(again):
-            self._fail(inside_step=False, stopped=self._engine.foreign and bool(self._stepper.trouble))
-        if writer:
-            acting = self._watching is not None and self._watching.acting
-            forces = self.forces() if "forces" in writer.writes else None
-            writer.append(self.state, self.record.samples[-1].observables(taken=acting), forces=forces)
-        if observe:
-            observe(self)
-
-    def _series(self, plan: Plan, count: int) -> None:
-        """Go on through many looks that nobody else takes part in."""
-        began = perf_counter()
-        stepper = self._stepper
-        before, counts = stepper.steps_done, stepper.counts
-        self._flow.forget_errors()
-        status, refused = self._lookout.series(plan, count, self._chunk)
-        self.record.steps += stepper.steps_done - before
-        self._count(stepper.counts - counts)
-        if status != OK:
-            self._fail(inside_step=not refused, stopped=status == STOPPED and not refused)
-        self._at = plan.present(stepper.time, np.inf) if self.method.chooses_steps else None
-        self._pace(perf_counter() - began)
-
-    def _writer(self, output: Any, plan: Plan, overwrite: bool, options: FileOptions | None) -> Any:
-        if output is None:
-            if options is not None:
-                raise InputError("file: says how output is written, and there is none")
-            return nullcontext()
-        if not isinstance(self.system, System):
-            raise InputError("output: a run's file holds particles, and a Problem has none; use observe")
-        from kickdrift.trajectory.h5md import Writer
-        from kickdrift.trajectory.options import FileOptions
-
-        if not isinstance(options, FileOptions | None):
-            raise InputError(f"file: expected kd.FileOptions, got {shown(options)}")
-        path = os.path.realpath(output)
-        if path in self._files and not overwrite and os.path.exists(path):
-            return Writer.append_to(
-                path, self._files[path].run_id, options=options, checkpoint=self.checkpoint, plan=plan.numbers,
-                at=(self.steps_done, self.time), events=len(self.record.events),
-            )  # fmt: skip
-        method = {
-            "integrator": self.integrator,
-            "order": self.method.order,
-            "dt": self.dt,
-            "threads": self.threads,
-            "seed": self.system.seed,
-            "engine": self.engine,
-            "engine_version": self.engine_version,
-            "processes": self.processes,
-            **self.options.extras(self.method.tunable),
-            "options": asdict(self.options),
-            "processor": processor(),
-            "features": features(),
-        }
-        path = str(place(output))
-        self._replaced = False  # a new file begins with a checkpoint
-        system = self._watching.first if self._watching else self.system  # with the bodies that have left
-        writer = Writer(
-            path, system, method=method, every=plan.every, overwrite=overwrite, options=options,
-            checkpoint=self.checkpoint, plan=plan.numbers,
-        )  # fmt: skip
-        self._files[path] = Own.of(writer.run_id, plan.every, plan)
-        return writer
-
-
-class Own(NamedTuple):
-    """A file that a Simulation writes to, and the cadence of looks that it keeps."""
-
-    run_id: str
-    every: int
-    interval: float | None
-
-    @classmethod
-    def of(cls, run_id: str, every: int, plan: Plan | None) -> Own:
-        """Of a run that began the file by a plan."""
-        return cls(run_id, every, plan.interval if plan and plan.exact and plan.interval else None)
-
-
-def _kind_of(value: Any) -> str:
-    """What was given in place of a System, and what to give instead."""
-    if isinstance(value, Simulation):
-        return "a Simulation: give its ``system``, or go on with the Simulation itself"
-    if isinstance(value, str | os.PathLike):
-        return f"{shown(value)}: give kd.load({shown(str(value))}), or kd.resume of a run's file"
-    if isinstance(value, type):
-        return f"the class {value.__name__}"
-    return type(value).__name__
+def _warn_of_lattice() -> None:
+    warn("Simulation.lattice is Simulation.method_state since 0.2", DeprecationWarning, stacklevel=3)

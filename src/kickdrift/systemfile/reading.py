@@ -30,7 +30,7 @@ from kickdrift.model.starts.builders import (
 )
 from kickdrift.model.starts.coordinates import to_barycentric
 from kickdrift.model.state import Floats
-from kickdrift.model.system import Equilibration, RunDefaults, System, body_names
+from kickdrift.model.system import Equilibration, System, body_names
 from kickdrift.model.units import UNIT_SYSTEMS, UnitSystem, number_density, shown, suggestion, unit_system
 from kickdrift.systemfile.bodies import cluster, on_orbits
 from kickdrift.systemfile.events import events_of
@@ -46,6 +46,7 @@ from kickdrift.systemfile.schema import (
     force_parameters,
     ode_table,
 )
+from kickdrift.systemfile.schema_run import run_defaults
 
 _BESIDE_ODE = tuple(key for key in OdeFileTable.model_fields if key != "ode")
 
@@ -205,7 +206,7 @@ def _problem(data: dict[str, Any], path: Path, text: str, seed: int | None) -> P
     return replace(
         made,
         name=path.stem,
-        run=RunDefaults(**table.run.model_dump()),
+        run=run_defaults(table.run, None),
         invariants=table.invariants,
         source=text,
         equation=name,
@@ -218,6 +219,7 @@ def _system(data: dict[str, Any], path: Path, text: str, seed: int | None) -> Sy
         raise InputError(f"units: required key is missing; expected one of {', '.join(UNIT_SYSTEMS)}")
     units = unit_system(data["units"])
     table: SystemTable = checked(SystemTable, data, units)
+    run = run_defaults(table.run, units)
     forces = [_force(force, units, f"force[{k}]") for k, force in enumerate(table.force)]
     gravity = next((force.G for force in forces if getattr(force, "G", None) is not None), units.gravity)
     start = _start(table, units, path.parent, gravity, seed)
@@ -246,7 +248,7 @@ def _system(data: dict[str, Any], path: Path, text: str, seed: int | None) -> Sy
             units,
             start.species,
             path.stem,
-            RunDefaults(**table.run.model_dump()),
+            run,
             equilibration,
             table.invariants,
             text,

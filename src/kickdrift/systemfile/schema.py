@@ -16,7 +16,6 @@ from pydantic import (
     Discriminator,
     Field,
     NonNegativeInt,
-    PositiveFloat,
     PositiveInt,
     Tag,
     ValidationError,
@@ -29,7 +28,6 @@ from pydantic_core import ErrorDetails
 from kickdrift.errors import InputError
 from kickdrift.forces.pair_law import PairForce
 from kickdrift.model import checks
-from kickdrift.model.limits import MOST_STEPS
 from kickdrift.model.units import UnitSystem, shown
 from kickdrift.systemfile.schema_base import Edge, In, Mass, Pull, Radius, Table, Temperature, Time, Vector, Velocity
 from kickdrift.systemfile.schema_bodies import ElementsTable, PlummerTable
@@ -144,37 +142,6 @@ class BoxTable(Table):
         return self
 
 
-Tolerance = Annotated[
-    Annotated[PositiveFloat, Tag("<number>")]
-    | Annotated[list[PositiveFloat], Field(min_length=1), Tag("<one for each component of y>")],
-    Discriminator(lambda value: "<one for each component of y>" if isinstance(value, list) else "<number>"),
-]
-Steps = Annotated[int, Field(gt=0, le=MOST_STEPS)]
-
-
-class RunTable(Table):
-    integrator: str | None = None
-    dt: Time | None = None
-    steps: Steps | None = None
-    time: Time | None = None
-    every: Steps | None = None
-    rtol: Tolerance | None = None
-    atol: Tolerance | None = None
-    max_step: Time | None = None
-    coordinates: str | None = None
-    corrector: int | None = None
-    order: str | None = None
-    eta: PositiveFloat | None = None
-    scheme: str | None = None
-    precision: Literal["double", "mixed"] | None = None
-
-    @model_validator(mode="after")
-    def _steps_or_time(self) -> RunTable:
-        if self.steps is not None and self.time is not None:
-            raise InputError("expected steps or time, got both")
-        return self
-
-
 class EquilibrateTable(Table):
     temperature: Temperature
     time: Time
@@ -189,23 +156,15 @@ class SystemTable(Table):
     box: BoxTable = BoxTable()
     force: list[dict[str, Any]]  # each checked against its class's constructor
     event: list[dict[str, Any]] = []  # each checked against the table of its type
-    run: RunTable = RunTable()
+    run: dict[str, Any] = {}  # checked against the options that methods declare
     equilibrate: EquilibrateTable | None = None
     invariants: dict[str, Any] = {}
-
-
-class OdeRunTable(RunTable):
-    """Times without a unit."""
-
-    dt: PositiveFloat | None = None
-    time: PositiveFloat | None = None
-    max_step: PositiveFloat | None = None
 
 
 class OdeFileTable(Table):
     title: str = ""
     ode: dict[str, Any]  # checked against the factory that its ``problem`` names
-    run: OdeRunTable = OdeRunTable()
+    run: dict[str, Any] = {}
     invariants: dict[str, Any] = {}
 
 

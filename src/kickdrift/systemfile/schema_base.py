@@ -45,9 +45,14 @@ class Table(BaseModel):
             raise PydanticCustomError("table", "{text}", {"text": f"expected a table, got {shown(data)}"})
         for key in data:
             if key not in cls.model_fields:
-                text = f"unknown key{suggestion(key, cls.model_fields)} (known: {', '.join(cls.model_fields)})"
+                text = f"unknown key{cls.hint(key)} (known: {', '.join(cls.model_fields)})"
                 raise PydanticCustomError("unknown_key", "{text}", {"text": text, "key": key})
         return data
+
+    @classmethod
+    def hint(cls, key: str) -> str:
+        """``; did you mean 'x'?`` where a known key is near, else nothing."""
+        return suggestion(key, cls.model_fields)
 
     def one_of(self, *keys: str) -> None:
         given = [key for key in keys if getattr(self, key) is not None]

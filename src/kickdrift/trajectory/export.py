@@ -15,6 +15,7 @@ from kickdrift.disk.outputs import checked_target, written_whole
 from kickdrift.errors import InputError
 from kickdrift.model.state import Floats
 from kickdrift.trajectory import reader
+from kickdrift.trajectory.event_rows import body_name
 from kickdrift.trajectory.formats import FORMATS, losses
 
 BLOCK_FRAMES, BLOCK_BYTES = 32, 64 * 2**20  # read at once: the frames of a chunk, unless they are large
@@ -68,7 +69,7 @@ class Chosen:
 
     def who(self, frame: Placed, particle: int) -> str:
         """Of a particle that an error is about: the frame, its step, and which one it is."""
-        body = self.run._body(int(self.run.ids[particle]))
+        body = body_name(int(self.run.ids[particle]), self.run.ids, self.run.names)
         return f"frame {frame.number} (step {frame.step}): {body}"
 
 

@@ -25,6 +25,7 @@ from kickdrift.model.system import System
 from kickdrift.trajectory import creation, packing, reader
 from kickdrift.trajectory.cadence import Cadence
 from kickdrift.trajectory.checkpoints import Checkpoint, Stored, Table
+from kickdrift.trajectory.columns import Described, check_columns
 from kickdrift.trajectory.contents import Contents
 from kickdrift.trajectory.header import Committed, Outline, outline_of
 from kickdrift.trajectory.layout import EVENT_WIDTH, header_image
@@ -57,6 +58,7 @@ class Writer:
     checkpoint : gives a `Checkpoint` of the state appended last, or before the first of the start; one is written into
         the new file at once, then with some of the flushes, and when the file is closed
     plan : how far the run is to go (`run.plan.Plan.numbers`)
+    columns : the user's own columns among the observables, with the shape and the unit of each
 
     Attributes
     ----------
@@ -83,6 +85,7 @@ class Writer:
         author: str = "N/A",
         checkpoint: Callable[[], Checkpoint] | None = None,
         plan: Sequence[float] = (),
+        columns: Mapping[str, Described] | None = None,
     ) -> None:
         options = options or FileOptions()
         image = header_image(
@@ -98,6 +101,7 @@ class Writer:
         )
         own = creation.create(Path(path), image, overwrite=overwrite)
         self._open(Path(path), flush_bytes, options.flush, checkpoint, made=(own, outline_of(system, options)))
+        self._rows.columns = {name: unit for name, (_, unit) in (columns or {}).items()}
 
     @classmethod
     def append_to(
@@ -111,13 +115,15 @@ class Writer:
         plan: Sequence[float] = (),
         at: tuple[int, float] | None = None,
         events: int = 0,
+        columns: Mapping[str, Described] | None = None,
     ) -> Self:
         """Open a file to continue it; the InputError of a file that is not this run's names the other.
 
         Rows that a kill left half written are cut off. A file stays as it was begun: of ``options``, ``flush`` alone
         may differ. The next sample is ``at`` that step and time: a file that has come further is refused as it is.
         Where the file's end is damaged, its rows from there on are cut off, and all but the first ``events``; then the
-        last whole sample must be ``at`` that point.
+        last whole sample must be ``at`` that point. The user's ``columns``, if given, must be those that the file was
+        begun with.
         """
         path = Path(path)
         if path.exists():
@@ -126,17 +132,20 @@ class Writer:
             if run.run_id != run_id:
                 raise InputError(f"{path}: is the file of another run; give another name, or overwrite it")
             run.check_growing()
+            if columns is not None:
+                check_columns(run, columns)
             last, cut = run.last_point, run.kept != run.committed
             if at and last and behind(at, last):
                 raise InputError(f"{path}: ends at step {last[0]}; step {at[0]} cannot follow it")
             if cut and last and not (at and same(last, *at)):
                 raise InputError(f"{path}: damaged after step {last[0]}; resume the run, which goes on from there")
-            for key in ("precision", "compress", "write"):
+            for key in ("store", "compress", "write"):
                 if options and getattr(options, key) != getattr(run.options, key):
                     raise InputError(f"{path}: was begun with {key}={getattr(run.options, key)!r}, and that stays")
         writer = cls.__new__(cls)
         keep = run.kept._replace(events=min(events, run.committed.events)) if cut else None
         writer._open(path, flush_bytes, (options or FileOptions()).flush, checkpoint, run_id, keep)
+        writer._rows.columns = {name: unit for name, (_, unit) in (columns or {}).items()}
         if plan:
             writer._out.h5["kickdrift/plan"][...] = plan
             writer._out.commit()

@@ -10,6 +10,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from kickdrift.looks.columns import KNOWN
 from kickdrift.model.box import Box
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
@@ -17,7 +18,16 @@ from kickdrift.model.units import UnitSystem, shown
 from kickdrift.trajectory import edges, stored
 from kickdrift.trajectory.checksums import CHECKSUMS, VECTORS
 from kickdrift.trajectory.contents import Contents
-from kickdrift.trajectory.layout import DONE_BYTES, EDGES, EVENTS, KIND_BYTES, PLAN_NUMBERS, SAMPLES, TRAJECTORY
+from kickdrift.trajectory.layout import (
+    DONE_BYTES,
+    EDGES,
+    EVENTS,
+    KIND_BYTES,
+    PLAN_NUMBERS,
+    SAMPLES,
+    TRAJECTORY,
+    observable_unit,
+)
 from kickdrift.trajectory.options import FileOptions
 
 EVENT_COLUMNS: dict[str, tuple[str, tuple[int, ...]]] = {  # in the order of their checksum
@@ -29,9 +39,7 @@ EVENT_COLUMNS: dict[str, tuple[str, tuple[int, ...]]] = {  # in the order of the
     "kind": (f"S{KIND_BYTES}", ()),
     "done": (f"S{DONE_BYTES}", ()),
 }
-_NUMBERS = ("kinetic_energy", "potential_energy", "total_energy", "temperature", "pressure", "pairs", "energy_taken")
-_VECTORS = ("momentum", "angular_momentum", "centre_of_mass", "centre_of_mass_velocity", "momentum_taken")
-SHAPES: dict[str, tuple[int, ...]] = dict.fromkeys(_NUMBERS, ()) | dict.fromkeys(_VECTORS, (3,))  # of known observables
+SHAPES = {name: column.shape for name, column in KNOWN.items()}  # of known observables
 EXTRAS = {"force": "forces", "image": "images"}  # groups of the frames, and what options call them
 CLOCK = (("step", "i8"), ("time", "f8"))
 _TEXTS = ("name", "length", "time", "mass", "energy", "temperature")  # attributes of the units
@@ -142,7 +150,7 @@ def read(contents: Contents) -> Header:
         method=stored.read(contents, f"{own}/method", stored.MethodText),
         versions=stored.read(contents, f"{own}/versions", stored.VersionsText),
         options=FileOptions(
-            precision="float32" if values[0].dtype.itemsize == 4 else "float64",
+            store="float32" if values[0].dtype.itemsize == 4 else "float64",
             compress=contents.attribute(own, "compress", bool),
             write=tuple(name for group, name in EXTRAS.items() if group in vectors),
         ),
@@ -234,6 +242,16 @@ def shape_of(contents: Contents, name: str) -> tuple[int, ...]:
     if shape != SHAPES.get(name, shape):
         raise contents.damaged(f"{SAMPLES}/{name} has rows of {shape}; expected {SHAPES[name]}")
     return shape
+
+
+def unit_of(contents: Contents, name: str, units: UnitSystem) -> str:
+    """The unit of an observable, in words: the system's, or of a user's column what the file says."""
+    place = f"{SAMPLES}/{name}"
+    if name in KNOWN or not contents.has(place):
+        return observable_unit(name, units)
+    with contents.guarded(place):
+        there = "unit" in contents.anything(place).attrs
+    return str(contents.attribute(place, "unit", str)) if there else ""
 
 
 def sampled(contents: Contents, name: str, samples: int) -> h5py.Dataset:

@@ -61,6 +61,7 @@ def _summary(run: Run) -> dict[str, Any]:
         "steps": [int(samples.steps[0]), int(samples.steps[-1])] if len(samples.steps) else None,
         "time": [float(samples.times[0]), float(samples.times[-1])] if len(samples.times) else None,
         "observables": observables,
+        "columns": {name: {"shape": list(shape), "unit": unit} for name, (shape, unit) in run.columns.items()},
         "checkpoints": [] if run.checkpoints is None else run.checkpoints.steps.tolist(),
         "plan": run.plan,
         "unchanged": run.unchanged,
@@ -68,7 +69,7 @@ def _summary(run: Run) -> dict[str, Any]:
         "stopped": (run.report or {}).get("stopped", ""),
         "closed": run.closed,
         "half_written": run.half_written,
-        "precision": run.options.precision,
+        "precision": run.options.store,
         "write": list(run.options.write),
         "compressed": run.packed,
         "compress": run.options.compress,
@@ -110,7 +111,9 @@ def describe(found: dict[str, Any]) -> str:
             ("time", f"{first:g} to {last:g} {units['time']}, steps {found['steps'][0]} to {found['steps'][1]}")
         )
     for name, ends in found["observables"].items():
-        rows.append((name.replace("_", " "), f"{_short(ends['first'])} → {_short(ends['last'])}"))
+        unit = found["columns"].get(name, {}).get("unit", "")
+        shown_name = name if name in found["columns"] else name.replace("_", " ")
+        rows.append((shown_name, f"{_short(ends['first'])} → {_short(ends['last'])} {unit}"))
     rows.append(("", _form(found)))
     rows.append(("written by", f"kickdrift {found['kickdrift']}, {found['bytes']:,} bytes"))
     rows.append(("closed", _ending(found)))

@@ -14,6 +14,7 @@ import h5py
 import numpy as np
 
 from kickdrift.errors import InputError
+from kickdrift.looks.columns import KNOWN
 from kickdrift.model.file_units import FileUnits
 from kickdrift.model.system import System
 from kickdrift.model.units import DIMENSIONS, UnitSystem
@@ -41,14 +42,10 @@ UNIT_KEYS = (
     "nominal", "length_factor", "time_factor", "force_factor",
 )  # fmt: skip
 
-_DIMENSION = dict.fromkeys(("kinetic_energy", "potential_energy", "total_energy"), "energy")
-_DIMENSION |= {"centre_of_mass": "length", "centre_of_mass_velocity": "velocity", "energy_taken": "energy"}
-_DIMENSION |= {"momentum_taken": "momentum", "angular_momentum_taken": "angular momentum"}
-
 
 def observable_unit(name: str, units: UnitSystem) -> str:
-    """The true unit of an observable, in words; empty where it is not known."""
-    dimension = _DIMENSION.get(name, name.replace("_", " "))
+    """The true unit of an observable of kickdrift's own, in words; empty where it is not known."""
+    dimension = KNOWN[name].unit if name in KNOWN else name.replace("_", " ")
     return units.unit(dimension) if dimension in DIMENSIONS else ""
 
 

@@ -20,6 +20,7 @@ from kickdrift.engines import engine as engine_named
 from kickdrift.errors import InputError
 from kickdrift.forces import force_class
 from kickdrift.integrators import integrator as method_named
+from kickdrift.integrators.asked import known_options
 from kickdrift.model.events import Between, CloseApproach, Collision, Crossing, Escape, Event
 from kickdrift.model.limits import NEVER
 from kickdrift.model.system import Equilibration, RunDefaults
@@ -141,20 +142,28 @@ def event_of(given: Named) -> Event:
     return cls(**found) if cls is not Crossing else cls(function=function, **found)
 
 
-def defaults_of(cls: type[RunDefaults] | type[Equilibration], given: Mapping[str, Any], what: str) -> Any:
-    """The RunDefaults or the Equilibration that a file describes."""
-    return cls(**_checked(cls, {key: value for key, value in given.items() if key in _fields(cls)}, what))
+def equilibration_of(given: Mapping[str, Any]) -> Equilibration:
+    """The Equilibration that a file describes."""
+    known = {key: value for key, value in given.items() if key in _fields(Equilibration)}
+    return Equilibration(**_checked(Equilibration, known, "equilibrate"))
+
+
+def run_of(given: Mapping[str, Any]) -> RunDefaults:
+    """The RunDefaults that a file describes; options that this version does not know are passed over."""
+    hints = get_type_hints(RunDefaults)
+    types = {key: hints[key] for key in _fields(RunDefaults) if key != "options"} | _option_types()
+    known = {key: value for key, value in given.items() if key in types}
+    return RunDefaults(**_filled(_optional("RunDefaults", types), known, "run"))
 
 
 def options_of(given: Mapping[str, Any]) -> dict[str, Any]:
     """The options of a method that a file describes; one that this version does not know must not have been set."""
-    from kickdrift.integrators.options import Options
-
-    known = _fields(Options)
+    types = {"dt": float} | _option_types()
     for key, value in given.items():
-        if key not in known and value not in (None, False):
+        if key not in types and value not in (None, False):
             raise InputError(f"method: option {plain(key)} is not known to this version of kickdrift")
-    return _checked(Options, {key: value for key, value in given.items() if key in known}, "method")
+    known = {key: value for key, value in given.items() if key in types}
+    return _filled(_optional("Options", types), known, "method")
 
 
 def method_of(given: Any) -> Method:
@@ -167,8 +176,23 @@ def method_of(given: Any) -> Method:
 
 def _checked(cls: type, given: dict[str, Any], what: str) -> dict[str, Any]:
     """Arguments of a dataclass; an InputError for unknown names and for values of another type."""
-    found = checked(_table(cls), given, None, what)
+    return _filled(_table(cls), given, what)
+
+
+def _filled(table: type[Table], given: dict[str, Any], what: str) -> dict[str, Any]:
+    """What a table was given, checked."""
+    found = checked(table, given, None, what)
     return {key: getattr(found, key) for key in found.model_fields_set}
+
+
+def _option_types() -> dict[str, Any]:
+    """The types of all options that some method takes."""
+    return {name: each.hint for name, each in known_options().items()}
+
+
+def _optional(name: str, types: Mapping[str, Any]) -> type[Table]:
+    """A table of keys of these types, none of which it needs."""
+    return create_model(name, __base__=Lenient, **{key: (kind | None, None) for key, kind in types.items()})  # type: ignore[call-overload]
 
 
 def _fields(cls: type) -> dict[str, Any]:

@@ -2,25 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from numbers import Real
+from warnings import warn
 
 import numpy as np
 
 from kickdrift.errors import InputError
 
-PRECISIONS = ("float64", "float32")
+STORES = ("float64", "float32")
 EXTRAS = ("forces", "images")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, init=False)
 class FileOptions:
     """How `Simulation.run` writes its ``output``.
 
     Parameters
     ----------
     flush : seconds after which what was kept in memory goes to the file; that much a kill can cost at most
-    precision : "float64", or "float32" for positions, velocities and forces of half the size. What a run is resumed
+    store : "float64", or "float32" for positions, velocities and forces of half the size. What a run is resumed
         from, and observables, stay float64
     compress : write the file anew with HDF5's gzip and shuffle filters when the run has come to its end; lossless. A
         run that is killed leaves the file as it is while it is written, not compressed
@@ -33,17 +35,39 @@ class FileOptions:
         Where a value makes no sense.
     """
 
-    flush: float = 10.0
-    precision: str = "float64"
-    compress: bool = False
-    write: tuple[str, ...] = ()
+    flush: float
+    store: str
+    compress: bool
+    write: tuple[str, ...]
 
-    def __post_init__(self) -> None:
+    def __init__(
+        self,
+        flush: float = 10.0,
+        store: str = "float64",
+        compress: bool = False,
+        write: Iterable[str] = (),
+        *,
+        precision: str | None = None,  # the name that ``store`` had in 0.1; it goes in 0.3
+    ) -> None:
+        if precision is not None:
+            warn("FileOptions(precision=…) is store=… since 0.2", DeprecationWarning, stacklevel=2)
+            store = precision
+        for key, value in (("flush", flush), ("store", store), ("compress", compress), ("write", write)):
+            object.__setattr__(self, key, value)
+        self._check()
+
+    @property
+    def precision(self) -> str:
+        """The name that ``store`` had in 0.1; it goes in 0.3."""
+        warn("FileOptions.precision is store since 0.2", DeprecationWarning, stacklevel=2)
+        return self.store
+
+    def _check(self) -> None:
         number = isinstance(self.flush, Real) and not isinstance(self.flush, bool)
         if not (number and np.isfinite(self.flush) and self.flush > 0):
             raise InputError(f"flush: must be a positive number of seconds, got {self.flush!r}")
-        if self.precision not in PRECISIONS:
-            raise InputError(f"precision: must be {' or '.join(PRECISIONS)}, got {self.precision!r}")
+        if self.store not in STORES:
+            raise InputError(f"store: must be {' or '.join(STORES)}, got {self.store!r}")
         if not isinstance(self.compress, bool):
             raise InputError(f"compress: must be True or False, got {self.compress!r}")
         if isinstance(self.write, str) or any(each not in EXTRAS for each in self.write):
@@ -53,4 +77,4 @@ class FileOptions:
     @property
     def dtype(self) -> str:
         """Of stored vectors, in NumPy's short form."""
-        return "f8" if self.precision == "float64" else "f4"
+        return "f8" if self.store == "float64" else "f4"

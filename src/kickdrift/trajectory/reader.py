@@ -21,9 +21,11 @@ from kickdrift.trajectory import edges, header
 from kickdrift.trajectory.checkpoints import CHECKPOINTS, COLUMNS, Table
 from kickdrift.trajectory.contents import Contents
 from kickdrift.trajectory.damage import Checks, Damage
+from kickdrift.trajectory.event_rows import event_rows
 from kickdrift.trajectory.frames import EnergySeries, Frames, as_slice, energies_of
 from kickdrift.trajectory.header import CLOCK, EVENT_COLUMNS, Committed
-from kickdrift.trajectory.layout import EDGES, SCHEMA, TRAJECTORY, run_hash, system_hash
+from kickdrift.trajectory.kind import check_kind
+from kickdrift.trajectory.layout import EDGES, TRAJECTORY, run_hash, system_hash
 from kickdrift.trajectory.opening import open_to_read
 from kickdrift.trajectory.rows import behind
 
@@ -83,7 +85,7 @@ class Run(Frames):
         try:
             self._contents = Contents(self._handle, self.path)
             with self._contents.guarded("its beginning"):
-                _check_kind(self.path, self._handle)
+                check_kind(self.path, self._handle)
             self._read_header()
         except BaseException:
             self.close()
@@ -232,12 +234,22 @@ class Run(Frames):
     def exact(self) -> bool:
         """Whether positions and velocities are those of the run to the last bit."""
         real = self._factors.length == self._factors.time == 1.0
-        return real and self.options.precision == "float64" and "images" not in self.options.write
+        return real and self.options.store == "float64" and "images" not in self.options.write
 
     @property
     def observables(self) -> dict[str, Floats]:
         """Every observable as an array (s,) or (s, …), at `sample_steps` and `sample_times`."""
         return {name: self._sampled(name) for name in self._observables if self._samples}
+
+    @property
+    def columns(self) -> dict[str, tuple[tuple[int, ...], str]]:
+        """Shape and unit of each column of the user's own, by name; ``observables`` has the values."""
+        own = [name for name in self._observables if name not in header.SHAPES]
+        return {name: (header.shape_of(self._contents, name), self.unit_of(name)) for name in own}
+
+    def unit_of(self, observable: str) -> str:
+        """The unit of an observable, in words; "" for a plain number."""
+        return header.unit_of(self._contents, observable, self.units)
 
     @property
     def events(self) -> list[dict[str, Any]]:
@@ -251,32 +263,9 @@ class Run(Frames):
 
     def whole_events(self) -> list[dict[str, Any]]:
         """The `events` that are not damaged."""
-        found: list[dict[str, Any]] = []
-        count = self.committed.events
-        columns = {
-            name: self._contents.read(header.event_column(self._contents, name, count), slice(count)).tolist()
-            for name in EVENT_COLUMNS
-        }
-        for k in np.flatnonzero(~self._checks.events).tolist():
-            row = {name: values[k] for name, values in columns.items()}
-            ids = [each for each in row["ids"] if each >= 0]
-            found.append(
-                {
-                    "kind": row["kind"].decode(errors="ignore"),
-                    "time": row["time"],
-                    "step": row["step"],
-                    "bodies": [self._body(each) for each in ids],
-                    "ids": ids,
-                    "distance": None if np.isnan(row["distance"]) else row["distance"],
-                    "energy": None if np.isnan(row["energy"]) else row["energy"],
-                    "done": row["done"].decode(errors="ignore"),
-                }
-            )
+        whole = np.flatnonzero(~self._checks.events).tolist()
+        found = event_rows(self._contents, self.committed.events, whole, self.ids, self.names)
         return found + list((self.report or {}).get("events", ()))
-
-    def _body(self, id_: int) -> str:
-        place = np.flatnonzero(self.ids == id_)
-        return self.names[int(place[0])] if self.names and place.size else f"particle {id_}"
 
     @property
     def sample_steps(self) -> NDArray[np.int64]:
@@ -414,23 +403,6 @@ class Run(Frames):
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
-
-
-def _check_kind(path: Path, file: h5py.File) -> None:
-    if "h5md" not in file:
-        raise InputError(f"{path}: is an HDF5 file but not H5MD: it has no group 'h5md'")
-    if "kickdrift" not in file:
-        creator = file.get("h5md/creator")
-        name = creator.attrs.get("name", "another program") if creator is not None else "another program"
-        name = name.decode() if isinstance(name, bytes) else name
-        raise InputError(
-            f"{path}: is an H5MD file written by {name}; it has no group 'kickdrift' to tell forces, units and method"
-        )
-    schema = int(file["kickdrift"].attrs["schema"])
-    if schema > SCHEMA:
-        raise InputError(f"{path}: was written by a newer kickdrift (schema {schema}; this one reads {SCHEMA})")
-    if schema < SCHEMA:
-        raise InputError(f"{path}: was written by an older kickdrift (schema {schema}; this one reads {SCHEMA})")
 
 
 def open(path: str | os.PathLike[str]) -> Run:

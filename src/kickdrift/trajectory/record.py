@@ -12,11 +12,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from kickdrift.errors import InputError
+from kickdrift.integrators.option import OPTIONS
 from kickdrift.model.events import Event
-from kickdrift.model.system import Equilibration, RunDefaults, System
+from kickdrift.model.system import RunDefaults, System
 from kickdrift.systemfile.schema import checked
 from kickdrift.trajectory.edges import recorded
-from kickdrift.trajectory.named import Record, about, defaults_of, event_of, force_of
+from kickdrift.trajectory.named import Record, about, equilibration_of, event_of, force_of, run_of
 
 if TYPE_CHECKING:
     from kickdrift.trajectory.reader import Run
@@ -62,13 +63,19 @@ def record_of(system: System) -> dict[str, Any]:
         "radii": system.radii,
         "events": [{"kind": event.kind, **_described(event)} for event in system.events],
         "forces": [_described(force) for force in system.forces],
-        "run": system.run,
+        "run": run_record(system.run),
         "equilibration": system.equilibration,
         "invariants": system.invariants,
         "seed": system.seed,
         "time": system.state.time,
         "steps_done": system.state.steps_done,
     }
+
+
+def run_record(run: RunDefaults) -> dict[str, Any]:
+    """What ``[run]`` said, by key: None where it did not say."""
+    own = {each.name: getattr(run, each.name) for each in fields(run) if each.name != "options"}
+    return {**own, **dict.fromkeys(OPTIONS), **run.options}
 
 
 def _described(thing: Any) -> dict[str, Any]:
@@ -125,8 +132,8 @@ def system_of(
             run.units,
             [run.species[k] for k in run.species_index],
             record.name,
-            defaults_of(RunDefaults, record.run, "run"),
-            defaults_of(Equilibration, record.equilibration, "equilibrate") if record.equilibration else None,
+            run_of(record.run),
+            equilibration_of(record.equilibration) if record.equilibration else None,
             record.invariants,
             run.system_source,
             record.seed,

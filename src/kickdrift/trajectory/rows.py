@@ -86,6 +86,8 @@ class Rows:
         The order of the particles in every frame.
     write : tuple of str
         Which of "forces" and "images" the frames have.
+    columns : dict of name -> unit
+        The user's own among the observables.
     """
 
     def __init__(self, out: OpenFile, made: header.Outline | None = None) -> None:
@@ -101,6 +103,7 @@ class Rows:
         self.complete = True
         self._shapes_known = self.samples > 0 or bool(self.shapes)
         self.write = found.options.write
+        self.columns: Mapping[str, str] = {}
         self._growing, self._vectors, self._block = found.growing, found.vectors, 0
         self._box = found.box
         self._look_for_checksums()
@@ -255,8 +258,9 @@ class Rows:
 
     def make_observables(self, file: h5py.File) -> None:
         """Datasets for the observables, in a copy of the file: see `h5md.Writer.extend`."""
+        known = self.columns
         for name, shape in self.shapes.items():
-            unit = observable_unit(name, self._units)
+            unit = known[name] if name in known else observable_unit(name, self._units)
             element = file["observables"].create_group(name)
             for group, key in ((file[SAMPLES], name), (element, "value")):
                 new_series(group, key, shape, "f8").attrs["unit"] = unit

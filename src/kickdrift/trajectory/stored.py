@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError, create_model
 
+from kickdrift.integrators.option import OPTIONS
 from kickdrift.trajectory.contents import Contents, short
 
 Whole = Annotated[int, Field(ge=0, lt=2**63)]
 Number = Annotated[int, Field(ge=1, lt=2**31)]
 Positive = Annotated[float, Field(gt=0)]
 Name = Annotated[str, StringConstraints(pattern=r"^[^/\x00-\x1f\x7f][^\x00-\x1f\x7f]{0,199}$")]  # of a method
+Precision = Literal["double", "mixed"]  # of pair forces
 
 
 class Stored(BaseModel):
@@ -27,22 +29,23 @@ class Described(Stored):
     source: str = ""
 
 
-class RunText(Stored):
+_TYPES: dict[str, Any] = {name: (each.type | None, None) for name, each in OPTIONS.items()}
+
+
+class OptionsText(create_model("OptionsOfTheTable", __base__=Stored, **_TYPES)):  # type: ignore[misc]
+    """Options of a method; those of its own kind are checked when it is made."""
+
+    dt: Positive | None = None
+    precision: Precision | None = None
+
+
+class RunText(OptionsText):
     """What the system file's [run] said."""
 
     integrator: Name | None = None
-    dt: Positive | None = None
     steps: Whole | None = None
     time: Positive | None = None
     every: Whole | None = None
-    rtol: float | None = None
-    atol: float | None = None
-    coordinates: str | None = None
-    corrector: int | None = None
-    order: str | int | None = None
-    eta: float | None = None
-    scheme: str | None = None
-    precision: Literal["double", "mixed"] | None = None
 
 
 class EquilibrationText(Stored):
@@ -80,10 +83,6 @@ class RecordText(Stored):
     steps_done: Whole
 
 
-class OptionsText(RunText):
-    """Options of a method; those of its own kind are checked when it is made."""
-
-
 class MethodText(Stored):
     """`kickdrift/method`."""
 
@@ -95,7 +94,7 @@ class MethodText(Stored):
     engine: Name = "native"
     engine_version: str | None = None
     processes: Number = 1
-    precision: Literal["double", "mixed"] | None = None
+    precision: Precision | None = None
     options: OptionsText = OptionsText()
     processor: str = "unknown"
 

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from importlib import import_module
-from itertools import product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.errors import InputError
+from kickdrift.looks.columns import parts
 from kickdrift.model.state import Floats
-from kickdrift.trajectory.layout import observable_unit
 
 if TYPE_CHECKING:
     from kickdrift.trajectory.frames import Frames
@@ -27,18 +26,12 @@ def data_frame(run: Run, steps: NDArray[np.int64], times: Floats, observables: M
     columns: dict[str, NDArray] = {"step": steps, "time": times}
     units = {"step": "", "time": run.units.unit("time")}
     for name, values in observables.items():
-        shape = values.shape[1:]
-        labels = ["_".join(map(_part, place, shape)) for place in product(*map(range, shape))]
+        labels = parts(name, values.shape[1:])
         for label, column in zip(labels, values.reshape(len(values), len(labels)).T, strict=True):
-            key = f"{name}_{label}" if label else name
-            columns[key], units[key] = column, observable_unit(name, run.units)
+            columns[label], units[label] = column, run.unit_of(name)
     table = pandas.DataFrame(columns)
     table.attrs["units"] = units
     return table
-
-
-def _part(k: int, size: int) -> str:
-    return AXES[k] if size == len(AXES) else str(k)
 
 
 def dataset(
@@ -63,7 +56,7 @@ def dataset(
         others = ("axis" if size == len(AXES) else f"{name}_{k}" for k, size in enumerate(values.shape[1:]))
         if values.ndim > 2:  # a tensor has its own
             others = (f"{name}_{k}" for k in range(values.ndim - 1))
-        data[name] = ((dimension, *others), values, {"units": observable_unit(name, run.units)})
+        data[name] = ((dimension, *others), values, {"units": run.unit_of(name)})
     clock = {"units": unit("time")}
     coordinates: dict[str, Any] = {
         "step": ("frame", frames.steps),

@@ -17,6 +17,7 @@ import pytest
 import kickdrift as kd
 from kickdrift.analysis import bench
 from kickdrift.cli import main as cli
+from kickdrift.cli import printing
 from kickdrift.errors import InputError, RunError
 from kickdrift.integrators import INTEGRATORS
 from tests.refusals import assert_refused
@@ -568,7 +569,7 @@ def test_a_blow_up_is_a_row_of_the_bench(kickdrift, folder, quick_bench, monkeyp
 
     def clumsy(sim, steps=None, **options):
         if sim.integrator == "rk4":
-            sim._stepper.dt *= 100
+            sim.integration.stepper.dt *= 100
         return begin(sim, steps, **options)
 
     monkeypatch.setattr(kd.Simulation, "run", clumsy)
@@ -610,7 +611,7 @@ def test_bad_arguments_of_bench(arguments, part, kickdrift):
 
 
 def test_durations():
-    assert [cli.duration(seconds) for seconds in (0.4, 89, 120, 7200)] == ["0 s", "89 s", "2 min", "2.0 h"]
+    assert [printing.duration(seconds) for seconds in (0.4, 89, 120, 7200)] == ["0 s", "89 s", "2 min", "2.0 h"]
 
 
 def test_exit_statuses():

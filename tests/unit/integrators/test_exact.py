@@ -61,14 +61,14 @@ SYSTEMS = {
 
 def there_and_back(system: kd.System, dt: float, steps: int) -> None:
     sim = kd.Simulation(system, "leapfrog-exact", dt=dt)
-    start = sim.lattice
+    start = sim.method_state
     sim.run(steps, every=steps)
-    there = sim.lattice
+    there = sim.method_state
     moving = np.abs(sim.state.phase - system.state.phase).max(axis=(0, 1)) > 0.01
     assert moving.sum() > len(system) / 2
-    sim.lattice = there.reversed()
+    sim.method_state = there.reversed()
     sim.run(steps, every=steps)
-    assert sim.lattice.reversed().same(start)
+    assert sim.method_state.reversed().same(start)
     assert not there.same(start)
 
 
@@ -88,17 +88,17 @@ edges = lattice.spacing * 2.0**64
 x = (lattice.positions * lattice.spacing[:, None] + lattice.images * edges[:, None]).T
 system = kd.System(x, box=edges, forces=[kd.LennardJones(cutoff=2.0, truncation="shift")])
 sim = kd.Simulation(system, "leapfrog-exact", dt=0.004)
-sim.lattice = lattice.reversed()
+sim.method_state = lattice.reversed()
 sim.run(2000, every=2000)
-np.savez(sys.argv[2], **sim.lattice._asdict())
+np.savez(sys.argv[2], **sim.method_state._asdict())
 """
 
 
 def test_another_process_comes_back_from_the_end_alone(tmp_path):
     sim = kd.Simulation(fluid(), "leapfrog-exact", dt=0.004)
-    start = sim.lattice
+    start = sim.method_state
     sim.run(2000, every=2000)
-    np.savez(tmp_path / "there.npz", **sim.lattice._asdict())
+    np.savez(tmp_path / "there.npz", **sim.method_state._asdict())
     subprocess.run([sys.executable, "-c", BACK, tmp_path / "there.npz", tmp_path / "back.npz"], check=True)
     assert Lattice(**np.load(tmp_path / "back.npz")).reversed().same(start)
 
@@ -106,13 +106,13 @@ def test_another_process_comes_back_from_the_end_alone(tmp_path):
 def after(pieces: list[int], skin: float | None = None) -> Lattice:
     sim = kd.Simulation(fluid(truncation="switch", mixture=True), "leapfrog-exact", dt=0.004)
     if skin is not None:
-        particles = sim._stepper._particles
-        sim._stepper._particles = particles._replace(skin=skin, radius=2.0 + skin)
+        particles = sim.integration.stepper._particles
+        sim.integration.stepper._particles = particles._replace(skin=skin, radius=2.0 + skin)
     for steps in pieces:
         sim.run(steps)
         if skin == 0.0:
-            sim.lattice = sim.lattice  # which forgets the list
-    return sim.lattice
+            sim.method_state = sim.method_state  # which forgets the list
+    return sim.method_state
 
 
 def test_bits_do_not_depend_on_pieces_or_on_the_pair_list():
@@ -133,7 +133,7 @@ def test_list_with_cells_finds_every_pair(monkeypatch):
         )
         sim = kd.Simulation(system, "leapfrog-exact", dt=0.005)
         sim.run(200, every=200)
-        return sim.lattice
+        return sim.method_state
 
     with_cells = run()
     monkeypatch.setattr(exact_stepper, "SKIN", 3.0)
@@ -142,9 +142,9 @@ def test_list_with_cells_finds_every_pair(monkeypatch):
 
 def test_momentum_does_not_change_at_all():
     sim = kd.Simulation(fluid(truncation="switch", mixture=True), "leapfrog-exact", dt=0.004)
-    before = sim.lattice.momenta.sum(axis=1)
+    before = sim.method_state.momenta.sum(axis=1)
     sim.run(2000, every=2000)
-    np.testing.assert_array_equal(sim.lattice.momenta.sum(axis=1), before)
+    np.testing.assert_array_equal(sim.method_state.momenta.sum(axis=1), before)
 
 
 def verlet(system: kd.System, dt: float, steps: int) -> np.ndarray:
@@ -214,12 +214,12 @@ def test_a_lattice_at_rest_can_collapse():
     positions[0] += 0.001
     system = kd.System(positions, box=edges, forces=[kd.LennardJones(cutoff=2.0)])
     sim = kd.Simulation(system, "leapfrog-exact", dt=0.004)
-    start = sim.lattice
+    start = sim.method_state
     sim.run(1500, every=1500)
     assert np.abs(sim.state.velocities).max() > 1.0
-    sim.lattice = sim.lattice.reversed()
+    sim.method_state = sim.method_state.reversed()
     sim.run(1500, every=1500)
-    assert sim.lattice.reversed().same(start)
+    assert sim.method_state.reversed().same(start)
 
 
 def test_state_is_shown_unwrapped():
@@ -227,7 +227,7 @@ def test_state_is_shown_unwrapped():
     sim = kd.Simulation(system, "leapfrog-exact", dt=0.25)
     sim.run(48)
     np.testing.assert_allclose(sim.state.positions, [[-11.9, 16.9, 2.0]], rtol=1e-14)
-    np.testing.assert_array_equal(np.abs(sim.lattice.images[:, 0]), [2, 3, 0])
+    np.testing.assert_array_equal(np.abs(sim.method_state.images[:, 0]), [2, 3, 0])
     sim.state = sim.state
     np.testing.assert_allclose(sim.state.positions, [[-11.9, 16.9, 2.0]], rtol=1e-14)
 
@@ -247,7 +247,7 @@ def test_what_it_cannot_run_is_refused_by_name():
     with pytest.raises(InputError, match="compensated: leapfrog-exact does not take it"):
         kd.Simulation(fluid(), "leapfrog-exact", dt=0.1, compensated=True)
     with pytest.raises(InputError, match="velocity-verlet has none"):
-        kd.Simulation(fluid(), "velocity-verlet", dt=0.1).lattice
+        kd.Simulation(fluid(), "velocity-verlet", dt=0.1).method_state
     method = kd.Simulation(fluid(), "leapfrog-exact", dt=0.1).method
 
     class Windy:
@@ -260,7 +260,7 @@ def test_what_it_cannot_run_is_refused_by_name():
 
 def test_a_lattice_of_other_particles_is_refused():
     sim = kd.Simulation(fluid(), "leapfrog-exact", dt=0.004)
-    own = sim.lattice
+    own = sim.method_state
     for wrong, culprit in (
         (own._replace(positions=own.positions[:, :4]), "positions must be int64 of shape"),
         (own._replace(momenta=own.momenta * 1.0), "momenta must be int64"),
@@ -269,8 +269,8 @@ def test_a_lattice_of_other_particles_is_refused():
         (own._replace(momentum=-own.momentum), "positive"),
     ):
         with pytest.raises(InputError, match=culprit):
-            sim.lattice = wrong
-    assert sim.lattice.same(own)
+            sim.method_state = wrong
+    assert sim.method_state.same(own)
 
 
 def test_leaving_the_lattice_stops_the_run():

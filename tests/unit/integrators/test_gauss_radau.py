@@ -242,7 +242,7 @@ def test_sums_keep_what_rounding_loses():
     free = kd.Problem(lambda t, y: (y[1], 0.0), [1e6, speed], separable=True, name="free")
     sim = kd.Simulation(free, NAME, dt=first)
     sim.run(10)
-    clock, work = sim._stepper._clock, sim._stepper._work
+    clock, work = sim.integration.stepper._clock, sim.integration.stepper._work
     with localcontext() as context:
         context.prec = 60
         time, x = (Decimal(float(a)) + Decimal(float(b)) for a, b in (clock[[TIME, LOST_TIME]], work[[X, LOST_X], 0]))
@@ -270,7 +270,7 @@ def test_the_step_is_that_of_pham_rein_and_spiegel_on_a_circle():
     for rtol in (1e-9, 1e-7):
         sim = kd.Simulation(pair, NAME, rtol=rtol)
         sim.run(50)
-        assert sim._stepper.last_step == pytest.approx((5040 * rtol) ** (1 / 7), rel=1e-4)
+        assert sim.integration.stepper.last_step == pytest.approx((5040 * rtol) ** (1 / 7), rel=1e-4)
 
 
 def pushed(power):

@@ -133,14 +133,14 @@ def test_published_problems(name, looks, bound, scheme):
 
 def test_block_steps_are_powers_of_two_that_stay_in_step():
     sim = kd.Simulation(cluster(30), "hermite4", scheme="block")
-    bodies = sim._stepper._bodies
+    bodies = sim.integration.stepper._bodies
     seen = set()
     for _ in range(300):
         sim.run(1)
         exponents = np.log2(bodies.steps)
         assert (exponents == np.round(exponents)).all()
         assert (bodies.times % bodies.steps == 0.0).all()  # each began at a multiple of its step
-        now = sim._stepper.time
+        now = sim.integration.stepper.time
         assert (bodies.times <= now).all()
         assert (now <= bodies.times + bodies.steps).all()
         seen |= set(exponents)

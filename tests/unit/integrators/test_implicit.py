@@ -115,7 +115,7 @@ def test_order_of_the_rosenbrock_method(f):
     exact = reference(f, [1.0, 0.3], 4.0)
     errors = []
     for steps in (40, 80, 160):
-        stepper = kd.Simulation(kd.Problem(f, [1.0, 0.3]), "rosenbrock", rtol=1e10, atol=1e10)._stepper
+        stepper = kd.Simulation(kd.Problem(f, [1.0, 0.3]), "rosenbrock", rtol=1e10, atol=1e10).integration.stepper
         for _ in range(steps):
             stepper._next = 4.0 / steps
             stepper.advance(1)
@@ -222,7 +222,7 @@ def test_analytic_and_difference_jacobians_agree(name):
     np.testing.assert_allclose(sims[0].state.y, sims[1].state.y, rtol=0, atol=close)
     if name != "lsoda":  # it stays with its method for what is not stiff
         assert reports[1].force_evaluations < reports[0].force_evaluations
-        assert all(sim._stepper.counts.jacobians > 0 for sim in sims)
+        assert all(sim.integration.stepper.counts.jacobians > 0 for sim in sims)
 
 
 def test_every_evaluation_is_counted():
@@ -234,10 +234,10 @@ def test_every_evaluation_is_counted():
 
     for name in (*IMPLICIT, *STIFF):
         sim = kd.Simulation(kd.Problem(f, [1.0, 0.3], compiled=False), name, dt=0.05)
-        sim._prepare()
+        sim.integration.prepare()
         calls.clear()
         sim.run(20)
-        assert sim._stepper.counts.evaluations == len(calls), name
+        assert sim.integration.stepper.counts.evaluations == len(calls), name
 
 
 def test_backward_euler_takes_steps_a_million_times_the_decay():
@@ -341,9 +341,9 @@ def test_looking_does_not_change_a_particle_runs_bits(name):
     x = np.indices((2, 2, 2)).reshape(3, -1).T * 1.15
     system = kd.System(x, rng.normal(size=(8, 3)) * 0.3, forces=[kd.LennardJones(cutoff=4.0)])
     one, other = (kd.Simulation(system, name, **options) for _ in range(2))
-    one._stepper.advance(12)
+    one.integration.stepper.advance(12)
     for _ in range(4):
-        other._stepper.advance(3)
+        other.integration.stepper.advance(3)
         other.energy()
     np.testing.assert_array_equal(one.state.phase, other.state.phase)
 
@@ -368,7 +368,7 @@ def test_a_run_in_pieces_gives_the_same_bits(name):
         other.run(10, every=3)
     np.testing.assert_array_equal(one.state.y, other.state.y)
     assert one.time == other.time
-    assert one._stepper.counts == other._stepper.counts
+    assert one.integration.stepper.counts == other.integration.stepper.counts
 
 
 @pytest.mark.parametrize("name", STIFF)
@@ -382,7 +382,7 @@ def test_the_solution_between_steps(name):
     sim.run(until=6.0, interval=0.1, observe=lambda sim: looks.append((sim.time, sim.state.y)))
     plain = kd.Simulation(kd.Problem(driven, [1.0, 0.3]), name, rtol=1e-8, atol=1e-8)
     plain.run(until=6.0)
-    np.testing.assert_array_equal(sim._stepper.y, plain._stepper.y)
+    np.testing.assert_array_equal(sim.integration.stepper.y, plain.integration.stepper.y)
     assert len(looks) == 29
     np.testing.assert_allclose(looks[10][1], reference(driven, [1.0, 0.3], looks[10][0]), rtol=0, atol=2e-6)
 

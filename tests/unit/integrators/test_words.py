@@ -160,7 +160,7 @@ def test_forces_are_evaluated_when_positions_moved(word, monkeypatch, letters, e
     before = sim.record.force_evaluations
     sim.run(10)
     assert sim.record.force_evaluations - before == 10 * evaluations
-    assert sim._stepper.ends_fresh == ends_fresh
+    assert sim.integration.stepper.ends_fresh == ends_fresh
 
 
 def test_a_flow_that_fails_stops_the_run_at_its_step(word, magnetic):

@@ -298,5 +298,5 @@ def test_the_command(tmp_path):
     assert kickdrift(path, "--output", tmp_path / "other.svg").exit_code == 0
     assert "expected one of megno" in str(kickdrift(path, "--overwrite", "--column", "x").exception)
     assert "--kind is for a run's" in str(kickdrift(path, "--kind", "rdf").exception)
-    assert "--column for an ensemble's .parquet" in str(kickdrift("run.h5md", "--column", "megno").exception)
+    assert "--kind or --column" in str(kickdrift("run.h5md", "--column", "megno", "--kind", "rdf").exception)
     assert "give FILE or --stability" in str(kickdrift("--stability", "rk4", "--column", "x").exception)

@@ -105,5 +105,5 @@ def test_bad_input(tmp_path):
         of.plot_observable(path, "rdf", tmp_path / "rdf.png")
     with pytest.raises(InputError, match=r"must end in \.png"):
         of.plot_observable(path, "msd", tmp_path / "msd.gif")
-    with pytest.raises(InputError, match="holds no frame"):
+    with pytest.raises(InputError, match="no frame to draw"):
         of.plot_observable(write(tmp_path / "empty.h5md", frames=0), "msd", tmp_path / "msd.png")

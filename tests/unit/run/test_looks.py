@@ -63,7 +63,7 @@ def test_a_look_is_the_sum_over_the_particles(make):
     sim = kd.Simulation(make(), "leapfrog", 0.004)
     sim.run(5)
     found = sim.sample()
-    wanted = take_sample(sim.system, sim._flow._aside, sim.steps_done, sim.time, sim.state.phase)
+    wanted = take_sample(sim.system, sim.integration.flow._aside, sim.steps_done, sim.time, sim.state.phase)
     assert (found.step, found.time, found.pairs, found.taken) == (5, 0.02, wanted.pairs, wanted.taken)
     for name in ("temperature", "pressure"):
         assert getattr(found, name) == pytest.approx(getattr(wanted, name), rel=1e-12, nan_ok=True)
@@ -155,8 +155,10 @@ def test_lists_that_grow_in_a_series_of_looks():
         sim = kd.Simulation(liquid(), "velocity-verlet", 0.004)
         sim.run(2, every=1)
         if room:
-            sim._flow.forces.forces = tuple(with_room(force, room) for force in sim._flow.forces.forces)
-            sim._flow.forces.forget()
+            sim.integration.flow.forces.forces = tuple(
+                with_room(force, room) for force in sim.integration.flow.forces.forces
+            )
+            sim.integration.flow.forces.forget()
         sim.run(200, every=5)
         ends.append(sim.sample().energies.total)
     assert ends[0] == pytest.approx(ends[1], rel=1e-12)
@@ -175,7 +177,7 @@ def test_what_is_not_finite_is_seen():
             sim = kd.Simulation(kd.System(*state_of(system), forces=forces, units="nbody"), dt=0.01)
             y = sim.state.phase
             y[half, 1, 3 if value != 1e200 else 0] = value
-            assert sim._flow.look(Looks(), y, 0.0, 0, np.empty_like(y)) == wanted
+            assert sim.integration.flow.look(Looks(), y, 0.0, 0, np.empty_like(y)) == wanted
 
 
 def state_of(system):

@@ -15,6 +15,7 @@ import kickdrift as kd
 from kickdrift.errors import InputError
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.run import resuming as restart
+from kickdrift.run.advance import Integration
 from kickdrift.trajectory import cadence
 from kickdrift.trajectory.checkpoints import decoded, encoded
 from kickdrift.trajectory.h5md import Writer
@@ -149,9 +150,9 @@ def test_the_cost_does_not_depend_on_the_length(tmp_path, monkeypatch):
     monkeypatch.setattr(cadence, "SHARE", 1e9)
     kd.Simulation(liquid(), dt=0.004).run(600, every=10, output=longer, file=kd.FileOptions(flush=1e-9))
     taken = []
-    advance = kd.Simulation._advance
+    advance = Integration.advance
     monkeypatch.setattr(
-        kd.Simulation, "_advance", lambda sim, *how, **more: (taken.append(how), advance(sim, *how, **more))[1]
+        Integration, "advance", lambda run, *how, **more: (taken.append(how), advance(run, *how, **more))[1]
     )
     kd.resume(path)
     assert taken == []
@@ -305,7 +306,7 @@ def test_a_state_that_was_replaced(tmp_path):
 def test_a_lattice_that_was_turned_around(tmp_path):
     sim, path = kd.Simulation(liquid(), "leapfrog-exact", dt=0.004), tmp_path / "a.h5md"
     sim.run(40, every=20, output=path)
-    sim.lattice = sim.lattice.reversed()
+    sim.method_state = sim.method_state.reversed()
     sim.run(40, output=path)
     resumed = kd.resume(path, step=50)
     resumed.run(30)

@@ -100,7 +100,7 @@ def test_states_along_a_run_and_its_step():
     assert (np.diff(ratios) > 0).all()
     assert ratios[-1] > 1e6
     now = stiffness(sim)[0]
-    assert now.step == sim._stepper.last_step > 0
+    assert now.step == sim.integration.stepper.last_step > 0
     assert now.step_times_rate > 1e4  # no explicit method could
 
 
@@ -130,10 +130,12 @@ def warning(f, y0, end, name="dormand-prince45", **options):
     sim = kd.Simulation(kd.Problem(f, y0), name, **options)
 
     def keep(sim):
-        points.append((sim._stepper.time, sim._stepper.y.copy(), sim._stepper.last_step))
+        points.append(
+            (sim.integration.stepper.time, sim.integration.stepper.y.copy(), sim.integration.stepper.last_step)
+        )
 
     sim.run(until=end, every=1, observe=keep)
-    return stability_warning(sim._flow, sim.method, points)
+    return stability_warning(sim.integration.flow, sim.method, points)
 
 
 @pytest.mark.parametrize(

@@ -419,7 +419,7 @@ def test_a_step_that_resolves_the_orbit_is_not():
     sim = kd.Simulation(circle(), "leapfrog", dt=0.1)
     assert sim.run(20).warnings == []
     phase = sim.system.state.phase
-    assert fastest(sim._flow, 0.0, phase) == pytest.approx(1.0, rel=1e-6)
+    assert fastest(sim.integration.flow, 0.0, phase) == pytest.approx(1.0, rel=1e-6)
     assert bound_by_gravity(circle()) >= 1.0
 
 
@@ -431,7 +431,7 @@ def test_the_fastest_spring_of_many_is_found():
     stiffness = np.linspace(1.0, 50.0, n // 2)
     system = kd.System(x, forces=[kd.Springs(pairs, stiffness, 1.0)])
     sim = kd.Simulation(system, "leapfrog", dt=0.01)
-    assert fastest(sim._flow, 0.0, system.state.phase) == pytest.approx(10.0, rel=0.1)  # sqrt(2 k / m)
+    assert fastest(sim.integration.flow, 0.0, system.state.phase) == pytest.approx(10.0, rel=0.1)  # sqrt(2 k / m)
 
 
 # --- a Problem's run ---

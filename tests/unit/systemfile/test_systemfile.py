@@ -393,7 +393,7 @@ def test_an_ode_file():
     assert problem.parameters == {"alpha": 2.0, "beta": 1.0, "gamma": 3.0, "delta": 1.0}
     assert problem.y0.tolist() == [3.0, 1.0]
     assert problem.f(0.0, problem.y0) == (3.0, 0.0)
-    assert (problem.run.integrator, problem.run.time, problem.run.rtol) == ("dop853", 20.0, 1e-9)
+    assert (problem.run.integrator, problem.run.time, problem.run.options["rtol"]) == ("dop853", 20.0, 1e-9)
     assert loads(changed(ODE, "alpha = 2", "t0 = -3")).t0 == -3.0
     with pytest.raises(InputError, match=r"^mine: seed: an ode draws no velocities"):
         loads(ODE, name="mine", seed=1)

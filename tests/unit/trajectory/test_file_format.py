@@ -21,11 +21,11 @@ SLAB = kd.Box((10.0, 9.0, 0.0), periodic=(True, True, False))
 PAGE = DOCS / "file-format.md"
 FILES = {
     "lj": (lambda: kd.load("lj-1000"), kd.FileOptions()),
-    "lj, float32": (lambda: kd.load("lj-1000"), kd.FileOptions(precision="float32")),
+    "lj, float32": (lambda: kd.load("lj-1000"), kd.FileOptions(store="float32")),
     "metal, forces": (lambda: kd.load("argon-864"), kd.FileOptions(write=("forces",))),
     "metal, images, compressed": (lambda: kd.load("argon-864"), kd.FileOptions(compress=True, write=("images",))),
     "astro, names": (lambda: kd.load("solar-system"), kd.FileOptions()),
-    "si": (lambda: bodies("si", 1e-10), kd.FileOptions(precision="float32", compress=True, write=("forces",))),
+    "si": (lambda: bodies("si", 1e-10), kd.FileOptions(store="float32", compress=True, write=("forces",))),
     "lj, leaning, images": (lambda: boxed(LEANING), kd.FileOptions(write=("images",))),
     "lj, a slab, images": (lambda: boxed(SLAB), kd.FileOptions(write=("images",))),
     "nbody, a merger": (lambda: bodies("nbody", 1.0), kd.FileOptions()),

@@ -21,11 +21,11 @@ from kickdrift.trajectory.layout import system_hash
 
 KINDS = [
     kd.FileOptions(),
-    kd.FileOptions(precision="float32"),
+    kd.FileOptions(store="float32"),
     kd.FileOptions(compress=True),
     kd.FileOptions(write=("forces",)),
     kd.FileOptions(write=("images",)),
-    kd.FileOptions(precision="float32", compress=True, write=("images", "forces")),
+    kd.FileOptions(store="float32", compress=True, write=("images", "forces")),
 ]
 FRAMES = 70
 
@@ -66,7 +66,7 @@ def write(path, start, options, frames=range(FRAMES), run_id=None):
 
 
 def check(path, start, options, frames):
-    rounding = 0 if options.precision == "float64" else 2**-24
+    rounding = 0 if options.store == "float64" else 2**-24
     edge = 0 if start.box.lengths is None else max(start.box.lengths)
     wrapping = 2**-52 * abs(state(start, frames).positions).max() if "images" in options.write else 0
     with reader.open(path) as run:
@@ -190,7 +190,7 @@ def test_the_hash_is_that_of_the_system(path):
         ("flush", 0, "flush: must be a positive number of seconds, got 0"),
         ("flush", "3", "flush: must be a positive number"),
         ("flush", float("nan"), "flush: must be a positive number"),
-        ("precision", "float16", "precision: must be float64 or float32, got 'float16'"),
+        ("store", "float16", "store: must be float64 or float32, got 'float16'"),
         ("compress", "gzip", "compress: must be True or False"),
         ("write", ("energies",), "write: must be some of forces, images"),
         ("write", "forces", "write: must be some of forces, images"),
@@ -239,17 +239,17 @@ def test_the_command_line_takes_the_options(path):
         command = [sys.executable, "-c", start, "run", "kepler-e09", "--steps", "10", "--every", "5", "--quiet"]
         return subprocess.run([*command, *options], capture_output=True, text=True, check=False, cwd=path.parent)
 
-    done = run("--output", str(path), "--flush", "2", "--precision", "float32", "--compress", "--write", "forces")
+    done = run("--output", str(path), "--flush", "2", "--store", "float32", "--compress", "--write", "forces")
     assert done.returncode == 0, done.stderr
     with kd.open(path) as found:
-        assert found.options == kd.FileOptions(precision="float32", compress=True, write=("forces",))
+        assert found.options == kd.FileOptions(store="float32", compress=True, write=("forces",))
         assert found.packed
         assert len(found) == 3
     for options, message in (
         (("--output", "no.h5md", "--flush", "-1"), "flush: must be a positive number of seconds, got -1.0"),
-        (("--output", "no.h5md", "--precision", "half"), "precision: must be float64 or float32, got 'half'"),
+        (("--output", "no.h5md", "--store", "half"), "store: must be float64 or float32, got 'half'"),
         (("--output", "no.h5md", "--write", "forces,heat"), "write: must be some of forces, images"),
-        (("--precision", "float32"), "--precision: needs --output"),
+        (("--store", "float32"), "--store: needs --output"),
     ):
         done = run(*options)
         assert done.returncode == 2

@@ -61,7 +61,7 @@ def test_bodies_keep_their_names(tmp_path):
     ],
 )
 def test_what_a_new_file_holds_is_known_without_reading_it(path, units, box, precision, write):
-    system, options = make_system(box=box, units=units), FileOptions(precision=precision, write=write)
+    system, options = make_system(box=box, units=units), FileOptions(store=precision, write=write)
     Writer(path, system, method=METHOD, every=10, options=options).close()
     with h5py.File(path) as file:
         found = header.read(Contents(file, path))

@@ -73,7 +73,7 @@ def test_mdanalysis_alone_reads_the_same(path):
 @pytest.mark.parametrize("units", ["metal", "si"])
 def test_positions_inside_the_box_are_unwrapped(path, units):
     """Where a run wrote images, the file has positions inside the box."""
-    written = write(path, make_system(units), write=("images",), precision="float32")
+    written = write(path, make_system(units), write=("images",), store="float32")
     with kd.open(path) as run:
         universe = run.universe()
     for _ in range(2):  # also a second time through

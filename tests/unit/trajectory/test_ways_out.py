@@ -357,7 +357,7 @@ def test_a_system_file_has_a_largest_size(tmp_path):
     path = tmp_path / "s.toml"
     with path.open("wb") as file:
         file.truncate(2**40)  # of which nothing is on the disk
-    with pytest.raises(InputError, match=r"s\.toml: is too large: a system file has at most 16,777,216 bytes"):
+    with pytest.raises(InputError, match=r"s\.toml: too large: a system file has at most 16,777,216 bytes"):
         kd.load(path)
 
 

@@ -54,11 +54,11 @@ def rational(name: str, dt: Fraction, steps: int) -> int:
 def whole_numbers(steps: int) -> int:
     """How many whole numbers differ, of leapfrog-exact on lj-1000."""
     sim = kd.Simulation(kd.load("lj-1000"), "leapfrog-exact", dt=0.005)
-    first = sim.lattice
+    first = sim.method_state
     sim.run(steps, every=steps)
-    sim.lattice = sim.lattice.reversed()
+    sim.method_state = sim.method_state.reversed()
     sim.run(steps, every=steps)
-    back = sim.lattice.reversed()
+    back = sim.method_state.reversed()
     keys: tuple[str, ...] = Lattice._fields[:3]
     return sum(int((getattr(first, key) != getattr(back, key)).sum()) for key in keys)
 

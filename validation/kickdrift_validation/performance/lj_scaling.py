@@ -36,12 +36,12 @@ def size_claims(count: int, seconds: float) -> list[Claim]:
     rows = []
     for n in (MIDDLE, LARGE):
         large = melt(n, MELT)
-        lists, steps = large._flow.forces.list_builds, large.steps_done
+        lists, steps = large.integration.flow.forces.list_builds, large.steps_done
         costs = 1e9 / (turns([Native(small), Native(large)], seconds, count) * (SMALL, n))
         ratio = float(np.median(costs[:, 1] / costs[:, 0]))
         every = [
             (large.steps_done - steps) / max(now - before, 1)
-            for before, now in zip(lists, large._flow.forces.list_builds, strict=True)
+            for before, now in zip(lists, large.integration.flow.forces.list_builds, strict=True)
         ]
         print(
             f"  {n:6} particles: {np.median(costs[:, 1]):6.1f} ns per particle and step, at {SMALL} "

@@ -200,7 +200,7 @@ def wisdom_holman(watch: Watch) -> dict[str, float]:
     for coordinates, name in (("jacobi", "jacobi-kick"), ("democratic-heliocentric", "heliocentric-kick")):
         sim = kd.Simulation(solar_system(), "wisdom-holman", dt=dt, coordinates=coordinates)
         sim.run(10)
-        bodies: Any = sim._stepper._bodies  # type: ignore[attr-defined]
+        bodies: Any = sim.integration.stepper._bodies  # type: ignore[attr-defined]
         found["kepler"] = watch.nanoseconds(partial(drifts, bodies, dt)) / WIDTH
         found[name] = watch.nanoseconds(partial(kicks, bodies, short)) / WIDTH
     return found
@@ -210,7 +210,7 @@ def gauss_radau(watch: Watch) -> dict[str, float]:
     """Nanoseconds a component and node, and a node with its forces."""
     sim = kd.Simulation(planets().system, "gauss-radau15")
     sim.run(200, every=2**40)
-    stepper: Any = sim._stepper
+    stepper: Any = sim.integration.stepper
     work = stepper._work
     size, components = stepper._flat.shape[1] - work.shape[1], stepper.y[0].size
     own, (found, trial) = aligned(work.shape), aligned(stepper._flat.shape)  # zeros stay zeros, and take as long

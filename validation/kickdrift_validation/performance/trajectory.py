@@ -36,9 +36,9 @@ EVERY, FRAMES = 100, 1000
 BOUND = 0.05
 FORMS = {
     "h5md": None,
-    "h5md, float32": kd.FileOptions(precision="float32"),
+    "h5md, float32": kd.FileOptions(store="float32"),
     "h5md, compressed": kd.FileOptions(compress=True),
-    "h5md, float32, compressed": kd.FileOptions(precision="float32", compress=True),
+    "h5md, float32, compressed": kd.FileOptions(store="float32", compress=True),
     "h5md, forces and images": kd.FileOptions(write=("forces", "images")),
 }
 
@@ -146,7 +146,7 @@ def claims(steps: int, turns: int) -> Iterator[Claim]:
             cost, longer = (statistics.median(turn[k] for turn in found) for k in range(2))
             least, most = (100 * f(turn[1] for turn in found) for f in (min, max))
             print(f"  {name:28} costs {100 * cost:5.2f} %; longer by {100 * longer:.1f} % ({least:.1f} to {most:.1f})")
-            if options is None or (options.precision == "float32" and not options.compress):
+            if options is None or (options.store == "float32" and not options.compress):
                 text = f"writing lj-1000 every {EVERY} steps, {name}: share of its processor time"
                 yield claim(text, cost, f"below {BOUND:g}", cost < BOUND, "the same run without a file")
         made = files(folder)

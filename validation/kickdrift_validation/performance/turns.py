@@ -79,7 +79,7 @@ class Native(Runner):
     @property
     def skin(self) -> str:  # type: ignore[override]
         """Of the list that is searched for, and of that which is pruned from it."""
-        lists = [force.pairs for force in self.sim._flow.forces.forces if hasattr(force, "pairs")]
+        lists = [force.pairs for force in self.sim.integration.flow.forces.forces if hasattr(force, "pairs")]
         return "; ".join(f"{pairs.outer_skin:.3g}, pruned {pairs.inner_skin:.3g}" for pairs in lists)
 
     def run(self, amount: float) -> float:

@@ -1,9 +1,13 @@
-"""What collisions and escapes do to a system: bodies merge, bounce or leave."""
+"""What collisions and escapes do to a system: bodies merge, bounce or leave; and which bodies are left."""
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
+from kickdrift.errors import InputError
+from kickdrift.model.memory import Memory
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 
@@ -50,3 +54,24 @@ def bounced(masses: Floats, y: Floats, i: int, j: int, restitution: float) -> Fl
     y[1, :, i] += impulse * masses[j] * normal
     y[1, :, j] -= impulse * masses[i] * normal
     return y
+
+
+def remaining_memory(first: Any, system: Any) -> Memory | None:
+    """The bodies of ``first`` that are left in a system, and how they began; None where all are."""
+    if system is first:
+        return None
+    state = system.state
+    return {"ids": state.ids, "masses": state.masses, "radii": system.radii, "phase": state.phase}
+
+
+def left_of(first: System, ids: Any, masses: Floats, radii: Floats | None, phase: Floats) -> System:
+    """The system that those bodies of ``first`` are left of; the inverse of ``remaining_memory``."""
+    state, keep = first.state, np.isin(first.state.ids, ids)
+    if not np.array_equal(state.ids[keep], ids):
+        raise InputError("checkpoint: holds bodies that the system has not")
+    everywhere, weights, sizes = state.phase.copy(), state.masses.copy(), None
+    everywhere[:, :, keep], weights[keep] = phase, masses
+    if radii is not None:
+        sizes = np.zeros(len(first))
+        sizes[keep] = radii
+    return first.remaining(keep, everywhere, weights, sizes)

@@ -1,6 +1,6 @@
 """A stepper under watch: steps are taken one by one, each is searched for events, and some of these change the bodies.
 
-It stands where the Simulation has the method's own stepper and uses nothing of that but the ``Stepper`` protocol. What
+It stands where a run has the method's own stepper and uses nothing of that but the ``Stepper`` protocol. What
 is searched is always a whole step of the method, whatever a run looks at in between, so that neither looks nor the
 pieces that a run is cut into change what is found, when, or the run's bits. One exception: where f depends on time and
 the method chooses its steps, the last step of a run until some time ends there, because f may have no value beyond.
@@ -18,60 +18,67 @@ import numpy as np
 
 from kickdrift.errors import InputError, RunError
 from kickdrift.forces.kernel import OK
-from kickdrift.integrators.flow import flow_of
 from kickdrift.integrators.stepping import Counts
-from kickdrift.model.events import CloseApproach, Collision, Crossing, Escape, Event, is_row
+from kickdrift.model.events import CloseApproach, Collision, Crossing, Escape, Event
 from kickdrift.model.memory import Memory, by_value
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
-from kickdrift.run.watch.collisions import bounced, joined, merged, without
+from kickdrift.run.watch.collisions import bounced, joined, left_of, merged, remaining_memory, without
+from kickdrift.run.watch.log import Log
+from kickdrift.run.watch.trials import Trials, Watched
+from kickdrift.run.watch.watcher import Watcher
 from kickdrift.run.watch.watches import Act, Approaches, Contacts, Crossings, Escapes, Row, Span, entry
 
 if TYPE_CHECKING:
     from kickdrift.integrators.stepping import Stepper
-    from kickdrift.run.simulation import Simulation
 
 MOST_ACTS = 1000  # at one time: balls that come to rest on each other bounce for ever
 NEVER_BACK = -1  # where a body that was absorbed has its survivor
 
 
+class Events(Watcher):
+    """Begins a run anew where an event ended the last one; the stepper does the rest of the search."""
+
+    def __init__(self, stepper: WatchedStepper) -> None:
+        self._stepper = stepper
+
+    def begin(self) -> None:
+        """No event has ended the run."""
+        self._stepper.stopped = ""
+
+
 class WatchedStepper:
-    """A Simulation's stepper that looks for events.
+    """A stepper that looks for events.
 
     Attributes
     ----------
     inner : the method's own stepper; another one once bodies have left
-    stopped : what ended the run, "" where nothing did; whoever runs on clears it
+    stopped : the event that ended the last run, in words; "" where none did
     absorbed : of each body that left, by id, the id of the one that took it up, or ``NEVER_BACK``
     horizon : no look at the run before its next ``advance`` is later than this
     end : f is evaluated at no later time: the step that would lead beyond it is cut off there, and searched like others
     first : the system with all its bodies, those that have left too
-    writer : where events go besides the Simulation's record
     acting : whether any of the events may change what is conserved
     """
 
-    def __init__(self, sim: Simulation, inner: Stepper, events: Sequence[Event]) -> None:
-        self._sim, self.inner = sim, inner
-        self.first = sim.system  # with all its bodies
+    def __init__(self, run: Watched, inner: Stepper, events: Sequence[Event]) -> None:
+        self._run, self.inner = run, inner
+        self.first = run.system  # with all its bodies
         self.stopped = ""
         self.horizon = self.end = np.inf
         self.absorbed: dict[int, int] = {}
-        self.writer: Any = None
         self.acting = any(getattr(event, "action", "log") in ("merge", "bounce", "remove") for event in events)
         self._spent = Counts()
         self._warned: list[str] = []
-        subject: Any = sim.system
+        self._log = Log(run)
+        subject: Any = run.system
         self._approaches = [Approaches(e, subject) for e in events if isinstance(e, CloseApproach)]
         self._contacts = [Contacts(e, subject) for e in events if isinstance(e, Collision)]
         self._escapes = [Escapes(e, subject) for e in events if isinstance(e, Escape)]
         self._crossings = Crossings([e for e in events if isinstance(e, Crossing)], subject)
         self._watches: list[Any] = [*self._approaches, *self._contacts, *self._escapes, self._crossings]
         self._lookers: list[Any] = [*self._approaches, *([self._crossings] if len(self._crossings) else [])]
-        self._aside()
-
-    def _aside(self) -> None:
-        """A flow for steps that are tried or made up: the run's own pair lists are left alone."""
-        self._side = flow_of(self._sim.system, self._sim.threads, jumps=True)
+        self._trials = Trials(run)
 
     # --- what a Simulation asks of a stepper ---
 
@@ -112,17 +119,17 @@ class WatchedStepper:
     def reset(self, y: Floats, time: float, steps: int) -> None:
         """Begin anew at y, with nothing seen so far; bodies that left stay away."""
         self.inner.reset(y, time, steps)
-        self.begin()
+        self.forget()
 
-    def begin(self) -> None:
+    def forget(self) -> None:
         """Forget what was seen so far."""
-        self._waiting: list[tuple[float, Row]] = []
+        self._log.forget()
         self._act: Act | None = None
         self._span: Span | None = None
         self._acts, self._last_act = 0, -np.inf
         self.stopped = ""
         for watch in self._watches:
-            watch.begin(self._sim.system)
+            watch.begin(self._run.system)
 
     def advance(self, steps: int, until: float = np.inf) -> int:
         if not steps:
@@ -136,8 +143,7 @@ class WatchedStepper:
                 break
             else:
                 status = self._step()
-        if self._waiting:
-            self._tell(self.horizon)
+        self._log.tell(self.horizon)
         return status
 
     def _prepare(self) -> int:
@@ -158,9 +164,9 @@ class WatchedStepper:
         there, and the bodies that are left, where some have gone."""
         act, span = self._act, self._span
         events = {
-            "bodies": self._bodies(),
+            "bodies": remaining_memory(self.first, self._system),
             "watches": [watch.memory() for watch in self._watches],
-            "waiting": [[due, row] for due, row in self._waiting],
+            "waiting": self._log.memory(),
             "act": act and {**act._asdict(), "event": self._acting.index(act.event)},
             "span": act and span and {key: getattr(span, key) for key in ("y0", "t0", "y1", "t1", "step")},
             "acts": self._acts,
@@ -175,20 +181,18 @@ class WatchedStepper:
     def recall(self, memory: Memory) -> None:
         """See Stepper."""
         events = by_value(memory["events"])
-        system = self.first if events["bodies"] is None else self._left(**events["bodies"])
-        if system is not self._sim.system:
-            self.inner = self._sim.stepper_for(system)
-            self._aside()
-        flow: Any = self._sim._flow
+        system = self.first if events["bodies"] is None else left_of(self.first, **events["bodies"])
+        if system is not self._run.system:
+            self.inner = self._run.stepper_for(system)
+            self._trials = Trials(self._run)
+        flow: Any = self._run.flow
         if memory["y"].shape != flow.array(system.state).shape:
             raise InputError("checkpoint: y has another shape than in a run of this system")
         self.inner.recall(memory)
-        self.begin()
+        self.forget()
         for watch, known in zip(self._watches, events["watches"], strict=True):
             watch.recall(known)
-        self._waiting = [(due, row) for due, row in events["waiting"]]
-        if not all(isinstance(due, int | float) and is_row(row) for due, row in self._waiting):
-            raise InputError("checkpoint: what its events wait for are none")
+        self._log.recall(events["waiting"])
         if (act := events["act"]) is not None:
             event, span = self._acting[act["event"]], events["span"]
             self._act = Act(event, act["time"], tuple(act["bodies"]), act["distance"])
@@ -201,26 +205,6 @@ class WatchedStepper:
     def _acting(self) -> list[Any]:
         watches: list[Any] = [*self._contacts, *self._escapes]
         return [watch.event for watch in watches]
-
-    def _bodies(self) -> Memory | None:
-        """Those that are left and how they began; None where all are."""
-        if self._system is self.first:
-            return None
-        state = self._system.state
-        return {"ids": state.ids, "masses": state.masses, "radii": self._system.radii, "phase": state.phase}
-
-    def _left(self, ids: Any, masses: Floats, radii: Floats | None, phase: Floats) -> System:
-        """The system that those bodies are left of."""
-        first: Any = self.first
-        state, keep = first.state, np.isin(first.state.ids, ids)
-        if not np.array_equal(state.ids[keep], ids):
-            raise InputError("checkpoint: holds bodies that the system has not")
-        everywhere, weights, sizes = state.phase.copy(), state.masses.copy(), None
-        everywhere[:, :, keep], weights[keep] = phase, masses
-        if radii is not None:
-            sizes = np.zeros(len(first))
-            sizes[keep] = radii
-        return first.remaining(keep, everywhere, weights, sizes)
 
     # --- the search ---
 
@@ -252,7 +236,7 @@ class WatchedStepper:
             acts = [act for watch in self._contacts if (act := watch.first(whole)) is not None]
             if acts:
                 self._act, self._span = min(acts, key=lambda act: act.time), whole
-                if self._act.event.action != "stop" or self._sim.method.chooses_steps:
+                if self._act.event.action != "stop" or self._run.method.chooses_steps:
                     y1, t1 = np.array(whole.inside(self._act.time)), self._act.time
         hits = [watch for watch in self._lookers if watch.scan(y0, t0, y1, t1, step)]
         gone = [each for each in self._escapes if each.scan(y0, t0, y1, t1, step)] if self._act is None else []
@@ -261,12 +245,13 @@ class WatchedStepper:
             found = [row for watch in hits for row in watch.look(span)]
             for escapes in gone:
                 found += self._escaped(escapes, span)
-            self._waiting += sorted(found, key=lambda pair: pair[0])
+            self._log.wait(found)
 
     def _span_of(self, y0: Floats, t0: float, y1: Floats, t1: float) -> Span:
-        if self._sim.method.chooses_steps:
-            return Span(y0, t0, y1, t1, self.steps_done, self.inner.at)
-        return Span(y0, t0, y1, t1, self.steps_done, lambda time: self._tried(y0, t0, time))
+        step = self.steps_done
+        if self._run.method.chooses_steps:
+            return Span(y0, t0, y1, t1, step, self.inner.at)
+        return Span(y0, t0, y1, t1, step, lambda time: self._trials.at(y0, t0, time, step))
 
     def _escaped(self, watch: Escapes, span: Span) -> list[tuple[float, Row]]:
         """Log those that only are to be logged, and keep the first of the others."""
@@ -280,32 +265,18 @@ class WatchedStepper:
                 self._act, self._span = act, span
         return found
 
-    def _tried(self, y: Floats, begin: float, time: float) -> Floats:
-        """y at a time inside a step of fixed length: a shorter step of the method, thrown away."""
-        status, reached, _ = self._short_step(y, begin, time)
-        if status != OK:
-            raise RunError(f"step {self.steps_done}: a shorter step to t = {time:.9g}, where an event is, failed")
-        return reached
-
-    def _short_step(self, y: Floats, begin: float, end: float) -> tuple[int, Floats, Counts]:
-        sim = self._sim
-        stepper = sim.method.stepper(self._side, replace(sim.options, dt=end - begin))
-        stepper.reset(y.copy(), begin, 0)
-        status = stepper.advance(1, np.inf)
-        return status, stepper.y, stepper.counts
-
     # --- what events do ---
 
     @property
     def _system(self) -> System:
-        return self._sim.system
+        return self._run.system
 
     def _apply(self, act: Act) -> int:
         """Let an event act, at its time; one of fixed steps then makes up the rest of the step."""
         span, self._act = self._span, None
         assert span is not None
-        event, step, adaptive = act.event, span.step, self._sim.method.chooses_steps
-        self._tell(act.time)
+        event, step, adaptive = act.event, span.step, self._run.method.chooses_steps
+        self._log.tell(act.time)
         again = act.time <= self._last_act + 8 * np.spacing(abs(act.time))
         self._acts, self._last_act = self._acts + 1 if again else 0, act.time
         if self._acts > MOST_ACTS:
@@ -326,12 +297,12 @@ class WatchedStepper:
         if adaptive or act.time >= span.t1:
             return OK
         y, begin = self.inner.y, act.time
-        status, reached, cost = self._short_step(y, begin, span.t1)
+        status, reached, cost = self._trials.step(y, begin, span.t1)
         self._spent = _sum(self._spent, cost)
         if status != OK or not np.isfinite(reached).all():
             return status
         self.inner.reset(reached.copy(), span.t1, step)
-        self._sim.bodies_changed()
+        self._run.bodies_changed()
         self._search(y, begin, reached, span.t1)
         return OK
 
@@ -339,23 +310,23 @@ class WatchedStepper:
         names = " and ".join(self._system.body(i) for i in act.bodies)
         what = "touch" if isinstance(act.event, Collision) else "escapes"
         row = entry(self._system, act.event.kind, act.time, span.step, act.bodies, act.distance, "stopped")
-        self._log(row)
+        self._log.add(row)
         if isinstance(act.event, Collision):
             for contacts in self._contacts:
                 contacts.touch(act.bodies)
         else:
             for escapes in self._escapes:
                 escapes.know(act.bodies[0])
-        if self._sim.method.chooses_steps and act.time < span.t1:
+        if self._run.method.chooses_steps and act.time < span.t1:
             self.inner.reset(np.array(span.inside(act.time)), act.time, span.step)
-            self._crossings.begin(self._sim.system)
+            self._crossings.begin(self._run.system)
         self.stopped = f"{names} {what} at t = {act.time:.9g}"
 
     def _change(self, act: Act, y: Floats, step: int) -> None:
         """Bounce, merge or remove, and begin anew from there."""
         system, event, bodies = self._system, act.event, act.bodies
         row = entry(system, event.kind, act.time, step, bodies, act.distance, "")
-        before = self._sim.sample_at(y, act.time)
+        before = self._run.sample_at(y, act.time)
         if event.action == "bounce":
             assert isinstance(event, Collision)
             left, y = system, bounced(system.state.masses, y, bodies[0], bodies[1], event.restitution)
@@ -375,45 +346,28 @@ class WatchedStepper:
             self._leave(system, gone, NEVER_BACK)
         if left is not system:
             self._spent, self._warned = self.counts, self.warnings
-            self.inner = self._sim.stepper_for(left)
-            self._aside()
+            self.inner = self._run.stepper_for(left)
+            self._trials = Trials(self._run)
             for watch in self._watches:
                 watch.follow(left)
         self._crossings.begin(left)  # speeds have jumped, which is no crossing
         self.inner.reset(y, act.time, step)
-        after = self._sim.sample_at(y, act.time)
+        after = self._run.sample_at(y, act.time)
         row["energy"] = before.energies.total - after.energies.total
         if event.action != "bounce" or event.restitution != 1:  # type: ignore[union-attr]
-            self._sim.record.take(before, after)
-        self._log(row)
-        self._sim.bodies_changed()
+            self._run.record.take(before, after)
+        self._log.add(row)
+        self._run.bodies_changed()
 
     def _leave(self, system: System, gone: int, survivor: int) -> None:
         self.absorbed[int(system.state.ids[gone])] = survivor
         for contacts in self._contacts:
             contacts.radii = np.delete(contacts.radii, gone)
 
-    # --- the log ---
-
-    def _tell(self, until: float) -> None:
-        """Log what waited for the present to come there."""
-        late = []
-        for due, row in self._waiting:
-            if due <= until:
-                self._log(row)
-            else:
-                late.append((due, row))
-        self._waiting = late
-
-    def _log(self, row: Row) -> None:
-        self._sim.record.events.append(row)
-        if self.writer is not None:
-            self.writer.append_event(row)
-
     def going_on(self) -> list[Row]:
         """Passages that have begun and not ended at the present."""
-        rows = [row for _, row in self._waiting] + [row for watch in self._approaches for row in watch.going_on()]
-        return [{**row, "done": "going on"} for row in rows if row["time"] <= self._sim.time]
+        rows = self._log.waiting_rows + [row for watch in self._approaches for row in watch.going_on()]
+        return [{**row, "done": "going on"} for row in rows if row["time"] <= self._run.time]
 
 
 def _sum(a: Counts, b: Counts) -> Counts:

@@ -1,0 +1,176 @@
+"""The commands ``run`` and ``resume``."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from kickdrift.cli.console import progress_bar, say
+from kickdrift.cli.options import (
+    FlushOption,
+    JsonOption,
+    OverwriteOption,
+    QuietOption,
+    SystemArgument,
+    ThreadsOption,
+    with_options,
+)
+from kickdrift.cli.printing import (
+    print_report,
+)
+from kickdrift.disk.outputs import refuse_outputs, write_json
+from kickdrift.errors import InputError
+
+if TYPE_CHECKING:
+    from kickdrift.run.report import Report
+    from kickdrift.run.simulation import Simulation
+    from kickdrift.trajectory.options import FileOptions
+
+
+@with_options(
+    "dt", "rtol", "atol", "max_step", "compensated", "precision", "coordinates", "corrector", "order", "eta", "scheme"
+)
+def run(
+    system: SystemArgument,
+    integrator: Annotated[str | None, typer.Option(metavar="NAME", help="See: kickdrift list integrators.")] = None,
+    options: Any = None,
+    steps: Annotated[int | None, typer.Option(metavar="N", min=0, help="Number of steps.")] = None,
+    time: Annotated[
+        float | None, typer.Option(metavar="T", help="Length of the run in time, instead of --steps.")
+    ] = None,
+    every: Annotated[int | None, typer.Option(metavar="K", min=1, help="Steps between samples and frames.")] = None,
+    interval: Annotated[
+        float | None,
+        typer.Option(metavar="T", help="Time between samples and frames, for adaptive methods."),
+    ] = None,
+    output: Annotated[Path | None, typer.Option(metavar="FILE.h5md", help="Write the trajectory.")] = None,
+    overwrite: OverwriteOption = False,
+    flush: FlushOption = None,
+    store: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Type of stored frames: float64 (default), float32.")
+    ] = None,
+    old_store: Annotated[str | None, typer.Option("--precision", hidden=True)] = None,
+    compress: Annotated[bool, typer.Option("--compress", help="Compress the file at the end; lossless.")] = False,
+    write: Annotated[
+        str | None, typer.Option(metavar="NAMES", help="Further data in frames: forces, images, or forces,images.")
+    ] = None,
+    seed: Annotated[int | None, typer.Option(metavar="S", min=0, help="Seed of random velocities.")] = None,
+    threads: ThreadsOption = 1,
+    engine: Annotated[str, typer.Option(metavar="NAME", help="See: kickdrift list engines.")] = "native",
+    processes: Annotated[
+        int, typer.Option(metavar="N", min=1, help="Number of processes, for an engine that can use several: lammps.")
+    ] = 1,
+    json_file: JsonOption = None,
+    quiet: QuietOption = False,
+) -> None:
+    """Run a system and report how well it conserved energy and momentum."""
+    from kickdrift.engines import engine as engine_named
+    from kickdrift.model.system import System
+    from kickdrift.systemfile.reading import load
+
+    engine_named(engine)
+    if steps is not None and time is not None:
+        raise InputError("give --steps or --time, not both")
+    refuse_outputs({"output": output, "json": json_file}, overwrite, [system])
+    if old_store is not None:
+        if store is not None:
+            raise InputError("give --store; --precision is its old name")
+        say("warning: --precision is --store since 0.2, and goes in 0.3", quiet)
+        store = old_store
+    given = {"flush": flush, "store": store, "compress": compress or None}
+    file = file_options(output, given | {"write": write and tuple(each.strip() for each in write.split(","))})
+    chosen = load(system, seed)
+
+    from kickdrift.run.plan import length_of
+    from kickdrift.run.simulation import Simulation
+
+    sim = Simulation(chosen, integrator, threads=threads, engine=engine, processes=processes, **options)
+    length = length_of(sim, system, steps, time)
+    warn_of_version(sim, quiet)
+    with progress_bar(quiet) as bar:
+        if isinstance(chosen, System) and chosen.equilibration:
+            wanted = chosen.equilibration
+            sim.equilibrate(wanted.temperature, wanted.time, wanted.interval, bar("equilibrating"))
+        report = sim.run(
+            **length, every=every, interval=interval, output=output, overwrite=overwrite, file=file,
+            progress=bar("running"),
+        )  # fmt: skip
+    show(report, sim, output, json_file, quiet, overwrite)
+
+
+def file_options(output: Path | None, given: dict[str, Any]) -> FileOptions | None:
+    """Options of the output file; None without any."""
+    from kickdrift.trajectory.options import FileOptions
+
+    asked = {key: value for key, value in given.items() if value is not None}
+    if asked and output is None:
+        raise InputError(f"--{next(iter(asked))}: needs --output")
+    return FileOptions(**asked) if asked else None
+
+
+def resume(
+    file: Annotated[Path, typer.Argument(metavar="FILE.h5md", help="The file of a run, finished or not.")],
+    steps: Annotated[
+        int | None, typer.Option(metavar="N", min=0, help="Continue to this step, counted from the run's start.")
+    ] = None,
+    time: Annotated[
+        float | None, typer.Option(metavar="T", help="Continue to this time since the run's start, instead of --steps.")
+    ] = None,
+    threads: Annotated[
+        int | None,
+        typer.Option(metavar="K", min=1, help="Threads (default: as in the run); they do not change the results."),
+    ] = None,
+    flush: FlushOption = None,
+    json_file: JsonOption = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the JSON file.")] = False,
+    quiet: QuietOption = False,
+) -> None:
+    """Finish an interrupted run or extend a finished one, with the same bits as an uninterrupted run."""
+    if steps is not None and time is not None:
+        raise InputError("give --steps or --time, not both")
+    refuse_outputs({"json": json_file}, overwrite, [file])
+    from kickdrift.run.resuming import continued
+    from kickdrift.run.resuming import resume as taken_up
+    from kickdrift.trajectory.reader import open as opened
+
+    sim = taken_up(file, threads=threads)
+    warn_of_version(sim, quiet)
+    with opened(file) as run:
+        options, closed = None if flush is None else replace(run.options, flush=flush), run.closed
+    if sim.plan is None:
+        raise InputError(f"{file}: the length of the run is not known; give --steps or --time")
+    sim.plan = continued(sim, steps, time)
+    if sim.plan.over(sim) and closed:
+        say(f"{file}: the run is finished at step {sim.steps_done}; --steps or --time extend it", quiet)
+        report = sim.report()
+    else:
+        with progress_bar(quiet) as bar:
+            say(f"{file}: continues from step {sim.steps_done}", quiet)
+            report = sim.run(progress=bar("running"), file=options)
+    show(report, sim, file, json_file, quiet, overwrite)
+
+
+def warn_of_version(sim: Simulation, quiet: bool) -> None:
+    """Warn of an untested version of an engine before the first step."""
+    from kickdrift.engines import ENGINES
+
+    for warning in ENGINES[sim.engine].warnings:
+        say(f"warning: {warning}", quiet)
+
+
+def show(
+    report: Report, sim: Simulation, output: Path | None, json_file: Path | None, quiet: bool, overwrite: bool
+) -> None:
+    """Print a run's warnings and report, and write the report on request."""
+    from kickdrift.engines import ENGINES
+
+    for warning in report.warnings:
+        if warning not in ENGINES[sim.engine].warnings:  # printed before
+            say(f"warning: {warning}", quiet)
+    try:
+        write_json(json_file, report.as_json(), overwrite=overwrite)
+    finally:  # a full disk does not lose the results
+        print_report(report, sim, output)

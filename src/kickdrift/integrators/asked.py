@@ -1,0 +1,161 @@
+"""What was asked for: an integrator with its options as one value; options by name and as text, checked."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from difflib import get_close_matches
+from typing import Any
+
+from kickdrift.errors import InputError
+from kickdrift.integrators import INTEGRATORS
+from kickdrift.integrators import integrator as method_named
+from kickdrift.integrators.method import Method
+from kickdrift.integrators.option import DT, OPTIONS, PRECISION, Option, merged
+from kickdrift.integrators.options import Options
+from kickdrift.model.system import RunDefaults
+from kickdrift.model.units import shown
+from kickdrift.text import VALUE, clean
+
+FEW = 4  # methods that a message names
+
+
+@dataclass(frozen=True)
+class Integrator:
+    """An integrator and options of it, which stand wherever an integrator's name does; see ``kickdrift.integrator``.
+
+    Attributes
+    ----------
+    name : the method's, or its alias
+    options : what was given, by name
+    """
+
+    name: str
+    options: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "options", dict(self.options))
+        settled(self.method, self.options, RunDefaults())
+
+    def __hash__(self) -> int:
+        return hash((self.name, Options(**self.options)))
+
+    def __repr__(self) -> str:
+        given = [f"{key}={value!r}" for key, value in self.options.items()]
+        return f"integrator({', '.join([repr(self.name), *given])})"
+
+    def __str__(self) -> str:
+        """As the command line takes it: the name, and ``-o KEY=VALUE`` for each option."""
+        return " ".join([self.name, *(f"-o {key}={as_text(value)}" for key, value in self.options.items())])
+
+    @property
+    def method(self) -> Method:
+        """The row of the registry."""
+        return method_named(self.name)
+
+
+def integrator(name: str, **options: Any) -> Integrator:
+    """An integrator with options, as one value: ``kd.integrator("wisdom-holman", corrector=17)``.
+
+    It stands wherever an integrator's name does. An option that is given beside it replaces the value's own; the
+    value's options replace those of a system file.
+
+    Parameters
+    ----------
+    name : of the integrator, see ``kickdrift.integrators()``
+    options : dt, and the options that the method takes; ``kickdrift list integrators NAME`` explains them
+
+    Raises
+    ------
+    InputError
+        For an unknown name, and for options that the method does not take.
+    """
+    return Integrator(name, options)
+
+
+def method_of(which: str | Integrator) -> Method:
+    """The method that a name or a value means."""
+    return which.method if isinstance(which, Integrator) else method_named(which)
+
+
+def unpacked(which: Any, given: Mapping[str, Any]) -> tuple[Any, dict[str, Any]]:
+    """The integrator's name, and all options: those of a value, replaced by those ``given`` beside it."""
+    if not isinstance(which, Integrator):
+        return which, dict(given)
+    return which.name, {**given, **which.options, **{k: value for k, value in given.items() if value is not None}}
+
+
+def known_options() -> dict[str, Option]:
+    """Every option that some method takes, but dt, by name: what it may be for any of these."""
+    found: dict[str, list[Option]] = {name: [] for name in OPTIONS}
+    for method in dict.fromkeys(INTEGRATORS.values()):
+        for each in (*method.declared, PRECISION):
+            found.setdefault(each.name, []).append(each)
+    return {name: merged(declared) for name, declared in found.items() if declared}
+
+
+def takers(name: str) -> list[str]:
+    """The methods that take an option."""
+    return [
+        method.name
+        for method in dict.fromkeys(INTEGRATORS.values())
+        if any(each.name == name for each in (*method.declared, PRECISION))
+    ]
+
+
+def takers_text(name: str) -> str:
+    """The methods that take an option, in words."""
+    found = takers(name)
+    if len(found) == len(set(map(id, INTEGRATORS.values()))):
+        return "every integrator takes"
+    if len(found) > FEW:
+        return f"{', '.join(found[: FEW - 1])} and {len(found) - FEW + 1} others take"
+    return f"{' and '.join([', '.join(found[:-1]), found[-1]] if found[1:] else found)} take{'' if found[1:] else 's'}"
+
+
+def meant(name: object) -> str:
+    """``; did you mean 'corrector', which wisdom-holman takes?`` where an option's name is near, else nothing."""
+    near = get_close_matches(str(name)[:VALUE].lower(), [*known_options()], 1, 0.6)
+    return f"; did you mean {near[0]!r}, which {takers_text(near[0])}?" if near else ""
+
+
+def refuse_unknown(names: Iterable[str], method: Method | None = None) -> None:
+    """An InputError where a name is no option of any method."""
+    unknown = [name for name in names if name != DT.name and name not in OPTIONS]
+    known = known_options() if unknown else {}
+    for name in unknown:
+        if name not in known:
+            takes = f"; {method.name} takes {', '.join((DT.name, *method.tunable))}" if method else ""
+            raise InputError(f"{clean(str(name), VALUE)}: no integrator takes such an option{meant(name)}{takes}")
+
+
+def settled(method: Method, asked: Mapping[str, Any], run: RunDefaults) -> Options:
+    """The options of a run: those ``asked`` for in arguments, then those of the system, then defaults.
+
+    Raises InputError for an option that no method takes, one in arguments that this method does not take, and a value
+    that an option cannot have."""
+    said = {key: value for key, value in asked.items() if value is not None}
+    refuse_unknown([*asked, *run.options], method)
+    return method.checked(Options(**{"dt": run.dt, **run.options, **said}), Options(**said))
+
+
+def parsed(pairs: Iterable[str], flags: Mapping[str, Any]) -> dict[str, Any]:
+    """The options of a command line: texts ``KEY=VALUE``, and flags by name, None where they were not given."""
+    found = {key: value for key, value in flags.items() if value is not None}
+    known = {DT.name: DT, **known_options()}
+    for text in pairs:
+        key, equals, value = (part.strip() for part in text.partition("="))
+        if not (equals and key and value):
+            raise InputError(f"-o: expected KEY=VALUE, such as corrector=17, got {shown(text)}")
+        refuse_unknown([key])
+        if key in found:
+            raise InputError(f"-o {key}: is given twice")
+        found[key] = known[key].parsed(value)
+    return found
+
+
+def as_text(value: Any) -> str:
+    """A value as the command line takes it."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    return ",".join(map(str, value)) if isinstance(value, tuple | list) else str(value)

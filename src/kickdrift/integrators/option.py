@@ -1,0 +1,236 @@
+"""Options of integrators, each declared once: name, type, unit, default, choices, help.
+
+Keywords of a Simulation, keys of ``[run]``, ``-o`` on the command line, files of runs and the documentation are all
+made from these declarations. A method says which options it takes by `Method.declared`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from math import inf, isfinite
+from typing import Any
+
+import numpy as np
+
+from kickdrift.errors import InputError
+from kickdrift.model.checks import number
+from kickdrift.text import shown
+
+DOUBLE, MIXED = "double", "mixed"  # of pair forces
+_WORDS = {float: "a number", int: "a whole number", str: "a name", bool: "true or false"}
+_SWITCH = {"true": True, "yes": True, "on": True, "false": False, "no": False, "off": False}
+_TAKEN = (
+    "system", "integrator", "steps", "time", "every", "interval", "threads", "engine", "engine_version", "processes",
+    "events", "seed", "options", "processor", "features", "seeds", "progress",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Option:
+    """An option of an integrator.
+
+    Attributes
+    ----------
+    name : the keyword
+    type : float, int, str or bool
+    help : what it does, in a line
+    default : the value where none is given; None where there is no single one
+    choices : the values that it may have; () where there are no names for them
+    dimension : "time" for a number in the system's unit of time, "" for a pure number
+    above, most : a number is greater than ``above``, and ``most`` at most
+    several : whether a Problem may have one number for each component of y
+    written : whether the default is recorded where no value was given; files leave it open otherwise
+
+    Raises
+    ------
+    InputError
+        Where name, type, choices or default do not fit.
+    """
+
+    name: str
+    type: type
+    help: str
+    default: Any = None
+    choices: tuple[Any, ...] = ()
+    dimension: str = ""
+    above: float = -inf
+    most: float = inf
+    several: bool = False
+    written: bool = True
+
+    def __post_init__(self) -> None:
+        name = self.name
+        if not (isinstance(name, str) and name.isidentifier()) or name in _TAKEN:
+            raise InputError(f"option: expected a name such as friction, that means nothing else, got {shown(name)}")
+        if self.type not in _WORDS:
+            raise InputError(f"option {name}: type must be float, int, str or bool, got {shown(self.type)}")
+        if not (isinstance(self.help, str) and self.help.strip()):
+            raise InputError(f"option {name}: help must say what it does")
+        if self.dimension not in ("", "time"):
+            raise InputError(f"option {name}: dimension must be 'time' or '', got {shown(self.dimension)}")
+        for choice in self.choices:
+            if not isinstance(choice, self.type) or (isinstance(choice, str) and choice.split() != [choice]):
+                raise InputError(f"option {name}: expected {_WORDS[self.type]} among choices, got {shown(choice)}")
+        if self.default is not None:
+            self.checked(self.default)
+
+    def checked(self, value: Any) -> Any:
+        """The value in Python's types; an InputError that names the option where it cannot have that value."""
+        if self.choices:
+            same = [k for k in self.choices if isinstance(k, str) == isinstance(value, str) and np.all(k == value)]
+            if not same or np.ndim(value):
+                raise InputError(f"{self.name} {shown(value)} is unknown; known are {self.known}")
+            return same[0]
+        if self.type is bool:
+            if not isinstance(value, bool | np.bool_):
+                raise InputError(f"{self.name} must be True or False, got {shown(value)}")
+            return bool(value)
+        if self.type is str:
+            if not isinstance(value, str):
+                raise InputError(f"{self.name} must be text, got {shown(value)}")
+            return value
+        if isinstance(value, tuple) and self.several:
+            return tuple(self._number(f"{self.name}[{k}]", each) for k, each in enumerate(value))
+        return self._number(self.name, value)
+
+    def _number(self, key: str, value: Any) -> float | int:
+        found = number(value)
+        if not (isfinite(found) and self.above < found <= self.most) or (self.type is int and not found.is_integer()):
+            raise InputError(f"{key} must be {self.expected}, got {shown(value)}")
+        return int(found) if self.type is int else found
+
+    def parsed(self, text: str) -> Any:
+        """The value that a text on the command line means; an InputError where it means none."""
+        try:
+            if self.type is bool:
+                return _SWITCH[text.lower()]
+            if self.several and "," in text:
+                return tuple(self.type(part) for part in text.split(","))
+            return self.type(text)
+        except (KeyError, ValueError):
+            many = ", or numbers with commas between them" if self.several else ""
+            words = f"one of {self.known}" if self.choices else _WORDS[self.type] + many
+            raise InputError(f"{self.name}: expected {words}, got {shown(text)}") from None
+
+    def filled(self, value: Any) -> Any:
+        """The value checked; where it is None, the default if files are to name that."""
+        if value is None:
+            return self.default if self.written else None
+        return self.checked(value)
+
+    @property
+    def known(self) -> str:
+        """Its choices in words."""
+        return ("; " if any("," in str(choice) for choice in self.choices) else ", ").join(map(str, self.choices))
+
+    @property
+    def expected(self) -> str:
+        """The numbers that it may be, in words."""
+        whole = "whole " if self.type is int else ""
+        if (self.above, self.most) == (0.0, inf):
+            return "a positive finite time" if self.dimension else f"a positive {whole}number"
+        if self.above == -inf and self.most == inf:
+            return f"a {whole}number" if whole else "a finite number"
+        limits = {"above": self.above, "at most": self.most}
+        words = " and ".join(f"{word} {limit:g}" for word, limit in limits.items() if isfinite(limit))
+        return f"a {whole}number {words}" if whole else words
+
+    @property
+    def hint(self) -> Any:
+        """Its type as a type hint."""
+        return float | tuple[float, ...] if self.several else self.type
+
+    @property
+    def words(self) -> str:
+        """Its type in words."""
+        words = f"{_WORDS[self.type]}, or one for each component of y" if self.several else _WORDS[self.type]
+        limits = self.type in (float, int) and (self.above > -inf or self.most < inf) and not self.choices
+        if not limits or self.several:
+            return words
+        text = self.expected.replace("finite time", "number")
+        return text if text.startswith("a ") else f"a number {text}"
+
+    @property
+    def unit(self) -> str:
+        """Its unit in words; "" for a pure number."""
+        return "the system's unit of time" if self.dimension else ""
+
+    @property
+    def fallback(self) -> str:
+        """Its default in words."""
+        if self.default is None:
+            return ""
+        return str(self.default).lower() if isinstance(self.default, bool) else f"{self.default}"
+
+
+def merged(declared: Sequence[Option]) -> Option:
+    """One declaration that allows what any of several allows under the same name."""
+    first, named = declared[0], all(each.choices for each in declared)
+    return replace(
+        first,
+        default=first.default if all(each.default == first.default for each in declared) else None,
+        choices=tuple(dict.fromkeys(choice for each in declared for choice in each.choices)) if named else (),
+        above=min(each.above for each in declared),
+        most=max(each.most for each in declared),
+        several=any(each.several for each in declared),
+    )
+
+
+DT = Option(
+    "dt", float, "Step; of a method that chooses its steps the first one, and optional.", dimension="time", above=0.0
+)
+RTOL = Option(
+    "rtol", float, "Relative error allowed per step.", 1e-8, above=0.0, several=True, written=False,
+)  # fmt: skip
+ATOL = Option("atol", float, "Absolute error allowed per step.", 1e-10, above=0.0, several=True, written=False)
+CONTROLLER = Option(
+    "controller",
+    str,
+    "Rule by which the errors of the last steps set the next step.",
+    "pi",
+    ("i", "pi", "pid"),
+    written=False,
+)
+COMPENSATED = Option("compensated", bool, "Carry on what rounding loses of positions and velocities.", False)
+ITERATION = Option(
+    "iteration", str, "Way to solve for the stages; by default newton for a Problem, fixed-point for particles.",
+    choices=("newton", "fixed-point"),
+)  # fmt: skip
+COORDINATES = Option(
+    "coordinates", str, "Origins of positions and velocities.", "jacobi", ("jacobi", "democratic-heliocentric")
+)
+CORRECTOR = Option("corrector", int, "Order of the symplectic corrector; 0 for none.", 0, (0, 3, 5, 7, 11, 17))
+ORDER = Option("order", str, "Powers of dt in the errors that are linear, quadratic, … in the planets' masses.")
+ETA = Option(  # by default as in Makino & Aarseth 1992 and most that followed
+    "eta", float, "Accuracy of the steps; the energy error is as its square.", 0.02, above=0.0, most=1.0, written=False
+)
+SCHEME = Option("scheme", str, "One step for all bodies, or one for each.", "shared", ("shared", "block"))
+PRECISION = Option(
+    "precision", str, "Numbers of pair forces: all float64, or float32 for pairs and float64 for the rest.", DOUBLE,
+    (DOUBLE, MIXED), written=False,
+)  # fmt: skip
+MAX_STEP = Option("max_step", float, "Longest step.", dimension="time", above=0.0)
+
+# In the order in which files of runs name them.
+OPTIONS: dict[str, Option] = {
+    each.name: each
+    for each in (
+        RTOL, ATOL, CONTROLLER, COMPENSATED, ITERATION, COORDINATES, CORRECTOR, ORDER, ETA, SCHEME, PRECISION, MAX_STEP
+    )
+}  # fmt: skip
+
+
+def own_options(options: Sequence[Any]) -> tuple[Option, ...]:
+    """A user's declarations, checked: each an Option of another name, and of the type that the name has elsewhere."""
+    names: set[str] = set()
+    for each in options:
+        if not isinstance(each, Option):
+            raise InputError(f"options: expected kd.Option(name, type, help), got {shown(each)}")
+        known = OPTIONS.get(each.name)
+        if known and (known.type, known.dimension) != (each.type, each.dimension):
+            raise InputError(f"option {each.name}: is {known.words} of other methods; give yours another name")
+        if each.name in names or each.name in ("dt", PRECISION.name):
+            raise InputError(f"option {each.name}: is declared already")
+        names.add(each.name)
+    return tuple(options)

@@ -1,0 +1,298 @@
+"""An integration under way: a flow, a stepper, the present, and steps that nobody looks at."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from time import perf_counter
+from typing import TYPE_CHECKING, Any, NoReturn
+
+import numpy as np
+
+from kickdrift.disk.interrupt import interruptible
+from kickdrift.engines.session import Job, begin
+from kickdrift.errors import InputError
+from kickdrift.forces.kernel import OK
+from kickdrift.integrators.flow import Flow, ParticleFlow, flow_of
+from kickdrift.integrators.option import MIXED
+from kickdrift.integrators.stepping import STOPPED, Stepper
+from kickdrift.looks.observers import Sample
+from kickdrift.looks.record import Record
+from kickdrift.model.checks import no_overflow
+from kickdrift.model.memory import Memory
+from kickdrift.model.problem import Problem
+from kickdrift.model.state import Floats
+from kickdrift.model.system import System
+from kickdrift.run.blow_up import failure
+from kickdrift.run.watch.watching import WatchedStepper
+
+if TYPE_CHECKING:
+    from kickdrift.engines import Engine
+    from kickdrift.model.events import Event
+
+CHUNK_SECONDS = 0.1  # how long compiled code runs before Python looks for Ctrl-C
+
+
+@dataclass
+class Safe:
+    """The last state known to be good. A run that blows up goes back to this state."""
+
+    y: Floats  # a buffer of its own
+    time: float
+    step: int
+
+
+class Integration:
+    """A System or a Problem under way with a method; the part of a Simulation that takes steps.
+
+    Attributes
+    ----------
+    method, options, dt, engine
+        Those of the Simulation.
+    system : System or Problem
+        The bodies of now: events may take some away.
+    flow : Flow
+        y' = f(t, y).
+    stepper : Stepper
+        The method under way; with events, the `WatchedStepper` around the method's own.
+    events : WatchedStepper or None
+        The stepper, where there are events.
+    record : Record
+        What the run cost, and its samples.
+    at : float or None
+        The present, where it lies inside a step; None at the stepper's own step point.
+    safe : Safe
+        The last good state.
+    chunk : int
+        Steps that compiled code takes in about a tenth of a second.
+    running : bool
+        Whether steps are being taken. The state cannot be replaced meanwhile.
+    replaced : bool
+        Whether the state was replaced since a file was begun. A file that goes on from here needs a new checkpoint.
+    changes : int
+        How often events have changed the bodies.
+    """
+
+    def __init__(self, job: Job, engine: Engine, events: Sequence[Event]) -> None:
+        self.method, self.options, self.dt = job.method, job.options, job.options.dt
+        self._job, self.engine = job, engine
+        self.record = Record()
+        self.stepper: Stepper | WatchedStepper = self.stepper_for(job.system)
+        self.events: WatchedStepper | None = None
+        if events:
+            self.stepper = self.events = WatchedStepper(self, self.stepper, events)
+        self.chunk, self.changes = 1, 0
+        self.running, self.replaced = False, True
+        self.at: float | None = None
+        self._present: tuple[float, Floats] | None = None  # y at that time, once somebody looked inside a step
+        self._compiled = False
+
+    def stepper_for(self, system: Any) -> Stepper:
+        """The method's stepper for these bodies, which are the integration's from now on."""
+        self.system: System | Problem = system
+        self.flow: Flow
+        if self.engine.foreign:
+            self.flow, stepper = begin(self.engine, replace(self._job, system=system))
+            return stepper
+        mixed = self.options.precision == MIXED
+        self.flow = flow_of(system, self.threads, jumps=self.method.trial_steps, mixed=mixed)
+        if self.method.separable and self.flow.not_separable:
+            raise InputError(
+                f"{self.integrator}: needs accelerations that depend on positions and time alone, and "
+                f"{self.flow.not_separable}; Runge-Kutta methods do not"
+            )
+        return self.method.stepper(self.flow, self.options)
+
+    @property
+    def integrator(self) -> str:
+        """The method's name, as it was asked for."""
+        return self._job.named
+
+    @property
+    def threads(self) -> int:
+        """Threads of the forces."""
+        return self._job.threads
+
+    @property
+    def processes(self) -> int:
+        """Processes of an engine that runs on several."""
+        return self._job.processes
+
+    @property
+    def foreign(self) -> bool:
+        """Whether another program takes the steps."""
+        return self.engine.foreign
+
+    # --- the present ---
+
+    @property
+    def time(self) -> float:
+        """The present."""
+        return self.stepper.time if self.at is None else self.at
+
+    @property
+    def steps_done(self) -> int:
+        """Steps since the start; where the present lies inside one, that one counts."""
+        return self.stepper.steps_done + (self.at is not None and self.at > self.stepper.time)
+
+    @property
+    def y(self) -> Floats:
+        """y at the present. Nobody but the stepper may write into it."""
+        if self.at is None:
+            return self.stepper.y
+        if self._present is None or self._present[0] != self.at:
+            if self.at > self.stepper.time:
+                self.look_ahead(self.at)
+            else:
+                self._present = self.at, self.stepper.at(self.at)
+        assert self._present is not None
+        return self._present[1]
+
+    @property
+    def state(self) -> Any:
+        """The State or ProblemState of the present; a copy."""
+        return self.flow.state(self.y, self.time, self.steps_done)
+
+    @property
+    def fresh(self) -> bool:
+        """Whether the run's forces were last evaluated at the present."""
+        return self.at is None and getattr(self.stepper, "fresh", False)
+
+    def begin_at(self, state: Any) -> None:
+        """Begin anew at a state, with a new record."""
+        y = self.flow.array(state)
+        if self.dt is not None and isinstance(self.flow, ParticleFlow) and not self.foreign:
+            self.flow.tune(y, self.dt / max(1, self.method.evaluations))
+        with no_overflow():
+            self.stepper.reset(y, state.time, state.steps_done)
+        self.at = self._present = None
+        self.begin_record()
+
+    def begin_record(self) -> None:
+        """Count conservation and cost from the present on, which another hand has put there."""
+        self.record, self.replaced = Record(), True
+        self.keep()
+
+    @property
+    def stepper_with_state(self) -> Any:
+        """The method's own stepper, where it moves more than positions and velocities; else an InputError."""
+        stepper = self.events.inner if self.events else self.stepper
+        if not hasattr(stepper, "method_state"):
+            raise InputError(f"method_state: {self.integrator} has none; leapfrog-exact has")
+        return stepper
+
+    def begin_with(self, method_state: Any) -> None:
+        """Begin anew at what the method itself moves, with a new record."""
+        self.stepper_with_state.method_state = method_state
+        if self.events:
+            self.events.forget()
+        self.begin_record()
+
+    def recall(self, checkpoint: Memory) -> None:
+        """Go on where a checkpoint was taken."""
+        self.stepper.recall(checkpoint["stepper"])
+        self.at, self._present = checkpoint["present"], None
+        self.record, self.replaced = Record.recalled(checkpoint["record"]), True
+        self.keep()
+
+    def keep(self) -> None:
+        """Call the present the last good state."""
+        self.safe = Safe(self.y.copy(), self.time, self.steps_done)
+
+    def sample(self) -> Sample:
+        """All that is watched, now."""
+        return self.flow.sample(self.y, self.time, self.steps_done, self.fresh)
+
+    def rescale_velocities(self, factor: float) -> None:
+        """Multiply the velocities of all particles; forces that are known at these positions stay known."""
+        stepper = self.stepper
+        stepper.y[1] *= factor
+        if self.foreign:
+            stepper.reset(stepper.y, stepper.time, stepper.steps_done)  # which tells the program
+
+    # --- steps ---
+
+    @contextmanager
+    def busy(self) -> Iterator[Callable[[], bool]]:
+        """Inside, the state cannot be replaced, and Ctrl-C only sets what the function yielded returns."""
+        self.running = True
+        try:
+            with interruptible() as interrupted:
+                yield interrupted
+        finally:
+            self.running = False
+
+    def prepare(self) -> None:
+        """Compile what steps and looks need; the time does not count as the run's."""
+        if self._compiled:
+            return
+        began = perf_counter()
+        self.stepper.advance(0, self.time)
+        self.flow.prepare(self.stepper.y, self.time)
+        self._compiled = True
+        self.record.compile_seconds += perf_counter() - began
+
+    def advance(self, steps: int, until: float = np.inf, horizon: float = np.inf, end: float = np.inf) -> bool:
+        """Take steps; whether the next one is held back, because it would take f beyond the ``end``."""
+        began = perf_counter()
+        if self.events:
+            self.events.horizon = horizon
+        stepper: Any = self.stepper
+        limited = self.method.chooses_steps and not self.foreign and self.flow.clocked
+        if limited:
+            stepper.end = end
+        self.record.steps += stepper.steps_done - self.steps_done  # a step that was begun is counted anew
+        before, counts = stepper.steps_done, stepper.counts
+        self.flow.forget_errors()
+        status = stepper.advance(steps, until)
+        self.at = self._present = None
+        self.record.steps += stepper.steps_done - before
+        self.record.count(stepper.counts - counts)
+        if status != OK or not (self.foreign or np.isfinite(stepper.y).all()):  # the others look themselves
+            self.fail(inside_step=status != OK, stopped=status == STOPPED)
+        if stepper.steps_done == before:
+            return limited and not self.events and steps > 0 and stepper.time < until
+        self.pace(perf_counter() - began)
+        return False
+
+    def pace(self, elapsed: float) -> None:
+        """Have about as many steps in each call of compiled code as take CHUNK_SECONDS, if the last took so long."""
+        self.chunk = max(1, min(int(self.chunk * min(CHUNK_SECONDS / max(elapsed, 1e-9), 8.0)), 10**6))
+
+    def look_ahead(self, time: float, counted: bool = False) -> None:
+        """Have the present inside the step that follows, which is not taken: it would lead beyond the run's end."""
+        stepper: Any = self.stepper
+        self.flow.forget_errors()
+        status, y, cost = stepper.ahead(time)
+        if status != OK or not np.isfinite(y).all():
+            self.at = self._present = None
+            self.fail(inside_step=status != OK, stopped=status == STOPPED)
+        if self.at is None or self.at <= stepper.time:
+            self.record.steps += 1
+        if counted:
+            self.record.count(cost)
+        self.at, self._present = time, (time, y)
+
+    def fail(self, inside_step: bool, stopped: bool = False) -> NoReturn:
+        """Go back to the last good state, and say what blew up, in the step going on or in the last one."""
+        stepper, safe = self.stepper, self.safe
+        error, cause = failure(self, inside_step, stopped)
+        self.record.steps -= stepper.steps_done - safe.step
+        self.record.events = [event for event in self.record.events if event["time"] <= safe.time]
+        self.replaced = True
+        stepper.reset(safe.y.copy(), safe.time, safe.step)
+        self.at = None
+        raise error from cause
+
+    # --- what events ask for ---
+
+    def sample_at(self, y: Floats, time: float) -> Sample:
+        """All that is watched, at y."""
+        return self.flow.sample(y, time, self.steps_done)
+
+    def bodies_changed(self) -> None:
+        """An event acted: there is no going back behind it."""
+        self.at = self._present = None
+        self.changes += 1
+        self.keep()

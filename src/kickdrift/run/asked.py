@@ -1,0 +1,31 @@
+"""What a Simulation and a run are asked for, looked at before anything is done."""
+
+from __future__ import annotations
+
+import os
+from typing import Any
+
+import numpy as np
+
+from kickdrift.errors import InputError
+from kickdrift.model.units import shown
+
+
+def kind_of(value: Any, simulation: type) -> str:
+    """What was given in place of a System, and what to give instead."""
+    if isinstance(value, simulation):
+        return "a Simulation: give its ``system``, or go on with the Simulation itself"
+    if isinstance(value, str | os.PathLike):
+        return f"{shown(value)}: give kd.load({shown(str(value))}), or kd.resume of a run's file"
+    if isinstance(value, type):
+        return f"the class {value.__name__}"
+    return type(value).__name__
+
+
+def check_asked(observe: Any, progress: Any, overwrite: Any) -> None:
+    """Refuse what is no function, and no choice, where one is expected."""
+    for key, function in (("observe", observe), ("progress", progress)):
+        if not (function is None or callable(function)):
+            raise InputError(f"run: {key} must be a function, got {shown(function)}")
+    if not isinstance(overwrite, bool | np.bool_):
+        raise InputError(f"run: overwrite must be True or False, got {shown(overwrite)}")

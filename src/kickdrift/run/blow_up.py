@@ -1,0 +1,62 @@
+"""What a run says that blew up, or that its method stopped."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Protocol
+
+from kickdrift.errors import RunError
+from kickdrift.integrators.flow import Flow
+from kickdrift.integrators.method import Method
+from kickdrift.integrators.stepping import Stepper
+from kickdrift.model.checks import unwarned
+from kickdrift.model.state import Floats
+
+if TYPE_CHECKING:
+    from kickdrift.run.watch.watching import WatchedStepper
+
+
+class Point(Protocol):
+    """A state of the run."""
+
+    y: Floats
+    time: float
+    step: int
+
+
+class Failing(Protocol):
+    """What is known of an integration that failed; see `run.advance.Integration`."""
+
+    method: Method
+    flow: Flow
+    stepper: Stepper | WatchedStepper
+    dt: float | None
+
+    @property
+    def integrator(self) -> str: ...
+
+    @property
+    def safe(self) -> Point: ...
+
+
+@unwarned
+def failure(run: Failing, inside_step: bool, stopped: bool) -> tuple[BaseException, BaseException | None]:
+    """The error to raise, and its cause: what blew up in the step going on (``inside_step``) or in the last one.
+
+    ``stopped`` says that the method itself cannot go on. The error's ``state`` is the last good one. What Ctrl-C or
+    `sys.exit` raised inside a Python function comes back as it is."""
+    stepper, flow, safe = run.stepper, run.flow, run.safe
+    step = stepper.steps_done + inside_step
+    time = stepper.time + (0.0 if run.method.chooses_steps else (run.dt or 0.0) * inside_step)
+    with_step = "" if run.method.chooses_steps else f", dt = {run.dt:g}"
+    last = flow.state(safe.y, safe.time, safe.step)
+    if stopped:
+        message = f"stopped at step {step} (t = {stepper.time:.6g}): {stepper.trouble}{flow.meeting(stepper.y)}"
+    else:
+        reached, before = stepper.reached(inside_step)
+        message = flow.explain(reached, before, safe.y, step, time, last.steps_done)
+    raised = flow.raised
+    if raised is not None and not isinstance(raised, Exception):
+        return raised, raised.__cause__  # KeyboardInterrupt, SystemExit
+    error = RunError(f"{run.integrator}{with_step}: {message}")
+    error.state = last
+    return error, raised

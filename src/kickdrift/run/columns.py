@@ -1,0 +1,101 @@
+"""The user's own columns of a run: checked, and evaluated at each look."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from math import prod
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from kickdrift.errors import InputError, RunError
+from kickdrift.looks.columns import Column, parts
+from kickdrift.looks.table import SAMPLE_BYTES
+from kickdrift.model.capacity import check_room
+from kickdrift.model.state import Floats
+from kickdrift.model.units import UnitSystem, shown, unit_named
+from kickdrift.run.plan import Plan
+from kickdrift.run.watch.watcher import Watcher
+
+if TYPE_CHECKING:
+    from kickdrift.run.advance import Integration
+
+
+def checked_columns(given: Any, units: UnitSystem | None) -> dict[Column, str]:
+    """The columns that a run is to write, with the unit of each in words; a Problem has no ``units``."""
+    if isinstance(given, Column) or not isinstance(given, Iterable):
+        raise InputError(f"run: columns must be a list of kd.Column, got {shown(given)}")
+    found: dict[Column, str] = {}
+    labels: dict[str, str] = {}
+    for column in given:
+        if not isinstance(column, Column):
+            raise InputError(f"run: columns must be a list of kd.Column, and holds {shown(column)}")
+        for label in {column.name, *parts(column.name, column.shape)}:
+            if label in labels:
+                twice = "there are two of that name" if labels[label] == column.name else "another one has that name"
+                raise InputError(f"column {column.name!r}: {label!r} is taken: {twice}")
+            labels[label] = column.name
+        found[column] = unit_named(column.unit, units, f"column {column.name!r}: unit")
+    return found
+
+
+def check_columns_fit(columns: Iterable[Column], plan: Plan) -> None:
+    """Refuse more numbers than fit into memory, where the number of looks is known."""
+    numbers = sum(prod(column.shape) for column in columns)
+    if plan.every and plan.end_time == np.inf:
+        looks = (plan.end_step - plan.begin_step) / plan.every
+    else:
+        looks = (plan.end_time - plan.begin_time) / plan.interval if plan.interval else 0.0
+    if numbers and np.isfinite(looks):
+        check_room("run", looks, "samples with their columns", SAMPLE_BYTES + 100 + 8 * numbers, "look less often")
+
+
+class ColumnWatcher(Watcher):
+    """Evaluates the user's columns at each look.
+
+    Parameters
+    ----------
+    columns : with the unit of each in words
+    run : the Integration that is looked at
+    sim : what their functions are called with
+    """
+
+    def __init__(self, columns: Mapping[Column, str], run: Integration, sim: Any) -> None:
+        self.columns, self._run, self._sim = columns, run, sim
+        self._first: dict[str, Any] | None = None
+
+    @property
+    def described(self) -> dict[str, tuple[tuple[int, ...], str]]:
+        """Shape and unit of each, by name."""
+        return {column.name: (column.shape, unit) for column, unit in self.columns.items()}
+
+    def begin(self) -> None:
+        """Evaluate them for the first look, before a file is touched."""
+        self._first = self._values(InputError)
+
+    def look(self) -> None:
+        """Keep their values at the present."""
+        values, self._first = self._first, None
+        self._run.record.looks.note(self._values(RunError) if values is None else values)
+
+    def _values(self, kind: Callable[[str], Exception]) -> dict[str, Any]:
+        where = f"step {self._run.steps_done} (t = {self._run.time:.9g})"
+        return {column.name: _value(column, self._sim, where, kind) for column in self.columns}
+
+
+def _value(column: Column, sim: Any, where: str, kind: Callable[[str], Exception]) -> float | Floats:
+    """What a column's function returns, checked; an error of that kind names the column."""
+    begin = f"column {column.name!r}: {where}: "
+    try:
+        given = column.function(sim)
+    except Exception as error:  # whatever a user's function raises
+        raise kind(" ".join(f"{begin}raised {type(error).__name__}: {error}".split())) from error
+    try:
+        found = np.asarray(given)
+    except Exception:  # rows of different lengths, or what refuses to be an array
+        found = np.asarray(None)
+    if found.dtype.kind not in "biuf":
+        raise kind(f"{begin}returned {shown(given)}, which is no number or array of numbers")
+    if found.shape != column.shape:
+        raise kind(f"{begin}returned an array of shape {found.shape}; its shape was said to be {column.shape}")
+    return np.array(found, dtype=float) if column.shape else float(found)

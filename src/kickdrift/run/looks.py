@@ -1,0 +1,162 @@
+"""Looks at a run while it goes on: rows of its record, one by one or many in a row by compiled code."""
+
+from __future__ import annotations
+
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kickdrift.errors import RunError
+from kickdrift.forces.kernel import OK
+from kickdrift.integrators.stability_limit import WATCHED_POINTS
+from kickdrift.integrators.stepping import STOPPED, ChosenSteps, Regular
+from kickdrift.looks.columns import COLUMNS, TIME
+from kickdrift.looks.looking import Looking
+from kickdrift.looks.observers import NOTHING
+from kickdrift.run.advance import Integration
+from kickdrift.run.plan import Plan
+from kickdrift.run.watch.stability import Stability
+
+MOST = 4096  # looks in a row, at most
+
+
+class Sampler:
+    """Samples a run into its record, and keeps its last good state."""
+
+    def __init__(self, run: Integration, stability: Stability) -> None:
+        self._run, self._stability = run, stability
+        self._compiled = False
+
+    def look(self, again: bool = True) -> None:
+        """Sample the present; not ``again`` where the last look was at the present. A RunError where forces or energy
+        are no numbers."""
+        run = self._run
+        record, flow, y, safe = run.record, run.flow, run.y, run.safe
+        looks, step, time = record.looks, run.steps_done, run.time
+        new = again or not looks.at(step, time)
+        if not new:
+            if record.taken is not NOTHING:
+                looks.retake(record.taken)
+            safe.y[...] = y
+        else:
+            try:
+                seen = flow.look(looks, y, time, step, safe.y, run.fresh) == OK
+            except RunError:  # another program has ended
+                seen = False
+            if not seen:
+                run.fail(inside_step=False, stopped=run.foreign and bool(run.stepper.trouble))
+        if not record.begun:
+            flow.begin(record, y)
+        safe.time, safe.step = time, step
+        if new:
+            looks.keep(step, record.taken)
+
+    # --- many in a row ---
+
+    def alone(self, plan: Plan, chunk: int) -> int:
+        """How many looks may follow each other where nobody but the record looks, in about ``chunk`` steps; 0 where
+        that does not pay, or cannot be."""
+        run = self._run
+        stepper: Any = run.stepper
+        if run.at is not None or run.record.taken is not NOTHING or not getattr(stepper, "steady", False):
+            return 0
+        if isinstance(stepper, Regular) and plan.every:
+            done = stepper.steps_done
+            found = 0 if done % plan.every else min(chunk // plan.every, (plan.end_step - done) // plan.every, MOST)
+            return found if found > 1 else 0
+        if not plan.interval or plan.exact or self._stability.limited or self._looking() is None:
+            return 0
+        return 0 if run.time + plan.interval >= plan.end_time else MOST
+
+    def _looking(self) -> Looking | None:
+        """What looks that compiled code takes between steps are taken with, where it can."""
+        flow, stepper = self._run.flow, self._run.stepper
+        if isinstance(stepper, Regular):
+            return flow.looking(stepper.ends_fresh) if stepper.compiled_steps else None
+        if isinstance(stepper, ChosenSteps) and not flow.clocked:
+            return flow.looking(False) if stepper.compiled_steps else None
+        return None
+
+    def prepare(self, plan: Plan) -> None:
+        """Compile what a series of looks needs; the time does not count as the run's."""
+        if self._compiled:
+            return
+        began = perf_counter()
+        looking, stepper, rows = self._looking(), self._run.stepper, np.zeros((1, COLUMNS))
+        last = self._run.safe.y
+        if looking and isinstance(stepper, Regular) and plan.every:
+            stepper.looked(0, 1, looking, last, rows, 0)
+        elif looking and isinstance(stepper, ChosenSteps) and plan.interval:
+            stepper.looked(plan, 0, looking, last, rows, 1)
+        self._compiled = True
+        self._run.record.compile_seconds += perf_counter() - began
+
+    def series(self, plan: Plan, count: int) -> None:
+        """Go on through ``count`` looks that nobody else takes part in, or with steps that differ in length through
+        about ``chunk`` steps."""
+        run, began = self._run, perf_counter()
+        stepper = run.stepper
+        before, counts = stepper.steps_done, stepper.counts
+        run.flow.forget_errors()
+        status, refused = self._taken(plan, count)
+        run.record.steps += stepper.steps_done - before
+        run.record.count(stepper.counts - counts)
+        if status != OK:
+            run.fail(inside_step=not refused, stopped=status == STOPPED and not refused)
+        run.at = plan.present(stepper.time, np.inf) if run.method.chooses_steps else None
+        run.pace(perf_counter() - began)
+
+    def _taken(self, plan: Plan, count: int) -> tuple[int, bool]:
+        """Steps and looks, until something goes wrong: a status, and whether a look found it."""
+        run, looking = self._run, self._looking()
+        stepper = run.stepper
+        if isinstance(stepper, ChosenSteps):
+            assert looking
+            looks = run.record.looks
+            row = looks.free(count)
+            status, steps, refused = stepper.looked(
+                plan, run.chunk, looking, run.safe.y, looks.rows[: row + count], row
+            )
+            self._seen(row, steps)
+            return status, refused
+        assert isinstance(stepper, Regular)
+        shown = (WATCHED_POINTS if self._stability.limited else 0) if looking else count  # one by one, at the end
+        if looking and count > shown:
+            status, refused = self._by_compiled_code(looking, stepper, count - shown, plan.every)
+            if status != OK:
+                return status, refused
+        return self._one_by_one(stepper, min(count, shown), plan.every)
+
+    def _by_compiled_code(self, looking: Looking, stepper: Regular, count: int, every: int) -> tuple[int, bool]:
+        looks, first = self._run.record.looks, stepper.steps_done
+        row = looks.free(count)
+        status, taken, refused = stepper.looked(count, every, looking, self._run.safe.y, looks.rows, row)
+        self._seen(row, first + every * np.arange(1, taken + 1))
+        return status, refused
+
+    def _seen(self, row: int, steps: NDArray[np.int64]) -> None:
+        """Count the rows that compiled code has filled, from that one on."""
+        if len(steps):
+            looks, safe = self._run.record.looks, self._run.safe
+            safe.step, safe.time = int(steps[-1]), float(looks.rows[row + len(steps) - 1, TIME])
+            looks.keep_next(steps)
+
+    def _one_by_one(self, stepper: Regular, count: int, every: int) -> tuple[int, bool]:
+        flow, looks, safe, refused = self._run.flow, self._run.record.looks, self._run.safe, False
+
+        def look() -> int:
+            nonlocal refused
+            step, time = stepper.steps_done, stepper.time
+            if (status := flow.look(looks, stepper.y, time, step, safe.y, stepper.fresh)) != OK:
+                refused = True
+                return status
+            safe.time, safe.step = time, step
+            if self._stability.limited:
+                self._stability.keep(time, safe.y)
+            looks.keep_next([step])
+            return OK
+
+        status = stepper.series(count, every, look)
+        return status, refused

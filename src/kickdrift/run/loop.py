@@ -1,0 +1,137 @@
+"""One run: steps and looks by a plan, with watchers that follow it; and runs that nobody looks at."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from kickdrift.errors import InputError
+from kickdrift.model.units import shown
+from kickdrift.run.advance import Integration
+from kickdrift.run.looks import Sampler
+from kickdrift.run.plan import Plan
+from kickdrift.run.report import Report
+from kickdrift.run.watch.watcher import Watcher
+
+Progress = Callable[[int, int], Any]
+
+
+def run_through(
+    run: Integration,
+    sampler: Sampler,
+    plan: Plan,
+    watchers: Sequence[Watcher],
+    alone: bool,
+    report: Callable[[], Report],
+    progress: Progress | None,
+) -> Report:
+    """Go on to the end of the plan, or until Ctrl-C, which becomes a KeyboardInterrupt once all is closed.
+
+    ``alone`` says that nobody but the record needs the looks while the run goes on, and ``report`` makes the report."""
+    begun: list[Watcher] = []
+    with run.busy() as interrupted:
+        try:
+            for watcher in watchers:
+                watcher.begin()
+                begun.append(watcher)
+            _go(run, sampler, plan, watchers, alone, interrupted, progress)
+            for watcher in watchers:
+                watcher.end()
+            found = report()
+        except BaseException:
+            for watcher in reversed(begun):
+                watcher.close(None)
+            raise
+        for watcher in reversed(begun):
+            watcher.close(found)
+    if interrupted():
+        raise KeyboardInterrupt
+    return found
+
+
+def _go(
+    run: Integration,
+    sampler: Sampler,
+    plan: Plan,
+    watchers: Sequence[Watcher],
+    alone: bool,
+    interrupted: Callable[[], bool],
+    progress: Progress | None,
+) -> None:
+    def look(again: bool = True) -> None:
+        sampler.look(again)
+        for watcher in watchers:
+            watcher.look()
+
+    look(again=False)
+    began, spent_before = perf_counter(), run.record.wall_seconds
+    looked = True
+    while not (plan.over(run) or interrupted() or (run.events and run.events.stopped)):
+        if alone and (count := sampler.alone(plan, run.chunk)):
+            sampler.series(plan, count)
+            run.record.wall_seconds = spent_before + perf_counter() - began
+            looked = run.at is None and run.record.looks.at(run.steps_done, run.time)
+        else:
+            stop, stop_time = plan.next_stop(run)
+            steps = min(run.chunk, stop - run.stepper.steps_done)
+            held = run.advance(steps, stop_time, plan.horizon(stop_time), plan.end_time)
+            if held:
+                run.look_ahead(plan.horizon(stop_time), counted=plan.horizon(stop_time) == plan.end_time)
+            else:
+                run.at = plan.present(run.stepper.time, stop_time)
+            run.record.wall_seconds = spent_before + perf_counter() - began
+            looked = held or run.steps_done == stop or run.stepper.time >= stop_time
+            if looked:
+                look()
+            else:
+                for watcher in watchers:
+                    watcher.pause()
+        if progress:
+            progress(*plan.progress(run))
+    if not looked:
+        look()
+
+
+def go_on(
+    run: Integration, steps: int, every: int | None = None, visit: Callable[[Any], Any] | None = None, sim: Any = None
+) -> None:
+    """Take ``steps`` steps without a look, or fewer where an event ends them. ``visit(sim)`` follows each ``every``
+    steps and the end; where it returns something true, the steps end there."""
+    if not (visit is None or callable(visit)):
+        raise InputError(f"advance: visit must be a function, got {shown(visit)}")
+    run.prepare()
+    last = run.steps_done + steps
+    stop = last if every is None or visit is None else min(last, run.steps_done + every)
+    if run.events:
+        run.events.stopped = ""
+    with run.busy() as interrupted:
+        while run.steps_done < last and not (interrupted() or (run.events and run.events.stopped)):
+            run.advance(min(run.chunk, stop - run.stepper.steps_done))
+            if visit is not None and run.steps_done >= stop:
+                if visit(sim):
+                    break
+                stop = min(last, stop + (every or steps))
+    if interrupted():
+        raise KeyboardInterrupt
+
+
+def go_to(run: Integration, step: int, time: float | None = None, end: float = np.inf) -> None:
+    """Run to a step without a look, on through events that end a run; an adaptive method to a ``time`` inside the step
+    that leads there. ``end`` is where the run was to end."""
+    run.prepare()
+    horizon, held = (np.inf if time is None else time), False
+    with run.busy() as interrupted:
+        while run.steps_done < step and not (held or interrupted()):
+            if run.events:
+                run.events.stopped = ""
+            held = run.advance(min(run.chunk, step - run.stepper.steps_done), horizon=horizon, end=end)
+            if run.stepper.time - run.stepper.last_step > horizon + 1e-9 * abs(horizon):
+                raise InputError(f"step {step}: is not at time {horizon:g}, which lies at step {run.steps_done}")
+    if interrupted():
+        raise KeyboardInterrupt
+    if time is not None and (held or run.stepper.time > time):
+        run.at = time
+    run.keep()

@@ -1,0 +1,63 @@
+"""Steps that are tried beside a run, to find out where its bodies are inside a step."""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+from kickdrift.errors import RunError
+from kickdrift.forces.kernel import OK
+from kickdrift.integrators.flow import Flow, flow_of
+from kickdrift.integrators.method import Method
+from kickdrift.integrators.options import Options
+from kickdrift.integrators.stepping import Counts, Stepper
+from kickdrift.looks.observers import Sample
+from kickdrift.looks.record import Record
+from kickdrift.model.state import Floats
+
+
+class Watched(Protocol):
+    """What is known of the integration; see `run.advance.Integration`."""
+
+    method: Method
+    options: Options
+    flow: Flow
+    record: Record
+
+    @property
+    def system(self) -> Any: ...
+
+    @property
+    def threads(self) -> int: ...
+
+    @property
+    def time(self) -> float: ...
+
+    def stepper_for(self, system: Any) -> Stepper: ...
+
+    def sample_at(self, y: Floats, time: float) -> Sample: ...
+
+    def bodies_changed(self) -> None: ...
+
+
+class Trials:
+    """Shorter steps of a run's method from one of its states, with a flow of their own: pair lists of the run are left
+    alone."""
+
+    def __init__(self, run: Watched) -> None:
+        self._run = run
+        self._flow = flow_of(run.system, run.threads, jumps=True)
+
+    def step(self, y: Floats, begin: float, end: float) -> tuple[int, Floats, Counts]:
+        """One step from y at ``begin`` to ``end``: a status, y there, and what it cost."""
+        run = self._run
+        stepper = run.method.stepper(self._flow, run.options.changed(dt=end - begin))
+        stepper.reset(y.copy(), begin, 0)
+        status = stepper.advance(1, float("inf"))
+        return status, stepper.y, stepper.counts
+
+    def at(self, y: Floats, begin: float, time: float, step: int) -> Floats:
+        """y at a time inside the run's ``step``, which began at y."""
+        status, reached, _ = self.step(y, begin, time)
+        if status != OK:
+            raise RunError(f"step {step}: a shorter step to t = {time:.9g}, where an event is, failed")
+        return reached

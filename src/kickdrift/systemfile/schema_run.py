@@ -1,0 +1,93 @@
+"""The table ``[run]``: how far to run, and the options that methods declare."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cache
+from math import isfinite
+from typing import Annotated, Any, Literal
+
+from pydantic import Discriminator, Field, PositiveFloat, Tag, create_model, model_validator
+
+from kickdrift.errors import InputError
+from kickdrift.integrators.asked import known_options, meant
+from kickdrift.integrators.option import OPTIONS, Option
+from kickdrift.model.limits import MOST_STEPS
+from kickdrift.model.system import RunDefaults
+from kickdrift.model.units import UnitSystem
+from kickdrift.systemfile.schema import checked
+from kickdrift.systemfile.schema_base import Table, Time
+
+Steps = Annotated[int, Field(gt=0, le=MOST_STEPS)]
+
+
+class RunTable(Table):
+    """The keys of ``[run]`` that are no options; ``run_keys`` has all."""
+
+    integrator: str | None = None
+    dt: Time | None = None
+    steps: Steps | None = None
+    time: Time | None = None
+    every: Steps | None = None
+
+    @model_validator(mode="after")
+    def _steps_or_time(self) -> RunTable:
+        if self.steps is not None and self.time is not None:
+            raise InputError("expected steps or time, got both")
+        return self
+
+    @classmethod
+    def hint(cls, key: str) -> str:
+        """See Table; of an option also which methods take it."""
+        found = super().hint(key)
+        return meant(key) if any(f"{name!r}" in found for name in known_options()) else found
+
+
+class OdeRunTable(RunTable):
+    """Times without a unit."""
+
+    dt: PositiveFloat | None = None
+    time: PositiveFloat | None = None
+
+
+def is_run_key(name: str) -> bool:
+    """Whether ``[run]`` has a key of that name."""
+    return name in RunTable.model_fields or name in OPTIONS or name in known_options()
+
+
+def run_keys() -> list[str]:
+    """All keys of ``[run]``: its own, and the options of all methods."""
+    return [*RunTable.model_fields, *known_options()]
+
+
+def run_defaults(given: Mapping[str, Any], units: UnitSystem | None) -> RunDefaults:
+    """What ``[run]`` says, checked; of an ODE where there are no ``units``."""
+    table = _table(tuple(known_options().values()), units is not None)
+    return RunDefaults(**checked(table, given, units, "run").model_dump())
+
+
+@cache
+def _table(options: tuple[Option, ...], units: bool) -> type[Table]:
+    """The table of these options, with or without units."""
+    fields: Any = {each.name: (_type(each, units) | None, None) for each in options}
+    made: type[Table] = create_model("run", __base__=RunTable if units else OdeRunTable, **fields)
+    return made
+
+
+def _type(option: Option, units: bool) -> Any:
+    """The type of an option's values in a system file."""
+    if option.choices:
+        return Literal[option.choices]
+    if option.dimension == "time" and units:
+        return Time
+    one: Any = option.type
+    if option.type in (float, int):
+        bounds: dict[str, Any] = {"gt": option.above, "le": option.most}
+        one = Annotated[option.type, Field(**{key: bound for key, bound in bounds.items() if isfinite(bound)})]
+    if not option.several:
+        return one
+    several = "<one for each component of y>"
+    return Annotated[
+        Annotated[one, Tag("<number>")] | Annotated[list[one], Field(min_length=1), Tag(several)],
+        Discriminator(lambda value: several if isinstance(value, list) else "<number>"),
+    ]

@@ -1,0 +1,35 @@
+"""The user's own columns of a run's file: what it says of them, and whether a run may go on with others."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+from kickdrift.errors import InputError
+
+if TYPE_CHECKING:
+    from kickdrift.trajectory.reader import Run
+
+Described = tuple[tuple[int, ...], str]  # shape and unit of a column
+
+
+def check_columns(run: Run, given: Mapping[str, Described]) -> None:
+    """Refuse to go on into a file with other columns than it was begun with; a file without a sample has none yet."""
+    there = run.columns
+    if given == there or not run.committed.samples:
+        return
+    names = ", ".join(there)
+    if not given:
+        raise InputError(
+            f"{run.path}: was begun with columns of the user's own ({names}), whose functions no file holds; give them "
+            f"again, kd.resume(file).run(columns=[…]), or another output"
+        )
+    if not there:
+        raise InputError(f"{run.path}: was begun without columns, got {', '.join(given)}; give another output")
+    if set(given) != set(there):
+        raise InputError(f"{run.path}: was begun with the columns {names}, got {', '.join(given)}; give the same ones")
+    name = next(name for name in there if given[name] != there[name])
+    (shape, unit), (other, label) = there[name], given[name]
+    raise InputError(
+        f"{run.path}: column {name!r} was begun with shape {shape} and unit {unit!r}, got {other} and {label!r}"
+    )

@@ -1,0 +1,28 @@
+"""Whether an HDF5 file is that of a run which this kickdrift reads."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import h5py
+
+from kickdrift.errors import InputError
+from kickdrift.trajectory.layout import SCHEMA
+
+
+def check_kind(path: Path, file: h5py.File) -> None:
+    """Refuse what is no run's file, or one of another schema; the InputError says what it is instead."""
+    if "h5md" not in file:
+        raise InputError(f"{path}: is an HDF5 file but not H5MD: it has no group 'h5md'")
+    if "kickdrift" not in file:
+        creator = file.get("h5md/creator")
+        name = creator.attrs.get("name", "another program") if creator is not None else "another program"
+        name = name.decode() if isinstance(name, bytes) else name
+        raise InputError(
+            f"{path}: is an H5MD file written by {name}; it has no group 'kickdrift' to tell forces, units and method"
+        )
+    schema = int(file["kickdrift"].attrs["schema"])
+    if schema > SCHEMA:
+        raise InputError(f"{path}: was written by a newer kickdrift (schema {schema}; this one reads {SCHEMA})")
+    if schema < SCHEMA:
+        raise InputError(f"{path}: was written by an older kickdrift (schema {schema}; this one reads {SCHEMA})")
