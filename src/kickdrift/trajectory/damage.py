@@ -20,10 +20,10 @@ from kickdrift.trajectory.checksums import (
     sums_of_vectors,
 )
 from kickdrift.trajectory.contents import Contents
-from kickdrift.trajectory.edges import shape_of
+from kickdrift.trajectory.edges import EDGES, shape_of
 from kickdrift.trajectory.header import CLOCK as CLOCK_SERIES
 from kickdrift.trajectory.header import EVENT_COLUMNS, Header, event_column, framed, plan_numbers, sampled
-from kickdrift.trajectory.layout import EDGES, TRAJECTORY
+from kickdrift.trajectory.layout import TRAJECTORY
 
 PIECE_BYTES = 64 * 2**20  # of vectors that are looked at together
 PARTS = 1000  # a series that HDF5 cannot read is searched in no more parts

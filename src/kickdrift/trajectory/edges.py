@@ -9,11 +9,14 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from kickdrift.errors import InputError
 from kickdrift.model.box import Box
 from kickdrift.model.state import Floats
 from kickdrift.trajectory.contents import Contents
+
+EDGES = "particles/trajectory/box/edges/value"
 
 
 def shape_of(box: Box) -> tuple[int, ...]:
@@ -30,6 +33,27 @@ def stored(box: Box) -> Floats:
 def restored(found: Floats, like: Box) -> Box:
     """The box with edges (3,) or (3, 3), periodic along the axes of another."""
     return Box(matrix=found if found.ndim == 2 else np.diag(found), periodic=like.periodic_axes)
+
+
+def boxes(contents: Contents, first: Box, factor: float, chosen: slice) -> list[Box]:
+    """The boxes of some frames, whose edges are stored times a factor; the ``first`` itself where they are its own."""
+    there = contents.read(contents.series(EDGES, "f8", 0, shape_of(first)), chosen)
+    found = [first] * len(there)
+    for k in np.flatnonzero((there != stored(first) * factor).reshape(len(there), -1).any(axis=1)):
+        try:
+            found[k] = restored(there[k] / factor, first)
+        except InputError as error:
+            raise contents.damaged(f"{EDGES}: {error}") from None
+    return found
+
+
+def crossed(images: NDArray, first: Box, of_frames: list[Box]) -> Floats:
+    """(f, n, 3) how far images (f, n, 3) are from the box, where most frames have the ``first`` box."""
+    found = first.cartesian(images)
+    for k, box in enumerate(of_frames):
+        if box is not first:
+            found[k] = box.cartesian(images[k])
+    return found
 
 
 def recorded(box: Box) -> list[float] | dict[str, Any] | None:

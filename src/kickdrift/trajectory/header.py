@@ -20,7 +20,6 @@ from kickdrift.trajectory.checksums import CHECKSUMS, VECTORS
 from kickdrift.trajectory.contents import Contents
 from kickdrift.trajectory.layout import (
     DONE_BYTES,
-    EDGES,
     EVENTS,
     KIND_BYTES,
     PLAN_NUMBERS,
@@ -73,7 +72,7 @@ class Outline:
         clock = [key for key, _ in CLOCK]
         frames = [f"{TRAJECTORY}/position/{key}" for key in clock]
         frames += [f"{TRAJECTORY}/{name}/value" for name in self.vectors]
-        frames += [EDGES] if self.box.periodic else []
+        frames += [edges.EDGES] if self.box.periodic else []
         return {
             "frame": [*frames, *(f"observables/{name}/value" for name in self.observables)],
             "sample": [f"{SAMPLES}/{name}" for name in (*clock, *self.observables)],
@@ -130,7 +129,7 @@ def read(contents: Contents) -> Header:
         contents.series(f"{particles}/position/{key}", kind, frames)
     box = edges.box_of(contents, record["box"])
     if box.periodic:
-        contents.series(EDGES, "f8", frames, edges.shape_of(box))
+        contents.series(edges.EDGES, "f8", frames, edges.shape_of(box))
     series = [sampled(contents, key, samples) for key, _ in CLOCK]
     contents.dataset(f"{own}/system/phase", "f8", (2, 3, n))
     closed = bool(contents.array(f"{own}/closed", "i1", (1,))[0])

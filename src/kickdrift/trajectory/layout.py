@@ -28,7 +28,6 @@ from kickdrift.trajectory.record import record_of, to_json
 SCHEMA = 2  # 1 had no checkpoints and no plan
 SUFFIX = ".h5md"
 TRAJECTORY = "particles/trajectory"
-EDGES = f"{TRAJECTORY}/box/edges/value"
 SAMPLES = "kickdrift/samples"
 EVENTS = "kickdrift/events"
 KIND_BYTES, DONE_BYTES = 64, 160  # of an event's texts, which are cut there; fixed, so that rows survive a kill

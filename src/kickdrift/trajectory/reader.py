@@ -25,7 +25,7 @@ from kickdrift.trajectory.event_rows import event_rows
 from kickdrift.trajectory.frames import EnergySeries, Frames, as_slice, energies_of
 from kickdrift.trajectory.header import CLOCK, EVENT_COLUMNS, Committed
 from kickdrift.trajectory.kind import check_kind
-from kickdrift.trajectory.layout import EDGES, TRAJECTORY, run_hash, system_hash
+from kickdrift.trajectory.layout import TRAJECTORY, run_hash, system_hash
 from kickdrift.trajectory.opening import open_to_read
 from kickdrift.trajectory.rows import behind
 
@@ -140,29 +140,15 @@ class Run(Frames):
         if factor != 1.0:
             values = values / factor
         if what == "positions" and self.box.periodic and "images" in self.options.write:
-            images = self._checked("image", rows, particles)
-            crossed = self.box.cartesian(images)
-            for k, box in enumerate(self.boxes(rows)):
-                if box is not self.box:
-                    crossed[k] = box.cartesian(images[k])
-            values += crossed
+            values += edges.crossed(self._checked("image", rows, particles), self.box, self.boxes(rows))
         return values
 
     def boxes(self, rows: range) -> list[Box]:
         """The box of each of some frames, in ascending order: `box`, unless the Writer was given another."""
-        found = [self.box] * len(rows)
-        if not self.box.periodic or not rows:
-            return found
+        if not rows or not self.box.periodic:
+            return [self.box] * len(rows)
         self.check_clock(rows)
-        factor = self._factors.length
-        series = self._contents.series(EDGES, "f8", len(self), edges.shape_of(self.box))
-        there = self._contents.read(series, as_slice(rows))
-        for k in np.flatnonzero((there != edges.stored(self.box) * factor).reshape(len(rows), -1).any(axis=1)):
-            try:
-                found[k] = edges.restored(there[k] / factor, self.box)
-            except InputError:
-                raise self._damaged("frame", rows[int(k)], self.all_steps) from None
-        return found
+        return edges.boxes(self._contents, self.box, self._factors.length, as_slice(rows))
 
     def _checked(self, name: str, rows: range, particles: slice) -> NDArray:
         """(f, k, 3) of what frames hold, as it is stored; an InputError names the first that is damaged."""

@@ -16,9 +16,8 @@ from kickdrift.model.state import Floats
 from kickdrift.trajectory import checksums, header
 from kickdrift.trajectory.checksums import CHECKSUMS
 from kickdrift.trajectory.contents import Contents
-from kickdrift.trajectory.edges import shape_of, stored
+from kickdrift.trajectory.edges import EDGES, shape_of, stored
 from kickdrift.trajectory.layout import (
-    EDGES,
     EVENTS,
     SAMPLES,
     TRAJECTORY,
