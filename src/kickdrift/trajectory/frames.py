@@ -178,7 +178,7 @@ class Frames(Sequence[Frame]):
     @property
     def boxes(self) -> list[Box]:
         """The Box of each frame."""
-        found = self._run.boxes(_forward(self._rows))
+        found = self._run.boxes_of(_forward(self._rows))
         return found[::-1] if self._rows.step < 0 else found
 
     def path_of(self, particle: int) -> Floats:

@@ -140,10 +140,10 @@ class Run(Frames):
         if factor != 1.0:
             values = values / factor
         if what == "positions" and self.box.periodic and "images" in self.options.write:
-            values += edges.crossed(self._checked("image", rows, particles), self.box, self.boxes(rows))
+            values += edges.crossed(self._checked("image", rows, particles), self.box, self.boxes_of(rows))
         return values
 
-    def boxes(self, rows: range) -> list[Box]:
+    def boxes_of(self, rows: range) -> list[Box]:
         """The box of each of some frames, in ascending order: `box`, unless the Writer was given another."""
         if not rows or not self.box.periodic:
             return [self.box] * len(rows)
