@@ -16,17 +16,21 @@ from kickdrift.model.system import System
 
 
 def instantaneous_pressure(system: System, positions: ArrayLike, velocities: ArrayLike) -> Floats:
-    """(3, 3) the pressure tensor of a System's particles at these positions and velocities, both (n, 3)."""
-    if not all(system.box.periodic_axes):
+    """(3, 3) the pressure tensor of a System's particles at these positions and velocities, both (n, 3).
+
+    In two dimensions it is a force over a length, and its z row and column are zero.
+    """
+    if not np.isfinite(system.volume):
         raise InputError("pressure: needs a periodic box; open space has no volume")
     x, v = np.asarray(positions, dtype=float), np.asarray(velocities, dtype=float)
     total = np.einsum("n,na,nb->ab", system.coherent_masses, v, v)
     for force in system.forces:
         if isinstance(force, PairForce):
-            total += np.eye(3) * force.tail_corrections(system)[1] / 3
+            each = np.arange(3) < system.dimensions
+            total += np.diag(each * force.tail_corrections(system)[1] / system.dimensions)
         for apart, pull in _pulls(force, system, x):
             total += np.einsum("m,ma,mb->ab", pull, apart, apart)
-    return total / system.box.volume
+    return total / system.volume
 
 
 def _pulls(force: object, system: System, x: Floats) -> Iterator[tuple[Floats, Floats]]:

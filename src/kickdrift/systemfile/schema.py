@@ -29,7 +29,19 @@ from kickdrift.errors import InputError
 from kickdrift.forces.pair_law import PairForce
 from kickdrift.model import checks
 from kickdrift.model.units import UnitSystem, shown
-from kickdrift.systemfile.schema_base import Edge, In, Mass, Pull, Radius, Table, Temperature, Time, Vector, Velocity
+from kickdrift.systemfile.schema_base import (
+    Edge,
+    In,
+    Length,
+    Mass,
+    Pull,
+    Radius,
+    Table,
+    Temperature,
+    Time,
+    Vector,
+    Velocity,
+)
 from kickdrift.systemfile.schema_bodies import ElementsTable, PlummerTable
 from kickdrift.text import VALUE, clean
 
@@ -65,7 +77,7 @@ Density = Annotated[Any, BeforeValidator(_density)]
 
 
 class LatticeTable(Table):
-    lattice: Literal["sc", "bcc", "fcc"]
+    lattice: Literal["sc", "bcc", "fcc", "square", "hexagonal"]
     count: PositiveInt
     density: Density = None
     mass: Masses = None
@@ -128,8 +140,8 @@ Axes = Annotated[
 
 class BoxTable(Table):
     periodic: Axes | None = None
-    lengths: Annotated[list[Edge], Field(min_length=3, max_length=3)] | None = None
-    matrix: Annotated[list[Vector], Field(min_length=3, max_length=3)] | None = None
+    lengths: list[Edge] | None = None
+    matrix: list[list[Length]] | None = None
 
     @model_validator(mode="after")
     def _agree(self) -> BoxTable:
@@ -151,6 +163,7 @@ class EquilibrateTable(Table):
 class SystemTable(Table):
     units: str
     title: str = ""
+    dimensions: Literal[2, 3] = 3
     particles: ParticlesTable
     velocities: VelocitiesTable | None = None
     box: BoxTable = BoxTable()

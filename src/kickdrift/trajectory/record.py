@@ -53,6 +53,8 @@ def _plain(value: Any) -> Any:
 
 def record_of(system: System) -> dict[str, Any]:
     """All of a System but its state, masses, ids and species, which the file has as arrays."""
+    if system.dimensions == 2:
+        raise InputError("a run's file: takes no two-dimensional system yet")
     return {
         "name": system.name,
         "units": system.units.name,

@@ -223,6 +223,10 @@ def test_a_system_file_gives_a_matrix():
     assert inside.max() < 1
     slab = loads(FILE.format(density="density = 0.8", box="lengths = [9, 9, 20]\nperiodic = [true, true, false]"))
     assert slab.box == Box((9.0, 9.0, 20.0), periodic=(True, True, False))
+    slab = loads(
+        FILE.format(density="", box="matrix = [[9, 0, 0], [4, 9, 0], [0, 0, 20]]\nperiodic = [true, true, false]")
+    )
+    assert slab.state.positions[:, 2].max() == pytest.approx(20 * 0.95, rel=0.01)
     metal = 'units = "metal"\nforce = []\nparticles = {positions = [[0, 0, 0]], mass = 1.0}\nbox.matrix = '
     assert loads(metal + '[["1 nm", 0, 0], [0, "20 angstrom", 0], ["0.2 nm", 0, 10]]').box.matrix[2].tolist() == [
         2,
@@ -235,7 +239,7 @@ def test_a_system_file_gives_a_matrix():
     ("density", "box", "message"),
     [
         ("", "matrix = [[8, 0, 0], [5, 8, 0], [0, 0, 8]]", "box: bx = 5 leans too far"),
-        ("", "matrix = [[8, 0, 0], [4, 8], [0, 0, 8]]", "box.matrix[1]: expected 3"),
+        ("", "matrix = [[8, 0, 0], [4, 8], [0, 0, 8]]", "box: expected a matrix of three rows of three numbers"),
         ("density = 0.8", "matrix = [[8, 0, 0], [4, 8, 0], [0, 0, 8]]", "density: does not go with box.matrix"),
         ("", "matrix = [[8, 0, 0], [4, 8, 0], [0, 0, 8]]\nlengths = [8, 8, 8]", "expected lengths or matrix, got both"),
         ("", "matrix = [[8, 0, 0], [4, 8, 0], [0, 0, 8]]\nperiodic = false", "box: matrix makes a box periodic"),

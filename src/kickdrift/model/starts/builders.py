@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -49,14 +49,8 @@ def lattice(kind: str, count: int, density: float) -> tuple[Floats, tuple[float,
         For another kind, for a density that is not positive and finite, and for a count that leaves the last cells
         part empty; the message names the nearest counts that do not.
     """
-    if kind not in LATTICES:
-        raise InputError(f"lattice: expected one of {', '.join(LATTICES)}, got {kind!r}{suggestion(kind, LATTICES)}")
+    check_lattice(kind, LATTICES, count, density)
     sites = np.array(LATTICES[kind])
-    if isinstance(count, bool) or not isinstance(count, int | np.integer) or not 1 <= count <= MOST:
-        raise InputError(f"count: expected a whole number of particles from 1 to {MOST}, got {shown(count)}")
-    check_room("count", int(count))
-    if not (math.isfinite(number(density)) and density > 0):
-        raise InputError(f"density: expected a positive finite number, got {shown(density)}")
     cells = max(round((count / len(sites)) ** (1 / 3)), 1)
     if len(sites) * cells**3 != count:
         near = sorted({len(sites) * k**3 for k in (cells - 1, cells, cells + 1) if k > 0}, key=lambda n: abs(n - count))
@@ -72,12 +66,27 @@ def lattice(kind: str, count: int, density: float) -> tuple[Floats, tuple[float,
     return positions, (edge, edge, edge)
 
 
-def maxwell_boltzmann(masses: ArrayLike, temperature: float, boltzmann: float, seed: int) -> Floats:
+def check_lattice(kind: str, kinds: Iterable[str], count: int, density: float) -> None:
+    """Refuse a lattice that is none of the ``kinds``, a count that is no number of particles, and a density that is not
+    positive and finite."""
+    if kind not in kinds:
+        raise InputError(f"lattice: expected one of {', '.join(kinds)}, got {kind!r}{suggestion(kind, kinds)}")
+    if isinstance(count, bool) or not isinstance(count, int | np.integer) or not 1 <= count <= MOST:
+        raise InputError(f"count: expected a whole number of particles from 1 to {MOST}, got {shown(count)}")
+    check_room("count", int(count))
+    if not (math.isfinite(number(density)) and density > 0):
+        raise InputError(f"density: expected a positive finite number, got {shown(density)}")
+
+
+def maxwell_boltzmann(
+    masses: ArrayLike, temperature: float, boltzmann: float, seed: int, dimensions: int = 3
+) -> Floats:
     """Velocities (n, 3) drawn from the Maxwell-Boltzmann distribution, then made exact.
 
-    The total momentum is taken out and the velocities are scaled so that 2 K = (3 N - 3) k_B T holds to rounding, N
-    being the number of particles that have a mass. Massless ones stand still. The draws are NumPy's PCG64 with
-    ``seed``; they are the same on every machine, but NumPy does not promise normal deviates across its versions.
+    The total momentum is taken out and the velocities are scaled so that 2 K = d (N - 1) k_B T holds to rounding. N is
+    the number of particles that have a mass and d the number of dimensions. Massless ones stand still. The draws are
+    NumPy's PCG64 with ``seed``; they are the same on every machine, but NumPy does not promise normal deviates across
+    its versions.
 
     Parameters
     ----------
@@ -85,6 +94,7 @@ def maxwell_boltzmann(masses: ArrayLike, temperature: float, boltzmann: float, s
     temperature : zero or more
     boltzmann : ``UnitSystem.boltzmann``
     seed : a whole number, zero or more
+    dimensions : 3, or 2 for velocities in the x-y plane
     """
     m = numbers("masses", masses)
     if m.ndim != 1 or not np.all(np.isfinite(m) & (m >= 0)):
@@ -98,12 +108,12 @@ def maxwell_boltzmann(masses: ArrayLike, temperature: float, boltzmann: float, s
         return velocities
     if np.count_nonzero(moving) < 2:
         raise InputError("temperature: needs two or more particles with mass, since the total momentum is removed")
-    draws = rng.standard_normal((len(m), 3))[moving]
+    draws = rng.standard_normal((len(m), dimensions))[moving]
     weight = m[moving, None] / m.max()  # relative masses keep kilograms of single atoms clear of underflow
     drawn = draws / np.sqrt(weight)
     drawn -= (weight * drawn).sum(axis=0) / weight.sum()
-    wanted = 3 * (len(drawn) - 1) * (boltzmann * temperature / m.max())
-    velocities[moving] = drawn * np.sqrt(wanted / (weight * drawn**2).sum())
+    wanted = dimensions * (len(drawn) - 1) * (boltzmann * temperature / m.max())
+    velocities[moving, :dimensions] = drawn * np.sqrt(wanted / (weight * drawn**2).sum())
     return velocities
 
 
