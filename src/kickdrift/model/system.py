@@ -246,8 +246,9 @@ class System:
         Parameters
         ----------
         atoms : ase.Atoms
-            Open, or periodic along all axes with an orthorhombic cell. Tags, charges and magnetic moments are not
-            taken, but for what `to_ase` and exported files say by them: species, and in the arrays "names" and "radii".
+            Open, or periodic along any of the cell's vectors. Where these do not have the form of a `Box`, atoms and
+            velocities are turned with them (`Box.from_vectors`). Tags, charges and magnetic moments are not taken, but
+            for what `to_ase` and exported files say by them: species, and in the arrays "names" and "radii".
         forces : iterable of forces, in ``units``; default those of the calculator that the atoms carry, if it is ASE's
             LennardJones (shifted at its rc; not smooth) or kickdrift's
         units : the name of a unit system

@@ -16,6 +16,7 @@ from kickdrift.integrators.option import OPTIONS
 from kickdrift.model.events import Event
 from kickdrift.model.system import RunDefaults, System
 from kickdrift.systemfile.schema import checked
+from kickdrift.trajectory.edges import recorded
 from kickdrift.trajectory.named import Record, about, equilibration_of, event_of, force_of, run_of
 
 if TYPE_CHECKING:
@@ -58,7 +59,7 @@ def record_of(system: System) -> dict[str, Any]:
         "name": system.name,
         "units": system.units.name,
         "particles": len(system),
-        "box": system.box.cuboid("a run's file"),
+        "box": recorded(system.box),
         "species": system.species,
         "names": system.names,
         "radii": system.radii,
