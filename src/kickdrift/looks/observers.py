@@ -10,7 +10,7 @@ import numpy as np
 
 from kickdrift.errors import RunError
 from kickdrift.forces.pair_law import PairForce
-from kickdrift.looks.columns import KNOWN, OWN, TAKEN
+from kickdrift.looks.columns import KNOWN, NUMBERS, OWN, TAKEN, VECTORS
 from kickdrift.model.checks import unwarned
 from kickdrift.model.state import Floats
 
@@ -85,19 +85,16 @@ class Sample:
         lost = [values.get(f"{kind}_taken", 0.0) for kind in ("energy", "momentum", "angular_momentum")]
         if any(np.any(each) for each in lost):
             taken = Taken(float(lost[0]), lost[1], lost[2])
+        rest: dict[str, Any] = {own.name: values.get(own.name) for own in VECTORS}
+        rest |= {own.name: float(values.get(own.name, np.nan)) for own in NUMBERS}
         return cls(
             step=step,
             time=time,
             energies=energies,
-            momentum=values.get("momentum"),
-            angular_momentum=values.get("angular_momentum"),
-            temperature=float(values.get("temperature", np.nan)),
-            pressure=float(values.get("pressure", np.nan)),
             pairs=int(values["pairs"]) if "pairs" in values else None,
             taken=taken,
-            centre_of_mass=values.get("centre_of_mass"),
-            centre_of_mass_velocity=values.get("centre_of_mass_velocity"),
             columns={name: value for name, value in values.items() if name not in KNOWN},
+            **rest,
         )
 
 
