@@ -100,6 +100,10 @@ class UniformField(Field):
     def __post_init__(self) -> None:
         object.__setattr__(self, "acceleration", vector(self.name, "acceleration", self.acceleration))
 
+    def check(self, system: System) -> None:
+        """Refuse a field out of the plane of a two-dimensional system."""
+        _check_in_plane(self.name, "acceleration", self.acceleration, system)
+
 
 @dataclass(frozen=True)
 class DrivenField(Field):
@@ -136,6 +140,10 @@ class DrivenField(Field):
             object.__setattr__(self, key, number(self.name, key, getattr(self, key)))
         if self.frequency < 0:
             raise InputError(f"{self.name}: frequency must be zero or more, got {self.frequency}")
+
+    def check(self, system: System) -> None:
+        """Refuse a field out of the plane of a two-dimensional system."""
+        _check_in_plane(self.name, "amplitude", self.amplitude, system)
 
 
 @dataclass(frozen=True)
@@ -236,11 +244,10 @@ class Springs(Field):
             )
         _check_masses(self.name, system, ids.flat)
         lengths = np.broadcast_to(np.array(self.length), len(ids))
-        if system.box.lengths is not None and lengths.max() >= 0.5 * min(system.box.lengths):
-            raise InputError(
-                f"{self.name}: length {lengths.max():.6g} must be under half the shortest box edge, "
-                f"{0.5 * min(system.box.lengths):.6g}"
-            )
+        half = 0.5 * float(system.box.heights.min())
+        if lengths.max() >= half:
+            shortest = "smallest height of the box" if system.box.triclinic else "shortest box edge"
+            raise InputError(f"{self.name}: length {lengths.max():.6g} must be under half the {shortest}, {half:.6g}")
         x = system.state.positions
         apart = system.box.minimum_image(x[ids[:, 0]] - x[ids[:, 1]])
         for k in np.flatnonzero((lengths > 0) & ~apart.any(axis=1)):
@@ -288,6 +295,11 @@ def _pair(number: int, values: Any) -> tuple[int, int]:
     if len(given) != 2 or not whole:
         raise InputError(f"springs: pairs[{number}]: expected the ids of two particles, got {shown(values)}")
     return int(given[0]), int(given[1])
+
+
+def _check_in_plane(name: str, key: str, along: Vector, system: System) -> None:
+    if system.dimensions == 2 and along[2] != 0:
+        raise InputError(f"{name}: {key} has a z component of {along[2]:.6g}, and the system has two dimensions")
 
 
 def _check_masses(name: str, system: System, ids: Iterable[int]) -> None:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from kickdrift.forces.fields import DrivenField, HarmonicTrap, LinearDrag, Springs, UniformField
 from kickdrift.forces.kernel import OK, kernel
 from kickdrift.jit.compile import never_inline
+from kickdrift.model.cell import Cell, along, cell_of, leaning_image
 
 if TYPE_CHECKING:
     from kickdrift.model.system import System
@@ -48,7 +49,7 @@ class SpringsKernel(NamedTuple):
     pairs: NDArray[np.int64]  # (springs, 2)
     stiffness: NDArray[np.float64]  # (springs,)
     length: NDArray[np.float64]  # (springs,)
-    edges: NDArray[np.float64]  # (3,), zero in open space
+    cell: Cell
     inverse_masses: NDArray[np.float64]  # (n,)
 
 
@@ -84,10 +85,11 @@ def _(force: LinearDrag, system: System) -> DragKernel:
 @bind.register(Springs)
 def _(force: Springs, system: System) -> SpringsKernel:
     pairs = np.array(force.pairs, dtype=np.int64)
-    edges = np.array(system.box.lengths) if system.box.lengths is not None else np.zeros(3)
     stiffness, length = (np.broadcast_to(np.array(v), len(pairs)).copy() for v in (force.stiffness, force.length))
     masses = system.coherent_masses
-    return SpringsKernel(pairs, stiffness, length, edges, np.divide(1.0, masses, where=masses > 0, out=0.0 * masses))
+    return SpringsKernel(
+        pairs, stiffness, length, cell_of(system.box), np.divide(1.0, masses, where=masses > 0, out=0.0 * masses)
+    )
 
 
 @kernel(TrapKernel)
@@ -133,17 +135,18 @@ def drag_forces(force, t, x, v, a, sums):
 @kernel(SpringsKernel)
 def spring_forces(force, t, x, v, a, sums):
     never_inline()
-    pairs, edges, inverse_masses = force.pairs, force.edges, force.inverse_masses
+    pairs, edges, inverse_masses = force.pairs, force.cell.edges, force.inverse_masses
     d = np.empty(3)
     energy = virial = 0.0
     for s in range(pairs.shape[0]):
         i, j = pairs[s, 0], pairs[s, 1]
         r2 = 0.0
         for k in range(3):
-            d[k] = x[k, i] - x[k, j]
-            if edges[k] > 0.0:
-                d[k] -= edges[k] * math.floor(d[k] / edges[k] + 0.5)
+            d[k] = along(edges[k], x[k, i] - x[k, j])
             r2 += d[k] * d[k]
+        if force.cell.leans:
+            leaning_image(force.cell, d)
+            r2 = d[0] * d[0] + d[1] * d[1] + d[2] * d[2]
         r = math.sqrt(r2)
         stretch = r - force.length[s]
         pull = force.stiffness[s] * stretch

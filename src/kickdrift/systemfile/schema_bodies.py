@@ -82,7 +82,7 @@ class ElementsTable(Table):
     def _seeded(self) -> ElementsTable:
         drawn = any(body.spread for body in self.elements)
         if drawn != (self.seed is not None):
-            what = "is missing: bodies are drawn with a named seed" if drawn else "goes with ranges, and there are none"
+            what = "is missing; bodies are drawn with a seed" if drawn else "needs ranges, but there are none"
             raise InputError(f"seed {what}, such as a = [2.1, 3.3] and seed = 1")
         return self
 

@@ -103,7 +103,7 @@ def test_accelerations_are_forces_over_masses():
 
 def test_the_old_name_of_a_methods_own_state_warns():
     sim = kd.Simulation(liquid(), "leapfrog-exact", dt=0.004)
-    with pytest.warns(DeprecationWarning, match=r"lattice is Simulation\.method_state"):
+    with pytest.warns(DeprecationWarning, match=r"lattice is deprecated since 0\.2; use Simulation\.method_state"):
         known = sim.lattice
     assert known.same(sim.method_state)
     sim.run(10)
