@@ -69,7 +69,7 @@ def on_lattice(particles: LatticeTable, table: SystemTable, box: Box | None, uni
     masses = _masses(particles.mass, species, count, units)
     if table.box.matrix is not None and box is not None:
         if particles.density is not None:
-            raise InputError("density: does not go with box.matrix: the lattice fills the box that it describes")
+            raise InputError("density: not allowed with box.matrix, since the lattice fills that box")
         room = float(np.prod(np.diag(box.matrix)[: table.dimensions]))
         positions, edges = fill(particles.lattice, count, count / room)
         return Structure((positions / [*edges, 1.0][:3]) @ box.matrix, masses, species, None, periodic=True)
@@ -80,8 +80,8 @@ def on_lattice(particles: LatticeTable, table: SystemTable, box: Box | None, uni
     elif lengths is not None and len(set(lengths[: table.dimensions])) == 1 and particles.lattice != "hexagonal":
         density = count / lengths[0] ** table.dimensions
     else:
-        equal = "two equal edges, which a square lattice" if plane else "three equal edges, which the lattice"
-        raise InputError(f"density: required key is missing (or box.lengths with {equal} fills)")
+        equal = "two equal edges for a square lattice" if plane else "three equal edges"
+        raise InputError(f"density: required key is missing (or box.lengths with {equal})")
     positions, edges = fill(particles.lattice, count, density)
     return Structure(positions, masses, species, edges, periodic=True)
 

@@ -90,7 +90,7 @@ def test_what_makes_no_sense_is_refused():
         sim.run(5, observe=lambda sim: sim.advance(1))
     problem = kd.Simulation(kd.Problem(lambda t, y: -y, [1.0]))
     for asked in (problem.forces, problem.accelerations):
-        with pytest.raises(InputError, match="a Problem has none"):
+        with pytest.raises(InputError, match=f"{asked.__name__}: a Problem has no {asked.__name__}"):
             asked()
 
 

@@ -155,9 +155,9 @@ def test_resume_needs_them_again(tmp_path):
     ("given", "culprit"),
     [
         (lambda sim: [1.0, 2.0], r"returned an array of shape \(2,\); expected \(\)"),
-        (lambda sim: "fast", "returned 'fast', which is no number"),
-        (lambda sim: None, "returned None, which is no number"),
-        (lambda sim: 1j, "returned 1j, which is no number"),
+        (lambda sim: "fast", "returned 'fast'; expected a number"),
+        (lambda sim: None, "returned None; expected a number"),
+        (lambda sim: 1j, "returned 1j; expected a number"),
         (lambda sim: [[1.0], [1.0, 2.0]], r"returned .*; expected a number or an array of numbers"),
         (lambda sim: 1 / 0, "raised ZeroDivisionError: division by zero"),
         (lambda sim: setattr(sim, "state", sim.state), "raised InputError: state: is read-only"),

@@ -207,9 +207,9 @@ def test_time_and_steps():
         ({"until": 1.53}, "time 1.53 is not on the grid of steps of 0.1; nearest are 1.5 and 1.6"),
         ({"until": 1.01}, "nearest are 1 and 1.1"),
         ({"until": 0.9}, "time 0.9 lies before the current time, 1"),
-        ({"until": -math.inf}, "must be a finite number, got -inf"),
-        ({"until": math.nan}, "must be a finite number, got nan"),
-        ({"until": "1"}, "must be a finite number, got '1'"),
+        ({"until": -math.inf}, "must be a finite time, got -inf"),
+        ({"until": math.nan}, "must be a finite time, got nan"),
+        ({"until": "1"}, "must be a finite time, got '1'"),
         ({"steps": 1, "every": 0}, "every must be a whole number, one or more, got 0"),
         ({"steps": 1, "every": 2.5}, "every must be a whole number, one or more, got 2.5"),
     ],
@@ -229,7 +229,7 @@ def test_bad_steps(dt):
 
 
 def test_dt_integrator_and_cadence_come_from_the_file_unless_given():
-    with pytest.raises(InputError, match="dt is needed: system 'two-body' names none"):
+    with pytest.raises(InputError, match="dt is needed: system 'two-body' has no dt"):
         kd.Simulation(two_bodies())
     system = liquid(run=RunDefaults("leapfrog-dkd", 0.003, every=7))
     sim = kd.Simulation(system)

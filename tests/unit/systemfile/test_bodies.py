@@ -166,7 +166,7 @@ BAD = [
     (BODIES, "[[force]]", "[velocities]\ntemperature = 1.0\nseed = 1\n[[force]]", "elements and plummer give vel"),
     (BODIES, "a = 5.2, e = 0.048", 'P = "2 yr", e = 1.5', "particles.elements[0] (Jupiter).P: only an ellipse (e < 1)"),
     (BELT, "seed = 4\n", "", "particles: seed is missing; bodies are drawn with a seed"),
-    (BODIES, "elements = [", "seed = 1\nelements = [", "particles: seed goes with ranges, and there are none"),
+    (BODIES, "elements = [", "seed = 1\nelements = [", "particles: seed needs ranges, but there are none"),
     (BELT, "[2, 3]", "[3, 2]", "particles.elements[0].a: expected a range [low, high], got [3, 2]"),
     (BELT, "e = [0.0, 0.2]", "e = [0.9, 1.2]", "particles.elements[0] (rock).a of body"),
     (CLUSTER, "count = 100", "count = 1", "particles.plummer.count: expected a number greater than or equal to 2"),
