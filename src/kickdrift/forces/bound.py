@@ -54,7 +54,7 @@ def _compiled(force: BoundForce) -> BoundForce:
 
 
 class BoundForces:
-    """The forces of a System or another subject, with their pair lists, which live as long as this object.
+    """The forces of a System, or of what stands for one, with their pair lists, which live as long as this object.
 
     Because of the lists, sums depend on earlier calls (to round-off). So the run loop has its own instance, and
     observers another. Between two calls, a particle that moves further than a pair force reaches means that the run

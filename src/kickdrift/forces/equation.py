@@ -163,7 +163,7 @@ class RightHandSide:
         self.callback = Callback(problem.f, n, n, problem.compiled, f"{problem.name}: f")
 
     def bind(self, problem: Problem, threads: int = 1) -> EquationKernel:
-        """Return the parts: a NamedTuple with a compiled body."""
+        """The parts: a NamedTuple with a compiled body."""
         n = len(problem)
         return EquationKernel(self.callback.address, problem.separable, np.zeros(n), np.zeros(n))
 

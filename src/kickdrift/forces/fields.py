@@ -41,7 +41,7 @@ class Field:
         """Refuse a system that this force cannot run on."""
 
     def bind(self, system: System, threads: int = 1) -> Any:
-        """Return the parts of this force for a System: a NamedTuple with a compiled body."""
+        """The parts of this force for a System: a NamedTuple with a compiled body."""
         from kickdrift.forces.fields_kernel import bind
 
         return bind(self, system)
@@ -74,9 +74,9 @@ class HarmonicTrap(Field):
         object.__setattr__(self, "centre", vector(self.name, "centre", self.centre))
 
     def check(self, system: System) -> None:
-        """Refuse a periodic box, and massless particles, which the trap would accelerate without limit."""
+        """Refuse a periodic box, and particles without mass, which the trap would move infinitely fast."""
         if system.box.periodic:
-            raise InputError(f"{self.name}: a trap needs open space, but the box is periodic")
+            raise InputError(f"{self.name}: a trap needs open space, and the box is periodic")
         _check_masses(self.name, system, range(len(system)))
 
 
@@ -236,7 +236,7 @@ class Springs(Field):
         return f"Springs({', '.join(described)})"
 
     def check(self, system: System) -> None:
-        """Refuse pairs of particles that do not exist, have no mass or begin at the same place."""
+        """Refuse pairs of particles that are not there, have no mass or begin at the same place."""
         n, ids = len(system), np.array(self.pairs)
         for i, j in ids[(ids >= n).any(axis=1)]:
             raise InputError(
@@ -257,7 +257,7 @@ class Springs(Field):
             )
 
 
-# --- checks of users' values ---
+# --- what users give, checked ---
 
 
 def _is_number(value: Any) -> bool:
@@ -265,7 +265,7 @@ def _is_number(value: Any) -> bool:
 
 
 def number(name: str, key: str, value: Any) -> float:
-    """Return the value as a finite float; otherwise raise an InputError that names the force and the key."""
+    """The value as a finite float; an InputError that names the force and the key."""
     if isinstance(value, np.ndarray) and value.ndim == 0:
         value = value[()]
     found = real(value)
@@ -281,7 +281,7 @@ def _items(name: str, key: str, values: Any) -> list[Any]:
 
 
 def vector(name: str, key: str, values: Any) -> Vector:
-    """Return three finite floats; otherwise raise an InputError that names the force and the key."""
+    """Three finite floats, likewise."""
     given = [] if isinstance(values, str) or not isinstance(values, Iterable) else list(values)
     if len(given) != 3:
         raise InputError(f"{name}: {key}: expected three numbers, got {shown(values)}")
@@ -305,4 +305,4 @@ def _check_in_plane(name: str, key: str, along: Vector, system: System) -> None:
 def _check_masses(name: str, system: System, ids: Iterable[int]) -> None:
     for i in ids:
         if system.state.masses[i] == 0:
-            raise InputError(f"{name}: particle {i} has no mass, so this force would accelerate it without limit")
+            raise InputError(f"{name}: particle {i} has no mass, and this force would move it infinitely fast")

@@ -55,8 +55,8 @@ class SpringsKernel(NamedTuple):
 
 @singledispatch
 def bind(force: Any, system: System) -> Any:
-    """Return the field bound to this System."""
-    raise TypeError(f"{type(force).__name__} is not a field")
+    """The field for this System."""
+    raise TypeError(f"{type(force).__name__} is no field")
 
 
 @bind.register(HarmonicTrap)

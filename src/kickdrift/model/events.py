@@ -253,10 +253,10 @@ def checked_events(subject: System | Problem, events: Iterable[Event]) -> tuple[
             raise InputError(f"events: expected CloseApproach, Collision, Escape or Crossing, got {shown(event)}")
         if not isinstance(subject, System):
             if not (isinstance(event, Crossing) and callable(event.function)):
-                raise InputError(f"{event.kind}: needs particles; for a Problem use a Crossing with a function of y")
+                raise InputError(f"{event.kind}: needs particles; for a Problem use a Crossing of a function of y")
             continue
         if subject.box.periodic:
-            raise InputError(f"{event.kind}: events need open space, but the box is periodic")
+            raise InputError(f"{event.kind}: events need open space, and the box is periodic")
         if isinstance(event, CloseApproach | Collision):
             check_room(event.kind, len(subject) * (len(subject) - 1) // 2, "pairs of bodies", PAIR_BYTES)
         if isinstance(event, CloseApproach):
@@ -269,7 +269,7 @@ def checked_events(subject: System | Problem, events: Iterable[Event]) -> tuple[
             if event.about is not None:
                 index_of(subject, event.about, f"{event.kind}: about")
             if binding(subject) is None:
-                raise InputError(f"{event.kind}: only gravity binds bodies, but {subject.name!r} has no gravity")
+                raise InputError(f"{event.kind}: only gravity binds bodies, and {subject.name!r} has none")
         elif isinstance(event.function, Between):
             pair = [index_of(subject, body, event.name) for body in (event.function.body, event.function.about)]
             if pair[0] == pair[1]:

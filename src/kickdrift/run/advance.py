@@ -51,7 +51,7 @@ class Integration:
     method, options, dt, engine
         The Simulation's.
     system : System or Problem
-        The current bodies; events may remove some.
+        The bodies of now: events may take some away.
     flow : Flow
         y' = f(t, y).
     stepper : Stepper

@@ -1,4 +1,4 @@
-"""Effects of collisions and escapes on a system: bodies merge, bounce or leave."""
+"""What collisions and escapes do to a system: bodies merge, bounce or leave; and which bodies are left."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from kickdrift.model.system import System
 
 
 def without(system: System, y: Floats, gone: int) -> tuple[System, Floats]:
-    """Return the system and y (2, 3, n) without one body."""
+    """The system and y (2, 3, n) less one body."""
     left = system.remaining(np.arange(len(system)) != gone, y, system.state.masses, system.radii)
     return left, left.state.phase.copy()
 
 
 def merged(system: System, y: Floats, survivor: int, absorbed: int) -> tuple[System, Floats]:
-    """Return the system and y with two bodies merged into one, in the survivor's place.
+    """The system and y with two bodies made one, in the survivor's place.
 
-    The merged body has the mass, momentum, centre of mass and volume of both. The lost energy and spin are not
-    recorded here."""
+    Mass, momentum and centre of mass are those of both, its radius that of a ball of both volumes. What energy and spin
+    that takes is not kept anywhere."""
     masses, y = system.state.masses.copy(), y.copy()
     pair = [survivor, absorbed]
     total = masses[pair].sum()
-    # The survivor's position plus a small change keeps precision far from the origin.
+    # The heavier body's own place and a small change: both may lie far from the origin.
     y[:, :, survivor] += masses[absorbed] / total * (y[:, :, absorbed] - y[:, :, survivor])
     masses[survivor] = total
     radii = None if system.radii is None else joined(system.radii, survivor, absorbed)
@@ -35,29 +35,29 @@ def merged(system: System, y: Floats, survivor: int, absorbed: int) -> tuple[Sys
 
 
 def joined(radii: Floats, survivor: int, absorbed: int) -> Floats:
-    """Return radii (n,) after one body has absorbed another's volume: a copy that still holds the absorbed body."""
+    """Radii (n,) where one body has taken another's volume; a copy, the absorbed body's still in it."""
     radii = radii.copy()
     radii[survivor] = np.cbrt(radii[survivor] ** 3 + radii[absorbed] ** 3)
     return radii
 
 
 def bounced(masses: Floats, y: Floats, i: int, j: int, restitution: float) -> Floats:
-    """Return a copy of y (2, 3, n) after two hard spheres have collided.
+    """y (2, 3, n) after two hard spheres met; a copy.
 
-    The normal component of the relative velocity is reversed and multiplied by ``restitution``. Momentum is
+    The normal part of their relative velocity is turned around and multiplied by ``restitution``; momentum is
     conserved."""
     y = y.copy()
     normal = y[0, :, i] - y[0, :, j]
     normal /= np.linalg.norm(normal)
     speed = float((y[1, :, i] - y[1, :, j]) @ normal)
-    impulse = -(1.0 + restitution) * speed / (masses[i] + masses[j])  # impulse divided by m_i m_j
+    impulse = -(1.0 + restitution) * speed / (masses[i] + masses[j])  # over m_i m_j
     y[1, :, i] += impulse * masses[j] * normal
     y[1, :, j] -= impulse * masses[i] * normal
     return y
 
 
 def remaining_memory(first: Any, system: Any) -> Memory | None:
-    """Return the bodies of ``first`` that remain in a system, with their start; None if all remain."""
+    """The bodies of ``first`` that are left in a system, and how they began; None where all are."""
     if system is first:
         return None
     state = system.state
@@ -65,10 +65,10 @@ def remaining_memory(first: Any, system: Any) -> Memory | None:
 
 
 def left_of(first: System, ids: Any, masses: Floats, radii: Floats | None, phase: Floats) -> System:
-    """Return the system of the bodies of ``first`` that remain: the inverse of ``remaining_memory``."""
+    """The system that those bodies of ``first`` are left of; the inverse of ``remaining_memory``."""
     state, keep = first.state, np.isin(first.state.ids, ids)
     if not np.array_equal(state.ids[keep], ids):
-        raise InputError("checkpoint: holds bodies that the system lacks")
+        raise InputError("checkpoint: holds bodies that the system has not")
     everywhere, weights, sizes = state.phase.copy(), state.masses.copy(), None
     everywhere[:, :, keep], weights[keep] = phase, masses
     if radii is not None:

@@ -1,4 +1,4 @@
-"""The log of events: entries that the run has reached, and entries that wait."""
+"""The log of events: what the present has come to, and what waits for it."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from kickdrift.run.watch.watches import Row
 
 
 class Recorded(Protocol):
-    """An object with a record; see `run.advance.Integration`."""
+    """What has a record; see `run.advance.Integration`."""
 
     record: Record
 
@@ -19,8 +19,8 @@ class Recorded(Protocol):
 class Log:
     """Entries for the record of a run.
 
-    The current time of an adaptive run may lie inside a step, but events are searched in the whole step. A later event
-    waits until the run reaches its time."""
+    The present of an adaptive run may lie inside a step that was searched as a whole. An event beyond the present waits
+    until the present has come there."""
 
     def __init__(self, run: Recorded) -> None:
         self._run = run
@@ -31,11 +31,11 @@ class Log:
         self._run.record.events.append(row)
 
     def wait(self, found: list[tuple[float, Row]]) -> None:
-        """Hold back entries, each until the run reaches its time."""
+        """Let entries wait, each until the present has come to its time."""
         self._waiting += sorted(found, key=lambda pair: pair[0])
 
     def tell(self, until: float) -> None:
-        """Write the waiting entries up to the time ``until``."""
+        """Write the entries whose time is up."""
         late = []
         for due, row in self._waiting:
             if due <= until:
@@ -45,20 +45,20 @@ class Log:
         self._waiting = late
 
     def forget(self) -> None:
-        """Drop the waiting entries."""
+        """Drop what waits."""
         self._waiting = []
 
     @property
     def waiting_rows(self) -> list[Row]:
-        """Return the waiting entries."""
+        """The entries that wait."""
         return [row for _, row in self._waiting]
 
     def memory(self) -> list[list[Any]]:
-        """Return the waiting entries by value, for a checkpoint."""
+        """What waits, by value."""
         return [[due, row] for due, row in self._waiting]
 
     def recall(self, memory: Any) -> None:
-        """Restore the waiting entries from ``memory``; an InputError if these are not entries."""
+        """Wait for what this memory has; an InputError where it has something else."""
         self._waiting = [(due, row) for due, row in memory]
         if not all(isinstance(due, int | float) and is_row(row) for due, row in self._waiting):
-            raise InputError("checkpoint: its waiting events are invalid")
+            raise InputError("checkpoint: what its events wait for are none")

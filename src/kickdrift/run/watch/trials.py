@@ -1,4 +1,4 @@
-"""Trial steps beside a run, which locate its bodies inside a step."""
+"""Steps that are tried beside a run, to find out where its bodies are inside a step."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from kickdrift.model.state import Floats
 
 
 class Watched(Protocol):
-    """Attributes of the integration; see `run.advance.Integration`."""
+    """What is known of the integration; see `run.advance.Integration`."""
 
     method: Method
     options: Options
@@ -40,16 +40,15 @@ class Watched(Protocol):
 
 
 class Trials:
-    """Shorter steps of a run's method from one of the run's states.
-
-    The trial steps have their own flow, so the run's pair lists do not change."""
+    """Shorter steps of a run's method from one of its states, with a flow of their own: pair lists of the run are left
+    alone."""
 
     def __init__(self, run: Watched) -> None:
         self._run = run
         self._flow = flow_of(run.system, run.threads, jumps=True)
 
     def step(self, y: Floats, begin: float, end: float) -> tuple[int, Floats, Counts]:
-        """Take one step from y at ``begin`` to ``end``; return a status, y at ``end`` and the cost."""
+        """One step from y at ``begin`` to ``end``: a status, y there, and what it cost."""
         run = self._run
         stepper = run.method.stepper(self._flow, run.options.changed(dt=end - begin))
         stepper.reset(y.copy(), begin, 0)
@@ -57,8 +56,8 @@ class Trials:
         return status, stepper.y, stepper.counts
 
     def at(self, y: Floats, begin: float, time: float, step: int) -> Floats:
-        """Return y at a time inside the run's ``step``, which began at ``begin`` with ``y``."""
+        """y at a time inside the run's ``step``, which began at y."""
         status, reached, _ = self.step(y, begin, time)
         if status != OK:
-            raise RunError(f"step {step}: a shorter step to an event at t = {time:.9g} failed")
+            raise RunError(f"step {step}: a shorter step to t = {time:.9g}, where an event is, failed")
         return reached
