@@ -51,6 +51,11 @@ class Vectors:
     def particles(self) -> int:
         return len(self.masses)
 
+    @property
+    def dimensions(self) -> int:
+        """3, or 2 of a run in two dimensions."""
+        return int(self.source.system_record.get("dimensions", 3)) if isinstance(self.source, reader.Run) else 3
+
     def pieces(self) -> Iterator[Floats]:
         """(k, n, 3) of some frames after the other, unwrapped."""
         size = max(1, PIECE_BYTES // (24 * self.particles))

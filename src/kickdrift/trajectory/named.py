@@ -59,6 +59,7 @@ class Record(Known):
     invariants: dict[str, Any]
     seed: int | None
     radii: list[FiniteFloat] | None = None
+    dimensions: int = 3
     time: FiniteFloat
     steps_done: int = Field(ge=0, lt=NEVER)
 

@@ -53,13 +53,12 @@ def _plain(value: Any) -> Any:
 
 def record_of(system: System) -> dict[str, Any]:
     """All of a System but its state, masses, ids and species, which the file has as arrays."""
-    if system.dimensions == 2:
-        raise InputError("a run's file: takes no two-dimensional system yet")
     return {
         "name": system.name,
         "units": system.units.name,
         "particles": len(system),
         "box": recorded(system.box),
+        **({"dimensions": system.dimensions} if system.dimensions != 3 else {}),  # a key that older files have not
         "species": system.species,
         "names": system.names,
         "radii": system.radii,
@@ -142,6 +141,7 @@ def system_of(
             run.names,
             record.radii,
             [event_of(given) for given in record.events] if events is None else events,
+            record.dimensions,
         )
     if frame is None:
         return system.at(start, record.time, record.steps_done, run.ids)
