@@ -19,8 +19,8 @@ import numpy as np
 from kickdrift.errors import InputError, KickdriftError, RunError
 from kickdrift.forces.bound import Measured
 from kickdrift.forces.kernel import OK
-from kickdrift.integrators.flow import ParticleFlow
-from kickdrift.integrators.stepping import STOPPED, Counts
+from kickdrift.integrators.particle_flow import ParticleFlow
+from kickdrift.integrators.stepper import STOPPED, Counts
 from kickdrift.looks.observers import take_sample
 from kickdrift.looks.table import Looks
 from kickdrift.model.memory import Memory, by_value

@@ -14,9 +14,10 @@ from kickdrift.disk.interrupt import interruptible
 from kickdrift.engines.session import Job, begin
 from kickdrift.errors import InputError
 from kickdrift.forces.kernel import OK
-from kickdrift.integrators.flow import Flow, ParticleFlow, flow_of
+from kickdrift.integrators.flow import Flow, flow_of
 from kickdrift.integrators.option import MIXED
-from kickdrift.integrators.stepping import STOPPED, Stepper
+from kickdrift.integrators.particle_flow import ParticleFlow
+from kickdrift.integrators.stepper import STOPPED, Stepper
 from kickdrift.looks.observers import Sample
 from kickdrift.looks.record import Record
 from kickdrift.model.checks import no_overflow

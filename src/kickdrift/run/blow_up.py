@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Protocol
 from kickdrift.errors import RunError
 from kickdrift.integrators.flow import Flow
 from kickdrift.integrators.method import Method
-from kickdrift.integrators.stepping import Stepper
+from kickdrift.integrators.stepper import Stepper
 from kickdrift.model.checks import unwarned
 from kickdrift.model.state import Floats
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections import deque
 from typing import TYPE_CHECKING, Protocol
 
-from kickdrift.integrators.flow import Flow, ParticleFlow
+from kickdrift.integrators.flow import Flow
 from kickdrift.integrators.method import Method
+from kickdrift.integrators.particle_flow import ParticleFlow
 from kickdrift.integrators.stability_limit import (
     WATCHED_POINTS,
     WATCHED_STEPS,
@@ -15,7 +16,7 @@ from kickdrift.integrators.stability_limit import (
     stability_warning,
 )
 from kickdrift.integrators.step_length import TOO_LONG, can_be_checked, step_warning
-from kickdrift.integrators.stepping import Stepper
+from kickdrift.integrators.stepper import Stepper
 from kickdrift.looks.record import Record
 from kickdrift.model.state import Floats
 from kickdrift.run.watch.watcher import Watcher

@@ -9,7 +9,7 @@ from kickdrift.forces.kernel import OK
 from kickdrift.integrators.flow import Flow, flow_of
 from kickdrift.integrators.method import Method
 from kickdrift.integrators.options import Options
-from kickdrift.integrators.stepping import Counts, Stepper
+from kickdrift.integrators.stepper import Counts, Stepper
 from kickdrift.looks.observers import Sample
 from kickdrift.looks.record import Record
 from kickdrift.model.state import Floats
