@@ -31,7 +31,7 @@ class ProblemFlow:
         self._callback = right_hand_side(problem).callback
         if known:  # names outside f may have changed since
             check_right_hand_side(problem, right_hand_side(problem))
-        self.forces = BoundForces(_Bindable(problem), threads)
+        self.forces = BoundForces(EquationAsForce(problem), threads)
         self.not_separable = None if problem.separable else "the problem is not declared separable=True"
 
     def state(self, y: Floats, time: float, steps: int) -> ProblemState:
@@ -114,16 +114,14 @@ class ProblemFlow:
         return ""
 
 
-class _Bindable:
-    """Problem with its right-hand side in the form of a System."""
+class EquationAsForce:
+    """A Problem under its right-hand side as the only force."""
 
     def __init__(self, problem: Problem) -> None:
+        self.name = problem.name
         self.forces = (right_hand_side(problem),)
+        self.separable = problem.separable
         self._problem = problem
 
     def __len__(self) -> int:
         return len(self._problem)
-
-    @property
-    def separable(self) -> bool:
-        return self._problem.separable
