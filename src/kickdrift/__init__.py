@@ -19,7 +19,8 @@ from kickdrift.integrators import integrators
 
 if TYPE_CHECKING:
     from kickdrift import analysis
-    from kickdrift.analysis.chaos import ChaosReport, megno
+    from kickdrift.analysis.chaos import megno
+    from kickdrift.analysis.chaos_report import ChaosReport
     from kickdrift.ensemble import Ensemble
     from kickdrift.errors import InputError, KickdriftError, RunError
     from kickdrift.forces import (
@@ -57,7 +58,7 @@ __version__ = version("kickdrift")
 _HOMES = {
     "accelerations": "integrators.custom",
     "Box": "model.box",
-    "ChaosReport": "analysis.chaos",
+    "ChaosReport": "analysis.chaos_report",
     "CloseApproach": "model.events",
     "Collision": "model.events",
     "Column": "looks.columns",

@@ -11,11 +11,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
+from kickdrift.engines.job import Job
 from kickdrift.errors import InputError, KickdriftError, RunError
 from kickdrift.forces.bound import Measured
 from kickdrift.forces.kernel import OK
@@ -28,22 +28,7 @@ from kickdrift.model.starts.builders import check_overlaps
 from kickdrift.model.state import Floats
 
 if TYPE_CHECKING:
-    from kickdrift.engines import Engine
-    from kickdrift.integrators.method import Method
-    from kickdrift.integrators.options import Options
     from kickdrift.model.system import System
-
-
-@dataclass(frozen=True)
-class Job:
-    """Request of a Simulation to an engine. ``named`` is the requested name of the method."""
-
-    system: System
-    method: Method
-    named: str
-    options: Options
-    threads: int = 1
-    processes: int = 1
 
 
 class Trouble(Exception):
@@ -90,6 +75,19 @@ class Session:
 
     def close(self) -> None:
         """End the program; ``reset`` starts another."""
+
+
+class Program(Protocol):
+    """Another program, as a run on it needs it; see ``Engine``."""
+
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def warnings(self) -> list[str]: ...
+
+    def session(self, job: Job) -> Session:
+        """Start the program."""
 
 
 class EngineFlow(ParticleFlow):
@@ -141,11 +139,11 @@ class EngineStepper:
 
     _known: Floats | None  # y, if requested since the last step
 
-    def __init__(self, flow: EngineFlow, engine: Engine, job: Job) -> None:
+    def __init__(self, flow: EngineFlow, engine: Program, job: Job) -> None:
         self._job, self._dt = job, 0.0 if job.method.chooses_steps else (job.options.dt or 0.0)
         self._engine = engine
         with self._one_line():
-            self._session: Session = engine.module.session(job)
+            self._session = engine.session(job)
         self.warnings = engine.warnings
         self._evaluations = 0
         flow.stepper = self
@@ -266,7 +264,7 @@ class EngineStepper:
         self._session.hint, self._evaluations = memory["hint"], memory["evaluations"]
 
 
-def begin(engine: Engine, job: Job) -> tuple[EngineFlow, Any]:
+def begin(engine: Program, job: Job) -> tuple[EngineFlow, Any]:
     """The flow and the stepper of a System on another program."""
     flow = EngineFlow(job.system)
     return flow, EngineStepper(flow, engine, job)

@@ -1,14 +1,16 @@
-"""What forces see of a System."""
+"""What forces and events see of a System."""
 
 from __future__ import annotations
 
 from typing import Any, Protocol
 
+import numpy as np
 from numpy.typing import NDArray
 
+from kickdrift.errors import InputError
 from kickdrift.model.box import Box
 from kickdrift.model.state import Floats, State
-from kickdrift.model.units import UnitSystem
+from kickdrift.model.units import UnitSystem, shown, suggestion
 
 
 class Subject(Protocol):
@@ -45,3 +47,28 @@ class Subject(Protocol):
 
     def body(self, i: int) -> str:
         """Name of a particle for people."""
+
+
+class Bodies(Subject, Protocol):
+    """Particles that events may watch; see ``System``."""
+
+    @property
+    def radii(self) -> Floats | None: ...
+
+    def acting(self, trait: str) -> list[str]:
+        """Names of the forces that have a trait."""
+
+
+def index_of(system: Subject, body: str | int, key: str) -> int:
+    """The row of a body, by name or by id; an InputError that begins with ``key`` where there is none."""
+    if isinstance(body, str) and body in system.names:
+        return system.names.index(body)
+    if isinstance(body, int | np.integer) and not isinstance(body, bool):
+        found = np.flatnonzero(system.state.ids == body)
+        if found.size:
+            return int(found[0])
+    if not system.names:
+        raise InputError(f"{key}: there is no particle {shown(body)}; expected a number from 0 to {len(system) - 1}")
+    known = ", ".join(system.names[:12]) + (", …" if len(system) > 12 else "")
+    hint = suggestion(body, system.names) if isinstance(body, str) else ""
+    raise InputError(f"{key}: there is no body {shown(body)}{hint} (known: {known})")

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import numpy as np
 
 from kickdrift.disk.interrupt import interruptible
-from kickdrift.engines.session import Job, begin
+from kickdrift.engines.job import Job
+from kickdrift.engines.session import begin
 from kickdrift.errors import InputError
 from kickdrift.forces.kernel import OK
 from kickdrift.integrators.flow import Flow, flow_of

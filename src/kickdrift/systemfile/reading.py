@@ -16,9 +16,11 @@ import numpy as np
 from kickdrift.disk.files import SYSTEM_FILE_BYTES, content, unfit
 from kickdrift.errors import InputError
 from kickdrift.forces import FORCES
+from kickdrift.model.body_checks import body_names
 from kickdrift.model.capacity import check_room
 from kickdrift.model.checks import no_overflow, path_text, whole_number
 from kickdrift.model.problem import Problem
+from kickdrift.model.run_defaults import Equilibration
 from kickdrift.model.starts.builders import (
     Structure,
     check_overlaps,
@@ -29,7 +31,7 @@ from kickdrift.model.starts.builders import (
 )
 from kickdrift.model.starts.coordinates import to_barycentric
 from kickdrift.model.state import Floats
-from kickdrift.model.system import Equilibration, System, body_names
+from kickdrift.model.system import System
 from kickdrift.model.units import UNIT_SYSTEMS, UnitSystem, number_density, shown, suggestion, unit_system
 from kickdrift.systemfile.bodies import cluster, on_orbits
 from kickdrift.systemfile.events import events_of
