@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, fields
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -12,21 +12,12 @@ from kickdrift.looks.observers import Energies
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 
-if TYPE_CHECKING:
-    pass
-
 Verdict = Literal["regular", "chaotic", "undecided"]
 
 
 REGULAR = 0.1  # |<Y> - 2| below which a motion is called regular
-
-
 CHAOTIC = 4.0  # <Y> above which it is called chaotic
-
-
 KEPT = 500  # of them, in a report's JSON
-
-
 SETTLED = 0.2  # of the run that the fit of the Lyapunov exponent leaves out (Cincotta & Simo 2000, section 3)
 
 

@@ -2,19 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from kickdrift.model.limits import steps_in
 from kickdrift.model.state import Floats
 
-if TYPE_CHECKING:
-    pass
-
 LOOKS = 10_000  # at the deviation in a run of fixed steps
-
-
 LARGEST = 2.0**200  # times which a deviation may grow or shrink before it is scaled back
 
 

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
-from kickdrift.forces.fields import DrivenField, HarmonicTrap, LinearDrag, UniformField
+from kickdrift.forces.fields import DrivenField, HarmonicTrap, LinearDrag, Springs, UniformField
 from kickdrift.forces.gravity import Gravity
 from kickdrift.forces.lennard_jones import LennardJones
 from kickdrift.forces.oblateness import Oblateness
 from kickdrift.forces.registration import FORCES, registered
 from kickdrift.forces.relativity import PostNewtonian
-from kickdrift.forces.springs import Springs
 from kickdrift.forces.tree import GravityTree
 
 _ALL: tuple[Any, ...] = (

@@ -1,4 +1,4 @@
-"""Fields: what acts on particles one by one (trap, uniform and driven field, drag).
+"""Fields: what acts on particles one by one (trap, uniform and driven field, drag), and springs between named pairs.
 
 This module knows no numba, so that a system file can be read and checked without paying for it; ``bind`` compiles.
 """
@@ -6,13 +6,14 @@ This module knows no numba, so that a system file can be read and checked withou
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from kickdrift.errors import InputError
-from kickdrift.forces.arguments import Vector, check_massive, is_one, number, vector
+from kickdrift.forces.arguments import Vector, check_massive, is_one, items, number, vector
 from kickdrift.model.units import shown
 
 if TYPE_CHECKING:
@@ -191,3 +192,101 @@ class LinearDrag(Field):
         from kickdrift.forces.fields_kernel import DragKernel
 
         return DragKernel(self.rate)
+
+
+@dataclass(frozen=True)
+class Springs(Field):
+    """U = k (r - l)^2 / 2 for each named pair of particles, r their distance between nearest images.
+
+    Attributes
+    ----------
+    pairs : ((i, j), …)
+        Ids of particles, counted from 0; no pair twice, in either order.
+    stiffness : float, or one for each pair
+        Energy per length squared, positive.
+    length : float, or one for each pair
+        At rest, zero or more and under half the shortest edge of a periodic box, beyond which images would take turns;
+        default 0. Where both ends come to the same place the force of a spring with a length has no direction: it is
+        zero there, and a system that begins so is refused.
+    """
+
+    pairs: Sequence[tuple[int, int]]
+    stiffness: float | Sequence[float]
+    length: float | Sequence[float] = 0.0
+
+    name: ClassVar[str] = "springs"
+    external: ClassVar[bool] = False
+    joins: ClassVar[bool] = True  # its bodies may not merge, nor leave alone
+    dimensions: ClassVar[dict[str, str]] = {"stiffness": "stiffness", "length": "length"}
+
+    def __post_init__(self) -> None:
+        pairs = tuple(_pair(k, pair) for k, pair in enumerate(items(self.name, "pairs", self.pairs)))
+        if not pairs:
+            raise InputError(f"{self.name}: expected one pair or more, got none")
+        seen: set[tuple[int, int]] = set()
+        for i, j in pairs:
+            if i == j:
+                raise InputError(f"{self.name}: pair {[i, j]} joins a particle to itself")
+            if (min(i, j), max(i, j)) in seen:
+                raise InputError(f"{self.name}: pair {[i, j]} is given twice")
+            seen.add((min(i, j), max(i, j)))
+        object.__setattr__(self, "pairs", pairs)
+        for key, least in (("stiffness", "positive"), ("length", "zero or more")):
+            given = getattr(self, key)
+            one = is_one(given)
+            values = tuple(number(self.name, key, v) for v in ([given] if one else items(self.name, key, given)))
+            if not one and len(values) != len(pairs):
+                raise InputError(f"{self.name}: {key}: expected one number or {len(pairs)}, got {len(values)}")
+            for value in values:
+                if value < 0 or (value == 0 and least == "positive"):
+                    raise InputError(f"{self.name}: {key} must be {least}, got {value}")
+            object.__setattr__(self, key, values[0] if one else values)
+
+    def __str__(self) -> str:
+        count = len(self.pairs)
+        described = [f"1 pair {list(self.pairs[0])}" if count == 1 else f"{count} pairs"]
+        for key in ("stiffness", "length"):
+            values = np.unique(getattr(self, key))
+            described.append(f"{key}={values[0]}" if len(values) == 1 else f"{key}={values[0]} to {values[-1]}")
+        return f"Springs({', '.join(described)})"
+
+    def check(self, system: Subject) -> None:
+        """Refuse pairs of particles that are not there, have no mass or begin at the same place."""
+        n, ids = len(system), np.array(self.pairs)
+        for i, j in ids[(ids >= n).any(axis=1)]:
+            raise InputError(
+                f"{self.name}: pair {[int(i), int(j)]}: there is no particle {max(i, j)}; ids are 0 to {n - 1}"
+            )
+        check_massive(self.name, system, ids.flat)
+        lengths = np.broadcast_to(np.array(self.length), len(ids))
+        if system.box.lengths is not None and lengths.max() >= 0.5 * min(system.box.lengths):
+            raise InputError(
+                f"{self.name}: length {lengths.max():.6g} is not under half the shortest box edge, "
+                f"{0.5 * min(system.box.lengths):.6g}"
+            )
+        x = system.state.positions
+        apart = system.box.minimum_image(x[ids[:, 0]] - x[ids[:, 1]])
+        for k in np.flatnonzero((lengths > 0) & ~apart.any(axis=1)):
+            raise InputError(
+                f"{self.name}: particles {ids[k, 0]} and {ids[k, 1]} are at the same place, where their spring "
+                f"of length {lengths[k]:.6g} has no direction"
+            )
+
+    def bind(self, system: Subject, threads: int = 1) -> Any:
+        """See Field."""
+        from kickdrift.forces.fields_kernel import SpringsKernel
+
+        pairs = np.array(self.pairs, dtype=np.int64)
+        edges = np.array(system.box.lengths) if system.box.lengths is not None else np.zeros(3)
+        stiffness, length = (np.broadcast_to(np.array(v), len(pairs)).copy() for v in (self.stiffness, self.length))
+        masses = system.coherent_masses
+        inverse_masses = np.divide(1.0, masses, where=masses > 0, out=0.0 * masses)
+        return SpringsKernel(pairs, stiffness, length, edges, inverse_masses)
+
+
+def _pair(number: int, values: Any) -> tuple[int, int]:
+    given = [] if isinstance(values, str) or not isinstance(values, Iterable) else list(values)
+    whole = all(isinstance(i, int | np.integer) and not isinstance(i, bool) and i >= 0 for i in given)
+    if len(given) != 2 or not whole:
+        raise InputError(f"springs: pairs[{number}]: expected the ids of two particles, got {shown(values)}")
+    return int(given[0]), int(given[1])

@@ -24,8 +24,6 @@ def event_lines(events: Sequence[dict[str, Any]]) -> list[tuple[str, str]]:
 
 
 _NUMBER = (int, float)
-
-
 _ROW: dict[str, Any] = {
     "kind": str, "time": _NUMBER, "step": int, "bodies": list, "ids": list, "distance": (*_NUMBER, NoneType),
     "energy": (*_NUMBER, NoneType), "done": str,
