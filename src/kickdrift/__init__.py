@@ -23,15 +23,7 @@ if TYPE_CHECKING:
     from kickdrift.analysis.chaos_report import ChaosReport
     from kickdrift.ensemble import Ensemble
     from kickdrift.errors import InputError, KickdriftError, RunError
-    from kickdrift.forces import (
-        DrivenField,
-        Gravity,
-        HarmonicTrap,
-        LennardJones,
-        LinearDrag,
-        Springs,
-        UniformField,
-    )
+    from kickdrift.forces import *
     from kickdrift.forces.pair_law import pair_law
     from kickdrift.forces.registration import register_force
     from kickdrift.integrators.asked import integrator
@@ -63,29 +55,19 @@ _HOMES = {
     "Collision": "model.events",
     "Column": "looks.columns",
     "Crossing": "model.events",
-    "DrivenField": "forces",
     "Energies": "looks.observers",
     "Ensemble": "ensemble",
     "Escape": "model.events",
     "FileOptions": "trajectory.options",
-    "Gravity": "forces",
-    "GravityTree": "forces",
-    "HarmonicTrap": "forces",
     "InputError": "errors",
     "KickdriftError": "errors",
-    "LennardJones": "forces",
     "Option": "integrators.option",
     "Problem": "model.problem",
-    "LinearDrag": "forces",
-    "Oblateness": "forces",
-    "PostNewtonian": "forces",
     "Report": "run.report",
     "RunError": "errors",
     "Simulation": "run.simulation",
-    "Springs": "forces",
     "State": "model.state",
     "System": "model.system",
-    "UniformField": "forces",
     "export": "trajectory.export",
     "integrator": "integrators.asked",
     "load": "systemfile.reading",
@@ -145,6 +127,9 @@ __all__ = [
     "register_tableau",
     "resume",
 ]
+
+# A public name that stands in no other table is a force.
+_HOMES |= dict.fromkeys(set(__all__) - {*_HOMES, "analysis", "engines", "integrators"}, "forces")
 
 
 # Modules that had these names in 0.1.0; the old names go in 0.3.

@@ -19,12 +19,13 @@ def pair_counts(
 
     Every pair of the (n, 3) ``positions`` counts once where its ``kinds`` (n,) are ``unlike`` or, else, are not.
     """
-    assert box.lengths is not None
+    assert not box.triclinic
+    lengths = np.where(box.periodic_axes, np.diag(box.matrix), np.inf)
     wrapped = box.wrap(positions)
     order = np.argsort(wrapped[:, 0], kind="stable")
     counts = np.zeros(bins, np.int64)
     x = np.ascontiguousarray(wrapped[order].T)
-    count_pairs(x, kinds[order], unlike, np.array(box.lengths), r_max, np.empty(len(order)), counts)
+    count_pairs(x, kinds[order], unlike, lengths, r_max, np.empty(len(order)), counts)
     return counts
 
 

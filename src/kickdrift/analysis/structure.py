@@ -53,7 +53,8 @@ def radial_distribution(
     """The radial distribution function g(r) of particles in a periodic box, averaged over frames.
 
     g is the number of ordered pairs (i, j ≠ i) with r in a bin, over that of n(n-1) independent pairs spread evenly:
-    n(n-1) (4π/3)(r₊³ - r₋³) / V; n_a n_b for two species. So it is 1 on average for an ideal gas, whatever n is.
+    n(n-1) (4π/3)(r₊³ - r₋³) / V; n_a n_b for two species. In two dimensions, where the box is open along z and z is
+    the same for all, the shell is π(r₊² - r₋²) / A. So g is 1 on average for an ideal gas, whatever n is.
     (Allen & Tildesley, Computer Simulation of Liquids, 2nd ed. 2017, section 8.2, eq. 8.15,
     doi:10.1093/oso/9780198803195.001.0001; there with n^2 for n(n-1).) The error is by block averages over frames.
 
@@ -70,7 +71,8 @@ def radial_distribution(
     Raises InputError for an open box, an r_max beyond half the shortest edge, or a species that is not there.
     """
     found = vectors_of(source, "positions", box=box, species=species)
-    lengths = _lengths(found, "radial_distribution")
+    plane = found.box.periodic_axes == (True, True, False) and not found.box.triclinic
+    lengths = found.box.heights if plane else _lengths(found, "radial_distribution")
     if bins < 1:
         raise InputError(f"radial_distribution: expected one bin or more, got {bins}")
     half = min(lengths) / 2
@@ -85,12 +87,16 @@ def radial_distribution(
     chosen = np.concatenate([first, second]) if unlike else first
     kinds = (np.arange(len(chosen)) >= len(first)).astype(np.int64) if unlike else np.zeros(len(chosen), np.int64)
     edges = np.linspace(0.0, r_max, bins + 1)
-    ideal = ordered * 4 / 3 * np.pi * np.diff(edges**3) / found.box.volume
+    if plane:
+        ideal = ordered * np.pi * np.diff(edges**2) / found.box.area
+    else:
+        ideal = ordered * 4 / 3 * np.pi * np.diff(edges**3) / found.box.volume
 
     from kickdrift.analysis.pair_counts import pair_counts
 
+    frames = map(_in_plane, found.each()) if plane else found.each()
     twice = 1 if unlike else 2  # a pair of one kind is seen from both ends
-    counts = (twice * pair_counts(x[chosen], found.box, kinds, unlike, r_max, bins) for x in found.each())
+    counts = (twice * pair_counts(x[chosen], found.box, kinds, unlike, r_max, bins) for x in frames)
     g = mean_over_frames(len(found), (row / ideal for row in counts))
     coordination = np.cumsum(g.value * ideal) / len(first)
     return RadialDistribution((edges[1:] + edges[:-1]) / 2, g.value, g.error, coordination, len(found))
@@ -138,9 +144,18 @@ def structure_factor(
 
 
 def _lengths(found: Vectors, name: str) -> tuple[float, float, float]:
-    if found.box.lengths is None:
+    lengths = found.box.cuboid(name)
+    if lengths is None:
         raise InputError(f"{name}: needs a periodic box; an open system has no density")
-    return found.box.lengths
+    return lengths
+
+
+def _in_plane(x: Floats) -> Floats:
+    if np.any(x[:, 2] != x[0, 2]):
+        raise InputError(
+            "radial_distribution: needs a box periodic along all axes, or particles in one plane of a box open along z"
+        )
+    return x
 
 
 def _members(found: Vectors, pair: tuple[str, str] | None) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

@@ -21,10 +21,12 @@ from ase.calculators.calculator import all_changes
 from ase.calculators.lj import LennardJones as AseLennardJones
 from ase.data import atomic_numbers
 from ase.stress import full_3x3_to_voigt_6_stress
+from numpy.typing import NDArray
 
 from kickdrift.errors import InputError, RunError
 from kickdrift.forces import LennardJones
 from kickdrift.looks.blow_up import nearest_pair
+from kickdrift.model.box import Box, Oriented
 from kickdrift.model.file_units import FileUnits
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
@@ -32,7 +34,9 @@ from kickdrift.model.units import UnitSystem, quantity, shown, unit_system
 
 NAMES, RADII = "names", "radii"  # arrays of Atoms for what ASE has no place for
 UNKNOWN = "X"  # ASE's symbol of what is no element; info["species"] then says what, by the atoms' tags
-SQUARE = 1e-12  # of a cell vector's length: what it may lean by, which is rounding
+SQUARE = 1e-12  # of a cell vector's length: a lean that is only rounding
+UPRIGHT = 1e-6  # of a vector's length: what must be left of it at right angles to others
+LEAST = 0.3  # of three unit vectors' squares: one has a third or more at right angles to two others
 
 
 class Scale(NamedTuple):
@@ -63,7 +67,7 @@ def system_of(
     atoms: Any, forces: Iterable[Any] | None, units: str | UnitSystem, species: Iterable[str] | None = None
 ) -> System:
     """What `System.from_ase` returns."""
-    system = _system(atoms, forces, units, species)
+    system, _ = _system(atoms, forces, units, species)
     if atoms.constraints:
         kind = type(atoms.constraints[0]).__name__
         raise InputError(
@@ -72,7 +76,10 @@ def system_of(
     return system
 
 
-def _system(atoms: Any, forces: Iterable[Any] | None, units: str | UnitSystem, species: Any = None) -> System:
+def _system(
+    atoms: Any, forces: Iterable[Any] | None, units: str | UnitSystem, species: Any = None
+) -> tuple[System, Floats | None]:
+    """The System, and the rotation (3, 3) of ASE's axes into its own; None where they are the same."""
     if not isinstance(atoms, Atoms):
         raise InputError(f"atoms: expected ase.Atoms, got {type(atoms).__name__}")
     units = unit_system(units) if isinstance(units, str) else units
@@ -82,11 +89,16 @@ def _system(atoms: Any, forces: Iterable[Any] | None, units: str | UnitSystem, s
     if stray.size:
         raise InputError(f"atoms: atom {stray[0]} has a momentum but no mass, so its velocity is unknown")
     velocities = np.divide(momenta, masses[:, None], out=np.zeros_like(momenta), where=masses[:, None] != 0)
-    return System(
-        atoms.positions * scale.length,
+    positions = atoms.positions
+    box, turn = _box(atoms, scale)
+    rotation = None if np.array_equal(turn, np.eye(3)) else turn
+    if rotation is not None:
+        positions, velocities = positions @ rotation.T, velocities @ rotation.T
+    system = System(
+        positions * scale.length,
         velocities * scale.velocity,
         masses * scale.mass,
-        _box(atoms, scale),
+        box,
         _forces_of(atoms, units, scale) if forces is None else forces,
         units,
         _species(atoms) if species is None else list(species),
@@ -94,6 +106,7 @@ def _system(atoms: Any, forces: Iterable[Any] | None, units: str | UnitSystem, s
         names=_names(atoms),
         radii=arrays[RADII] * scale.length if RADII in arrays else None,
     )
+    return system, rotation
 
 
 def _species(atoms: Any) -> list[str]:
@@ -111,21 +124,50 @@ def _names(atoms: Any) -> list[str]:
     return names if len(names) == len(atoms) else []
 
 
-def _box(atoms: Any, scale: Scale) -> list[float] | None:
-    """The edges of a cell that is periodic along x, y and z, None of an open one."""
-    if not atoms.pbc.any():
-        return None
-    if not atoms.pbc.all():
-        raise InputError(f"atoms: pbc is {atoms.pbc.tolist()}; expected a box periodic along all three axes or none")
-    cell = np.asarray(atoms.cell)
-    for axis, vector in enumerate(cell):
-        leaning = np.abs(np.delete(vector, axis)).max()
-        if not leaning <= SQUARE * vector[axis]:
-            raise InputError(
-                f"atoms: cell vector {'abc'[axis]} is {shown(vector.tolist())}; expected a cell with a along x, "
-                "b along y and c along z"
-            )
-    return (np.diagonal(cell) * scale.length).tolist()
+def _box(atoms: Any, scale: Scale) -> Oriented:
+    """The cell as a Box, and the rotation of the atoms into its axes."""
+    axes = np.array(atoms.pbc, dtype=bool)
+    if not axes.any():
+        return Oriented(Box(), np.eye(3))
+    cell = np.array(atoms.cell, dtype=float) * scale.length
+    if not np.isfinite(cell).all():
+        raise InputError(f"atoms: cell: expected finite numbers, got {shown(cell.tolist())}")
+    rounding = SQUARE * np.linalg.norm(cell, axis=1, keepdims=True)
+    cell = np.where(np.abs(cell) <= rounding, 0.0, cell)
+    whole, heights = _completed(cell, axes)
+    with np.errstate(all="ignore"):
+        left_handed = np.linalg.det(whole) < 0
+    # Edge vectors that point the other way are of the same lattice.
+    box, rotation = Box.from_vectors(-whole if left_handed else whole, axes.tolist())
+    if axes.all():
+        return Oriented(box, rotation)
+    matrix = np.where(axes[:, None], box.matrix, np.diag(heights))
+    return Oriented(Box(matrix=matrix, periodic=axes.tolist()), rotation)
+
+
+def _completed(cell: Floats, axes: NDArray[np.bool_]) -> tuple[Floats, Floats]:
+    """The cell (3, 3) with vectors along its open axes that stand at right angles to all others, as long as the longest
+    that is periodic; and how far its own vectors reach along these (3,)."""
+    rows, heights = np.where(axes[:, None], cell, 0.0), np.zeros(3)
+    longest = np.linalg.norm(rows, axis=1).max() or 1.0
+    for k in np.flatnonzero(~axes):
+        others = rows[rows.any(axis=1)]
+        upright = _upright(cell[k], others)
+        heights[k] = np.linalg.norm(upright)
+        if heights[k] <= UPRIGHT * np.linalg.norm(cell[k]):
+            heights[k] = 0.0
+            units = [_upright(unit, others) for unit in np.eye(3)[[k, k - 1, k - 2]]]
+            upright = next(unit for unit in units if unit @ unit > LEAST)
+        rows[k] = longest * (upright / np.linalg.norm(upright))
+    return rows, heights
+
+
+def _upright(vector: Floats, others: Floats) -> Floats:
+    """The part of a vector (3,) at right angles to others (m, 3)."""
+    for _ in range(2):  # once leaves rounding
+        if (others @ vector).any():
+            vector = vector - np.linalg.lstsq(others.T, vector)[0] @ others
+    return vector
 
 
 def _forces_of(atoms: Any, units: UnitSystem, scale: Scale) -> tuple[Any, ...]:
@@ -175,14 +217,13 @@ def atoms_of(system: System, symbols: Mapping[str, str] | None = None, calculato
         )
     kinds = [system.species[k] for k in system.species_index]
     masses = state.masses / scale.mass
-    lengths = system.box.lengths
     atoms = Atoms(
         [symbol[kind] for kind in kinds],
         positions=state.positions / scale.length,
         momenta=state.velocities / scale.velocity * masses[:, None],
         masses=masses,
-        cell=None if lengths is None else np.array(lengths) / scale.length,
-        pbc=system.box.periodic,
+        cell=system.box.matrix / scale.length,
+        pbc=system.box.periodic_axes,
     )
     if UNKNOWN in symbol.values():
         atoms.set_tags(system.species_index)
@@ -249,21 +290,28 @@ class Calculator(AseCalculator):
 
         super().calculate(atoms, properties, system_changes)
         if self._system is None or not set(system_changes) <= {"positions", "initial_charges", "initial_magmoms"}:
-            self._system = _system(self.atoms, self.forces, self.units)
+            self._system, self._rotation = _system(self.atoms, self.forces, self.units)
             self._bound = BoundForces(self._system, self.threads)
-        x = np.ascontiguousarray(self.atoms.positions.T * self._scale.length)
+        turn = np.eye(3) if self._rotation is None else self._rotation
+        given = self.atoms.positions if self._rotation is None else self.atoms.positions @ turn.T
+        x = np.ascontiguousarray(given.T * self._scale.length)
         measured = self._bound.measure(0.0, np.array([x, np.zeros_like(x)])) if np.isfinite(x).all() else None
         if measured is None:
             raise RunError(f"the forces at these positions are not finite{nearest_pair(self._system, x)}")
         energy = measured.potential / self._scale.energy
         forces: Floats = (measured.accelerations * self._system.coherent_masses).T / self._scale.force
+        if self._rotation is not None:
+            forces = forces @ turn
         self.results = {"energy": energy, "free_energy": energy, "forces": np.ascontiguousarray(forces)}
         if "stress" in properties:
-            self.results["stress"] = self._stress(self._system, x.T)
+            self.results["stress"] = self._stress(self._system, x.T, turn)
 
-    def _stress(self, system: System, x: Floats) -> Floats:
-        """(6,) of particles that stand still at x, in Voigt's order."""
+    def _stress(self, system: System, x: Floats, turn: Floats) -> Floats:
+        """(6,) in Voigt's order, of particles that stand still at x.
+
+        It is in ASE's axes, which a rotation (3, 3) turns into the System's.
+        """
         from kickdrift.looks.pressure import instantaneous_pressure
 
-        pressure = instantaneous_pressure(system, x, np.zeros_like(x))
+        pressure = turn.T @ instantaneous_pressure(system, x, np.zeros_like(x)) @ turn
         return -full_3x3_to_voigt_6_stress(pressure) / (self._scale.energy / self._scale.length**3)

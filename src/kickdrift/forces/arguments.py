@@ -49,6 +49,12 @@ def vector(name: str, key: str, values: Any) -> Vector:
     return x, y, z
 
 
+def check_in_plane(name: str, key: str, along: Vector, system: Subject) -> None:
+    """Refuse a vector out of the plane of a two-dimensional system."""
+    if system.dimensions == 2 and along[2] != 0:
+        raise InputError(f"{name}: {key} has a z component of {along[2]:.6g}, and the system has two dimensions")
+
+
 def check_massive(name: str, system: Subject, ids: Iterable[int]) -> None:
     """Refuse particles without mass, which this force would move infinitely fast."""
     for i in ids:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from kickdrift.errors import InputError
-from kickdrift.forces.arguments import Vector, check_massive, is_one, items, number, vector
+from kickdrift.forces.arguments import Vector, check_in_plane, check_massive, is_one, items, number, vector
 from kickdrift.model.units import shown
 
 if TYPE_CHECKING:
@@ -103,6 +103,10 @@ class UniformField(Field):
     def __post_init__(self) -> None:
         object.__setattr__(self, "acceleration", vector(self.name, "acceleration", self.acceleration))
 
+    def check(self, system: Subject) -> None:
+        """Refuse a field out of the plane of a two-dimensional system."""
+        check_in_plane(self.name, "acceleration", self.acceleration, system)
+
     def bind(self, system: Subject, threads: int = 1) -> Any:
         """See Field."""
         from kickdrift.forces.fields_kernel import UniformKernel
@@ -145,6 +149,10 @@ class DrivenField(Field):
             object.__setattr__(self, key, number(self.name, key, getattr(self, key)))
         if self.frequency < 0:
             raise InputError(f"{self.name}: frequency must be zero or more, got {self.frequency}")
+
+    def check(self, system: Subject) -> None:
+        """Refuse a field out of the plane of a two-dimensional system."""
+        check_in_plane(self.name, "amplitude", self.amplitude, system)
 
     def bind(self, system: Subject, threads: int = 1) -> Any:
         """See Field."""
@@ -259,11 +267,10 @@ class Springs(Field):
             )
         check_massive(self.name, system, ids.flat)
         lengths = np.broadcast_to(np.array(self.length), len(ids))
-        if system.box.lengths is not None and lengths.max() >= 0.5 * min(system.box.lengths):
-            raise InputError(
-                f"{self.name}: length {lengths.max():.6g} is not under half the shortest box edge, "
-                f"{0.5 * min(system.box.lengths):.6g}"
-            )
+        half = 0.5 * float(system.box.heights.min())
+        if lengths.max() >= half:
+            shortest = "least height of the box" if system.box.triclinic else "shortest box edge"
+            raise InputError(f"{self.name}: length {lengths.max():.6g} is not under half the {shortest}, {half:.6g}")
         x = system.state.positions
         apart = system.box.minimum_image(x[ids[:, 0]] - x[ids[:, 1]])
         for k in np.flatnonzero((lengths > 0) & ~apart.any(axis=1)):
@@ -275,13 +282,13 @@ class Springs(Field):
     def bind(self, system: Subject, threads: int = 1) -> Any:
         """See Field."""
         from kickdrift.forces.fields_kernel import SpringsKernel
+        from kickdrift.model.cell import cell_of
 
         pairs = np.array(self.pairs, dtype=np.int64)
-        edges = np.array(system.box.lengths) if system.box.lengths is not None else np.zeros(3)
         stiffness, length = (np.broadcast_to(np.array(v), len(pairs)).copy() for v in (self.stiffness, self.length))
         masses = system.coherent_masses
         inverse_masses = np.divide(1.0, masses, where=masses > 0, out=0.0 * masses)
-        return SpringsKernel(pairs, stiffness, length, edges, inverse_masses)
+        return SpringsKernel(pairs, stiffness, length, cell_of(system.box), inverse_masses)
 
 
 def _pair(number: int, values: Any) -> tuple[int, int]:

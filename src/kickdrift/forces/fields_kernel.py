@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from kickdrift.forces.kernel import OK, kernel
 from kickdrift.jit.compile import never_inline
+from kickdrift.model.cell import Cell, along, leaning_image
 
 
 class TrapKernel(NamedTuple):
@@ -42,7 +43,7 @@ class SpringsKernel(NamedTuple):
     pairs: NDArray[np.int64]  # (springs, 2)
     stiffness: NDArray[np.float64]  # (springs,)
     length: NDArray[np.float64]  # (springs,)
-    edges: NDArray[np.float64]  # (3,), zero where the box is open
+    cell: Cell
     inverse_masses: NDArray[np.float64]  # (n,)
 
 
@@ -89,17 +90,18 @@ def drag_forces(force, t, x, v, a, sums):
 @kernel(SpringsKernel)
 def spring_forces(force, t, x, v, a, sums):
     never_inline()
-    pairs, edges, inverse_masses = force.pairs, force.edges, force.inverse_masses
+    pairs, edges, inverse_masses = force.pairs, force.cell.edges, force.inverse_masses
     d = np.empty(3)
     energy = virial = 0.0
     for s in range(pairs.shape[0]):
         i, j = pairs[s, 0], pairs[s, 1]
         r2 = 0.0
         for k in range(3):
-            d[k] = x[k, i] - x[k, j]
-            if edges[k] > 0.0:
-                d[k] -= edges[k] * math.floor(d[k] / edges[k] + 0.5)
+            d[k] = along(edges[k], x[k, i] - x[k, j])
             r2 += d[k] * d[k]
+        if force.cell.leans:
+            leaning_image(force.cell, d)
+            r2 = d[0] * d[0] + d[1] * d[1] + d[2] * d[2]
         r = math.sqrt(r2)
         stretch = r - force.length[s]
         pull = force.stiffness[s] * stretch

@@ -169,14 +169,8 @@ class PairForce:
     def check(self, system: Subject) -> None:
         """Refuse a system that this force cannot run on."""
         assert self.cutoff is not None
-        if system.box.lengths is not None:
-            for axis, length in zip("xyz", system.box.lengths, strict=True):
-                if length < 2 * self.cutoff:
-                    raise InputError(
-                        f"{self.name}: box edge {axis} is {length:.6g}, shorter than twice the cutoff, "
-                        f"2 x {self.cutoff:.6g} = {2 * self.cutoff:.6g}"
-                    )
-        elif self.tail:
+        system.box.check_cutoff(self.name, self.cutoff)
+        if self.tail and not math.isfinite(system.volume):
             raise InputError(f"{self.name}: tail corrections need a periodic box")
         massless = np.flatnonzero(system.state.masses == 0)
         if massless.size:
@@ -197,19 +191,24 @@ class PairForce:
 
         assert self.cutoff is not None
         counts = np.bincount(system.species_index, minlength=len(system.species))
+        circle, p_u, p_w = (2 * math.pi, 4, 6) if system.dimensions == 3 else (math.pi, 3, 5)
         energy = virial = 0.0
         with warnings.catch_warnings():
             warnings.simplefilter("error", IntegrationWarning)
             for a, n_a in zip(system.species, counts, strict=True):
                 for b, n_b in zip(system.species, counts, strict=True):
                     p = self.pair_law(a, b)
-                    density = 2 * math.pi * n_a * n_b / system.box.volume
+                    density = circle * n_a * n_b / system.volume
                     try:  # over u = 1 / r, from 0 to 1 / r_c
                         u_part = quad(
-                            lambda u, p=p: p.law(u**-2)[0] / u**4, 0, 1 / self.cutoff, epsabs=0, epsrel=1e-12
+                            lambda u, p=p: p.law(u**-2)[0] / u**p_u, 0, 1 / self.cutoff, epsabs=0, epsrel=1e-12
                         )[0]
                         w_part = quad(
-                            lambda u, p=p: p.law(u**-2)[1] / u**6, 0, 1 / self.cutoff, epsabs=0, epsrel=1e-12
+                            lambda u, p=p: p.law(u**-2)[1] / u**p_w,
+                            0,
+                            1 / self.cutoff,
+                            epsabs=0,
+                            epsrel=1e-12,
                         )[0]
                     except (IntegrationWarning, ZeroDivisionError, OverflowError):
                         raise InputError(

@@ -44,7 +44,7 @@ def tuned(bound: Any, stride: float) -> Any:
     """The bound force with the skins for a fastest particle that goes so far between two evaluations."""
     if not isinstance(bound, PairKernel):
         return bound
-    inner, outer = skins(bound.pairs.edges, bound.pairs.cutoff, stride)
+    inner, outer = skins(bound.pairs.bricks, bound.pairs.cutoff, stride)
     return bound.with_list(inner_skin=inner, outer_skin=outer)
 
 
@@ -71,7 +71,7 @@ def recalled(bound: PairKernel, memory: dict[str, Any]) -> PairKernel:
     if "inner_skin" not in memory:  # of a version that had other lists
         return bound
     pairs = bound.pairs
-    _, most = skins(pairs.edges, pairs.cutoff, np.inf)
+    _, most = skins(pairs.bricks, pairs.cutoff, np.inf)
     room, built_at, pruned_at = memory["room"], memory["built_at"], memory["pruned_at"]
     shapes = [(built_at, pairs.built_at), (pruned_at, pairs.inner_reference)] if built_at is not None else []
     if not (

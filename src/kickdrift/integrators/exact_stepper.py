@@ -58,6 +58,7 @@ class ExactStepper(Regular):
         self._weights = np.ones(len(system)) if self._gravity else system.coherent_masses
         self._cutoff = max((float(getattr(force, "cutoff", 0.0)) for force in system.forces), default=0.0)
         self._cursor = np.zeros(SLOTS, np.int64)
+        system.box.cuboid("leapfrog-exact")
         self._particles = self._empty(system)
         self._set_scales(*self._scales(system))
 

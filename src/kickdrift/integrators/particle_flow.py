@@ -18,6 +18,7 @@ from kickdrift.looks.observers import Sample
 from kickdrift.looks.record import Record
 from kickdrift.looks.table import Looks
 from kickdrift.model.checks import check_state, no_overflow, unwarned
+from kickdrift.model.space import check_plane
 from kickdrift.model.starts.builders import check_overlaps
 from kickdrift.model.state import Floats, State
 from kickdrift.model.system import System
@@ -42,8 +43,19 @@ class ParticleFlow:
         self._listed = any(isinstance(force, PairForce) for force in system.forces)
         self._shared = self._listed and not mixed
         self._look_at(system)
+        if system.dimensions == 2:
+            self._check_in_plane()
         culprits = system.acting("velocity_dependent")
         self.not_separable = f"force {culprits[0]!r} depends on velocity" if culprits else None
+
+    def _check_in_plane(self) -> None:
+        """Refuse forces that push particles of a two-dimensional system out of the plane."""
+        measured = self._aside.measure(self.subject.state.time, self.subject.state.phase)
+        off = np.flatnonzero(measured.accelerations[2] if measured is not None else 0)
+        if len(off):
+            raise InputError(
+                f"dimensions: the forces push {self.subject.body(int(off[0]))} out of the system's two dimensions"
+            )
 
     @property
     def clocked(self) -> bool:
@@ -64,9 +76,11 @@ class ParticleFlow:
         if not (np.array_equal(state.ids, own.ids) and np.array_equal(state.masses, own.masses)):
             raise InputError("state: ids and masses must equal the system's, in the same order")
         if state.box != own.box:
-            raise InputError(f"state: the box is {state.box.lengths}, but the system's is {own.box.lengths}")
+            raise InputError(f"state: the box is {state.box.shape}, but the system's is {own.box.shape}")
         if not np.all(np.isfinite(state.phase)):
             raise InputError("state: positions and velocities must be finite")
+        if self.subject.dimensions == 2:
+            check_plane(state.phase)
         return np.array(state.phase, dtype=float, order="C")
 
     @unwarned

@@ -130,6 +130,8 @@ TAKEN = (  # where events may change what is conserved
         lambda sample: sample.taken.angular_momentum * np.ones(3),
     ),
 )
+NUMBERS = tuple(column for column in OWN if column.shape == () and column.place > TOTAL and column.place != PAIRS)
+VECTORS = tuple(column for column in OWN if column.shape == (3,))
 KNOWN = {column.name: column for column in OWN + TAKEN}
 
 

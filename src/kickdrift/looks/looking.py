@@ -34,8 +34,8 @@ if TYPE_CHECKING:
     from kickdrift.forces.bound import BoundForces
     from kickdrift.model.system import System
 
-# What stands at the head of the desk: the total mass, degrees of freedom times Boltzmann's constant, three volumes. A
-# nan says that temperature or pressure mean nothing. Masses follow, and room for accelerations.
+# What stands at the head of the desk: the total mass, degrees of freedom times Boltzmann's constant, the volume
+# times the dimensions. A nan says that temperature or pressure mean nothing. Masses follow, and room for accelerations.
 MASS, FREEDOM, VOLUMES, HEAD = range(4)
 
 NO_ENERGY = 5  # a status: forces are finite, and the energy is not
@@ -61,7 +61,7 @@ def desk_of(system: System) -> Floats:
     desk = np.zeros(HEAD + 4 * len(masses))
     desk[MASS] = masses.sum()
     desk[FREEDOM] = system.degrees_of_freedom * system.units.boltzmann if collide else np.nan
-    desk[VOLUMES] = 3.0 * system.box.volume if system.box.periodic else np.nan
+    desk[VOLUMES] = system.dimensions * system.volume if np.isfinite(system.volume) else np.nan
     desk[HEAD : HEAD + len(masses)] = masses
     return desk
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from kickdrift.errors import RunError
 from kickdrift.forces.pair_law import PairForce
-from kickdrift.looks.columns import KNOWN, OWN, TAKEN
+from kickdrift.looks.columns import KNOWN, NUMBERS, OWN, TAKEN, VECTORS
 from kickdrift.model.checks import unwarned
 from kickdrift.model.state import Floats
 
@@ -48,9 +48,10 @@ class Sample:
     energies : Energies
     momentum : (3,) sum of m v; None for a Problem
     angular_momentum : (3,) sum of m x × v, about the origin; it is conserved in open space alone; None for a Problem
-    temperature : 2 K / (g k_B), g = 3 N - 3; nan without particles that collide (no pair force) or degrees of freedom
-    pressure : (2 K + W) / (3 V), W the virial, sum of r . F over pairs (Allen & Tildesley 2017, eq. 2.60); nan in open
-    space
+    temperature : 2 K / (g k_B), g = 3 N - 3, in two dimensions 2 N - 2; nan without particles that collide (no pair
+    force) or degrees of freedom
+    pressure : (2 K + W) / (3 V), W the virial, sum of r . F over pairs (Allen & Tildesley 2017, eq. 2.60); in two
+    dimensions (2 K + W) / (2 A), A the area; nan in open space
     pairs : pairs of particles within the forces' range; None where another engine does not say
     centre_of_mass, centre_of_mass_velocity : (3,) sum of m x and of m v over that of m; None for a Problem and without
     a mass
@@ -84,19 +85,16 @@ class Sample:
         lost = [values.get(f"{kind}_taken", 0.0) for kind in ("energy", "momentum", "angular_momentum")]
         if any(np.any(each) for each in lost):
             taken = Taken(float(lost[0]), lost[1], lost[2])
+        rest: dict[str, Any] = {own.name: values.get(own.name) for own in VECTORS}
+        rest |= {own.name: float(values.get(own.name, np.nan)) for own in NUMBERS}
         return cls(
             step=step,
             time=time,
             energies=energies,
-            momentum=values.get("momentum"),
-            angular_momentum=values.get("angular_momentum"),
-            temperature=float(values.get("temperature", np.nan)),
-            pressure=float(values.get("pressure", np.nan)),
             pairs=int(values["pairs"]) if "pairs" in values else None,
             taken=taken,
-            centre_of_mass=values.get("centre_of_mass"),
-            centre_of_mass_velocity=values.get("centre_of_mass_velocity"),
             columns={name: value for name, value in values.items() if name not in KNOWN},
+            **rest,
         )
 
 
@@ -132,7 +130,8 @@ def take_sample(system: System, forces: Measuring, step: int, time: float, phase
     collides = any(isinstance(force, PairForce) for force in system.forces)
     degrees = system.degrees_of_freedom
     temperature = 2 * kinetic / (degrees * system.units.boltzmann) if collides and degrees else float("nan")
-    pressure = (2 * kinetic + measured.virial) / (3 * system.box.volume) if system.box.periodic else float("nan")
+    room = system.dimensions * system.volume
+    pressure = (2 * kinetic + measured.virial) / room if np.isfinite(room) else float("nan")
     return Sample(
         step=step,
         time=time,

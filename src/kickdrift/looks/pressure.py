@@ -6,27 +6,31 @@ from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial import cKDTree
 
 from kickdrift.errors import InputError
 from kickdrift.forces import Springs
 from kickdrift.forces.pair_law import PairForce
+from kickdrift.model.nearness import pairs_nearer
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 
 
 def instantaneous_pressure(system: System, positions: ArrayLike, velocities: ArrayLike) -> Floats:
-    """(3, 3) the pressure tensor of a System's particles at these positions and velocities, both (n, 3)."""
-    if not system.box.periodic:
+    """(3, 3) the pressure tensor of a System's particles at these positions and velocities, both (n, 3).
+
+    In two dimensions it is a force over a length, and its z row and column are zero.
+    """
+    if not np.isfinite(system.volume):
         raise InputError("pressure: needs a periodic box; open space has no volume")
     x, v = np.asarray(positions, dtype=float), np.asarray(velocities, dtype=float)
     total = np.einsum("n,na,nb->ab", system.coherent_masses, v, v)
     for force in system.forces:
         if isinstance(force, PairForce):
-            total += np.eye(3) * force.tail_corrections(system)[1] / 3
+            each = np.arange(3) < system.dimensions
+            total += np.diag(each * force.tail_corrections(system)[1] / system.dimensions)
         for apart, pull in _pulls(force, system, x):
             total += np.einsum("m,ma,mb->ab", pull, apart, apart)
-    return total / system.box.volume
+    return total / system.volume
 
 
 def _pulls(force: object, system: System, x: Floats) -> Iterator[tuple[Floats, Floats]]:
@@ -48,9 +52,8 @@ def _pair_law(force: PairForce, system: System, x: Floats) -> Iterator[tuple[Flo
     from kickdrift.forces.pair_terms import force_over_r
 
     cutoff = float(force.cutoff or 0.0)
-    tree = cKDTree(system.box.wrap(x), boxsize=system.box.lengths)
     # A hair beyond the cutoff, so that rounding here and there decides alike: below.
-    i, j = tree.query_pairs(cutoff * (1 + 1e-12), output_type="ndarray").T
+    i, j = pairs_nearer(x, system.box, cutoff * (1 + 1e-12)).T
     apart = system.box.minimum_image(x[i] - x[j])
     r2 = np.einsum("ma,ma->m", apart, apart)
     inside = r2 < cutoff**2

@@ -104,11 +104,12 @@ class Looks:
         row[:] = np.nan
         row[column.TIME] = sample.time
         row[_ENERGIES] = sample.energies
-        row[column.TEMPERATURE], row[column.PRESSURE] = sample.temperature, sample.pressure
+        for own in column.NUMBERS:
+            row[own.place] = getattr(sample, own.name)
         row[column.PAIRS] = np.nan if sample.pairs is None else sample.pairs
-        for first, name in _VECTORS.items():
-            value = getattr(sample, name)
-            row[first : first + 3] = np.nan if value is None else value
+        for own in column.VECTORS:
+            value = getattr(sample, own.name)
+            row[own.place : own.place + 3] = np.nan if value is None else value
         row[column.ENERGY_TAKEN :] = 0.0
 
     def add(self, sample: Sample) -> None:
@@ -127,22 +128,23 @@ class Looks:
 
     def _sample(self, k: int) -> Sample:
         row = self.rows[k].copy()
-        kinetic, potential, total, temperature, pressure, pairs = row[_NUMBERS].tolist()
+        pairs = row[column.PAIRS]
         taken = NOTHING
         if row[column.ENERGY_TAKEN :].any():
             lost = row[column.MOMENTUM_TAKEN : column.ANGULAR_TAKEN], row[column.ANGULAR_TAKEN :]
             taken = Taken(float(row[column.ENERGY_TAKEN]), *lost)
-        vectors = {name: row[first : first + 3] for first, name in _VECTORS.items()}
+        rest: dict[str, Any] = {own.name: float(row[own.place]) for own in column.NUMBERS}
+        for own in column.VECTORS:
+            vector = row[own.place : own.place + 3]
+            rest[own.name] = None if np.isnan(vector).all() else vector
         return Sample(
             step=int(self.steps[k]),
             time=float(row[column.TIME]),
-            energies=Energies(kinetic, potential, total),
-            temperature=temperature,
-            pressure=pressure,
+            energies=Energies(*row[_ENERGIES].tolist()),
             pairs=None if np.isnan(pairs) else int(pairs),
             taken=taken,
             columns=self._columns.get(k, {}),
-            **{name: None if np.isnan(value).all() else value for name, value in vectors.items()},
+            **rest,
         )
 
     def held(self) -> tuple[NDArray[np.int64], Floats]:
@@ -157,8 +159,6 @@ class Looks:
 
 
 _ENERGIES = [column.KINETIC, column.POTENTIAL, column.TOTAL]
-_NUMBERS = [*_ENERGIES, column.TEMPERATURE, column.PRESSURE, column.PAIRS]
-_VECTORS = {own.place: own.name for own in column.OWN if own.shape == (3,)}
 
 
 def check_samples(count: float, key: str) -> None:

@@ -1,4 +1,4 @@
-"""What Python code gives for each body, checked: names, radii and vectors."""
+"""What Python code gives for each body, checked: names and radii."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from kickdrift.errors import InputError
-from kickdrift.model.checks import listed, numbers, per_particle
+from kickdrift.model.checks import listed, per_particle
 from kickdrift.model.state import Floats
 from kickdrift.model.units import shown
 
@@ -21,20 +21,6 @@ def names_of(key: str, values: list[Any]) -> list[str]:
         k, value = next((k, value) for k, value in enumerate(values) if type(value) in wrong)
         raise InputError(f"{key}[{k}]: expected a name, got {shown(value)}")
     return list(map(str, values))
-
-
-def vectors(key: str, values: ArrayLike) -> Floats:
-    """The values as an array (n, 3) of finite numbers."""
-    array = numbers(key, values, "numbers of shape (n, 3)")
-    if array.ndim != 2 or array.shape[1] != 3 or len(array) == 0:
-        raise InputError(f"{key}: expected shape (n, 3) with n >= 1, got {array.shape}")
-    bad = np.argwhere(~np.isfinite(array))
-    if bad.size:
-        particle, axis = bad[0]
-        raise InputError(
-            f"{key}: particle {particle} has {array[particle, axis]} in {'xyz'[axis]}; expected finite numbers"
-        )
-    return array
 
 
 def body_radii(radii: ArrayLike, n: int) -> Floats:

@@ -20,6 +20,7 @@ from kickdrift.trajectory.checksums import (
     sums_of_vectors,
 )
 from kickdrift.trajectory.contents import Contents
+from kickdrift.trajectory.edges import EDGES, shape_of
 from kickdrift.trajectory.header import CLOCK as CLOCK_SERIES
 from kickdrift.trajectory.header import EVENT_COLUMNS, Header, event_column, framed, plan_numbers, sampled
 from kickdrift.trajectory.layout import TRAJECTORY
@@ -110,7 +111,7 @@ class Checks:
         contents = self._contents
         series = [contents.series(f"{TRAJECTORY}/position/{key}", kind, rows) for key, kind in CLOCK_SERIES]
         if self._header.box.periodic:
-            series.append(contents.series(f"{TRAJECTORY}/box/edges/value", "f8", rows, (3,)))
+            series.append(contents.series(EDGES, "f8", rows, shape_of(self._header.box)))
         return series
 
     @cached_property

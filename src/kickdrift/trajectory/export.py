@@ -13,6 +13,7 @@ import numpy as np
 from kickdrift.disk import kinds
 from kickdrift.disk.outputs import checked_target, written_whole
 from kickdrift.errors import InputError
+from kickdrift.model.box import Box
 from kickdrift.model.state import Floats
 from kickdrift.trajectory import reader
 from kickdrift.trajectory.event_rows import body_name
@@ -62,10 +63,10 @@ class Chosen:
         for start in range(0, len(self), size):
             block = self.frames[start : start + size]
             x, v = (np.asarray(each, "f8") for each in (block.positions, block.velocities))
-            for k in range(len(block)):
-                place = x[k] if self.unwrapped else self.run.box.wrap(x[k])
+            for k, box in enumerate(block.boxes):
+                place = x[k] if self.unwrapped else box.wrap(x[k])
                 number = self.first + (start + k) * self.every
-                yield Placed(number, int(block.steps[k]), float(block.times[k]), place, v[k])
+                yield Placed(number, int(block.steps[k]), float(block.times[k]), place, v[k], box)
 
     def who(self, frame: Placed, particle: int) -> str:
         """Of a particle that an error is about: the frame, its step, and which one it is."""
@@ -81,6 +82,7 @@ class Placed(NamedTuple):
     time: float
     positions: Floats
     velocities: Floats
+    box: Box
 
 
 def export(

@@ -73,7 +73,7 @@ class Frame:
 
     @property
     def box(self) -> Box:
-        return self._run.box
+        return self._alone.boxes[0]
 
     def wrapped(self) -> Floats:
         """(n, 3) positions inside the box."""
@@ -174,6 +174,12 @@ class Frames(Sequence[Frame]):
     def forces(self) -> Floats:
         """(f, n, 3); an InputError where the run did not write them."""
         return self._vectors("forces")
+
+    @property
+    def boxes(self) -> list[Box]:
+        """The Box of each frame."""
+        found = self._run.boxes_of(_forward(self._rows))
+        return found[::-1] if self._rows.step < 0 else found
 
     def path_of(self, particle: int) -> Floats:
         """(f, 3) unwrapped positions of the particle in that row; only these are read."""

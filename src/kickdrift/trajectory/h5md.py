@@ -254,6 +254,7 @@ class Writer:
                     raise InputError(f"{self.path}: its frames hold forces, and none are given")
                 vectors.append(forces)
             x, v, *f = self._in_order(state, vectors)
+            self._rows.check_box(state.box)
             self._frames.append(FrameRow(step, state.time, x, v, state.box, values, *f))
             self._buffered += sum(vector.nbytes for vector in (x, v, *f))
             self.last_frame = step, state.time

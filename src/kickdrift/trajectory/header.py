@@ -15,7 +15,7 @@ from kickdrift.model.box import Box
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 from kickdrift.model.units import UnitSystem, shown
-from kickdrift.trajectory import stored
+from kickdrift.trajectory import edges, stored
 from kickdrift.trajectory.checksums import CHECKSUMS, VECTORS
 from kickdrift.trajectory.contents import Contents
 from kickdrift.trajectory.layout import (
@@ -72,7 +72,7 @@ class Outline:
         clock = [key for key, _ in CLOCK]
         frames = [f"{TRAJECTORY}/position/{key}" for key in clock]
         frames += [f"{TRAJECTORY}/{name}/value" for name in self.vectors]
-        frames += [f"{TRAJECTORY}/box/edges/value"] if self.box.periodic else []
+        frames += [edges.EDGES] if self.box.periodic else []
         return {
             "frame": [*frames, *(f"observables/{name}/value" for name in self.observables)],
             "sample": [f"{SAMPLES}/{name}" for name in (*clock, *self.observables)],
@@ -127,8 +127,9 @@ def read(contents: Contents) -> Header:
     values = [_vectors(contents, name, frames, n) for name in vectors]
     for key, kind in CLOCK:
         contents.series(f"{particles}/position/{key}", kind, frames)
-    if record["box"] is not None:
-        contents.series(f"{particles}/box/edges/value", "f8", frames, (3,))
+    box = edges.box_of(contents, record["box"])
+    if box.periodic:
+        contents.series(edges.EDGES, "f8", frames, edges.shape_of(box))
     series = [sampled(contents, key, samples) for key, _ in CLOCK]
     contents.dataset(f"{own}/system/phase", "f8", (2, 3, n))
     closed = bool(contents.array(f"{own}/closed", "i1", (1,))[0])
@@ -138,7 +139,7 @@ def read(contents: Contents) -> Header:
         run_id=contents.attribute(own, "run_id", str),
         every=contents.attribute(own, "every", int),
         units=units_of(contents),
-        box=Box(None if record["box"] is None else tuple(record["box"])),
+        box=box,
         species=species,
         species_index=index,
         masses=masses,

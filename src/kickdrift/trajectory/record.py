@@ -17,6 +17,7 @@ from kickdrift.model.events import Event
 from kickdrift.model.run_defaults import RunDefaults
 from kickdrift.model.system import System
 from kickdrift.systemfile.schema import checked
+from kickdrift.trajectory.edges import recorded
 from kickdrift.trajectory.named import Record, about, equilibration_of, event_of, force_of, run_of
 
 if TYPE_CHECKING:
@@ -53,11 +54,13 @@ def _plain(value: Any) -> Any:
 
 def record_of(system: System) -> dict[str, Any]:
     """All of a System but its state, masses, ids and species, which the file has as arrays."""
+    if system.dimensions == 2:
+        raise InputError("a run's file: takes no two-dimensional system yet")
     return {
         "name": system.name,
         "units": system.units.name,
         "particles": len(system),
-        "box": system.box.lengths,
+        "box": recorded(system.box),
         "species": system.species,
         "names": system.names,
         "radii": system.radii,

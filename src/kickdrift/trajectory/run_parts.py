@@ -141,3 +141,6 @@ class RunNumbers(RunRecord, RunClock, Protocol):
 
     def framed(self, frames: slice) -> dict[str, Floats]:
         """Every observable at some frames."""
+
+    def boxes_of(self, rows: range) -> list[Box]:
+        """The box of each of some frames, in ascending order."""

@@ -70,7 +70,7 @@ def dataset(
         "run_id": run.run_id,
         "unit_system": run.units.name,
         "integrator": str(run.method.get("integrator", "")),
-        "box": list(run.box.lengths or ()),
+        "box": np.ravel(run.box.shape or ()).tolist(),  # lengths, or edge vectors one after the other
     }
     return xarray.Dataset(data, coordinates, attributes)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Container, Sequence
+from collections.abc import Container
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,8 +11,10 @@ import numpy as np
 
 from kickdrift.errors import InputError
 from kickdrift.model import constants
+from kickdrift.model.box import Box
 from kickdrift.model.file_units import FileUnits
 from kickdrift.model.state import Floats
+from kickdrift.trajectory.edges import EDGES, stored
 from kickdrift.trajectory.layout import TRAJECTORY
 from kickdrift.trajectory.opening import open_to_read
 
@@ -50,21 +52,33 @@ def universe(run: RunClock) -> Any:
         )
     found = MDAnalysis.Universe(str(run.path), to_guess=(), n_atoms=len(run.ids), dt=dt)
     label(found, run)
-    if "images" in run.options.write and run.box.lengths is not None:
-        found.trajectory.add_transformations(Unwrapping(run.path, run.box.lengths, FileUnits.of(run.units).length))
+    if "images" in run.options.write and run.box.periodic:
+        found.trajectory.add_transformations(Unwrapping(run.path))
     return found
 
 
 class Unwrapping:
     """A transformation for MDAnalysis: positions that the file has inside the box go back to where they are."""
 
-    def __init__(self, path: Path, lengths: Sequence[float], factor: float) -> None:
-        self.path, self.edges = path.absolute(), np.array(lengths) * factor
+    def __init__(self, path: Path) -> None:
+        self.path = path.absolute()
 
     def __call__(self, ts: Any) -> Any:
         with open_to_read(self.path) as file:
-            ts.positions = ts.positions + file[TRAJECTORY]["image/value"][ts.frame] * self.edges
+            edges, images = file[EDGES][ts.frame], file[TRAJECTORY]["image/value"][ts.frame]
+            ts.positions = ts.positions + images @ (edges if edges.ndim == 2 else np.diag(edges))
         return ts
+
+
+def dimensions(box: Box, factor: float) -> list[float] | None:
+    """Three lengths times a factor and three angles in degrees, as MDAnalysis has them; None where a box is open along
+    an axis."""
+    from MDAnalysis.lib.mdamath import triclinic_box
+
+    if not all(box.periodic_axes):
+        return None
+    edges = stored(box) * factor
+    return [*edges, 90.0, 90.0, 90.0] if edges.ndim == 1 else list(triclinic_box(*edges))
 
 
 def label(universe: Any, run: RunHeader) -> None:

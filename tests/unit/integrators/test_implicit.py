@@ -418,7 +418,7 @@ def test_options_that_a_method_does_not_take_are_refused(name, options, said):
 def test_more_unknowns_than_a_jacobian_holds_are_refused(name):
     problem = kd.Problem(lambda t, y: -y, np.ones(3001))
     options = {"dt": 0.1} if name in IMPLICIT else {}
-    with pytest.raises(InputError, match=f"{name}: needs the Jacobian of 3001 unknowns, and 3000 is the most"):
+    with pytest.raises(InputError, match=f"{name}: needs the Jacobian of 3001 unknowns; the limit is 3000"):
         kd.Simulation(problem, name, **options)
     if name in IMPLICIT:
         kd.Simulation(problem, name, iteration="fixed-point", dt=0.1).run(1)

@@ -94,7 +94,7 @@ def test_an_argument_replaces_a_values_option_and_that_one_the_files(system):
 @pytest.mark.parametrize(("name", "options", "message"), [
     ("wisdom-holmann", {}, "integrator 'wisdom-holmann' is unknown; did you mean wisdom-holman"),
     ("saba", {"corrector": 3}, "corrector: saba does not take it; it takes dt, coordinates, order, compensated"),
-    ("saba", {"odrer": "8,4"}, "did you mean 'order', which saba takes?; saba takes dt, coordinates"),
+    ("saba", {"odrer": "8,4"}, "did you mean 'order', which saba takes? saba takes dt, coordinates"),
     ("saba", {"dt": -1}, "dt must be a positive finite time, got -1"),
 ])  # fmt: skip
 def test_a_value_that_makes_no_sense_is_refused_when_it_is_made(name, options, message):

@@ -400,8 +400,12 @@ def test_the_command_says_once_what_is_lost(path, suffix, monkeypatch, capsys):
     assert told.out == f"out{suffix}: 3 frames of 12 particles\n"
     (line,) = told.err.splitlines()
     assert line.startswith(formats.losses(formats.FORMATS[suffix], nominal=True))
-    units = "sigma, m and epsilon stand as angstrom, u and eV" if suffix in READ_BY_ASE else "sigma and tau stand as"
-    assert f"positions are inside the box; {units}" in line
+    units = {
+        "MDAnalysis": "; sigma and tau stand as",
+        "ASE": "; sigma, m and epsilon stand as angstrom, u and eV",
+    }
+    package = formats.FORMATS[suffix].package
+    assert f"positions are inside the box{units.get(package, '')}" in line
     assert run() == 2
     told = capsys.readouterr()
     assert (told.out, len(told.err.splitlines())) == ("", 1)
