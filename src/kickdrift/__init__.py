@@ -16,6 +16,7 @@ from warnings import warn
 # Not lazy: loading the rooms of those names later would put the modules in the functions' places.
 from kickdrift.engines import engines
 from kickdrift.integrators import integrators
+from kickdrift.model.bridging import BRIDGES
 
 if TYPE_CHECKING:
     from kickdrift import analysis
@@ -142,6 +143,21 @@ _MOVED = {
     "plummer": "model.starts.plummer",
     "units": "model.units",
 }
+
+
+def _ase() -> ModuleType:
+    from kickdrift.bridges import ase
+
+    return ase
+
+
+def _rebound() -> ModuleType:
+    from kickdrift.bridges import rebound
+
+    return rebound
+
+
+BRIDGES.update(ase=_ase, rebound=_rebound)
 
 
 class _OldNames:
