@@ -19,12 +19,12 @@ from kickdrift.engines.job import Job
 from kickdrift.errors import InputError, KickdriftError, RunError
 from kickdrift.forces.bound import Measured
 from kickdrift.forces.kernel import OK
-from kickdrift.integrators.particle_flow import ParticleFlow
+from kickdrift.integrators.flow import Flow
+from kickdrift.integrators.particle_states import ParticleStates
 from kickdrift.integrators.stepper import STOPPED, Counts
 from kickdrift.looks.observers import take_sample
 from kickdrift.looks.table import Looks
 from kickdrift.model.memory import Memory, by_value
-from kickdrift.model.starts.builders import check_overlaps
 from kickdrift.model.state import Floats
 
 if TYPE_CHECKING:
@@ -90,16 +90,11 @@ class Program(Protocol):
         """Start the program."""
 
 
-class EngineFlow(ParticleFlow):
+class EngineFlow(ParticleStates):
     """A System's particles in another program. Samples come from the program."""
 
     def __init__(self, system: System) -> None:
-        check_overlaps(system)
-        self.subject = system
-        self.name = system.name
-        self.halves = 2
-        self.not_separable = None
-        self._ends = np.empty((2, 3, len(system)))
+        super().__init__(system)
         self.stepper: EngineStepper  # the stepper in use
 
     def look(self, looks: Looks, y: Floats, time: float, step: int, last: Floats, fresh: bool = False) -> int:
@@ -124,9 +119,8 @@ class EngineFlow(ParticleFlow):
         """Return no text: the particles' places when the program stopped are not known."""
         return ""
 
-    def derivative(self, time: float, y: Floats) -> Floats:
-        """Refuse: another program gives no derivative away from its own state."""
-        raise InputError(f"{self.name}: runs on another engine, which gives forces only at its present state")
+
+RunFlow = Flow | EngineFlow  # what a run advances
 
 
 class EngineStepper:

@@ -107,7 +107,7 @@ class Simulation:
         if self._engine.foreign or self.processes > 1:
             self._engine.check(job)
         self.integration = Integration(job, self._engine, watched)
-        self._stability = Stability(self.integration, self._engine.foreign)
+        self._stability = Stability(self.integration)
         self._sampler = Sampler(self.integration, self._stability)
         self._outputs = Outputs(self.integration, self.checkpoint)
         self.plan: Plan | None = None  # what `run` goes on with where it is told nothing
