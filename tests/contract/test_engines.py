@@ -18,7 +18,6 @@ import kickdrift as kd
 from kickdrift.analysis.stiffness import stiffness
 from kickdrift.cli import main as cli
 from kickdrift.engines import ENGINES
-from kickdrift.errors import InputError
 from kickdrift.model.starts.builders import lattice, maxwell_boltzmann
 from kickdrift.run.advance import Integration
 from kickdrift.trajectory.info import info
@@ -248,7 +247,7 @@ def test_equilibration_is_the_engines_own(engine):
 
 def test_stiffness_refuses_another_program():
     sim = kd.Simulation(liquid(), dt=0.002, engine="ase")
-    with pytest.raises(InputError, match="^stiffness: engine 'ase' gives forces only at its present state"):
+    with pytest.raises(kd.InputError, match=r"^stiffness: engine 'ase' gives forces only at its present state"):
         stiffness(sim)
 
 
