@@ -169,7 +169,7 @@ class _OldNames:
 
     def create_module(self, spec: ModuleSpec) -> ModuleType:
         new = f"kickdrift.{_MOVED[spec.name.partition('.')[2]]}"
-        warn(f"{spec.name} is {new} since 0.2", DeprecationWarning, stacklevel=2)
+        warn(f"{spec.name} is deprecated since 0.2; use {new}", DeprecationWarning, stacklevel=2)
         module = import_module(new)
         self._own = module.__spec__
         return module

@@ -184,4 +184,4 @@ def test_modules_are_found_by_their_old_names_with_a_warning():
     code += "assert new.__spec__.name == new.__name__ == 'kickdrift.model.starts.elements'\n"
     code += "assert kd.units.quantity and builders.lattice\nprint(len(told), told[0].message)\n"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout == "3 kickdrift.elements is kickdrift.model.starts.elements since 0.2\n"
+    assert done.stdout == "3 kickdrift.elements is deprecated since 0.2; use kickdrift.model.starts.elements\n"

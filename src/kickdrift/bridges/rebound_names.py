@@ -1,4 +1,4 @@
-"""What rebound calls the options of methods that both have; rebound itself is not needed to read it."""
+"""rebound's names for options of shared methods. This module does not import rebound."""
 
 from __future__ import annotations
 
@@ -10,5 +10,5 @@ LEAPFROGS = {2: "leapfrog-dkd", 4: "forest-ruth"}  # by order
 
 
 def key_of(table: dict[str, str], ours: str) -> str:
-    """Their name; "" where they have none."""
+    """Return rebound's name; "" if there is none."""
     return next((theirs for theirs, name in table.items() if name == ours), "")

@@ -1,6 +1,6 @@
-"""Fields: what acts on particles one by one (trap, uniform and driven field, drag), and springs between named pairs.
+"""Fields that act on single particles (trap, uniform and driven field, drag), and springs between given pairs.
 
-This module knows no numba, so that a system file can be read and checked without paying for it; ``bind`` compiles.
+This module does not import numba, so reading and checking a system file stays fast; ``bind`` compiles.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ if TYPE_CHECKING:
 
 
 class Field:
-    """What the forces of this module share.
+    """Base class of the forces of this module.
 
     Attributes
     ----------
     may_overlap : bool
-        Particles may begin at the same place as far as this force is concerned.
+        Whether this force allows particles to begin at the same place.
     external : bool
-        It does not conserve momentum.
+        Whether this force changes the total momentum.
     """
 
     may_overlap: ClassVar[bool] = True
@@ -45,12 +45,12 @@ class Field:
 
 @dataclass(frozen=True)
 class HarmonicTrap(Field):
-    """U = k |x - c|^2 / 2 for each particle.
+    """Harmonic trap, U = k |x - c|^2 / 2 for each particle.
 
     Attributes
     ----------
     stiffness : float, or three of them
-        Energy per length squared, zero or more; three numbers are those along x, y and z.
+        Energy per length squared, zero or more; three numbers apply along x, y and z.
     centre : (x, y, z)
         Default the origin. A periodic box is refused: the trap is not periodic.
     """
@@ -85,10 +85,10 @@ class HarmonicTrap(Field):
 
 @dataclass(frozen=True)
 class UniformField(Field):
-    """The same acceleration g for every particle, massless ones too: U = -m g . x.
+    """The same acceleration g for every particle, including massless ones: U = -m g . x.
 
-    In a periodic box x is the unwrapped position, so that the energy is conserved while particles fall through; it has
-    no meaning beyond one run, and the total momentum grows without end.
+    In a periodic box x is the unwrapped position, which conserves the energy of particles that fall through the box.
+    This energy has no meaning beyond one run, and the total momentum grows without limit.
 
     Attributes
     ----------
@@ -118,15 +118,15 @@ class UniformField(Field):
 class DrivenField(Field):
     """The acceleration a cos(2 pi f t + phase) for every particle, with t the time of the run.
 
-    The potential energy is that of the moment, U = -m a . x cos(2 pi f t + phase) with x unwrapped: the field does
-    work, so the total energy is not conserved.
+    The instantaneous potential energy is U = -m a . x cos(2 pi f t + phase), with x unwrapped. The field does work, so
+    the total energy is not conserved.
 
     Attributes
     ----------
     amplitude : (x, y, z)
         An acceleration.
     frequency : float
-        In cycles per time, zero or more: the period is 1 / frequency.
+        Cycles per unit of time, zero or more; the period is 1 / frequency.
     phase : float
         In radians.
     """
@@ -140,7 +140,7 @@ class DrivenField(Field):
 
     @property
     def works(self) -> bool:
-        """Whether it drives anything: energy is not conserved then."""
+        """Whether the field does work, so that energy is not conserved."""
         return any(self.amplitude)
 
     def __post_init__(self) -> None:
@@ -164,15 +164,14 @@ class DrivenField(Field):
 
 @dataclass(frozen=True)
 class LinearDrag(Field):
-    """The acceleration -rate v, whatever the mass (Stokes' drag with rate = friction / mass).
+    """The acceleration -rate v for any mass (Stokes' drag with rate = friction / mass).
 
-    It has no potential energy and the total energy falls; a method that takes forces for functions of positions alone
-    cannot run it.
+    Drag has no potential energy, and the total energy falls. Methods for forces of positions alone refuse drag.
 
     Attributes
     ----------
     rate : float
-        Per time, zero or more: a free particle slows down as exp(-rate t).
+        Inverse time, zero or more; a free particle slows down as exp(-rate t).
     """
 
     rate: float
@@ -182,12 +181,12 @@ class LinearDrag(Field):
 
     @property
     def velocity_dependent(self) -> bool:
-        """Whether it is there at all: a splitting method refuses it then."""
+        """Whether the rate is not zero; splitting methods refuse a force that depends on velocity."""
         return self.rate != 0.0
 
     @property
     def works(self) -> bool:
-        """Likewise: energy is not conserved then."""
+        """Whether the rate is not zero, so that energy is not conserved."""
         return self.rate != 0.0
 
     def __post_init__(self) -> None:
@@ -204,18 +203,18 @@ class LinearDrag(Field):
 
 @dataclass(frozen=True)
 class Springs(Field):
-    """U = k (r - l)^2 / 2 for each named pair of particles, r their distance between nearest images.
+    """Springs: U = k (r - l)^2 / 2 for each given pair of particles, with r the distance between nearest images.
 
     Attributes
     ----------
     pairs : ((i, j), …)
-        Ids of particles, counted from 0; no pair twice, in either order.
+        Ids of particles, counted from 0. No pair may occur twice, in either order.
     stiffness : float, or one for each pair
         Energy per length squared, positive.
     length : float, or one for each pair
-        At rest, zero or more and under half the shortest edge of a periodic box, beyond which images would take turns;
-        default 0. Where both ends come to the same place the force of a spring with a length has no direction: it is
-        zero there, and a system that begins so is refused.
+        Length at rest, zero (default) or more. In a periodic box it must be under half the shortest edge, since a
+        longer spring would switch between images. If both ends meet, the force of a spring with a length has no
+        direction, so it is zero there. A system that begins with such ends is refused.
     """
 
     pairs: Sequence[tuple[int, int]]
@@ -224,7 +223,7 @@ class Springs(Field):
 
     name: ClassVar[str] = "springs"
     external: ClassVar[bool] = False
-    joins: ClassVar[bool] = True  # its bodies may not merge, nor leave alone
+    joins: ClassVar[bool] = True  # joined bodies may neither merge nor leave
     dimensions: ClassVar[dict[str, str]] = {"stiffness": "stiffness", "length": "length"}
 
     def __post_init__(self) -> None:
@@ -269,8 +268,8 @@ class Springs(Field):
         lengths = np.broadcast_to(np.array(self.length), len(ids))
         half = 0.5 * float(system.box.heights.min())
         if lengths.max() >= half:
-            shortest = "least height of the box" if system.box.triclinic else "shortest box edge"
-            raise InputError(f"{self.name}: length {lengths.max():.6g} is not under half the {shortest}, {half:.6g}")
+            shortest = "smallest height of the box" if system.box.triclinic else "shortest box edge"
+            raise InputError(f"{self.name}: length {lengths.max():.6g} must be under half the {shortest}, {half:.6g}")
         x = system.state.positions
         apart = system.box.minimum_image(x[ids[:, 0]] - x[ids[:, 1]])
         for k in np.flatnonzero((lengths > 0) & ~apart.any(axis=1)):

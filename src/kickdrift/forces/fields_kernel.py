@@ -1,5 +1,6 @@
-"""The compiled fields. They cost a time that grows as the particles (or springs) do, so they run on one thread, and
-every sum has one order."""
+"""The compiled fields. Their cost is linear in the number of particles or springs.
+
+They run on one thread, so every sum has a fixed order."""
 
 from __future__ import annotations
 
@@ -23,7 +24,7 @@ class TrapKernel(NamedTuple):
 
 
 class UniformKernel(NamedTuple):
-    """A uniform field bound to a System; one that is driven is multiplied by cos(omega t + phase)."""
+    """A uniform field bound to a System; a driven field is multiplied by cos(omega t + phase)."""
 
     acceleration: NDArray[np.float64]  # (3,)
     omega: float
@@ -105,7 +106,7 @@ def spring_forces(force, t, x, v, a, sums):
         r = math.sqrt(r2)
         stretch = r - force.length[s]
         pull = force.stiffness[s] * stretch
-        over_r = pull / r if r != 0.0 else 0.0  # no direction: no force
+        over_r = pull / r if r != 0.0 else 0.0  # no direction, so no force
         for k in range(3):
             a[k, i] -= over_r * d[k] * inverse_masses[i]
             a[k, j] += over_r * d[k] * inverse_masses[j]

@@ -44,11 +44,11 @@ def universe(run: RunClock) -> Any:
     """
     MDAnalysis = mdanalysis("universe()")
     if not len(run):
-        raise InputError(f"{run.path}: holds no frame")
+        raise InputError(f"{run.path}: holds no frames")
     dt, even = spacing(run, run.times)
     if not even:
         warnings.warn(
-            f"{run.path}: frames are not evenly spaced; dt is {dt:g} ps, and each has its own time", stacklevel=3
+            f"{run.path}: frames are not evenly spaced; dt is {dt:g} ps, but each frame has its own time", stacklevel=3
         )
     found = MDAnalysis.Universe(str(run.path), to_guess=(), n_atoms=len(run.ids), dt=dt)
     label(found, run)
