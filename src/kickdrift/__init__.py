@@ -16,10 +16,12 @@ from warnings import warn
 # Not lazy: loading the rooms of those names later would put the modules in the functions' places.
 from kickdrift.engines import engines
 from kickdrift.integrators import integrators
+from kickdrift.model.bridging import BRIDGES
 
 if TYPE_CHECKING:
     from kickdrift import analysis
-    from kickdrift.analysis.chaos import ChaosReport, megno
+    from kickdrift.analysis.chaos import megno
+    from kickdrift.analysis.chaos_report import ChaosReport
     from kickdrift.ensemble import Ensemble
     from kickdrift.errors import InputError, KickdriftError, RunError
     from kickdrift.forces import *
@@ -49,7 +51,7 @@ __version__ = version("kickdrift")
 _HOMES = {
     "accelerations": "integrators.custom",
     "Box": "model.box",
-    "ChaosReport": "analysis.chaos",
+    "ChaosReport": "analysis.chaos_report",
     "CloseApproach": "model.events",
     "Collision": "model.events",
     "Column": "looks.columns",
@@ -141,6 +143,21 @@ _MOVED = {
     "plummer": "model.starts.plummer",
     "units": "model.units",
 }
+
+
+def _ase() -> ModuleType:
+    from kickdrift.bridges import ase
+
+    return ase
+
+
+def _rebound() -> ModuleType:
+    from kickdrift.bridges import rebound
+
+    return rebound
+
+
+BRIDGES.update(ase=_ase, rebound=_rebound)
 
 
 class _OldNames:

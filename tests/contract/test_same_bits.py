@@ -18,7 +18,7 @@ import kickdrift as kd
 from kickdrift.errors import InputError
 from kickdrift.forces import FORCES
 from kickdrift.forces.bound import BoundForces
-from kickdrift.forces.pair_kernel import with_room
+from kickdrift.forces.pair_lists import with_room
 from kickdrift.integrators import INTEGRATORS, integrator
 from kickdrift.integrators.method import MIXED, PRECISIONS
 from kickdrift.integrators.step_control import CONTROLLERS

@@ -20,9 +20,10 @@ from kickdrift.bridges.rebound_names import COORDINATES, LEAPFROGS, SABA, key_of
 from kickdrift.errors import InputError
 from kickdrift.forces import Gravity
 from kickdrift.forces.central import gravitational_constant
-from kickdrift.integrators.wisdom_holman import JACOBI
+from kickdrift.integrators.option import JACOBI
+from kickdrift.model.run_defaults import RunDefaults
 from kickdrift.model.state import Floats
-from kickdrift.model.system import RunDefaults, System
+from kickdrift.model.system import System
 from kickdrift.model.units import UNIT_SYSTEMS, UnitSystem
 
 ALL_ACTIVE = 2**64 - 1  # N_active if it was never set

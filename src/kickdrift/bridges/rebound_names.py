@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from kickdrift.integrators.wisdom_holman import HELIOCENTRIC, JACOBI
+from kickdrift.integrators.option import HELIOCENTRIC, JACOBI
 
 COORDINATES = {"JACOBI": JACOBI, "DEMOCRATICHELIOCENTRIC": HELIOCENTRIC}
 SABA = {"2": "4,2", "3": "6,2", "4": "8,2", "10_4": "10,4", "8_6_4": "8,6,4", "10_6_4": "10,6,4"}

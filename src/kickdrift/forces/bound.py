@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -12,8 +12,9 @@ from kickdrift.forces.clusters import BUILT, JUMPS_ALLOWED, OUTER_BUILDS, PRUNES
 from kickdrift.forces.evaluate import SLOTS, derivative, measure
 from kickdrift.forces.kernel import GROW, OK, BoundForce
 from kickdrift.forces.law_check import not_compiled
-from kickdrift.forces.pair_kernel import PairKernel, grown, memory, recalled, thinned, tuned
+from kickdrift.forces.pair_kernel import PairKernel
 from kickdrift.forces.pair_law import PairForce
+from kickdrift.forces.pair_lists import grown, memory, recalled, thinned, tuned
 from kickdrift.forces.seam import Forces, few_of, table_of
 from kickdrift.jit.numba_private import NumbaError
 from kickdrift.model.checks import number
@@ -53,8 +54,18 @@ def _compiled(force: BoundForce) -> BoundForce:
         raise not_compiled(law or type(force.parts), error) from None
 
 
+class UnderForces(Protocol):
+    """What forces are bound to: a System, or a Problem with its right-hand side as the only force."""
+
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def forces(self) -> tuple[Any, ...]: ...
+
+
 class BoundForces:
-    """The forces of a System, or of what stands for one, with their pair lists, which live as long as this object.
+    """The forces of a System or a Problem, with their pair lists, which live as long as this object.
 
     Because of the lists, sums depend on earlier calls (to round-off). So the run loop has its own instance, and
     observers another. Between two calls, a particle that moves further than a pair force reaches means that the run
@@ -63,7 +74,7 @@ class BoundForces:
     """
 
     def __init__(
-        self, system: Any, threads: int = 1, jumps: bool = True, thin: bool = False, mixed: bool = False
+        self, system: UnderForces, threads: int = 1, jumps: bool = True, thin: bool = False, mixed: bool = False
     ) -> None:
         self.threads = check_threads(threads)
         pairs = [isinstance(force, PairForce) for force in system.forces]

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import ctypes
 import re
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
 from llvmlite import ir
@@ -155,6 +155,14 @@ def _write(out, values):
     return items
 
 
+class Unknowns(Protocol):
+    """What a right-hand side is bound to: so many unknowns."""
+
+    separable: bool  # whether they are positions and then velocities
+
+    def __len__(self) -> int: ...
+
+
 class RightHandSide:
     """A Problem's f as a force, which binds like the forces of a System."""
 
@@ -162,7 +170,7 @@ class RightHandSide:
         n = len(problem)
         self.callback = Callback(problem.f, n, n, problem.compiled, f"{problem.name}: f")
 
-    def bind(self, problem: Problem, threads: int = 1) -> EquationKernel:
+    def bind(self, problem: Unknowns, threads: int = 1) -> EquationKernel:
         """The parts: a NamedTuple with a compiled body."""
         n = len(problem)
         return EquationKernel(self.callback.address, problem.separable, np.zeros(n), np.zeros(n))

@@ -13,13 +13,11 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from kickdrift.errors import InputError
-from kickdrift.model.checks import number as real
+from kickdrift.forces.arguments import Vector, check_in_plane, check_massive, is_one, items, number, vector
 from kickdrift.model.units import shown
 
 if TYPE_CHECKING:
-    from kickdrift.model.system import System
-
-Vector = tuple[float, float, float]
+    from kickdrift.model.subject import Subject
 
 
 class Field:
@@ -37,14 +35,12 @@ class Field:
     external: ClassVar[bool] = True
     name: ClassVar[str]
 
-    def check(self, system: System) -> None:
+    def check(self, system: Subject) -> None:
         """Refuse a system that this force cannot run on."""
 
-    def bind(self, system: System, threads: int = 1) -> Any:
-        """The parts of this force for a System: a NamedTuple with a compiled body."""
-        from kickdrift.forces.fields_kernel import bind
-
-        return bind(self, system)
+    def bind(self, system: Subject, threads: int = 1) -> Any:
+        """Parts of this force for a System: a NamedTuple with a compiled body."""
+        raise NotImplementedError
 
 
 @dataclass(frozen=True)
@@ -66,18 +62,25 @@ class HarmonicTrap(Field):
     dimensions: ClassVar[dict[str, str]] = {"stiffness": "stiffness", "centre": "length"}
 
     def __post_init__(self) -> None:
-        one = _is_number(self.stiffness)
+        one = is_one(self.stiffness)
         three = vector(self.name, "stiffness", (self.stiffness,) * 3 if one else self.stiffness)
         if min(three) < 0:
             raise InputError(f"{self.name}: stiffness must be zero or more, got {shown(self.stiffness)}")
         object.__setattr__(self, "stiffness", three[0] if one else three)
         object.__setattr__(self, "centre", vector(self.name, "centre", self.centre))
 
-    def check(self, system: System) -> None:
+    def check(self, system: Subject) -> None:
         """Refuse a periodic box, and particles without mass, which the trap would move infinitely fast."""
         if system.box.periodic:
             raise InputError(f"{self.name}: a trap needs open space, and the box is periodic")
-        _check_masses(self.name, system, range(len(system)))
+        check_massive(self.name, system, range(len(system)))
+
+    def bind(self, system: Subject, threads: int = 1) -> Any:
+        """See Field."""
+        from kickdrift.forces.fields_kernel import TrapKernel
+
+        stiffness = np.broadcast_to(np.array(self.stiffness), 3).copy()
+        return TrapKernel(stiffness, np.array(self.centre), 1.0 / system.coherent_masses)
 
 
 @dataclass(frozen=True)
@@ -100,9 +103,15 @@ class UniformField(Field):
     def __post_init__(self) -> None:
         object.__setattr__(self, "acceleration", vector(self.name, "acceleration", self.acceleration))
 
-    def check(self, system: System) -> None:
+    def check(self, system: Subject) -> None:
         """Refuse a field out of the plane of a two-dimensional system."""
-        _check_in_plane(self.name, "acceleration", self.acceleration, system)
+        check_in_plane(self.name, "acceleration", self.acceleration, system)
+
+    def bind(self, system: Subject, threads: int = 1) -> Any:
+        """See Field."""
+        from kickdrift.forces.fields_kernel import UniformKernel
+
+        return UniformKernel(np.array(self.acceleration), 0.0, 0.0, system.coherent_masses)
 
 
 @dataclass(frozen=True)
@@ -141,9 +150,16 @@ class DrivenField(Field):
         if self.frequency < 0:
             raise InputError(f"{self.name}: frequency must be zero or more, got {self.frequency}")
 
-    def check(self, system: System) -> None:
+    def check(self, system: Subject) -> None:
         """Refuse a field out of the plane of a two-dimensional system."""
-        _check_in_plane(self.name, "amplitude", self.amplitude, system)
+        check_in_plane(self.name, "amplitude", self.amplitude, system)
+
+    def bind(self, system: Subject, threads: int = 1) -> Any:
+        """See Field."""
+        from kickdrift.forces.fields_kernel import UniformKernel
+
+        omega = 2.0 * math.pi * self.frequency
+        return UniformKernel(np.array(self.amplitude), omega, self.phase, system.coherent_masses)
 
 
 @dataclass(frozen=True)
@@ -178,6 +194,12 @@ class LinearDrag(Field):
         if self.rate < 0:
             raise InputError(f"{self.name}: rate must be zero or more, got {self.rate}")
 
+    def bind(self, system: Subject, threads: int = 1) -> Any:
+        """See Field."""
+        from kickdrift.forces.fields_kernel import DragKernel
+
+        return DragKernel(self.rate)
+
 
 @dataclass(frozen=True)
 class Springs(Field):
@@ -205,7 +227,7 @@ class Springs(Field):
     dimensions: ClassVar[dict[str, str]] = {"stiffness": "stiffness", "length": "length"}
 
     def __post_init__(self) -> None:
-        pairs = tuple(_pair(k, pair) for k, pair in enumerate(_items(self.name, "pairs", self.pairs)))
+        pairs = tuple(_pair(k, pair) for k, pair in enumerate(items(self.name, "pairs", self.pairs)))
         if not pairs:
             raise InputError(f"{self.name}: expected one pair or more, got none")
         seen: set[tuple[int, int]] = set()
@@ -218,8 +240,8 @@ class Springs(Field):
         object.__setattr__(self, "pairs", pairs)
         for key, least in (("stiffness", "positive"), ("length", "zero or more")):
             given = getattr(self, key)
-            one = _is_number(given)
-            values = tuple(number(self.name, key, v) for v in ([given] if one else _items(self.name, key, given)))
+            one = is_one(given)
+            values = tuple(number(self.name, key, v) for v in ([given] if one else items(self.name, key, given)))
             if not one and len(values) != len(pairs):
                 raise InputError(f"{self.name}: {key}: expected one number or {len(pairs)}, got {len(values)}")
             for value in values:
@@ -235,14 +257,14 @@ class Springs(Field):
             described.append(f"{key}={values[0]}" if len(values) == 1 else f"{key}={values[0]} to {values[-1]}")
         return f"Springs({', '.join(described)})"
 
-    def check(self, system: System) -> None:
+    def check(self, system: Subject) -> None:
         """Refuse pairs of particles that are not there, have no mass or begin at the same place."""
         n, ids = len(system), np.array(self.pairs)
         for i, j in ids[(ids >= n).any(axis=1)]:
             raise InputError(
                 f"{self.name}: pair {[int(i), int(j)]}: there is no particle {max(i, j)}; ids are 0 to {n - 1}"
             )
-        _check_masses(self.name, system, ids.flat)
+        check_massive(self.name, system, ids.flat)
         lengths = np.broadcast_to(np.array(self.length), len(ids))
         half = 0.5 * float(system.box.heights.min())
         if lengths.max() >= half:
@@ -256,37 +278,16 @@ class Springs(Field):
                 f"of length {lengths[k]:.6g} has no direction"
             )
 
+    def bind(self, system: Subject, threads: int = 1) -> Any:
+        """See Field."""
+        from kickdrift.forces.fields_kernel import SpringsKernel
+        from kickdrift.model.cell import cell_of
 
-# --- what users give, checked ---
-
-
-def _is_number(value: Any) -> bool:
-    return np.ndim(value) == 0 if isinstance(value, np.ndarray) else not isinstance(value, Iterable)
-
-
-def number(name: str, key: str, value: Any) -> float:
-    """The value as a finite float; an InputError that names the force and the key."""
-    if isinstance(value, np.ndarray) and value.ndim == 0:
-        value = value[()]
-    found = real(value)
-    if not math.isfinite(found):
-        raise InputError(f"{name}: {key}: expected a finite number, got {shown(value)}")
-    return found
-
-
-def _items(name: str, key: str, values: Any) -> list[Any]:
-    if isinstance(values, str) or not isinstance(values, Iterable):
-        raise InputError(f"{name}: {key}: expected a list, got {shown(values)}")
-    return list(values)
-
-
-def vector(name: str, key: str, values: Any) -> Vector:
-    """Three finite floats, likewise."""
-    given = [] if isinstance(values, str) or not isinstance(values, Iterable) else list(values)
-    if len(given) != 3:
-        raise InputError(f"{name}: {key}: expected three numbers, got {shown(values)}")
-    x, y, z = (number(name, key, value) for value in given)
-    return x, y, z
+        pairs = np.array(self.pairs, dtype=np.int64)
+        stiffness, length = (np.broadcast_to(np.array(v), len(pairs)).copy() for v in (self.stiffness, self.length))
+        masses = system.coherent_masses
+        inverse_masses = np.divide(1.0, masses, where=masses > 0, out=0.0 * masses)
+        return SpringsKernel(pairs, stiffness, length, cell_of(system.box), inverse_masses)
 
 
 def _pair(number: int, values: Any) -> tuple[int, int]:
@@ -295,14 +296,3 @@ def _pair(number: int, values: Any) -> tuple[int, int]:
     if len(given) != 2 or not whole:
         raise InputError(f"springs: pairs[{number}]: expected the ids of two particles, got {shown(values)}")
     return int(given[0]), int(given[1])
-
-
-def _check_in_plane(name: str, key: str, along: Vector, system: System) -> None:
-    if system.dimensions == 2 and along[2] != 0:
-        raise InputError(f"{name}: {key} has a z component of {along[2]:.6g}, and the system has two dimensions")
-
-
-def _check_masses(name: str, system: System, ids: Iterable[int]) -> None:
-    for i in ids:
-        if system.state.masses[i] == 0:
-            raise InputError(f"{name}: particle {i} has no mass, and this force would move it infinitely fast")

@@ -11,12 +11,14 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import numpy as np
 
 from kickdrift.disk.interrupt import interruptible
-from kickdrift.engines.session import Job, begin
+from kickdrift.engines.job import Job
+from kickdrift.engines.session import RunFlow, begin
 from kickdrift.errors import InputError
 from kickdrift.forces.kernel import OK
-from kickdrift.integrators.flow import Flow, ParticleFlow, flow_of
+from kickdrift.integrators.flow import flow_of
 from kickdrift.integrators.option import MIXED
-from kickdrift.integrators.stepping import STOPPED, Stepper
+from kickdrift.integrators.particle_flow import ParticleFlow
+from kickdrift.integrators.stepper import STOPPED, Stepper
 from kickdrift.looks.observers import Sample
 from kickdrift.looks.record import Record
 from kickdrift.model.checks import no_overflow
@@ -52,7 +54,7 @@ class Integration:
         The Simulation's.
     system : System or Problem
         The bodies of now: events may take some away.
-    flow : Flow
+    flow : RunFlow
         y' = f(t, y).
     stepper : Stepper
         The method's stepper; with events, the `WatchedStepper` around it.
@@ -91,18 +93,18 @@ class Integration:
     def stepper_for(self, system: Any) -> Stepper:
         """Make ``system`` the integration's bodies, and return the method's stepper for them."""
         self.system: System | Problem = system
-        self.flow: Flow
+        self.flow: RunFlow
         if self.engine.foreign:
             self.flow, stepper = begin(self.engine, replace(self._job, system=system))
             return stepper
         mixed = self.options.precision == MIXED
-        self.flow = flow_of(system, self.threads, jumps=self.method.trial_steps, mixed=mixed)
-        if self.method.separable and self.flow.not_separable:
+        self.flow = flow = flow_of(system, self.threads, jumps=self.method.trial_steps, mixed=mixed)
+        if self.method.separable and flow.not_separable:
             raise InputError(
                 f"{self.integrator}: needs accelerations that depend on positions and time alone, and "
-                f"{self.flow.not_separable}; Runge-Kutta methods do not"
+                f"{flow.not_separable}; Runge-Kutta methods do not"
             )
-        return self.method.stepper(self.flow, self.options)
+        return self.method.stepper(flow, self.options)
 
     @property
     def integrator(self) -> str:
@@ -162,7 +164,7 @@ class Integration:
     def begin_at(self, state: Any) -> None:
         """Start again from a state, with a new record."""
         y = self.flow.array(state)
-        if self.dt is not None and isinstance(self.flow, ParticleFlow) and not self.foreign:
+        if self.dt is not None and isinstance(self.flow, ParticleFlow):
             self.flow.tune(y, self.dt / max(1, self.method.evaluations))
         with no_overflow():
             self.stepper.reset(y, state.time, state.steps_done)

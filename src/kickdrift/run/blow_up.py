@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Protocol
 
+from kickdrift.engines.session import RunFlow
 from kickdrift.errors import RunError
-from kickdrift.integrators.flow import Flow
 from kickdrift.integrators.method import Method
-from kickdrift.integrators.stepping import Stepper
+from kickdrift.integrators.stepper import Stepper
 from kickdrift.model.checks import unwarned
 from kickdrift.model.state import Floats
 
@@ -27,7 +27,7 @@ class Failing(Protocol):
     """Attributes of a failed integration; see `run.advance.Integration`."""
 
     method: Method
-    flow: Flow
+    flow: RunFlow
     stepper: Stepper | WatchedStepper
     dt: float | None
 

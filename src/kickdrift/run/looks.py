@@ -10,8 +10,10 @@ from numpy.typing import NDArray
 
 from kickdrift.errors import RunError
 from kickdrift.forces.kernel import OK
+from kickdrift.integrators.chosen_steps import ChosenSteps
 from kickdrift.integrators.stability_limit import WATCHED_POINTS
-from kickdrift.integrators.stepping import STOPPED, ChosenSteps, Regular
+from kickdrift.integrators.stepper import STOPPED
+from kickdrift.integrators.stepping import Regular
 from kickdrift.looks.columns import COLUMNS, TIME
 from kickdrift.looks.looking import Looking
 from kickdrift.looks.observers import NOTHING

@@ -19,7 +19,8 @@ from kickdrift.text import shown
 if TYPE_CHECKING:
     from kickdrift.integrators.method import Method
     from kickdrift.model.problem import Problem
-    from kickdrift.model.system import RunDefaults, System
+    from kickdrift.model.run_defaults import RunDefaults
+    from kickdrift.model.system import System
 
 # Default numbers of looks; ``looks_at`` chooses among them. They depend on the run alone, so every machine takes the
 # same looks at the same run.

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from warnings import warn
 
 from kickdrift.engines import engine as engine_named
-from kickdrift.engines.session import Job
+from kickdrift.engines.job import Job
 from kickdrift.errors import InputError
 from kickdrift.forces.bound import check_threads
 from kickdrift.integrators import integrator as method_named
@@ -17,7 +17,7 @@ from kickdrift.looks.observers import Energies, Sample
 from kickdrift.looks.record import Record
 from kickdrift.model.capacity import PROCESS_BYTES, check_room
 from kickdrift.model.checks import path_text, whole_number
-from kickdrift.model.events import checked_events
+from kickdrift.model.event_checks import checked_crossings
 from kickdrift.model.memory import Memory
 from kickdrift.model.problem import Problem
 from kickdrift.model.state import Floats
@@ -102,12 +102,12 @@ class Simulation:
             system = system if events is None else system.watched(events)
             watched: tuple[Event, ...] = system.events
         else:
-            watched = checked_events(system, events or ())
+            watched = checked_crossings(events or ())
         job = Job(system, self.method, self.integrator, self.options, self.threads, self.processes)  # type: ignore[arg-type]
         if self._engine.foreign or self.processes > 1:
             self._engine.check(job)
         self.integration = Integration(job, self._engine, watched)
-        self._stability = Stability(self.integration, self._engine.foreign)
+        self._stability = Stability(self.integration)
         self._sampler = Sampler(self.integration, self._stability)
         self._outputs = Outputs(self.integration, self.checkpoint)
         self.plan: Plan | None = None  # the plan of `run` without arguments

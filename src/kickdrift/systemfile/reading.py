@@ -18,6 +18,7 @@ from kickdrift.errors import InputError
 from kickdrift.forces import FORCES
 from kickdrift.model.checks import no_overflow, path_text, whole_number
 from kickdrift.model.problem import Problem
+from kickdrift.model.run_defaults import Equilibration
 from kickdrift.model.starts.builders import (
     Structure,
     check_overlaps,
@@ -26,7 +27,7 @@ from kickdrift.model.starts.builders import (
 )
 from kickdrift.model.starts.coordinates import to_barycentric
 from kickdrift.model.state import Floats
-from kickdrift.model.system import Equilibration, System
+from kickdrift.model.system import System
 from kickdrift.model.units import UNIT_SYSTEMS, UnitSystem, shown, suggestion, unit_system
 from kickdrift.systemfile.bodies import cluster, on_orbits
 from kickdrift.systemfile.events import events_of

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from kickdrift.errors import InputError, RunError
 from kickdrift.model.file_units import FileUnits
-from kickdrift.trajectory.export import Chosen, Placed
+from kickdrift.trajectory.chosen import Chosen, Placed
 from kickdrift.trajectory.formats import REMOVED_NAN, Format
 from kickdrift.trajectory.universe import dimensions, label, mdanalysis, spacing
 

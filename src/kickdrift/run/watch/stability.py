@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections import deque
 from typing import TYPE_CHECKING, Protocol
 
-from kickdrift.integrators.flow import Flow, ParticleFlow
+from kickdrift.engines.session import EngineFlow, RunFlow
 from kickdrift.integrators.method import Method
+from kickdrift.integrators.particle_flow import ParticleFlow
 from kickdrift.integrators.stability_limit import (
     WATCHED_POINTS,
     WATCHED_STEPS,
@@ -15,7 +16,7 @@ from kickdrift.integrators.stability_limit import (
     stability_warning,
 )
 from kickdrift.integrators.step_length import TOO_LONG, can_be_checked, step_warning
-from kickdrift.integrators.stepping import Stepper
+from kickdrift.integrators.stepper import Stepper
 from kickdrift.looks.record import Record
 from kickdrift.model.state import Floats
 from kickdrift.run.watch.watcher import Watcher
@@ -28,7 +29,7 @@ class Stepping(Protocol):
     """Attributes of the integration; see `run.advance.Integration`."""
 
     method: Method
-    flow: Flow
+    flow: RunFlow
     dt: float | None
     record: Record
     changes: int
@@ -52,10 +53,11 @@ class Stability(Watcher):
         Whether stability can set the steps of this method and flow. If so, every look is stored.
     """
 
-    def __init__(self, run: Stepping, foreign: bool) -> None:
+    def __init__(self, run: Stepping) -> None:
         self._run = run
-        self.limited = can_be_limited(run.flow, run.method)
-        self._checked = can_be_checked(run.flow, run.method) and not foreign
+        flow = None if isinstance(run.flow, EngineFlow) else run.flow  # another program has limits of its own
+        self.limited = flow is not None and can_be_limited(flow, run.method)
+        self._checked = flow is not None and can_be_checked(flow, run.method)
         self._points: deque[Point] = deque(maxlen=WATCHED_POINTS)
         self._changes = run.changes
         self._check_at, self._first = 0, False
@@ -92,6 +94,7 @@ class Stability(Watcher):
         record.warnings += [line for line in getattr(run.stepper, "warnings", ()) if line not in record.warnings]
         if not self.limited or record.steps < WATCHED_STEPS:
             return
+        assert not isinstance(run.flow, EngineFlow)
         warning = stability_warning(run.flow, run.method, list(self._points))
         if warning and warning not in record.warnings:
             record.warnings = [*(w for w in record.warnings if TOO_LONG in w), warning]
