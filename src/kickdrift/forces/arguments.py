@@ -59,4 +59,4 @@ def check_massive(name: str, system: Subject, ids: Iterable[int]) -> None:
     """Refuse particles without mass, which this force would move infinitely fast."""
     for i in ids:
         if system.state.masses[i] == 0:
-            raise InputError(f"{name}: particle {i} has no mass, and this force would move it infinitely fast")
+            raise InputError(f"{name}: particle {i} has no mass, so this force would accelerate it without limit")
