@@ -38,7 +38,7 @@ def checked_events(system: Bodies, events: Iterable[Event]) -> tuple[Event, ...]
             if event.about is not None:
                 index_of(system, event.about, f"{event.kind}: about")
             if binding(system) is None:
-                raise InputError(f"{event.kind}: only gravity binds bodies, and {system.name!r} has none")
+                raise InputError(f"{event.kind}: only gravity binds bodies, but {system.name!r} has no gravity")
         elif isinstance(event.function, Between):
             pair = [index_of(system, body, event.name) for body in (event.function.body, event.function.about)]
             if pair[0] == pair[1]:
