@@ -761,7 +761,7 @@ def test_lengths_in_files_have_units():
         ),
         (
             lambda: kd.System([[0, 0, 0]], events=[kd.Collision()]),
-            "collision: radii: required, since the bodies of 'system' have none",
+            "collision: radii: required, since the bodies of 'system' have no radii",
         ),
         (
             lambda: kd.System([[1, 1, 1]], box=(9, 9, 9), events=[kd.CloseApproach(1.0)]),
