@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from kickdrift.jit.compile import driver
 from kickdrift.model.box import Box
-from kickdrift.model.cell import cell_of, leaning_image
+from kickdrift.model.cell import cell_of, square_by_edges
 from kickdrift.model.state import Floats
 
 
@@ -28,30 +28,27 @@ def pair_counts(
     order = np.argsort(wrapped[:, sorted_by], kind="stable")
     counts = np.zeros(bins, np.int64)
     x = np.ascontiguousarray(wrapped[order].T)
-    count_pairs(x, kinds[order], unlike, cell, edges, sorted_by, r_max, np.empty(len(order)), counts)
+    count_pairs(x, kinds[order], unlike, cell.matrix, cell.leans, edges, sorted_by, r_max, np.empty(len(order)), counts)
     return counts
 
 
 @driver
-def count_pairs(x, kinds, unlike, cell, edges, sorted_by, r_max, row, counts):
+def count_pairs(x, kinds, unlike, matrix, leans, edges, sorted_by, r_max, row, counts):
     """counts += pairs of x (3, n), sorted by its row ``sorted_by``; ``row`` (n,) is room for one particle's distances.
 
     A pair that is close along that axis is so either as it stands or around the box: two stretches of the sorted row.
     """
     n, bins = x.shape[1], counts.size
     widths, limit = bins / r_max, r_max * r_max
-    sorted_row, period = x[sorted_by], cell.matrix[sorted_by, sorted_by]
-    apart = np.empty(3)
+    sorted_row, period = x[sorted_by], matrix[sorted_by, sorted_by]
+    inverse = np.array([1.0 / matrix[k, k] if matrix[k, k] > 0.0 else 0.0 for k in range(3)])
     for i in range(n):
         near = np.searchsorted(sorted_row, sorted_row[i] + r_max, side="right")
         far = np.searchsorted(sorted_row, sorted_row[i] + period - r_max)
         for begin, end in ((i + 1, near), (max(far, i + 1), n)):
-            if cell.leans:
+            if leans:
                 for j in range(begin, end):
-                    for k in range(3):
-                        apart[k] = x[k, i] - x[k, j]
-                    leaning_image(cell, apart)
-                    row[j] = apart[0] * apart[0] + apart[1] * apart[1] + apart[2] * apart[2]
+                    row[j] = square_by_edges(matrix, inverse, x[0, i] - x[0, j], x[1, i] - x[1, j], x[2, i] - x[2, j])
             else:
                 for j in range(begin, end):
                     squared = 0.0

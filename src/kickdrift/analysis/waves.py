@@ -81,9 +81,9 @@ class Waves(NamedTuple):
         The factors of each reciprocal vector are tabulated; sums over particles for all c at given a, b are one matrix
         product.
         """
-        n, phases = len(x), x @ self.units.T
+        n, phases = len(x), np.ascontiguousarray((x @ self.units.T).T)
         along = [
-            np.exp(-1j * np.arange(self.low[axis], self.high[axis] + 1)[:, None] * phases[:, axis]) for axis in range(3)
+            np.exp(-1j * np.arange(self.low[axis], self.high[axis] + 1)[:, None] * phases[axis]) for axis in range(3)
         ]
         result = np.empty(len(self.order))
         size = max(1, ROOM // n)
