@@ -1,4 +1,4 @@
-"""Arguments of forces, checked: every refusal names the force and the key."""
+"""Checks of the arguments of forces. Every error names the force and the key."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def is_one(value: Any) -> bool:
 
 
 def number(name: str, key: str, value: Any) -> float:
-    """The value as a finite float; an InputError that names the force and the key."""
+    """Return the value as a finite float; an InputError names the force and the key."""
     if isinstance(value, np.ndarray) and value.ndim == 0:
         value = value[()]
     found = real(value)
@@ -34,14 +34,14 @@ def number(name: str, key: str, value: Any) -> float:
 
 
 def items(name: str, key: str, values: Any) -> list[Any]:
-    """The values as a list; an InputError that names the force and the key."""
+    """Return the values as a list; an InputError names the force and the key."""
     if isinstance(values, str) or not isinstance(values, Iterable):
         raise InputError(f"{name}: {key}: expected a list, got {shown(values)}")
     return list(values)
 
 
 def vector(name: str, key: str, values: Any) -> Vector:
-    """Three finite floats; an InputError that names the force and the key."""
+    """Return three finite floats; an InputError names the force and the key."""
     given = [] if isinstance(values, str) or not isinstance(values, Iterable) else list(values)
     if len(given) != 3:
         raise InputError(f"{name}: {key}: expected three numbers, got {shown(values)}")
@@ -52,11 +52,11 @@ def vector(name: str, key: str, values: Any) -> Vector:
 def check_in_plane(name: str, key: str, along: Vector, system: Subject) -> None:
     """Refuse a vector out of the plane of a two-dimensional system."""
     if system.dimensions == 2 and along[2] != 0:
-        raise InputError(f"{name}: {key} has a z component of {along[2]:.6g}, and the system has two dimensions")
+        raise InputError(f"{name}: {key} has a z component of {along[2]:.6g}, but the system has two dimensions")
 
 
 def check_massive(name: str, system: Subject, ids: Iterable[int]) -> None:
-    """Refuse particles without mass, which this force would move infinitely fast."""
+    """Refuse massless particles, which this force would accelerate without limit."""
     for i in ids:
         if system.state.masses[i] == 0:
-            raise InputError(f"{name}: particle {i} has no mass, and this force would move it infinitely fast")
+            raise InputError(f"{name}: particle {i} has no mass, so this force would accelerate it without limit")

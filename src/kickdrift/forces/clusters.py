@@ -1,4 +1,4 @@
-"""Particles in clusters of eight: sorted into columns over the x-y plane and by z in each, and padded."""
+"""Particles in clusters of eight: sorted into columns over the x-y plane and by z in each column, then padded."""
 
 from __future__ import annotations
 
@@ -20,98 +20,99 @@ from kickdrift.model.cell import SHIFTS, Bricks, Cell, bricks_of, cell_of, into_
 # slots of `ClusterList.counts`
 N_CLUSTERS, NX, NY, BUILT, OUTER_BUILDS, PRUNES, ROOM_NEEDED, JUMPS_ALLOWED = range(8)
 
-unsigned = np.uint64  # an index that is not looked at whether it counts from the end
+unsigned = np.uint64  # type of an index, which saves numba's check for negative indices
 LANES = unsigned(WIDTH)
-STRIDE = 3 * WIDTH  # from a cluster to the next in `x` and `force`
-FAR = 30.0  # cutoffs beyond all particles: where the padding lanes sit. Much further and r^-12 would underflow, slowly
-APART = 2.0  # cutoffs between them
-STRIDE_UNKNOWN = 0.01  # of the cutoff: how far the fastest particle goes between evaluations, until that is known
-SHIFT_BITS = 5  # of an entry of `near`, for 27 shifts
-LOOKED_AHEAD = 2  # entries after the last that are read, and not used
+STRIDE = 3 * WIDTH  # distance from one cluster to the next in `x` and `force`
+FAR = 30.0  # distance of the padding lanes from all particles, in cutoffs; far beyond, r^-12 underflows, slowly
+APART = 2.0  # distance between padding lanes, in cutoffs
+STRIDE_UNKNOWN = 0.01  # first guess, in cutoffs, of the fastest particle's move between evaluations
+SHIFT_BITS = 5  # bits of an entry of `near` for the 27 shifts
+LOOKED_AHEAD = 2  # entries after the last that the loop reads but does not use
 
 
 class ClusterList(NamedTuple):
-    """The list's arrays, all allocated once; n particles, `slots` places in clusters, `chunks` shares of the work.
+    """The list's arrays, all allocated once: n particles, `slots` places in clusters, `chunks` shares of the work.
 
-    Vectors are stored cluster by cluster, eight x, eight y, eight z: a cluster is then three neighbouring cache lines.
-    The *place* of a particle is where its x stands; its y and z are WIDTH and 2 WIDTH further on.
+    Vectors are stored by cluster as eight x, eight y, eight z, so a cluster fills three adjacent cache lines. The
+    *place* of a particle is the index of its x; its y and z are WIDTH and 2 WIDTH further.
     """
 
     cutoff: float
-    per_row: int  # particles to a row of the list, 1 or 2 (see `row_lanes`)
-    block: Whole | Halves  # what an entry of a row is
+    per_row: int  # particles in a row of the list, 1 or 2 (see `row_lanes`)
+    block: Whole | Halves  # size of an entry of a row
     inner_skin: float
     outer_skin: float
     cell: Cell
     bricks: Bricks
-    shifts: NDArray[np.float64]  # (3, 32), of which the 27 of the bricks are used
+    shifts: NDArray[np.float64]  # (3, 32), using the 27 shifts of the bricks
     counts: NDArray[np.int64]
-    order: NDArray[np.int64]  # (n,) particles in slot order, padding left out
+    order: NDArray[np.int64]  # (n,) particles in slot order, without padding
     column: NDArray[np.int64]  # (n,)
     column_clusters: NDArray[np.int64]  # (columns + 1,) the first cluster of each column
-    place: NDArray[np.int64]  # (n,) where a particle stands in `x` and `force`
-    offset: NDArray[np.float64]  # (3, n) whole edges taken off its position
+    place: NDArray[np.int64]  # (n,) index of each particle in `x` and `force`
+    offset: NDArray[np.float64]  # (3, n) whole edges subtracted from each position
     filled: NDArray[np.int64]  # (clusters,) particles in a cluster
     home: NDArray[np.int64]  # (clusters,) its column
     bounds: NDArray[np.float64]  # (6, clusters) lowest x y z, highest x y z
     grid: NDArray[np.float64]  # (4,) width of the columns along x and y, lowest corner
-    built_at: NDArray[np.float64]  # (3, n) positions when the list was made, as they came: what sorts alike again
+    built_at: NDArray[np.float64]  # (3, n) unsorted positions when the list was made, which reproduce the sort
     x: NDArray[np.float64]  # (3 slots,)
     outer_reference: NDArray[np.float64]  # (3 slots,) positions when the list was made
     inner_reference: NDArray[np.float64]
     near_span: NDArray[np.int64]  # (clusters, 2) first and last entry + 1 of a cluster
     near: NDArray[np.int32]  # (chunks, room) the outer list, entries: cluster << 5 | shift
-    row_start: NDArray[np.int64]  # (chunks, slots + 1) the first entry of each row, of cluster 0, of cluster 1, …
-    rows: NDArray[np.int32]  # (chunks, entries, 2) the inner list: where the x of a block begin in `x`, and where the
-    # row's shifted positions stand in a table of the cluster's
-    used: NDArray[np.int64]  # (chunks, clusters) the shifts in a cluster's rows, as bits
-    origin: NDArray[np.float64]  # (3,) the middle, from which positions in float32 are measured
+    row_start: NDArray[np.int64]  # (chunks, slots + 1) the first entry of each row, cluster by cluster
+    rows: NDArray[np.int32]  # (chunks, entries, 2) the inner list: the index of a block's first x in `x`, and the
+    # index of the row's shifted positions in the cluster's table
+    used: NDArray[np.int64]  # (chunks, clusters) bits of the shifts in a cluster's rows
+    origin: NDArray[np.float64]  # (3,) the middle, the origin of positions in float32
     x_single: NDArray[np.float32]  # (3 slots,) in mixed precision, else empty
-    force_single: NDArray[np.float32]  # (chunks, 3 per_row slots) likewise
+    force_single: NDArray[np.float32]  # (chunks, 3 per_row slots) in mixed precision, else empty
     force: NDArray[np.float64]  # (chunks, 3 slots)
-    touched: NDArray[np.bool_]  # (chunks, clusters): where a chunk's forces may not be zero
-    made: NDArray[np.int64]  # (chunks,) entries that the last search found
-    code: int = 0  # address of the machine code that keeps the list
+    touched: NDArray[np.bool_]  # (chunks, clusters) whether a chunk's forces may be nonzero
+    made: NDArray[np.int64]  # (chunks,) number of entries that the last search found
+    code: int = 0  # address of the list's machine code
 
 
 def chunk_count(n: int) -> int:
-    """Shares of the work, by the number of particles alone, so that sums have one order whatever the threads."""
+    """Return the number of shares of the work. It depends on n alone, so threads do not change the order of sums."""
     return 1 if n < 256 else 2 if n < 4000 else 4 if n < 20_000 else 8
 
 
 @jit
 def table_place(per_row: int, shift: int, row: int) -> int:
-    """Where a row's positions less a shift stand in its cluster's table: (shifts, 3, 8), or with two particles to a row
-    (shifts, 4 rows, 3, 16)."""
+    """Return the index of a row's shifted positions in its cluster's table.
+
+    The table is (shifts, 3, 8), or (shifts, 4 rows, 3, 16) with two particles in a row."""
     if per_row == 1:
         return STRIDE * shift + row
     return 8 * STRIDE * shift + 2 * STRIDE * row
 
 
 def skins(bricks: Bricks, cutoff: float, stride: float) -> tuple[float, float]:
-    """The inner and the outer skin that cost least where the fastest particle goes as far as ``stride`` between two
-    evaluations.
+    """Return the cheapest inner and outer skin, if the fastest particle moves by ``stride`` between two evaluations.
 
-    In cutoffs, with u twice the stride: an inner skin s adds 2.5 s to the cost of the forces, and each s / u
-    evaluations a pruning, which costs 1.5 evaluations: s = 0.77 u^(1/2). An outer skin that is wider by d makes a
-    pruning dearer, by 1 / (1 / 2 + d), and asks each d / u evaluations for a search, which costs 1.6: d = 0.8 u^(1/4).
-    The costs were measured in a Lennard-Jones liquid; twice or half the skins cost a few percent more.
+    Lengths are in cutoffs, costs in evaluations, and u is twice the stride. An inner skin s adds 2.5 s to the cost of
+    the forces, and a pruning every s / u evaluations, which costs 1.5: s = 0.77 u^(1/2). An outer skin that is wider by
+    d makes a pruning dearer, by 1 / (1 / 2 + d), and needs a search every d / u evaluations, which costs 1.6:
+    d = 0.8 u^(1/4). The costs were measured in a Lennard-Jones liquid. Twice or half the skins cost a few percent more.
     """
     slack = bricks.reach - cutoff  # shifts reach one box over, not further
-    u = 2 * max(stride / cutoff, 0.25 * STRIDE_UNKNOWN)  # what is at rest may not stay so
+    u = 2 * max(stride / cutoff, 0.25 * STRIDE_UNKNOWN)  # particles at rest may start to move
     inner = min(max(0.77 * u**0.5, 0.02), 0.3)
     outer = inner + min(0.8 * u**0.25, 0.5)
     return min(inner * cutoff, slack / 2), min(outer * cutoff, slack)
 
 
 def empty_rows(chunks: int, room: int, block: Whole | Halves) -> NDArray[np.int32]:
-    """Rows for ``room`` entries of the outer list in each chunk. A cluster near another is listed by eight particles
-    at most, for each block of the other's; and entries are written eight at a time."""
+    """Return rows for ``room`` entries of the outer list in each chunk.
+
+    At most eight particles list a near cluster, for each of its blocks. Entries are written eight at a time."""
     return np.empty((chunks, WIDTH * blocks(block) * room + WIDTH, 2), np.int32)
 
 
 def cluster_list(n: int, box: Box, cutoff: float, lanes: RowLanes, single: bool = False) -> ClusterList:
-    """Empty lists for n particles; with ``single``, also what mixed precision needs."""
+    """Return empty lists for n particles; with ``single``, also the arrays of mixed precision."""
     cell = cell_of(box)
     bricks = bricks_of(cell)
     inner_skin, outer_skin = skins(bricks, cutoff, STRIDE_UNKNOWN * cutoff)
@@ -161,12 +162,13 @@ def cluster_list(n: int, box: Box, cutoff: float, lanes: RowLanes, single: bool 
 
 @strict
 def sort(pairs, x):
-    """Columns, order in z (ids break ties), clusters, padding, and each cluster's bounding box; operation by operation,
-    so that particles on an edge stand in the same column wherever this was compiled."""
+    """Sort the particles into columns and by z (ids break ties), and make padded clusters with bounding boxes.
+
+    The code is compiled strictly, so a particle on an edge is in the same column on every processor."""
     n = pairs.order.size
     order, column, first, offset = pairs.order, pairs.column, pairs.column_clusters, pairs.offset
     low, extent = wrap(pairs, x)
-    far = low + 2.0 * extent + FAR * pairs.cutoff  # further than a particle less an edge
+    far = low + 2.0 * extent + FAR * pairs.cutoff  # further than any particle minus an edge
     pairs.origin[:] = low + 0.5 * extent
     nx, ny = columns(n, extent)
     pairs.counts[NX], pairs.counts[NY] = nx, ny
@@ -201,7 +203,7 @@ def sort(pairs, x):
 
 @strict
 def wrap(pairs, x):
-    """The whole edges to take off each position; the lowest corner and the extent of what is left."""
+    """offset <- whole edges to subtract from each position; return the wrapped positions' lowest corner and extent."""
     matrix = pairs.cell.matrix
     low, extent = np.zeros(3), np.zeros(3)
     pairs.offset[:] = 0.0
@@ -219,7 +221,9 @@ def wrap(pairs, x):
 
 @strict
 def columns(n, extent):
-    """Numbers of columns along x and y: about as wide as a cluster of eight is high, and no more than clusters."""
+    """Return the numbers of columns along x and y.
+
+    A column is about as wide as a cluster of eight is high, and there are no more columns than clusters."""
     width = (extent[0] * extent[1] * extent[2] * WIDTH / n) ** (1.0 / 3.0)
     nx, ny = max(1, int(extent[0] / width)), max(1, int(extent[1] / width))
     while nx * ny > n // WIDTH + 1:  # a thin sheet
@@ -229,7 +233,7 @@ def columns(n, extent):
 
 @jit
 def fill_cluster(pairs, x, cluster, column, particles, far):
-    """Give up to eight particles their slots, and pad."""
+    """Assign slots of a cluster to up to eight particles, and pad the cluster."""
     bounds, sorted_x, offset = pairs.bounds, pairs.x, pairs.offset
     pairs.filled[cluster], pairs.home[cluster] = particles.size, column
     for lane in range(particles.size):
@@ -238,7 +242,7 @@ def fill_cluster(pairs, x, cluster, column, particles, far):
         bounds[k, cluster], bounds[k + 3, cluster] = inf, -inf
         for lane in range(WIDTH):
             p = STRIDE * cluster + k * WIDTH + lane
-            sorted_x[p] = far[k] + lane * APART * pairs.cutoff  # apart, since those of one cluster meet each other
+            sorted_x[p] = far[k] + lane * APART * pairs.cutoff  # apart, since the lanes of one cluster meet
             if lane < particles.size:
                 i = particles[lane]
                 here = x[k, i] - offset[k, i]
@@ -249,7 +253,7 @@ def fill_cluster(pairs, x, cluster, column, particles, far):
 
 @jit
 def shell_sort(order, z):
-    """Sort particle numbers by z, then by number (Shell 1959, the gaps of Ciura 2001); quick when nearly sorted."""
+    """Sort particle numbers by z, then by number (Shell 1959, gaps of Ciura 2001); fast for nearly sorted input."""
     for gap in (1750, 701, 301, 132, 57, 23, 10, 4, 1):
         for k in range(gap, order.size):
             i = order[k]
@@ -276,7 +280,7 @@ def copy_positions(pairs, x):
 
 @jit
 def load_vector(x, cluster):
-    """A cluster's eight x, y and z."""
+    """Return a cluster's eight x, y and z."""
     p = STRIDE * cluster
     return load(x, p), load(x, p + WIDTH), load(x, p + 2 * WIDTH)
 
@@ -292,7 +296,7 @@ def store_vector(x, cluster, a, b, c):
 
 @jit
 def largest_move(pairs, reference):
-    """The largest squared displacement from the reference, and a sum that is not finite where one of them is not."""
+    """Return the largest squared displacement from the reference, and a sum that is finite if all are finite."""
     largest = splat(0.0)
     total = splat(0.0)
     for cluster in range(pairs.counts[N_CLUSTERS]):
@@ -313,6 +317,6 @@ def copy(source, target):
 
 @jit
 def chunk_clusters(pairs, c):
-    """The clusters whose particles are chunk c's to work on: first, last + 1."""
+    """Return chunk c's clusters: first, last + 1."""
     chunks, clusters = pairs.force.shape[0], pairs.counts[N_CLUSTERS]
     return c * clusters // chunks, (c + 1) * clusters // chunks

@@ -1,7 +1,7 @@
-"""Whether a Problem's compiled f is the f that was written: its values beside those of plain Python.
+"""Check a Problem's compiled f against the values of plain Python.
 
-numba counts whole numbers in 64 bits, gives a list of whole numbers no fractions, and takes the values of names outside
-a function as they are when it compiles. A run with such an f would be wrong without a word.
+numba counts whole numbers in 64 bits, keeps a list of whole numbers without fractions, and fixes the values of outer
+names when it compiles. A run with such an f would be silently wrong.
 """
 
 from __future__ import annotations
@@ -22,18 +22,18 @@ if TYPE_CHECKING:
 _POINTER = ctypes.POINTER(ctypes.c_double)
 _FUNCTION = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_double, _POINTER, _POINTER)
 EPSILON = float(np.finfo(float).eps)
-APART = 1e-11  # relative difference of a component that rounding and libraries of functions may make
-OF_LARGEST = 16 * EPSILON  # the same, of the largest component
-NOISE = 1e3  # times what changes of t and y by some roundings make
+APART = 1e-11  # allowed relative difference of a component, from rounding and mathematical libraries
+OF_LARGEST = 16 * EPSILON  # allowed difference, relative to the largest component
+NOISE = 1e3  # factor on the change that rounding errors of t and y make
 WHY = (
     "compiled code has 64-bit whole numbers, keeps lists of whole numbers whole (write 0.0 for 0), and keeps "
     "the values that names outside f had when it was compiled"
 )
-SHIFTS = (0.37, 1e-3, 1e-7)  # relative, of the states around the start; smaller ones where f has no value there
+SHIFTS = (0.37, 1e-3, 1e-7)  # relative distances of test states; smaller ones if f is undefined
 
 
 def check_compiled(problem: Problem, address: int) -> None:
-    """Compare at the start and at two states around it; an InputError shows both values where they differ."""
+    """Compare f at the start and at two states around the start; an InputError shows both values if they differ."""
     function = getattr(problem.f, "py_func", problem.f)
     compiled = _FUNCTION(address)
     for time, y in _states(problem, function):
@@ -53,7 +53,7 @@ def check_compiled(problem: Problem, address: int) -> None:
 
 
 def _states(problem: Problem, function: Any) -> Iterator[tuple[float, Floats]]:
-    """The start, and a state with no round number on either side of it; the farthest at which f has values."""
+    """Yield the start and a state without round numbers on either side of the start, as far out as f is defined."""
     yield problem.t0, problem.y0.copy()
     rng = np.random.Generator(np.random.PCG64(7))
     sizes = np.abs(problem.y0)
@@ -61,7 +61,7 @@ def _states(problem: Problem, function: Any) -> Iterator[tuple[float, Floats]]:
     for sign in (1.0, -1.0):
         ways = rng.uniform(0.3, 1.0, len(problem)) * np.where(rng.random(len(problem)) < 0.5, -1.0, 1.0)
         for shift in SHIFTS:
-            # a component that is zero goes up: it may be a concentration
+            # a zero component increases, since it may be a concentration
             y = problem.y0 + shift * np.where(sizes > 0, sign * ways * problem.y0, np.abs(ways) * least)
             time = problem.t0 + shift * (1.0 if sign > 0 else 2.0)
             if _plain(function, time, y) is not None:
@@ -70,18 +70,20 @@ def _states(problem: Problem, function: Any) -> Iterator[tuple[float, Floats]]:
 
 
 def _plain(function: Any, time: float, y: Floats) -> Floats | None:
-    """What plain Python gives; None where it raises, or gives no finite numbers."""
+    """Return f in plain Python; None if f raises or is not finite."""
     with warnings.catch_warnings(), np.errstate(all="ignore"):
         warnings.simplefilter("ignore")
         try:
             value = np.asarray(function(float(time), y.copy()), dtype=float).reshape(-1)
-        except Exception:  # whatever a user's function raises; a run says it
+        except Exception:  # any exception of a user's function; the run reports it
             return None
     return value if value.shape == y.shape and np.isfinite(value).all() else None
 
 
 def _allowed(function: Any, time: float, y: Floats, value: Floats) -> Floats:
-    """How far compiled values may be off: where terms cancel, rounding alone makes relative differences of any size."""
+    """Return the allowed difference of compiled values.
+
+    Where terms cancel, rounding alone makes relative differences of any size."""
     rng = np.random.Generator(np.random.PCG64(8))
     noise = np.zeros_like(y)
     for _ in range(2):

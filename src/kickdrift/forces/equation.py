@@ -171,7 +171,7 @@ class RightHandSide:
         self.callback = Callback(problem.f, n, n, problem.compiled, f"{problem.name}: f")
 
     def bind(self, problem: Unknowns, threads: int = 1) -> EquationKernel:
-        """The parts: a NamedTuple with a compiled body."""
+        """Return the parts: a NamedTuple with a compiled body."""
         n = len(problem)
         return EquationKernel(self.callback.address, problem.separable, np.zeros(n), np.zeros(n))
 

@@ -70,9 +70,9 @@ class HarmonicTrap(Field):
         object.__setattr__(self, "centre", vector(self.name, "centre", self.centre))
 
     def check(self, system: Subject) -> None:
-        """Refuse a periodic box, and particles without mass, which the trap would move infinitely fast."""
+        """Refuse a periodic box, and massless particles, which the trap would accelerate without limit."""
         if system.box.periodic:
-            raise InputError(f"{self.name}: a trap needs open space, and the box is periodic")
+            raise InputError(f"{self.name}: a trap needs open space, but the box is periodic")
         check_massive(self.name, system, range(len(system)))
 
     def bind(self, system: Subject, threads: int = 1) -> Any:
@@ -258,7 +258,7 @@ class Springs(Field):
         return f"Springs({', '.join(described)})"
 
     def check(self, system: Subject) -> None:
-        """Refuse pairs of particles that are not there, have no mass or begin at the same place."""
+        """Refuse pairs of particles that do not exist, have no mass or begin at the same place."""
         n, ids = len(system), np.array(self.pairs)
         for i, j in ids[(ids >= n).any(axis=1)]:
             raise InputError(

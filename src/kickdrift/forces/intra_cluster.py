@@ -1,4 +1,4 @@
-"""The pairs within a cluster of eight, in lanes that are rotated against each other."""
+"""Pairs within a cluster of eight: lanes against rotated lanes."""
 
 from __future__ import annotations
 
@@ -20,8 +20,9 @@ from kickdrift.jit.vectors import WIDTH
 
 @as_written
 def intra_cluster(laws, x, cluster, cutoff2):
-    """Forces on a cluster's eight by each other, with energy, virial and number of pairs: each lane meets the lanes one
-    to four places on; those four on meet twice."""
+    """Return the forces among a cluster's eight particles, with energy, virial and number of pairs.
+
+    Each lane meets the lanes one to four places on. Lanes four places apart meet twice."""
     at = WIDTH * cluster
     own = load_vector(x, cluster)
     fx, fy, fz, energy, virial, count = pairs_apart(laws, at, own, cutoff2, 1)
@@ -40,7 +41,7 @@ def intra_cluster(laws, x, cluster, cutoff2):
 
 
 def pairs_apart(laws: Any, at: int, own: Any, cutoff2: float, places: int) -> Any:
-    """Forces on each of the eight in slots from ``at`` on by the one that many places on; energy, virial, number."""
+    """Return forces on the eight particles from slot ``at`` on by those ``places`` further; energy, virial, number."""
     raise NotImplementedError("for compiled code")
 
 
@@ -63,7 +64,7 @@ def _pairs_apart(laws, at, own, cutoff2, places):
 
 
 def terms_within(laws: tuple[Any, ...], at: int, places: int, r2: Any) -> Any:
-    """Energy and force over r of each of the eight in slots from ``at`` on with the one that many places on."""
+    """Return energy and force over r of the eight particles from slot ``at`` on with those ``places`` further."""
 
 
 @overload(terms_within)

@@ -1,6 +1,6 @@
-"""The steps of a row of the pair sum, for each width of lanes: a row is one particle, or two, against a cluster.
+"""The steps of the pair sum, for each width of lanes: one particle, or two, against a cluster.
 
-Functions that take ``zero``, nothing in all lanes of a step, are as wide as it.
+The argument ``zero`` holds zeros in all lanes of a step; its type sets the width of the functions.
 """
 
 from __future__ import annotations
@@ -35,11 +35,11 @@ from kickdrift.jit.vectors import F64, WIDTH, single_type
 PLACES = (
     table_place.py_func(2, 1, 0),
     table_place.py_func(2, 0, 1),
-)  # from a shift, and from a row, to the next where a row is two particles
+)  # distances in the table between shifts and between rows, for rows of two particles
 
 
 def working_arrays(zero: Any, pairs: Any, c: int) -> Any:
-    """Positions, reactions of chunk c, and an empty table, in the precision of the pairs."""
+    """Return positions, reactions of chunk c and an empty table, in the precision of the pairs."""
     raise NotImplementedError("for compiled code")
 
 
@@ -52,7 +52,7 @@ def _working_arrays(zero, pairs, c):
 
 
 def particle_of(zero: Any, place: int) -> int:
-    """Which of its cluster's particles a row is of, or begins with, by its place in the table."""
+    """Return the index in its cluster of a row's (first) particle, from the row's place in the table."""
     raise NotImplementedError("for compiled code")
 
 
@@ -66,12 +66,12 @@ def _particle_of(zero, place):
 
 @as_written
 def slot_of(other):
-    """The slot of the particle whose x stands at ``other``."""
+    """Return the slot of the particle whose x is at ``other``."""
     return other // STRIDE * WIDTH + other % STRIDE
 
 
 def fill_table(table: Any, pairs: Any, cluster: int, used: int, zero: Any) -> None:
-    """A cluster's positions less each shift that is used. Looking them up costs less than subtracting in each step."""
+    """table <- a cluster's positions minus each shift in use; a look-up costs less than a subtraction in each step."""
 
 
 @overload(fill_table)
@@ -97,7 +97,7 @@ def _fill_table(table, pairs, cluster, used, zero):
     def twos(table, pairs, cluster, used, zero):
         shifts, origin = pairs.shifts, pairs.origin
         x, y, z = load_vector(pairs.x, cluster)
-        # a row's second place may be empty: further away than all other empty ones, whatever the shift
+        # an empty second place of a row lies further away than all other empty places, whatever the shift
         aside = 10 * APART * pairs.cutoff + 3 * pairs.cell.matrix[0, 0]
         x = select(lane_numbers() < float(pairs.filled[cluster]), x, x + aside)
         while used:
@@ -112,7 +112,7 @@ def _fill_table(table, pairs, cluster, used, zero):
 
 @as_written
 def store_twos(table, at, value):
-    """Store lanes 0 and 1 eight times each in float32, then 2 and 3 a row further on, and so on."""
+    """Store lanes 0 and 1 eight times each in float32, then lanes 2 and 3 in the next row, and so on."""
     store(table, at, two_of(value, 0))
     store(table, at + 2 * STRIDE, two_of(value, 1))
     store(table, at + 4 * STRIDE, two_of(value, 2))
@@ -120,7 +120,7 @@ def store_twos(table, at, value):
 
 
 def displacements(zero: Any, x: Any, table: Any, other: int, place: int) -> Any:
-    """From the neighbours whose x begin at ``other`` to the row at ``place``."""
+    """Return the displacements from the neighbours whose x begin at ``other`` to the row at ``place``."""
 
 
 @overload(displacements)
@@ -139,7 +139,7 @@ def _displacements(zero, x, table, other, place):
 
 
 def subtract_reactions(reactions: Any, other: int, g: Any, dx: Any, dy: Any, dz: Any) -> None:
-    """Add g times the displacements to what the neighbours whose x begin at ``other`` feel."""
+    """Add g times the displacements to the reactions on the neighbours whose x begin at ``other``."""
 
 
 @overload(subtract_reactions)
@@ -157,7 +157,7 @@ def _subtract_reactions(reactions, other, g, dx, dy, dz):
 
 
 def store_row_force(row_sums: Any, row: int, fx: Any, fy: Any, fz: Any) -> None:
-    """Keep the forces on a row's particles, lanes not yet added up."""
+    """Store the forces on a row's particles, with the lanes not yet summed."""
 
 
 @overload(store_row_force)
@@ -174,7 +174,7 @@ def _store_row_force(row_sums, row, fx, fy, fz):
 
 
 def in_float64(value: Any) -> Any:
-    """Lanes in float64, eight in all: 16 are added up in pairs, and four have four zeros beside them."""
+    """Return eight lanes of float64: 16 lanes are summed in pairs, four lanes are padded with four zeros."""
 
 
 @overload(in_float64)
@@ -187,7 +187,7 @@ def _in_float64(value):
 
 
 def clear(reactions: Any, cluster: int, zero: Any) -> None:
-    """No reactions yet on a cluster, where they are not its forces themselves."""
+    """Set the reactions on a cluster to zero, unless the forces themselves hold them."""
 
 
 @overload(clear)
@@ -202,7 +202,7 @@ def _clear(reactions, cluster, zero):
 
 
 def add_reactions(forces: Any, reactions: Any, cluster: int, zero: Any) -> None:
-    """Add the reactions on a cluster to its forces, where they are not the same."""
+    """Add the reactions on a cluster to its forces, unless the forces themselves hold them."""
 
 
 @overload(add_reactions)

@@ -1,11 +1,11 @@
 """The compiled sum of a pair law over the rows of a cluster list, in float64 or mixed precision.
 
-A step of the loop is one particle against a cluster of eight or half of one, or two particles against a cluster: see
-`row_lanes`. In mixed precision its lanes are float32, and forces on a particle are added up in float32 over a row and
-over the reactions of a chunk; everything else (state, sums over rows and chunks, energies, pairs within a cluster) is
-float64.
+A step of the loop takes one particle against a cluster of eight or half a cluster, or two particles against a cluster
+(see `row_lanes`). In mixed precision the lanes are float32. A particle's force is then summed in float32 over a row
+and over the reactions of a chunk. All else is float64: the state, sums over rows and chunks, energies, and pairs within
+a cluster.
 
-Functions that take ``zero``, nothing in all lanes of a step, are as wide as it.
+The argument ``zero`` holds zeros in all lanes of a step; its type sets the width of the functions.
 """
 
 from __future__ import annotations
@@ -39,14 +39,14 @@ from kickdrift.jit.vectors import WIDTH
 
 @chunk_task
 def chunk_forces(force, c):
-    """Forces of chunk c's pairs, into the chunk's own array."""
+    """Sum the forces of chunk c's pairs into the chunk's own array."""
     never_inline()
     sum_pairs(force, None, c)
 
 
 @chunk_task
 def chunk_forces_and_sums(force, c):
-    """The same, and the chunk's energy and virial."""
+    """Sum the forces of chunk c's pairs, and the chunk's energy and virial."""
     never_inline()
     sum_pairs(force, force.sums, c)
 
@@ -79,8 +79,8 @@ def sum_pairs(force, sums, c):
         if start[first] == start[first + rows_each] and not mine:
             continue
         fill_table(table, pairs, cluster, used[cluster], zero)
-        # A step is a chain of 20 operations that wait for each other. So that a processor has others to do, the loop is
-        # at three steps at once: the displacements of the next but one, the forces of the next, the sums of this one.
+        # A step is a chain of 20 dependent operations. To keep the processor busy, the loop works on three steps at
+        # once: the sums of this step, the forces of the next, and the displacements of the step after that.
         at, own = start[first], WIDTH * cluster
         other, place = entry(rows, at, 0), entry(rows, at, 1)
         dx, dy, dz = displacements(zero, x, table, other, place)
@@ -135,7 +135,7 @@ def sum_pairs(force, sums, c):
 
 @jit
 def copy_to_single(pairs):
-    """Copy the positions, less the origin, to float32."""
+    """Copy the positions relative to the origin to float32."""
     for cluster in range(pairs.counts[N_CLUSTERS]):
         for k in range(3):
             p = STRIDE * cluster + WIDTH * k

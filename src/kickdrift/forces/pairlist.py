@@ -1,14 +1,15 @@
-"""The cluster pair list: which particles may be within the cutoff of each other, laid out for SIMD.
+"""The cluster pair list: pairs of particles that may be within the cutoff, laid out for SIMD.
 
-Particles are sorted into columns over the x-y plane and by z in each, and padded to clusters of eight. The *outer* list
-holds, for every cluster, the clusters whose box is within the cutoff and a wide skin of its box, with the periodic
-shift to apply. The *inner* one, which the forces run over, is pruned from it (the scheme of Páll & Hess, Comput. Phys.
-Commun. 184, 2641, 2013, doi:10.1016/j.cpc.2013.06.003): rows of a particle, or two, with all the clusters, or halves of
-clusters, that hold a particle within the cutoff and a narrow skin (see `row_lanes`). Every pair of images stands once:
-in the outer list the second cluster's image follows the first in the order (column x, column y, cluster), unwrapped
-across the periodic edges; in the inner one either may have the rows. The pairs inside a cluster are implied. A list is
-refreshed when a particle has moved by half its skin, which is looked at on every force evaluation, and is a function of
-the positions alone.
+Particles are sorted into columns over the x-y plane, and by z within each column, then padded to clusters of eight. For
+each cluster, the *outer* list holds the clusters whose bounding box is within the cutoff plus a wide skin, each with a
+periodic shift. The forces run over the *inner* list, which is pruned from the outer list (Páll & Hess, Comput. Phys.
+Commun. 184, 2641, 2013, doi:10.1016/j.cpc.2013.06.003). A row of the inner list belongs to one particle, or to two. The
+row holds all clusters, or half clusters, with a particle within the cutoff plus a narrow skin (see `row_lanes`).
+
+Each pair of images occurs once. In the outer list, the image of the second cluster follows the first cluster in the
+order (column x, column y, cluster), unwrapped across the periodic edges. In the inner list, either cluster may have the
+rows. The lists omit the pairs inside a cluster, which always interact. Each force evaluation checks the displacements:
+a list is refreshed when a particle has moved by half its skin. A list is a function of the positions alone.
 """
 
 from __future__ import annotations
@@ -51,14 +52,14 @@ from kickdrift.jit.vectors import WIDTH
 
 @jit
 def refresh(pairs, x, chunks):
-    """Bring the list up to date with positions x (3, n): OK, GROW (room for ``counts[ROOM_NEEDED]``) or BLOWN_UP."""
+    """Update the list for positions x (3, n); return OK, GROW (to ``counts[ROOM_NEEDED]``) or BLOWN_UP."""
     counts = pairs.counts
     if counts[BUILT]:
         copy_positions(pairs, x)
         inner, total = largest_move(pairs, pairs.inner_reference)
         jumped = (
             inner > (pairs.cutoff + 0.5 * pairs.inner_skin) ** 2
-        )  # past the whole range of the force since the last call
+        )  # a particle has passed the whole range of the force since the last call
         if not is_finite(total) or (jumped and not counts[JUMPS_ALLOWED]):
             return BLOWN_UP
         if 4.0 * inner <= pairs.inner_skin**2:
@@ -97,7 +98,7 @@ def search(pairs, chunks):
 
 @jit
 def prune(pairs, chunks):
-    """Make the inner list from the outer one."""
+    """Prune the outer list to make the inner list."""
     each_chunk(pairs, chunks, "prune_chunk")
     pairs.counts[PRUNES] += 1
     copy(pairs.x, pairs.inner_reference)
@@ -105,7 +106,7 @@ def prune(pairs, chunks):
 
 @chunk_task
 def search_chunk(pairs, c):
-    """Make chunk c's share of the outer list, and count its entries, also where room ran out."""
+    """Make chunk c's share of the outer list, and count its entries even if they do not fit."""
     never_inline()
     reach2 = (pairs.cutoff + pairs.outer_skin) ** 2
     span, near, touched = pairs.near_span, pairs.near[c], pairs.touched[c]
@@ -125,8 +126,9 @@ def search_chunk(pairs, c):
 
 @jit
 def clusters_near(pairs, cluster, reach2, near, found):
-    """Put the clusters after this one whose box is within reach of its box into ``near``, as far as there is room, from
-    entry ``found`` on; where the next would stand."""
+    """Append to ``near`` the later clusters whose bounding box is within reach of this cluster's box.
+
+    Entries begin at ``found``; entries that do not fit are only counted. Return the index of the next entry."""
     for row in range(pairs.bricks.whole.shape[0]):
         found = clusters_near_in(pairs, row, cluster, reach2, near, found)
     return found
@@ -134,7 +136,7 @@ def clusters_near(pairs, cluster, reach2, near, found):
 
 @jit
 def clusters_near_in(pairs, row, cluster, reach2, near, found):
-    """Likewise those in one row of bricks, which lean alike."""
+    """Append the near clusters of one row of bricks, which share a lean; see `clusters_near`."""
     nx, ny = pairs.counts[NX], pairs.counts[NY]
     home, bounds, shifts, column_clusters = pairs.home[cluster], pairs.bounds, pairs.shifts, pairs.column_clusters
     cx, cy = home // ny, home % ny
@@ -189,7 +191,7 @@ def clusters_near_in(pairs, row, cluster, reach2, near, found):
 
 @jit
 def first_above(pairs, begin, end, height):
-    """The first of a column's clusters from ``begin`` to ``end`` that reaches that height; by bisection."""
+    """Return the first cluster of a column, from ``begin`` to ``end``, that reaches ``height``; by bisection."""
     while begin < end:
         middle = (begin + end) // 2
         if pairs.bounds[5, middle] < height:
@@ -201,8 +203,10 @@ def first_above(pairs, begin, end, height):
 
 @chunk_task
 def prune_chunk(pairs, c):
-    """Make chunk c's rows: of each cluster and each that was near it, the particles of one that have a particle of the
-    other within the cutoff and the inner skin; of which one, whichever gives fewer rows."""
+    """Make chunk c's rows of the inner list.
+
+    For each pair of near clusters, list the particles of one cluster that have a particle of the other within the
+    cutoff plus the inner skin. The rows belong to the cluster that gives fewer rows."""
     never_inline()
     span, near = pairs.near_span, pairs.near[c]
     begin, end = chunk_clusters(pairs, c)
@@ -221,10 +225,10 @@ def prune_chunk(pairs, c):
 
 @jit
 def write_rows(pairs, c, within, met, by):
-    """Write chunk c's rows, from which pairs are within reach in each pair of clusters.
+    """Write chunk c's rows from the pairs within reach in each pair of clusters.
 
-    Members are the particles of a cluster that have one of the other within reach: eight bits for each of the other's
-    blocks, which are entries of rows by themselves.
+    Members are the particles of one cluster that have a particle of the other within reach. They are eight bits for
+    each block of the other cluster, since each block is an entry of its own.
     """
     rows, start, used, per_row = pairs.rows[c], pairs.row_start[c], pairs.used[c], pairs.per_row
     per_shift, each = table_place(per_row, 1, 0), blocks(pairs.block)
@@ -246,7 +250,7 @@ def write_rows(pairs, c, within, met, by):
         others &= in_each_block(each, filled_bits(pairs, other))
         if per_row == 2:
             own, others = (own | own >> 1) & 0x5555, (others | others >> 1) & 0x5555
-        # which way round: without branches, which nobody could foretell
+        # which cluster has the rows: computed without branches, which would be unpredictable
         turn = int(2 * (count_ones(own) - count_ones(others)) + ((cluster + other) & 1) > 0)
         here, shift = cluster + turn * (other - cluster), s + turn * (SHIFTS - 1 - 2 * s)
         of[k] = here
@@ -279,33 +283,35 @@ def write_rows(pairs, c, within, met, by):
 
 @jit
 def columns_of_block(each, block):
-    """The pairs of two clusters that a block of the second is in, among their 64 bits; ``each``: blocks to a
-    cluster."""
+    """Return the mask, among the 64 bits of two clusters' pairs, of the pairs with a block of the second cluster.
+
+    ``each`` is the number of blocks in a cluster."""
     return ((255 >> (WIDTH - WIDTH // each)) << (WIDTH // each * block)) * 0x0101010101010101
 
 
 @jit
 def lines_of_block(each, block):
-    """The pairs of two clusters that a block of the first is in, likewise."""
+    """Return the mask of the pairs with a block of the first cluster; see `columns_of_block`."""
     return -1 if each == 1 else 0xFFFFFFFF << (32 * block)
 
 
 @jit
 def in_each_block(each, bits):
-    """Eight bits, as often as there are blocks to a cluster."""
+    """Return eight bits, repeated for each block of a cluster."""
     return bits if each == 1 else bits | bits << WIDTH
 
 
 @jit
 def filled_bits(pairs, cluster):
-    """The lanes that hold particles, as bits."""
+    """Return the lanes that hold particles, as bits."""
     return (1 << pairs.filled[cluster]) - 1
 
 
 @jit
 def spread_rows(pairs, cluster, table):
-    """Fill a table with a cluster's positions, two to 16 lanes, measured from its first particle, in float32; the
-    squared reach with a margin for its rounding."""
+    """Fill a table with a cluster's positions in float32, relative to its first particle, two in 16 lanes.
+
+    Return the squared reach, with a margin for the rounding of these positions."""
     x, p = pairs.x, STRIDE * cluster
     size = 0.0
     for k in range(3):
@@ -320,8 +326,9 @@ def spread_rows(pairs, cluster, table):
 
 @jit
 def pairs_within(pairs, cluster, other, s, reach2, table):
-    """Which of a cluster's eight are within reach of which of another's, less a shift: 64 bits, eight for each of the
-    former; what is no number counts as within."""
+    """Return 64 bits that mark the pairs of two clusters within reach, with the shift applied.
+
+    Each particle of the first cluster has eight bits. A distance that is nan counts as within reach."""
     x, p, shifts = pairs.x, STRIDE * cluster, pairs.shifts
     xj, yj, zj = load_vector(x, other)
     xj = xj - (x[p] - shifts[0, s])

@@ -1,12 +1,12 @@
-"""How wide the steps of the pair loop are: decided here, by the features that numba compiles for.
+"""Width of the steps of the pair loop, chosen by the processor features that numba compiles for.
 
-AVX-512 has vectors of 512 bits and 32 registers for them: a step is then a particle against a cluster of eight in
-float64, and two particles against a cluster in mixed precision. AVX2, SSE2 and NEON have shorter vectors, and AVX2 and
-SSE2 16 registers: steps as wide would need several operations for one, and would not fit the registers. There a step is
-a particle against half a cluster in float64, which also leaves out halves that are out of reach, and a particle against
-a cluster in mixed precision.
+AVX-512 has vectors of 512 bits and 32 registers. A step is then one particle against a cluster of eight in float64, and
+two particles against a cluster in mixed precision. AVX2, SSE2 and NEON have shorter vectors; AVX2 and SSE2 have only 16
+registers. There, steps of the same width would need several operations each and would not fit the registers. So a step
+is one particle against half a cluster in float64, which also skips halves out of reach, and one particle against a
+cluster in mixed precision.
 
-The choice is a type, one of the classes here: the loop is compiled for it, and the list's rows are made for it.
+The choice is a type, one of the classes below. The loop is compiled and the list's rows are made for this type.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ class Halves(NamedTuple):
 class Wide(NamedTuple):
     """8 lanes of float64: a particle against a cluster."""
 
-    per_row: int = 1  # particles to a row of the list
-    block: Whole | Halves = Whole()  # what an entry of a row is
+    per_row: int = 1  # particles in a row of the list
+    block: Whole | Halves = Whole()  # size of an entry of a row
 
 
 class WideSingle(NamedTuple):
@@ -61,14 +61,14 @@ LANES = {Wide: lanes_type, WideSingle: single_type, Narrow: half_type, NarrowSin
 
 
 def row_lanes(mixed: bool) -> RowLanes:
-    """The lanes of a step on the processor that code is compiled for, in float64 or mixed precision."""
+    """Return the lanes of a step on the processor that numba compiles for, in float64 or mixed precision."""
     if "avx512f" in features():
         return WideSingle() if mixed else Wide()
     return NarrowSingle() if mixed else Narrow()
 
 
 def blocks(block: Any) -> int:
-    """How many entries of a row a cluster makes: 1 or 2, a constant in compiled code."""
+    """Return how many entries of a row a cluster makes: 1 or 2, a constant in compiled code."""
     return 2 if isinstance(block, Halves) else 1
 
 
@@ -79,7 +79,7 @@ def _blocks(block):
 
 @intrinsic
 def nothing(typingctx, row_lanes):
-    """Zero in all lanes of a step; where other functions take it, its type says how wide they work."""
+    """Return zeros in all lanes of a step; the type sets the width of functions that take the zeros."""
     kind = LANES[row_lanes.instance_class]
 
     def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:

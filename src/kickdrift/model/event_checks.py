@@ -25,7 +25,7 @@ def checked_events(system: Bodies, events: Iterable[Event]) -> tuple[Event, ...]
     for event in found:
         _check_kind(event)
         if system.box.periodic:
-            raise InputError(f"{event.kind}: events need open space, and the box is periodic")
+            raise InputError(f"{event.kind}: events need open space, but the box is periodic")
         if isinstance(event, CloseApproach | Collision):
             check_room(event.kind, len(system) * (len(system) - 1) // 2, "pairs of bodies", PAIR_BYTES)
         if isinstance(event, CloseApproach):
@@ -38,7 +38,7 @@ def checked_events(system: Bodies, events: Iterable[Event]) -> tuple[Event, ...]
             if event.about is not None:
                 index_of(system, event.about, f"{event.kind}: about")
             if binding(system) is None:
-                raise InputError(f"{event.kind}: only gravity binds bodies, and {system.name!r} has none")
+                raise InputError(f"{event.kind}: only gravity binds bodies, but {system.name!r} has no gravity")
         elif isinstance(event.function, Between):
             pair = [index_of(system, body, event.name) for body in (event.function.body, event.function.about)]
             if pair[0] == pair[1]:
@@ -54,7 +54,7 @@ def checked_crossings(events: Iterable[Event]) -> tuple[Event, ...]:
     for event in found:
         _check_kind(event)
         if not (isinstance(event, Crossing) and callable(event.function)):
-            raise InputError(f"{event.kind}: needs particles; for a Problem use a Crossing of a function of y")
+            raise InputError(f"{event.kind}: needs particles; for a Problem use a Crossing with a function of y")
     return found
 
 

@@ -99,7 +99,7 @@ class Collision:
         n, given = len(system), self.radii
         if given is None:
             if system.radii is None:
-                raise InputError(f"{self.kind}: radii: required, since the bodies of {system.name!r} have none")
+                raise InputError(f"{self.kind}: radii: required, since the bodies of {system.name!r} have no radii")
             return np.array(system.radii)
         if isinstance(given, Mapping):
             radii = np.zeros(n)

@@ -53,7 +53,7 @@ class Integration:
     method, options, dt, engine
         The Simulation's.
     system : System or Problem
-        The bodies of now: events may take some away.
+        The current bodies; events may remove some.
     flow : RunFlow
         y' = f(t, y).
     stepper : Stepper

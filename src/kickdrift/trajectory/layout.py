@@ -173,7 +173,7 @@ def _particles(file: h5py.File, system: System, flush_frames: int, options: File
         vectors["force"] = FileUnits.of(system.units).force_unit, options.dtype
     if "images" in options.write:
         if not system.box.periodic:
-            raise InputError("write: images are for a periodic box, and this one is open")
+            raise InputError("write: images need a periodic box; this box is open")
         vectors["image"] = "", "i4"
     for name, (unit, dtype) in vectors.items():
         element = group.require_group(name)

@@ -251,7 +251,7 @@ class Rows:
         if (box.periodic_axes, shape_of(box)) != (self._box.periodic_axes, shape_of(self._box)):
             unit = self._units.length
             raise InputError(
-                f"{self._out.path}: its frames have a box like {self._box.described(unit)}, and this state's is "
+                f"{self._out.path}: its frames have a box like {self._box.described(unit)}, but this state's is "
                 f"{box.described(unit)}"
             )
 

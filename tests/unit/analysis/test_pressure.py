@@ -137,7 +137,7 @@ def test_what_has_no_pressure():
         external = False
 
     system = kd.System(x, box=EDGES, forces=[Stranger(acceleration=(0.0, 0.0, 1.0))])
-    with pytest.raises(InputError, match="force 'uniform-field' has no pairs"):
+    with pytest.raises(InputError, match="force 'uniform-field' is not a sum over pairs"):
         instantaneous_pressure(system, x, x)
 
 

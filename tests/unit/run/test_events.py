@@ -757,15 +757,15 @@ def test_lengths_in_files_have_units():
         (lambda: straight([[0, 0, 0]], None, radii=[1, 2]), "radii: expected one number or 1, got shape (2,)"),
         (
             lambda: kd.System([[0, 0, 0]], events=[kd.Escape(1.0)]),
-            "escape: only gravity binds bodies, and 'system' has none",
+            "escape: only gravity binds bodies, but 'system' has no gravity",
         ),
         (
             lambda: kd.System([[0, 0, 0]], events=[kd.Collision()]),
-            "collision: radii: required, since the bodies of 'system' have none",
+            "collision: radii: required, since the bodies of 'system' have no radii",
         ),
         (
             lambda: kd.System([[1, 1, 1]], box=(9, 9, 9), events=[kd.CloseApproach(1.0)]),
-            "close-approach: events need open space, and the box is periodic",
+            "close-approach: events need open space, but the box is periodic",
         ),
     ],
 )
@@ -784,5 +784,5 @@ def test_springs_do_not_merge():
 def test_a_problem_takes_crossings_of_y_alone():
     problem = kd.Problem(lambda t, y: -y, [1.0])
     for event in (kd.Collision(1.0), kd.Crossing.pericentre(0, 1)):
-        with pytest.raises(InputError, match="needs particles; for a Problem use a Crossing of a function of y"):
+        with pytest.raises(InputError, match="needs particles; for a Problem use a Crossing with a function of y"):
             kd.Simulation(problem, events=[event])

@@ -267,7 +267,7 @@ def test_numbers_of_numpy_and_of_python_are_taken():
         (lambda s: kd.Simulation(kd.System), "takes a System or a Problem, got the class System"),
         (lambda s: kd.Simulation(s, dt=0.001).run(True), "steps must be a whole number, zero or more, got True"),
         (lambda s: kd.Simulation(s, dt=0.001).run(2, every=0.5), "every must be a whole number, one or more, got 0.5"),
-        (lambda s: kd.Simulation(s, dt=0.001).run(until=10**400), "must be a finite number"),
+        (lambda s: kd.Simulation(s, dt=0.001).run(until=10**400), "must be a finite time"),
         (lambda s: kd.Simulation(s, dt=0.001).run(2, observe=3), "observe must be a function, got 3"),
         (lambda s: kd.Simulation(s, dt=0.001).run(2, output=3), "output: expected the path of a file, got 3"),
         (lambda s: kd.Simulation(s, dt=0.001).run(2, overwrite="no"), "overwrite must be True or False, got 'no'"),

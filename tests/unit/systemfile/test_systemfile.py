@@ -253,7 +253,7 @@ BAD = [
     (GOOD, "mass = 1.0", "mass = { A = 1, B = 1 }", "particles.mass: no particle is of species 'B'"),
     (GOOD, "mass = 1.0", "species = 3", "particles.species: expected a name, a list of names, or fractions"),
     (GOOD, "mass = 1.0", "species = { A = 0.5, B = 0.6 }", "particles.species: expected positive fractions that add"),
-    (GOOD, "mass = 1.0", "species = { A = 0.5, B = 0.5 }", "particles.seed: required key is missing: a mixture"),
+    (GOOD, "mass = 1.0", "species = { A = 0.5, B = 0.5 }", "particles.seed: required key is missing; a mixture"),
     (
         GOOD,
         "temperature = 1.44",
@@ -268,7 +268,7 @@ BAD = [
     (GOOD, "periodic = true", 'periodic = "yes"', "box.periodic: expected true or false, got 'yes'"),
     (GOOD, "periodic = true", "lengths = [9.0, 9.0]", "box.lengths: expected 3 items, got 2"),
     (GOOD, "periodic = true", "lengths = [9.0, 9.0, -9]", "box.lengths[2]: expected a positive length, got -9"),
-    (GOOD, "periodic = true", "lengths = [9.0, 3.0, 9.0]", "box.lengths[1]: expected 6.46330407 or more"),
+    (GOOD, "periodic = true", "lengths = [9.0, 3.0, 9.0]", "box.lengths[1]: expected at least 6.46330407"),
     (GOOD, "periodic = true", "periodic = false\nlengths = [9, 9, 9]", "box: lengths make a box periodic"),
     (GOOD, "[[force]]", "[force]", "force: expected a list of tables [[force]], got {'type'"),
     (GOOD, GOOD[GOOD.index("[[force") : GOOD.index("[run]")], "", "force: required key is missing"),
@@ -323,7 +323,7 @@ BAD = [
     ),
     (PAIR, "[1.5, 0, 0]]", '[1.5, 0, 0]]\nnames = ["Sun", "Sun"]', "particles.names: particle 1 is called 'Sun'"),
     (PAIR, "[1.5, 0, 0]]", '[1.5, 0, 0]]\nspecies = ["A"]', "particles.species: expected one name or 2, got 1"),
-    (PAIR, "[1.5, 0, 0]]", "[1.5, 0, 0]]\n[box]\nperiodic = true", "box.lengths: required key is missing: nothing"),
+    (PAIR, "[1.5, 0, 0]]", "[1.5, 0, 0]]\n[box]\nperiodic = true", "box.lengths: required key is missing; nothing"),
     (PAIR, "[1.5, 0, 0]]", "[1.5, 0, 0]]\n[velocities]\nvalues = [[1, 1, 1]]", "velocities: expected shape (2, 3)"),
     (
         PAIR,

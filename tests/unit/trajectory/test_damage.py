@@ -357,10 +357,10 @@ def test_a_damaged_heap_of_texts_is_one_line(path, change):
 REFERENCES = {
     "length of 2 GiB": (0, 2**31, "I", "claims 2,147,483,648 bytes of text, more than"),
     "length of 1": (0, 1, "I", "its text of 1 bytes is missing from its place"),
-    "heap in nothing": (4, 8, "Q", "no heap of texts is at 8"),
+    "heap in nothing": (4, 8, "Q", "there is no heap of texts at 8"),
     "heap beyond the file": (4, 2**40, "Q", "beyond the file's end"),
-    "no such text": (12, 9999, "I", "is not where it should be"),
-    "the free rest": (12, 0, "I", "is not where it should be"),
+    "no such text": (12, 9999, "I", "is missing from its place"),
+    "the free rest": (12, 0, "I", "is missing from its place"),
 }
 
 
@@ -470,7 +470,7 @@ def test_a_file_that_another_program_wrote_anew_is_not_continued(path, written):
     before = path.read_bytes()
     with kd.open(path) as run:
         run_id = run.run_id
-    with pytest.raises(InputError, match="has been written anew by another program"):
+    with pytest.raises(InputError, match="was rewritten by another program"):
         Writer.append_to(path, run_id)
     assert path.read_bytes() == before
 

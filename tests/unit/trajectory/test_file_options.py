@@ -202,7 +202,7 @@ def test_options_that_make_no_sense(key, value, message):
 
 
 def test_images_need_a_box_and_options_an_output(path):
-    with pytest.raises(InputError, match="images are for a periodic box"):
+    with pytest.raises(InputError, match="images need a periodic box"):
         Writer(path, system(box=None), method={}, every=1, options=kd.FileOptions(write=("images",)))
     assert not path.exists()
     sim = kd.Simulation(kd.System([[0.5, 0, 0]], forces=[kd.HarmonicTrap(2.0)]), dt=0.01)

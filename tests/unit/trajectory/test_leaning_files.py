@@ -125,7 +125,7 @@ def test_frames_may_have_boxes_of_their_own(tmp_path):
 def test_a_box_that_the_edges_cannot_hold_is_refused(tmp_path):
     system = falling(kd.Box((10.0, 9.0, 8.0)))
     s = system.state
-    refused = pytest.raises(InputError, match=r"a box like 10 x 9 x 8 sigma, and this state's is \[\[10, 0, 0\]")
+    refused = pytest.raises(InputError, match=r"a box like 10 x 9 x 8 sigma, but this state's is \[\[10, 0, 0\]")
     with Writer(tmp_path / "run.h5md", system, method={"dt": 1.0}, every=1) as writer, refused:
         writer.append(State(s.phase, s.masses, s.ids, LEANING, 0.0, 0), {})
 

@@ -52,7 +52,7 @@ def plane_lattice(kind: str, count: int, density: float) -> tuple[Floats, tuple[
     edge_x, edge_y = (float(edge) for edge in cells * shape)
     if not 0.0 < edge_x * edge_y < math.inf:
         raise InputError(
-            f"density: {density:g} gives the box edges of {edge_x:g} and {edge_y:g}; the area is no number"
+            f"density: {density:g} gives the box edges of {edge_x:g} and {edge_y:g}; the area is not a number"
         )
     return np.column_stack([positions, np.zeros(count)]), (edge_x, edge_y)
 
