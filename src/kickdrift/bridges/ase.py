@@ -28,7 +28,9 @@ from kickdrift.looks.blow_up import nearest_pair
 from kickdrift.model.file_units import FileUnits
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
-from kickdrift.model.units import UnitSystem, quantity, shown, unit_system
+from kickdrift.model.unit_systems import UnitSystem, unit_system
+from kickdrift.model.units import quantity
+from kickdrift.text import shown
 
 NAMES, RADII = "names", "radii"  # arrays of Atoms for what ASE has no place for
 UNKNOWN = "X"  # ASE's symbol of what is no element; info["species"] then says what, by the atoms' tags

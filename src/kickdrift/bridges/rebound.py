@@ -23,7 +23,7 @@ from kickdrift.forces.central import gravitational_constant
 from kickdrift.integrators.wisdom_holman import JACOBI
 from kickdrift.model.state import Floats
 from kickdrift.model.system import RunDefaults, System
-from kickdrift.model.units import UNIT_SYSTEMS, UnitSystem
+from kickdrift.model.unit_systems import UNIT_SYSTEMS, UnitSystem
 
 ALL_ACTIVE = 2**64 - 1  # N_active where it was never set
 UNITS = {"astro": ("au", "yr", "msun"), "si": ("m", "s", "kg")}  # length, time, mass

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from kickdrift.errors import InputError
 from kickdrift.model.checks import listed, number
-from kickdrift.model.units import shown
+from kickdrift.text import shown
 
 
 @dataclass(frozen=True)

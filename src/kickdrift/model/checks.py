@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kickdrift.errors import InputError
-from kickdrift.model.units import shown
+from kickdrift.text import shown
 
 _KINDS = {"b": "true and false", "c": "complex numbers", "U": "text", "S": "text", "M": "dates", "m": "spans of time"}
 

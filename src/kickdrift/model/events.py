@@ -17,7 +17,7 @@ import numpy as np
 from kickdrift.errors import InputError
 from kickdrift.model.capacity import check_room
 from kickdrift.model.checks import is_number, number, positive
-from kickdrift.model.units import shown, suggestion
+from kickdrift.text import shown, suggestion
 
 if TYPE_CHECKING:
     from kickdrift.model.problem import Problem

@@ -16,7 +16,8 @@ from kickdrift.model.bridging import bridge
 from kickdrift.model.checks import listed, no_overflow, numbers, per_particle, whole_number
 from kickdrift.model.events import Event, checked_events
 from kickdrift.model.state import Floats, State
-from kickdrift.model.units import UnitSystem, shown, unit_system
+from kickdrift.model.unit_systems import UnitSystem, unit_system
+from kickdrift.text import shown
 
 
 @dataclass(frozen=True, init=False)

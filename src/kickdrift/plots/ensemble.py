@@ -16,7 +16,7 @@ from kickdrift.ensemble.ensemble import Ensemble
 from kickdrift.ensemble.rows import DONE
 from kickdrift.ensemble.table import PROVENANCE
 from kickdrift.errors import InputError
-from kickdrift.model.units import UNIT_SYSTEMS
+from kickdrift.model.unit_systems import UNIT_SYSTEMS
 from kickdrift.plots.runs import COLOURS, INK, _pretty, checked_target, new_axes, new_figure, save_figure
 from kickdrift.text import counted, with_error
 

@@ -12,7 +12,7 @@ from kickdrift.analysis.orbits import Orbits, Paths, gravity_of, invariable_axes
 from kickdrift.errors import InputError
 from kickdrift.model.starts.elements import TAU, Elements, states
 from kickdrift.model.state import Floats
-from kickdrift.model.units import UnitSystem
+from kickdrift.model.unit_systems import UnitSystem
 from kickdrift.plots.runs import (
     COLOURS,
     GRID,

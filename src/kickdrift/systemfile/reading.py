@@ -30,7 +30,8 @@ from kickdrift.model.starts.builders import (
 from kickdrift.model.starts.coordinates import to_barycentric
 from kickdrift.model.state import Floats
 from kickdrift.model.system import Equilibration, System, body_names
-from kickdrift.model.units import UNIT_SYSTEMS, UnitSystem, number_density, shown, suggestion, unit_system
+from kickdrift.model.unit_systems import UNIT_SYSTEMS, UnitSystem, unit_system
+from kickdrift.model.units import number_density
 from kickdrift.systemfile.bodies import cluster, on_orbits
 from kickdrift.systemfile.events import events_of
 from kickdrift.systemfile.schema import (
@@ -45,6 +46,7 @@ from kickdrift.systemfile.schema import (
     ode_table,
 )
 from kickdrift.systemfile.schema_run import run_defaults
+from kickdrift.text import shown, suggestion
 
 _BESIDE_ODE = tuple(key for key in OdeFileTable.model_fields if key != "ode")
 
