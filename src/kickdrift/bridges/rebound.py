@@ -21,8 +21,9 @@ from kickdrift.errors import InputError
 from kickdrift.forces import Gravity
 from kickdrift.forces.central import gravitational_constant
 from kickdrift.integrators.wisdom_holman import JACOBI
+from kickdrift.model.run_defaults import RunDefaults
 from kickdrift.model.state import Floats
-from kickdrift.model.system import RunDefaults, System
+from kickdrift.model.system import System
 from kickdrift.model.unit_systems import UNIT_SYSTEMS, UnitSystem
 
 ALL_ACTIVE = 2**64 - 1  # N_active where it was never set

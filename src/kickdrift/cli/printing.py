@@ -100,7 +100,7 @@ LISTINGS: dict[str, Callable[[], tuple[list[str], list[list[str]]]]] = {
 
 def print_report(report: Report, sim: Simulation, output: Path | None) -> None:
     """Print a run's summary on standard output."""
-    from kickdrift.model.events import event_lines
+    from kickdrift.model.event_log import event_lines
     from kickdrift.model.system import System
 
     system = sim.system

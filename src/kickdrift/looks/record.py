@@ -13,7 +13,7 @@ from kickdrift.looks import columns as column
 from kickdrift.looks.observers import NOTHING, Sample, Taken
 from kickdrift.looks.table import Looks
 from kickdrift.model.checks import unwarned
-from kickdrift.model.events import is_row
+from kickdrift.model.event_log import is_row
 from kickdrift.model.memory import Memory, by_value
 from kickdrift.model.state import Floats
 

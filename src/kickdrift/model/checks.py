@@ -1,9 +1,9 @@
-"""What Python code gives as numbers, checked: every refusal is an InputError of one line that begins with the key."""
+"""Checks of arguments: each refusal is an InputError of one line that begins with the key."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from numbers import Integral, Real
 from typing import Any
@@ -18,12 +18,12 @@ _KINDS = {"b": "true and false", "c": "complex numbers", "U": "text", "S": "text
 
 
 def is_number(value: Any) -> bool:
-    """Whether the value is one real number, of Python or NumPy; True and False are none."""
+    """Whether the value is one real number of Python or NumPy; True and False are not."""
     return isinstance(value, Real) and not isinstance(value, bool | np.bool_)
 
 
 def number(value: Any) -> float:
-    """A number as a float; infinite where it is too large for one, nan where it is no number."""
+    """Convert a number to a float: infinite for one too large, nan for anything else."""
     if not is_number(value):
         return float("nan")
     try:
@@ -124,3 +124,37 @@ def no_overflow() -> Iterator[None]:
 
 # For what is computed from a run's state: what is not finite there is reported by the run itself.
 unwarned = np.errstate(over="ignore", divide="ignore", invalid="ignore")
+
+
+def species_list(species: Any) -> list[Any]:
+    """The species as a list; a text is one letter for each particle."""
+    return list(species) if isinstance(species, str) else listed("species", species, "a list of names")
+
+
+def as_names(key: str, values: list[Any]) -> list[str]:
+    """The values as names. An InputError refuses all but text and whole numbers."""
+    wrong = {kind for kind in set(map(type, values)) if not issubclass(kind, str | int | np.integer) or kind is bool}
+    if wrong:
+        k, value = next((k, value) for k, value in enumerate(values) if type(value) in wrong)
+        raise InputError(f"{key}[{k}]: expected a name, got {shown(value)}")
+    return list(map(str, values))
+
+
+def body_radii(radii: ArrayLike, n: int) -> NDArray[np.float64]:
+    """Checked radii (n,) of bodies."""
+    return per_particle("radii", radii, n, "radius", "a length")
+
+
+def body_names(names: Sequence[str], n: int) -> tuple[str, ...]:
+    """Checked names of n bodies: none, or a different one for each."""
+    given = tuple(as_names("names", listed("names", names, "a list of names")))
+    if given and len(given) != n:
+        raise InputError(f"names: expected {n}, one for each particle, got {len(given)}")
+    seen: set[str] = set()
+    if len(set(given)) == len(given) and all(map(str.strip, given)):
+        return given
+    for k, name in enumerate(given):
+        if not name.strip() or name in seen:
+            raise InputError(f"names: particle {k} is called {name!r}; expected unique names")
+        seen.add(name)
+    return given

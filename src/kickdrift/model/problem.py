@@ -13,8 +13,8 @@ from numpy.typing import ArrayLike
 
 from kickdrift.errors import InputError
 from kickdrift.model.checks import numbers
+from kickdrift.model.run_defaults import RunDefaults
 from kickdrift.model.state import Floats, read_only
-from kickdrift.model.system import RunDefaults
 
 Function = Callable[[float, Floats], Any]
 

@@ -19,7 +19,8 @@ from kickdrift.text import shown
 if TYPE_CHECKING:
     from kickdrift.integrators.method import Method
     from kickdrift.model.problem import Problem
-    from kickdrift.model.system import RunDefaults, System
+    from kickdrift.model.run_defaults import RunDefaults
+    from kickdrift.model.system import System
 
 # Looks at a run that does not say how often; ``looks_at`` says how many when. They depend on the run alone, so that the
 # same run is looked at alike on every machine.

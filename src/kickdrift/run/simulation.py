@@ -17,7 +17,7 @@ from kickdrift.looks.observers import Energies, Sample
 from kickdrift.looks.record import Record
 from kickdrift.model.capacity import PROCESS_BYTES, check_room
 from kickdrift.model.checks import path_text, whole_number
-from kickdrift.model.events import checked_events
+from kickdrift.model.event_checks import checked_events
 from kickdrift.model.memory import Memory
 from kickdrift.model.problem import Problem
 from kickdrift.model.state import Floats

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from pydantic import BeforeValidator, Field
 
 from kickdrift.errors import InputError
-from kickdrift.model.events import CloseApproach, Collision, Crossing, Escape, Event, checked_events
+from kickdrift.model.event_checks import checked_events
+from kickdrift.model.events import CloseApproach, Collision, Crossing, Escape, Event
 from kickdrift.model.unit_systems import UnitSystem
 from kickdrift.model.units import quantity
 from kickdrift.systemfile.schema import checked

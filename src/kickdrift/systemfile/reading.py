@@ -17,8 +17,9 @@ from kickdrift.disk.files import SYSTEM_FILE_BYTES, content, unfit
 from kickdrift.errors import InputError
 from kickdrift.forces import FORCES
 from kickdrift.model.capacity import check_room
-from kickdrift.model.checks import no_overflow, path_text, whole_number
+from kickdrift.model.checks import body_names, no_overflow, path_text, whole_number
 from kickdrift.model.problem import Problem
+from kickdrift.model.run_defaults import Equilibration
 from kickdrift.model.starts.builders import (
     Structure,
     check_overlaps,
@@ -29,7 +30,7 @@ from kickdrift.model.starts.builders import (
 )
 from kickdrift.model.starts.coordinates import to_barycentric
 from kickdrift.model.state import Floats
-from kickdrift.model.system import Equilibration, System, body_names
+from kickdrift.model.system import System
 from kickdrift.model.unit_systems import UNIT_SYSTEMS, UnitSystem, unit_system
 from kickdrift.model.units import number_density
 from kickdrift.systemfile.bodies import cluster, on_orbits

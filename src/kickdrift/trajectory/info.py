@@ -6,7 +6,7 @@ import os
 from typing import Any
 
 from kickdrift.forces import force_class
-from kickdrift.model.events import event_lines
+from kickdrift.model.event_log import event_lines
 from kickdrift.model.limits import NEVER
 from kickdrift.text import clean, counted, shown
 from kickdrift.trajectory.reader import Run, open

@@ -23,7 +23,7 @@ from kickdrift.integrators import integrator as method_named
 from kickdrift.integrators.asked import known_options
 from kickdrift.model.events import Between, CloseApproach, Collision, Crossing, Escape, Event
 from kickdrift.model.limits import NEVER
-from kickdrift.model.system import Equilibration, RunDefaults
+from kickdrift.model.run_defaults import Equilibration, RunDefaults
 from kickdrift.model.unit_systems import UNIT_SYSTEMS
 from kickdrift.systemfile.schema import checked, force_parameters
 from kickdrift.systemfile.schema_base import Table

@@ -14,7 +14,8 @@ import numpy as np
 from kickdrift.errors import InputError
 from kickdrift.integrators.option import OPTIONS
 from kickdrift.model.events import Event
-from kickdrift.model.system import RunDefaults, System
+from kickdrift.model.run_defaults import RunDefaults
+from kickdrift.model.system import System
 from kickdrift.systemfile.schema import checked
 from kickdrift.trajectory.named import Record, about, equilibration_of, event_of, force_of, run_of
 

@@ -16,8 +16,8 @@ import kickdrift as kd
 from kickdrift.errors import InputError, RunError
 from kickdrift.looks.observers import kinetic_energy
 from kickdrift.looks.record import Record, even_stretch
+from kickdrift.model.run_defaults import RunDefaults
 from kickdrift.model.state import State
-from kickdrift.model.system import RunDefaults
 from tests.oracle.forces import pair_oracle
 
 DT = 0.004
