@@ -174,8 +174,8 @@ def test_every_shipped_ode_loads_and_says_what_it_is(name):
         assert run.steps
     else:
         assert run.time
-        assert run.rtol
-        assert run.atol
+        assert run.options["rtol"]
+        assert run.options["atol"]
         assert run.dt is None
     if problem.energy and "energy" in problem.invariants:
         assert problem.energy(problem.t0, problem.y0) == pytest.approx(problem.invariants["energy"], rel=1e-14)
