@@ -8,8 +8,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
-from kickdrift.analysis.chaos import cadence, carrier, length_of, megnos
-from kickdrift.batch.batch import Batch, refusal
+from kickdrift.analysis.chaos import carrier, length_of, megnos
+from kickdrift.analysis.deviation import cadence
+from kickdrift.batch.batch import Batch
+from kickdrift.batch.members import refusal
 from kickdrift.ensemble.members import Member
 from kickdrift.ensemble.recipe import MEGNO, Recipe
 from kickdrift.ensemble.rows import DONE, Row, megno_columns, row_of, run_columns
