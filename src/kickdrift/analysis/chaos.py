@@ -153,8 +153,8 @@ def megnos(
 
     Returns
     -------
-    The results of ``megno`` for each system, up to round-off. A system that blows up, or whose deviation vanishes, gives
-    None; ``megno`` for this system gives the reason. Each report holds three series of up to some 10,000 samples.
+    The report of ``megno`` for each system, up to round-off. A system that blows up, or whose deviation vanishes,
+    gives None; ``megno`` for this system gives the reason. Each report holds three series of up to 10,000 samples.
 
     Raises
     ------
