@@ -16,7 +16,7 @@ from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic, lower_builtin, lower_getattr_generic, models, register_model
 
-from kickdrift.jit.lanes import added, subtracted
+from kickdrift.jit.lane_operators import added, subtracted
 from kickdrift.jit.numba_private import AbstractTemplate, AttributeTemplate, infer_getattr, infer_global, signature
 from kickdrift.jit.vectors import (
     F64,

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import kickdrift as kd
-from kickdrift.analysis import deviation
+from kickdrift.analysis import chaos, deviation
 from kickdrift.analysis.chaos import ChaosReport, megno
 from kickdrift.analysis.deviation import mean_megno, verdict
 from kickdrift.cli import main as cli
