@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from kickdrift.errors import InputError
 from kickdrift.forces import FORCES
 from kickdrift.systemfile import reading as systemfile
-from kickdrift.systemfile.reading import describe, load, loads, shipped
+from kickdrift.systemfile.files import describe, shipped
+from kickdrift.systemfile.reading import load, loads
 
 GOOD = """
 units = "lj"
