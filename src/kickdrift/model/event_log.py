@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from types import NoneType
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+from kickdrift.model.system import System
+
+if TYPE_CHECKING:
+    from kickdrift.model.problem import Problem
 
 Row = dict[str, Any]  # entry in the log
-
 LINES = 20  # events to print
 
 
@@ -39,3 +44,21 @@ def is_row(row: Any) -> bool:
     return all(isinstance(row[key], kind) for key, kind in _ROW.items()) and all(
         isinstance(each, kind) for key, kind in (("bodies", str), ("ids", int)) for each in row[key]
     )
+
+
+def entry(
+    system: System | Problem, kind: str, time: float, step: int, bodies: Sequence[int], distance: float, done: str
+) -> Row:
+    """Entry in the log; ``bodies`` are rows of the system."""
+    ids = [int(system.state.ids[i]) for i in bodies] if isinstance(system, System) else []
+    names = [system.body(i) for i in bodies] if isinstance(system, System) else []
+    return {
+        "kind": kind,
+        "time": float(time),
+        "step": int(step),
+        "bodies": names,
+        "ids": ids,
+        "distance": float(distance) if math.isfinite(distance) else None,
+        "energy": None,
+        "done": done,
+    }
