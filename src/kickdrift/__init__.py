@@ -16,21 +16,15 @@ from warnings import warn
 # Not lazy: loading the rooms of those names later would put the modules in the functions' places.
 from kickdrift.engines import engines
 from kickdrift.integrators import integrators
+from kickdrift.model.bridging import BRIDGES
 
 if TYPE_CHECKING:
     from kickdrift import analysis
-    from kickdrift.analysis.chaos import ChaosReport, megno
+    from kickdrift.analysis.chaos import megno
+    from kickdrift.analysis.chaos_report import ChaosReport
     from kickdrift.ensemble import Ensemble
     from kickdrift.errors import InputError, KickdriftError, RunError
-    from kickdrift.forces import (
-        DrivenField,
-        Gravity,
-        HarmonicTrap,
-        LennardJones,
-        LinearDrag,
-        Springs,
-        UniformField,
-    )
+    from kickdrift.forces import *
     from kickdrift.forces.pair_law import pair_law
     from kickdrift.forces.registration import register_force
     from kickdrift.integrators.asked import integrator
@@ -57,34 +51,24 @@ __version__ = version("kickdrift")
 _HOMES = {
     "accelerations": "integrators.custom",
     "Box": "model.box",
-    "ChaosReport": "analysis.chaos",
+    "ChaosReport": "analysis.chaos_report",
     "CloseApproach": "model.events",
     "Collision": "model.events",
     "Column": "looks.columns",
     "Crossing": "model.events",
-    "DrivenField": "forces",
     "Energies": "looks.observers",
     "Ensemble": "ensemble",
     "Escape": "model.events",
     "FileOptions": "trajectory.options",
-    "Gravity": "forces",
-    "GravityTree": "forces",
-    "HarmonicTrap": "forces",
     "InputError": "errors",
     "KickdriftError": "errors",
-    "LennardJones": "forces",
     "Option": "integrators.option",
     "Problem": "model.problem",
-    "LinearDrag": "forces",
-    "Oblateness": "forces",
-    "PostNewtonian": "forces",
     "Report": "run.report",
     "RunError": "errors",
     "Simulation": "run.simulation",
-    "Springs": "forces",
     "State": "model.state",
     "System": "model.system",
-    "UniformField": "forces",
     "export": "trajectory.export",
     "integrator": "integrators.asked",
     "load": "systemfile.reading",
@@ -145,6 +129,9 @@ __all__ = [
     "resume",
 ]
 
+# A public name that stands in no other table is a force.
+_HOMES |= dict.fromkeys(set(__all__) - {*_HOMES, "analysis", "engines", "integrators"}, "forces")
+
 
 # Modules that had these names in 0.1.0; the old names go in 0.3.
 _MOVED = {
@@ -158,6 +145,21 @@ _MOVED = {
 }
 
 
+def _ase() -> ModuleType:
+    from kickdrift.bridges import ase
+
+    return ase
+
+
+def _rebound() -> ModuleType:
+    from kickdrift.bridges import rebound
+
+    return rebound
+
+
+BRIDGES.update(ase=_ase, rebound=_rebound)
+
+
 class _OldNames:
     """What Python asks for a module of an old name: it gives the module of today, with a warning."""
 
@@ -167,7 +169,7 @@ class _OldNames:
 
     def create_module(self, spec: ModuleSpec) -> ModuleType:
         new = f"kickdrift.{_MOVED[spec.name.partition('.')[2]]}"
-        warn(f"{spec.name} is {new} since 0.2", DeprecationWarning, stacklevel=2)
+        warn(f"{spec.name} is deprecated since 0.2; use {new}", DeprecationWarning, stacklevel=2)
         module = import_module(new)
         self._own = module.__spec__
         return module

@@ -164,7 +164,7 @@ def test_an_unknown_option_names_the_nearest_and_who_takes_it(key, meant):
     text = str(refused.value)
     assert text.startswith(f"{key}: no integrator takes such an option; ")
     assert meant in text
-    assert text.endswith("; velocity-verlet takes dt, compensated")
+    assert text.endswith("? velocity-verlet takes dt, compensated")
     with pytest.raises(InputError) as refused:
         parsed([f"{key}=1"], {})
     assert str(refused.value) == f"{key}: no integrator takes such an option; {meant}"

@@ -87,7 +87,7 @@ def test_every_method_of_the_page_is_in_the_contract_tests():
     [
         ({"name": "rk4"}, "integrator 'rk4' exists already"),
         ({"name": "heun"}, "integrator 'heun' exists already; overwrite=True replaces it"),
-        ({"name": " "}, "name must be a word"),
+        ({"name": " "}, "name must be one word"),
         ({"kick": [0.5, 0.4]}, "kick weights add up to 0.9, not 1"),
         ({"kick": ["half", 0.5]}, "kick must be a row of numbers"),
         ({"drift": 1.0}, "drift must be a row of numbers"),

@@ -7,7 +7,6 @@ through a file, and into a Simulation that has never run.
 from __future__ import annotations
 
 import hashlib
-import inspect
 import json
 from collections.abc import Callable
 from typing import Any
@@ -19,12 +18,13 @@ import kickdrift as kd
 from kickdrift.errors import InputError
 from kickdrift.forces import FORCES
 from kickdrift.forces.bound import BoundForces
-from kickdrift.forces.pair_kernel import with_room
+from kickdrift.forces.pair_lists import with_room
 from kickdrift.integrators import INTEGRATORS, integrator
 from kickdrift.integrators.method import MIXED, PRECISIONS
 from kickdrift.integrators.step_control import CONTROLLERS
 from kickdrift.trajectory.checkpoints import decoded, encoded
 from kickdrift_validation import same_bits
+from kickdrift_validation.example_forces import example
 from kickdrift_validation.problems import pendulum
 from tests.processes import python
 from tests.systems import liquid
@@ -183,31 +183,15 @@ def test_pieces_and_looks_change_no_bit(name):
 
 # --- every force ---
 
-EXAMPLES: dict[str, dict[str, Any]] = {
-    "lennard-jones": {"cutoff": 2.5, "truncation": "shift", "species": {"A": {}, "B": {"sigma": 0.9}}},
-    "gravity": {"softening": 0.1, "G": 1e-4},
-    "gravity-tree": {"softening": 0.1, "G": 1e-4},
-    "relativity-1pn": {"c": 100.0, "G": 1e-4},
-    "j2": {"j2": 0.1, "radius": 0.1, "G": 1e-4},
-    "springs": {"pairs": [[0, 1], [5, 3]], "stiffness": 2.0, "length": 0.5},
-    "uniform-field": {"acceleration": (0.0, 0.1, 0.0)},
-    "driven-field": {"amplitude": (0.3, 0.0, 0.1), "frequency": 3.0},
-}
-
-
-def example(cls: Any) -> Any:
-    """One of a force: what it needs to be told is 0.1 where nothing is said above."""
-    required = [key for key, each in inspect.signature(cls).parameters.items() if each.default is each.empty]
-    return cls(**(dict.fromkeys(required, 0.1) | EXAMPLES.get(cls.name, {})))
-
 
 @pytest.mark.parametrize("name", [name for name, cls in FORCES.items() if cls.__module__.startswith("kickdrift.")])
 def test_forces_remember_what_their_sums_depend_on(name):
     """Along a given path: what a force gives after its memory was put back is what it gives without that."""
     rng = np.random.default_rng(8)
     x = 1.2 * np.indices((8, 8, 8)).reshape(3, -1) + rng.uniform(-0.1, 0.1, (3, 512))
+    force = example(FORCES[name], cutoff=2.5, species={"A": {}, "B": {"sigma": 0.9}}, softening=0.1, G=1e-4)
     species, masses = ["A" if k % 3 else "B" for k in range(512)], np.where(np.arange(512) == 200, 30.0, 1.0)
-    system = kd.System(x.T, masses=masses, units="nbody", species=species, forces=[example(FORCES[name])])
+    system = kd.System(x.T, masses=masses, units="nbody", species=species, forces=[force])
     v = rng.normal(size=x.shape)
 
     def along(bound: BoundForces, steps: range) -> list[Any]:
@@ -423,13 +407,14 @@ def test_forces_give_the_same_bits_however_they_run(alone):
 def test_a_checkpoint_of_another_run_is_refused():
     sim = kd.Simulation(small_liquid(), "velocity-verlet", dt=0.002)
     checkpoint = sim.checkpoint()
-    with pytest.raises(InputError, match="checkpoint: integrator is 'velocity-verlet' there, and 'rk4' here"):
+    integrators = "checkpoint: integrator is 'velocity-verlet' in the checkpoint and 'rk4' in this run"
+    with pytest.raises(InputError, match=integrators):
         kd.Simulation(small_liquid(), "rk4", dt=0.002).restore(checkpoint)
-    with pytest.raises(InputError, match=r"checkpoint: dt is 0\.002 there, and 0\.001 here"):
+    with pytest.raises(InputError, match=r"checkpoint: dt is 0\.002 in the checkpoint and 0\.001 in this run"):
         kd.Simulation(small_liquid(), "velocity-verlet", dt=0.001).restore(checkpoint)
-    with pytest.raises(InputError, match="checkpoint: holds 27 particles or unknowns, and the system 64"):
+    with pytest.raises(InputError, match="checkpoint: holds 27 particles or unknowns; the system has 64"):
         kd.Simulation(liquid(), "velocity-verlet", dt=0.002).restore(checkpoint)
-    with pytest.raises(InputError, match="restore: the Simulation runs"):
+    with pytest.raises(InputError, match="restore: the Simulation is already running"):
         sim.run(2, every=1, observe=lambda sim: sim.restore(checkpoint))
 
 

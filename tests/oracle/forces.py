@@ -6,6 +6,7 @@ read from the force as the user gave them, mixing and truncation are written out
 
 from __future__ import annotations
 
+import itertools
 from typing import NamedTuple
 
 import numpy as np
@@ -54,9 +55,7 @@ def interacting_pairs(force, system: System) -> Pairs:
         pulls = (m[i] > 0) | (m[j] > 0)
         i, j = i[pulls], j[pulls]
     separation = x[i] - x[j]
-    if system.box.lengths is not None:
-        edges = np.array(system.box.lengths)
-        separation = separation - edges * np.round(separation / edges)
+    separation = nearest_image(system.box, separation)
     r = np.sqrt((separation**2).sum(axis=1))
     if isinstance(force, Gravity):
         return Pairs(i, j, separation, r, *gravity(force, system, i, j, r))
@@ -69,6 +68,21 @@ def interacting_pairs(force, system: System) -> Pairs:
     a, b = system.species_index[i], system.species_index[j]
     energy, radial = truncated_lennard_jones(force, r, epsilon[a, b], sigma[a, b])
     return Pairs(i, j, separation, r, energy, radial)
+
+
+def nearest_image(box, separation: np.ndarray) -> np.ndarray:
+    """The nearest of the images of each separation (m, 3) by up to two of each edge vector."""
+    rows = box.matrix * np.array(box.periodic_axes)[:, None]
+    for k in (2, 1, 0):
+        if rows[k, k]:
+            separation = separation - np.round(separation[:, [k]] / rows[k, k]) * rows[k]
+    if not box.triclinic:
+        return separation
+    nearest = separation
+    for whole in itertools.product(range(-2, 3), repeat=3):
+        image = separation + np.array(whole) @ rows
+        nearest = np.where(((image**2).sum(axis=1) < (nearest**2).sum(axis=1))[:, None], image, nearest)
+    return nearest
 
 
 # --- Lennard-Jones ---

@@ -48,12 +48,13 @@ def read(path):
         }
         boundary = [each.decode() for each in particles["box"].attrs["boundary"]]
         found["box"] = None
-        if boundary == ["periodic"] * 3:
+        if "periodic" in boundary:
             edges = particles["box/edges/value"][:frames] / length
             assert (edges == edges[0]).all()
             found["box"] = edges[0]
         if "image" in particles:
-            found["positions"] += particles["image/value"][:frames] * found["box"]
+            rows = found["box"] if found["box"].ndim == 2 else np.diag(found["box"])
+            found["positions"] += particles["image/value"][:frames] @ rows
         if "force" in particles:
             found["forces"] = particles["force/value"][:frames].astype("f8") / units["force_factor"]
         names = {number: name for name, number in h5py.check_enum_dtype(particles["species"].dtype).items()}

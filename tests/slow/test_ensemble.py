@@ -186,12 +186,12 @@ def test_an_ensemble_goes_on_where_it_stopped(system, client, suffix):
     assert read.attrs["kickdrift"]["grids"] == {"particles.elements[c].a": [1.5, 1.6, 1.7]}
     more = kd.Ensemble(system, VARY, replicas=3).run(client, output=output)
     assert same(more.iloc[:6].reset_index(drop=True), truth)
-    with pytest.raises(InputError, match="holds 9 members of this ensemble, more than the 6"):
+    with pytest.raises(InputError, match="holds 9 members of this ensemble, more than the requested 6"):
         ensemble.run(client, output=output)
-    with pytest.raises(InputError, match="another seed; give --overwrite"):
+    with pytest.raises(InputError, match="another seed; use --overwrite"):
         kd.Ensemble(system, VARY, seed=1).run(client, output=output)
     system.write_text(SYSTEM.format(steps=STEPS + 1))
-    with pytest.raises(InputError, match="another system; give --overwrite"):
+    with pytest.raises(InputError, match="another system; use --overwrite"):
         kd.Ensemble(system, VARY).run(client, output=output)
     assert len(kd.Ensemble(system, VARY).run(client, output=output, overwrite=True)) == 3
 

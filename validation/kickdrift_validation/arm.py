@@ -40,6 +40,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from kickdrift.analysis.bench import processor
+from kickdrift_validation import processors
 from kickdrift_validation.arm_kinds import KINDS
 from kickdrift_validation.docs_tables import put, table
 from kickdrift_validation.folders import checkout
@@ -81,8 +82,7 @@ class Machine(NamedTuple):
 
 HERE = Machine("this machine", (sys.executable,), {})
 OLDER = tuple(  # the same with code for processors that round otherwise
-    HERE._replace(name=name, settings={"NUMBA_CPU_NAME": name, FEATURES: features})
-    for name, features in (("haswell", "+avx,+avx2,+fma,+bmi,+bmi2,+popcnt,+sse4.2"), ("x86-64", "+sse2"))
+    HERE._replace(name=name, settings=processors.settings(name)) for name in processors.FEATURES
 )
 
 

@@ -34,6 +34,7 @@ from kickdrift.forces.pair_law import TRUNCATIONS, PairForce
 from kickdrift.integrators import INTEGRATORS, integrator
 from kickdrift.integrators.method import DOUBLE, PRECISIONS
 from kickdrift_validation.claim import Claim, claim, main
+from kickdrift_validation.example_forces import example
 
 STEPS, THREADS = 24, (1, 2, 4)
 METHODS = [name for name, method in INTEGRATORS.items() if method.name == name]
@@ -93,21 +94,10 @@ def disc(forces: list[Any], few: bool = False) -> kd.System:
     return kd.System(np.vstack([still, x]), np.vstack([still, v]), masses, forces=forces, units="nbody")
 
 
-OTHERS: dict[str, dict[str, Any]] = {  # forces that are no pair laws, with what they need to be told
-    "gravity": {"G": 1.0},
-    "gravity-tree": {"G": 1.0, "softening": 0.01},
-    "relativity-1pn": {"c": 100.0, "G": 1.0},
-    "j2": {"j2": 0.1, "radius": 0.1, "G": 1.0},
-    "springs": {"pairs": [[0, 1], [5, 3]], "stiffness": 2.0, "length": 0.5},
-    "uniform-field": {"acceleration": (0.0, 0.1, 0.0)},
-    "driven-field": {"amplitude": (0.3, 0.0, 0.1), "frequency": 3.0},
-}
-
-
 def other(name: str, few: bool) -> kd.System:
     """A registered force that is no pair law: beside gravity where it is of a central body, else in a liquid."""
-    required = [key for key, each in inspect.signature(FORCES[name]).parameters.items() if each.default is each.empty]
-    force = FORCES[name](**(dict.fromkeys(required, 0.1) | OTHERS.get(name, {})))
+    softening = {"softening": 0.01} if name == "gravity-tree" else {}
+    force = example(FORCES[name], G=1.0, **softening)
     if name in ("gravity", "gravity-tree"):
         return disc([force], few)
     if "G" in inspect.signature(FORCES[name]).parameters:

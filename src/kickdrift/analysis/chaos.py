@@ -1,27 +1,18 @@
 """MEGNO and the largest Lyapunov exponent of a motion, from a run with a deviation vector.
 
-See `kickdrift.analysis.deviation` for the definitions and their sources.
+See `kickdrift.analysis.chaos_report` for the definitions and their sources.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, fields
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from kickdrift.analysis.deviation import (
-    LARGEST,
-    Verdict,
-    cadence,
-    first_deviation,
-    mean_megno,
-    scale_of,
-    settled_slope,
-    verdict,
-)
+from kickdrift.analysis.chaos_report import ChaosReport, report_of
+from kickdrift.analysis.deviations import LARGEST, cadence, first_deviation, scale_of
 from kickdrift.errors import InputError, RunError
 from kickdrift.forces.variations import varied
 from kickdrift.integrators import INTEGRATORS
@@ -38,49 +29,6 @@ if TYPE_CHECKING:
 
 
 DEFAULT = "dop853"  # for a system file without an integrator, or with one that carries no variations
-JSON_POINTS = 500  # most samples in a report's JSON
-
-
-@dataclass(frozen=True)
-class ChaosReport:
-    """Results from the growth of a deviation.
-
-    Attributes
-    ----------
-    system, integrator, dt, time, time_unit, steps, seed : the run, and the seed of the first deviation
-    megno : running mean <Y> at the end
-    verdict : "regular" for |megno - 2| < 0.1, "chaotic" for megno above 4, else "undecided"
-    lyapunov : largest Lyapunov exponent, per the system's unit of time: twice the slope of <Y> over the last four
-        fifths of the run (Cincotta & Simo 2000). A regular motion gives a small number of either sign.
-    lyapunov_error : half the difference between the results of the two halves of this part
-    energy_error : relative, at the end
-    times, means, growth : (k,) times since the start, <Y> at these times, and ln d(t) / d(0)
-    """
-
-    system: str
-    integrator: str
-    dt: float | None
-    time: float
-    time_unit: str
-    steps: int
-    seed: int
-    megno: float
-    verdict: Verdict
-    lyapunov: float
-    lyapunov_error: float
-    energy_error: float
-    times: Floats = field(repr=False)
-    means: Floats = field(repr=False)
-    growth: Floats = field(repr=False)
-
-    def as_json(self) -> dict[str, Any]:
-        """The report as one JSON object, with series of at most some 500 points."""
-        every = -(-len(self.times) // JSON_POINTS)
-        series = ("times", "means", "growth")
-        return {
-            name: value[::-every][::-1].tolist() if name in series else value
-            for name, value in ((f.name, getattr(self, f.name)) for f in fields(self))
-        }
 
 
 def megno(
@@ -128,10 +76,10 @@ def megno(
     state.phase[:, :, n:] = first_deviation(n, seed) * scale
     sim.state = state
     begin = sim.energy()
-    times, growth = _followed(sim, length, scale, progress)
+    times, growth = _growth(sim, length, scale, progress)
     end = sim.energy()
     chosen = None if sim.method.chooses_steps else sim.dt
-    return _report(system, sim.integrator, chosen, sim.steps_done, seed, (begin, end.total), times, growth)
+    return report_of(system, sim.integrator, chosen, sim.steps_done, seed, (begin, end.total), times, growth)
 
 
 def megnos(
@@ -181,7 +129,7 @@ def megnos(
         sound = np.isfinite(growth).all() and np.isfinite([*begin, end]).all()
         step, times = float(found.dt[k]), found.times[k]
         reports.append(
-            _report(system, found.integrator, step, found.steps, seed, (Energies(*begin), end), times, growth)
+            report_of(system, found.integrator, step, found.steps, seed, (Energies(*begin), end), times, growth)
             if sound
             else None
         )
@@ -194,39 +142,6 @@ def _each(key: str, value: Any, count: int) -> list[Any]:
     if len(values) != count:
         raise InputError(f"{key}: expected one or {count}, one for each system, got {len(values)}")
     return values
-
-
-def _report(
-    system: System,
-    integrator: str,
-    dt: float | None,
-    steps: int,
-    seed: int,
-    energies: tuple[Energies, float],
-    times: Floats,
-    growth: Floats,
-) -> ChaosReport:
-    """Report from the growth of a deviation."""
-    means = mean_megno(times, growth)
-    slope, error = settled_slope(times, means)
-    found, (begin, end) = float(means[-1]), energies
-    return ChaosReport(
-        system=system.name,
-        integrator=integrator,
-        dt=dt,
-        time=float(times[-1]),
-        time_unit=system.units.time,
-        steps=steps,
-        seed=seed,
-        megno=found,
-        verdict=verdict(found),
-        lyapunov=2.0 * slope,
-        lyapunov_error=2.0 * error,
-        energy_error=abs(end - begin.total) / (abs(begin.total) or abs(begin.kinetic) or 1.0),
-        times=times,
-        means=means,
-        growth=growth,
-    )
 
 
 def _checked_seed(seed: Any) -> int:
@@ -257,7 +172,7 @@ def carrier(system: System, integrator: str | None) -> str:
     return named.name if named is not None and named.carries else DEFAULT
 
 
-def _followed(
+def _growth(
     sim: Simulation, length: float, scale: Floats, progress: Callable[[int, int], Any] | None
 ) -> tuple[Floats, Floats]:
     """Run a varied System for a time. Return times since the start, and ln of the deviation's length then."""

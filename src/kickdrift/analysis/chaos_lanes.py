@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from kickdrift.analysis.deviation import LARGEST, cadence, first_deviation, scale_of
+from kickdrift.analysis.deviations import LARGEST, cadence, first_deviation, scale_of
 from kickdrift.batch.members import common, members_of
 from kickdrift.batch.sampling import run_lanes
 from kickdrift.errors import InputError

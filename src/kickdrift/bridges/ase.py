@@ -1,11 +1,11 @@
 """ASE's Atoms and a System, each in its own units, and an ASE calculator that runs our forces.
 
-ASE's numbers are angstrom, eV and u, so that its unit of time is angstrom sqrt(u / eV), 10.18 fs. In ``metal`` and
-``si`` they are converted; in ``lj``, ``nbody`` and ``astro`` they are taken as they stand, as ASE's own Lennard-Jones
-examples do and as our files do: an angstrom is one sigma, an eV one epsilon, a u one m, ASE's unit of time one tau.
+ASE's units are angstrom, eV and u, so its unit of time is angstrom sqrt(u / eV), 10.18 fs. In ``metal`` and ``si`` the
+numbers are converted. In ``lj``, ``nbody`` and ``astro`` the numbers stay the same, as in ASE's Lennard-Jones examples
+and in our files: an angstrom is one sigma, an eV one epsilon, a u one m, ASE's unit of time one tau.
 
-Velocities are converted so that m v^2 is the same energy on both sides, with our own constants (``model.units``). ASE's
-fs comes from CODATA 2014, so times differ from those of ``ase.units`` by 5e-9, relative.
+Velocities are converted with our own constants (``model.units``), so that m v^2 is the same energy on both sides. ASE's
+fs comes from CODATA 2014, so times differ from ``ase.units`` by 5e-9, relative.
 """
 
 from __future__ import annotations
@@ -21,10 +21,12 @@ from ase.calculators.calculator import all_changes
 from ase.calculators.lj import LennardJones as AseLennardJones
 from ase.data import atomic_numbers
 from ase.stress import full_3x3_to_voigt_6_stress
+from numpy.typing import NDArray
 
 from kickdrift.errors import InputError, RunError
 from kickdrift.forces import LennardJones
 from kickdrift.looks.blow_up import nearest_pair
+from kickdrift.model.box import Box, Oriented
 from kickdrift.model.file_units import FileUnits
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
@@ -32,13 +34,15 @@ from kickdrift.model.unit_systems import UnitSystem, unit_system
 from kickdrift.model.units import quantity
 from kickdrift.text import shown
 
-NAMES, RADII = "names", "radii"  # arrays of Atoms for what ASE has no place for
-UNKNOWN = "X"  # ASE's symbol of what is no element; info["species"] then says what, by the atoms' tags
-SQUARE = 1e-12  # of a cell vector's length: what it may lean by, which is rounding
+NAMES, RADII = "names", "radii"  # arrays of Atoms for data without a place in ASE
+UNKNOWN = "X"  # ASE's symbol for no element; info["species"] then names the species, by the atoms' tags
+SQUARE = 1e-12  # tilt of a cell vector, relative to its length, that counts as rounding
+UPRIGHT = 1e-6  # least part of a vector, relative to its length, perpendicular to the other vectors
+LEAST = 0.3  # of three unit vectors, one has at least a third of its square perpendicular to two others
 
 
 class Scale(NamedTuple):
-    """What ASE's numbers are multiplied by to become a unit system's."""
+    """Factors from ASE's units to a unit system."""
 
     length: float
     energy: float
@@ -51,7 +55,7 @@ class Scale(NamedTuple):
 
     @classmethod
     def of(cls, units: UnitSystem) -> Scale:
-        """All 1 where ASE does not know the units."""
+        """Return the factors; all are 1 for units unknown to ASE."""
         if FileUnits.of(units).nominal:
             return cls(1.0, 1.0, 1.0, 1.0)
         given = {"length": "angstrom", "energy": "eV", "mass": "u"}
@@ -64,8 +68,8 @@ class Scale(NamedTuple):
 def system_of(
     atoms: Any, forces: Iterable[Any] | None, units: str | UnitSystem, species: Iterable[str] | None = None
 ) -> System:
-    """What `System.from_ase` returns."""
-    system = _system(atoms, forces, units, species)
+    """Return a System; see `System.from_ase`."""
+    system, _ = _system(atoms, forces, units, species)
     if atoms.constraints:
         kind = type(atoms.constraints[0]).__name__
         raise InputError(
@@ -74,7 +78,10 @@ def system_of(
     return system
 
 
-def _system(atoms: Any, forces: Iterable[Any] | None, units: str | UnitSystem, species: Any = None) -> System:
+def _system(
+    atoms: Any, forces: Iterable[Any] | None, units: str | UnitSystem, species: Any = None
+) -> tuple[System, Floats | None]:
+    """The System, and the rotation (3, 3) of ASE's axes into its own; None where they are the same."""
     if not isinstance(atoms, Atoms):
         raise InputError(f"atoms: expected ase.Atoms, got {type(atoms).__name__}")
     units = unit_system(units) if isinstance(units, str) else units
@@ -84,11 +91,16 @@ def _system(atoms: Any, forces: Iterable[Any] | None, units: str | UnitSystem, s
     if stray.size:
         raise InputError(f"atoms: atom {stray[0]} has a momentum but no mass, so its velocity is unknown")
     velocities = np.divide(momenta, masses[:, None], out=np.zeros_like(momenta), where=masses[:, None] != 0)
-    return System(
-        atoms.positions * scale.length,
+    positions = atoms.positions
+    box, turn = _box(atoms, scale)
+    rotation = None if np.array_equal(turn, np.eye(3)) else turn
+    if rotation is not None:
+        positions, velocities = positions @ rotation.T, velocities @ rotation.T
+    system = System(
+        positions * scale.length,
         velocities * scale.velocity,
         masses * scale.mass,
-        _box(atoms, scale),
+        box,
         _forces_of(atoms, units, scale) if forces is None else forces,
         units,
         _species(atoms) if species is None else list(species),
@@ -96,10 +108,11 @@ def _system(atoms: Any, forces: Iterable[Any] | None, units: str | UnitSystem, s
         names=_names(atoms),
         radii=arrays[RADII] * scale.length if RADII in arrays else None,
     )
+    return system, rotation
 
 
 def _species(atoms: Any) -> list[str]:
-    """The chemical symbols; of atoms X, what an export or `atoms_of` has written beside them."""
+    """Return the chemical symbols; for atoms X, the species that an export or `atoms_of` stored."""
     symbols, known = atoms.get_chemical_symbols(), list(atoms.info.get("species", ()))
     return [
         str(known[tag]) if symbol == UNKNOWN and 0 <= tag < len(known) else symbol
@@ -108,30 +121,60 @@ def _species(atoms: Any) -> list[str]:
 
 
 def _names(atoms: Any) -> list[str]:
-    """Of the bodies; an exported file has them in ``info``."""
+    """Return the names of the bodies; an exported file has them in ``info``."""
     names = list(atoms.arrays.get(NAMES, atoms.info.get(NAMES, ())))
     return names if len(names) == len(atoms) else []
 
 
-def _box(atoms: Any, scale: Scale) -> list[float] | None:
-    """The edges of a cell that is periodic along x, y and z, None of an open one."""
-    if not atoms.pbc.any():
-        return None
-    if not atoms.pbc.all():
-        raise InputError(f"atoms: pbc is {atoms.pbc.tolist()}; expected a box periodic along all three axes or none")
-    cell = np.asarray(atoms.cell)
-    for axis, vector in enumerate(cell):
-        leaning = np.abs(np.delete(vector, axis)).max()
-        if not leaning <= SQUARE * vector[axis]:
-            raise InputError(
-                f"atoms: cell vector {'abc'[axis]} is {shown(vector.tolist())}; expected a cell with a along x, "
-                "b along y and c along z"
-            )
-    return (np.diagonal(cell) * scale.length).tolist()
+def _box(atoms: Any, scale: Scale) -> Oriented:
+    """Return the cell as a Box, and the rotation of the atoms into its axes."""
+    axes = np.array(atoms.pbc, dtype=bool)
+    if not axes.any():
+        return Oriented(Box(), np.eye(3))
+    cell = np.array(atoms.cell, dtype=float) * scale.length
+    if not np.isfinite(cell).all():
+        raise InputError(f"atoms: cell: expected finite numbers, got {shown(cell.tolist())}")
+    rounding = SQUARE * np.linalg.norm(cell, axis=1, keepdims=True)
+    cell = np.where(np.abs(cell) <= rounding, 0.0, cell)
+    whole, heights = _completed(cell, axes)
+    with np.errstate(all="ignore"):
+        left_handed = np.linalg.det(whole) < 0
+    # Reversed edge vectors span the same lattice.
+    box, rotation = Box.from_vectors(-whole if left_handed else whole, axes.tolist())
+    if axes.all():
+        return Oriented(box, rotation)
+    matrix = np.where(axes[:, None], box.matrix, np.diag(heights))
+    return Oriented(Box(matrix=matrix, periodic=axes.tolist()), rotation)
+
+
+def _completed(cell: Floats, axes: NDArray[np.bool_]) -> tuple[Floats, Floats]:
+    """Return the cell (3, 3) with new vectors along its open axes, and the heights (3,) of its own vectors there.
+
+    A new vector is perpendicular to all others, and as long as the longest periodic vector."""
+    rows, heights = np.where(axes[:, None], cell, 0.0), np.zeros(3)
+    longest = np.linalg.norm(rows, axis=1).max() or 1.0
+    for k in np.flatnonzero(~axes):
+        others = rows[rows.any(axis=1)]
+        upright = _upright(cell[k], others)
+        heights[k] = np.linalg.norm(upright)
+        if heights[k] <= UPRIGHT * np.linalg.norm(cell[k]):
+            heights[k] = 0.0
+            units = [_upright(unit, others) for unit in np.eye(3)[[k, k - 1, k - 2]]]
+            upright = next(unit for unit in units if unit @ unit > LEAST)
+        rows[k] = longest * (upright / np.linalg.norm(upright))
+    return rows, heights
+
+
+def _upright(vector: Floats, others: Floats) -> Floats:
+    """Return the part of a vector (3,) that is perpendicular to others (m, 3)."""
+    for _ in range(2):  # one pass leaves rounding errors
+        if (others @ vector).any():
+            vector = vector - np.linalg.lstsq(others.T, vector)[0] @ others
+    return vector
 
 
 def _forces_of(atoms: Any, units: UnitSystem, scale: Scale) -> tuple[Any, ...]:
-    """The forces of the calculator that the atoms carry."""
+    """Return the forces of the atoms' calculator."""
     calculator = atoms.calc
     if calculator is None:
         raise InputError("forces: needed (forces=[] means no forces), or give the atoms ASE's LennardJones calculator")
@@ -162,7 +205,7 @@ def _forces_of(atoms: Any, units: UnitSystem, scale: Scale) -> tuple[Any, ...]:
 
 
 def atoms_of(system: System, symbols: Mapping[str, str] | None = None, calculator: bool = True) -> Any:
-    """What `System.to_ase` returns."""
+    """Return ASE Atoms; see `System.to_ase`."""
     scale, state = Scale.of(system.units), system.state
     symbol = {kind: (symbols or {}).get(kind, kind if kind in atomic_numbers else UNKNOWN) for kind in system.species}
     for kind in symbols or ():
@@ -177,14 +220,13 @@ def atoms_of(system: System, symbols: Mapping[str, str] | None = None, calculato
         )
     kinds = [system.species[k] for k in system.species_index]
     masses = state.masses / scale.mass
-    lengths = system.box.lengths
     atoms = Atoms(
         [symbol[kind] for kind in kinds],
         positions=state.positions / scale.length,
         momenta=state.velocities / scale.velocity * masses[:, None],
         masses=masses,
-        cell=None if lengths is None else np.array(lengths) / scale.length,
-        pbc=system.box.periodic,
+        cell=system.box.matrix / scale.length,
+        pbc=system.box.periodic_axes,
     )
     if UNKNOWN in symbol.values():
         atoms.set_tags(system.species_index)
@@ -201,24 +243,24 @@ def atoms_of(system: System, symbols: Mapping[str, str] | None = None, calculato
 class Calculator(AseCalculator):
     """An ASE calculator that runs forces of kickdrift: ``atoms.calc = Calculator([kd.LennardJones(cutoff=8.5)])``.
 
-    It gives ``energy`` in eV, ``forces`` (n, 3) in eV/angstrom and, of a periodic cell, ``stress`` (xx, yy, zz, yz, xz,
-    xy) in eV/angstrom^3: minus the sum over pairs of r F, over the volume. What is compiled for the forces and their
-    pair lists are kept from call to call, and made anew only where cell, elements or masses change.
+    Results are ``energy`` in eV, ``forces`` (n, 3) in eV/angstrom and, for a periodic cell, ``stress`` (xx, yy, zz, yz,
+    xz, xy) in eV/angstrom^3: minus the sum over pairs of r F, divided by the volume. Compiled code and pair lists are
+    kept between calls. They are made again only if cell, elements or masses change.
 
     Parameters
     ----------
     forces : iterable of forces
-        Of positions alone; one that depends on velocity or does work is an InputError.
+        Forces that depend on positions alone; a force that depends on velocity or does work is an InputError.
     units : str or UnitSystem
-        What the forces' parameters are in; see `System.from_ase`.
+        Units of the forces' parameters; see `System.from_ase`.
     threads : int
 
     Raises
     ------
     InputError
-        In a calculation, for atoms that `System.from_ase` refuses (constraints are ASE's own matter).
+        In a calculation, for atoms that `System.from_ase` refuses (constraints are allowed: ASE applies them).
     RunError
-        Where the forces are not finite.
+        If the forces are not finite.
     """
 
     implemented_properties = ["energy", "free_energy", "forces", "stress"]  # noqa: RUF012
@@ -237,7 +279,7 @@ class Calculator(AseCalculator):
         self._system: System | None = None
 
     def check_state(self, atoms: Any, tol: float = 1e-15) -> list[str]:
-        """What changed since the last calculation; ASE does not look at masses."""
+        """Return what changed since the last calculation, including masses, which ASE does not check."""
         changes: list[str] = super().check_state(atoms, tol)
         if self.atoms is not None and not np.array_equal(self.atoms.get_masses(), atoms.get_masses()):
             changes.append("masses")
@@ -246,26 +288,33 @@ class Calculator(AseCalculator):
     def calculate(
         self, atoms: Any = None, properties: Iterable[str] = ("energy",), system_changes: Iterable[str] = all_changes
     ) -> None:
-        """Fill ``results``; called by ASE."""
+        """Fill ``results``; ASE calls this method."""
         from kickdrift.forces.bound import BoundForces
 
         super().calculate(atoms, properties, system_changes)
         if self._system is None or not set(system_changes) <= {"positions", "initial_charges", "initial_magmoms"}:
-            self._system = _system(self.atoms, self.forces, self.units)
+            self._system, self._rotation = _system(self.atoms, self.forces, self.units)
             self._bound = BoundForces(self._system, self.threads)
-        x = np.ascontiguousarray(self.atoms.positions.T * self._scale.length)
+        turn = np.eye(3) if self._rotation is None else self._rotation
+        given = self.atoms.positions if self._rotation is None else self.atoms.positions @ turn.T
+        x = np.ascontiguousarray(given.T * self._scale.length)
         measured = self._bound.measure(0.0, np.array([x, np.zeros_like(x)])) if np.isfinite(x).all() else None
         if measured is None:
             raise RunError(f"the forces at these positions are not finite{nearest_pair(self._system, x)}")
         energy = measured.potential / self._scale.energy
         forces: Floats = (measured.accelerations * self._system.coherent_masses).T / self._scale.force
+        if self._rotation is not None:
+            forces = forces @ turn
         self.results = {"energy": energy, "free_energy": energy, "forces": np.ascontiguousarray(forces)}
         if "stress" in properties:
-            self.results["stress"] = self._stress(self._system, x.T)
+            self.results["stress"] = self._stress(self._system, x.T, turn)
 
-    def _stress(self, system: System, x: Floats) -> Floats:
-        """(6,) of particles that stand still at x, in Voigt's order."""
+    def _stress(self, system: System, x: Floats, turn: Floats) -> Floats:
+        """Return the stress (6,) of particles at rest at x, in Voigt's order and ASE's axes.
+
+        The rotation ``turn`` (3, 3) turns ASE's axes into the System's.
+        """
         from kickdrift.looks.pressure import instantaneous_pressure
 
-        pressure = instantaneous_pressure(system, x, np.zeros_like(x))
+        pressure = turn.T @ instantaneous_pressure(system, x, np.zeros_like(x)) @ turn
         return -full_3x3_to_voigt_6_stress(pressure) / (self._scale.energy / self._scale.length**3)

@@ -15,7 +15,7 @@ from kickdrift.cli.console import say as say
 from kickdrift.text import counted, duration
 
 if TYPE_CHECKING:
-    from kickdrift.analysis.chaos import ChaosReport
+    from kickdrift.analysis.chaos_report import ChaosReport
     from kickdrift.model.problem import Problem
     from kickdrift.model.system import System
     from kickdrift.run.report import EnergyReport, Report
@@ -139,8 +139,9 @@ def print_report(report: Report, sim: Simulation, output: Path | None) -> None:
         lines.append(("angular momentum", f"error {report.angular_momentum_error:.1e} of the sum of m |x × v|"))
     if units and report.temperature is not None:
         lines.append(("temperature", f"{report.temperature:.5g} {units.temperature} (mean)"))
-    if units and report.pressure is not None:
-        lines.append(("pressure", f"{report.pressure:.5g} {units.energy}/{units.length}^3 (mean)"))
+    if isinstance(system, System) and report.pressure is not None:
+        unit = f"{system.units.energy}/{system.units.length}^{system.dimensions}"
+        lines.append(("pressure", f"{report.pressure:.5g} {unit} (mean)"))
     shown = report.force_evaluations is not None and (not units or report.dt is None)
     evaluations = f"{report.force_evaluations:,} evaluations, " if shown else ""
     per_pair = f", {report.ns_per_pair:.1f} ns per pair" if report.ns_per_pair else ""
@@ -229,11 +230,11 @@ def print_system(system: System | Problem) -> None:
 
     lines = [("system", f"{system.name}: valid")]
     if isinstance(system, System):
-        units, edges = system.units, system.box.lengths
-        box = "open" if edges is None else " x ".join(f"{edge:.6g}" for edge in edges) + f" {units.length}"
+        units = system.units
         lines += [
             ("particles", f"{len(system):,} ({', '.join(system.species)})"),
-            ("box", box),
+            ("box", system.box.described(units.length)),
+            *([("dimensions", "2")] if system.dimensions == 2 else []),
             (
                 "units",
                 f"{units.name}: length {units.length}, time {units.time}, mass {units.mass}, energy {units.energy}",

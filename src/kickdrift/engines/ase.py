@@ -11,8 +11,9 @@ from typing import Any
 
 import numpy as np
 
+from kickdrift.engines.job import Job
 from kickdrift.engines.lennard_jones import only_lennard_jones, small_units
-from kickdrift.engines.session import Job, Session
+from kickdrift.engines.session import Session
 from kickdrift.forces.bound import Measured
 from kickdrift.model.state import Floats
 
@@ -45,8 +46,10 @@ class AseSession(Session):
         system = self.job.system
         force: Any = system.forces[0]
         law = force.pair_law(system.species[0], system.species[0])
-        lengths = system.box.lengths
-        self._atoms = Atoms("X" * len(system), positions=phase[0].T, cell=lengths, pbc=lengths is not None)
+        axes = system.box.periodic_axes
+        # ASE gives a stress where all three vectors of its cell are longer than zero, also along open axes.
+        cell = np.where(np.array(axes)[:, None], system.box.matrix, np.eye(3)) if system.box.periodic else None
+        self._atoms = Atoms("X" * len(system), positions=phase[0].T, cell=cell, pbc=axes)
         self._atoms.set_masses(system.coherent_masses)
         self._atoms.set_velocities(phase[1].T)
         self._atoms.calc = LennardJones(sigma=law.sigma, epsilon=law.epsilon, rc=force.cutoff, smooth=False)
@@ -66,5 +69,8 @@ class AseSession(Session):
         forces, energy = atoms.get_forces(), atoms.get_potential_energy()
         if not np.isfinite(forces).all() or not np.isfinite(energy):
             return None
-        virial = -float(np.sum(atoms.get_stress()[:3])) * system.box.volume if system.box.periodic else np.nan
+        if not system.box.periodic:
+            return Measured(forces.T / system.coherent_masses, energy, np.nan, None)
+        volume = system.box.volume if all(system.box.periodic_axes) else atoms.get_volume()
+        virial = -float(np.sum(atoms.get_stress()[:3])) * volume
         return Measured(forces.T / system.coherent_masses, energy, virial, None)

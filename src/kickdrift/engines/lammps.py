@@ -12,9 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from kickdrift.engines.job import Job
 from kickdrift.engines.lammps_world import Model, World
 from kickdrift.engines.lennard_jones import only_lennard_jones, small_units
-from kickdrift.engines.session import Job, Session, Trouble
+from kickdrift.engines.session import Session, Trouble
 from kickdrift.errors import InputError
 from kickdrift.forces.bound import Measured
 from kickdrift.model.state import Floats
@@ -57,7 +58,7 @@ def model_of(job: Job) -> Model:
         (i + 1, j + 1, force.pair_law(species[i], species[j])) for i in range(len(kinds)) for j in range(i, len(kinds))
     ]
     return Model(
-        lengths=system.box.lengths,
+        box=system.box,
         types=(which + 1).astype(np.int32),
         masses=tuple(kinds[:, 1].tolist()),
         pairs=tuple((i, j, float(law.epsilon), float(law.sigma)) for i, j, law in laws),
@@ -79,8 +80,7 @@ class LammpsSession(Session):
     def reset(self, phase: Floats, time: float) -> None:
         box, x = self.job.system.box, phase[0].T
         wrapped = box.wrap(x)
-        edges = np.array(box.lengths or (1.0, 1.0, 1.0))
-        self._crossed = np.round((x - wrapped) / edges) if box.periodic else np.zeros_like(x)
+        self._crossed = np.round(box.fractional(x - wrapped))
         self._seen = np.zeros(x.shape, np.int32)
         self._ask("reset", self._model, wrapped, np.ascontiguousarray(phase[1].T))
         self._kinetic = self._ask("kinetic_energy")
@@ -133,25 +133,23 @@ class LammpsSession(Session):
         crossed = images - self._seen
         self._crossed += (crossed + IMAGES // 2) % IMAGES - IMAGES // 2
         self._seen = images
-        if self._model.lengths is None or not self._kinetic:
+        if not self._model.box.periodic or not self._kinetic:
             self._blind_steps = MOST_BLIND
             return
         fastest = 2.0 * math.sqrt(2.0 * self._kinetic / min(self._model.masses))
-        way = IMAGES // 2 * min(self._model.lengths)
+        way = IMAGES // 2 * float(self._model.box.heights.min())
         self._blind_steps = max(1, int(min(way / (fastest * self._model.dt), MOST_BLIND)))
 
     def phase(self) -> Floats:
         x, v, images = self._ask("state")
         self._count(images)
-        if self._model.lengths is not None:
-            x = x + self._crossed * np.array(self._model.lengths)
-        return np.array([x.T, v.T])
+        return np.array([(x + self._model.box.cartesian(self._crossed)).T, v.T])
 
     def measure(self, time: float) -> Measured | None:
-        forces, energy, pressure = self._ask("measure")
+        forces, energy, virial = self._ask("measure")
         if not np.isfinite(forces).all() or not np.isfinite(energy):
             return None
-        virial = 3.0 * pressure * self.job.system.box.volume if self.job.system.box.periodic else np.nan
+        virial = virial if self._model.box.periodic else np.nan
         return Measured(np.ascontiguousarray(forces.T) / self.job.system.coherent_masses, energy, virial, None)
 
     def close(self) -> None:

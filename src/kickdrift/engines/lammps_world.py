@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.engines.lammps_library import lammps_class
+from kickdrift.model.box import Box
 from kickdrift.model.state import Floats
 
 AT_ONCE = 100_000  # particles in one Python list
@@ -23,14 +24,13 @@ class Model(NamedTuple):
 
     Attributes
     ----------
-    lengths : edges of the box, None in open space
     types : (n,) int32, from 1; particles of one type share mass and parameters
     masses : by type
     pairs : (type, type, epsilon, sigma) for each pair of types
     shifted, tail : options of pair_modify
     """
 
-    lengths: tuple[float, float, float] | None
+    box: Box
     types: NDArray[np.int32]
     masses: tuple[float, ...]
     pairs: tuple[tuple[int, int, float, float], ...]
@@ -56,17 +56,20 @@ class World:
         if self.lmp.get_natoms():
             self.lmp.command("clear")
         skin = SKIN * max(sigma for *_, sigma in model.pairs)
-        if model.lengths is None:
-            low, high = x.min(axis=0) - skin, x.max(axis=0) + skin
-        else:
-            low, high = np.zeros(3), np.array(model.lengths)
+        box, axes = model.box, model.box.periodic_axes
+        low = np.where(axes, 0.0, x.min(axis=0) - skin)
+        high = np.where(axes, np.diag(box.matrix), x.max(axis=0) + skin)
         edges = " ".join(f"{float(a)!r} {float(b)!r}" for a, b in zip(low, high, strict=True))
+        shape = f"block {edges}"
+        if box.triclinic:
+            _, (bx, _, _), (cx, cy, _) = box.matrix.tolist()
+            shape = f"prism {edges} {bx!r} {cx!r} {cy!r}"
         yes = {True: "yes", False: "no"}
         for line in (
             "units lj",  # no constants: the numbers are those of any coherent system of units
             "atom_style atomic",
-            f"boundary {'s s s' if model.lengths is None else 'p p p'}",
-            f"region box block {edges} units box",
+            f"boundary {' '.join('p' if there else 's' for there in axes)}",
+            f"region box {shape} units box",
             f"create_box {len(model.masses)} box",
             *(f"mass {kind} {mass!r}" for kind, mass in enumerate(model.masses, 1)),
             f"pair_style lj/cut {model.cutoff!r}",
@@ -109,9 +112,9 @@ class World:
         return self._gathered("x"), self._gathered("v"), self.images()
 
     def measure(self) -> tuple[Floats, float, float]:
-        """Forces (n, 3), potential energy, and the virial's part of the pressure."""
+        """Forces (n, 3), potential energy, and virial."""
         energy, pressure = (self.lmp.extract_compute(name, 0, 0) for name in ("thermo_pe", "pull"))
-        return self._gathered("f"), float(energy), float(pressure)
+        return self._gathered("f"), float(energy), 3.0 * float(pressure) * float(self.lmp.get_thermo("vol"))
 
     def _gathered(self, name: str, integer: bool = False) -> Any:
         """Values of all particles, by their ids, on each process."""

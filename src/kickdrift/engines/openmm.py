@@ -14,8 +14,9 @@ from typing import Any
 
 import numpy as np
 
+from kickdrift.engines.job import Job
 from kickdrift.engines.lennard_jones import only_lennard_jones, small_units
-from kickdrift.engines.session import Job, Session, Trouble
+from kickdrift.engines.session import Session, Trouble
 from kickdrift.forces import Gravity
 from kickdrift.forces.bound import Measured
 from kickdrift.forces.central import gravitational_constant
@@ -31,6 +32,11 @@ GRAVITY = "-G*m1*m2/sqrt((s*r)^2 + softening^2)"
 def refusal(job: Job) -> str | None:
     """See Engine."""
     system, masses = job.system, job.system.state.masses
+    if system.box.triclinic:
+        return "box: it leans, and OpenMM's lists miss pairs near the cutoff in boxes that lean"
+    if system.box.periodic and not all(system.box.periodic_axes):
+        found = system.box.described(system.units.length)
+        return f"box: OpenMM's is periodic along all axes or none, and this one is {found}"
     if not all(masses):
         still = system.body(int(np.argmin(masses)))
         return f"masses: {still} has no mass, and OpenMM fixes massless particles"
@@ -60,9 +66,8 @@ class OpenmmSession(Session):
         made = openmm.System()
         for mass in system.coherent_masses.tolist():
             made.addParticle(mass)
-        if system.box.lengths is not None:
-            x, y, z = system.box.lengths
-            made.setDefaultPeriodicBoxVectors((x, 0, 0), (0, y, 0), (0, 0, z))
+        if system.box.periodic:
+            made.setDefaultPeriodicBoxVectors(*system.box.matrix.tolist())
         made.addForce(_gravity(system, force) if isinstance(force, Gravity) else _lennard_jones(system, force))
         verlet = openmm.CustomIntegrator(dt)
         verlet.addComputePerDof("v", "v + 0.5*dt*f/m")

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 from kickdrift.analysis.chaos import carrier, length_of, megnos
-from kickdrift.analysis.deviation import cadence
+from kickdrift.analysis.deviations import cadence
 from kickdrift.batch.batch import Batch
 from kickdrift.batch.members import refusal
 from kickdrift.ensemble.members import Member

@@ -25,25 +25,10 @@ _ALL: tuple[Any, ...] = (
     LinearDrag,
 )
 FORCES.update({force.name: force for force in _ALL})
+__all__ = [force.__name__ for force in _ALL]  # each is public as kickdrift.NAME, too
 _OWN = {(force.__module__, force.__qualname__): force for force in _ALL}
 
 
 def force_class(module: str, name: str) -> Any:
     """The class of force of that module and qualified name, where it is kickdrift's or registered; else None."""
     return _OWN.get((module, name)) or registered(module, name)
-
-
-__all__ = [
-    "FORCES",
-    "DrivenField",
-    "Gravity",
-    "GravityTree",
-    "HarmonicTrap",
-    "LennardJones",
-    "LinearDrag",
-    "Oblateness",
-    "PostNewtonian",
-    "Springs",
-    "UniformField",
-    "force_class",
-]

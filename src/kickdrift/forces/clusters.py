@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import floor, inf
+from math import inf
 from typing import NamedTuple
 
 import numpy as np
@@ -15,6 +15,7 @@ from kickdrift.jit.masks import select
 from kickdrift.jit.memory import aligned, load, store
 from kickdrift.jit.vectors import WIDTH
 from kickdrift.model.box import Box
+from kickdrift.model.cell import SHIFTS, Bricks, Cell, bricks_of, cell_of, into_brick
 
 # slots of `ClusterList.counts`
 N_CLUSTERS, NX, NY, BUILT, OUTER_BUILDS, PRUNES, ROOM_NEEDED, JUMPS_ALLOWED = range(8)
@@ -26,7 +27,6 @@ FAR = 30.0  # cutoffs beyond all particles: where the padding lanes sit. Much fu
 APART = 2.0  # cutoffs between them
 STRIDE_UNKNOWN = 0.01  # of the cutoff: how far the fastest particle goes between evaluations, until that is known
 SHIFT_BITS = 5  # of an entry of `near`, for 27 shifts
-SHIFTS = 27
 LOOKED_AHEAD = 2  # entries after the last that are read, and not used
 
 
@@ -42,8 +42,9 @@ class ClusterList(NamedTuple):
     block: Whole | Halves  # what an entry of a row is
     inner_skin: float
     outer_skin: float
-    edges: NDArray[np.float64]  # (3,), zero where the box is open
-    shifts: NDArray[np.float64]  # (3, 32), of which 27 are used
+    cell: Cell
+    bricks: Bricks
+    shifts: NDArray[np.float64]  # (3, 32), of which the 27 of the bricks are used
     counts: NDArray[np.int64]
     order: NDArray[np.int64]  # (n,) particles in slot order, padding left out
     column: NDArray[np.int64]  # (n,)
@@ -87,7 +88,7 @@ def table_place(per_row: int, shift: int, row: int) -> int:
     return 8 * STRIDE * shift + 2 * STRIDE * row
 
 
-def skins(edges: NDArray[np.float64], cutoff: float, stride: float) -> tuple[float, float]:
+def skins(bricks: Bricks, cutoff: float, stride: float) -> tuple[float, float]:
     """The inner and the outer skin that cost least where the fastest particle goes as far as ``stride`` between two
     evaluations.
 
@@ -96,7 +97,7 @@ def skins(edges: NDArray[np.float64], cutoff: float, stride: float) -> tuple[flo
     pruning dearer, by 1 / (1 / 2 + d), and asks each d / u evaluations for a search, which costs 1.6: d = 0.8 u^(1/4).
     The costs were measured in a Lennard-Jones liquid; twice or half the skins cost a few percent more.
     """
-    slack = float(edges.min()) - cutoff if edges.all() else inf  # shifts reach one box over, not further
+    slack = bricks.reach - cutoff  # shifts reach one box over, not further
     u = 2 * max(stride / cutoff, 0.25 * STRIDE_UNKNOWN)  # what is at rest may not stay so
     inner = min(max(0.77 * u**0.5, 0.02), 0.3)
     outer = inner + min(0.8 * u**0.25, 0.5)
@@ -111,13 +112,14 @@ def empty_rows(chunks: int, room: int, block: Whole | Halves) -> NDArray[np.int3
 
 def cluster_list(n: int, box: Box, cutoff: float, lanes: RowLanes, single: bool = False) -> ClusterList:
     """Empty lists for n particles; with ``single``, also what mixed precision needs."""
-    edges = np.array(box.lengths) if box.lengths is not None else np.zeros(3)
-    inner_skin, outer_skin = skins(edges, cutoff, STRIDE_UNKNOWN * cutoff)
+    cell = cell_of(box)
+    bricks = bricks_of(cell)
+    inner_skin, outer_skin = skins(bricks, cutoff, STRIDE_UNKNOWN * cutoff)
     chunks = chunk_count(n)
     slots = WIDTH * (n // WIDTH + n // WIDTH + 3)  # every column's last cluster may be padded
     clusters = slots // WIDTH
     shifts = aligned((3, 4 * WIDTH))
-    shifts[:, :SHIFTS] = edges[:, None] * (np.indices((3, 3, 3)).reshape(3, SHIFTS) - 1)
+    shifts[:, :SHIFTS] = bricks.shifts
     room = 6 * n // chunks + 64
     single_slots = slots if single else 0
     return ClusterList(
@@ -126,7 +128,8 @@ def cluster_list(n: int, box: Box, cutoff: float, lanes: RowLanes, single: bool 
         block=lanes.block,
         inner_skin=inner_skin,
         outer_skin=outer_skin,
-        edges=edges,
+        cell=cell,
+        bricks=bricks,
         shifts=shifts,
         counts=np.zeros(8, np.int64),
         order=np.arange(n, dtype=np.int64),
@@ -199,17 +202,16 @@ def sort(pairs, x):
 @strict
 def wrap(pairs, x):
     """The whole edges to take off each position; the lowest corner and the extent of what is left."""
-    n, offset = x.shape[1], pairs.offset
+    matrix = pairs.cell.matrix
     low, extent = np.zeros(3), np.zeros(3)
-    for k in range(3):
-        edge = pairs.edges[k]
-        if edge > 0.0:
-            extent[k] = edge
-            for i in range(n):
-                offset[k, i] = floor(x[k, i] / edge) * edge
+    pairs.offset[:] = 0.0
+    for k in range(2, -1, -1):
+        if matrix[k, k] > 0.0:
+            extent[k] = matrix[k, k]
+            into_brick(matrix, k, x, pairs.offset)
         else:
             low[k] = high = x[k, 0]
-            for i in range(n):
+            for i in range(x.shape[1]):
                 low[k], high = min(low[k], x[k, i]), max(high, x[k, i])
             extent[k] = max(high - low[k], 1e-3 * pairs.cutoff)
     return low, extent

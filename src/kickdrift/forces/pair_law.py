@@ -21,7 +21,7 @@ from kickdrift.model.checks import number
 from kickdrift.text import shown
 
 if TYPE_CHECKING:
-    from kickdrift.model.system import System
+    from kickdrift.model.subject import Subject
 
 TRUNCATIONS = ("cut", "shift", "force-shift", "switch")
 SWITCH_START = 0.8  # of the cutoff, where the switch begins unless told
@@ -166,17 +166,11 @@ class PairForce:
         ]
         return min(lengths, default=0.0)
 
-    def check(self, system: System) -> None:
+    def check(self, system: Subject) -> None:
         """Refuse a system that this force cannot run on."""
         assert self.cutoff is not None
-        if system.box.lengths is not None:
-            for axis, length in zip("xyz", system.box.lengths, strict=True):
-                if length < 2 * self.cutoff:
-                    raise InputError(
-                        f"{self.name}: box edge {axis} is {length:.6g}, shorter than twice the cutoff, "
-                        f"2 x {self.cutoff:.6g} = {2 * self.cutoff:.6g}"
-                    )
-        elif self.tail:
+        system.box.check_cutoff(self.name, self.cutoff)
+        if self.tail and not math.isfinite(system.volume):
             raise InputError(f"{self.name}: tail corrections need a periodic box")
         massless = np.flatnonzero(system.state.masses == 0)
         if massless.size:
@@ -187,7 +181,7 @@ class PairForce:
             for b in system.species:
                 check_law(self.name, self.pair_law(a, b), self.cutoff)
 
-    def tail_corrections(self, system: System) -> tuple[float, float]:
+    def tail_corrections(self, system: Subject) -> tuple[float, float]:
         """Energy and virial from beyond the cutoff for a fluid that is uniform there, by quadrature of the law."""
         if not self.tail:
             return 0.0, 0.0
@@ -197,19 +191,24 @@ class PairForce:
 
         assert self.cutoff is not None
         counts = np.bincount(system.species_index, minlength=len(system.species))
+        circle, p_u, p_w = (2 * math.pi, 4, 6) if system.dimensions == 3 else (math.pi, 3, 5)
         energy = virial = 0.0
         with warnings.catch_warnings():
             warnings.simplefilter("error", IntegrationWarning)
             for a, n_a in zip(system.species, counts, strict=True):
                 for b, n_b in zip(system.species, counts, strict=True):
                     p = self.pair_law(a, b)
-                    density = 2 * math.pi * n_a * n_b / system.box.volume
+                    density = circle * n_a * n_b / system.volume
                     try:  # over u = 1 / r, from 0 to 1 / r_c
                         u_part = quad(
-                            lambda u, p=p: p.law(u**-2)[0] / u**4, 0, 1 / self.cutoff, epsabs=0, epsrel=1e-12
+                            lambda u, p=p: p.law(u**-2)[0] / u**p_u, 0, 1 / self.cutoff, epsabs=0, epsrel=1e-12
                         )[0]
                         w_part = quad(
-                            lambda u, p=p: p.law(u**-2)[1] / u**6, 0, 1 / self.cutoff, epsabs=0, epsrel=1e-12
+                            lambda u, p=p: p.law(u**-2)[1] / u**p_w,
+                            0,
+                            1 / self.cutoff,
+                            epsabs=0,
+                            epsrel=1e-12,
                         )[0]
                     except (IntegrationWarning, ZeroDivisionError, OverflowError):
                         raise InputError(
@@ -219,10 +218,10 @@ class PairForce:
                     virial += density * w_part
         return energy, virial
 
-    def bind(self, system: System, threads: int = 1, mixed: bool = False) -> Any:
+    def bind(self, system: Subject, threads: int = 1, mixed: bool = False) -> Any:
         """The parts of this force for a System, a NamedTuple with a compiled body; in mixed precision, if
         so."""
-        from kickdrift.forces.pair_kernel import bind
+        from kickdrift.forces.pair_binding import bind
 
         return bind(self, system, threads, mixed)
 

@@ -98,7 +98,7 @@ def _fill_table(table, pairs, cluster, used, zero):
         shifts, origin = pairs.shifts, pairs.origin
         x, y, z = load_vector(pairs.x, cluster)
         # a row's second place may be empty: further away than all other empty ones, whatever the shift
-        aside = 10 * APART * pairs.cutoff + 3 * pairs.edges[0]
+        aside = 10 * APART * pairs.cutoff + 3 * pairs.cell.matrix[0, 0]
         x = select(lane_numbers() < float(pairs.filled[cluster]), x, x + aside)
         while used:
             s = lowest_bit(used)

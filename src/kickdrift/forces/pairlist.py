@@ -13,6 +13,8 @@ the positions alone.
 
 from __future__ import annotations
 
+from math import ceil, floor
+
 import numpy as np
 
 from kickdrift.forces.clusters import (
@@ -125,18 +127,30 @@ def search_chunk(pairs, c):
 def clusters_near(pairs, cluster, reach2, near, found):
     """Put the clusters after this one whose box is within reach of its box into ``near``, as far as there is room, from
     entry ``found`` on; where the next would stand."""
+    for row in range(pairs.bricks.whole.shape[0]):
+        found = clusters_near_in(pairs, row, cluster, reach2, near, found)
+    return found
+
+
+@jit
+def clusters_near_in(pairs, row, cluster, reach2, near, found):
+    """Likewise those in one row of bricks, which lean alike."""
     nx, ny = pairs.counts[NX], pairs.counts[NY]
     home, bounds, shifts, column_clusters = pairs.home[cluster], pairs.bounds, pairs.shifts, pairs.column_clusters
     cx, cy = home // ny, home % ny
-    periodic = pairs.edges[0] > 0.0
     width_x, width_y, low_x, low_y = pairs.grid
+    first_y, last_y, first_z, last_z = pairs.bricks.whole[row]
+    lean_x, lean_y = pairs.bricks.leans[row]
+    low_x, low_y = low_x + lean_x, low_y + lean_y
     reach = reach2**0.5
     span_x, span_y = int(reach / width_x) + 1, int(reach / width_y) + 1
-    x_to = min(cx + span_x, 2 * nx - 1 if periodic else nx - 1)
-    y_from, y_to = max(cy - span_y, -ny if periodic else 0), min(cy + span_y, 2 * ny - 1 if periodic else ny - 1)
-    for ux in range(cx, x_to + 1):
+    x_from, x_to = cx - span_x - ceil(lean_x / width_x), cx + span_x - floor(lean_x / width_x)
+    y_from, y_to = cy - span_y - ceil(lean_y / width_y), cy + span_y - floor(lean_y / width_y)
+    x_to = min(x_to, 2 * nx - 1 if pairs.cell.matrix[0, 0] > 0.0 else nx - 1)
+    y_from, y_to = max(y_from, first_y * ny), min(y_to, last_y * ny + ny - 1)
+    for ux in range(max(x_from, cx), x_to + 1):
         shift_x = int(ux >= nx)
-        gap_x = max(0.0, low_x + ux * width_x - bounds[3, cluster])
+        gap_x = max(0.0, low_x + ux * width_x - bounds[3, cluster], bounds[0, cluster] - low_x - (ux + 1) * width_x)
         for uy in range(y_from, y_to + 1):
             if ux == cx and uy < cy:
                 continue
@@ -152,7 +166,7 @@ def clusters_near(pairs, cluster, reach2, near, found):
             first, last = column_clusters[other_home], column_clusters[other_home + 1]
             if first == last:
                 continue
-            for shift_z in range(-1 if periodic and not same_column else 0, 2 if periodic else 1):
+            for shift_z in range(max(first_z, 0) if same_column else first_z, last_z + 1):
                 s = 9 * (shift_x + 1) + 3 * (shift_y + 1) + shift_z + 1
                 if lowest > bounds[5, last - 1] + shifts[2, s] or highest < bounds[2, first] + shifts[2, s]:
                     continue

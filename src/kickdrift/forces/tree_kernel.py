@@ -6,12 +6,11 @@ Threads share the groups. Each particle's sum has one order, whatever the number
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from kickdrift.forces.central import gravitational_constant
 from kickdrift.forces.kernel import BLOWN_UP, OK, kernel
 from kickdrift.forces.tree_build import (
     CHUNKS,
@@ -27,10 +26,7 @@ from kickdrift.jit.chunks import Chunks, chunk_task, each_chunk, in_chunks
 from kickdrift.jit.compile import as_written, never_inline
 from kickdrift.jit.memory import aligned
 from kickdrift.jit.vectors import WIDTH
-
-if TYPE_CHECKING:
-    from kickdrift.forces.tree import GravityTree
-    from kickdrift.model.system import System
+from kickdrift.model.state import Floats
 
 # A node counts as a whole if its bound is below SHARE accuracy^POWER |a|. The bounds b of many nodes of random sign add
 # up to b times the root of their number, b^-3/5 (a volume, and b goes as its edge to the fifth), so to b^7/10. SHARE is
@@ -58,16 +54,16 @@ class TreeKernel(NamedTuple):
     chunks: Chunks
 
 
-def bind(force: GravityTree, system: System, threads: int) -> TreeKernel:
-    """Bind the force to this System, on this number of threads."""
-    n = len(system)
+def bind(gm_by_id: Floats, masses: Floats, softening: float, accuracy: float, threads: int) -> TreeKernel:
+    """Parts for bodies with these G m (n,) and coherent masses (n,), on this number of threads."""
+    n = len(gm_by_id)
     clusters = -(-n // WIDTH)
     slots, nodes = WIDTH * clusters, 2 * clusters - 1
     return TreeKernel(
-        softening2=force.softening**2,
-        tolerance=SHARE * force.accuracy**POWER,
-        gm_by_id=gravitational_constant(force.name, force.G, system) * system.state.masses,
-        masses=system.coherent_masses,
+        softening2=softening**2,
+        tolerance=SHARE * accuracy**POWER,
+        gm_by_id=gm_by_id,
+        masses=masses,
         rows=np.empty((n, 4)),
         x=aligned((3, slots)),
         gm=aligned((slots,)),

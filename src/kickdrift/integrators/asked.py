@@ -124,8 +124,12 @@ def refuse_unknown(names: Iterable[str], method: Method | None = None) -> None:
     known = known_options() if unknown else {}
     for name in unknown:
         if name not in known:
-            takes = f"; {method.name} takes {', '.join((DT.name, *method.tunable))}" if method else ""
-            raise InputError(f"{clean(str(name), VALUE)}: no integrator takes such an option{meant(name)}{takes}")
+            hint = meant(name)
+            takes = f"{method.name} takes {', '.join((DT.name, *method.tunable))}" if method else ""
+            between = " " if hint else "; "  # a hint ends with a question mark
+            raise InputError(
+                f"{clean(str(name), VALUE)}: no integrator takes such an option{hint}{between + takes if takes else ''}"
+            )
 
 
 def settled(method: Method, asked: Mapping[str, Any], run: RunDefaults) -> Options:

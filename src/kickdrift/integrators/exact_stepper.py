@@ -12,11 +12,11 @@ from kickdrift.forces.central import gravitational_constant
 from kickdrift.forces.evaluate import SLOTS
 from kickdrift.forces.gravity import Gravity
 from kickdrift.forces.kernel import GROW
-from kickdrift.forces.pair_kernel import law_class, truncation_of
+from kickdrift.forces.pair_binding import law_class, truncation_of
 from kickdrift.forces.truncation import AtCutoff
-from kickdrift.integrators.exact import Lattice
 from kickdrift.integrators.exact_list import AXIS, BUILT, CULPRIT, POSITION, ROOM_NEEDED, WHAT, Particles
 from kickdrift.integrators.exact_loop import FAR, ExactGravity, ExactPairs, SpeciesTables, exact_loop
+from kickdrift.integrators.lattice import Lattice
 from kickdrift.integrators.loops import STEP
 from kickdrift.integrators.options import Options
 from kickdrift.integrators.stepping import Regular
@@ -58,6 +58,7 @@ class ExactStepper(Regular):
         self._weights = np.ones(len(system)) if self._gravity else system.coherent_masses
         self._cutoff = max((float(getattr(force, "cutoff", 0.0)) for force in system.forces), default=0.0)
         self._cursor = np.zeros(SLOTS, np.int64)
+        system.box.cuboid("leapfrog-exact")
         self._particles = self._empty(system)
         self._set_scales(*self._scales(system))
 

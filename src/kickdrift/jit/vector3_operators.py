@@ -1,8 +1,8 @@
 """The type of vectors of three, of lanes or of numbers, with its operators.
 
 numba learns ``Vector3`` with +, -, the sign, products with lanes and with numbers, and ``.x .y .z``. In a function
-without fast-math flags, a product of lanes inside a sum is fused with the sum. Numbers that meet lanes are copied to all
-lanes.
+without fast-math flags, a product of lanes inside a sum is fused with the sum. Numbers that meet lanes are copied to
+all lanes.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The pressure tensor of particles as they are, from the forces between pairs."""
+"""Instantaneous pressure tensor, from the forces between pairs."""
 
 from __future__ import annotations
 
@@ -6,31 +6,35 @@ from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial import cKDTree
 
 from kickdrift.errors import InputError
 from kickdrift.forces import Springs
 from kickdrift.forces.pair_law import PairForce
+from kickdrift.model.nearness import pairs_nearer
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 
 
 def instantaneous_pressure(system: System, positions: ArrayLike, velocities: ArrayLike) -> Floats:
-    """(3, 3) the pressure tensor of a System's particles at these positions and velocities, both (n, 3)."""
-    if not system.box.periodic:
+    """Return the pressure tensor (3, 3) of a System at these positions and velocities, both (n, 3).
+
+    In two dimensions the pressure is a force over a length, and the z row and column are zero.
+    """
+    if not np.isfinite(system.volume):
         raise InputError("pressure: needs a periodic box; open space has no volume")
     x, v = np.asarray(positions, dtype=float), np.asarray(velocities, dtype=float)
     total = np.einsum("n,na,nb->ab", system.coherent_masses, v, v)
     for force in system.forces:
         if isinstance(force, PairForce):
-            total += np.eye(3) * force.tail_corrections(system)[1] / 3
+            each = np.arange(3) < system.dimensions
+            total += np.diag(each * force.tail_corrections(system)[1] / system.dimensions)
         for apart, pull in _pulls(force, system, x):
             total += np.einsum("m,ma,mb->ab", pull, apart, apart)
-    return total / system.box.volume
+    return total / system.volume
 
 
 def _pulls(force: object, system: System, x: Floats) -> Iterator[tuple[Floats, Floats]]:
-    """(m, 3) separations of pairs and (m,) the force over r between them, positive where they repel."""
+    """Yield pair separations (m, 3) and forces over r (m,), positive for repulsion."""
     if isinstance(force, PairForce):
         yield from _pair_law(force, system, x)
     elif isinstance(force, Springs):
@@ -41,16 +45,15 @@ def _pulls(force: object, system: System, x: Floats) -> Iterator[tuple[Floats, F
         yield apart, -np.divide(stretch, r, out=np.zeros_like(r), where=r > 0)
     elif not getattr(force, "external", False):
         name = getattr(force, "name", type(force).__name__)
-        raise InputError(f"pressure: force {name!r} has no pairs for the sum")
+        raise InputError(f"pressure: force {name!r} is not a sum over pairs")
 
 
 def _pair_law(force: PairForce, system: System, x: Floats) -> Iterator[tuple[Floats, Floats]]:
     from kickdrift.forces.pair_terms import force_over_r
 
     cutoff = float(force.cutoff or 0.0)
-    tree = cKDTree(system.box.wrap(x), boxsize=system.box.lengths)
-    # A hair beyond the cutoff, so that rounding here and there decides alike: below.
-    i, j = tree.query_pairs(cutoff * (1 + 1e-12), output_type="ndarray").T
+    # Slightly beyond the cutoff: the test below then decides alone, whatever the rounding in the search.
+    i, j = pairs_nearer(x, system.box, cutoff * (1 + 1e-12)).T
     apart = system.box.minimum_image(x[i] - x[j])
     r2 = np.einsum("ma,ma->m", apart, apart)
     inside = r2 < cutoff**2

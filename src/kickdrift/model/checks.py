@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from numbers import Integral, Real
 from typing import Any
@@ -126,35 +126,11 @@ def no_overflow() -> Iterator[None]:
 unwarned = np.errstate(over="ignore", divide="ignore", invalid="ignore")
 
 
-def species_list(species: Any) -> list[Any]:
-    """The species as a list; a text is one letter for each particle."""
-    return list(species) if isinstance(species, str) else listed("species", species, "a list of names")
-
-
-def as_names(key: str, values: list[Any]) -> list[str]:
-    """The values as names. An InputError refuses all but text and whole numbers."""
-    wrong = {kind for kind in set(map(type, values)) if not issubclass(kind, str | int | np.integer) or kind is bool}
-    if wrong:
-        k, value = next((k, value) for k, value in enumerate(values) if type(value) in wrong)
-        raise InputError(f"{key}[{k}]: expected a name, got {shown(value)}")
-    return list(map(str, values))
-
-
-def body_radii(radii: ArrayLike, n: int) -> NDArray[np.float64]:
-    """Checked radii (n,) of bodies."""
-    return per_particle("radii", radii, n, "radius", "a length")
-
-
-def body_names(names: Sequence[str], n: int) -> tuple[str, ...]:
-    """Checked names of n bodies: none, or a different one for each."""
-    given = tuple(as_names("names", listed("names", names, "a list of names")))
-    if given and len(given) != n:
-        raise InputError(f"names: expected {n}, one for each particle, got {len(given)}")
-    seen: set[str] = set()
-    if len(set(given)) == len(given) and all(map(str.strip, given)):
-        return given
-    for k, name in enumerate(given):
-        if not name.strip() or name in seen:
-            raise InputError(f"names: particle {k} is called {name!r}; expected unique names")
-        seen.add(name)
-    return given
+def check_state(state: Any, kind: Any) -> None:
+    """Raise InputError unless this is a state of that kind with a finite time."""
+    if not isinstance(state, kind):
+        raise InputError(f"state: expected a {kind.__name__}, got {type(state).__name__}")
+    if not np.isfinite(state.time) or state.steps_done < 0:
+        raise InputError(
+            f"state: time must be finite and steps_done zero or more, got {state.time}, {state.steps_done}"
+        )

@@ -15,11 +15,11 @@ import numpy as np
 
 from kickdrift.errors import InputError
 from kickdrift.model.checks import is_number, number, positive
+from kickdrift.model.subject import Bodies, index_of
 from kickdrift.text import shown, suggestion
 
 if TYPE_CHECKING:
     from kickdrift.model.state import Floats
-    from kickdrift.model.system import System
 
 Body = str | int
 Radii = float | Sequence[float] | Mapping[str, float]
@@ -94,7 +94,7 @@ class Collision:
                 which = "" if is_number(self.radii) else f"[{key}]"
                 raise InputError(f"{self.kind}: radii{which} must be a length, zero or more, got {shown(radius)}")
 
-    def radii_in(self, system: System) -> Floats:
+    def radii_in(self, system: Bodies) -> Floats:
         """Radii (n,) of a system's bodies."""
         n, given = len(system), self.radii
         if given is None:
@@ -216,26 +216,6 @@ class Crossing:
 
 
 Event = CloseApproach | Collision | Escape | Crossing
-
-
-def index_of(system: System, body: Body, key: str) -> int:
-    """Row of a body, by name or by id. An InputError for an unknown body begins with ``key``."""
-    if isinstance(body, str) and body in system.names:
-        return system.names.index(body)
-    if isinstance(body, int | np.integer) and not isinstance(body, bool):
-        found = np.flatnonzero(system.state.ids == body)
-        if found.size:
-            return int(found[0])
-    if not system.names:
-        raise InputError(f"{key}: there is no particle {shown(body)}; expected a number from 0 to {len(system) - 1}")
-    known = ", ".join(system.names[:12]) + (", …" if len(system) > 12 else "")
-    hint = suggestion(body, system.names) if isinstance(body, str) else ""
-    raise InputError(f"{key}: there is no body {shown(body)}{hint} (known: {known})")
-
-
-def binding(system: System) -> Any:
-    """Force that binds bodies, with its G and softening: gravity of any kind, or None."""
-    return next((force for force in system.forces if hasattr(force, "G") and hasattr(force, "softening")), None)
 
 
 def _listed(radii: Any) -> Sequence[Any]:

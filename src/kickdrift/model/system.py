@@ -11,22 +11,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kickdrift.errors import InputError
+from kickdrift.model.body_checks import body_names, body_radii, names_of
 from kickdrift.model.box import Box
 from kickdrift.model.bridging import bridge
-from kickdrift.model.checks import (
-    as_names,
-    body_names,
-    body_radii,
-    listed,
-    no_overflow,
-    numbers,
-    per_particle,
-    species_list,
-    whole_number,
-)
+from kickdrift.model.checks import listed, no_overflow, per_particle, whole_number
 from kickdrift.model.event_checks import checked_events
 from kickdrift.model.events import Event
 from kickdrift.model.run_defaults import Equilibration, RunDefaults
+from kickdrift.model.space import box_for, check_plane, vectors_of
 from kickdrift.model.state import Floats, State
 from kickdrift.model.unit_systems import UnitSystem, unit_system
 from kickdrift.text import shown
@@ -48,6 +40,9 @@ class System:
     names : (n,) names of the bodies, each its own ("Jupiter"); default none
     radii : (n,) or one number; of the bodies, where they have any, for collisions
     events : what a run watches for, e.g. ``[kd.CloseApproach(0.1)]``
+    dimensions : 3, or 2
+        Two-dimensional particles lie and move in one plane, z the same for all. Positions and velocities may then be
+        (n, 2), and the box is two edge lengths or a matrix (2, 2).
     """
 
     state: State
@@ -64,6 +59,7 @@ class System:
     seed: int | None = None  # of the drawn velocities, where they were drawn
     radii: Floats | None = None
     events: tuple[Event, ...] = ()
+    dimensions: int = 3
 
     def __init__(
         self,
@@ -83,20 +79,25 @@ class System:
         names: Sequence[str] = (),
         radii: ArrayLike | None = None,
         events: Iterable[Event] = (),
+        dimensions: int = 3,
     ) -> None:
-        x = _vectors("positions", positions)
+        dimensions = whole_number("dimensions", dimensions, 2, 3)
+        x = vectors_of("positions", positions, dimensions)
         n = len(x)
-        v = np.zeros((n, 3)) if velocities is None else _vectors("velocities", velocities)
+        v = np.zeros((n, 3)) if velocities is None else vectors_of("velocities", velocities, dimensions)
         if v.shape != x.shape:
             raise InputError(f"velocities: expected shape {x.shape} like the positions, got {v.shape}")
         m = per_particle("masses", masses, n, "mass", "a finite number")
-        kind_of = ["A"] * n if species is None else as_names("species", species_list(species))
+        kind_of = ["A"] * n if species is None else names_of("species", _names(species))
         if len(kind_of) != n:
             raise InputError(f"species: expected {n} names, got {len(kind_of)}")
         kinds = tuple(dict.fromkeys(kind_of))
         number = {kind: k for k, kind in enumerate(kinds)}
         put = object.__setattr__
-        put(self, "state", State(np.array([x.T, v.T]), m, np.arange(n, dtype=np.int64), Box.of(box)))
+        put(self, "state", State(np.array([x.T, v.T]), m, np.arange(n, dtype=np.int64), box_for(box, dimensions)))
+        put(self, "dimensions", dimensions)
+        if dimensions == 2:
+            check_plane(self.state.phase)
         put(self, "forces", _forces(forces))
         put(self, "units", units if isinstance(units, UnitSystem) else unit_system(units))
         put(self, "species", kinds)
@@ -192,8 +193,9 @@ class System:
         Parameters
         ----------
         atoms : ase.Atoms
-            Open, or periodic along all axes with an orthorhombic cell. Tags, charges and magnetic moments are not
-            taken, but for what `to_ase` and exported files say by them: species, and in the arrays "names" and "radii".
+            Open, or periodic along any of the cell's vectors. Where these do not have the form of a `Box`, atoms and
+            velocities are turned with them (`Box.from_vectors`). Tags, charges and magnetic moments are not taken, but
+            for what `to_ase` and exported files say by them: species, and in the arrays "names" and "radii".
         forces : iterable of forces, in ``units``; default those of the calculator that the atoms carry, if it is ASE's
             LennardJones (shifted at its rc; not smooth) or kickdrift's
         units : the name of a unit system
@@ -270,9 +272,15 @@ class System:
 
     @property
     def degrees_of_freedom(self) -> int:
-        """3 N, less the three of the conserved total momentum; massless particles do not count."""
+        """3 N, less the three of the conserved total momentum, and 2 N - 2 in two dimensions; massless particles do not
+        count."""
         moving = int(np.count_nonzero(self.state.masses))
-        return max(3 * moving - 3, 0)
+        return max(self.dimensions * (moving - 1), 0)
+
+    @property
+    def volume(self) -> float:
+        """The volume of the box, in two dimensions its area; infinite where the box is open along any of its axes."""
+        return self.box.volume if self.dimensions == 3 else self.box.area
 
 
 def _forces(forces: Iterable[Any]) -> tuple[Any, ...]:
@@ -284,14 +292,5 @@ def _forces(forces: Iterable[Any]) -> tuple[Any, ...]:
     return tuple(found)
 
 
-def _vectors(key: str, values: ArrayLike) -> Floats:
-    array = numbers(key, values, "numbers of shape (n, 3)")
-    if array.ndim != 2 or array.shape[1] != 3 or len(array) == 0:
-        raise InputError(f"{key}: expected shape (n, 3) with n >= 1, got {array.shape}")
-    bad = np.argwhere(~np.isfinite(array))
-    if bad.size:
-        particle, axis = bad[0]
-        raise InputError(
-            f"{key}: particle {particle} has {array[particle, axis]} in {'xyz'[axis]}; expected finite numbers"
-        )
-    return array
+def _names(species: Any) -> list[Any]:
+    return list(species) if isinstance(species, str) else listed("species", species, "a list of names")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,26 +11,23 @@ import numpy as np
 
 from kickdrift.errors import InputError
 from kickdrift.forces import FORCES
-from kickdrift.model.capacity import check_room
-from kickdrift.model.checks import body_names, no_overflow, whole_number
+from kickdrift.model.checks import no_overflow, whole_number
 from kickdrift.model.problem import Problem
 from kickdrift.model.run_defaults import Equilibration
 from kickdrift.model.starts.builders import (
     Structure,
     check_overlaps,
-    lattice,
     maxwell_boltzmann,
-    mixture,
     read_structure,
 )
 from kickdrift.model.starts.coordinates import to_barycentric
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 from kickdrift.model.unit_systems import UNIT_SYSTEMS, UnitSystem, unit_system
-from kickdrift.model.units import number_density
 from kickdrift.systemfile.bodies import cluster, on_orbits
 from kickdrift.systemfile.events import events_of
 from kickdrift.systemfile.files import find, parsed, prefixed, toml_table
+from kickdrift.systemfile.places import as_given, box_of, edges_given, on_lattice
 from kickdrift.systemfile.schema import (
     ElementsTable,
     LatticeTable,
@@ -104,7 +100,7 @@ def _subject(data: dict[str, Any], path: Path, text: str, seed: int | None) -> S
 def _problem(data: dict[str, Any], path: Path, text: str, seed: int | None) -> Problem:
     for key in data:
         if key in SystemTable.model_fields and key not in OdeFileTable.model_fields:
-            raise InputError(f"{key}: does not go with ode; beside it stand {', '.join(_BESIDE_ODE)}")
+            raise InputError(f"{key}: not allowed in an ODE file; allowed beside ode: {', '.join(_BESIDE_ODE)}")
     table: OdeFileTable = checked(OdeFileTable, data, None)
     if seed is not None:
         raise InputError("seed: an ode draws no velocities; expected a system with velocities.temperature")
@@ -159,7 +155,7 @@ def _system(data: dict[str, Any], path: Path, text: str, seed: int | None) -> Sy
             positions,
             velocities,
             start.masses,
-            _box(table, start),
+            box_of(table, start),
             forces,
             units,
             start.species,
@@ -171,12 +167,15 @@ def _system(data: dict[str, Any], path: Path, text: str, seed: int | None) -> Sy
             seed,
             start.names,
             start.radii,
+            dimensions=table.dimensions,
         )
 
     made = system(velocities)
     if table.velocities is not None and table.velocities.temperature is not None and seed is not None:
         with prefixed("velocities."):
-            made = system(maxwell_boltzmann(made.coherent_masses, table.velocities.temperature, units.boltzmann, seed))
+            temperature = table.velocities.temperature
+            drawn_at = maxwell_boltzmann(made.coherent_masses, temperature, units.boltzmann, seed, table.dimensions)
+            made = system(drawn_at)
     check_overlaps(made)
     return made if not table.event else made.watched(events_of(made, table.event))
 
@@ -194,32 +193,16 @@ def _force(given: dict[str, Any], units: UnitSystem, path: str) -> Any:
         return cls(**parameters)
 
 
-def _box(table: SystemTable, start: Structure) -> Sequence[float] | None:
-    lengths, edges = table.box.lengths, start.edges
-    if lengths is not None:
-        for axis, (length, edge) in enumerate(zip(lengths, edges or (0.0,) * 3, strict=True)):
-            if length < edge * (1 - 1e-9):
-                raise InputError(
-                    f"box.lengths[{axis}]: expected {edge:.9g} or more, which the particles fill, got {length:g}"
-                )
-        return lengths
-    if not (start.periodic if table.box.periodic is None else table.box.periodic):
-        return None
-    if edges is None:
-        raise InputError("box.lengths: required key is missing: nothing else sets the edges of this periodic box")
-    return edges
-
-
 def _start(table: SystemTable, units: UnitSystem, folder: Path, gravity: float | None, seed: int | None) -> Structure:
-    particles = table.particles
+    particles, box = table.particles, edges_given(table)
     with prefixed("particles."):
         if isinstance(particles, LatticeTable):
-            return _on_lattice(particles, table.box.lengths, units)
+            return on_lattice(particles, table, box, units)
         if isinstance(particles, PositionsTable):
-            return _given(particles, units, gravity)
+            return as_given(particles, units, gravity)
         if isinstance(particles, ElementsTable | PlummerTable):
             if table.velocities is not None:
-                raise InputError("elements and plummer give velocities themselves; expected no [velocities]")
+                raise InputError("elements and plummer already set velocities; expected no [velocities]")
             return (
                 on_orbits(particles, gravity, seed)
                 if isinstance(particles, ElementsTable)
@@ -229,71 +212,3 @@ def _start(table: SystemTable, units: UnitSystem, folder: Path, gravity: float |
             raise InputError(f"file: expected the name of a file, got {shown(particles.file)}")
         with prefixed("file: "):
             return read_structure(folder / particles.file, units)
-
-
-def _on_lattice(particles: LatticeTable, lengths: list[float] | None, units: UnitSystem) -> Structure:
-    count = particles.count
-    check_room("count", count)
-    if isinstance(particles.species, dict):
-        names = list(particles.species)
-        if len(names) > 1 and particles.seed is None:
-            raise InputError("seed: required key is missing: a mixture is placed with a named seed, such as seed = 1")
-        species = mixture(particles.species, count, particles.seed or 0)
-    else:
-        species = particles.species
-    masses = _masses(particles.mass, species, count, units)
-    if particles.density is not None:
-        density = number_density(particles.density, units, float(np.mean(masses)))
-    elif lengths is not None and len(set(lengths)) == 1:
-        density = count / lengths[0] ** 3
-    else:
-        raise InputError(
-            "density: required key is missing (or box.lengths with three equal edges, which the lattice fills)"
-        )
-    positions, edges = lattice(particles.lattice, count, density)
-    return Structure(positions, masses, species, edges, periodic=True)
-
-
-def _given(particles: PositionsTable, units: UnitSystem, gravity: float | None) -> Structure:
-    n = len(particles.positions)
-    if isinstance(particles.species, dict) and len(particles.species) > 1:
-        raise InputError(f"species: expected one name or a list of {n}: fractions go with a lattice")
-    species = list(particles.species) * n if isinstance(particles.species, dict) else particles.species
-    if len(species) != n:
-        raise InputError(f"species: expected one name or {n}, got {len(particles.species)}")
-    if particles.GM is not None:
-        if gravity is None or particles.mass is not None or particles.masses is not None:
-            raise InputError("GM: expected it alone, without mass or masses, in units that have a G")
-        masses = [gm / gravity for gm in particles.GM]
-        if len(masses) != n:
-            raise InputError(f"GM: expected {n}, one for each position, got {len(masses)}")
-    elif particles.masses is None:
-        masses = _masses(particles.mass, species, n, units)
-    elif particles.mass is not None:
-        raise InputError("masses: expected mass or masses, got both")
-    elif len(particles.masses) != n:
-        raise InputError(f"masses: expected {n}, one for each position, got {len(particles.masses)}")
-    else:
-        masses = particles.masses
-    positions = np.array(particles.positions, dtype=float)
-    names = body_names(particles.names, n)
-    return Structure(
-        positions, masses, species, None, periodic=False, names=names, radii=particles.radii,
-        barycentric=particles.barycentric,
-    )  # fmt: skip
-
-
-def _masses(mass: Any, species: Sequence[str], n: int, units: UnitSystem) -> Any:
-    if len(species) != n:
-        raise InputError(f"species: expected {n} names, got {len(species)}")
-    if mass is None:
-        if not units.reduced:
-            raise InputError(f"mass: required key is missing: units {units.name!r} have no mass of their own")
-        return 1.0
-    if not isinstance(mass, dict):
-        return mass
-    missing, unused = sorted(set(species) - set(mass)), sorted(set(mass) - set(species))
-    if missing or unused:
-        what = f"species {missing[0]!r} has no mass" if missing else f"no particle is of species {unused[0]!r}"
-        raise InputError(f"mass: {what}")
-    return [mass[name] for name in species]

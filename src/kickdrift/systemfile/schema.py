@@ -29,7 +29,19 @@ from kickdrift.errors import InputError
 from kickdrift.forces.pair_law import PairForce
 from kickdrift.model import checks
 from kickdrift.model.unit_systems import UnitSystem
-from kickdrift.systemfile.schema_base import Edge, In, Mass, Pull, Radius, Table, Temperature, Time, Vector, Velocity
+from kickdrift.systemfile.schema_base import (
+    Edge,
+    In,
+    Length,
+    Mass,
+    Pull,
+    Radius,
+    Table,
+    Temperature,
+    Time,
+    Vector,
+    Velocity,
+)
 from kickdrift.systemfile.schema_bodies import ElementsTable, PlummerTable
 from kickdrift.text import VALUE, clean, shown
 
@@ -65,7 +77,7 @@ Density = Annotated[Any, BeforeValidator(_density)]
 
 
 class LatticeTable(Table):
-    lattice: Literal["sc", "bcc", "fcc"]
+    lattice: Literal["sc", "bcc", "fcc", "square", "hexagonal"]
     count: PositiveInt
     density: Density = None
     mass: Masses = None
@@ -115,18 +127,30 @@ class VelocitiesTable(Table):
     def _drawn_or_given(self) -> VelocitiesTable:
         self.one_of("temperature", "values")
         if (self.seed is None) != (self.temperature is None):
-            raise InputError("seed goes with temperature: velocities are drawn with a named seed, such as seed = 1")
+            raise InputError("seed and temperature need each other: velocities are drawn with a seed, such as seed = 1")
         return self
 
 
+Axes = Annotated[
+    Annotated[bool, Tag("<true or false>")]
+    | Annotated[list[bool], Field(min_length=3, max_length=3), Tag("<one for each axis>")],
+    Discriminator(lambda value: "<one for each axis>" if isinstance(value, list) else "<true or false>"),
+]
+
+
 class BoxTable(Table):
-    periodic: bool | None = None
-    lengths: Annotated[list[Edge], Field(min_length=3, max_length=3)] | None = None
+    periodic: Axes | None = None
+    lengths: list[Edge] | None = None
+    matrix: list[list[Length]] | None = None
 
     @model_validator(mode="after")
     def _agree(self) -> BoxTable:
-        if self.lengths is not None and self.periodic is False:
-            raise InputError("lengths make a box periodic, and periodic = false says that it is not")
+        given = [key for key in ("lengths", "matrix") if getattr(self, key) is not None]
+        if len(given) == 2:
+            raise InputError("expected lengths or matrix, got both")
+        if given and (self.periodic is False or self.periodic == [False] * 3):
+            verb = "makes" if given == ["matrix"] else "make"
+            raise InputError(f"{given[0]} {verb} a box periodic, but periodic = false")
         return self
 
 
@@ -139,6 +163,7 @@ class EquilibrateTable(Table):
 class SystemTable(Table):
     units: str
     title: str = ""
+    dimensions: Literal[2, 3] = 3
     particles: ParticlesTable
     velocities: VelocitiesTable | None = None
     box: BoxTable = BoxTable()

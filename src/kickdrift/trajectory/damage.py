@@ -20,6 +20,7 @@ from kickdrift.trajectory.checksums import (
     sums_of_vectors,
 )
 from kickdrift.trajectory.contents import Contents
+from kickdrift.trajectory.edges import EDGES, shape_of
 from kickdrift.trajectory.header import CLOCK as CLOCK_SERIES
 from kickdrift.trajectory.header import EVENT_COLUMNS, Header, event_column, framed, plan_numbers, sampled
 from kickdrift.trajectory.layout import TRAJECTORY
@@ -63,7 +64,7 @@ class Checks:
         n = len(header.ids)
         self.block = contents.attribute(CHECKSUMS, "particles", int)
         if not 1 <= self.block <= n:
-            raise contents.damaged(f"{CHECKSUMS}: {self.block} particles to a checksum of {n}")
+            raise contents.damaged(f"{CHECKSUMS}: {self.block} particles to a checksum, but the file has {n}")
         self._blocks = -(-n // self.block)
         columns = FIRST_VECTOR + self._blocks * len(header.vectors)
         self._sums = {
@@ -83,7 +84,7 @@ class Checks:
         last = self._contents.read(sampled(self._contents, "step", samples), slice(samples - 1, samples))
         step = self._contents.read(series[0], slice(frames, frames + 1))
         if step <= last and not self._wrong_columns("frame", series, row, CLOCK).any():
-            raise self._contents.damaged(f"kickdrift/committed: counts {frames} frames where there are more")
+            raise self._contents.damaged(f"kickdrift/committed: counts {frames} frames, but there are more")
 
     def vectors(self, name: str, frames: range, values: NDArray, first: int) -> Mask:
         """(frames,) which of these stored vectors of blocks of particles, from the ``first`` block on, differ from what
@@ -110,7 +111,7 @@ class Checks:
         contents = self._contents
         series = [contents.series(f"{TRAJECTORY}/position/{key}", kind, rows) for key, kind in CLOCK_SERIES]
         if self._header.box.periodic:
-            series.append(contents.series(f"{TRAJECTORY}/box/edges/value", "f8", rows, (3,)))
+            series.append(contents.series(EDGES, "f8", rows, shape_of(self._header.box)))
         return series
 
     @cached_property

@@ -16,7 +16,7 @@ from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 from kickdrift.model.unit_systems import UnitSystem
 from kickdrift.text import shown
-from kickdrift.trajectory import stored
+from kickdrift.trajectory import edges, stored
 from kickdrift.trajectory.checksums import CHECKSUMS, VECTORS
 from kickdrift.trajectory.contents import Contents
 from kickdrift.trajectory.layout import (
@@ -73,7 +73,7 @@ class Outline:
         clock = [key for key, _ in CLOCK]
         frames = [f"{TRAJECTORY}/position/{key}" for key in clock]
         frames += [f"{TRAJECTORY}/{name}/value" for name in self.vectors]
-        frames += [f"{TRAJECTORY}/box/edges/value"] if self.box.periodic else []
+        frames += [edges.EDGES] if self.box.periodic else []
         return {
             "frame": [*frames, *(f"observables/{name}/value" for name in self.observables)],
             "sample": [f"{SAMPLES}/{name}" for name in (*clock, *self.observables)],
@@ -128,8 +128,9 @@ def read(contents: Contents) -> Header:
     values = [_vectors(contents, name, frames, n) for name in vectors]
     for key, kind in CLOCK:
         contents.series(f"{particles}/position/{key}", kind, frames)
-    if record["box"] is not None:
-        contents.series(f"{particles}/box/edges/value", "f8", frames, (3,))
+    box = edges.box_of(contents, record["box"])
+    if box.periodic:
+        contents.series(edges.EDGES, "f8", frames, edges.shape_of(box))
     series = [sampled(contents, key, samples) for key, _ in CLOCK]
     contents.dataset(f"{own}/system/phase", "f8", (2, 3, n))
     closed = bool(contents.array(f"{own}/closed", "i1", (1,))[0])
@@ -139,7 +140,7 @@ def read(contents: Contents) -> Header:
         run_id=contents.attribute(own, "run_id", str),
         every=contents.attribute(own, "every", int),
         units=units_of(contents),
-        box=Box(None if record["box"] is None else tuple(record["box"])),
+        box=box,
         species=species,
         species_index=index,
         masses=masses,
@@ -176,7 +177,7 @@ def units_of(contents: Contents) -> UnitSystem:
         if there or key in _TEXTS or key == "boltzmann":
             values[key] = contents.attribute(name, key, str if key in _TEXTS else float)
             if key in _TEXTS and _COSTLY.search(values[key]):
-                raise contents.damaged(f"{name}: {key}: {shown(values[key])} is no unit")
+                raise contents.damaged(f"{name}: {key}: {shown(values[key])} is not a unit")
     return UnitSystem(**values)
 
 
@@ -191,7 +192,7 @@ def _species(contents: Contents) -> tuple[tuple[str, ...], NDArray[np.int32]]:
     if not len(index):
         raise contents.damaged(f"{name} holds no particle")
     if sorted(named.values()) != list(range(len(named))) or not 0 <= index.min() <= index.max() < len(named):
-        raise contents.damaged(f"{name}: its numbers are not those of {len(named)} names")
+        raise contents.damaged(f"{name}: its numbers do not match its {len(named)} names")
     return species, index
 
 
@@ -202,13 +203,13 @@ def _check_particles(
     n = len(index)
     for key, found in (("names", record.get("names") or ids), ("radii", record.get("radii") or ids)):
         if len(found) != n:
-            raise contents.damaged(f"kickdrift/system/record: {key}: {len(found)} of them for {n} particles")
+            raise contents.damaged(f"kickdrift/system/record: {len(found)} {key} for {n} particles")
     if record["particles"] != n:
-        raise contents.damaged(f"kickdrift/system/record: {record['particles']} particles, and {n} have a species")
+        raise contents.damaged(f"kickdrift/system/record: {record['particles']} particles, but {n} have a species")
     if sorted(record["species"]) != sorted(species):
-        raise contents.damaged(f"kickdrift/system/record: its species are not those of {TRAJECTORY}/species")
+        raise contents.damaged(f"kickdrift/system/record: its species differ from {TRAJECTORY}/species")
     if len(np.unique(ids)) != n:
-        raise contents.damaged(f"{TRAJECTORY}/id: two particles have one id")
+        raise contents.damaged(f"{TRAJECTORY}/id: two particles have the same id")
 
 
 def _vectors(contents: Contents, name: str, frames: int, n: int) -> h5py.Dataset:
@@ -280,7 +281,7 @@ def named(contents: Contents) -> tuple[str, ...]:
         names = group.attrs["observables"]
         found = tuple(each.decode() if isinstance(each, bytes) else str(each) for each in np.ravel(names))
     if any(not name or "/" in name or name in dict(CLOCK) for name in found) or len(set(found)) < len(found):
-        raise contents.damaged(f"{CHECKSUMS}: its observables have no good names")
+        raise contents.damaged(f"{CHECKSUMS}: its observables have invalid names")
     return found
 
 
@@ -307,5 +308,5 @@ def plan_numbers(contents: Contents) -> list[float]:
     ends = [abs(time) for time in (begin_time, end_time) if np.isfinite(time)]
     even = interval == 0.0 or (np.isfinite(interval) and interval > 1e-15 * max(ends))
     if not (whole and timely and even and exact in (0.0, 1.0)):
-        raise contents.damaged(f"{name}: {numbers} is no plan of a run")
+        raise contents.damaged(f"{name}: {numbers} is not the plan of a run")
     return numbers

@@ -5,7 +5,10 @@ from __future__ import annotations
 import os
 from typing import Any
 
+import numpy as np
+
 from kickdrift.forces import force_class
+from kickdrift.model.box import Box
 from kickdrift.model.event_log import event_lines
 from kickdrift.model.limits import NEVER
 from kickdrift.text import clean, counted, shown
@@ -40,7 +43,8 @@ def _summary(run: Run) -> dict[str, Any]:
         "system": run.system_record.get("name"),
         "particles": len(run.ids),
         "species": counts,
-        "box": None if run.box.lengths is None else list(run.box.lengths),
+        "box": None if run.box.shape is None else np.array(run.box.shape).tolist(),
+        "periodic": list(run.box.periodic_axes),
         "units": {
             "name": run.units.name,
             "length": run.units.length,
@@ -89,7 +93,7 @@ def describe(found: dict[str, Any]) -> str:
     rows = [
         ("system", found["system"]),
         ("particles", f"{found['particles']:,} ({species})"),
-        ("box", _box(found["box"], units["length"])),
+        ("box", _box(found["box"], found["periodic"], units["length"])),
         ("units", f"{units['name']}: length {units['length']}, time {units['time']}, energy {units['energy']}"),
     ]
     if units["nominal"]:
@@ -127,8 +131,11 @@ def describe(found: dict[str, Any]) -> str:
     return "\n".join(clean(line) for line in lines)
 
 
-def _box(lengths: list[float] | None, unit: str) -> str:
-    return "open" if lengths is None else " × ".join(f"{length:.6g}" for length in lengths) + f" {unit}, periodic"
+def _box(shape: list[Any] | None, periodic: list[bool], unit: str) -> str:
+    if shape is None:
+        return "open"
+    edges, _, along = Box(shape, periodic=periodic).described(unit).partition(", periodic")
+    return f"{edges.replace(' x ', ' × ')}, periodic{along}"
 
 
 def _form(found: dict[str, Any]) -> str:

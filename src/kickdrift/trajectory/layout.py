@@ -20,6 +20,7 @@ from kickdrift.model.system import System
 from kickdrift.model.unit_systems import DIMENSIONS, UnitSystem
 from kickdrift.trajectory import checkpoints, checksums
 from kickdrift.trajectory.checkpoints import Stored
+from kickdrift.trajectory.edges import shape_of
 from kickdrift.trajectory.opening import created
 from kickdrift.trajectory.options import FileOptions
 from kickdrift.trajectory.record import record_of, to_json
@@ -183,11 +184,11 @@ def _particles(file: h5py.File, system: System, flush_frames: int, options: File
         _link(element, clock)
     box = group.create_group("box")
     box.attrs["dimension"] = 3
-    box.attrs["boundary"] = np.array([b"periodic" if system.box.periodic else b"none"] * 3)
+    box.attrs["boundary"] = np.array([b"periodic" if there else b"none" for there in system.box.periodic_axes])
     if system.box.periodic:
         # One row for each frame although the box is fixed: MDAnalysis reads no other form.
         edges = box.create_group("edges")
-        new_series(edges, "value", (3,), "f8").attrs["unit"] = "Angstrom"
+        new_series(edges, "value", shape_of(system.box), "f8").attrs["unit"] = "Angstrom"
         _link(edges, clock)
     names = {name: index for index, name in enumerate(system.species)}
     kind = h5py.enum_dtype(names, basetype="i4")

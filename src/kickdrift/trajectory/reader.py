@@ -13,10 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.errors import InputError
+from kickdrift.model.box import Box
 from kickdrift.model.checks import path_text
 from kickdrift.model.file_units import FileUnits
 from kickdrift.model.state import Floats
-from kickdrift.trajectory import header
+from kickdrift.trajectory import edges, header
 from kickdrift.trajectory.checkpoints import CHECKPOINTS, COLUMNS, Table
 from kickdrift.trajectory.contents import Contents
 from kickdrift.trajectory.damage import Checks, Damage
@@ -60,6 +61,7 @@ class Run(Frames):
     nominal_units : bool
         Whether the file's angstrom and ps stand for a length and time unit that other programs do not know.
     box : Box
+        That the run began with; every run so far keeps it.
     species : tuple of str
     species_index : (n,) int32 into `species`
     names : tuple of str
@@ -131,15 +133,22 @@ class Run(Frames):
             "forces": ("force", self._factors.force),
         }[what]
         if name not in self._written:
-            raise InputError(f"{self.path}: holds no {what}; a run writes them where it is asked to")
+            raise InputError(f"{self.path}: holds no {what}; a run writes these only on request")
         self.refuse_changed()
         rows = range(*frames.indices(len(self)))
         values: Floats = self._checked(name, rows, particles).astype(np.float64, copy=False)
         if factor != 1.0:
             values = values / factor
-        if what == "positions" and self.box.lengths and "images" in self.options.write:
-            values += self._checked("image", rows, particles) * np.array(self.box.lengths)
+        if what == "positions" and self.box.periodic and "images" in self.options.write:
+            values += edges.crossed(self._checked("image", rows, particles), self.box, self.boxes_of(rows))
         return values
+
+    def boxes_of(self, rows: range) -> list[Box]:
+        """The box of each of some frames, in ascending order: `box`, unless the Writer was given another."""
+        if not rows or not self.box.periodic:
+            return [self.box] * len(rows)
+        self.check_clock(rows)
+        return edges.boxes(self._contents, self.box, self._factors.length, as_slice(rows))
 
     def _checked(self, name: str, rows: range, particles: slice) -> NDArray:
         """(f, k, 3) of what frames hold, as it is stored; an InputError names the first that is damaged."""
@@ -314,12 +323,12 @@ class Run(Frames):
         with self._contents.guarded("its beginning"):
             layout = self._file.id.get_create_plist()
             if layout.get_version()[0] or layout.get_sizes() != (8, 8) or layout.get_userblock():
-                raise InputError(f"{self.path}: has been written anew by another program; the run cannot go on in it")
+                raise InputError(f"{self.path}: was rewritten by another program, so the run cannot continue it")
         for name in (*(name for names in self._growing.values() for name in names), "kickdrift/report", *checkpoints):
             with self._contents.guarded(name):
                 data = self._file[name]
                 if data.chunks is None or data.maxshape[0] is not None:
-                    raise InputError(f"{self.path}: {name} is of fixed size; the run cannot go on in this file")
+                    raise InputError(f"{self.path}: {name} has a fixed size, so the run cannot continue this file")
 
     @cached_property
     def kept(self) -> Committed:

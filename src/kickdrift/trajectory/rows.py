@@ -10,11 +10,13 @@ import h5py
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from kickdrift.errors import InputError
 from kickdrift.model.box import Box
 from kickdrift.model.state import Floats
 from kickdrift.trajectory import checksums, header
 from kickdrift.trajectory.checksums import CHECKSUMS
 from kickdrift.trajectory.contents import Contents
+from kickdrift.trajectory.edges import EDGES, shape_of, stored
 from kickdrift.trajectory.layout import (
     EVENTS,
     SAMPLES,
@@ -102,7 +104,7 @@ class Rows:
         self.write = found.options.write
         self.columns: Mapping[str, str] = {}
         self._growing, self._vectors, self._block = found.growing, found.vectors, 0
-        self._periodic = found.box.periodic
+        self._box = found.box
         self._look_for_checksums()
 
     @property
@@ -159,8 +161,8 @@ class Rows:
             {f"observables/{name}/value": [row.observables[name] for row in frames] for name in self.shapes}
         )
         edges: dict[str, Sequence[ArrayLike]] = {}
-        if self._periodic:
-            edges[f"{TRAJECTORY}/box/edges/value"] = [np.array(row.box.lengths) * factors.length for row in frames]
+        if self._box.periodic:
+            edges[EDGES] = [stored(row.box) * factors.length for row in frames]
         step, time = f"{TRAJECTORY}/position/step", f"{TRAJECTORY}/position/time"
         steps, times = [row.step for row in frames], [row.time * factors.time for row in frames]
         clock = self._columns({step: steps, time: times, **edges})
@@ -244,6 +246,15 @@ class Rows:
             return f"observables: expected {self.shapes} as before, got {shapes}"
         return None
 
+    def check_box(self, box: Box) -> None:
+        """An InputError for a box that the file's edges have no form for."""
+        if (box.periodic_axes, shape_of(box)) != (self._box.periodic_axes, shape_of(self._box)):
+            unit = self._units.length
+            raise InputError(
+                f"{self._out.path}: its frames have a box like {self._box.described(unit)}, and this state's is "
+                f"{box.described(unit)}"
+            )
+
     def make_observables(self, file: h5py.File) -> None:
         """Datasets for the observables, in a copy of the file: see `h5md.Writer.extend`."""
         known = self.columns
@@ -282,7 +293,7 @@ def _times(vectors: Sequence[NDArray], factor: float, dtype: np.dtype) -> NDArra
 
 def images_of(positions: Floats, within: Floats, box: Box) -> NDArray[np.int32]:
     """How many edges lie between positions (n, 3) and the same inside the box; 0 for bodies that are gone."""
-    return np.nan_to_num(np.rint((positions - within) / np.array(box.lengths))).astype(np.int32)
+    return np.nan_to_num(np.rint(box.fractional(positions - within))).astype(np.int32)
 
 
 ROUNDING = 1e-12  # relative, of times that went through the file's units

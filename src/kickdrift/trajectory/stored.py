@@ -54,13 +54,23 @@ class EquilibrationText(Stored):
     interval: Number = 10
 
 
+class BoxText(Stored):
+    """A box that leans, or that is open along an axis."""
+
+    matrix: Annotated[
+        list[Annotated[list[float], Field(min_length=3, max_length=3)]], Field(min_length=3, max_length=3)
+    ]
+    periodic: Annotated[list[bool], Field(min_length=3, max_length=3)]
+
+
 class RecordText(Stored):
     """`kickdrift/system/record`."""
 
     name: str
     units: str
     particles: Whole
-    box: Annotated[list[Positive], Field(min_length=3, max_length=3)] | None
+    box: Annotated[list[Positive], Field(min_length=3, max_length=3)] | BoxText | None
+    dimensions: Literal[2, 3] = 3
     species: list[str]
     names: list[str] = []
     radii: list[float] | None = None

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from kickdrift.errors import InputError
-from kickdrift.trajectory.export import Chosen, Placed
+from kickdrift.trajectory.chosen import Chosen, Placed
 from kickdrift.trajectory.formats import REMOVED_LEFT_OUT, Format
 from kickdrift.trajectory.universe import species
 
@@ -63,7 +63,6 @@ class AtomsOf:
             self.notes.append(f"{units.length}, {units.mass} and {units.energy} stand as angstrom, u and eV")
         self.symbols = np.array([kind if kind in atomic_numbers else UNKNOWN for kind in species(run)])
         self.masses = run.masses / self.scale.mass
-        self.cell = None if run.box.lengths is None else np.array(run.box.lengths) / self.scale.length
 
     def __call__(self, frame: Placed) -> Any:
         from ase import Atoms
@@ -76,8 +75,8 @@ class AtomsOf:
             positions=frame.positions[there] / self.scale.length,
             masses=self.masses[there],
             tags=run.species_index[there],
-            cell=self.cell,
-            pbc=self.cell is not None,
+            cell=frame.box.matrix / self.scale.length,
+            pbc=frame.box.periodic_axes,
         )
         atoms.set_velocities(self.velocities)
         atoms.info = {

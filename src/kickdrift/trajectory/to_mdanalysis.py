@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from kickdrift.errors import InputError, RunError
 from kickdrift.model.file_units import FileUnits
-from kickdrift.trajectory.export import Chosen, Placed
+from kickdrift.trajectory.chosen import Chosen, Placed
 from kickdrift.trajectory.formats import REMOVED_NAN, Format
-from kickdrift.trajectory.universe import label, mdanalysis, spacing
+from kickdrift.trajectory.universe import dimensions, label, mdanalysis, spacing
 
 INT32 = 2**31 - 1
 
@@ -38,7 +38,7 @@ def write(chosen: Chosen, path: Path, format: Format, progress: Callable[[int, i
             writer.write(universe.atoms)
             progress(done, len(chosen))
     if not target.whole(path):
-        raise RunError("the export did not come out whole; is the disk full, or the size of files limited?")
+        raise RunError("the export is incomplete; is the disk full, or the size of files limited?")
     return target.notes
 
 
@@ -49,18 +49,22 @@ class Target:
     ----------
     options : of MDAnalysis' writer
     notes : what this run has to give up in it
-    edges : (3,) of the box in angstrom, or None
+    cell : bool
+        Whether frames have a box: formats here have none that is open along an axis.
     """
 
     def __init__(self, chosen: Chosen, format: Format) -> None:
         run = chosen.run
         self.chosen, self.format, self.run = chosen, format, run
         self.units = FileUnits.of(run.units)
-        self.edges = None if run.box.lengths is None else np.array(run.box.lengths) * self.units.length
+        self.cell = all(run.box.periodic_axes)
         self.options: dict[str, Any] = {}
         self.notes: list[str] = []
         if self.units.nominal:
             self.notes.append(f"{run.units.length} and {run.units.time} stand as angstrom and ps")
+        if format.box and run.box.periodic and not self.cell:
+            whole = run.box.described(run.units.length)
+            self.notes.append(f"frames have no box, since {format.suffix} has none like {whole}")
 
     def rename(self, atoms: Any) -> None:
         """Give the atoms names that the format can hold."""
@@ -78,8 +82,8 @@ class Target:
             return
         if not self.format.removed:
             raise InputError(
-                f"{self.chosen.who(frame, int(gone.argmax()))} was removed, and {self.format.suffix} must have a place "
-                f"for it; --stop {frame.number} ends before, and .extxyz leaves it out"
+                f"{self.chosen.who(frame, int(gone.argmax()))} was removed, but {self.format.suffix} needs its "
+                f"position; --stop {frame.number} ends before the removal, and .extxyz leaves the body out"
             )
         note = f"bodies that were removed are kept {REMOVED_NAN}"
         if note not in self.notes:
@@ -89,10 +93,14 @@ class Target:
         """Make the frame the universe's only one."""
         ts = universe.trajectory.ts
         ts.frame, ts.time, ts.data["step"] = frame.number, frame.time, frame.step
-        ts.dimensions = None if self.edges is None else [*self.edges, 90, 90, 90]
+        ts.dimensions = self.dimensions(frame)
         ts.positions = frame.positions
         if ts.has_velocities:
             ts.velocities = frame.velocities
+
+    def dimensions(self, frame: Placed) -> list[float] | None:
+        """The frame's box: lengths in angstrom, angles in degrees."""
+        return dimensions(frame.box, self.units.length)
 
     def announce(self, writer: Any, frame: Placed, done: int) -> None:
         """What is written before the frame."""
@@ -102,7 +110,7 @@ class Target:
         return True
 
     def cannot(self, frame: Placed, particle: int, why: str) -> InputError:
-        inside = self.chosen.unwrapped and self.edges is not None
+        inside = self.chosen.unwrapped and self.run.box.periodic
         advice = "without --unwrapped it lies inside the box" if inside else "export to .trr or .dcd"
         return InputError(f"{self.chosen.who(frame, particle)}: {why}; {advice}")
 
@@ -132,12 +140,13 @@ class Pdb(Target):
         self.options = {"multiframe": True, "bonds": None}
         path, n = self.run.path, len(self.run.ids)
         if n > self.ATOMS:
-            raise InputError(f"{path}: has {n:,} particles, and .pdb has columns for {self.ATOMS:,}; .dcd has no limit")
+            raise InputError(f"{path}: has {n:,} particles; .pdb holds at most {self.ATOMS:,}, .dcd any number")
         if len(chosen) > self.MODELS:
             every = -(-len(chosen) // self.MODELS) * chosen.every
-            raise InputError(f"{path}: {len(chosen):,} frames, and .pdb numbers {self.MODELS:,}; try --step {every}")
-        if self.edges is not None and self.edges.max() >= self.EDGE:
-            raise InputError(f"{path}: the box has an edge of {self.edges.max():g}; .pdb has columns up to 99999.999")
+            raise InputError(f"{path}: {len(chosen):,} frames; .pdb holds at most {self.MODELS:,}; try --step {every}")
+        edge = max((dimensions(self.run.box, self.units.length) or [0.0])[:3])
+        if edge >= self.EDGE:
+            raise InputError(f"{path}: the box has an edge of {edge:g}; .pdb holds at most 99999.999")
 
     def check(self, frame: Placed) -> None:
         super().check(frame)
@@ -145,8 +154,8 @@ class Pdb(Target):
         _within(self, frame, (x <= np.float32(self.LOWEST)) | (x > np.float32(self.HIGHEST)), "columns of .pdb")
 
     def announce(self, writer: Any, frame: Placed, done: int) -> None:
-        if done > 1 and self.edges is not None:
-            writer.CRYST1([*self.edges, 90, 90, 90])  # MDAnalysis' reader looks for one a frame, or finds none
+        if done > 1 and self.cell:
+            writer.CRYST1(self.dimensions(frame))  # MDAnalysis' reader looks for one a frame, or finds none
 
 
 class Dcd(Target):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Container, Sequence
+from collections.abc import Container
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,13 +11,15 @@ import numpy as np
 
 from kickdrift.errors import InputError
 from kickdrift.model import constants
+from kickdrift.model.box import Box
 from kickdrift.model.file_units import FileUnits
 from kickdrift.model.state import Floats
+from kickdrift.trajectory.edges import EDGES, stored
 from kickdrift.trajectory.layout import TRAJECTORY
 from kickdrift.trajectory.opening import open_to_read
 
 if TYPE_CHECKING:
-    from kickdrift.trajectory.reader import Run
+    from kickdrift.trajectory.run_parts import RunClock, RunHeader
 
 EVEN = 1e-6  # of the time between frames; what rounding does to their times is far below
 _ATOMIC = {"u": 1.0, "kg": 1 / constants.ATOMIC_MASS}
@@ -32,7 +34,7 @@ def mdanalysis(what: str) -> Any:
     return MDAnalysis
 
 
-def universe(run: Run) -> Any:
+def universe(run: RunClock) -> Any:
     """The MDAnalysis Universe of a run's file, which it reads by itself: float32, unwrapped, in angstrom and ps.
 
     Nominal units stay nominal: a sigma is an angstrom there, and a tau a ps. Atoms have the bodies' names (else their
@@ -42,32 +44,44 @@ def universe(run: Run) -> Any:
     """
     MDAnalysis = mdanalysis("universe()")
     if not len(run):
-        raise InputError(f"{run.path}: holds no frame")
+        raise InputError(f"{run.path}: holds no frames")
     dt, even = spacing(run, run.times)
     if not even:
         warnings.warn(
-            f"{run.path}: frames are not evenly spaced; dt is {dt:g} ps, and each has its own time", stacklevel=3
+            f"{run.path}: frames are not evenly spaced; dt is {dt:g} ps, but each frame has its own time", stacklevel=3
         )
     found = MDAnalysis.Universe(str(run.path), to_guess=(), n_atoms=len(run.ids), dt=dt)
     label(found, run)
-    if "images" in run.options.write and run.box.lengths is not None:
-        found.trajectory.add_transformations(Unwrapping(run.path, run.box.lengths, FileUnits.of(run.units).length))
+    if "images" in run.options.write and run.box.periodic:
+        found.trajectory.add_transformations(Unwrapping(run.path))
     return found
 
 
 class Unwrapping:
     """A transformation for MDAnalysis: positions that the file has inside the box go back to where they are."""
 
-    def __init__(self, path: Path, lengths: Sequence[float], factor: float) -> None:
-        self.path, self.edges = path.absolute(), np.array(lengths) * factor
+    def __init__(self, path: Path) -> None:
+        self.path = path.absolute()
 
     def __call__(self, ts: Any) -> Any:
         with open_to_read(self.path) as file:
-            ts.positions = ts.positions + file[TRAJECTORY]["image/value"][ts.frame] * self.edges
+            edges, images = file[EDGES][ts.frame], file[TRAJECTORY]["image/value"][ts.frame]
+            ts.positions = ts.positions + images @ (edges if edges.ndim == 2 else np.diag(edges))
         return ts
 
 
-def label(universe: Any, run: Run) -> None:
+def dimensions(box: Box, factor: float) -> list[float] | None:
+    """Three lengths times a factor and three angles in degrees, as MDAnalysis has them; None where a box is open along
+    an axis."""
+    from MDAnalysis.lib.mdamath import triclinic_box
+
+    if not all(box.periodic_axes):
+        return None
+    edges = stored(box) * factor
+    return [*edges, 90.0, 90.0, 90.0] if edges.ndim == 1 else list(triclinic_box(*edges))
+
+
+def label(universe: Any, run: RunHeader) -> None:
     """Give a Universe's atoms what the file knows of its particles."""
     from MDAnalysis.guesser.tables import SYMB2Z
 
@@ -79,22 +93,22 @@ def label(universe: Any, run: Run) -> None:
         universe.add_TopologyAttr(attribute, values)
 
 
-def species(run: Run) -> list[str]:
+def species(run: RunHeader) -> list[str]:
     """The species of every particle."""
     return [run.species[index] for index in run.species_index]
 
 
-def chemical_symbols(run: Run, known: Container[str]) -> list[str]:
+def chemical_symbols(run: RunHeader, known: Container[str]) -> list[str]:
     """The species where each is a chemical element and units are real ones, else nothing."""
     return species(run) if not run.nominal_units and all(each in known for each in run.species) else []
 
 
-def atomic_masses(run: Run) -> Floats:
+def atomic_masses(run: RunHeader) -> Floats:
     """(n,) masses in u; as they are where the file's unit of mass is none that u can be said in."""
     return run.masses * _ATOMIC.get(run.units.mass, 1.0)
 
 
-def spacing(run: Run, times: Floats) -> tuple[float, bool]:
+def spacing(run: RunHeader, times: Floats) -> tuple[float, bool]:
     """Time between frames at those times, in the file's ps, and whether it is the same between all of them.
 
     Where it is not: that between all but the last, where a run's end put this nearer; else the mean. Of a single frame,

@@ -7,7 +7,7 @@ import platform
 import numpy as np
 import pytest
 
-from kickdrift.forces import pair_kernel, row_lanes
+from kickdrift.forces import pair_binding, row_lanes
 from kickdrift.forces.bound import BoundForces
 from kickdrift.forces.clusters import N_CLUSTERS, SHIFTS, STRIDE
 from kickdrift.forces.pair_rows import in_float64
@@ -17,12 +17,12 @@ from kickdrift.jit.lanes import lanes_like, multiply_add
 from kickdrift.jit.masks import select
 from kickdrift.jit.memory import broadcast, load_like, store
 from kickdrift.jit.vectors import WIDTH
+from kickdrift_validation import processors
 from tests.oracle.agreement import assert_right
 from tests.processes import python
 from tests.systems import fluid, make_system, moved
 
 EVERY = (Wide(), Narrow(), WideSingle(), NarrowSingle())
-PROCESSORS = {"haswell": "+avx,+avx2,+fma,+bmi,+bmi2,+lzcnt,+movbe,+f16c,+popcnt,+sse4.2", "x86-64": "+sse2"}
 every_width = pytest.mark.parametrize("lanes", EVERY, ids=lambda lanes: type(lanes).__name__)
 
 
@@ -32,7 +32,7 @@ def is_single(lanes):
 
 def bound_with(monkeypatch, system, lanes):
     with monkeypatch.context() as patched:
-        patched.setattr(pair_kernel, "row_lanes", lambda mixed: lanes)
+        patched.setattr(pair_binding, "row_lanes", lambda mixed: lanes)
         return BoundForces(system, mixed=is_single(lanes))
 
 
@@ -159,11 +159,11 @@ for mixture in (False, True):
 
 @pytest.mark.skipif(platform.machine() not in ("x86_64", "AMD64"), reason="code for processors of another kind")
 @pytest.mark.long
-@pytest.mark.parametrize("processor", PROCESSORS)
+@pytest.mark.parametrize("processor", processors.FEATURES)
 def test_code_for_processors_without_avx_512(processor):
     """The rows are packed otherwise there, too."""
     if processor == "haswell" and "avx2" not in features():
         pytest.skip("the machine has no AVX2")
-    settings = {"NUMBA_CPU_NAME": processor, "NUMBA_CPU_FEATURES": PROCESSORS[processor]}
+    settings = processors.settings(processor)
     done = python(CHILD, **settings)
     assert done.returncode == 0, done.stderr

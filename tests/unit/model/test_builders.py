@@ -139,7 +139,7 @@ def test_particles_at_the_same_place(force):
 
 
 def test_far_cells_with_the_same_number_are_no_neighbours():
-    from kickdrift.model.starts.builders import CELLS
+    from kickdrift.model.nearness import CELLS
 
     apart = 2.0 * CELLS  # in cells of twice the limit
     assert not any_nearer(np.array([[0.0] * 3, [apart, 0.0, 0.0], [0.0, 0.0, -apart]]), None, 1.0)

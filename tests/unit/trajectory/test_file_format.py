@@ -16,6 +16,8 @@ from kickdrift.trajectory.layout import SCHEMA
 from tests.folders import DOCS
 from tests.oracle import h5md_reader
 
+LEANING = kd.Box(matrix=[[10.0, 0.0, 0.0], [4.0, 9.0, 0.0], [-3.0, 2.0, 8.0]])
+SLAB = kd.Box((10.0, 9.0, 0.0), periodic=(True, True, False))
 PAGE = DOCS / "file-format.md"
 FILES = {
     "lj": (lambda: kd.load("lj-1000"), kd.FileOptions()),
@@ -24,6 +26,8 @@ FILES = {
     "metal, images, compressed": (lambda: kd.load("argon-864"), kd.FileOptions(compress=True, write=("images",))),
     "astro, names": (lambda: kd.load("solar-system"), kd.FileOptions()),
     "si": (lambda: bodies("si", 1e-10), kd.FileOptions(store="float32", compress=True, write=("forces",))),
+    "lj, leaning, images": (lambda: boxed(LEANING), kd.FileOptions(write=("images",))),
+    "lj, a slab, images": (lambda: boxed(SLAB), kd.FileOptions(write=("images",))),
     "nbody, a merger": (lambda: bodies("nbody", 1.0), kd.FileOptions()),
 }
 
@@ -31,6 +35,11 @@ FILES = {
 def bodies(units, scale):
     x = scale * np.array([[0.0, 1.0, 2.0], [3.0, 4.0, 5.5], [6.0, -7.0, 8.0]])
     return kd.System(x, -x, [1.0, 2.0, 3.0], units=UNIT_SYSTEMS[units], species=["A", "B", "A"], names=["a", "b", "c"])
+
+
+def boxed(box):
+    x = np.random.default_rng(4).uniform(-30, 30, (7, 3))
+    return kd.System(x, -x, box=box)
 
 
 def written(path, system, options):
@@ -80,7 +89,7 @@ def test_a_reader_of_the_page_reads_what_we_write(tmp_path, name):
             np.testing.assert_array_equal(found["forces"], run.forces)
         assert found["species"] == [run.species[k] for k in run.species_index]
         assert tuple(found["record"]["names"]) == run.names
-        np.testing.assert_allclose(found["box"], run.box.lengths, rtol=1e-15) if run.box.periodic else None
+        np.testing.assert_allclose(found["box"], run.box.shape, rtol=1e-15) if run.box.periodic else None
         assert (found["box"] is None) == (not run.box.periodic)
         assert found["source"] == run.system_source == system.source
         assert (found["method"], found["versions"], found["report"]) == (run.method, run.versions, run.report)

@@ -234,6 +234,8 @@ def test_the_file_for_mdanalysis_tests_is_its_reference(tmp_path):
         np.testing.assert_array_equal(ts.positions, 2**frame * first)
         np.testing.assert_allclose(ts.velocities, 2**frame * first / 10, rtol=1e-7)
         assert ts.time == frame
+        expected = np.array([81.1, 82.2, 83.3, 75, 80, 85]) + frame * np.array([1, 1, 1, 0.1, 0.1, 0.1])
+        np.testing.assert_allclose(ts.dimensions, expected, rtol=1e-6)
     universe.trajectory.close()
 
 

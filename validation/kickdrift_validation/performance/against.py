@@ -28,13 +28,10 @@ import numpy as np
 from kickdrift_validation.claim import Claim, claim, show, where
 from kickdrift_validation.folders import checkout
 from kickdrift_validation.performance.turns import Runner, ratio_of, turns
+from kickdrift_validation.processors import FEATURES, settings
 
 CHILD = Path(__file__).with_name("build.py")
 TURNS, SECONDS = 9, 0.5
-PROCESSORS = {
-    "haswell": "+avx,+avx2,+fma,+bmi,+bmi2,+lzcnt,+movbe,+f16c,+popcnt,+sse4.2",
-    "x86-64": "+sse2",
-}
 
 
 class Case(NamedTuple):
@@ -153,7 +150,7 @@ def main() -> int:
     """Measure, print; the exit status, 1 where a bound is missed."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("commit", nargs="?", help="of the other build")
-    parser.add_argument("--processor", choices=PROCESSORS, help="that this build's code is compiled for")
+    parser.add_argument("--processor", choices=FEATURES, help="that this build's code is compiled for")
     parser.add_argument("--only", nargs="+", choices=[case.name for case in LOOPS], metavar="NAME")
     parser.add_argument("--turns", type=int, default=TURNS)
     given = parser.parse_args()
@@ -163,7 +160,7 @@ def main() -> int:
     here = Build("this build", checkout(), {})
     cases = tuple(case for case in LOOPS if not given.only or case.name in given.only)
     if given.processor:
-        features = {"NUMBA_CPU_NAME": given.processor, "NUMBA_CPU_FEATURES": PROCESSORS[given.processor]}
+        features = settings(given.processor)
         narrow = Build(f"code for {given.processor}", here.top, features)
         liquids = tuple(case._replace(least=NARROW) for case in LIQUIDS if case in cases)
         return show([*claims(liquids, (narrow, here), given.turns), mixed_gain(narrow, given.turns)])

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 import re
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -17,6 +16,7 @@ from kickdrift.disk.files import unfit
 from kickdrift.errors import InputError
 from kickdrift.model.capacity import check_room
 from kickdrift.model.checks import number, numbers
+from kickdrift.model.nearness import any_nearer, nearest_pair
 from kickdrift.model.state import Floats
 from kickdrift.model.unit_systems import UnitSystem
 from kickdrift.text import shown, suggestion
@@ -32,8 +32,6 @@ LATTICES: dict[str, tuple[tuple[float, float, float], ...]] = {
 }
 
 MOST = 10**8  # particles on a lattice, however large the memory
-CROWD = 3  # particles in one cell; of more a tree finds the nearest sooner
-CELLS = 2**20  # along an axis; further on they begin anew, so that one integer numbers a cell
 OVERLAP = 0.3  # of a force's shortest length; at 0.3 sigma Lennard-Jones is 7 million epsilon
 
 
@@ -52,14 +50,8 @@ def lattice(kind: str, count: int, density: float) -> tuple[Floats, tuple[float,
         For another kind, for a density that is not positive and finite, and for a count that leaves the last cells
         part empty; the message names the nearest counts that do not.
     """
-    if kind not in LATTICES:
-        raise InputError(f"lattice: expected one of {', '.join(LATTICES)}, got {kind!r}{suggestion(kind, LATTICES)}")
+    check_lattice(kind, LATTICES, count, density)
     sites = np.array(LATTICES[kind])
-    if isinstance(count, bool) or not isinstance(count, int | np.integer) or not 1 <= count <= MOST:
-        raise InputError(f"count: expected a whole number of particles from 1 to {MOST}, got {shown(count)}")
-    check_room("count", int(count))
-    if not (math.isfinite(number(density)) and density > 0):
-        raise InputError(f"density: expected a positive finite number, got {shown(density)}")
     cells = max(round((count / len(sites)) ** (1 / 3)), 1)
     if len(sites) * cells**3 != count:
         near = sorted({len(sites) * k**3 for k in (cells - 1, cells, cells + 1) if k > 0}, key=lambda n: abs(n - count))
@@ -69,18 +61,35 @@ def lattice(kind: str, count: int, density: float) -> tuple[Floats, tuple[float,
         )
     edge = math.cbrt(count / density)
     if not 0.0 < edge**3 < math.inf:
-        raise InputError(f"density: {density:g} gives the box an edge of {edge:g}, whose volume no number can hold")
+        raise InputError(
+            f"density: {density:g} gives the box an edge of {edge:g}, whose volume is beyond the range of numbers"
+        )
     corners = np.stack(np.meshgrid(*[np.arange(cells)] * 3, indexing="ij"), axis=-1).reshape(-1, 1, 3)
     positions = ((corners + sites) * (edge / cells)).reshape(-1, 3)
     return positions, (edge, edge, edge)
 
 
-def maxwell_boltzmann(masses: ArrayLike, temperature: float, boltzmann: float, seed: int) -> Floats:
+def check_lattice(kind: str, kinds: Iterable[str], count: int, density: float) -> None:
+    """Refuse a lattice that is none of the ``kinds``, a count that is no number of particles, and a density that is not
+    positive and finite."""
+    if kind not in kinds:
+        raise InputError(f"lattice: expected one of {', '.join(kinds)}, got {kind!r}{suggestion(kind, kinds)}")
+    if isinstance(count, bool) or not isinstance(count, int | np.integer) or not 1 <= count <= MOST:
+        raise InputError(f"count: expected a whole number of particles from 1 to {MOST}, got {shown(count)}")
+    check_room("count", int(count))
+    if not (math.isfinite(number(density)) and density > 0):
+        raise InputError(f"density: expected a positive finite number, got {shown(density)}")
+
+
+def maxwell_boltzmann(
+    masses: ArrayLike, temperature: float, boltzmann: float, seed: int, dimensions: int = 3
+) -> Floats:
     """Velocities (n, 3) drawn from the Maxwell-Boltzmann distribution, then made exact.
 
-    The total momentum is taken out and the velocities are scaled so that 2 K = (3 N - 3) k_B T holds to rounding, N
-    being the number of particles that have a mass. Massless ones stand still. The draws are NumPy's PCG64 with
-    ``seed``; they are the same on every machine, but NumPy does not promise normal deviates across its versions.
+    The total momentum is taken out and the velocities are scaled so that 2 K = d (N - 1) k_B T holds to rounding. N is
+    the number of particles that have a mass and d the number of dimensions. Massless ones stand still. The draws are
+    NumPy's PCG64 with ``seed``; they are the same on every machine, but NumPy does not promise normal deviates across
+    its versions.
 
     Parameters
     ----------
@@ -88,6 +97,7 @@ def maxwell_boltzmann(masses: ArrayLike, temperature: float, boltzmann: float, s
     temperature : zero or more
     boltzmann : ``UnitSystem.boltzmann``
     seed : a whole number, zero or more
+    dimensions : 3, or 2 for velocities in the x-y plane
     """
     m = numbers("masses", masses)
     if m.ndim != 1 or not np.all(np.isfinite(m) & (m >= 0)):
@@ -101,12 +111,12 @@ def maxwell_boltzmann(masses: ArrayLike, temperature: float, boltzmann: float, s
         return velocities
     if np.count_nonzero(moving) < 2:
         raise InputError("temperature: needs two or more particles with mass, since the total momentum is removed")
-    draws = rng.standard_normal((len(m), 3))[moving]
+    draws = rng.standard_normal((len(m), dimensions))[moving]
     weight = m[moving, None] / m.max()  # relative masses keep kilograms of single atoms clear of underflow
     drawn = draws / np.sqrt(weight)
     drawn -= (weight * drawn).sum(axis=0) / weight.sum()
-    wanted = 3 * (len(drawn) - 1) * (boltzmann * temperature / m.max())
-    velocities[moving] = drawn * np.sqrt(wanted / (weight * drawn**2).sum())
+    wanted = dimensions * (len(drawn) - 1) * (boltzmann * temperature / m.max())
+    velocities[moving, :dimensions] = drawn * np.sqrt(wanted / (weight * drawn**2).sum())
     return velocities
 
 
@@ -172,7 +182,7 @@ def _check_xyz(path: Path) -> None:
         while (head := file.readline().strip()).isdigit():
             claimed = int(head[:20])
             if 2 * claimed > size:
-                raise InputError(f"{path}: frame {frame} claims {shown(claimed)} atoms, and the file has {size} bytes")
+                raise InputError(f"{path}: frame {frame} claims {shown(claimed)} atoms, but the file has {size} bytes")
             for columns in re.findall(rb":[A-Za-z]:(\d+)", file.readline()):
                 if int(columns[:20]) > size:
                     raise InputError(f"{path}: frame {frame} claims {shown(int(columns[:20]))} columns of one property")
@@ -200,36 +210,6 @@ def mixture(fractions: Mapping[str, float], count: int, seed: int) -> list[str]:
     return [names[k] for k in order]
 
 
-def any_nearer(positions: Floats, edges: Any, limit: float) -> bool:
-    """Whether two of ``positions`` (n, 3), in a box with ``edges`` or none, are nearer than ``limit``; True also
-    where some nearly are, or where a place is crowded.
-
-    Two that are share a cell in one of eight grids of cells twice as wide as the limit or wider, shifted by half a cell
-    along each axis or not. (A tree of SciPy's, which would do, takes a quarter of a second to import.)
-    """
-    cells = None if edges is None else np.maximum(1, np.floor(np.array(edges) / (2 * limit)))
-    width = 2 * limit if cells is None else np.array(edges) / cells
-    for shift in itertools.product((0.0, 0.5), repeat=3):
-        place = np.floor(positions / width + shift)
-        if cells is not None:
-            place %= cells
-        cell = (place % CELLS).astype(np.int64) @ np.array([CELLS**2, CELLS, 1])
-        order = np.argsort(cell)
-        cell = cell[order]
-        for apart in range(1, len(order)):
-            alike = np.flatnonzero(cell[apart:] == cell[:-apart])
-            if not alike.size:
-                break
-            if apart > CROWD:
-                return True
-            between = positions[order[alike]] - positions[order[alike + apart]]
-            if edges is not None:
-                between -= edges * np.rint(between / edges)
-            if (np.einsum("ij,ij->i", between, between) < (1.000001 * limit) ** 2).any():
-                return True
-    return False
-
-
 def check_overlaps(system: System) -> None:
     """Raise an InputError that names the closest pair and its distance, where two particles overlap.
 
@@ -251,19 +231,12 @@ def check_overlaps(system: System) -> None:
     if not lengths:
         return
     limit = OVERLAP * min(lengths)
-    if not any_nearer(wrapped, system.box.lengths, limit):
+    found = nearest_pair(wrapped, system.box, limit) if any_nearer(wrapped, system.box, limit) else None
+    if found is None:
         return
-    from scipy.spatial import cKDTree
-
-    tree = cKDTree(wrapped, boxsize=system.box.lengths)
-    distances, neighbours = tree.query(wrapped, k=2, distance_upper_bound=limit)
-    closest = int(np.argmin(distances[:, 1]))
-    if not distances[closest, 1] < limit:
-        return
-    other = neighbours[closest][neighbours[closest] != closest][0]
-    first, second = sorted((closest, int(other)))
+    first, second, distance = found
     unit = "" if system.units.reduced else f" {system.units.length}"
     raise InputError(
-        f"positions: particles {first} and {second} overlap: distance {distances[closest, 1]:.6g}{unit}, "
+        f"positions: particles {first} and {second} overlap: distance {distance:.6g}{unit}, "
         f"less than {OVERLAP} of the shortest sigma, {min(lengths):.6g}{unit}"
     )

@@ -10,9 +10,10 @@ import numpy as np
 
 from kickdrift.errors import RunError
 from kickdrift.model.event_log import Row, entry
-from kickdrift.model.events import Between, Crossing, index_of
+from kickdrift.model.events import Between, Crossing
 from kickdrift.model.memory import Remembering
 from kickdrift.model.state import Floats
+from kickdrift.model.subject import index_of
 from kickdrift.model.system import System
 from kickdrift.run.watch.encounters import crossings
 from kickdrift.run.watch.span import Span, approach, separation

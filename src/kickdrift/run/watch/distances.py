@@ -7,10 +7,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from kickdrift.forces.central import gravitational_constant
+from kickdrift.model.event_checks import binding
 from kickdrift.model.event_log import Row, entry
-from kickdrift.model.events import CloseApproach, Collision, Escape, binding, index_of
+from kickdrift.model.events import CloseApproach, Collision, Escape
 from kickdrift.model.memory import Memory, Remembering
 from kickdrift.model.state import Floats
+from kickdrift.model.subject import index_of
 from kickdrift.model.system import System
 from kickdrift.run.watch.encounters import CLOSEST, contacts, passages, unbound
 from kickdrift.run.watch.span import Act, Span, approach, separation

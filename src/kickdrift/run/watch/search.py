@@ -21,7 +21,7 @@ from kickdrift.run.watch.span import Act, Span
 from kickdrift.run.watch.trials import Trials, Watched
 
 if TYPE_CHECKING:
-    from kickdrift.integrators.stepping import Stepper
+    from kickdrift.integrators.stepper import Stepper
 
 
 class Search:

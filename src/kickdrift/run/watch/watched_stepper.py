@@ -18,7 +18,7 @@ import numpy as np
 
 from kickdrift.errors import InputError, RunError
 from kickdrift.forces.kernel import OK
-from kickdrift.integrators.stepping import Counts
+from kickdrift.integrators.stepper import Counts
 from kickdrift.model.event_log import Row, entry
 from kickdrift.model.events import Collision, Event
 from kickdrift.model.memory import Memory, by_value
@@ -31,7 +31,7 @@ from kickdrift.run.watch.trials import Watched
 from kickdrift.run.watch.watcher import Watcher
 
 if TYPE_CHECKING:
-    from kickdrift.integrators.stepping import Stepper
+    from kickdrift.integrators.stepper import Stepper
 
 MOST_ACTS = 1000  # most collisions at one time: balls that come to rest on each other bounce for ever
 NEVER_BACK = -1  # in place of a survivor, for a body that was removed

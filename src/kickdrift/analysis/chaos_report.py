@@ -1,0 +1,140 @@
+"""MEGNO, the Lyapunov exponent and a verdict, from the growth of a deviation vector.
+
+With d(t) the length of a solution of the variational equations, the Mean Exponential Growth of Nearby Orbits is
+
+    Y(t) = 2 / t  integral of s (d'/d) ds from 0 to t.
+
+Its running mean <Y> tends to 2 for a quasi-periodic motion and to lambda t / 2 for a chaotic one, with the largest
+Lyapunov exponent lambda (Cincotta & Simo 2000, doi:10.1051/aas:2000108; Cincotta, Giordano & Simo 2003,
+doi:10.1016/S0167-2789(03)00103-9).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields
+from typing import Any, Literal
+
+import numpy as np
+
+from kickdrift.errors import InputError
+from kickdrift.looks.observers import Energies
+from kickdrift.model.state import Floats
+from kickdrift.model.system import System
+
+Verdict = Literal["regular", "chaotic", "undecided"]
+
+REGULAR = 0.1  # largest |<Y> - 2| of a regular motion
+CHAOTIC = 4.0  # least <Y> of a chaotic motion
+KEPT = 500  # most samples in a report's JSON
+SETTLED = 0.2  # first part of the run, left out of the fit of the Lyapunov exponent (Cincotta & Simo 2000, section 3)
+
+
+@dataclass(frozen=True)
+class ChaosReport:
+    """Results from the growth of a deviation.
+
+    Attributes
+    ----------
+    system, integrator, dt, time, time_unit, steps, seed : the run, and the seed of the first deviation
+    megno : running mean <Y> at the end
+    verdict : "regular" for |megno - 2| < 0.1, "chaotic" for megno above 4, else "undecided"
+    lyapunov : largest Lyapunov exponent, per the system's unit of time: twice the slope of <Y> over the last four
+        fifths of the run (Cincotta & Simo 2000). A regular motion gives a small number of either sign.
+    lyapunov_error : half the difference between the results of the two halves of this part
+    energy_error : relative, at the end
+    times, means, growth : (k,) times since the start, <Y> at these times, and ln d(t) / d(0)
+    """
+
+    system: str
+    integrator: str
+    dt: float | None
+    time: float
+    time_unit: str
+    steps: int
+    seed: int
+    megno: float
+    verdict: Verdict
+    lyapunov: float
+    lyapunov_error: float
+    energy_error: float
+    times: Floats = field(repr=False)
+    means: Floats = field(repr=False)
+    growth: Floats = field(repr=False)
+
+    def as_json(self) -> dict[str, Any]:
+        """The report as one JSON object, with series of at most some 500 points."""
+        every = -(-len(self.times) // KEPT)
+        series = ("times", "means", "growth")
+        return {
+            name: value[::-every][::-1].tolist() if name in series else value
+            for name, value in ((f.name, getattr(self, f.name)) for f in fields(self))
+        }
+
+
+def report_of(
+    system: System,
+    integrator: str,
+    dt: float | None,
+    steps: int,
+    seed: int,
+    energies: tuple[Energies, float],
+    times: Floats,
+    growth: Floats,
+) -> ChaosReport:
+    """Report from the growth of a deviation."""
+    means = mean_megno(times, growth)
+    slope, error = _slope(times, means)
+    found, (begin, end) = float(means[-1]), energies
+    return ChaosReport(
+        system=system.name,
+        integrator=integrator,
+        dt=dt,
+        time=float(times[-1]),
+        time_unit=system.units.time,
+        steps=steps,
+        seed=seed,
+        megno=found,
+        verdict=verdict(found),
+        lyapunov=2.0 * slope,
+        lyapunov_error=2.0 * error,
+        energy_error=abs(end - begin.total) / (abs(begin.total) or abs(begin.kinetic) or 1.0),
+        times=times,
+        means=means,
+        growth=growth,
+    )
+
+
+def verdict(megno: float) -> Verdict:
+    """Verdict from a mean MEGNO."""
+    if abs(megno - 2.0) < REGULAR:
+        return "regular"
+    return "chaotic" if megno > CHAOTIC else "undecided"
+
+
+def mean_megno(times: Floats, growth: Floats) -> Floats:
+    """Mean MEGNO <Y> (k,) at times (k,), the first of them 0, from ``growth`` = ln d (k,).
+
+    The trapezoidal rule gives both integrals. The first runs over ln d, so for times far apart it is MEGNO's sum for
+    maps (Cincotta, Giordano & Simo 2003, section 4.1).
+    """
+    middles, lengths = 0.5 * (times[1:] + times[:-1]), np.diff(times)
+    y = np.concatenate([[0.0], 2.0 * np.cumsum(middles * np.diff(growth)) / times[1:]])
+    total = np.cumsum(0.5 * (y[1:] + y[:-1]) * lengths)
+    return np.concatenate([[0.0], total / times[1:]])
+
+
+def _slope(times: Floats, means: Floats) -> tuple[float, float]:
+    """Slope of <Y> over the settled part of the run, and half the difference between the slopes of its halves."""
+    settled = times >= SETTLED * times[-1]
+    t, y = times[settled], means[settled]
+    if len(t) < 6:
+        raise InputError(f"time: {len(times) - 1} steps are too few to measure growth; give a longer time")
+    half = len(t) // 2
+    whole, early, late = (_line(t[part], y[part]) for part in (slice(None), slice(half), slice(half, None)))
+    return whole, abs(late - early) / 2
+
+
+def _line(t: Floats, y: Floats) -> float:
+    """Slope of a straight line by least squares."""
+    t = t - t.mean()
+    return float(t @ (y - y.mean()) / (t @ t))

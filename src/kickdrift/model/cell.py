@@ -1,0 +1,126 @@
+"""The compiled twin of a Box: the shape of a periodic box in compiled code, and what is known of its images.
+
+A position is brought into the *brick* [0, ax) x [0, by) x [0, cz), which fills space under the lattice of any lower
+triangular matrix, as the cell between the edge vectors does. So a box that leans is sorted as an upright one is.
+"""
+
+from __future__ import annotations
+
+import itertools
+from math import floor
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kickdrift.jit.compile import inlined, jit, strict
+from kickdrift.model.box import Box
+
+SHIFTS = 27  # images of the brick that touch it, or may
+
+
+class Cell(NamedTuple):
+    """A box in compiled code; see `kickdrift.model.box.Images` for the last four."""
+
+    matrix: NDArray[np.float64]  # (3, 3) edge vectors as rows; a zero row for an axis that is not periodic
+    leans: bool
+    edges: NDArray[np.float64]  # (3,) the edge lengths of a box that does not lean, else zero
+    reduced: NDArray[np.float64]  # (3, 3)
+    inverse: NDArray[np.float64]  # (3, 3)
+    neighbours: NDArray[np.float64]  # (26, 3) or fewer
+    sure2: float
+
+
+class Bricks(NamedTuple):
+    """The 27 images of a brick that particles within reach of it can be in.
+
+    Image (i, j, k) is shifted by i a + j b + k c, less whole edges a that bring its x, for i = 0, into [-ax/2, ax/2].
+    So the images of one j and k, a *row*, lean by one vector against the columns of the brick itself.
+    """
+
+    shifts: NDArray[np.float64]  # (3, 27) at place 9 (i + 1) + 3 (j + 1) + k + 1
+    leans: NDArray[np.float64]  # (rows, 2) the lean along x and y; all rows that lean by nothing are one
+    whole: NDArray[np.int64]  # (rows, 4) the first and last j, the first and last k of each row
+    reach: float  # the images touch all that is so near; infinite where the box is open
+
+
+def cell_of(box: Box) -> Cell:
+    """The Cell of a Box."""
+    matrix = np.where(np.array(box.periodic_axes)[:, None], box.matrix, 0.0)
+    reduced, inverse = np.zeros((3, 3)), np.zeros((3, 3))
+    if not box.triclinic:
+        return Cell(matrix, False, np.diag(matrix).copy(), reduced, inverse, np.zeros((0, 3)), np.inf)
+    images = box.images
+    reduced[: len(images.reduced)], inverse[:, : len(images.reduced)] = images.reduced, images.inverse
+    return Cell(matrix, True, np.zeros(3), reduced, inverse, images.neighbours, images.sure2)
+
+
+def bricks_of(cell: Cell) -> Bricks:
+    """The Bricks of a Cell."""
+    a, b, c = cell.matrix
+    shifts, leans, whole = np.zeros((3, SHIFTS)), [], []
+    most = [int(edge > 0) for edge in np.diag(cell.matrix)]
+    for i, j, k in itertools.product((-1, 0, 1), repeat=3):
+        lean = j * b + k * c
+        if a[0]:
+            lean = lean - np.rint(lean[0] / a[0]) * a
+        shifts[:, 9 * (i + 1) + 3 * (j + 1) + k + 1] = lean + i * a
+        if i == 0 and cell.leans and abs(j) <= most[1] and abs(k) <= most[2]:
+            leans.append([lean[0], k * c[1]])
+            whole.append([j, j, k, k])
+    if not cell.leans:
+        leans, whole = [[0.0, 0.0]], [[-most[1], most[1], -most[2], most[2]]]
+    along = np.array(leans)
+    room = np.diag(cell.matrix) - [*np.abs(along).max(axis=0), 0.0]
+    reach = float(min((room[k] for k in range(3) if most[k]), default=np.inf))
+    return Bricks(shifts, along, np.array(whole, np.int64), reach)
+
+
+@inlined
+def along(edge, d):
+    """One component d of a separation between nearest images in a box that does not lean; an edge of zero is none."""
+    return d - edge * floor(d / edge + 0.5) if edge > 0.0 else d
+
+
+@jit
+def leaning_image(cell, d):
+    """Bring a separation d (3,) to that between nearest images in a box that leans: by the edges first, and by the
+    shortest vectors of the lattice where another image may be nearer."""
+    matrix, steps = cell.matrix, cell.neighbours
+    for k in range(2, -1, -1):
+        if matrix[k, k] > 0.0:
+            take_off(d, matrix, k, floor(d[k] / matrix[k, k] + 0.5))
+    if d[0] * d[0] + d[1] * d[1] + d[2] * d[2] <= cell.sure2:
+        return
+    whole = np.empty(3)
+    for k in range(3):
+        whole[k] = floor(d[0] * cell.inverse[0, k] + d[1] * cell.inverse[1, k] + d[2] * cell.inverse[2, k] + 0.5)
+    for k in range(3):
+        take_off(d, cell.reduced, k, whole[k])
+    best, least = -1, d[0] * d[0] + d[1] * d[1] + d[2] * d[2]
+    for k in range(steps.shape[0]):
+        u, v, w = d[0] + steps[k, 0], d[1] + steps[k, 1], d[2] + steps[k, 2]
+        if u * u + v * v + w * w < least:
+            best, least = k, u * u + v * v + w * w
+    if best >= 0:
+        take_off(d, steps, best, -1.0)
+
+
+@jit
+def take_off(d, rows, k, count):
+    """d (3,) <- d less row k times a number."""
+    for m in range(3):
+        d[m] -= count * rows[k, m]
+
+
+@strict
+def into_brick(matrix, k, x, offset):
+    """Add to ``offset`` (3, n) the whole edges k that, taken off positions x (3, n), bring coordinate k into the brick.
+    Edges are taken from the last to the first."""
+    edge = matrix[k, k]
+    for i in range(x.shape[1]):
+        count = floor((x[k, i] - offset[k, i]) / edge)
+        offset[k, i] += count * edge
+        for m in range(k):
+            if matrix[k, m] != 0.0:
+                offset[m, i] += count * matrix[k, m]

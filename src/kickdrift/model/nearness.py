@@ -1,0 +1,92 @@
+"""Which particles are near each other in a Box, found by a tree or by a grid."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kickdrift.model.box import Box
+from kickdrift.model.state import Floats
+
+CROWD = 3  # particles in one cell; of more a tree finds the nearest sooner
+CELLS = 2**20  # along an axis; further on they begin anew, so that one integer numbers a cell
+
+
+def any_nearer(positions: Floats, box: Box | Sequence[float] | None, limit: float) -> bool:
+    """Whether two of ``positions`` (n, 3), wrapped into the box, are nearer than ``limit``; True also where some nearly
+    are, or where a place is crowded.
+
+    Two that are share a cell in one of eight grids of cells twice as high as the limit or higher, shifted by half a
+    cell along each axis or not. (A tree of SciPy's, which would do, takes a quarter of a second to import.)
+    """
+    box = Box.of(box)
+    heights = box.heights
+    cells = np.maximum(1, np.floor(heights / (2 * limit)))
+    upright = box.fractional(positions) * np.where(np.isfinite(heights), heights, 1.0) if box.triclinic else positions
+    width = np.divide(heights, cells, out=np.full(3, 2 * limit), where=np.isfinite(cells))
+    for shift in itertools.product((0.0, 0.5), repeat=3):
+        place = np.floor(upright / width + shift)
+        place %= np.where(np.isfinite(cells), cells, CELLS)
+        cell = (place % CELLS).astype(np.int64) @ np.array([CELLS**2, CELLS, 1])
+        order = np.argsort(cell)
+        cell = cell[order]
+        for apart in range(1, len(order)):
+            alike = np.flatnonzero(cell[apart:] == cell[:-apart])
+            if not alike.size:
+                break
+            if apart > CROWD:
+                return True
+            between = box.minimum_image(positions[order[alike]] - positions[order[alike + apart]])
+            if (np.einsum("ij,ij->i", between, between) < (1.000001 * limit) ** 2).any():
+                return True
+    return False
+
+
+def nearest_pair(positions: Floats, box: Box, limit: float) -> tuple[int, int, float] | None:
+    """The two nearest of ``positions`` (n, 3) and their distance; None where that is not under ``limit``."""
+    from scipy.spatial import cKDTree
+
+    wrapped = box.wrap(positions)
+    images, owners = _with_images(wrapped, box, limit)
+    distances, found = cKDTree(images).query(wrapped, k=2, distance_upper_bound=limit)
+    closest = int(np.argmin(distances[:, 1]))
+    if not distances[closest, 1] < limit:
+        return None
+    other = int(owners[found[closest][found[closest] != closest][0]])
+    return min(closest, other), max(closest, other), float(distances[closest, 1])
+
+
+def pairs_nearer(positions: Floats, box: Box, limit: float) -> NDArray[np.int64]:
+    """(m, 2) the pairs of particles with images nearer than ``limit`` or as near, each once.
+
+    The limit is half the least height of the box at most, so that a pair meets once.
+    """
+    from scipy.spatial import cKDTree
+
+    wrapped = box.wrap(positions)
+    if not box.triclinic and all(box.periodic_axes):
+        found = cKDTree(wrapped, boxsize=box.lengths).query_pairs(limit, output_type="ndarray")
+        return found.reshape(-1, 2).astype(np.int64)
+    images, owners = _with_images(wrapped, box, limit)
+    pairs = cKDTree(images).query_pairs(limit, output_type="ndarray").reshape(-1, 2)
+    pairs = np.sort(pairs[(pairs < len(wrapped)).any(axis=1)], axis=1)  # query_pairs gives i < j
+    first, second = owners[pairs[:, 0]], owners[pairs[:, 1]]
+    both = np.sort(np.column_stack([first, second])[first != second], axis=1)
+    return np.unique(both, axis=0).astype(np.int64)
+
+
+def _with_images(wrapped: Floats, box: Box, limit: float) -> tuple[Floats, NDArray[np.int64]]:
+    """The positions, then those of their images within ``limit`` of the box; whose each is."""
+    images, owners = wrapped, np.arange(len(wrapped))
+    rows, heights = box.matrix, box.heights
+    for k in range(3):
+        if not box.periodic_axes[k]:
+            continue
+        along, margin = box.fractional(images)[:, k], 1.000001 * limit / heights[k]
+        low, high = along < margin, along > 1 - margin
+        images = np.concatenate([images, images[low] + rows[k], images[high] - rows[k]])
+        owners = np.concatenate([owners, owners[low], owners[high]])
+    return images, owners

@@ -1,0 +1,87 @@
+"""Contract tests: every force of the registry is the gradient of its energy, and is found under its public name.
+
+A force that is registered is tested by that. A pair law's compiled sums are held against the law in plain Python; the
+oracle of tests/oracle, written from the literature, is Lennard-Jones' alone.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+import kickdrift as kd
+from kickdrift import forces
+from kickdrift.forces import FORCES
+from kickdrift.forces.pair_law import TRUNCATIONS, PairForce
+from kickdrift_validation import force_gradients
+from tests.systems import liquid
+
+SHIPPED = {name: cls for name, cls in FORCES.items() if cls.__module__.startswith("kickdrift.")}
+PAIR_LAWS = [name for name, cls in SHIPPED.items() if issubclass(cls, PairForce)]
+GRADIENTS = [name for name in force_gradients.others() if name in SHIPPED]
+CUTOFF = 2.5
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_a_force_is_public_under_the_name_of_its_class(name):
+    cls = SHIPPED[name]
+    assert cls.__name__ in forces.__all__
+    assert cls.__name__ in kd.__all__
+    assert getattr(kd, cls.__name__) is cls
+    assert cls.__doc__
+
+
+def pair_sums(force, system: kd.System) -> tuple[np.ndarray, float]:
+    """Forces (n, 3) and energy of a law with a plain cut: every pair at its minimum image, in plain Python."""
+    x, law = system.state.positions, force.law
+    found, energy = np.zeros_like(x), 0.0
+    edges = np.array(system.box.lengths)
+    for i in range(len(x)):
+        for j in range(i):
+            d = x[i] - x[j]
+            d -= edges * np.round(d / edges)
+            r2 = float(d @ d)
+            if r2 < CUTOFF**2:
+                u, over_r = law.law(r2)
+                energy += u
+                found[i] += over_r * d
+                found[j] -= over_r * d
+    return found, energy
+
+
+@pytest.mark.parametrize("name", PAIR_LAWS)
+def test_a_compiled_pair_law_is_the_law(name):
+    force = FORCES[name](cutoff=CUTOFF, truncation="cut")
+    start = liquid(216)
+    system = kd.System(start.state.positions, masses=start.state.masses, box=start.box, forces=[force])
+    sim = kd.Simulation(system, dt=0.001)
+    expected, energy = pair_sums(force, system)
+    size = np.abs(expected).max()
+    np.testing.assert_allclose(sim.forces(), expected, atol=1e-12 * size, rtol=0)
+    assert sim.energy().potential == pytest.approx(energy, rel=1e-12)
+
+
+@pytest.mark.parametrize("name", PAIR_LAWS)
+def test_a_pair_law_is_the_slope_of_its_energy(name):
+    """Central differences, their error of h^2 taken away by Richardson's extrapolation."""
+    law, h = FORCES[name](cutoff=CUTOFF).law, 1e-3
+    for r in (0.9, 1.0, 1.3, 2.0):
+        slopes = [(law.law((r + d) ** 2)[0] - law.law((r - d) ** 2)[0]) / (2 * d) for d in (h, h / 2)]
+        slope = (4 * slopes[1] - slopes[0]) / 3
+        size = max(abs(slope), abs(law.law(r * r)[0]))
+        assert math.isclose(-slope / r, law.law(r * r)[1], abs_tol=1e-7 * size)
+
+
+@pytest.mark.parametrize("truncation", TRUNCATIONS)
+@pytest.mark.parametrize("name", PAIR_LAWS)
+def test_a_truncated_pair_law_is_the_gradient_of_its_energy(name, truncation):
+    force = FORCES[name](cutoff=CUTOFF, truncation=truncation)
+    assert force_gradients.gradient(force, force_gradients.places(), force_gradients.EDGE) < force_gradients.SLOPE
+
+
+@pytest.mark.parametrize("name", GRADIENTS)
+def test_a_force_is_the_gradient_of_its_energy(name):
+    off = force_gradients.gradient(force_gradients.made(name), 0.5 * force_gradients.places(), None)
+    assert off < force_gradients.SLOPE

@@ -1,0 +1,23 @@
+"""One of each force that ships, for scripts and tests that loop over the registry."""
+
+from __future__ import annotations
+
+import inspect
+from typing import Any
+
+# What a force needs to be told. A number that stands neither here nor among the class's defaults is 0.1.
+EXAMPLES: dict[str, dict[str, Any]] = {
+    "relativity-1pn": {"c": 100.0},
+    "j2": {"j2": 0.1, "radius": 0.1},
+    "springs": {"pairs": [[0, 1], [5, 3]], "stiffness": 2.0, "length": 0.5},
+    "uniform-field": {"acceleration": (0.0, 0.1, 0.0)},
+    "driven-field": {"amplitude": (0.3, 0.0, 0.1), "frequency": 3.0},
+}
+
+
+def example(cls: Any, **given: Any) -> Any:
+    """A force of this class; ``given`` are parameters, of which the class takes those that it has."""
+    parameters = inspect.signature(cls).parameters
+    required = [key for key, each in parameters.items() if each.default is each.empty]
+    known = {key: value for key, value in given.items() if key in parameters}
+    return cls(**(dict.fromkeys(required, 0.1) | EXAMPLES.get(cls.name, {}) | known))
