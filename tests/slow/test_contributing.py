@@ -26,7 +26,7 @@ import sys
 import numpy as np
 
 import kickdrift as kd
-from kickdrift.systemfile.reading import shipped
+from kickdrift.systemfile.files import shipped
 
 assert kd.__file__.startswith(sys.argv[1]), kd.__file__
 net = kd.load("spring-net")

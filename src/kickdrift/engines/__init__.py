@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 from kickdrift.errors import InputError
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators.option import MIXED
-from kickdrift.model.units import shown
+from kickdrift.text import shown
 
 if TYPE_CHECKING:
     from kickdrift.engines.job import Job
