@@ -16,10 +16,12 @@ from warnings import warn
 # Not lazy: loading the rooms of those names later would put the modules in the functions' places.
 from kickdrift.engines import engines
 from kickdrift.integrators import integrators
+from kickdrift.model.bridging import BRIDGES
 
 if TYPE_CHECKING:
     from kickdrift import analysis
-    from kickdrift.analysis.chaos import ChaosReport, megno
+    from kickdrift.analysis.chaos import megno
+    from kickdrift.analysis.chaos_report import ChaosReport
     from kickdrift.ensemble import Ensemble
     from kickdrift.errors import InputError, KickdriftError, RunError
     from kickdrift.forces import *
@@ -49,7 +51,7 @@ __version__ = version("kickdrift")
 _HOMES = {
     "accelerations": "integrators.custom",
     "Box": "model.box",
-    "ChaosReport": "analysis.chaos",
+    "ChaosReport": "analysis.chaos_report",
     "CloseApproach": "model.events",
     "Collision": "model.events",
     "Column": "looks.columns",
@@ -143,6 +145,21 @@ _MOVED = {
 }
 
 
+def _ase() -> ModuleType:
+    from kickdrift.bridges import ase
+
+    return ase
+
+
+def _rebound() -> ModuleType:
+    from kickdrift.bridges import rebound
+
+    return rebound
+
+
+BRIDGES.update(ase=_ase, rebound=_rebound)
+
+
 class _OldNames:
     """What Python asks for a module of an old name: it gives the module of today, with a warning."""
 
@@ -152,7 +169,7 @@ class _OldNames:
 
     def create_module(self, spec: ModuleSpec) -> ModuleType:
         new = f"kickdrift.{_MOVED[spec.name.partition('.')[2]]}"
-        warn(f"{spec.name} is {new} since 0.2", DeprecationWarning, stacklevel=2)
+        warn(f"{spec.name} is deprecated since 0.2; use {new}", DeprecationWarning, stacklevel=2)
         module = import_module(new)
         self._own = module.__spec__
         return module

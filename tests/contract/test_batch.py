@@ -19,7 +19,7 @@ from kickdrift.errors import InputError
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators import integrator as method_named
 from kickdrift.integrators.options import Options
-from kickdrift.model.system import RunDefaults
+from kickdrift.model.run_defaults import RunDefaults
 
 EPSILON = np.finfo(float).eps
 BATCHED = sorted({method.name for method in INTEGRATORS.values() if method.batched})

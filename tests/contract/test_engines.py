@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 import kickdrift as kd
+from kickdrift.analysis.stiffness import stiffness
 from kickdrift.cli import main as cli
 from kickdrift.engines import ENGINES
 from kickdrift.model.starts.builders import lattice, maxwell_boltzmann
@@ -231,7 +232,7 @@ def test_report_file_and_resumption(engine, tmp_path):
     sim.run(20)
     after = taken_up.run(20)
     assert relative(taken_up.state.positions, sim.state.positions) < ROUND_OFF
-    assert "the same bits are not promised" in after.warnings[0]
+    assert "bits may differ" in after.warnings[0]
     with kd.open(path) as run:
         assert run[-1].step == 40
 
@@ -242,6 +243,12 @@ def test_equilibration_is_the_engines_own(engine):
     sim.equilibrate(0.9, 0.8)
     assert (sim.steps_done, sim.time) == (0, 0.0)
     assert sim.run(200, every=2).temperature == pytest.approx(0.9, rel=0.15)
+
+
+def test_stiffness_refuses_another_program():
+    sim = kd.Simulation(liquid(), dt=0.002, engine="ase")
+    with pytest.raises(kd.InputError, match=r"^stiffness: engine 'ase' gives forces only at its present state"):
+        stiffness(sim)
 
 
 def test_states_are_replaced():

@@ -8,6 +8,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 import kickdrift
 from tests.folders import TOP
 
@@ -36,6 +38,55 @@ def named(text: str) -> set[str]:
 def imported(text: str) -> set[str]:
     """The modules of kickdrift, or names in them, that a source imports anywhere."""
     return {name for name in named(text) if name.split(".")[0] == "kickdrift"}
+
+
+def by_name(text: str) -> set[str]:
+    """What stands before the first gap in the names of kickdrift's modules that a source imports as text."""
+    found: set[str] = set()
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.Call) and ast.unparse(node.func).split(".")[-1] in ("import_module", "__import__"):
+            given = node.args[0]
+            parts = given.values if isinstance(given, ast.JoinedStr) else [given]
+            begin = parts[0].value if isinstance(parts[0], ast.Constant) else ""
+            found |= {begin} if begin.startswith("kickdrift") else set()
+    return found
+
+
+def module_of(path: str) -> str:
+    """The name under which a file of the package is imported."""
+    return "kickdrift." + path.removesuffix(".py").removesuffix("/__init__").replace("/", ".")
+
+
+def arrows(sources: dict[str, str]) -> dict[str, set[str]]:
+    """The modules that each module imports, of sources by their path in the package.
+
+    A name in a module counts as the module. A name that is put together counts as every module that it may mean.
+    """
+    modules = {module_of(path): text for path, text in sources.items()}
+    found: dict[str, set[str]] = {}
+    for module, text in modules.items():
+        named_here = imported(text)
+        there = {name if name in modules else name.rpartition(".")[0] for name in named_here}
+        there |= {name for begin in by_name(text) for name in modules if name.startswith(begin)}
+        found[module] = there & modules.keys() - {module}
+    return found
+
+
+def circles(sources: dict[str, str]) -> list[list[str]]:
+    """The sets of modules that import one another, each in the order of the alphabet."""
+    left = arrows(sources)
+    while free := [module for module, there in left.items() if not there & left.keys()]:  # they lead nowhere
+        for module in free:
+            del left[module]
+    reached: dict[str, set[str]] = {}
+    for module in left:
+        seen, front = set[str](), {module}
+        while front:
+            front = {name for each in front for name in left[each] & left.keys()} - seen
+            seen |= front
+        reached[module] = seen
+    found = {frozenset(other for other in reached[module] if module in reached[other]) for module in left}
+    return sorted(sorted(circle) for circle in found if circle)
 
 
 def from_test_modules(text: str) -> set[str]:
@@ -85,6 +136,36 @@ def test_an_import_the_wrong_way_is_seen():
     assert backwards({"run/plan.py": "from kickdrift.forces.gravity import Gravity\nimport numpy\n"}) == []
 
 
+def test_no_modules_import_one_another():
+    read = sources()
+    assert sum(map(len, arrows(read).values())) > 1000
+    assert circles(read) == []
+
+
+@pytest.mark.parametrize(
+    "back",
+    [
+        "from kickdrift.forces.kernel import bind\n",
+        "from kickdrift.forces import kernel\n",
+        "import kickdrift.forces.kernel\n",
+        "def f():\n    from kickdrift.forces.kernel import bind\n",
+        "if TYPE_CHECKING:\n    from kickdrift.forces.kernel import Kernel\n",
+        "def f(name):\n    return import_module(f'kickdrift.forces.{name}')\n",
+        "def f():\n    return importlib.import_module('kickdrift.forces.kernel')\n",
+    ],
+)
+def test_a_circle_is_seen(back):
+    planted = {
+        "forces/__init__.py": "from kickdrift.forces.law import Law\n",
+        "forces/law.py": "from kickdrift.forces.list import List\nfrom kickdrift.model.box import Box\n",
+        "forces/list.py": back,
+        "forces/kernel.py": "import numpy\nfrom kickdrift.forces.law import Law\n",
+        "model/box.py": "",
+    }
+    assert circles(planted) == [["kickdrift.forces.kernel", "kickdrift.forces.law", "kickdrift.forces.list"]]
+    assert circles(planted | {"forces/list.py": "from kickdrift.model import box\n"}) == []
+
+
 def test_no_test_module_imports_another():
     for line in ("from test_x import f", "import tests.unit.test_x", "from tests.unit import test_x as x"):
         assert from_test_modules(f"def g():\n    {line}\n"), line
@@ -103,4 +184,4 @@ def test_modules_are_found_by_their_old_names_with_a_warning():
     code += "assert new.__spec__.name == new.__name__ == 'kickdrift.model.starts.elements'\n"
     code += "assert kd.units.quantity and builders.lattice\nprint(len(told), told[0].message)\n"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout == "3 kickdrift.elements is kickdrift.model.starts.elements since 0.2\n"
+    assert done.stdout == "3 kickdrift.elements is deprecated since 0.2; use kickdrift.model.starts.elements\n"

@@ -18,7 +18,7 @@ import kickdrift as kd
 from kickdrift.errors import InputError
 from kickdrift.forces import FORCES
 from kickdrift.forces.bound import BoundForces
-from kickdrift.forces.pair_kernel import with_room
+from kickdrift.forces.pair_lists import with_room
 from kickdrift.integrators import INTEGRATORS, integrator
 from kickdrift.integrators.method import MIXED, PRECISIONS
 from kickdrift.integrators.step_control import CONTROLLERS
@@ -407,13 +407,14 @@ def test_forces_give_the_same_bits_however_they_run(alone):
 def test_a_checkpoint_of_another_run_is_refused():
     sim = kd.Simulation(small_liquid(), "velocity-verlet", dt=0.002)
     checkpoint = sim.checkpoint()
-    with pytest.raises(InputError, match="checkpoint: integrator is 'velocity-verlet' there, and 'rk4' here"):
+    integrators = "checkpoint: integrator is 'velocity-verlet' in the checkpoint and 'rk4' in this run"
+    with pytest.raises(InputError, match=integrators):
         kd.Simulation(small_liquid(), "rk4", dt=0.002).restore(checkpoint)
-    with pytest.raises(InputError, match=r"checkpoint: dt is 0\.002 there, and 0\.001 here"):
+    with pytest.raises(InputError, match=r"checkpoint: dt is 0\.002 in the checkpoint and 0\.001 in this run"):
         kd.Simulation(small_liquid(), "velocity-verlet", dt=0.001).restore(checkpoint)
-    with pytest.raises(InputError, match="checkpoint: holds 27 particles or unknowns, and the system 64"):
+    with pytest.raises(InputError, match="checkpoint: holds 27 particles or unknowns; the system has 64"):
         kd.Simulation(liquid(), "velocity-verlet", dt=0.002).restore(checkpoint)
-    with pytest.raises(InputError, match="restore: the Simulation runs"):
+    with pytest.raises(InputError, match="restore: the Simulation is already running"):
         sim.run(2, every=1, observe=lambda sim: sim.restore(checkpoint))
 
 

@@ -17,8 +17,8 @@ import kickdrift as kd
 from kickdrift.forces.kernel import OK
 from kickdrift.integrators import integrator
 from kickdrift.integrators.adaptive import LAST, NEXT
-from kickdrift.integrators.flow import ProblemFlow
 from kickdrift.integrators.options import Options
+from kickdrift.integrators.problem_flow import ProblemFlow
 from kickdrift.integrators.step_control import LEAST_RTOL
 
 

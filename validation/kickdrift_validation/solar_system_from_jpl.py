@@ -30,12 +30,12 @@ ABOUT = {
 }
 WHY = {
     False: """\
-# Earth and Moon are one body at their barycentre: a step of two days then does for all planets, while the Moon's month
-# would need steps of a day and is no orbit around the Sun that a Wisdom-Holman map could follow. What is lost is the
-# pull of the pair's extent, some 6e-8 of the Sun's, which turns their orbit by 60 km a year; solar-system-moon has it.
+# Earth and Moon are one body at their barycentre, so a step of two days suits all planets. A separate Moon would need
+# steps of a day, and a Wisdom-Holman map cannot follow its orbit around the Earth. The merged body lacks the attraction
+# of the pair's extent, some 6e-8 of the Sun's, which turns its orbit by 60 km a year. solar-system-moon has the Moon.
 """,
     True: """\
-# Earth and Moon are bodies of their own, whose month needs short steps; solar-system has them as one.
+# Earth and Moon are separate bodies, and the Moon's month needs short steps. solar-system merges them into one body.
 """,
 }
 
@@ -49,10 +49,10 @@ def system_file(found: EphemerisStates, moon: bool) -> str:
     names = ", ".join(f'"{name}"' for name in found.names)
     date = f"{calendar(found.julian_date)} TDB (Julian date {found.julian_date!r})"
     text = f"""\
-# The Sun, the eight planets and Pluto as JPL's ephemeris DE421 has them on {date}
+# The Sun, the eight planets and Pluto from JPL's ephemeris DE421 on {date}
 #
-# In the ICRF (axes of the Earth's equator of 2000), AU and AU a year of 365.25 days; made by
-# kickdrift_validation.solar_system_from_jpl, moved to the barycentre of these bodies when it is read.
+# Coordinates are in the ICRF (axes of the Earth's equator of 2000), in AU and AU per year of 365.25 days.
+# kickdrift_validation.solar_system_from_jpl made this file; kickdrift moves it to the barycentre on reading.
 {WHY[moon]}title = "Sun, planets and Pluto from JPL DE421 at {calendar(found.julian_date)}, {what}"
 units = "astro"
 
@@ -85,7 +85,7 @@ momentum = [0.0, 0.0, 0.0]
 source = "{SOURCE}, with the packages jplephem and de421"
 """
     energy, turning = sums(text)
-    known = f"energy = {energy:.14g} # of these numbers\nangular_momentum = [{', '.join(f'{c:.14g}' for c in turning)}]"
+    known = f"energy = {energy:.14g} # of these bodies\nangular_momentum = [{', '.join(f'{c:.14g}' for c in turning)}]"
     return text.replace("[invariants]", f"[invariants]\n{known}")
 
 

@@ -13,18 +13,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, fields
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from kickdrift.analysis.chaos_report import ChaosReport, report_of
+from kickdrift.analysis.deviations import LARGEST, cadence, first_deviation, scale_of
 from kickdrift.errors import InputError, RunError
 from kickdrift.forces.variations import varied
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators import integrator as method_named
 from kickdrift.integrators.asked import Integrator, unpacked
 from kickdrift.looks.observers import Energies
-from kickdrift.model.limits import MOST_STEPS, steps_in
+from kickdrift.model.limits import MOST_STEPS
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 from kickdrift.run.simulation import Simulation
@@ -32,57 +33,8 @@ from kickdrift.run.simulation import Simulation
 if TYPE_CHECKING:
     from kickdrift.model.problem import Problem
 
-Verdict = Literal["regular", "chaotic", "undecided"]
 
-REGULAR = 0.1  # |<Y> - 2| below which a motion is called regular
-CHAOTIC = 4.0  # <Y> above which it is called chaotic
 DEFAULT = "dop853"  # where the system file names no integrator, or one that carries no variations
-LOOKS = 10_000  # at the deviation in a run of fixed steps
-KEPT = 500  # of them, in a report's JSON
-SETTLED = 0.2  # of the run that the fit of the Lyapunov exponent leaves out (Cincotta & Simo 2000, section 3)
-LARGEST = 2.0**200  # times which a deviation may grow or shrink before it is scaled back
-
-
-@dataclass(frozen=True)
-class ChaosReport:
-    """What the deviation's growth says.
-
-    Attributes
-    ----------
-    system, integrator, dt, time, time_unit, steps, seed : what was run, and the seed of the first deviation
-    megno : the running mean <Y> at the end
-    verdict : "regular" where |megno - 2| < 0.1, "chaotic" where it is above 4, "undecided" between
-    lyapunov : the largest Lyapunov exponent, per the system's unit of time: twice the slope of <Y> over the last four
-        fifths of the run (Cincotta & Simo 2000). Of a regular motion it is a small number of either sign.
-    lyapunov_error : half the difference between the slopes of the two halves of that
-    energy_error : relative, at the end
-    times, means, growth : (k,) times since the start, <Y> at them, and ln d(t) / d(0)
-    """
-
-    system: str
-    integrator: str
-    dt: float | None
-    time: float
-    time_unit: str
-    steps: int
-    seed: int
-    megno: float
-    verdict: Verdict
-    lyapunov: float
-    lyapunov_error: float
-    energy_error: float
-    times: Floats = field(repr=False)
-    means: Floats = field(repr=False)
-    growth: Floats = field(repr=False)
-
-    def as_json(self) -> dict[str, Any]:
-        """As one JSON object; the series thinned to some 500 points."""
-        every = -(-len(self.times) // KEPT)
-        series = ("times", "means", "growth")
-        return {
-            name: value[::-every][::-1].tolist() if name in series else value
-            for name, value in ((f.name, getattr(self, f.name)) for f in fields(self))
-        }
 
 
 def megno(
@@ -128,7 +80,7 @@ def megno(
     times, growth = _growth(sim, length, scale, progress)
     end = sim.energy()
     chosen = None if sim.method.chooses_steps else sim.dt
-    return _report(system, sim.integrator, chosen, sim.steps_done, seed, (begin, end.total), times, growth)
+    return report_of(system, sim.integrator, chosen, sim.steps_done, seed, (begin, end.total), times, growth)
 
 
 def megnos(
@@ -172,7 +124,7 @@ def megnos(
         sound = np.isfinite(growth).all() and np.isfinite([*begin, end]).all()
         step, times = float(found.dt[k]), found.times[k]
         reports.append(
-            _report(system, found.integrator, step, found.steps, seed, (Energies(*begin), end), times, growth)
+            report_of(system, found.integrator, step, found.steps, seed, (Energies(*begin), end), times, growth)
             if sound
             else None
         )
@@ -185,39 +137,6 @@ def _each(key: str, value: Any, count: int) -> list[Any]:
     if len(values) != count:
         raise InputError(f"{key}: expected one or {count}, one for each system, got {len(values)}")
     return values
-
-
-def _report(
-    system: System,
-    integrator: str,
-    dt: float | None,
-    steps: int,
-    seed: int,
-    energies: tuple[Energies, float],
-    times: Floats,
-    growth: Floats,
-) -> ChaosReport:
-    """What the growth of a deviation says."""
-    means = mean_megno(times, growth)
-    slope, error = _slope(times, means)
-    found, (begin, end) = float(means[-1]), energies
-    return ChaosReport(
-        system=system.name,
-        integrator=integrator,
-        dt=dt,
-        time=float(times[-1]),
-        time_unit=system.units.time,
-        steps=steps,
-        seed=seed,
-        megno=found,
-        verdict=verdict(found),
-        lyapunov=2.0 * slope,
-        lyapunov_error=2.0 * error,
-        energy_error=abs(end - begin.total) / (abs(begin.total) or abs(begin.kinetic) or 1.0),
-        times=times,
-        means=means,
-        growth=growth,
-    )
 
 
 def _checked_seed(seed: Any) -> int:
@@ -238,23 +157,6 @@ def length_of(system: System, time: float | None) -> float:
     return float(length)
 
 
-def verdict(megno: float) -> Verdict:
-    """What a mean MEGNO says."""
-    if abs(megno - 2.0) < REGULAR:
-        return "regular"
-    return "chaotic" if megno > CHAOTIC else "undecided"
-
-
-def mean_megno(times: Floats, growth: Floats) -> Floats:
-    """<Y> at each of the times, the first of them 0, from ln d: both integrals by the trapezoidal rule, the first over
-    ln d, which makes it MEGNO's sum for maps (Cincotta, Giordano & Simo 2003, section 4.1) where times are far
-    apart."""
-    middles, lengths = 0.5 * (times[1:] + times[:-1]), np.diff(times)
-    y = np.concatenate([[0.0], 2.0 * np.cumsum(middles * np.diff(growth)) / times[1:]])
-    total = np.cumsum(0.5 * (y[1:] + y[:-1]) * lengths)
-    return np.concatenate([[0.0], total / times[1:]])
-
-
 def carrier(system: System, integrator: str | None) -> str:
     """The integrator to run with."""
     if integrator is not None:
@@ -263,37 +165,6 @@ def carrier(system: System, integrator: str | None) -> str:
         return integrator
     named = INTEGRATORS.get(system.run.integrator or "")
     return named.name if named is not None and named.carries else DEFAULT
-
-
-def scale_of(phase: Floats, accelerations: Floats) -> Floats:
-    """(…, 2, 1, 1) of particles at phase (…, 2, 3, n): the scatter of positions about their mean, and a speed: that of
-    the particles together with what the forces lend in that distance. They make a deviation's length the same in any
-    units."""
-    scatter = _rms(phase - phase.mean(axis=-1, keepdims=True))
-    distance = _or(_or(scatter[..., 0], _rms(phase[..., 0, :, :])), 1.0)
-    speed = _or(np.sqrt(scatter[..., 1] ** 2 + distance * _rms(accelerations)), 1.0)
-    return np.stack([distance, speed], axis=-1)[..., None, None]
-
-
-def _or(value: Floats, other: Floats | float) -> Floats:
-    return np.where(value == 0.0, other, value)
-
-
-def _rms(vectors: Floats) -> Floats:
-    """Of the lengths of vectors (…, 3, n)."""
-    return np.sqrt((vectors**2).sum(axis=-2).mean(axis=-1))
-
-
-def first_deviation(n: int, seed: int) -> Floats:
-    """(2, 3, n), of length 1."""
-    drawn = np.random.Generator(np.random.PCG64(seed)).standard_normal((2, 3, n))
-    return drawn / np.linalg.norm(drawn)
-
-
-def cadence(length: float, dt: float) -> tuple[int, int]:
-    """How many steps to take, and how many from look to look."""
-    steps = max(1, round(steps_in("time", length, dt)))
-    return steps, max(1, steps // LOOKS)
 
 
 def _growth(
@@ -329,20 +200,3 @@ def _growth(
             state.phase[:, :, n:] *= 2.0**-exponent  # a power of two: no digit changes
             sim.state, exponent = state, 0
     return np.array(times), np.array(growth)
-
-
-def _slope(times: Floats, means: Floats) -> tuple[float, float]:
-    """Of <Y> over the settled part of the run, and half the difference between its halves'."""
-    settled = times >= SETTLED * times[-1]
-    t, y = times[settled], means[settled]
-    if len(t) < 6:
-        raise InputError(f"time: {len(times) - 1} steps are too few to measure growth; give a longer time")
-    half = len(t) // 2
-    whole, early, late = (_line(t[part], y[part]) for part in (slice(None), slice(half), slice(half, None)))
-    return whole, abs(late - early) / 2
-
-
-def _line(t: Floats, y: Floats) -> float:
-    """The slope of the straight line of least squares."""
-    t = t - t.mean()
-    return float(t @ (y - y.mean()) / (t @ t))

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from kickdrift.analysis import chaos
+from kickdrift.analysis.deviations import LARGEST, cadence, first_deviation, scale_of
 from kickdrift.batch.batch import common, members_of, run_lanes
 from kickdrift.errors import InputError
 from kickdrift.forces.batch_gravity import LOOK, measure_in_lanes
@@ -42,7 +42,7 @@ def growths(
 ) -> Growths:
     """Run systems with deviations from these seeds for times ``lengths``."""
     name, method, own, steps_of = common(tuple(systems), integrator, dt, options)
-    taken = [chaos.cadence(length, h) for length, h in zip(lengths, steps_of, strict=True)]
+    taken = [cadence(length, h) for length, h in zip(lengths, steps_of, strict=True)]
     (steps, every), n = taken[0], len(systems[0])
     for k, (mine, _) in enumerate(taken):
         if mine != steps:
@@ -51,13 +51,13 @@ def growths(
             )
     phase = np.array([system.state.phase for system in systems])
     accelerations, begin = _measured(members_of(systems, steps_of, phase))
-    scale = chaos.scale_of(phase, accelerations)
-    drawn = np.array([chaos.first_deviation(n, seed) for seed in seeds]) * scale
+    scale = scale_of(phase, accelerations)
+    drawn = np.array([first_deviation(n, seed) for seed in seeds]) * scale
     members = members_of(systems, steps_of, np.concatenate([phase, drawn], axis=-1))
     stepper = method.in_lanes(members, own)
     counts = np.full(-(-steps // every), every, np.int64)
     counts[-1] = steps - (len(counts) - 1) * every
-    watch = Deviations(to_lanes(1.0 / scale[..., 0, 0]), chaos.LARGEST)
+    watch = Deviations(to_lanes(1.0 / scale[..., 0, 0]), LARGEST)
     looks, exponents = run_lanes(stepper, counts, 0, watch)
     sizes, count = looks[:, 0, : len(systems)], len(systems)
     scaled = np.cumsum(exponents[:, :count], axis=0) - exponents[:, :count]  # before each look

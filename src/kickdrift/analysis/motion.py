@@ -78,6 +78,7 @@ class _Correlation:
     values : (lags,) means over particles and all time origins
     error : (lags,) standard errors, infinite where the run is too short for the lag
     frames : int
+    dimensions : 3, or 2 of a run in two dimensions
     """
 
     times: Floats
@@ -85,6 +86,7 @@ class _Correlation:
     error: Floats
     frames: int
     _stretches: _Stretches
+    dimensions: int = 3
 
     def _lag(self, name: str, time: float) -> int:
         """The lag nearest to a time."""
@@ -106,7 +108,8 @@ class MeanSquaredDisplacement(_Correlation):
     """<|r(t0 + t) - r(t0)|²> in length²; see ``mean_squared_displacement``."""
 
     def diffusion(self, start: float, stop: float) -> Diffusion:
-        """D = slope / 6, the slope that of the least-squares line through the values from ``start`` to ``stop``.
+        """D = slope / 6, the slope that of the least-squares line through the values from ``start`` to ``stop``; in two
+        dimensions slope / 4.
 
         Einstein's relation (Allen & Tildesley 2017, eq. 2.117, doi:10.1093/oso/9780198803195.001.0001). It holds from
         where the displacement has become linear in time; before that a slope is no diffusion coefficient. The error
@@ -117,7 +120,7 @@ class MeanSquaredDisplacement(_Correlation):
             raise InputError(f"diffusion: expected two lags or more from {start:g} to {stop:g}")
         apart = self.times[first : last + 1] - self.times[first : last + 1].mean()
         weights = np.zeros(last + 1)
-        weights[first:] = apart / (apart @ apart) / 6
+        weights[first:] = apart / (apart @ apart) / (2 * self.dimensions)
         return self._diffusion(weights, first)
 
 
@@ -130,7 +133,7 @@ class VelocityAutocorrelation(_Correlation):
         return self.values / self.values[0]
 
     def diffusion(self, until: float) -> Diffusion:
-        """D = 1/3 of the integral from 0 to ``until``, by the trapezoidal rule.
+        """D = 1/3, in two dimensions 1/2, of the integral from 0 to ``until``, by the trapezoidal rule.
 
         Green & Kubo (Allen & Tildesley 2017, eq. 2.116, doi:10.1093/oso/9780198803195.001.0001). What lies beyond
         ``until`` is left out; frames must be close enough for the function to look smooth. The error is by block
@@ -139,7 +142,7 @@ class VelocityAutocorrelation(_Correlation):
         last = self._lag("until", until)
         if last < 1:
             raise InputError(f"diffusion: until = {until:g} is not the time of a frame")
-        weights = np.full(last + 1, self.times[1] / 3)
+        weights = np.full(last + 1, self.times[1] / self.dimensions)
         weights[[0, -1]] /= 2
         return self._diffusion(weights, 0)
 
@@ -196,7 +199,7 @@ def velocity_autocorrelation(
 
 def _correlation(
     found: Vectors, lags: int | None, of: str | None, remove_drift: bool, displacements: bool
-) -> tuple[Floats, Floats, Floats, int, _Stretches]:
+) -> tuple[Floats, Floats, Floats, int, _Stretches, int]:
     count = len(found)
     step = found.spacing()
     number = max(2, count // 4) if lags is None else lags
@@ -216,7 +219,7 @@ def _correlation(
     later = np.arange(number)
     terms = np.clip(count - later - starts[:, None], 0, (stops - starts)[:, None]) * int(members.sum())
     stretches = _Stretches(sums, terms)
-    return step * later.astype(np.float64), stretches.mean(), stretches.errors(), count, stretches
+    return step * later.astype(np.float64), stretches.mean(), stretches.errors(), count, stretches, found.dimensions
 
 
 def _stretch(x: Floats, origins: int, lags: int, displacements: bool) -> Floats:

@@ -38,9 +38,9 @@ def pressure_tensor(run: Frames | str | os.PathLike[str], system: System | None 
     """P = (sum of m v v + sum over pairs of r F) / V at the frames of a run in a periodic box.
 
     Allen & Tildesley 2017, eqs. 2.60 and 2.67, doi:10.1093/oso/9780198803195.001.0001, with velocities as they are, so
-    that of a moving centre of mass included. The stress tensor is its negative. A third of the trace is the pressure
-    that the run itself reports. Pair forces act as in the run, by the same compiled law, truncation and tail; springs
-    too; fields act on single particles and have no share.
+    that of a moving centre of mass included. The stress tensor is its negative. The trace over the number of dimensions
+    is the pressure that the run itself reports. Pair forces act as in the run, by the same compiled law, truncation and
+    tail; springs too; fields act on single particles and have no share.
 
     Parameters
     ----------
@@ -60,5 +60,5 @@ def pressure_tensor(run: Frames | str | os.PathLike[str], system: System | None 
     pairs = zip(positions.each(), velocities.each(), strict=True)
     tensors = np.array([instantaneous_pressure(system, x, v) for x, v in pairs])
     mean = block_average(tensors)
-    trace = block_average(np.trace(tensors, axis1=1, axis2=2) / 3)
+    trace = block_average(np.trace(tensors, axis1=1, axis2=2) / system.dimensions)
     return PressureTensor(positions.times, tensors, mean.value, mean.error, float(trace.value), float(trace.error))

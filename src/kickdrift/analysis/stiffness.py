@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from kickdrift.engines.session import EngineFlow, RunFlow
 from kickdrift.errors import InputError
 from kickdrift.integrators.flow import Flow, flow_of
 from kickdrift.model.problem import Problem
@@ -72,10 +73,15 @@ def stiffness(subject: Simulation | System | Problem, states: Iterable[Any] | No
     InputError
         Where a state is not one of the subject's, or the Jacobian is too large to hold (3000 unknowns).
     """
+    flow: RunFlow
     if isinstance(subject, (System, Problem)):
         flow, step = flow_of(subject, 1, jumps=True), None
     else:
         flow, step = subject.integration.flow, subject.integration.stepper.last_step or None
+        if isinstance(flow, EngineFlow):
+            raise InputError(
+                f"stiffness: engine {subject.engine!r} gives forces only at its present state; give the System instead"
+            )
     points: list[Any] = [subject.state] if states is None else list(states)
     return [_stiffness(flow, state.time, flow.array(state), step if states is None else None) for state in points]
 

@@ -15,6 +15,7 @@ from kickdrift.model.box import Box
 from kickdrift.model.state import Floats
 from kickdrift.trajectory import reader
 from kickdrift.trajectory.frames import Frames
+from kickdrift.trajectory.run_parts import RunNumbers
 
 PIECE_BYTES = 64 * 2**20  # of positions or velocities that are in memory at once
 Quantity = Literal["positions", "velocities"]
@@ -37,7 +38,7 @@ class Vectors:
     """
 
     what: Quantity
-    source: reader.Run | Floats
+    source: RunNumbers | Floats
     chosen: NDArray[np.int64]
     times: Floats | None
     box: Box
@@ -50,6 +51,11 @@ class Vectors:
     @property
     def particles(self) -> int:
         return len(self.masses)
+
+    @property
+    def dimensions(self) -> int:
+        """3, or 2 of a run in two dimensions."""
+        return int(self.source.system_record.get("dimensions", 3)) if isinstance(self.source, reader.Run) else 3
 
     def pieces(self) -> Iterator[Floats]:
         """(k, n, 3) of some frames after the other, unwrapped."""
@@ -93,11 +99,11 @@ class Vectors:
 
     def _read(self, start: int, stop: int, particles: slice) -> Floats:
         rows = self.chosen[start:stop]
-        if isinstance(self.source, reader.Run):
+        if isinstance(self.source, np.ndarray):
+            found: Floats = self.source[rows, particles]
+        else:
             step = int(rows[1] - rows[0]) if len(rows) > 1 else 1
             found = self.source.vectors(self.what, slice(int(rows[0]), int(rows[-1]) + 1, step), particles)
-        else:
-            found = self.source[rows, particles]
         if not np.isfinite(found).all():
             frame, particle = np.argwhere(~np.isfinite(found))[0][:2]
             raise InputError(

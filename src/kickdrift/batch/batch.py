@@ -28,8 +28,9 @@ from kickdrift.integrators.step_length import start_warning
 from kickdrift.looks.record import Record, Series
 from kickdrift.model.capacity import check_room
 from kickdrift.model.limits import whole_number
+from kickdrift.model.run_defaults import RunDefaults
 from kickdrift.model.state import Floats, State
-from kickdrift.model.system import RunDefaults, System
+from kickdrift.model.system import System
 from kickdrift.run.plan import looks_at
 from kickdrift.run.report import Report, report
 

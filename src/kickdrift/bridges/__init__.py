@@ -1,1 +1,1 @@
-"""Systems of other programs, made of ours and the other way round; one module for each program."""
+"""Conversion of systems to and from other programs; one module for each program."""

@@ -1,11 +1,11 @@
 """ASE's Atoms and a System, each in its own units, and an ASE calculator that runs our forces.
 
-ASE's numbers are angstrom, eV and u, so that its unit of time is angstrom sqrt(u / eV), 10.18 fs. In ``metal`` and
-``si`` they are converted; in ``lj``, ``nbody`` and ``astro`` they are taken as they stand, as ASE's own Lennard-Jones
-examples do and as our files do: an angstrom is one sigma, an eV one epsilon, a u one m, ASE's unit of time one tau.
+ASE's units are angstrom, eV and u, so its unit of time is angstrom sqrt(u / eV), 10.18 fs. In ``metal`` and ``si`` the
+numbers are converted. In ``lj``, ``nbody`` and ``astro`` the numbers stay the same, as in ASE's Lennard-Jones examples
+and in our files: an angstrom is one sigma, an eV one epsilon, a u one m, ASE's unit of time one tau.
 
-Velocities are converted so that m v^2 is the same energy on both sides, with our own constants (``model.units``). ASE's
-fs comes from CODATA 2014, so times differ from those of ``ase.units`` by 5e-9, relative.
+Velocities are converted with our own constants (``model.units``), so that m v^2 is the same energy on both sides. ASE's
+fs comes from CODATA 2014, so times differ from ``ase.units`` by 5e-9, relative.
 """
 
 from __future__ import annotations
@@ -32,15 +32,15 @@ from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 from kickdrift.model.units import UnitSystem, quantity, shown, unit_system
 
-NAMES, RADII = "names", "radii"  # arrays of Atoms for what ASE has no place for
-UNKNOWN = "X"  # ASE's symbol of what is no element; info["species"] then says what, by the atoms' tags
-SQUARE = 1e-12  # of a cell vector's length: a lean that is only rounding
-UPRIGHT = 1e-6  # of a vector's length: what must be left of it at right angles to others
-LEAST = 0.3  # of three unit vectors' squares: one has a third or more at right angles to two others
+NAMES, RADII = "names", "radii"  # arrays of Atoms for data without a place in ASE
+UNKNOWN = "X"  # ASE's symbol for no element; info["species"] then names the species, by the atoms' tags
+SQUARE = 1e-12  # tilt of a cell vector, relative to its length, that counts as rounding
+UPRIGHT = 1e-6  # least part of a vector, relative to its length, perpendicular to the other vectors
+LEAST = 0.3  # of three unit vectors, one has at least a third of its square perpendicular to two others
 
 
 class Scale(NamedTuple):
-    """What ASE's numbers are multiplied by to become a unit system's."""
+    """Factors from ASE's units to a unit system."""
 
     length: float
     energy: float
@@ -53,7 +53,7 @@ class Scale(NamedTuple):
 
     @classmethod
     def of(cls, units: UnitSystem) -> Scale:
-        """All 1 where ASE does not know the units."""
+        """Return the factors; all are 1 for units unknown to ASE."""
         if FileUnits.of(units).nominal:
             return cls(1.0, 1.0, 1.0, 1.0)
         given = {"length": "angstrom", "energy": "eV", "mass": "u"}
@@ -66,7 +66,7 @@ class Scale(NamedTuple):
 def system_of(
     atoms: Any, forces: Iterable[Any] | None, units: str | UnitSystem, species: Iterable[str] | None = None
 ) -> System:
-    """What `System.from_ase` returns."""
+    """Return a System; see `System.from_ase`."""
     system, _ = _system(atoms, forces, units, species)
     if atoms.constraints:
         kind = type(atoms.constraints[0]).__name__
@@ -110,7 +110,7 @@ def _system(
 
 
 def _species(atoms: Any) -> list[str]:
-    """The chemical symbols; of atoms X, what an export or `atoms_of` has written beside them."""
+    """Return the chemical symbols; for atoms X, the species that an export or `atoms_of` stored."""
     symbols, known = atoms.get_chemical_symbols(), list(atoms.info.get("species", ()))
     return [
         str(known[tag]) if symbol == UNKNOWN and 0 <= tag < len(known) else symbol
@@ -119,13 +119,13 @@ def _species(atoms: Any) -> list[str]:
 
 
 def _names(atoms: Any) -> list[str]:
-    """Of the bodies; an exported file has them in ``info``."""
+    """Return the names of the bodies; an exported file has them in ``info``."""
     names = list(atoms.arrays.get(NAMES, atoms.info.get(NAMES, ())))
     return names if len(names) == len(atoms) else []
 
 
 def _box(atoms: Any, scale: Scale) -> Oriented:
-    """The cell as a Box, and the rotation of the atoms into its axes."""
+    """Return the cell as a Box, and the rotation of the atoms into its axes."""
     axes = np.array(atoms.pbc, dtype=bool)
     if not axes.any():
         return Oriented(Box(), np.eye(3))
@@ -137,7 +137,7 @@ def _box(atoms: Any, scale: Scale) -> Oriented:
     whole, heights = _completed(cell, axes)
     with np.errstate(all="ignore"):
         left_handed = np.linalg.det(whole) < 0
-    # Edge vectors that point the other way are of the same lattice.
+    # Reversed edge vectors span the same lattice.
     box, rotation = Box.from_vectors(-whole if left_handed else whole, axes.tolist())
     if axes.all():
         return Oriented(box, rotation)
@@ -146,8 +146,9 @@ def _box(atoms: Any, scale: Scale) -> Oriented:
 
 
 def _completed(cell: Floats, axes: NDArray[np.bool_]) -> tuple[Floats, Floats]:
-    """The cell (3, 3) with vectors along its open axes that stand at right angles to all others, as long as the longest
-    that is periodic; and how far its own vectors reach along these (3,)."""
+    """Return the cell (3, 3) with new vectors along its open axes, and the heights (3,) of its own vectors there.
+
+    A new vector is perpendicular to all others, and as long as the longest periodic vector."""
     rows, heights = np.where(axes[:, None], cell, 0.0), np.zeros(3)
     longest = np.linalg.norm(rows, axis=1).max() or 1.0
     for k in np.flatnonzero(~axes):
@@ -163,15 +164,15 @@ def _completed(cell: Floats, axes: NDArray[np.bool_]) -> tuple[Floats, Floats]:
 
 
 def _upright(vector: Floats, others: Floats) -> Floats:
-    """The part of a vector (3,) at right angles to others (m, 3)."""
-    for _ in range(2):  # once leaves rounding
+    """Return the part of a vector (3,) that is perpendicular to others (m, 3)."""
+    for _ in range(2):  # one pass leaves rounding errors
         if (others @ vector).any():
             vector = vector - np.linalg.lstsq(others.T, vector)[0] @ others
     return vector
 
 
 def _forces_of(atoms: Any, units: UnitSystem, scale: Scale) -> tuple[Any, ...]:
-    """The forces of the calculator that the atoms carry."""
+    """Return the forces of the atoms' calculator."""
     calculator = atoms.calc
     if calculator is None:
         raise InputError("forces: needed (forces=[] means no forces), or give the atoms ASE's LennardJones calculator")
@@ -202,7 +203,7 @@ def _forces_of(atoms: Any, units: UnitSystem, scale: Scale) -> tuple[Any, ...]:
 
 
 def atoms_of(system: System, symbols: Mapping[str, str] | None = None, calculator: bool = True) -> Any:
-    """What `System.to_ase` returns."""
+    """Return ASE Atoms; see `System.to_ase`."""
     scale, state = Scale.of(system.units), system.state
     symbol = {kind: (symbols or {}).get(kind, kind if kind in atomic_numbers else UNKNOWN) for kind in system.species}
     for kind in symbols or ():
@@ -240,24 +241,24 @@ def atoms_of(system: System, symbols: Mapping[str, str] | None = None, calculato
 class Calculator(AseCalculator):
     """An ASE calculator that runs forces of kickdrift: ``atoms.calc = Calculator([kd.LennardJones(cutoff=8.5)])``.
 
-    It gives ``energy`` in eV, ``forces`` (n, 3) in eV/angstrom and, of a periodic cell, ``stress`` (xx, yy, zz, yz, xz,
-    xy) in eV/angstrom^3: minus the sum over pairs of r F, over the volume. What is compiled for the forces and their
-    pair lists are kept from call to call, and made anew only where cell, elements or masses change.
+    Results are ``energy`` in eV, ``forces`` (n, 3) in eV/angstrom and, for a periodic cell, ``stress`` (xx, yy, zz, yz,
+    xz, xy) in eV/angstrom^3: minus the sum over pairs of r F, divided by the volume. Compiled code and pair lists are
+    kept between calls. They are made again only if cell, elements or masses change.
 
     Parameters
     ----------
     forces : iterable of forces
-        Of positions alone; one that depends on velocity or does work is an InputError.
+        Forces that depend on positions alone; a force that depends on velocity or does work is an InputError.
     units : str or UnitSystem
-        What the forces' parameters are in; see `System.from_ase`.
+        Units of the forces' parameters; see `System.from_ase`.
     threads : int
 
     Raises
     ------
     InputError
-        In a calculation, for atoms that `System.from_ase` refuses (constraints are ASE's own matter).
+        In a calculation, for atoms that `System.from_ase` refuses (constraints are allowed: ASE applies them).
     RunError
-        Where the forces are not finite.
+        If the forces are not finite.
     """
 
     implemented_properties = ["energy", "free_energy", "forces", "stress"]  # noqa: RUF012
@@ -276,7 +277,7 @@ class Calculator(AseCalculator):
         self._system: System | None = None
 
     def check_state(self, atoms: Any, tol: float = 1e-15) -> list[str]:
-        """What changed since the last calculation; ASE does not look at masses."""
+        """Return what changed since the last calculation, including masses, which ASE does not check."""
         changes: list[str] = super().check_state(atoms, tol)
         if self.atoms is not None and not np.array_equal(self.atoms.get_masses(), atoms.get_masses()):
             changes.append("masses")
@@ -285,7 +286,7 @@ class Calculator(AseCalculator):
     def calculate(
         self, atoms: Any = None, properties: Iterable[str] = ("energy",), system_changes: Iterable[str] = all_changes
     ) -> None:
-        """Fill ``results``; called by ASE."""
+        """Fill ``results``; ASE calls this method."""
         from kickdrift.forces.bound import BoundForces
 
         super().calculate(atoms, properties, system_changes)
@@ -307,9 +308,9 @@ class Calculator(AseCalculator):
             self.results["stress"] = self._stress(self._system, x.T, turn)
 
     def _stress(self, system: System, x: Floats, turn: Floats) -> Floats:
-        """(6,) in Voigt's order, of particles that stand still at x.
+        """Return the stress (6,) of particles at rest at x, in Voigt's order and ASE's axes.
 
-        It is in ASE's axes, which a rotation (3, 3) turns into the System's.
+        The rotation ``turn`` (3, 3) turns ASE's axes into the System's.
         """
         from kickdrift.looks.pressure import instantaneous_pressure
 

@@ -1,8 +1,8 @@
-"""rebound's Simulation and a System: bodies, G and units, and the method where both have it.
+"""Conversion between rebound's Simulation and a System: bodies, G, units, and the method if both programs have it.
 
-A Simulation without units has plain numbers, as ``nbody`` has; AU, yr and Msun are ``astro`` and m, s and kg ``si``;
-other units of rebound's keep their names in a reduced unit system. G is always the Simulation's own, to the bit: its
-39.4769264214 au^3/(msun yr^2) is 7.5e-12 more than that of ``astro``.
+A Simulation without units becomes ``nbody``. AU, yr and Msun become ``astro``; m, s and kg become ``si``. Other units
+keep their names in a reduced unit system. G is always the Simulation's own, to the bit: rebound's
+39.4769264214 au^3/(msun yr^2) exceeds the G of ``astro`` by 7.5e-12, relative.
 """
 
 from __future__ import annotations
@@ -20,14 +20,15 @@ from kickdrift.bridges.rebound_names import COORDINATES, LEAPFROGS, SABA, key_of
 from kickdrift.errors import InputError
 from kickdrift.forces import Gravity
 from kickdrift.forces.central import gravitational_constant
-from kickdrift.integrators.wisdom_holman import JACOBI
+from kickdrift.integrators.option import JACOBI
+from kickdrift.model.run_defaults import RunDefaults
 from kickdrift.model.state import Floats
-from kickdrift.model.system import RunDefaults, System
+from kickdrift.model.system import System
 from kickdrift.model.units import UNIT_SYSTEMS, UnitSystem
 
-ALL_ACTIVE = 2**64 - 1  # N_active where it was never set
+ALL_ACTIVE = 2**64 - 1  # N_active if it was never set
 UNITS = {"astro": ("au", "yr", "msun"), "si": ("m", "s", "kg")}  # length, time, mass
-NEWTON = ("basic", "compensated", "jacobi", "mercurius")  # modules that sum the same forces in other ways
+NEWTON = ("basic", "compensated", "jacobi", "mercurius")  # gravity modules that sum the same forces in different ways
 FUNCTIONS = ("additional_forces", "pre_timestep_modifications", "post_timestep_modifications")
 
 
@@ -35,7 +36,7 @@ FUNCTIONS = ("additional_forces", "pre_timestep_modifications", "post_timestep_m
 
 
 def system_of(sim: Any, forces: Iterable[Any] | None = None) -> System:
-    """What `System.from_rebound` returns."""
+    """Return a System; see `System.from_rebound`."""
     if not isinstance(sim, rebound.Simulation):
         raise InputError(f"sim: expected a rebound.Simulation, got {type(sim).__name__}")
     _refuse(sim)
@@ -58,12 +59,12 @@ def system_of(sim: Any, forces: Iterable[Any] | None = None) -> System:
 
 
 def _number(i: int) -> str:
-    """What an unnamed body among named ones is called."""
+    """Return the name of an unnamed body among named ones."""
     return f"particle {i}"
 
 
 def _refuse(sim: Any) -> None:
-    """Raise an InputError for what would make the System move otherwise."""
+    """Raise an InputError for features that would make the System move differently."""
     if sim.N_var:
         raise InputError(f"sim: has {sim.N_var} variational particles; use kd.megno for variations")
     for key in FUNCTIONS:
@@ -96,7 +97,7 @@ def _units(sim: Any) -> UnitSystem:
 
 
 def _check_test_particles(sim: Any, masses: Floats) -> None:
-    """Massless bodies are test particles here, whatever their place; others would pull."""
+    """Refuse test particles with mass: in kickdrift, every body with mass attracts the others."""
     if sim.N_active >= len(masses):
         return
     pulling = np.flatnonzero(masses[sim.N_active :])
@@ -119,7 +120,7 @@ def _forces(sim: Any, units: UnitSystem) -> tuple[Any, ...]:
 
 
 def _run(sim: Any, masses: Floats) -> tuple[RunDefaults, list[str]]:
-    """The method and its step, and what of it has no equal here."""
+    """Return the method and its step, and warnings about options without an equivalent here."""
     method, own = str(sim.integrator), sim.integrator
     run = RunDefaults(dt=sim.dt)
     central = int(np.argmax(masses)) == 0
@@ -146,7 +147,7 @@ def _tell(what: str, untaken: list[str]) -> None:
 
 
 def simulation_of(system: System) -> Any:
-    """What `System.to_rebound` returns."""
+    """Return a rebound Simulation; see `System.to_rebound`."""
     gravity = _gravity(system)
     if system.box.periodic:
         raise InputError("to_rebound: the box is periodic; rebound's boundaries differ from kickdrift's")
@@ -184,7 +185,7 @@ def _gravity(system: System) -> Gravity | None:
 
 
 def _rebound_units(units: UnitSystem) -> tuple[str, str, str] | None:
-    """Length, time and mass by rebound's names; None where they are plain numbers."""
+    """Return rebound's names of the units of length, time and mass; None for plain numbers."""
     if units.name in UNITS:
         return UNITS[units.name]
     known = units.length in lengths_SI and units.time in times_SI and units.mass in masses_SI
@@ -192,7 +193,7 @@ def _rebound_units(units: UnitSystem) -> tuple[str, str, str] | None:
 
 
 def _set_method(sim: Any, system: System) -> list[str]:
-    """Set the integrator where rebound has it; what it has no equal of."""
+    """Set the integrator if rebound has it; return warnings about options without an equivalent."""
     run, masses = system.run, system.state.masses
     if run.dt is not None:
         sim.dt = run.dt

@@ -1,8 +1,8 @@
-"""What rebound calls the options of methods that both have; rebound itself is not needed to read it."""
+"""rebound's names for options of shared methods. This module does not import rebound."""
 
 from __future__ import annotations
 
-from kickdrift.integrators.wisdom_holman import HELIOCENTRIC, JACOBI
+from kickdrift.integrators.option import HELIOCENTRIC, JACOBI
 
 COORDINATES = {"JACOBI": JACOBI, "DEMOCRATICHELIOCENTRIC": HELIOCENTRIC}
 SABA = {"2": "4,2", "3": "6,2", "4": "8,2", "10_4": "10,4", "8_6_4": "8,6,4", "10_6_4": "10,6,4"}
@@ -10,5 +10,5 @@ LEAPFROGS = {2: "leapfrog-dkd", 4: "forest-ruth"}  # by order
 
 
 def key_of(table: dict[str, str], ours: str) -> str:
-    """Their name; "" where they have none."""
+    """Return rebound's name; "" if there is none."""
     return next((theirs for theirs, name in table.items() if name == ours), "")

@@ -15,7 +15,7 @@ from kickdrift.cli.console import say as say
 from kickdrift.text import counted, duration
 
 if TYPE_CHECKING:
-    from kickdrift.analysis.chaos import ChaosReport
+    from kickdrift.analysis.chaos_report import ChaosReport
     from kickdrift.model.problem import Problem
     from kickdrift.model.system import System
     from kickdrift.run.report import EnergyReport, Report
@@ -100,7 +100,7 @@ LISTINGS: dict[str, Callable[[], tuple[list[str], list[list[str]]]]] = {
 
 def print_report(report: Report, sim: Simulation, output: Path | None) -> None:
     """Print a run's summary on standard output."""
-    from kickdrift.model.events import event_lines
+    from kickdrift.model.event_log import event_lines
     from kickdrift.model.system import System
 
     system = sim.system

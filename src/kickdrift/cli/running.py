@@ -78,7 +78,7 @@ def run(
     if old_store is not None:
         if store is not None:
             raise InputError("give --store; --precision is its old name")
-        say("warning: --precision is --store since 0.2, and goes in 0.3", quiet)
+        say("warning: --precision is deprecated since 0.2 and goes in 0.3; use --store", quiet)
         store = old_store
     given = {"flush": flush, "store": store, "compress": compress or None}
     file = file_options(output, given | {"write": write and tuple(each.strip() for each in write.split(","))})

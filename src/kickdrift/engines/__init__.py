@@ -19,7 +19,7 @@ from kickdrift.integrators.option import MIXED
 from kickdrift.model.units import shown
 
 if TYPE_CHECKING:
-    from kickdrift.engines.session import Job
+    from kickdrift.engines.job import Job
 
 NATIVE = "native"
 
@@ -65,6 +65,10 @@ class Engine:
     def module(self) -> Any:
         """Its module, with ``refusal(job)`` and ``session(job)``. The program itself is loaded only by the latter."""
         return import_module(f"kickdrift.engines.{self.name}")
+
+    def session(self, job: Job) -> Any:
+        """Start the program for a job."""
+        return self.module.session(job)
 
     def method_name(self, name: str) -> str:
         """kickdrift's name of a method, given by kickdrift's or the program's name. kickdrift's names take

@@ -11,8 +11,9 @@ from typing import Any
 
 import numpy as np
 
+from kickdrift.engines.job import Job
 from kickdrift.engines.lennard_jones import only_lennard_jones, small_units
-from kickdrift.engines.session import Job, Session
+from kickdrift.engines.session import Session
 from kickdrift.forces.bound import Measured
 from kickdrift.model.state import Floats
 

@@ -12,9 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from kickdrift.engines.job import Job
 from kickdrift.engines.lammps_world import Model, World
 from kickdrift.engines.lennard_jones import only_lennard_jones, small_units
-from kickdrift.engines.session import Job, Session, Trouble
+from kickdrift.engines.session import Session, Trouble
 from kickdrift.errors import InputError
 from kickdrift.forces.bound import Measured
 from kickdrift.model.state import Floats

@@ -14,8 +14,9 @@ from typing import Any
 
 import numpy as np
 
+from kickdrift.engines.job import Job
 from kickdrift.engines.lennard_jones import only_lennard_jones, small_units
-from kickdrift.engines.session import Job, Session, Trouble
+from kickdrift.engines.session import Session, Trouble
 from kickdrift.forces import Gravity
 from kickdrift.forces.bound import Measured
 from kickdrift.forces.central import gravitational_constant

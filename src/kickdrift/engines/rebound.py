@@ -17,11 +17,13 @@ from typing import Any
 import numpy as np
 
 from kickdrift.bridges.rebound_names import COORDINATES, SABA, key_of
-from kickdrift.engines.session import Job, Session, Trouble
+from kickdrift.engines.job import Job
+from kickdrift.engines.session import Session, Trouble
 from kickdrift.forces import Gravity
 from kickdrift.forces.bound import Measured
+from kickdrift.model.run_defaults import RunDefaults
 from kickdrift.model.state import Floats
-from kickdrift.model.system import RunDefaults, System
+from kickdrift.model.system import System
 
 ADAPTIVE = "gauss-radau15"
 KEPLER = ("wisdom-holman", "saba")

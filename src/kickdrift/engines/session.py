@@ -11,39 +11,24 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
+from kickdrift.engines.job import Job
 from kickdrift.errors import InputError, KickdriftError, RunError
 from kickdrift.forces.bound import Measured
 from kickdrift.forces.kernel import OK
-from kickdrift.integrators.flow import ParticleFlow
-from kickdrift.integrators.stepping import STOPPED, Counts
+from kickdrift.integrators.flow import Flow
+from kickdrift.integrators.particle_states import ParticleStates
+from kickdrift.integrators.stepper import STOPPED, Counts
 from kickdrift.looks.observers import take_sample
 from kickdrift.looks.table import Looks
 from kickdrift.model.memory import Memory, by_value
-from kickdrift.model.starts.builders import check_overlaps
 from kickdrift.model.state import Floats
 
 if TYPE_CHECKING:
-    from kickdrift.engines import Engine
-    from kickdrift.integrators.method import Method
-    from kickdrift.integrators.options import Options
     from kickdrift.model.system import System
-
-
-@dataclass(frozen=True)
-class Job:
-    """Request of a Simulation to an engine. ``named`` is the requested name of the method."""
-
-    system: System
-    method: Method
-    named: str
-    options: Options
-    threads: int = 1
-    processes: int = 1
 
 
 class Trouble(Exception):
@@ -92,16 +77,24 @@ class Session:
         """End the program; ``reset`` starts another."""
 
 
-class EngineFlow(ParticleFlow):
+class Program(Protocol):
+    """Another program, as a run on it needs it; see ``Engine``."""
+
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def warnings(self) -> list[str]: ...
+
+    def session(self, job: Job) -> Session:
+        """Start the program."""
+
+
+class EngineFlow(ParticleStates):
     """A System's particles in another program. Samples come from the program."""
 
     def __init__(self, system: System) -> None:
-        check_overlaps(system)
-        self.subject = system
-        self.name = system.name
-        self.halves = 2
-        self.not_separable = None
-        self._ends = np.empty((2, 3, len(system)))
+        super().__init__(system)
         self.stepper: EngineStepper  # the stepper in use
 
     def look(self, looks: Looks, y: Floats, time: float, step: int, last: Floats, fresh: bool = False) -> int:
@@ -126,9 +119,8 @@ class EngineFlow(ParticleFlow):
         """Return no text: the particles' places when the program stopped are not known."""
         return ""
 
-    def derivative(self, time: float, y: Floats) -> Floats:
-        """Refuse: another program gives no derivative away from its own state."""
-        raise InputError(f"{self.name}: runs on another engine, which gives forces only at its present state")
+
+RunFlow = Flow | EngineFlow  # what a run advances
 
 
 class EngineStepper:
@@ -141,11 +133,11 @@ class EngineStepper:
 
     _known: Floats | None  # y, if requested since the last step
 
-    def __init__(self, flow: EngineFlow, engine: Engine, job: Job) -> None:
+    def __init__(self, flow: EngineFlow, engine: Program, job: Job) -> None:
         self._job, self._dt = job, 0.0 if job.method.chooses_steps else (job.options.dt or 0.0)
         self._engine = engine
         with self._one_line():
-            self._session: Session = engine.module.session(job)
+            self._session = engine.session(job)
         self.warnings = engine.warnings
         self._evaluations = 0
         flow.stepper = self
@@ -266,7 +258,7 @@ class EngineStepper:
         self._session.hint, self._evaluations = memory["hint"], memory["evaluations"]
 
 
-def begin(engine: Engine, job: Job) -> tuple[EngineFlow, Any]:
+def begin(engine: Program, job: Job) -> tuple[EngineFlow, Any]:
     """The flow and the stepper of a System on another program."""
     flow = EngineFlow(job.system)
     return flow, EngineStepper(flow, engine, job)

@@ -10,7 +10,7 @@ from kickdrift.model.problem import Problem, ProblemState
 from kickdrift.model.system import System
 
 if TYPE_CHECKING:
-    from kickdrift.analysis.chaos import ChaosReport
+    from kickdrift.analysis.chaos_report import ChaosReport
     from kickdrift.run.report import Report
 
 Row = dict[str, Any]

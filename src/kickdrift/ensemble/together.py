@@ -8,7 +8,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
-from kickdrift.analysis.chaos import cadence, carrier, length_of, megnos
+from kickdrift.analysis.chaos import carrier, length_of, megnos
+from kickdrift.analysis.deviations import cadence
 from kickdrift.batch.batch import Batch, refusal
 from kickdrift.ensemble.members import Member
 from kickdrift.ensemble.recipe import MEGNO, Recipe

@@ -1,9 +1,9 @@
-"""A System's forces, compiled and bound, as Python sees them."""
+"""A System's forces, compiled and bound, for use from Python."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -12,8 +12,9 @@ from kickdrift.forces.clusters import BUILT, JUMPS_ALLOWED, OUTER_BUILDS, PRUNES
 from kickdrift.forces.evaluate import SLOTS, derivative, measure
 from kickdrift.forces.kernel import GROW, OK, BoundForce
 from kickdrift.forces.law_check import not_compiled
-from kickdrift.forces.pair_kernel import PairKernel, grown, memory, recalled, thinned, tuned
+from kickdrift.forces.pair_kernel import PairKernel
 from kickdrift.forces.pair_law import PairForce
+from kickdrift.forces.pair_lists import grown, memory, recalled, thinned, tuned
 from kickdrift.forces.seam import Forces, few_of, table_of
 from kickdrift.jit.numba_private import NumbaError
 from kickdrift.model.checks import number
@@ -22,23 +23,23 @@ from kickdrift.model.units import shown
 
 
 class Measured(NamedTuple):
-    """What one evaluation gives."""
+    """Result of one evaluation."""
 
     accelerations: Floats  # (3, n)
     potential: float
     virial: float  # sum over pairs of r . F
-    pairs: int | None  # that interact, where that is known
+    pairs: int | None  # number of interacting pairs, if known
 
 
 def most_threads() -> int:
-    """As many as numba has."""
+    """Return the largest number of threads, which numba sets."""
     from numba import config
 
     return int(config.NUMBA_NUM_THREADS)
 
 
 def check_threads(threads: Any) -> int:
-    """A number of threads as an int; an InputError where it is not a whole number from 1 to what numba has."""
+    """Return ``threads`` as an int; an InputError unless it is a whole number from 1 to numba's limit."""
     found = number(threads)
     if not (found.is_integer() and 1 <= found <= most_threads()):
         raise InputError(f"threads must be 1 to {most_threads()} here, got {shown(threads)}")
@@ -53,17 +54,27 @@ def _compiled(force: BoundForce) -> BoundForce:
         raise not_compiled(law or type(force.parts), error) from None
 
 
-class BoundForces:
-    """The forces of a System, or of what stands for one, with their pair lists, which live as long as this object.
+class UnderForces(Protocol):
+    """What forces are bound to: a System, or a Problem with its right-hand side as the only force."""
 
-    The lists make the sums of one instance depend on what it was asked before (to round-off), so the run loop has one
-    that nobody else touches, and observers another. Between two calls in a run no particle may move further than a pair
-    force reaches (the run has blown up then); with ``jumps`` it may. With ``thin`` lists, which cost less to make, it
-    should stay where it is. With ``mixed``, pair forces are in mixed precision.
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def forces(self) -> tuple[Any, ...]: ...
+
+
+class BoundForces:
+    """The forces of a System or a Problem, with their pair lists, which live as long as this object.
+
+    Because of the lists, sums depend on earlier calls (to round-off). So the run loop has its own instance, and
+    observers another. Between two calls, a particle that moves further than a pair force reaches means that the run
+    has blown up; ``jumps`` allows such moves. ``thin`` lists cost less to make and suit particles that hardly move.
+    With ``mixed``, pair forces are in mixed precision.
     """
 
     def __init__(
-        self, system: Any, threads: int = 1, jumps: bool = True, thin: bool = False, mixed: bool = False
+        self, system: UnderForces, threads: int = 1, jumps: bool = True, thin: bool = False, mixed: bool = False
     ) -> None:
         self.threads = check_threads(threads)
         pairs = [isinstance(force, PairForce) for force in system.forces]
@@ -73,7 +84,7 @@ class BoundForces:
             force.bind(system, threads, mixed) if pair else BoundForce(force.bind(system, threads))
             for force, pair in zip(system.forces, pairs, strict=True)
         )
-        self._table: tuple[tuple[BoundForce, ...], Forces] | None = None  # and the forces that it is of
+        self._table: tuple[tuple[BoundForce, ...], Forces] | None = None  # bound forces and their table
         if thin:
             self.forces = tuple(thinned(force) for force in self.forces)
         for force in self.forces:
@@ -81,7 +92,7 @@ class BoundForces:
                 force.pairs.counts[JUMPS_ALLOWED] = jumps
 
     def call(self, compiled: Callable[..., int], *args: Any) -> int:
-        """``compiled(table of the forces, *args)``, again whenever a list had to grow; its status, OK or BLOWN_UP."""
+        """Call ``compiled(table, *args)``, again after a list had to grow; return its status."""
         table = self.table
         if self.threads > 1:
             from numba import set_num_threads
@@ -94,8 +105,10 @@ class BoundForces:
 
     @property
     def table(self) -> Forces:
-        """The forces as compiled code takes them, compiled if need be; a law that numba cannot compile is an InputError
-        of one line. The table holds until a list grows or changes its skins."""
+        """The table of forces for compiled code, which is compiled on first use.
+
+        A law that numba cannot compile raises an InputError of one line. The table is valid until a list grows or
+        changes its skins."""
         if self._table is None or self._table[0] is not self.forces:
             few = few_of(self.forces)
             self.forces = tuple(force if force is few else _compiled(force) for force in self.forces)
@@ -103,38 +116,39 @@ class BoundForces:
         return self._table[1]
 
     def measure(self, time: float, phase: Floats) -> Measured | None:
-        """Accelerations and energies at positions and velocities ``phase`` (2, 3, n); None where they make no sense."""
+        """Return accelerations and energies at ``phase`` (2, 3, n), positions and velocities; None if not finite."""
         a, sums = np.zeros(phase.shape[1:]), np.zeros(3)
         if self.call(measure, time, phase, a, sums, np.zeros(SLOTS, np.int64)) != OK:
             return None
         return Measured(a, float(sums[0]), float(sums[1]), int(sums[2]))
 
     def derivative(self, time: float, y: Floats) -> Floats:
-        """f(t, y) for y of shape (2, rows, n) or (1, 1, n); all nan where it makes no sense."""
-        y = np.ascontiguousarray(y)  # a Problem's function is given its memory
+        """Return f(t, y) for y of shape (2, rows, n) or (1, 1, n); all nan if y makes no sense."""
+        y = np.ascontiguousarray(y)  # a Problem's function receives this memory
         dy = np.empty(y.shape)
         if self.call(derivative, time, y, dy, np.zeros(SLOTS, np.int64)) != OK:
             dy[...] = np.nan
         return dy
 
     def tune(self, stride: float) -> None:
-        """Have the pair lists that cost least where the fastest particle goes so far between two evaluations; they are
-        made anew at the next."""
+        """Choose the cheapest pair lists, which the next evaluation makes.
+
+        ``stride`` is the distance that the fastest particle moves between two evaluations."""
         self.forces = tuple(tuned(force, stride) for force in self.forces)
         self.forget()
 
     def forget(self) -> None:
-        """Make every pair list anew at the next evaluation."""
+        """Discard all pair lists; the next evaluation makes them again."""
         for force in self.forces:
             if isinstance(force, PairKernel):
                 force.pairs.counts[BUILT] = 0
 
     def memory(self) -> list[dict[str, Any] | None]:
-        """What later sums depend on beside the state: of each force its pair list, None where it has none; copies."""
+        """Return copies of each force's pair list, None without a list; later sums depend on these."""
         return [memory(force) if isinstance(force, PairKernel) else None for force in self.forces]
 
     def recall(self, memory: list[dict[str, Any] | None]) -> None:
-        """Have the lists that had this memory."""
+        """Restore the pair lists from this memory."""
         pairs = zip(self.forces, memory, strict=True)
         self.forces = tuple(
             recalled(force, kept) if isinstance(force, PairKernel) and kept is not None else force
@@ -143,6 +157,6 @@ class BoundForces:
 
     @property
     def list_builds(self) -> tuple[int, int]:
-        """How often the pair lists were searched for and pruned."""
+        """Return how often the pair lists were searched and pruned."""
         lists = [force.pairs.counts for force in self.forces if isinstance(force, PairKernel)]
         return int(sum(c[OUTER_BUILDS] for c in lists)), int(sum(c[PRUNES] for c in lists))

@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from kickdrift.errors import InputError
-from kickdrift.forces.fields import number
+from kickdrift.forces.arguments import number
 from kickdrift.model.state import Floats
 from kickdrift.model.units import shown
 
 if TYPE_CHECKING:
-    from kickdrift.model.system import System
+    from kickdrift.model.subject import Subject
 
 
 Central = Any  # int, str or None, checked here: what pydantic says of a union names no key of a system file
@@ -25,7 +25,7 @@ def check_central(name: str, central: Central) -> None:
         raise InputError(f"{name}: central: expected a body's name or its number from 0 on, got {shown(central)}")
 
 
-def central_body(name: str, central: Central, system: System) -> int:
+def central_body(name: str, central: Central, system: Subject) -> int:
     """The index of the central body: that of the name or number, default the most massive (the first of equals)."""
     masses = system.state.masses
     if central is None:
@@ -45,7 +45,7 @@ def central_body(name: str, central: Central, system: System) -> int:
     return index
 
 
-def gravitational_constant(name: str, given: float | None, system: System) -> float:
+def gravitational_constant(name: str, given: float | None, system: Subject) -> float:
     """G as given, else the unit system's own."""
     value = given if given is not None else system.units.gravity
     if value is None:
@@ -62,7 +62,7 @@ class Attraction(NamedTuple):
     masses: Floats  # (n,) coherent
 
     @classmethod
-    def of(cls, force: Any, system: System) -> Attraction:
+    def of(cls, force: Any, system: Subject) -> Attraction:
         """That of the body which a force with ``central`` and ``G`` names."""
         central = central_body(force.name, force.central, system)
         masses = system.state.masses
@@ -77,13 +77,13 @@ def check_positive(name: str, **values: float | None) -> None:
             raise InputError(f"{name}: {key} must be a positive number, got {shown(value)}")
 
 
-def check_open(name: str, system: System) -> None:
+def check_open(name: str, system: Subject) -> None:
     """Refuse a periodic box."""
     if system.box.periodic:
         raise InputError(f"{name}: needs open space, and the box is periodic")
 
 
-def check_masses(name: str, system: System) -> None:
+def check_masses(name: str, system: Subject) -> None:
     """Refuse particles without any mass where nothing but gravity acts: forces that are ``by_mass``."""
     if not system.state.masses.any() and all(getattr(force, "by_mass", False) for force in system.forces):
         raise InputError(

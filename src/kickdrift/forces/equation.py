@@ -1,12 +1,14 @@
-"""A Problem's right-hand side as a force: the step loops call it through a pointer, so that they are compiled once for
-all problems, and each function by itself.
+"""A Problem's right-hand side as a force.
+
+The step loops call the function through a pointer. So the loops are compiled once for all problems, and each function
+separately.
 """
 
 from __future__ import annotations
 
 import ctypes
 import re
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
 from llvmlite import ir
@@ -29,17 +31,17 @@ _SIGNATURE = types.int64(types.float64, types.CPointer(types.float64), types.CPo
 
 
 class EquationKernel(NamedTuple):
-    """A right-hand side bound: as a force it gives y' of a first-order ODE, or the accelerations of a separable one."""
+    """A bound right-hand side: it gives y' of a first-order ODE, or the accelerations of a separable ODE."""
 
     address: int
     separable: bool
-    y: NDArray[np.float64]  # (n,) positions and velocities side by side
+    y: NDArray[np.float64]  # (n,) positions, then velocities
     dy: NDArray[np.float64]
 
 
 @intrinsic
 def call_at(typingctx, address, t, y, dy):
-    """Call the machine code at an address with a number and the data of two arrays; its status."""
+    """Call the machine code at an address with t and the data of y and dy; return its status."""
 
     def codegen(context, builder, sig, args):
         double = ir.DoubleType()
@@ -67,8 +69,10 @@ def add_right_hand_side(force, t, x, v, a, sums):
 
 
 class Callback:
-    """A function f(t, y) of so many numbers as machine code at ``address``; ``error`` is what Python code raised in
-    it."""
+    """A function f(t, y) as machine code at ``address``.
+
+    ``n`` and ``outputs`` count the numbers that it takes and returns. ``error`` holds an exception that Python code
+    raised in it."""
 
     def __init__(self, function: Function, n: int, outputs: int, compiled: bool, what: str) -> None:
         self.error: BaseException | None = None
@@ -80,7 +84,7 @@ class Callback:
             try:
                 value = function(t, np.ctypeslib.as_array(y, (n,)).copy())
                 np.ctypeslib.as_array(dy, (outputs,))[:] = np.asarray(value, dtype=float).reshape(-1)
-            except BaseException as error:  # it must not pass through compiled code
+            except BaseException as error:  # an exception must not pass through compiled code
                 self.error = error
                 return 1
             return 0
@@ -107,8 +111,8 @@ def _machine_code(function: Any, n: int, outputs: int, what: str) -> tuple[Any, 
 
 
 def _culprit(message: str) -> str:
-    """numba's line of what it cannot compile, and where."""
-    plain = re.sub(r"\x1b\[[0-9;]*m", "", message)  # numba colours its messages where colorama is installed
+    """Return numba's line about what it cannot compile, and where."""
+    plain = re.sub(r"\x1b\[[0-9;]*m", "", message)  # numba colours its messages if colorama is installed
     lines = [line.strip() for line in plain.splitlines() if line.strip()]
     telling = [line for line in lines if not line.startswith(("Failed in", "During:", "-", "The error", "["))]
     where = [line for line in lines if line.startswith("File ") and "equation.py" not in line]
@@ -116,7 +120,7 @@ def _culprit(message: str) -> str:
 
 
 def write(out: Any, values: Any) -> None:
-    """Put what a user's function returned (array, list or tuple) in place."""
+    """out <- the values that a user's function returned (array, list or tuple)."""
 
 
 @overload(write)
@@ -151,21 +155,29 @@ def _write(out, values):
     return items
 
 
+class Unknowns(Protocol):
+    """What a right-hand side is bound to: so many unknowns."""
+
+    separable: bool  # whether they are positions and then velocities
+
+    def __len__(self) -> int: ...
+
+
 class RightHandSide:
-    """A Problem's f as a force, so that it binds as the forces of a System do."""
+    """A Problem's f as a force, which binds like the forces of a System."""
 
     def __init__(self, problem: Problem) -> None:
         n = len(problem)
         self.callback = Callback(problem.f, n, n, problem.compiled, f"{problem.name}: f")
 
-    def bind(self, problem: Problem, threads: int = 1) -> EquationKernel:
+    def bind(self, problem: Unknowns, threads: int = 1) -> EquationKernel:
         """The parts: a NamedTuple with a compiled body."""
         n = len(problem)
         return EquationKernel(self.callback.address, problem.separable, np.zeros(n), np.zeros(n))
 
 
 def right_hand_side(problem: Problem) -> RightHandSide:
-    """A Problem's f as the compiled loops call it, compiled once and kept with the Problem."""
+    """Return a Problem's f for compiled loops, compiled once and stored with the Problem."""
     kept = vars(problem)
     if "right_hand_side" not in kept:
         made = RightHandSide(problem)
@@ -176,6 +188,6 @@ def right_hand_side(problem: Problem) -> RightHandSide:
 
 
 def check_right_hand_side(problem: Problem, made: RightHandSide) -> None:
-    """Refuse a compiled f that gives other values than plain Python."""
+    """Refuse a compiled f whose values differ from plain Python's."""
     if problem.compiled:
         check_compiled(problem, made.callback.address)

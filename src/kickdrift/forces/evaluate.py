@@ -1,4 +1,4 @@
-"""One evaluation of all forces, as the step loops and the observers call it."""
+"""One evaluation of all forces, for step loops and observers."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from kickdrift.jit.lanes import lane_sum, splat
 from kickdrift.jit.memory import flat, load, load_first, store, store_first
 from kickdrift.jit.vectors import WIDTH
 
-EVALUATIONS = 0  # slot of a loop's cursor: how often the forces were evaluated
-SLOTS = 5  # of a cursor; the others are the loops' own
+EVALUATIONS = 0  # slot of a loop's cursor: the number of force evaluations
+SLOTS = 5  # length of a cursor; the loops use the other slots
 
 
 @inlined
 def fill_accelerations(bound, t, x, v, a, sums, cursor):
-    """a <- the accelerations at x; a status."""
+    """a <- the accelerations at x; return a status."""
     clear(a)
     status = accelerate(bound, t, x, v, a, sums)
     cursor[EVALUATIONS] += 1
@@ -28,7 +28,7 @@ def fill_accelerations(bound, t, x, v, a, sums, cursor):
 
 @jit
 def fill_derivative(bound, t, y, dy, cursor):
-    """dy <- f(t, y); a status. y and dy are (2, rows, n), positions and velocities, or (1, 1, n), a first-order ODE."""
+    """dy <- f(t, y); return a status. Shapes are (2, rows, n) for positions and velocities, (1, 1, n) for an ODE."""
     if bound.equation != 0:
         return call_equation(bound, t, y, dy, cursor)
     last = y.shape[0] - 1
@@ -42,8 +42,9 @@ def fill_derivative(bound, t, y, dy, cursor):
 
 @inlined
 def fill_last(bound, t, y, dy, cursor):
-    """dy[-1] <- that of f(t, y) alone: the accelerations, for those who know the velocities, and who see for themselves
-    whether they are finite; a status."""
+    """dy[-1] <- the last part of f(t, y), the accelerations; return a status.
+
+    The caller already has the velocities, and checks whether the accelerations are finite."""
     if bound.equation != 0:
         return call_equation(bound, t, y, dy, cursor)
     last = y.shape[0] - 1
@@ -54,7 +55,7 @@ def fill_last(bound, t, y, dy, cursor):
 
 @jit
 def call_equation(bound, t, y, dy, cursor):
-    """A Problem's function takes y and gives dy as they lie in memory."""
+    """dy <- a Problem's function of y, both in their memory layout; return a status."""
     cursor[EVALUATIONS] += 1
     if call_at(bound.equation, t, y, dy) != 0:
         return RAISED
@@ -77,7 +78,7 @@ def clear(a):
 
 @inlined
 def sum_of(a):
-    """The sum of all numbers in a contiguous array, eight at a time."""
+    """Return the sum of all numbers in a contiguous array, eight at a time."""
     row = flat(a)
     lanes, whole = splat(0.0), row.size - row.size % WIDTH
     for i in range(0, whole, WIDTH):
@@ -87,7 +88,7 @@ def sum_of(a):
 
 @driver
 def measure(forces, t, phase, a, sums, cursor):
-    """a <- accelerations (3, n); sums <- potential energy, virial, interacting pairs; a status."""
+    """a <- accelerations (3, n); sums <- potential energy, virial, interacting pairs; return a status."""
     for k in range(sums.size):
         sums[k] = 0.0
     return fill_accelerations(handle(forces), t, phase[0], phase[1], a, sums, cursor)
@@ -95,5 +96,5 @@ def measure(forces, t, phase, a, sums, cursor):
 
 @driver
 def derivative(forces, t, y, dy, cursor):
-    """dy <- f(t, y), as Python calls it; a status."""
+    """dy <- f(t, y), for calls from Python; return a status."""
     return fill_derivative(handle(forces), t, y, dy, cursor)

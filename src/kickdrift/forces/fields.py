@@ -1,6 +1,6 @@
-"""Fields: what acts on particles one by one (trap, uniform and driven field, drag), and springs between named pairs.
+"""Fields that act on single particles (trap, uniform and driven field, drag), and springs between given pairs.
 
-This module knows no numba, so that a system file can be read and checked without paying for it; ``bind`` compiles.
+This module does not import numba, so reading and checking a system file stays fast; ``bind`` compiles.
 """
 
 from __future__ import annotations
@@ -13,48 +13,44 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from kickdrift.errors import InputError
-from kickdrift.model.checks import number as real
+from kickdrift.forces.arguments import Vector, check_in_plane, check_massive, is_one, items, number, vector
 from kickdrift.model.units import shown
 
 if TYPE_CHECKING:
-    from kickdrift.model.system import System
-
-Vector = tuple[float, float, float]
+    from kickdrift.model.subject import Subject
 
 
 class Field:
-    """What the forces of this module share.
+    """Base class of the forces of this module.
 
     Attributes
     ----------
     may_overlap : bool
-        Particles may begin at the same place as far as this force is concerned.
+        Whether this force allows particles to begin at the same place.
     external : bool
-        It does not conserve momentum.
+        Whether this force changes the total momentum.
     """
 
     may_overlap: ClassVar[bool] = True
     external: ClassVar[bool] = True
     name: ClassVar[str]
 
-    def check(self, system: System) -> None:
+    def check(self, system: Subject) -> None:
         """Refuse a system that this force cannot run on."""
 
-    def bind(self, system: System, threads: int = 1) -> Any:
-        """The parts of this force for a System: a NamedTuple with a compiled body."""
-        from kickdrift.forces.fields_kernel import bind
-
-        return bind(self, system)
+    def bind(self, system: Subject, threads: int = 1) -> Any:
+        """Parts of this force for a System: a NamedTuple with a compiled body."""
+        raise NotImplementedError
 
 
 @dataclass(frozen=True)
 class HarmonicTrap(Field):
-    """U = k |x - c|^2 / 2 for each particle.
+    """Harmonic trap, U = k |x - c|^2 / 2 for each particle.
 
     Attributes
     ----------
     stiffness : float, or three of them
-        Energy per length squared, zero or more; three numbers are those along x, y and z.
+        Energy per length squared, zero or more; three numbers apply along x, y and z.
     centre : (x, y, z)
         Default the origin. A periodic box is refused: the trap is not periodic.
     """
@@ -66,26 +62,33 @@ class HarmonicTrap(Field):
     dimensions: ClassVar[dict[str, str]] = {"stiffness": "stiffness", "centre": "length"}
 
     def __post_init__(self) -> None:
-        one = _is_number(self.stiffness)
+        one = is_one(self.stiffness)
         three = vector(self.name, "stiffness", (self.stiffness,) * 3 if one else self.stiffness)
         if min(three) < 0:
             raise InputError(f"{self.name}: stiffness must be zero or more, got {shown(self.stiffness)}")
         object.__setattr__(self, "stiffness", three[0] if one else three)
         object.__setattr__(self, "centre", vector(self.name, "centre", self.centre))
 
-    def check(self, system: System) -> None:
+    def check(self, system: Subject) -> None:
         """Refuse a periodic box, and particles without mass, which the trap would move infinitely fast."""
         if system.box.periodic:
             raise InputError(f"{self.name}: a trap needs open space, and the box is periodic")
-        _check_masses(self.name, system, range(len(system)))
+        check_massive(self.name, system, range(len(system)))
+
+    def bind(self, system: Subject, threads: int = 1) -> Any:
+        """See Field."""
+        from kickdrift.forces.fields_kernel import TrapKernel
+
+        stiffness = np.broadcast_to(np.array(self.stiffness), 3).copy()
+        return TrapKernel(stiffness, np.array(self.centre), 1.0 / system.coherent_masses)
 
 
 @dataclass(frozen=True)
 class UniformField(Field):
-    """The same acceleration g for every particle, massless ones too: U = -m g . x.
+    """The same acceleration g for every particle, including massless ones: U = -m g . x.
 
-    In a periodic box x is the unwrapped position, so that the energy is conserved while particles fall through; it has
-    no meaning beyond one run, and the total momentum grows without end.
+    In a periodic box x is the unwrapped position, which conserves the energy of particles that fall through the box.
+    This energy has no meaning beyond one run, and the total momentum grows without limit.
 
     Attributes
     ----------
@@ -100,24 +103,30 @@ class UniformField(Field):
     def __post_init__(self) -> None:
         object.__setattr__(self, "acceleration", vector(self.name, "acceleration", self.acceleration))
 
-    def check(self, system: System) -> None:
+    def check(self, system: Subject) -> None:
         """Refuse a field out of the plane of a two-dimensional system."""
-        _check_in_plane(self.name, "acceleration", self.acceleration, system)
+        check_in_plane(self.name, "acceleration", self.acceleration, system)
+
+    def bind(self, system: Subject, threads: int = 1) -> Any:
+        """See Field."""
+        from kickdrift.forces.fields_kernel import UniformKernel
+
+        return UniformKernel(np.array(self.acceleration), 0.0, 0.0, system.coherent_masses)
 
 
 @dataclass(frozen=True)
 class DrivenField(Field):
     """The acceleration a cos(2 pi f t + phase) for every particle, with t the time of the run.
 
-    The potential energy is that of the moment, U = -m a . x cos(2 pi f t + phase) with x unwrapped: the field does
-    work, so the total energy is not conserved.
+    The instantaneous potential energy is U = -m a . x cos(2 pi f t + phase), with x unwrapped. The field does work, so
+    the total energy is not conserved.
 
     Attributes
     ----------
     amplitude : (x, y, z)
         An acceleration.
     frequency : float
-        In cycles per time, zero or more: the period is 1 / frequency.
+        Cycles per unit of time, zero or more; the period is 1 / frequency.
     phase : float
         In radians.
     """
@@ -131,7 +140,7 @@ class DrivenField(Field):
 
     @property
     def works(self) -> bool:
-        """Whether it drives anything: energy is not conserved then."""
+        """Whether the field does work, so that energy is not conserved."""
         return any(self.amplitude)
 
     def __post_init__(self) -> None:
@@ -141,22 +150,28 @@ class DrivenField(Field):
         if self.frequency < 0:
             raise InputError(f"{self.name}: frequency must be zero or more, got {self.frequency}")
 
-    def check(self, system: System) -> None:
+    def check(self, system: Subject) -> None:
         """Refuse a field out of the plane of a two-dimensional system."""
-        _check_in_plane(self.name, "amplitude", self.amplitude, system)
+        check_in_plane(self.name, "amplitude", self.amplitude, system)
+
+    def bind(self, system: Subject, threads: int = 1) -> Any:
+        """See Field."""
+        from kickdrift.forces.fields_kernel import UniformKernel
+
+        omega = 2.0 * math.pi * self.frequency
+        return UniformKernel(np.array(self.amplitude), omega, self.phase, system.coherent_masses)
 
 
 @dataclass(frozen=True)
 class LinearDrag(Field):
-    """The acceleration -rate v, whatever the mass (Stokes' drag with rate = friction / mass).
+    """The acceleration -rate v for any mass (Stokes' drag with rate = friction / mass).
 
-    It has no potential energy and the total energy falls; a method that takes forces for functions of positions alone
-    cannot run it.
+    Drag has no potential energy, and the total energy falls. Methods for forces of positions alone refuse drag.
 
     Attributes
     ----------
     rate : float
-        Per time, zero or more: a free particle slows down as exp(-rate t).
+        Inverse time, zero or more; a free particle slows down as exp(-rate t).
     """
 
     rate: float
@@ -166,12 +181,12 @@ class LinearDrag(Field):
 
     @property
     def velocity_dependent(self) -> bool:
-        """Whether it is there at all: a splitting method refuses it then."""
+        """Whether the rate is not zero; splitting methods refuse a force that depends on velocity."""
         return self.rate != 0.0
 
     @property
     def works(self) -> bool:
-        """Likewise: energy is not conserved then."""
+        """Whether the rate is not zero, so that energy is not conserved."""
         return self.rate != 0.0
 
     def __post_init__(self) -> None:
@@ -179,21 +194,27 @@ class LinearDrag(Field):
         if self.rate < 0:
             raise InputError(f"{self.name}: rate must be zero or more, got {self.rate}")
 
+    def bind(self, system: Subject, threads: int = 1) -> Any:
+        """See Field."""
+        from kickdrift.forces.fields_kernel import DragKernel
+
+        return DragKernel(self.rate)
+
 
 @dataclass(frozen=True)
 class Springs(Field):
-    """U = k (r - l)^2 / 2 for each named pair of particles, r their distance between nearest images.
+    """Springs: U = k (r - l)^2 / 2 for each given pair of particles, with r the distance between nearest images.
 
     Attributes
     ----------
     pairs : ((i, j), …)
-        Ids of particles, counted from 0; no pair twice, in either order.
+        Ids of particles, counted from 0. No pair may occur twice, in either order.
     stiffness : float, or one for each pair
         Energy per length squared, positive.
     length : float, or one for each pair
-        At rest, zero or more and under half the shortest edge of a periodic box, beyond which images would take turns;
-        default 0. Where both ends come to the same place the force of a spring with a length has no direction: it is
-        zero there, and a system that begins so is refused.
+        Length at rest, zero (default) or more. In a periodic box it must be under half the shortest edge, since a
+        longer spring would switch between images. If both ends meet, the force of a spring with a length has no
+        direction, so it is zero there. A system that begins with such ends is refused.
     """
 
     pairs: Sequence[tuple[int, int]]
@@ -202,11 +223,11 @@ class Springs(Field):
 
     name: ClassVar[str] = "springs"
     external: ClassVar[bool] = False
-    joins: ClassVar[bool] = True  # its bodies may not merge, nor leave alone
+    joins: ClassVar[bool] = True  # joined bodies may neither merge nor leave
     dimensions: ClassVar[dict[str, str]] = {"stiffness": "stiffness", "length": "length"}
 
     def __post_init__(self) -> None:
-        pairs = tuple(_pair(k, pair) for k, pair in enumerate(_items(self.name, "pairs", self.pairs)))
+        pairs = tuple(_pair(k, pair) for k, pair in enumerate(items(self.name, "pairs", self.pairs)))
         if not pairs:
             raise InputError(f"{self.name}: expected one pair or more, got none")
         seen: set[tuple[int, int]] = set()
@@ -219,8 +240,8 @@ class Springs(Field):
         object.__setattr__(self, "pairs", pairs)
         for key, least in (("stiffness", "positive"), ("length", "zero or more")):
             given = getattr(self, key)
-            one = _is_number(given)
-            values = tuple(number(self.name, key, v) for v in ([given] if one else _items(self.name, key, given)))
+            one = is_one(given)
+            values = tuple(number(self.name, key, v) for v in ([given] if one else items(self.name, key, given)))
             if not one and len(values) != len(pairs):
                 raise InputError(f"{self.name}: {key}: expected one number or {len(pairs)}, got {len(values)}")
             for value in values:
@@ -236,19 +257,19 @@ class Springs(Field):
             described.append(f"{key}={values[0]}" if len(values) == 1 else f"{key}={values[0]} to {values[-1]}")
         return f"Springs({', '.join(described)})"
 
-    def check(self, system: System) -> None:
+    def check(self, system: Subject) -> None:
         """Refuse pairs of particles that are not there, have no mass or begin at the same place."""
         n, ids = len(system), np.array(self.pairs)
         for i, j in ids[(ids >= n).any(axis=1)]:
             raise InputError(
                 f"{self.name}: pair {[int(i), int(j)]}: there is no particle {max(i, j)}; ids are 0 to {n - 1}"
             )
-        _check_masses(self.name, system, ids.flat)
+        check_massive(self.name, system, ids.flat)
         lengths = np.broadcast_to(np.array(self.length), len(ids))
         half = 0.5 * float(system.box.heights.min())
         if lengths.max() >= half:
-            shortest = "least height of the box" if system.box.triclinic else "shortest box edge"
-            raise InputError(f"{self.name}: length {lengths.max():.6g} is not under half the {shortest}, {half:.6g}")
+            shortest = "smallest height of the box" if system.box.triclinic else "shortest box edge"
+            raise InputError(f"{self.name}: length {lengths.max():.6g} must be under half the {shortest}, {half:.6g}")
         x = system.state.positions
         apart = system.box.minimum_image(x[ids[:, 0]] - x[ids[:, 1]])
         for k in np.flatnonzero((lengths > 0) & ~apart.any(axis=1)):
@@ -257,37 +278,16 @@ class Springs(Field):
                 f"of length {lengths[k]:.6g} has no direction"
             )
 
+    def bind(self, system: Subject, threads: int = 1) -> Any:
+        """See Field."""
+        from kickdrift.forces.fields_kernel import SpringsKernel
+        from kickdrift.model.cell import cell_of
 
-# --- what users give, checked ---
-
-
-def _is_number(value: Any) -> bool:
-    return np.ndim(value) == 0 if isinstance(value, np.ndarray) else not isinstance(value, Iterable)
-
-
-def number(name: str, key: str, value: Any) -> float:
-    """The value as a finite float; an InputError that names the force and the key."""
-    if isinstance(value, np.ndarray) and value.ndim == 0:
-        value = value[()]
-    found = real(value)
-    if not math.isfinite(found):
-        raise InputError(f"{name}: {key}: expected a finite number, got {shown(value)}")
-    return found
-
-
-def _items(name: str, key: str, values: Any) -> list[Any]:
-    if isinstance(values, str) or not isinstance(values, Iterable):
-        raise InputError(f"{name}: {key}: expected a list, got {shown(values)}")
-    return list(values)
-
-
-def vector(name: str, key: str, values: Any) -> Vector:
-    """Three finite floats, likewise."""
-    given = [] if isinstance(values, str) or not isinstance(values, Iterable) else list(values)
-    if len(given) != 3:
-        raise InputError(f"{name}: {key}: expected three numbers, got {shown(values)}")
-    x, y, z = (number(name, key, value) for value in given)
-    return x, y, z
+        pairs = np.array(self.pairs, dtype=np.int64)
+        stiffness, length = (np.broadcast_to(np.array(v), len(pairs)).copy() for v in (self.stiffness, self.length))
+        masses = system.coherent_masses
+        inverse_masses = np.divide(1.0, masses, where=masses > 0, out=0.0 * masses)
+        return SpringsKernel(pairs, stiffness, length, cell_of(system.box), inverse_masses)
 
 
 def _pair(number: int, values: Any) -> tuple[int, int]:
@@ -296,14 +296,3 @@ def _pair(number: int, values: Any) -> tuple[int, int]:
     if len(given) != 2 or not whole:
         raise InputError(f"springs: pairs[{number}]: expected the ids of two particles, got {shown(values)}")
     return int(given[0]), int(given[1])
-
-
-def _check_in_plane(name: str, key: str, along: Vector, system: System) -> None:
-    if system.dimensions == 2 and along[2] != 0:
-        raise InputError(f"{name}: {key} has a z component of {along[2]:.6g}, and the system has two dimensions")
-
-
-def _check_masses(name: str, system: System, ids: Iterable[int]) -> None:
-    for i in ids:
-        if system.state.masses[i] == 0:
-            raise InputError(f"{name}: particle {i} has no mass, and this force would move it infinitely fast")

@@ -1,22 +1,18 @@
-"""The compiled fields. They cost a time that grows as the particles (or springs) do, so they run on one thread, and
-every sum has one order."""
+"""The compiled fields. Their cost is linear in the number of particles or springs.
+
+They run on one thread, so every sum has a fixed order."""
 
 from __future__ import annotations
 
 import math
-from functools import singledispatch
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from kickdrift.forces.fields import DrivenField, HarmonicTrap, LinearDrag, Springs, UniformField
 from kickdrift.forces.kernel import OK, kernel
 from kickdrift.jit.compile import never_inline
-from kickdrift.model.cell import Cell, along, cell_of, leaning_image
-
-if TYPE_CHECKING:
-    from kickdrift.model.system import System
+from kickdrift.model.cell import Cell, along, leaning_image
 
 
 class TrapKernel(NamedTuple):
@@ -28,7 +24,7 @@ class TrapKernel(NamedTuple):
 
 
 class UniformKernel(NamedTuple):
-    """A uniform field bound to a System; one that is driven is multiplied by cos(omega t + phase)."""
+    """A uniform field bound to a System; a driven field is multiplied by cos(omega t + phase)."""
 
     acceleration: NDArray[np.float64]  # (3,)
     omega: float
@@ -50,45 +46,6 @@ class SpringsKernel(NamedTuple):
     length: NDArray[np.float64]  # (springs,)
     cell: Cell
     inverse_masses: NDArray[np.float64]  # (n,)
-
-
-@singledispatch
-def bind(force: Any, system: System) -> Any:
-    """The field for this System."""
-    raise TypeError(f"{type(force).__name__} is no field")
-
-
-@bind.register(HarmonicTrap)
-def _(force: HarmonicTrap, system: System) -> TrapKernel:
-    stiffness = np.broadcast_to(np.array(force.stiffness), 3).copy()
-    return TrapKernel(stiffness, np.array(force.centre), 1.0 / system.coherent_masses)
-
-
-@bind.register(UniformField)
-def _(force: UniformField, system: System) -> UniformKernel:
-    return UniformKernel(np.array(force.acceleration), 0.0, 0.0, system.coherent_masses)
-
-
-@bind.register(DrivenField)
-def _(force: DrivenField, system: System) -> UniformKernel:
-    return UniformKernel(
-        np.array(force.amplitude), 2.0 * math.pi * force.frequency, force.phase, system.coherent_masses
-    )
-
-
-@bind.register(LinearDrag)
-def _(force: LinearDrag, system: System) -> DragKernel:
-    return DragKernel(force.rate)
-
-
-@bind.register(Springs)
-def _(force: Springs, system: System) -> SpringsKernel:
-    pairs = np.array(force.pairs, dtype=np.int64)
-    stiffness, length = (np.broadcast_to(np.array(v), len(pairs)).copy() for v in (force.stiffness, force.length))
-    masses = system.coherent_masses
-    return SpringsKernel(
-        pairs, stiffness, length, cell_of(system.box), np.divide(1.0, masses, where=masses > 0, out=0.0 * masses)
-    )
 
 
 @kernel(TrapKernel)
@@ -149,7 +106,7 @@ def spring_forces(force, t, x, v, a, sums):
         r = math.sqrt(r2)
         stretch = r - force.length[s]
         pull = force.stiffness[s] * stretch
-        over_r = pull / r if r != 0.0 else 0.0  # no direction: no force
+        over_r = pull / r if r != 0.0 else 0.0  # no direction, so no force
         for k in range(3):
             a[k, i] -= over_r * d[k] * inverse_masses[i]
             a[k, j] += over_r * d[k] * inverse_masses[j]

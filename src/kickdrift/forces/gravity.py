@@ -12,7 +12,7 @@ from kickdrift.model.checks import number, positive
 from kickdrift.model.units import shown
 
 if TYPE_CHECKING:
-    from kickdrift.model.system import System
+    from kickdrift.model.subject import Subject
 
 
 @dataclass(frozen=True)
@@ -50,15 +50,16 @@ class Gravity:
         """Tell whether this force allows particles at the same place at the start."""
         return self.softening > 0
 
-    def check(self, system: System) -> None:
+    def check(self, system: Subject) -> None:
         """Raise InputError for a system that this force cannot run."""
         if system.box.periodic:
             raise InputError("gravity: direct summation needs open space, and the box is periodic")
         gravitational_constant(self.name, self.G, system)
         check_masses(self.name, system)
 
-    def bind(self, system: System, threads: int = 1) -> Any:
+    def bind(self, system: Subject, threads: int = 1) -> Any:
         """Bind this force to a System: a NamedTuple with a compiled body."""
         from kickdrift.forces.gravity_kernel import bind
 
-        return bind(self, system, threads)
+        gm = gravitational_constant(self.name, self.G, system) * system.state.masses
+        return bind(gm, system.coherent_masses, self.softening, threads)

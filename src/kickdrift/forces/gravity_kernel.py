@@ -9,12 +9,11 @@ accelerations, and these are summed in one order, so threads do not change the b
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from kickdrift.forces.central import gravitational_constant
 from kickdrift.forces.clusters import STRIDE
 from kickdrift.forces.kernel import OK, kernel
 from kickdrift.jit.chunks import Chunks, chunk_task, each_chunk, in_chunks
@@ -24,10 +23,7 @@ from kickdrift.jit.masks import select
 from kickdrift.jit.memory import aligned, flat, load, load_first, store, store_first
 from kickdrift.jit.vector3 import dot, lane_sums, load3, numbers3, plus_dot, rotated3, store3, thrice, vector3
 from kickdrift.jit.vectors import WIDTH
-
-if TYPE_CHECKING:
-    from kickdrift.forces.gravity import Gravity
-    from kickdrift.model.system import System
+from kickdrift.model.state import Floats
 
 PAIRS_PER_CHUNK = 60_000  # some 30 microseconds of work; waking a thread takes a few
 MOST_CHUNKS = 32
@@ -73,9 +69,9 @@ class FewBodies(NamedTuple):
     masses: NDArray[np.float64]  # (FEW,) coherent
 
 
-def bind(force: Gravity, system: System, threads: int) -> GravityKernel:
-    """Bind the force to this System, on this number of threads."""
-    n, massless = len(system), system.state.masses == 0.0
+def bind(gm_by_id: Floats, masses_by_id: Floats, softening: float, threads: int) -> GravityKernel:
+    """Parts for bodies with these G m (n,) and coherent masses (n,), on this number of threads."""
+    n, massless = len(gm_by_id), masses_by_id == 0.0
     massive = n - int(np.count_nonzero(massless))
     sources = -(-massive // WIDTH)
     clusters = sources + -(-(n - massive) // WIDTH)
@@ -83,14 +79,14 @@ def bind(force: Gravity, system: System, threads: int) -> GravityKernel:
     slot[~massless] = np.arange(massive)
     slot[massless] = sources * WIDTH + np.arange(n - massive)
     gm, masses = np.zeros(clusters * WIDTH), np.zeros(clusters * WIDTH)
-    gm[slot] = gravitational_constant(force.name, force.G, system) * system.state.masses
-    masses[slot] = system.coherent_masses
+    gm[slot] = gm_by_id
+    masses[slot] = masses_by_id
     chunks = chunks_for(massive, n)
     x = aligned((clusters * STRIDE,))
     for empty in range(massive, sources * WIDTH):
         x[empty // WIDTH * STRIDE + empty % WIDTH] = OUT * (1.0 + empty % WIDTH)
     return GravityKernel(
-        softening2=force.softening**2,
+        softening2=softening**2,
         massive=massive,
         sources=sources,
         clusters=clusters,

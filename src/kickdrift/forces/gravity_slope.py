@@ -22,7 +22,7 @@ from kickdrift.jit.vectors import WIDTH
 
 if TYPE_CHECKING:
     from kickdrift.forces.gravity import Gravity
-    from kickdrift.model.system import System
+    from kickdrift.model.subject import Subject
 
 
 class Sources(NamedTuple):
@@ -36,7 +36,7 @@ class Sources(NamedTuple):
     slope: NDArray[np.float64]  # (3, n) change of the accelerations when each body moves along its u
 
 
-def sources_of(force: Gravity, system: System) -> Sources:
+def sources_of(force: Gravity, system: Subject) -> Sources:
     """Bind the force to a System."""
     n = len(system)
     slots = WIDTH * -(-n // WIDTH)

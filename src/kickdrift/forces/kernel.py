@@ -1,8 +1,8 @@
 """A force bound to a System: machine code at an address, and its parameters in memory.
 
-``force.bind(system, threads)`` of a force that a user hands over returns its *parts*, a NamedTuple of numbers and
-arrays. The body registered for the class of the parts is compiled once for each type of parts, and step loops call the
-body by its address. So a new force compiles alone, and a step loop is compiled once for all forces.
+A force's ``bind(system, threads)`` returns its *parts*, a NamedTuple of numbers and arrays. The body registered for the
+class of the parts is compiled once for each type of parts. Step loops call the body by its address. So a new force
+compiles alone, and a step loop is compiled once for all forces.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ from kickdrift.jit.handle import Handle, handle_at
 from kickdrift.jit.inner import overload
 from kickdrift.jit.numba_private import TypingError
 
-OK, GROW, BLOWN_UP = 0, 1, 2  # what a force evaluation can end in: done, a list has no room, positions make no sense
-RAISED = 4  # Python code inside raised, and no other step is to be tried; 3 is a stepper's STOPPED
+OK, GROW, BLOWN_UP = 0, 1, 2  # status of a force evaluation: done, a list is full, positions make no sense
+RAISED = 4  # Python code inside raised, so no other step is tried; 3 is a stepper's STOPPED
 
-FORCES, FORCES_AND_SUMS, REMAKE = range(3)  # what a bound force is asked for; REMAKE is for pair lists alone
+FORCES, FORCES_AND_SUMS, REMAKE = range(3)  # tasks of a bound force; REMAKE is for pair lists alone
 KERNELS: dict[type, Any] = {}
 _ROWS: dict[type, int] = {}
 _NUMBERS = types.CPointer(types.float64)
@@ -33,10 +33,10 @@ SIGNATURE = types.int64(types.intp, types.int64, types.int64, types.float64, _NU
 def kernel(cls: type, rows: int = 3) -> Callable[[Callable[..., Any]], Any]:
     """Register the compiled body of a force whose parts are the NamedTuple class ``cls``.
 
-    The body is ``body(force, t, x, v, a, sums) -> status``: it adds the accelerations (3, n) of positions x and
-    velocities v, both (3, n), to ``a``; where ``sums`` is not None it adds the potential energy to ``sums[0]``, the
-    virial (the sum of r . F over pairs) to ``sums[1]`` and the number of interacting pairs to ``sums[2]``; it returns
-    0, or what went wrong (GROW, BLOWN_UP). ``rows`` is the number of rows of these arrays.
+    The body is ``body(force, t, x, v, a, sums) -> status``. It adds the accelerations at positions x and velocities v
+    to ``a``; all three are (3, n). If ``sums`` is not None, the body adds the potential energy to ``sums[0]``, the
+    virial (the sum of r . F over pairs) to ``sums[1]`` and the number of interacting pairs to ``sums[2]``. The status
+    is 0, GROW or BLOWN_UP. ``rows`` is the number of rows of the arrays.
     """
 
     def register(body: Callable[..., Any]) -> Any:
@@ -48,7 +48,7 @@ def kernel(cls: type, rows: int = 3) -> Callable[[Callable[..., Any]], Any]:
 
 
 class BoundForce(Bound):
-    """A force of one System: its parts, and the machine code that adds up its accelerations."""
+    """A force of one System: its parts, and the machine code that sums its accelerations."""
 
     signature = SIGNATURE
 
@@ -57,7 +57,7 @@ class BoundForce(Bound):
 
 
 def compute_for(kind: types.Type) -> Callable[..., int]:
-    """The body for parts of that type, as a function to be compiled for its address."""
+    """Return the body for this type of parts, as a function to compile for its address."""
     restore = handle_at(Handle(kind))
     rows = _ROWS[kind.instance_class]
 
@@ -71,7 +71,7 @@ def compute_for(kind: types.Type) -> Callable[..., int]:
 
 
 def run_body(force: Any, t: float, x: Any, v: Any, a: Any, sums: Any) -> int:
-    """Run the body that is registered for the class of these parts; its status."""
+    """Run the body registered for the class of these parts; return its status."""
     raise NotImplementedError("for compiled code")
 
 
@@ -83,8 +83,9 @@ def _run_body(force, t, x, v, a, sums):
 
 @intrinsic
 def call_force(typingctx, address, work, what, t, x, v, a, sums):
-    """Run the machine code at ``address`` with the parts at ``work``: what is done with the arrays, x, v and a of
-    (rows, n), depends on ``what`` it is asked for; a status. ``sums`` may be None."""
+    """Run the machine code at ``address`` with the parts at ``work``; return a status.
+
+    ``what`` selects the task: FORCES, FORCES_AND_SUMS or REMAKE. x, v and a are (rows, n). ``sums`` may be None."""
     arrays = [kind for kind in (x, v, a, sums) if isinstance(kind, types.Array)]
     if any(array.layout != "C" for array in arrays):
         raise TypingError("a force takes contiguous arrays")

@@ -1,4 +1,4 @@
-"""A user's pair law, tried before it is compiled: every error is one line that quotes the law."""
+"""Checks of a user's pair law before it is compiled. Every error is one line that quotes the law."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from kickdrift.model.checks import is_number
 from kickdrift.model.units import shown
 from kickdrift.text import clean
 
-PAIR = "energy and force over r"  # what a law returns
-_COLOUR = re.compile(r"\x1b\[[0-9;]*m")  # numba colours its messages where colorama is installed
+PAIR = "energy and force over r"  # the values that a law returns
+_COLOUR = re.compile(r"\x1b\[[0-9;]*m")  # numba colours its messages if colorama is installed
 _PLACE = re.compile(r'File "(?P<file>[^"]+)", line (?P<line>\d+)')
 
 
 def check_class(cls: Any) -> None:
-    """Refuse what is no NamedTuple class with a ``law(p, r2)``."""
+    """Refuse anything but a NamedTuple class with a ``law(p, r2)``."""
     if not (isinstance(cls, type) and issubclass(cls, tuple) and hasattr(cls, "_fields")):
         raise InputError(f"pair_law: expected a NamedTuple class with law(p, r2), got {shown(cls)}")
     law = getattr(cls, "law", None)
@@ -31,11 +31,11 @@ def check_class(cls: Any) -> None:
         inspect.signature(law).bind(None, 1.0)  # type: ignore[arg-type]
     except TypeError:
         given = inspect.signature(law)  # type: ignore[arg-type]
-        raise InputError(f"{cls.__name__}: law must take (p, r2), but takes {given}") from None
+        raise InputError(f"{cls.__name__}: law must take (p, r2); it takes {given}") from None
 
 
 def check_law(name: str, law: Any, r: float) -> None:
-    """Refuse a law that raises at the distance r, or gives anything but two finite numbers."""
+    """Refuse a law that raises at the distance r, or does not return two finite numbers."""
     at = f"law(p, r2) at the cutoff, r2 = {r * r:.6g}"
     try:
         with np.errstate(all="ignore"):
@@ -55,7 +55,7 @@ def check_law(name: str, law: Any, r: float) -> None:
 
 
 def not_compiled(cls: Any, error: Exception) -> InputError:
-    """What to say of a pair law, or of a force's parts, that numba cannot compile: numba's own words, and the line."""
+    """Return the error for a pair law or a force's parts that numba cannot compile: numba's reason and the line."""
     what = f"{cls.__qualname__.split('.')[-2]}: law does not compile for SIMD lanes" if hasattr(cls, "law") else ""
     function = cls.law if what else cls.kernel_sources[0]
     what = what or f"{cls.__name__}: its kernel {function.__name__} does not compile"
@@ -72,7 +72,7 @@ def not_compiled(cls: Any, error: Exception) -> InputError:
 
 
 def _reason(lines: list[str]) -> str:
-    """What numba says after the last stage that failed."""
+    """Return numba's reason, after the last stage that failed."""
     failed = [k for k, line in enumerate(lines) if line.startswith("Failed in")]
     rest = [line for line in lines[failed[-1] + 1 if failed else 0 :] if not line.startswith("During:")]
     call = next((line.removeprefix(">>> ") for line in rest if line.startswith(">>> ")), "")
@@ -80,7 +80,7 @@ def _reason(lines: list[str]) -> str:
 
 
 def _where(traceback: TracebackType | None) -> str:
-    """The line of the law that raised."""
+    """Return the line of the law that raised."""
     place = ""
     while traceback is not None:
         code, number = traceback.tb_frame.f_code, traceback.tb_lineno

@@ -1,4 +1,4 @@
-"""A pair law, with its parameters and its truncation, in the lanes of a step."""
+"""A pair law with its parameters and truncation, evaluated in SIMD lanes."""
 
 from __future__ import annotations
 
@@ -17,8 +17,9 @@ from kickdrift.jit.vectors import single_type
 
 
 def pair_terms(laws: tuple[Any, ...], i: int, j: int, r2: Any) -> Any:
-    """Energy and force over r of particle i (in 16 lanes i and i + 1) with those in the slots from j on, truncated; the
-    cutoff is not yet applied."""
+    """Return truncated energy and force over r of particle i with the particles in the slots from j on.
+
+    With 16 lanes, i + 1 takes part as well. The cutoff is not yet applied."""
 
 
 @overload(pair_terms)
@@ -45,7 +46,7 @@ def _pair_terms(laws, i, j, r2):
 
 
 def parameters_of(like: Any, table: Any, row: int, next_row: int, j: int, r2: Any) -> Any:
-    """The parameters like ``like`` of the species ``row`` (and ``next_row``) with those in the slots from j on."""
+    """Return parameters, in the form of ``like``, of species ``row`` (and ``next_row``) with the slots from j on."""
 
 
 @overload(parameters_of)

@@ -1,4 +1,4 @@
-"""A pair law is a formula: what a law keeps from one call to the next is found in its code, and refused."""
+"""Refuse pair laws with state: a law is a formula, so its code may keep nothing between calls."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ def check_stateless(name: str, law: Any) -> None:
 
 
 def _states(function: Any, seen: set[int]) -> Iterator[str]:
-    """What the function, and each function that it calls, keeps."""
-    function = getattr(function, "py_func", function)  # of one that numba compiled
+    """Yield descriptions of the state that a function, and each function it calls, keeps."""
+    function = getattr(function, "py_func", function)  # the Python function behind a compiled one
     if not isinstance(function, FunctionType) or id(function) in seen:
         return
     seen.add(id(function))
@@ -61,8 +61,8 @@ def _states(function: Any, seen: set[int]) -> Iterator[str]:
 
 
 def _home(value: Any) -> str:
-    """The module that a module, function or object is, or is of."""
+    """Return the name of a module, or of the module that defines a function or object."""
     if isinstance(value, ModuleType):
         return value.__name__
-    owner = getattr(value, "__self__", value)  # of a method
+    owner = getattr(value, "__self__", value)  # a method's object
     return str(owner.__name__ if isinstance(owner, ModuleType) else type(owner).__module__)

@@ -1,6 +1,6 @@
-"""The pair list's machine code: compiled once for all pair forces, which call it by its address.
+"""Machine code of the pair list, compiled once for all pair forces, which call it by its address.
 
-It is most of what a pair force takes to compile, and knows neither laws nor truncations nor species.
+The pair list takes most of a pair force's time to compile. It does not depend on laws, truncations or species.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ from kickdrift.jit.chunks import Chunks
 from kickdrift.jit.compile import jit
 from kickdrift.jit.handle import Handle, address, handle_at
 
-REFRESH, PRUNE = range(2)  # what the code is asked for
-_CODE: dict[Any, Any] = {}  # by the type of list
+REFRESH, PRUNE = range(2)  # tasks of the code
+_CODE: dict[Any, Any] = {}  # addresses, by the type of list
 _SIGNATURE = types.int64(*5 * [types.int64], types.CPointer(types.float64))
 
 
 def list_code(pairs: ClusterList) -> int:
-    """The address of the code for a list of that type; compiled if need be."""
+    """Return the address of the code for this type of list, compiled on first use."""
     kind = typeof(pairs)
     if kind not in _CODE:
         _CODE[kind] = callback(_upkeep_for(kind), _SIGNATURE, kind)
@@ -48,7 +48,7 @@ def _upkeep_for(kind: types.BaseTuple) -> Callable[..., int]:
 
 @intrinsic
 def _call(typingctx, code, place, count, loop, what, x):
-    """Call the code at that address."""
+    """Call the code at an address; return its status."""
 
     def codegen(context, builder, sig, args):
         whole, number = ir.IntType(64), ir.DoubleType().as_pointer()
@@ -62,11 +62,11 @@ def _call(typingctx, code, place, count, loop, what, x):
 
 @jit
 def refresh(pairs, x, chunks):
-    """Bring the list up to date with positions x (3, n), contiguous; a status."""
+    """Update the list for positions x (3, n), contiguous; return a status."""
     return _call(pairs.code, address(pairs), chunks.number, chunks.loop, REFRESH, x)
 
 
 @jit
 def prune(pairs, chunks):
-    """Make the inner list from the outer one."""
+    """Prune the outer list to make the inner list."""
     _call(pairs.code, address(pairs), chunks.number, chunks.loop, PRUNE, pairs.built_at)

@@ -6,8 +6,12 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
+import numpy as np
+
 from kickdrift.errors import InputError
+from kickdrift.forces.arguments import Vector, number, vector
 from kickdrift.forces.central import (
+    Attraction,
     Central,
     central_body,
     check_central,
@@ -15,10 +19,9 @@ from kickdrift.forces.central import (
     check_positive,
     gravitational_constant,
 )
-from kickdrift.forces.fields import Vector, number, vector
 
 if TYPE_CHECKING:
-    from kickdrift.model.system import System
+    from kickdrift.model.subject import Subject
 
 
 @dataclass(frozen=True)
@@ -76,14 +79,16 @@ class Oblateness:
         length = math.sqrt(x * x + y * y + z * z)
         return x / length, y / length, z / length
 
-    def check(self, system: System) -> None:
+    def check(self, system: Subject) -> None:
         """Raise InputError for a system that this force cannot run."""
         check_open(self.name, system)
         central_body(self.name, self.central, system)
         gravitational_constant(self.name, self.G, system)
 
-    def bind(self, system: System, threads: int = 1) -> Any:
+    def bind(self, system: Subject, threads: int = 1) -> Any:
         """Bind this force to a System: a NamedTuple with a compiled body."""
-        from kickdrift.forces.oblateness_kernel import bind
+        from kickdrift.forces.oblateness_kernel import OblatenessKernel
 
-        return bind(self, system)
+        central, gm, share, masses = Attraction.of(self, system)
+        j2, j4 = self.j2 * self.radius**2, self.j4 * self.radius**4
+        return OblatenessKernel(central, gm, j2, j4, np.array(self.axis), share, masses)

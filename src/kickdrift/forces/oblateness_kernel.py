@@ -3,20 +3,15 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from kickdrift.forces.central import Attraction
 from kickdrift.forces.kernel import OK, kernel
 from kickdrift.jit.compile import never_inline
 from kickdrift.jit.memory import flat
 from kickdrift.jit.vector3 import dot, numbers3, store3, thrice
-
-if TYPE_CHECKING:
-    from kickdrift.forces.oblateness import Oblateness
-    from kickdrift.model.system import System
 
 
 class OblatenessKernel(NamedTuple):
@@ -29,13 +24,6 @@ class OblatenessKernel(NamedTuple):
     pole: NDArray[np.float64]  # (3,) of length 1
     share: NDArray[np.float64]  # (n,) m / M: the central body's share of a body's acceleration
     masses: NDArray[np.float64]  # (n,) coherent
-
-
-def bind(force: Oblateness, system: System) -> OblatenessKernel:
-    """Bind the force to this System."""
-    central, gm, share, masses = Attraction.of(force, system)
-    j2, j4 = force.j2 * force.radius**2, force.j4 * force.radius**4
-    return OblatenessKernel(central, gm, j2, j4, np.array(force.axis), share, masses)
 
 
 @kernel(OblatenessKernel)

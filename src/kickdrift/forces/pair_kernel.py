@@ -3,50 +3,36 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import carray, types
 from numpy.typing import NDArray
 
-from kickdrift.errors import InputError
 from kickdrift.forces.clusters import (
     BUILT,
     LANES,
     N_CLUSTERS,
     OUTER_BUILDS,
-    ROOM_NEEDED,
-    SHIFTS,
     STRIDE,
     ClusterList,
-    cluster_list,
     copy,
-    empty_rows,
     load_vector,
-    skins,
     store_vector,
     unsigned,
 )
 from kickdrift.forces.kernel import FORCES_AND_SUMS, OK, REMAKE, BoundForce, call_force
 from kickdrift.forces.list_code import list_code, prune, refresh
 from kickdrift.forces.pair_sum import copy_to_single
-from kickdrift.forces.row_lanes import RowLanes, row_lanes
-from kickdrift.forces.truncation import AtCutoff, Cut, ForceShift, Shift, Switch
-from kickdrift.jit.chunks import Chunks, each_chunk, in_chunks
-from kickdrift.jit.compile import as_written, driver, jit
+from kickdrift.forces.row_lanes import RowLanes
+from kickdrift.forces.truncation import AtCutoff
+from kickdrift.jit.chunks import Chunks, each_chunk
+from kickdrift.jit.compile import driver, jit
 from kickdrift.jit.handle import Handle, handle_at
 from kickdrift.jit.inner import overload
 from kickdrift.jit.lanes import splat
-from kickdrift.jit.memory import aligned
 from kickdrift.jit.vectors import WIDTH
 from kickdrift.model.state import Floats
-
-if TYPE_CHECKING:
-    from kickdrift.forces.pair_law import PairForce
-    from kickdrift.model.system import System
-
-
-THIN = 1e-3  # of the cutoff: a skin for rounding
 
 
 class Tables(NamedTuple):
@@ -238,131 +224,3 @@ def collect(pairs, chunks):
                 gx, gy, gz = load_vector(force[c], cluster)
                 fx, fy, fz = fx + gx, fy + gy, fz + gz
         store_vector(total, cluster, fx, fy, fz)
-
-
-def law_class(force: PairForce) -> Any:
-    """The class of a force's parameters, as compiled code takes it."""
-    cls = force.Parameters
-    if "compiled_law" not in vars(cls):
-        cls.compiled_law = as_written(cls.law)
-    return cls
-
-
-def bind(force: PairForce, system: System, threads: int, mixed: bool = False) -> PairKernel:
-    """A pair force for this System, on this many threads."""
-    lanes = row_lanes(mixed)
-    cls = law_class(force)
-    n, names = len(system), system.species
-    laws = [[force.pair_law(a, b) for b in names] for a in names]
-    cutoff = float(force.cutoff or 0.0)
-    at_cutoff = [[AtCutoff(*(float(u) for u in p.law(cutoff**2))) for p in row] for row in laws]
-    pairs = cluster_list(n, system.box, cutoff, lanes, single=mixed)
-    tables = None
-    if len(names) > 1:
-        law_pairs = np.array(laws, dtype=float).transpose(2, 0, 1).copy()
-        at_cutoff_pairs = np.array(at_cutoff).transpose(2, 0, 1).copy()
-        slots = pairs.x.size // 3
-        tables = Tables(
-            law=aligned((len(law_pairs), len(names), slots), 1.0),
-            at_cutoff=aligned((2, len(names), slots)),
-            law_pairs=law_pairs,
-            at_cutoff_pairs=at_cutoff_pairs,
-            species=system.species_index.astype(np.int64),
-            row=np.zeros(slots, np.int64),
-        )
-    chunks = pairs.force.shape[0]
-    work = PairWork(
-        law=cls(*(float(value) for value in laws[0][0])),
-        at_cutoff=at_cutoff[0][0],
-        tables=tables,
-        truncation=truncation_of(force),
-        mixed=float(system.coherent_masses.sum()) if mixed else None,
-        lanes=lanes,
-        cutoff=cutoff,
-        tail=force.tail_corrections(system),
-        inverse_masses=1.0 / system.coherent_masses,
-        sums=np.zeros((chunks, 3)),
-        pairs=pairs,
-        chunks=in_chunks(chunks, threads),
-    )
-    return PairKernel(work)
-
-
-def truncation_of(force: PairForce) -> Any:
-    """The compiled truncation that a pair force names."""
-    cutoff, start = float(force.cutoff or 0.0), float(force.switch_start or 0.0)
-    return {
-        "cut": Cut(),
-        "shift": Shift(),
-        "force-shift": ForceShift(cutoff),
-        "switch": Switch(start**2, 1.0 / (cutoff**2 - start**2)),
-    }[force.truncation]
-
-
-def grown(bound: Any) -> Any:
-    """The bound force with room in its list for what the last search found, where it had run out; else as it is."""
-    if not isinstance(bound, PairKernel):
-        return bound
-    pairs = bound.pairs
-    if pairs.counts[ROOM_NEEDED] <= pairs.near.shape[1]:
-        return bound
-    return with_room(bound, int(1.3 * pairs.counts[ROOM_NEEDED]))
-
-
-def thinned(bound: Any) -> Any:
-    """The bound force with a list for one set of positions: its skins are for rounding, and for differences of
-    Jacobians, alone."""
-    if not isinstance(bound, PairKernel):
-        return bound
-    pairs = bound.pairs
-    skin = min(THIN * pairs.cutoff, pairs.inner_skin)
-    return bound.with_list(inner_skin=skin, outer_skin=skin)
-
-
-def tuned(bound: Any, stride: float) -> Any:
-    """The bound force with the skins for a fastest particle that goes so far between two evaluations."""
-    if not isinstance(bound, PairKernel):
-        return bound
-    inner, outer = skins(bound.pairs.bricks, bound.pairs.cutoff, stride)
-    return bound.with_list(inner_skin=inner, outer_skin=outer)
-
-
-def with_room(bound: PairKernel, room: int) -> PairKernel:
-    """The bound force with empty lists of so many entries a chunk."""
-    pairs = bound.pairs
-    chunks = len(pairs.made)
-    rows = empty_rows(chunks, room, pairs.block)
-    return bound.with_list(near=np.empty((chunks, room), np.int32), rows=rows)
-
-
-def memory(bound: PairKernel) -> dict[str, Any]:
-    """What the order of sums depends on: the positions that the list was sorted and searched at and those that it was
-    last pruned at, which make it anew; its skins; and its room, since growing takes an evaluation more."""
-    pairs = bound.pairs
-    built_at, pruned_at = (pairs.built_at.copy(), pairs.inner_reference.copy()) if pairs.counts[BUILT] else (None, None)
-    sizes = {"room": pairs.near.shape[1], "inner_skin": pairs.inner_skin, "outer_skin": pairs.outer_skin}
-    return {**sizes, "built_at": built_at, "pruned_at": pruned_at}
-
-
-def recalled(bound: PairKernel, memory: dict[str, Any]) -> PairKernel:
-    """The bound force with the list that had this memory, which may come from a file: an InputError where it does not
-    fit these particles, since compiled code looks at no bounds."""
-    if "inner_skin" not in memory:  # of a version that had other lists
-        return bound
-    pairs = bound.pairs
-    _, most = skins(pairs.bricks, pairs.cutoff, np.inf)
-    room, built_at, pruned_at = memory["room"], memory["built_at"], memory["pruned_at"]
-    shapes = [(built_at, pairs.built_at), (pruned_at, pairs.inner_reference)] if built_at is not None else []
-    if not (
-        0 <= memory["inner_skin"] <= memory["outer_skin"] <= most
-        and isinstance(room, int)
-        and 0 <= room <= pairs.near.shape[1] + len(pairs.filled) ** 2 * SHIFTS
-        and all(given.shape == own.shape and given.dtype == own.dtype for given, own in shapes)
-    ):
-        raise InputError("checkpoint: its pair list belongs to other particles")
-    skins_then = {key: memory[key] for key in ("inner_skin", "outer_skin")}
-    bound = with_room(bound, memory["room"]).with_list(**skins_then).ready()
-    bound.pairs.counts[BUILT] = 0
-    if memory["built_at"] is not None and bound.remake(memory["built_at"], memory["pruned_at"]) != OK:
-        raise InputError("checkpoint: the positions of its pair list give no valid list")
-    return bound

@@ -21,7 +21,7 @@ from kickdrift.model.checks import number
 from kickdrift.model.units import shown
 
 if TYPE_CHECKING:
-    from kickdrift.model.system import System
+    from kickdrift.model.subject import Subject
 
 TRUNCATIONS = ("cut", "shift", "force-shift", "switch")
 SWITCH_START = 0.8  # of the cutoff, where the switch begins unless told
@@ -166,7 +166,7 @@ class PairForce:
         ]
         return min(lengths, default=0.0)
 
-    def check(self, system: System) -> None:
+    def check(self, system: Subject) -> None:
         """Refuse a system that this force cannot run on."""
         assert self.cutoff is not None
         system.box.check_cutoff(self.name, self.cutoff)
@@ -181,7 +181,7 @@ class PairForce:
             for b in system.species:
                 check_law(self.name, self.pair_law(a, b), self.cutoff)
 
-    def tail_corrections(self, system: System) -> tuple[float, float]:
+    def tail_corrections(self, system: Subject) -> tuple[float, float]:
         """Energy and virial from beyond the cutoff for a fluid that is uniform there, by quadrature of the law."""
         if not self.tail:
             return 0.0, 0.0
@@ -218,10 +218,10 @@ class PairForce:
                     virial += density * w_part
         return energy, virial
 
-    def bind(self, system: System, threads: int = 1, mixed: bool = False) -> Any:
+    def bind(self, system: Subject, threads: int = 1, mixed: bool = False) -> Any:
         """The parts of this force for a System, a NamedTuple with a compiled body; in mixed precision, if
         so."""
-        from kickdrift.forces.pair_kernel import bind
+        from kickdrift.forces.pair_binding import bind
 
         return bind(self, system, threads, mixed)
 

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from kickdrift.forces import pair_kernel
 from kickdrift.forces.law_lanes import pair_terms
+from kickdrift.forces.pair_binding import law_class, truncation_of
 from kickdrift.forces.pair_law import PairForce
 from kickdrift.forces.truncation import AtCutoff
 from kickdrift.jit.compile import driver
@@ -19,13 +19,13 @@ from kickdrift.model.state import Floats
 
 def force_over_r(force: PairForce, first: str, second: str, r2: Floats) -> Floats:
     """-U'(r) / r between two species, truncated, at squared distances (m,) below the cutoff's."""
-    cls = pair_kernel.law_class(force)
+    cls = law_class(force)
     law = cls(*(float(value) for value in force.pair_law(first, second)))
     at_cutoff = AtCutoff(*(float(value) for value in law.law(float(force.cutoff or 0.0) ** 2)))
     padded = np.full(-(-len(r2) // WIDTH) * WIDTH, 1.0)
     padded[: len(r2)] = r2
     found = np.empty_like(padded)
-    evaluate((law, at_cutoff, pair_kernel.truncation_of(force), None), padded, found)
+    evaluate((law, at_cutoff, truncation_of(force), None), padded, found)
     return found[: len(r2)]
 
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from kickdrift.errors import InputError
 from kickdrift.forces.central import (
+    Attraction,
     Central,
     central_body,
     check_central,
@@ -17,7 +18,7 @@ from kickdrift.forces.central import (
 from kickdrift.model.units import shown
 
 if TYPE_CHECKING:
-    from kickdrift.model.system import System
+    from kickdrift.model.subject import Subject
 
 FORMS = ("full", "potential")
 
@@ -72,22 +73,23 @@ class PostNewtonian:
         """Tell whether this is the full form, which a splitting method refuses."""
         return self.form == "full"
 
-    def light(self, system: System) -> float:
+    def light(self, system: Subject) -> float:
         """Speed of light in the system's units."""
         value = self.c if self.c is not None else system.units.light
         if value is None:
             raise InputError(f"{self.name}: units {system.units.name!r} define no speed of light; give c")
         return value
 
-    def check(self, system: System) -> None:
+    def check(self, system: Subject) -> None:
         """Raise InputError for a system that this force cannot run."""
         check_open(self.name, system)
         central_body(self.name, self.central, system)
         gravitational_constant(self.name, self.G, system)
         self.light(system)
 
-    def bind(self, system: System, threads: int = 1) -> Any:
+    def bind(self, system: Subject, threads: int = 1) -> Any:
         """Bind this force to a System: a NamedTuple with a compiled body."""
-        from kickdrift.forces.relativity_kernel import bind
+        from kickdrift.forces.relativity_kernel import RelativityKernel
 
-        return bind(self, system)
+        central, gm, share, masses = Attraction.of(self, system)
+        return RelativityKernel(central, gm, self.light(system) ** 2, self.form == "full", share, masses)

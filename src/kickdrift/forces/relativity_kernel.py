@@ -3,20 +3,15 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from kickdrift.forces.central import Attraction
 from kickdrift.forces.kernel import OK, kernel
 from kickdrift.jit.compile import jit, never_inline
 from kickdrift.jit.memory import flat
 from kickdrift.jit.vector3 import dot, numbers3, store3, thrice
-
-if TYPE_CHECKING:
-    from kickdrift.forces.relativity import PostNewtonian
-    from kickdrift.model.system import System
 
 
 class RelativityKernel(NamedTuple):
@@ -28,12 +23,6 @@ class RelativityKernel(NamedTuple):
     full: bool
     share: NDArray[np.float64]  # (n,) m / M: the central body's share of a body's acceleration
     masses: NDArray[np.float64]  # (n,) coherent
-
-
-def bind(force: PostNewtonian, system: System) -> RelativityKernel:
-    """Bind the force to this System."""
-    central, gm, share, masses = Attraction.of(force, system)
-    return RelativityKernel(central, gm, force.light(system) ** 2, force.form == "full", share, masses)
 
 
 @jit

@@ -1,4 +1,4 @@
-"""The one seam between methods and forces: a table of bound forces, which every step loop takes."""
+"""The interface between methods and forces: a table of bound forces, which every step loop takes."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ NOBODY = FewBodies(0.0, 0, np.zeros(FEW), np.zeros(FEW))
 
 
 class Forces(NamedTuple):
-    """All forces of a System, or a Problem's function, as compiled code takes them; always of one type."""
+    """All forces of a System, or a Problem's function, for compiled code; always of the same type."""
 
-    table: NDArray[np.int64]  # (forces, 2) addresses of machine code and of parts; zeros: gravity among few bodies
+    table: NDArray[np.int64]  # (forces, 2) addresses of machine code and of parts; zeros mean gravity among few bodies
     equation: int  # address of a Problem's function; 0 for particles
     few: FewBodies
 
 
 def table_of(forces: Sequence[BoundForce]) -> Forces:
-    """The table of these forces, which are ready. It lives as long as they do."""
+    """Return the table of these compiled forces. The table is valid as long as the forces exist."""
     rows = np.array([(force.address, force.work) for force in forces], np.int64).reshape(-1, 2)
     few = few_of(forces)
     equations = [force.parts.address for force in forces if isinstance(force.parts, EquationKernel)]
@@ -35,14 +35,15 @@ def table_of(forces: Sequence[BoundForce]) -> Forces:
 
 
 def few_of(forces: Sequence[BoundForce]) -> BoundForce | None:
-    """The force that needs no machine code of its own: gravity among so few bodies that loops have them in
+    """Return the force without its own machine code, if any: gravity among so few bodies that loops hold them in
     registers."""
     return next((each for each in forces if isinstance(each.parts, GravityKernel) and each.parts.is_few), None)
 
 
 def accelerate(forces: Any, t: float, x: Any, v: Any, a: Any, sums: Any) -> int:
-    """Add the accelerations of all forces to ``a``, and to ``sums`` energy, virial and pairs unless it is None; the
-    status of the first force that fails."""
+    """Add the accelerations of all forces to ``a``; return OK or the status of the first force that fails.
+
+    Unless ``sums`` is None, also add energy, virial and pairs to ``sums``."""
     raise NotImplementedError("for compiled code")
 
 

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from kickdrift.errors import InputError
+from kickdrift.forces.arguments import number
 from kickdrift.forces.central import check_masses, check_open, check_positive, gravitational_constant
-from kickdrift.forces.fields import number
 
 if TYPE_CHECKING:
-    from kickdrift.model.system import System
+    from kickdrift.model.subject import Subject
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ class GravityTree:
         if self.softening < 0:
             raise InputError(f"{self.name}: softening must be a length, zero or more, got {self.softening}")
 
-    def check(self, system: System) -> None:
+    def check(self, system: Subject) -> None:
         """Raise InputError for a system that this force cannot run."""
         check_open(self.name, system)
         gravitational_constant(self.name, self.G, system)
@@ -67,8 +67,9 @@ class GravityTree:
         """Tell whether this force allows particles at the same place at the start."""
         return self.softening > 0
 
-    def bind(self, system: System, threads: int = 1) -> Any:
+    def bind(self, system: Subject, threads: int = 1) -> Any:
         """Bind this force to a System: a NamedTuple with a compiled body."""
         from kickdrift.forces.tree_kernel import bind
 
-        return bind(self, system, threads)
+        gm = gravitational_constant(self.name, self.G, system) * system.state.masses
+        return bind(gm, system.coherent_masses, self.softening, self.accuracy, threads)

@@ -7,12 +7,11 @@ Threads share the groups. Each particle's sum has one order, whatever the number
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from kickdrift.forces.central import gravitational_constant
 from kickdrift.forces.kernel import BLOWN_UP, OK, kernel
 from kickdrift.forces.tree_build import (
     BEYOND,
@@ -41,10 +40,7 @@ from kickdrift.jit.masks import select
 from kickdrift.jit.memory import aligned, load, store
 from kickdrift.jit.vector3 import dot, lane_sums, load3, numbers3, store3, thrice, vector3
 from kickdrift.jit.vectors import WIDTH
-
-if TYPE_CHECKING:
-    from kickdrift.forces.tree import GravityTree
-    from kickdrift.model.system import System
+from kickdrift.model.state import Floats
 
 GROUP = 8  # clusters that walk together, one lane each in the estimate of their acceleration
 # A node counts as a whole if its bound is below SHARE accuracy^POWER |a|. The bounds b of many nodes of random sign add
@@ -75,16 +71,16 @@ class TreeKernel(NamedTuple):
     chunks: Chunks
 
 
-def bind(force: GravityTree, system: System, threads: int) -> TreeKernel:
-    """Bind the force to this System, on this number of threads."""
-    n = len(system)
+def bind(gm_by_id: Floats, masses: Floats, softening: float, accuracy: float, threads: int) -> TreeKernel:
+    """Parts for bodies with these G m (n,) and coherent masses (n,), on this number of threads."""
+    n = len(gm_by_id)
     clusters = -(-n // WIDTH)
     slots, nodes = WIDTH * clusters, 2 * clusters - 1
     return TreeKernel(
-        softening2=force.softening**2,
-        tolerance=SHARE * force.accuracy**POWER,
-        gm_by_id=gravitational_constant(force.name, force.G, system) * system.state.masses,
-        masses=system.coherent_masses,
+        softening2=softening**2,
+        tolerance=SHARE * accuracy**POWER,
+        gm_by_id=gm_by_id,
+        masses=masses,
         rows=np.empty((n, 4)),
         x=aligned((3, slots)),
         gm=aligned((slots,)),

@@ -1,5 +1,6 @@
-"""What becomes of a pair law at the cutoff: cut, shift, force-shift or switch. Each works on numbers and on SIMD
-lanes."""
+"""Truncations of a pair law at the cutoff: cut, shift, force-shift and switch.
+
+Each works on numbers and on SIMD lanes."""
 
 from __future__ import annotations
 
@@ -13,14 +14,14 @@ from kickdrift.jit.vectors import Lanes
 
 
 class AtCutoff(NamedTuple):
-    """A pair's energy, and its force over r, at the cutoff."""
+    """Energy and force over r of a pair at the cutoff."""
 
     energy: float
     force_over_r: float
 
 
 class Cut(NamedTuple):
-    """U(r) as it is: the energy jumps at the cutoff, so no method conserves it."""
+    """U(r) unchanged: the energy jumps at the cutoff, so no method conserves it."""
 
     def apply(self, at_cutoff, r2, energy, force_over_r):
         return energy, force_over_r
@@ -47,19 +48,19 @@ class ForceShift(NamedTuple):
 
 
 class Switch(NamedTuple):
-    """U(r) S(r), with S from 1 at ``start`` to 0 at the cutoff, four times continuously differentiable.
+    """U(r) S(r), where S falls from 1 at ``start`` to 0 at the cutoff, four times continuously differentiable.
 
     S = (1 - u)^5 (1 + 5 u + 15 u^2 + 35 u^3 + 70 u^4) is the smooth step of degree nine (Ebert et al., Texturing and
-    Modeling, 2003, ch. 2, generalised) in u = (r^2 - start^2) / (r_c^2 - start^2), which needs no square root; this
-    form has no cancellation at the cutoff. A potential with k continuous derivatives holds a method to order k; hence
-    the high degree.
+    Modeling, 2003, ch. 2, generalised). Its argument u = (r^2 - start^2) / (r_c^2 - start^2) needs no square root, and
+    this form has no cancellation at the cutoff. The degree is high because a potential with k continuous derivatives
+    limits a method to order k.
     """
 
     start2: float
     inverse_width: float  # 1 / (r_c^2 - start^2)
 
     def apply(self, at_cutoff, r2, energy, force_over_r):
-        u = positive((r2 - self.start2) * self.inverse_width)  # over 1 only beyond the cutoff, where all is masked
+        u = positive((r2 - self.start2) * self.inverse_width)  # above 1 only beyond the cutoff, where lanes are masked
         w = 1.0 - u
         w2, uw = w * w, u * w
         s = w2 * w2 * w * (1.0 + u * (5.0 + u * (15.0 + u * (35.0 + u * 70.0))))
@@ -70,7 +71,7 @@ class Switch(NamedTuple):
 
 
 def positive(u: Any) -> Any:
-    """u, or zero where it is negative."""
+    """Return u, or zero where u is negative."""
 
 
 @overload(positive)
@@ -81,7 +82,7 @@ def _positive(u):
 
 
 def truncated(truncation: Any, at_cutoff: Any, r2: Any, energy: Any, force_over_r: Any) -> Any:
-    """Energy and force over r of a truncation, below its cutoff."""
+    """Return energy and force over r of a truncated law, below its cutoff."""
 
 
 @overload(truncated)

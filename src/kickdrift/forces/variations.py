@@ -1,8 +1,8 @@
-"""Forces with their first-order variations: deviation vectors ride along as further particles.
+"""Forces with their first-order variations: deviation vectors move as additional particles.
 
-A *varied* System has 2 n particles: the n of the System, then their deviations, massless, whose accelerations are those
-of the variational equations, a' = (da/dx) dx + (da/dv) dv. Any integrator of y' = f(t, y) moves both at once, and its
-step for the deviations is the derivative of its step for the particles.
+A *varied* System has 2 n particles: the n particles of the System, then n massless deviations. The accelerations of the
+deviations follow the variational equations, a' = (da/dx) dx + (da/dv) dv. Any integrator of y' = f(t, y) moves both;
+its step for the deviations is the derivative of its step for the particles.
 """
 
 from __future__ import annotations
@@ -24,31 +24,31 @@ if TYPE_CHECKING:
 class Varied:
     """A force of a System, for its particles and their deviations.
 
-    That of gravity is analytic; other forces' are central differences along the deviation, with an error of some 1e-10
-    of the force. Pair forces on a neighbour list and gravity by a tree are refused.
+    Gravity has an analytic variation. Other forces use central differences along the deviation, with a relative error
+    of some 1e-10. Pair forces on a neighbour list and gravity by a tree are refused.
     """
 
-    may_overlap: ClassVar[bool] = True  # a deviation is no place
+    may_overlap: ClassVar[bool] = True  # a deviation is not a position
 
     def __init__(self, force: Any, system: System) -> None:
-        if isinstance(force, (PairForce, GravityTree)):  # what a list or a tree sums changes in jumps
+        if isinstance(force, (PairForce, GravityTree)):  # sums over a list or a tree change in jumps
             raise InputError(f"force {force.name!r}: has no variational equations; gravity and fields have them")
         self.force, self.system, self.name = force, system, force.name
         for trait in ("external", "works", "velocity_dependent"):
             setattr(self, trait, getattr(force, trait, False))
 
     def check(self, system: System) -> None:
-        """Refuse nothing: the System itself was checked."""
+        """Accept every System, since it has already been checked."""
 
     def bind(self, system: System, threads: int = 1) -> Any:
-        """The parts: a NamedTuple with a compiled body."""
+        """Return the parts: a NamedTuple with a compiled body."""
         from kickdrift.forces.variations_kernel import bind
 
         return bind(self.force, self.system, threads, analytic=isinstance(self.force, Gravity))
 
 
 def varied(system: System, deviations: Floats) -> System:
-    """The System with its deviations (2, 3, n), of positions and velocities, as further particles."""
+    """Return the System with deviations (2, 3, n) of positions and velocities as additional particles."""
     from kickdrift.model.starts.builders import check_overlaps
     from kickdrift.model.system import System
 

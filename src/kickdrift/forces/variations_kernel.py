@@ -15,21 +15,21 @@ from kickdrift.jit.compile import never_inline
 if TYPE_CHECKING:
     from kickdrift.model.system import System
 
-STEP = float(np.cbrt(np.finfo(float).eps))  # of central differences, times the size of what they displace
+STEP = float(np.cbrt(np.finfo(float).eps))  # relative displacement of central differences
 
 
 class VariedGravity(NamedTuple):
     """Gravity and its variation in closed form."""
 
-    force: Any  # bound to the particles alone
-    phase: NDArray[np.float64]  # (2, 3, n) positions and velocities of these
-    a: NDArray[np.float64]  # (3, n) and their accelerations
+    force: Any  # bound to the particles without deviations
+    phase: NDArray[np.float64]  # (2, 3, n) positions and velocities of the particles
+    a: NDArray[np.float64]  # (3, n) accelerations of the particles
     sources: Sources
     chunks: Chunks
 
 
 class VariedForce(NamedTuple):
-    """Any force, and its variation by differences."""
+    """Any force, and its variation by central differences."""
 
     force: Any
     phase: NDArray[np.float64]
@@ -40,7 +40,7 @@ class VariedForce(NamedTuple):
 
 
 def bind(force: Any, system: System, threads: int, analytic: bool) -> VariedGravity | VariedForce:
-    """The force of a System, for it and its deviations, on this many threads."""
+    """Return the force of a System for its particles and deviations."""
     n = len(system)
     room = force.bind(system, threads), np.zeros((2, 3, n)), np.zeros((3, n))
     if analytic:
@@ -50,7 +50,7 @@ def bind(force: Any, system: System, threads: int, analytic: bool) -> VariedGrav
 
 @chunk_task
 def slope_of_pull(varied, i):
-    """The variation of the pull on body i."""
+    """Return the variation of the acceleration of body i."""
     never_inline()
     pull_and_slope(varied.sources, i)
 

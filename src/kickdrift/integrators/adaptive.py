@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
 from kickdrift.forces.evaluate import fill_derivative
 from kickdrift.forces.kernel import GROW, OK, RAISED
+from kickdrift.integrators.chosen_steps import BEFORE, LAST, NEXT, TIME, ChosenSteps
 from kickdrift.integrators.loops import FRESH, REJECTED, STAGE, STEP, stage_state
 from kickdrift.integrators.options import Options
 from kickdrift.integrators.step_control import (
@@ -18,14 +19,15 @@ from kickdrift.integrators.step_control import (
     step_factor,
     tolerances_of,
 )
-from kickdrift.integrators.stepping import BEFORE, LAST, NEXT, STOPPED, TIME, ChosenSteps
+from kickdrift.integrators.stepper import STOPPED
 from kickdrift.jit.compile import driver, jit
 from kickdrift.jit.handle import handle
 from kickdrift.model.state import Floats
 
 if TYPE_CHECKING:
     from kickdrift.integrators.flow import Flow
-    from kickdrift.integrators.runge_kutta import Tableau
+    from kickdrift.integrators.jacobian import Derivative
+    from kickdrift.integrators.tableaus import Rows
 
 # Further slots of the clock: the errors of the last two steps, whether the last attempt failed.
 ERROR, ERROR_BEFORE, REJECTED_LAST = range(4, 7)
@@ -124,13 +126,38 @@ def adaptive_loop(forces, y, before, work, stages, errors, rtol, atol, settings,
     return OK
 
 
+class EmbeddedPair(Protocol):
+    """Numbers of an embedded Runge-Kutta method, as its steps use them; see ``Tableau``."""
+
+    @property
+    def b(self) -> tuple[float, ...]: ...
+
+    @property
+    def stages(self) -> Floats: ...
+
+    @property
+    def error_rows(self) -> Floats: ...
+
+    @property
+    def error_order(self) -> int: ...
+
+    @property
+    def extra(self) -> Rows: ...
+
+    @property
+    def dense(self) -> Rows: ...
+
+    def step(self, derivative: Derivative, t: float, y: Floats, dt: float) -> Floats:
+        """Take one step from y at t."""
+
+
 class AdaptiveStepper(ChosenSteps):
     """Integration with an embedded pair. A checkpoint holds its clock with the last errors, and the start and the
     stages of the last step."""
 
     keeps = (*ChosenSteps.keeps, "_before", "_stages")
 
-    def __init__(self, flow: Flow, tableau: Tableau, options: Options) -> None:
+    def __init__(self, flow: Flow, tableau: EmbeddedPair, options: Options) -> None:
         super().__init__(flow, options)
         self.rtol, self.atol = tolerances_of(flow, options)
         self._tableau, self._controller = tableau, controller(options.controller)

@@ -13,7 +13,7 @@ from kickdrift.integrators import integrator as method_named
 from kickdrift.integrators.method import Method
 from kickdrift.integrators.option import DT, OPTIONS, PRECISION, Option, merged
 from kickdrift.integrators.options import Options
-from kickdrift.model.system import RunDefaults
+from kickdrift.model.run_defaults import RunDefaults
 from kickdrift.model.units import shown
 from kickdrift.text import VALUE, clean
 

@@ -11,11 +11,10 @@ from kickdrift.forces.batch_gravity import LOOK, LaneBodies
 from kickdrift.forces.evaluate import EVALUATIONS, SLOTS
 from kickdrift.integrators.batch_stepping import Deviations, Members, from_lanes, to_lanes
 from kickdrift.integrators.batch_wisdom_holman_loop import WAY, WORK, LaneOrbits, batch_wisdom_holman_loop
+from kickdrift.integrators.option import JACOBI
 from kickdrift.integrators.options import Options
 from kickdrift.integrators.splitting import Splitting
-from kickdrift.integrators.wisdom_holman import JACOBI
-from kickdrift.integrators.wisdom_holman_limits import passages_and_hill, warning_lines
-from kickdrift.integrators.wisdom_holman_loop import (
+from kickdrift.integrators.wisdom_holman_bodies import (
     GM,
     HILL,
     INSIDE,
@@ -28,6 +27,7 @@ from kickdrift.integrators.wisdom_holman_loop import (
     UNBOUND,
     WHICH,
 )
+from kickdrift.integrators.wisdom_holman_limits import passages_and_hill, warning_lines
 from kickdrift.jit.memory import aligned
 from kickdrift.jit.vectors import WIDTH
 from kickdrift.model.starts.coordinates import to_democratic, to_jacobi

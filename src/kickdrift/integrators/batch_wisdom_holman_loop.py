@@ -16,18 +16,8 @@ from kickdrift.forces.evaluate import EVALUATIONS
 from kickdrift.integrators.batch_loops import copy_in_lanes
 from kickdrift.integrators.kepler import kepler_increments, lanes_increments
 from kickdrift.integrators.loops import FRESH
-from kickdrift.integrators.wisdom_holman_loop import (
-    GM,
-    HILL,
-    INSIDE,
-    NEAR,
-    OTHERS,
-    SHARE,
-    SOURCE,
-    UNBOUND,
-    WHICH,
-    central_part,
-)
+from kickdrift.integrators.wisdom_holman_bodies import GM, HILL, INSIDE, NEAR, OTHERS, SHARE, SOURCE, UNBOUND, WHICH
+from kickdrift.integrators.wisdom_holman_kicks import central_part
 from kickdrift.jit.compile import driver, in_order, jit
 from kickdrift.jit.handle import handle, unowned
 from kickdrift.jit.lanes import inverse_sqrt, splat

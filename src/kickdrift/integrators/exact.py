@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import TYPE_CHECKING, Any
 
 from kickdrift.errors import InputError
 from kickdrift.integrators.method import OWN_FORCES, Method
@@ -15,44 +12,7 @@ from kickdrift.integrators.option import Option
 if TYPE_CHECKING:
     from kickdrift.integrators.flow import Flow
     from kickdrift.integrators.options import Options
-    from kickdrift.integrators.stepping import Stepper
-
-Integers = NDArray[np.int64]
-
-
-class Lattice(NamedTuple):
-    """Positions and momenta as whole numbers. ``np.savez(path, **lattice._asdict())`` saves them, and
-    ``Lattice(**np.load(path))`` loads them.
-
-    Attributes
-    ----------
-    positions : (3, n) int64
-        In steps of ``spacing``; in a periodic box the nearest image, so that the box is 2^64 steps long.
-    images : (3, n) int64
-        Whole box edges to add; zero in open space.
-    momenta : (3, n) int64
-        In steps of ``momentum``: of mass times velocity under pair forces alone, of velocity with gravity.
-    spacing : (3,) lengths
-    momentum : (n,) one step: equal for all, in the system's coherent mass unit times its velocity unit; or a step of
-        velocity, finer for heavy particles
-    time, steps_done
-    """
-
-    positions: Integers
-    images: Integers
-    momenta: Integers
-    spacing: NDArray[np.float64]
-    momentum: NDArray[np.float64]
-    time: float = 0.0
-    steps_done: int = 0
-
-    def reversed(self) -> Lattice:
-        """The same with all momenta negated: from here a run retraces its path."""
-        return self._replace(momenta=-self.momenta)
-
-    def same(self, other: Lattice) -> bool:
-        """Tell whether positions, images and momenta are equal to the last bit."""
-        return all(np.array_equal(getattr(self, key), getattr(other, key)) for key in self._fields[:5])
+    from kickdrift.integrators.stepper import Stepper
 
 
 @dataclass(frozen=True)

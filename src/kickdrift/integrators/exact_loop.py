@@ -29,7 +29,7 @@ from kickdrift.integrators.exact_list import (
     wrapped_sum,
 )
 from kickdrift.integrators.loops import FRESH, STAGE, STEP
-from kickdrift.integrators.stepping import STOPPED
+from kickdrift.integrators.stepper import STOPPED
 from kickdrift.jit.compile import driver, strict
 from kickdrift.jit.inner import overload
 

@@ -12,11 +12,11 @@ from kickdrift.forces.central import gravitational_constant
 from kickdrift.forces.evaluate import SLOTS
 from kickdrift.forces.gravity import Gravity
 from kickdrift.forces.kernel import GROW
-from kickdrift.forces.pair_kernel import law_class, truncation_of
+from kickdrift.forces.pair_binding import law_class, truncation_of
 from kickdrift.forces.truncation import AtCutoff
-from kickdrift.integrators.exact import Lattice
 from kickdrift.integrators.exact_list import AXIS, BUILT, CULPRIT, POSITION, ROOM_NEEDED, WHAT, Particles
 from kickdrift.integrators.exact_loop import FAR, ExactGravity, ExactPairs, SpeciesTables, exact_loop
+from kickdrift.integrators.lattice import Lattice
 from kickdrift.integrators.loops import STEP
 from kickdrift.integrators.options import Options
 from kickdrift.integrators.stepping import Regular

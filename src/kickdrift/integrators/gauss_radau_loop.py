@@ -11,6 +11,8 @@ import numpy as np
 
 from kickdrift.forces.evaluate import fill_last
 from kickdrift.forces.kernel import BLOWN_UP, GROW, OK, RAISED
+from kickdrift.integrators.chosen_steps import BEFORE, NEXT, TIME
+from kickdrift.integrators.chosen_steps import LAST as STEP_LAST
 from kickdrift.integrators.gauss_radau_series import (
     AHEAD,
     AT_NODE,
@@ -37,8 +39,7 @@ from kickdrift.integrators.gauss_radau_series import (
 )
 from kickdrift.integrators.gauss_radau_step import TERMS, next_step
 from kickdrift.integrators.loops import FRESH, REJECTED, STEP
-from kickdrift.integrators.stepping import BEFORE, NEXT, STOPPED, TIME
-from kickdrift.integrators.stepping import LAST as STEP_LAST
+from kickdrift.integrators.stepper import STOPPED
 from kickdrift.jit.compile import driver, inlined, is_finite, strict
 from kickdrift.jit.handle import handle, unowned
 from kickdrift.jit.lanes import lane_max, plus, splat

@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from kickdrift.integrators.gauss_radau import STAGES, tables
+from kickdrift.integrators.chosen_steps import BEFORE, ChosenSteps
+from kickdrift.integrators.chosen_steps import LAST as STEP_LAST
 from kickdrift.integrators.gauss_radau_loop import CONVERGED, MOST, gauss_radau_loop
 from kickdrift.integrators.gauss_radau_series import (
     BLOCK,
@@ -20,9 +21,9 @@ from kickdrift.integrators.gauss_radau_series import (
     V,
     X,
 )
+from kickdrift.integrators.gauss_radau_tables import STAGES, tables
 from kickdrift.integrators.options import Options
-from kickdrift.integrators.stepping import BEFORE, ChosenSteps, CompiledSteps
-from kickdrift.integrators.stepping import LAST as STEP_LAST
+from kickdrift.integrators.stepping import CompiledSteps
 from kickdrift.jit.memory import aligned
 from kickdrift.model.state import Floats
 

@@ -12,7 +12,7 @@ from kickdrift.forces.evaluate import EVALUATIONS
 from kickdrift.forces.gravity_slope import Sources, pull_and_slope
 from kickdrift.forces.kernel import BLOWN_UP, OK
 from kickdrift.integrators.loops import STEP
-from kickdrift.integrators.stepping import STOPPED
+from kickdrift.integrators.stepper import STOPPED
 from kickdrift.jit.chunks import Chunks, chunk_task, each_chunk
 from kickdrift.jit.compile import driver, is_finite, jit, never_inline
 from kickdrift.jit.handle import handle

@@ -28,7 +28,8 @@ from kickdrift.integrators.hermite_loop import (
 )
 from kickdrift.integrators.loops import STEP
 from kickdrift.integrators.options import Options
-from kickdrift.integrators.stepping import STOPPED, Counts, Resumable
+from kickdrift.integrators.stepper import STOPPED, Counts
+from kickdrift.integrators.stepping import Resumable
 from kickdrift.jit.chunks import in_chunks
 from kickdrift.model.state import Floats
 

@@ -18,7 +18,7 @@ from kickdrift.model.state import Floats
 if TYPE_CHECKING:
     from kickdrift.integrators.flow import Flow
     from kickdrift.integrators.options import Options
-    from kickdrift.integrators.stepping import Stepper
+    from kickdrift.integrators.stepper import Stepper
 
 ITERATIONS = ITERATION.choices
 ROUNDING = 1e-15  # rounding of a tableau's entries

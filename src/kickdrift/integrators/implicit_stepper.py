@@ -4,21 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
 from kickdrift.forces.kernel import OK
-from kickdrift.integrators.flow import ParticleFlow
 from kickdrift.integrators.options import Options
-from kickdrift.integrators.stepping import STOPPED
+from kickdrift.integrators.particle_flow import ParticleFlow
+from kickdrift.integrators.stepper import STOPPED
 from kickdrift.integrators.stepwise import PythonStepper, check_unknowns, factored
 from kickdrift.model.memory import Memory
 from kickdrift.model.state import Floats
 
 if TYPE_CHECKING:
     from kickdrift.integrators.flow import Flow
-    from kickdrift.integrators.implicit import ImplicitTableau
 
 EPSILON = float(np.finfo(float).eps)
 ROUNDED = 1e-10  # a stalled increment below this fraction of y is rounding; above, the iteration diverges
@@ -27,6 +26,28 @@ MOST = {"newton": 50, "fixed-point": 100}  # iterations
 SLOW = 10  # from this many iterations on, a new Jacobian pays
 
 Correction = Callable[[Floats, Floats], Floats]  # from the stages and their residual
+
+
+class StageEquations(Protocol):
+    """Numbers of an implicit Runge-Kutta method, as its steps use them; see ``ImplicitTableau``."""
+
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def b(self) -> tuple[float, ...]: ...
+
+    @property
+    def c(self) -> tuple[float, ...]: ...
+
+    @property
+    def matrix(self) -> Floats: ...
+
+    @property
+    def increment(self) -> Floats: ...
+
+    @property
+    def extrapolation(self) -> Floats: ...
 
 
 class ImplicitStepper(PythonStepper):
@@ -39,7 +60,7 @@ class ImplicitStepper(PythonStepper):
 
     keeps = (*PythonStepper.keeps, "_start", "_carry", "_stages", "_matrix_at")
 
-    def __init__(self, flow: Flow, tableau: ImplicitTableau, options: Options) -> None:
+    def __init__(self, flow: Flow, tableau: StageEquations, options: Options) -> None:
         super().__init__(flow)
         assert options.dt is not None
         self._tableau, self.dt, self._compensated = tableau, options.dt, options.compensated

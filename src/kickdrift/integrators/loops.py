@@ -1,11 +1,17 @@
-"""The compiled loops of fixed steps, one a family. Each is compiled once per combination of forces, and cached on disk.
+"""Compiled loops of fixed steps, one for each family. Each is compiled once and cached on disk, whatever the forces.
 
-All take (forces, y, carry, work, stages, dt, start, first, steps, cursor): ``forces`` a tuple of bound forces, ``y``
-(2, rows, n) positions and velocities, or (1, 1, n) the unknowns of a first-order ODE, ``carry`` what compensated
-summation carries on (of y's shape, or (halves, rows, 0) for plain sums), ``work`` the method's workspace, ``start`` the
-time of step 0, ``first`` the steps done before this call (the clock must not depend on how a run is cut into calls),
-``steps`` the number of steps to take. ``cursor`` (int64) says where the loop is, so that it can stop inside a step (a
-pair list without room) and go on there.
+All loops take the same arguments:
+
+- ``forces``: the table of bound forces;
+- ``y``: (2, rows, n) positions and velocities, or (1, 1, n) unknowns of a first-order ODE;
+- ``carry``: the rounding errors of compensated summation, in y's shape, or (halves, rows, 0) for plain sums;
+- ``work``: the method's workspace;
+- ``stages`` or ``word``: the method's coefficients;
+- ``dt``: the step;
+- ``start``: the time of step 0;
+- ``first``: the steps done before this call, so that the clock does not depend on how a run is split into calls;
+- ``steps``: the number of steps to take;
+- ``cursor``: (int64) the place inside the loop, so that it can stop inside a step (a full pair list) and continue.
 """
 
 from __future__ import annotations
@@ -21,8 +27,8 @@ from kickdrift.jit.inner import overload
 from kickdrift.jit.memory import flat, load, load_first, store, store_first
 from kickdrift.jit.vectors import WIDTH
 
-# Slots of the cursor, after EVALUATIONS: steps done in this call, stage to do, whether `work` holds the derivative at
-# y, steps rejected.
+# Slots of the cursor, after EVALUATIONS: steps done in this call, next stage, whether `work` holds the derivative at y,
+# rejected steps.
 STEP, STAGE, FRESH, REJECTED = 1, 2, 3, 4
 
 
@@ -39,8 +45,9 @@ def add_scaled(y, factor, dy):
 
 @strict
 def add_compensated(y, carry, factor, dy):
-    """The same, with what rounding loses kept in ``carry`` (Kahan 1965, doi:10.1145/363707.363723; Hairer, Lubich &
-    Wanner 2006, VIII.5)."""
+    """y <- y + factor dy with compensated summation; ``carry`` holds the rounding errors.
+
+    Sources: Kahan 1965, doi:10.1145/363707.363723; Hairer, Lubich & Wanner 2006, VIII.5."""
     row, lost, change = flat(y), flat(carry), flat(dy)
     for i in range(row.size):
         before = row[i]
@@ -51,7 +58,7 @@ def add_compensated(y, carry, factor, dy):
 
 @inlined
 def advance(y, carry, factor, dy):
-    """y <- y + factor dy, (rows, n); compensated where ``carry`` has room."""
+    """y <- y + factor dy, (rows, n); compensated if ``carry`` is not empty."""
     if carry.size:
         add_compensated(y, carry, factor, dy)
     else:
@@ -59,7 +66,7 @@ def advance(y, carry, factor, dy):
 
 
 def act(further, stage, start, first, dt, x, v, cursor):
-    """Let the further flow of a stage act, where it has one; a status."""
+    """Apply the further flow of a stage, if the stage has one; return a status."""
     raise NotImplementedError("for compiled code")
 
 
@@ -82,7 +89,7 @@ def _act(further, stage, start, first, dt, x, v, cursor):
 
 @driver
 def splitting_loop(forces, y, carry, work, word, dt, start, first, steps, cursor):
-    """The flows of a ``Word`` in turn; ``work`` keeps the accelerations until positions move."""
+    """Apply the flows of a ``Word`` in turn; ``work`` holds the accelerations until positions change."""
     bound = handle(forces)
     y, carry, work = unowned(y), unowned(carry), unowned(work)
     stages, cursor = unowned(word.stages), unowned(cursor)
@@ -112,7 +119,7 @@ def splitting_loop(forces, y, carry, work, word, dt, start, first, steps, cursor
 
 @jit
 def stage_state(target, y, stages, stage, count, dt, k):
-    """target <- y + dt * sum of the first ``count`` weights in a row of ``stages`` times k; y (N,), k (stages, N)."""
+    """target <- y + dt * sum over k of the first ``count`` weights in row ``stage``; y (N,), k (stages, N)."""
     for i in range(y.size):
         target[i] = y[i]
     for j in range(count):
@@ -150,7 +157,7 @@ def runge_kutta_loop(forces, y, carry, work, stages, dt, start, first, steps, cu
 
 @strict
 def two_positions(x, last, carry, dt2, a):
-    """x, last <- 2 x - last + dt^2 a, x; compensated, both positions carry on what their rounding lost."""
+    """x, last <- 2 x - last + dt^2 a, x; compensated, with the rounding errors of both positions in ``carry``."""
     for k in range(x.shape[0]):
         for i in range(x.shape[1]):
             before = x[k, i]
@@ -167,14 +174,16 @@ def two_positions(x, last, carry, dt2, a):
 
 @driver
 def stormer_loop(forces, y, carry, work, stages, dt, start, first, steps, cursor):
-    """x(t + dt) = 2 x(t) - x(t - dt) + dt^2 a(t), the two positions in ``y[0]`` and ``work[1]``. The first step starts
-    from the velocity, x(dt) = x + dt v + dt^2 a / 2; and v(t) = (x(t + dt) - x(t - dt)) / (2 dt), which is
-    (x(t) - x(t - dt)) / dt + dt a(t) / 2, stands in ``y[1]`` after each step (Verlet 1967, eqs. 4 and 5)."""
+    """Störmer-Verlet steps: x(t + dt) = 2 x(t) - x(t - dt) + dt^2 a(t) (Verlet 1967, eqs. 4 and 5).
+
+    ``y[0]`` and ``work[1]`` hold the two positions. The first step uses the velocity: x(dt) = x + dt v + dt^2 a / 2.
+    After each step ``y[1]`` holds v(t) = (x(t + dt) - x(t - dt)) / (2 dt), which equals
+    (x(t) - x(t - dt)) / dt + dt a(t) / 2."""
     bound = handle(forces)
     a, last = work[0], work[1]
     rows, n = y.shape[1], y.shape[2]
     while cursor[STEP] < steps:
-        if not cursor[FRESH]:  # the start: there is no last position yet
+        if not cursor[FRESH]:  # at the start there is no previous position
             status = fill_accelerations(bound, start + (first + cursor[STEP]) * dt, y[0], y[1], a, None, cursor)
             if status != OK:
                 return status

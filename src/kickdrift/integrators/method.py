@@ -27,7 +27,7 @@ SOLVES = "solves equations to the rounding of float64"
 if TYPE_CHECKING:
     from kickdrift.integrators.batch_stepping import LaneStepper, Members
     from kickdrift.integrators.flow import Flow
-    from kickdrift.integrators.stepping import Stepper
+    from kickdrift.integrators.stepper import Stepper
     from kickdrift.model.state import Floats
     from kickdrift.model.system import System
 

@@ -197,9 +197,8 @@ ITERATION = Option(
     "iteration", str, "Way to solve for the stages; by default newton for a Problem, fixed-point for particles.",
     choices=("newton", "fixed-point"),
 )  # fmt: skip
-COORDINATES = Option(
-    "coordinates", str, "Origins of positions and velocities.", "jacobi", ("jacobi", "democratic-heliocentric")
-)
+JACOBI, HELIOCENTRIC = "jacobi", "democratic-heliocentric"
+COORDINATES = Option("coordinates", str, "Origins of positions and velocities.", JACOBI, (JACOBI, HELIOCENTRIC))
 CORRECTOR = Option("corrector", int, "Order of the symplectic corrector; 0 for none.", 0, (0, 3, 5, 7, 11, 17))
 ORDER = Option("order", str, "Powers of dt in the errors that are linear, quadratic, … in the planets' masses.")
 ETA = Option(  # by default as in Makino & Aarseth 1992 and most that followed

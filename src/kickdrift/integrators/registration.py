@@ -23,7 +23,7 @@ from kickdrift.integrators.splitting import Splitting, even_weights, in_turn
 if TYPE_CHECKING:
     from kickdrift.integrators.flow import Flow
     from kickdrift.integrators.options import Options
-    from kickdrift.integrators.stepping import Stepper
+    from kickdrift.integrators.stepper import Stepper
 
 REGISTERED: set[str] = set()  # names of the user's integrators
 

@@ -10,13 +10,13 @@ import numpy as np
 
 from kickdrift.errors import InputError
 from kickdrift.integrators.method import SOLVES, Method
-from kickdrift.integrators.tableaus import Rows
+from kickdrift.integrators.tableaus import Rows, lower
 from kickdrift.model.state import Floats
 
 if TYPE_CHECKING:
     from kickdrift.integrators.flow import Flow
     from kickdrift.integrators.options import Options
-    from kickdrift.integrators.stepping import Stepper
+    from kickdrift.integrators.stepper import Stepper
 
 
 @dataclass(frozen=True)
@@ -84,14 +84,6 @@ class Rosenbrock(Method):
         from kickdrift.integrators.rosenbrock_stepper import RosenbrockStepper
 
         return RosenbrockStepper(flow, self, options)
-
-
-def lower(rows: Rows) -> Floats:
-    """Square matrix with these rows below its diagonal, the first one empty."""
-    matrix = np.zeros((len(rows) + 1, len(rows) + 1))
-    for i, row in enumerate(rows, start=1):
-        matrix[i, : len(row)] = row
-    return matrix
 
 
 _LAST = (1.221224509226641, 6.019134481288629, 12.53708332932087, -0.6878860361058950)

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
 
 from kickdrift.forces.kernel import BLOWN_UP, OK
 from kickdrift.integrators.adaptive import scaled_error
 from kickdrift.integrators.options import Options
-from kickdrift.integrators.rosenbrock import lower
 from kickdrift.integrators.step_control import (
     EPSILON,
     FLOOR,
@@ -19,13 +18,14 @@ from kickdrift.integrators.step_control import (
     step_factor,
     tolerances_of,
 )
-from kickdrift.integrators.stepping import STOPPED
+from kickdrift.integrators.stepper import STOPPED
 from kickdrift.integrators.stepwise import PythonStepper, check_unknowns, factored
+from kickdrift.integrators.tableaus import Rows, lower
 from kickdrift.model.state import Floats
 
 if TYPE_CHECKING:
-    from kickdrift.integrators.flow import Derivative, Flow
-    from kickdrift.integrators.rosenbrock import Rosenbrock
+    from kickdrift.integrators.flow import Flow
+    from kickdrift.integrators.jacobian import Derivative
 
 
 class Tangent(NamedTuple):
@@ -36,13 +36,41 @@ class Tangent(NamedTuple):
     by_t: Floats
 
 
+class LinearStages(Protocol):
+    """Numbers of a Rosenbrock method, as its steps use them; see ``Rosenbrock``."""
+
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def gamma(self) -> float: ...
+
+    @property
+    def a(self) -> Rows: ...
+
+    @property
+    def c(self) -> Rows: ...
+
+    @property
+    def m(self) -> tuple[float, ...]: ...
+
+    @property
+    def errors(self) -> tuple[float, ...]: ...
+
+    @property
+    def error_order(self) -> int: ...
+
+    @property
+    def sums(self) -> tuple[Floats, Floats]: ...
+
+
 class RosenbrockStepper(PythonStepper):
     """Integration with an embedded Rosenbrock method. A checkpoint holds the next step, the errors of the last two
     steps and the start of the last step."""
 
     keeps = (*PythonStepper.keeps, "_next", "_errors", "_begun")
 
-    def __init__(self, flow: Flow, tableau: Rosenbrock, options: Options) -> None:
+    def __init__(self, flow: Flow, tableau: LinearStages, options: Options) -> None:
         super().__init__(flow)
         self.rtol, self.atol = tolerances_of(flow, options)
         check_unknowns(tableau.name, flow)

@@ -11,7 +11,7 @@ from kickdrift.integrators.option import ATOL, MAX_STEP, RTOL, Option
 if TYPE_CHECKING:
     from kickdrift.integrators.flow import Flow
     from kickdrift.integrators.options import Options
-    from kickdrift.integrators.stepping import Stepper
+    from kickdrift.integrators.stepper import Stepper
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class SciPyMethod(Method):
     def stepper(self, flow: Flow, options: Options) -> Stepper:
         from kickdrift.integrators.scipy_stepper import SciPyStepper
 
-        return SciPyStepper(flow, self, options)
+        return SciPyStepper(flow, self.name, self.solver, options)
 
 
 ROWS = (

@@ -15,14 +15,14 @@ from kickdrift.errors import InputError
 from kickdrift.forces.kernel import BLOWN_UP, OK
 from kickdrift.integrators.options import Options
 from kickdrift.integrators.step_control import EPSILON, first_step, tolerances_of
-from kickdrift.integrators.stepping import STOPPED, Counts
+from kickdrift.integrators.stepper import STOPPED, Counts
 from kickdrift.integrators.stepwise import PythonStepper, check_unknowns
 from kickdrift.model.memory import Memory, by_value, put_back
 from kickdrift.model.state import Floats
 
 if TYPE_CHECKING:
-    from kickdrift.integrators.flow import Derivative, Flow
-    from kickdrift.integrators.scipy_methods import SciPyMethod
+    from kickdrift.integrators.flow import Flow
+    from kickdrift.integrators.jacobian import Derivative
 
 
 # State that a solver keeps from step to step, without its settings (SciPy 1.17).
@@ -65,11 +65,12 @@ class SciPyStepper(PythonStepper):
 
     keeps = (*PythonStepper.keeps, "_jacobians_before")
 
-    def __init__(self, flow: Flow, method: SciPyMethod, options: Options) -> None:
+    def __init__(self, flow: Flow, name: str, solver: str, options: Options) -> None:
         super().__init__(flow)
         self.rtol, self.atol = tolerances_of(flow, options)
-        check_unknowns(method.name, flow)
-        self._method, self._first, self._longest = method, options.dt, options.longest
+        check_unknowns(name, flow)
+        self._name, self._solver_class = name, solver
+        self._first, self._longest = options.dt, options.longest
         self._analytic = flow.analytic
         self._jacobians_before = 0
 
@@ -100,14 +101,14 @@ class SciPyStepper(PythonStepper):
         f = derivative(self.time, self.y)
         if self._first or not np.isfinite(f).all():
             return self._first or 1e-6  # the step itself will report the problem
-        order, limits = FIRST_ORDER[self._method.solver], (self.end, self.clip)
+        order, limits = FIRST_ORDER[self._solver_class], (self.end, self.clip)
         return first_step(derivative, self.time, self.y, f, order, self.rtol, self.atol, *limits)
 
     def _fits(self) -> bool:
         solver, least = self._solver, 10.0 * np.spacing(abs(self.time))
         if solver is None:
             h = self._first_step(self._flow.derivative)
-        elif self._method.solver == "LSODA":
+        elif self._solver_class == "LSODA":
             h = float(attrgetter(OF_LSODA)(solver).rwork[NEXT_OF_LSODA]) * (1.0 + 4.0 * EPSILON)
         else:
             h = max(float(solver.h_abs), least)
@@ -117,7 +118,7 @@ class SciPyStepper(PythonStepper):
         """Pass the end of the steps to the solver."""
         solver, end = self._solver, self.end if self.clip else np.inf
         solver.t_bound, solver.status = end, "running"
-        if self._method.solver == "LSODA":
+        if self._solver_class == "LSODA":
             attrgetter(OF_LSODA)(solver).rwork[0] = end
 
     def _solver_of(
@@ -127,8 +128,8 @@ class SciPyStepper(PythonStepper):
             return jacobian(time, y.reshape(self.y.shape))
 
         alike, least = bool(np.ptp(self.rtol) == 0.0), float(self.rtol.min())
-        one = alike or self._method.solver != "LSODA"
-        solver = getattr(integrate, self._method.solver)(
+        one = alike or self._solver_class != "LSODA"
+        solver = getattr(integrate, self._solver_class)(
             f, time, y.reshape(-1).copy(), end, first_step=first, max_step=self._longest,
             rtol=least if one else self.rtol, atol=self.atol, jac=jac if self._analytic else None,
         )  # fmt: skip
@@ -138,7 +139,7 @@ class SciPyStepper(PythonStepper):
 
     def memory(self) -> Memory:
         """See Stepper."""
-        keeps = SOLVER_KEEPS[self._method.solver]
+        keeps = SOLVER_KEEPS[self._solver_class]
         solver = None if self._solver is None else {key: by_value(attrgetter(key)(self._solver)) for key in keeps}
         if solver and "D" in solver:
             solver["D"] = solver["D"][: solver["order"] + 2]  # BDF fills the further rows before reading them
@@ -157,9 +158,9 @@ class SciPyStepper(PythonStepper):
                 solver.D[: len(value)] = value
             else:
                 put_back(solver, key, value)
-        if self._method.solver == "Radau":
+        if self._solver_class == "Radau":
             solver.sol = solver._compute_dense_output()
-        if self._method.solver == "LSODA":
+        if self._solver_class == "LSODA":
             attrgetter(OF_LSODA)(solver).call_args[3] = 2  # it is initialised
         self._counts = cost
         if self._lists:
@@ -167,14 +168,14 @@ class SciPyStepper(PythonStepper):
 
     def _checked(self, memory: Memory) -> Memory:
         """Checked state of this solver. LAPACK and LSODA check no bounds, so invalid indices raise InputError."""
-        known = {key: memory[key] for key in SOLVER_KEEPS[self._method.solver]}
+        known = {key: memory[key] for key in SOLVER_KEEPS[self._solver_class]}
         n, fits = self.y.size, True
         for key in [key for key in known if key.startswith("LU")]:
             if known[key] is not None:
                 factors, pivots = known[key]
                 fits &= factors.shape == (n, n) and factors.dtype.kind in "fc" and pivots.shape == (n,)
                 fits &= pivots.dtype.kind == "i" and bool(np.all((pivots >= 0) & (pivots < n)))
-        if self._method.solver == "LSODA":
+        if self._solver_class == "LSODA":
             fresh = self._solver_of(lambda t, y: 0.0 * y, lambda t, y: np.zeros((n, n)), 0.0, self.y, np.inf, 1.0)
             fresh.step()
             fits &= 0 <= int(known[f"{OF_LSODA}.state_ints"][LSODA_SIZE]) <= LSODA_ORDERS * n
@@ -184,7 +185,7 @@ class SciPyStepper(PythonStepper):
                 fits &= bool(np.array_equal(given[places.same], np.asarray(own)[places.same]))
                 fits &= bool(np.all((given[places.few] >= 0) & (given[places.few] <= most)))
         if not fits:
-            raise InputError(f"checkpoint: the state that {self._method.name} stored belongs to another system")
+            raise InputError(f"checkpoint: the state that {self._name} stored belongs to another system")
         return known
 
     def _step(self) -> int:
@@ -204,7 +205,7 @@ class SciPyStepper(PythonStepper):
                 self._reached = self._bad
                 return BLOWN_UP
             reasons = [str(warning.message) for warning in said] or [message or "the solution is not finite"]
-            self.trouble = f"SciPy's {self._method.solver} stopped: {' '.join(reasons[-1].split())}"
+            self.trouble = f"SciPy's {self._solver_class} stopped: {' '.join(reasons[-1].split())}"
             return STOPPED
         self._before, self.y = self.y, self._solver.y.reshape(self.y.shape).copy()
         self.last_step, self.time = float(self._solver.t - self.time), float(self._solver.t)

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from kickdrift.integrators.batch_stepping import LaneStepper, Members
     from kickdrift.integrators.flow import Flow
     from kickdrift.integrators.options import Options
-    from kickdrift.integrators.stepping import Stepper
+    from kickdrift.integrators.stepper import Stepper
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,6 @@ from kickdrift.model.state import Floats
 if TYPE_CHECKING:
     from kickdrift.integrators.flow import Flow
     from kickdrift.integrators.options import Options
-    from kickdrift.integrators.splitting import Splitting
 
 
 class Word(NamedTuple):
@@ -32,10 +31,26 @@ class Further(NamedTuple):
     table: NDArray[np.int64]  # (flows, 3): addresses of machine code and of parts, and whether positions move
 
 
+class Composition(Protocol):
+    """Rows of a word over flows, as its steps use them; see ``Splitting``."""
+
+    @property
+    def stages(self) -> Floats: ...
+
+    @property
+    def further(self) -> str: ...
+
+    @property
+    def further_stages(self) -> Floats: ...
+
+    @property
+    def ends_fresh(self) -> bool: ...
+
+
 class SplittingStepper(FixedStepper):
     """Steps of a word over flows. The workspace keeps the accelerations of the last kick while positions rest."""
 
-    def __init__(self, flow: Flow, method: Splitting, options: Options) -> None:
+    def __init__(self, flow: Flow, method: Composition, options: Options) -> None:
         rows = [FLOWS[letter] for letter in method.further]
         self._bound = [row.bind(flow, options).ready() for row in rows if row.bind]
         table = [(bound.address, bound.work, row.moves) for bound, row in zip(self._bound, rows, strict=True)]

@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from kickdrift.integrators.flow import Flow, ParticleFlow
+from kickdrift.integrators.flow import Flow
 from kickdrift.integrators.method import Method
+from kickdrift.integrators.particle_flow import ParticleFlow
 from kickdrift.integrators.runge_kutta import Tableau
 from kickdrift.integrators.stability import stability_function
 from kickdrift.model.state import Floats

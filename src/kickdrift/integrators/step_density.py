@@ -10,7 +10,8 @@ from kickdrift.forces.evaluate import EVALUATIONS, SLOTS, fill_accelerations
 from kickdrift.forces.kernel import OK
 from kickdrift.integrators.loops import STAGE, STEP, add_scaled
 from kickdrift.integrators.options import Options
-from kickdrift.integrators.stepping import STOPPED, Counts, Resumable
+from kickdrift.integrators.stepper import STOPPED, Counts
+from kickdrift.integrators.stepping import Resumable
 from kickdrift.jit.compile import driver, jit
 from kickdrift.jit.handle import handle
 from kickdrift.model.state import Floats

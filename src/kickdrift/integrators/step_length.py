@@ -13,8 +13,9 @@ import numpy as np
 from kickdrift.forces.central import gravitational_constant
 from kickdrift.forces.pair_law import PairForce
 from kickdrift.integrators.exact import Exact
-from kickdrift.integrators.flow import Flow, ParticleFlow
+from kickdrift.integrators.flow import Flow
 from kickdrift.integrators.method import Method
+from kickdrift.integrators.particle_flow import ParticleFlow
 from kickdrift.integrators.runge_kutta import Tableau
 from kickdrift.integrators.splitting import Splitting
 from kickdrift.integrators.stability import imaginary_interval, real_interval, stability_interval

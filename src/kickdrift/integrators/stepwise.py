@@ -15,8 +15,9 @@ from scipy.linalg import LinAlgWarning, lu_factor, lu_solve
 
 from kickdrift.errors import InputError, RunError
 from kickdrift.forces.kernel import BLOWN_UP, OK
-from kickdrift.integrators.flow import NEWTON_UNKNOWNS
-from kickdrift.integrators.stepping import Counts, Resumable
+from kickdrift.integrators.jacobian import NEWTON_UNKNOWNS
+from kickdrift.integrators.stepper import Counts
+from kickdrift.integrators.stepping import Resumable
 from kickdrift.model.state import Floats
 
 if TYPE_CHECKING:

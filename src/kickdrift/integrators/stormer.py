@@ -12,7 +12,7 @@ from kickdrift.integrators.method import Method
 if TYPE_CHECKING:
     from kickdrift.integrators.flow import Flow
     from kickdrift.integrators.options import Options
-    from kickdrift.integrators.stepping import Stepper
+    from kickdrift.integrators.stepper import Stepper
 
 
 @dataclass(frozen=True)

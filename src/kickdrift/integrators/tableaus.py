@@ -1,4 +1,4 @@
-"""The longer Butcher tableaus as they were published: plain numbers, named and used by ``runge_kutta``.
+"""Rows of Butcher tableaus, and the longer tableaus as they were published; ``runge_kutta`` names them.
 
 ``_A`` has the rows below the diagonal from the second stage on, ``_B`` the weights, ``_ERRORS`` the weights of the
 error estimate (solution less embedded solution), whose last entry belongs to f(t + dt, y_new).
@@ -6,7 +6,20 @@ error estimate (solution less embedded solution), whose last entry belongs to f(
 
 from __future__ import annotations
 
+import numpy as np
+
+from kickdrift.model.state import Floats
+
 Rows = tuple[tuple[float, ...], ...]
+
+
+def lower(rows: Rows) -> Floats:
+    """Square matrix with these rows below its diagonal, the first one empty."""
+    matrix = np.zeros((len(rows) + 1, len(rows) + 1))
+    for i, row in enumerate(rows, start=1):
+        matrix[i, : len(row)] = row
+    return matrix
+
 
 # Bogacki & Shampine 1989.
 BOGACKI_SHAMPINE23_A: Rows = ((1 / 2,), (0, 3 / 4))

@@ -6,7 +6,7 @@ import numpy as np
 
 from kickdrift.forces.kernel import OK
 from kickdrift.integrators.loops import STEP
-from kickdrift.integrators.wisdom_holman_loop import Bodies
+from kickdrift.integrators.wisdom_holman_bodies import Bodies
 from kickdrift.jit.by_address import status_at
 from kickdrift.jit.compile import driver, strict
 from kickdrift.model.state import Floats

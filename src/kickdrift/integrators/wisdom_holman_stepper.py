@@ -11,12 +11,11 @@ from kickdrift.forces.central import gravitational_constant
 from kickdrift.forces.evaluate import SLOTS
 from kickdrift.forces.gravity import Gravity
 from kickdrift.integrators.loops import STEP
+from kickdrift.integrators.option import JACOBI
 from kickdrift.integrators.options import Options
 from kickdrift.integrators.splitting import Splitting
 from kickdrift.integrators.stepping import CompiledSteps, Regular
-from kickdrift.integrators.wisdom_holman import JACOBI, corrector, undone
-from kickdrift.integrators.wisdom_holman_limits import passages_and_hill, warning_lines
-from kickdrift.integrators.wisdom_holman_loop import (
+from kickdrift.integrators.wisdom_holman_bodies import (
     GM,
     HILL,
     INSIDE,
@@ -30,8 +29,10 @@ from kickdrift.integrators.wisdom_holman_loop import (
     WHICH,
     WORK,
     Bodies,
-    wisdom_holman_loop,
 )
+from kickdrift.integrators.wisdom_holman_corrector import corrector, undone
+from kickdrift.integrators.wisdom_holman_limits import passages_and_hill, warning_lines
+from kickdrift.integrators.wisdom_holman_loop import wisdom_holman_loop
 from kickdrift.integrators.wisdom_holman_places import leave, listed_masses, shown_steps
 from kickdrift.jit.by_address import address_of
 from kickdrift.jit.memory import aligned

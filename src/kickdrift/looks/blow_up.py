@@ -1,4 +1,4 @@
-"""Which particle a run that blew up should be blamed on."""
+"""Find the particle that made a run blow up."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from kickdrift.model.state import Floats
 if TYPE_CHECKING:
     from kickdrift.model.system import System
 
-FAR = 1e11  # times the size of the system: from beyond, rounding (2e-16 of it) hides where a particle came from
-MOST = 10_000  # particles whose nearest pair is looked for
+FAR = 1e11  # times the size of the system; beyond, rounding (2e-16 relative) hides where a particle came from
+MOST = 10_000  # particles at most in a search for the nearest pair
 
 
 def explain(system: System, phase: Floats, before: Floats, good: Floats, step: int, time: float, good_step: int) -> str:
-    """One line: the step, the particle, its nearest neighbour and the last good frame.
+    """Describe in one line the step, the particle, its nearest neighbour and the last good frame.
 
-    ``phase`` (2, 3, n) is what the particles had reached, ``good`` that of the last good frame. ``before`` (3, n) is
-    where they stood a step before ``phase``: what is to blame has flown away since.
+    ``phase`` (2, 3, n) holds the last positions and velocities, ``good`` those of the last good frame. ``before``
+    (3, n) holds the positions one step before ``phase``: since then, the particle has flown away from its neighbour.
     """
     finite = np.isfinite(phase).all(axis=(0, 1))
     if finite.all():
@@ -43,8 +43,9 @@ def explain(system: System, phase: Floats, before: Floats, good: Floats, step: i
 
 
 def nearest_pair(system: System, x: Floats) -> str:
-    """Which two particles at x (3, n), one of them with a mass at least, are nearest to each other; "" where there are
-    none, or too many to tell."""
+    """Describe the nearest pair of particles at x (3, n), at least one of them with mass.
+
+    The text is "" if there is no such pair, or too many particles to search."""
     massive = np.flatnonzero(system.state.masses)
     if not 2 <= len(system) <= MOST or not massive.size or not np.isfinite(x).all():
         return ""

@@ -1,7 +1,7 @@
-"""What each look at a run writes down: the table of columns, kickdrift's own and those of users. Without numba.
+"""Columns: the values that each look at a run records, kickdrift's own and users'. This module needs no numba.
 
-Looks at particles are rows of numbers that compiled code fills (``looking``). A column of kickdrift's own stands at its
-``place`` in these rows, and is an attribute of the ``Sample`` that is made of a row.
+Compiled code writes each look at particles as a row of numbers (``looking``). A column of kickdrift's own begins at its
+``place`` in the row, and is an attribute of the ``Sample`` made from the row.
 """
 
 from __future__ import annotations
@@ -18,37 +18,37 @@ import numpy as np
 from kickdrift.errors import InputError
 from kickdrift.text import shown
 
-# Potential energy, virial and pairs are neighbours: the forces add to the three of them.
+# Potential energy, virial and pairs are adjacent, since the forces add to all three.
 TIME, POTENTIAL, VIRIAL, PAIRS, KINETIC, TOTAL, TEMPERATURE, PRESSURE = range(8)
-MOMENTUM, ANGULAR, CENTRE, VELOCITY = 8, 11, 14, 17  # three each
-ENERGY_TAKEN, MOMENTUM_TAKEN, ANGULAR_TAKEN = 20, 21, 24  # by events so far; one, three, three
+MOMENTUM, ANGULAR, CENTRE, VELOCITY = 8, 11, 14, 17  # three numbers each
+ENERGY_TAKEN, MOMENTUM_TAKEN, ANGULAR_TAKEN = 20, 21, 24  # taken by events so far; one, three and three numbers
 COLUMNS = 27
 
-MOST_NUMBERS = 10_000  # of a user's column at one look
+MOST_NUMBERS = 10_000  # in a user's column at one look
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,59}")
 
 
 @dataclass(frozen=True)
 class Column:
-    """A number, or an array of numbers, that each look at a run writes down.
+    """A number, or an array of numbers, that each look at a run records.
 
     ``sim.run(columns=[kd.Column("radius_of_gyration", "length", (), f)])`` calls ``f(sim)`` at each look. The file, its
     readers, ``info``, figures and tables show the values beside kickdrift's own.
 
     Parameters
     ----------
-    name : letters, digits and underscores; none of kickdrift's own names
-    unit : a dimension ("length", "energy", "velocity", …) for the system's own unit of it, or a unit's name
-        ("angstrom"), or "" for a plain number. Values are written as they are: the unit is their label
-    shape : of what the function returns: () for a number, (3,) for a vector, (3, 3) for a tensor
-    function : called as ``function(sim)`` with the Simulation, whose state it reads and cannot replace; returns a
-        number or an array of ``shape``. nan stands for a value that does not exist
+    name : letters, digits and underscores; not one of kickdrift's own names
+    unit : a dimension ("length", "energy", "velocity", …), which means the system's own unit; a unit's name
+        ("angstrom"); or "" for a plain number. The unit is a label: values are never converted
+    shape : shape of the function's value: () for a number, (3,) for a vector, (3, 3) for a tensor
+    function : called as ``function(sim)`` with the Simulation; returns a number or an array of ``shape``, with nan for
+        a value that does not exist. The function may read the state, but not replace it
 
     Raises
     ------
     InputError
-        Where one of these makes no sense. ``run`` refuses what it finds at the first look: a unit that nobody knows, a
-        function that raises, or that returns something else than numbers of that shape.
+        If one of these makes no sense. At the first look, ``run`` refuses an unknown unit, a function that raises, and
+        a function whose value is not numbers of ``shape``.
     """
 
     name: str
@@ -63,7 +63,7 @@ class Column:
             )
         key = f"column {self.name!r}"
         if self.name in _taken():
-            raise InputError(f"{key}: is a name of kickdrift's own; give another")
+            raise InputError(f"{key}: kickdrift uses this name itself; choose another")
         if not isinstance(self.unit, str):
             raise InputError(f"{key}: unit must be text, got {shown(self.unit)}")
         shape = (self.shape,) if isinstance(self.shape, int) and not isinstance(self.shape, bool) else self.shape
@@ -73,7 +73,7 @@ class Column:
                 f"{key}: shape must be a tuple of whole numbers, one or more each, got {shown(self.shape)}"
             )
         if prod(shape) > MOST_NUMBERS:
-            raise InputError(f"{key}: shape {tuple(shape)} has {prod(shape):,} numbers; the most is {MOST_NUMBERS:,}")
+            raise InputError(f"{key}: shape {tuple(shape)} has {prod(shape):,} numbers; the limit is {MOST_NUMBERS:,}")
         object.__setattr__(self, "shape", tuple(shape))
         if not callable(self.function):
             raise InputError(f"{key}: function must be a function, got {shown(self.function)}")
@@ -81,9 +81,9 @@ class Column:
 
 @dataclass(frozen=True)
 class Own:
-    """A column of kickdrift's own: ``value`` gives it of a Sample, or None where the run has none.
+    """A column of kickdrift's own. ``value`` takes a Sample and returns the column's value, or None if it has none.
 
-    ``unit`` is a dimension; ``place`` is that of its first number in a row."""
+    ``unit`` is a dimension. ``place`` is the index of the first number in a row."""
 
     name: str
     unit: str
@@ -93,7 +93,7 @@ class Own:
 
 
 def _number(name: str) -> Callable[[Any], Any]:
-    """The attribute of a Sample of that name; None where it is nan."""
+    """Return a function that reads an attribute of a Sample; the function returns None for nan."""
 
     def value(sample: Any) -> Any:
         found = getattr(sample, name)
@@ -103,7 +103,7 @@ def _number(name: str) -> Callable[[Any], Any]:
 
 
 def _pairs(sample: Any) -> float | None:
-    """Pairs within range; None of a Problem, and where another engine does not say."""
+    """Return the number of pairs within range; None for a Problem, or if another engine does not report pairs."""
     return None if sample.momentum is None or sample.pairs is None else float(sample.pairs)
 
 
@@ -119,7 +119,7 @@ OWN = (
     Own("pressure", "pressure", (), PRESSURE, _number("pressure")),
     Own("pairs", "dimensionless", (), PAIRS, _pairs),
 )
-TAKEN = (  # where events may change what is conserved
+TAKEN = (  # columns of runs whose events may change conserved quantities
     Own("energy_taken", "energy", (), ENERGY_TAKEN, lambda sample: sample.taken.energy),
     Own("momentum_taken", "momentum", (3,), MOMENTUM_TAKEN, lambda sample: sample.taken.momentum * np.ones(3)),
     Own(
@@ -136,7 +136,7 @@ KNOWN = {column.name: column for column in OWN + TAKEN}
 
 
 def parts(name: str, shape: tuple[int, ...]) -> list[str]:
-    """What a table calls the numbers of a column: ``momentum_x``, ``stress_x_y``, ``share_0``."""
+    """Return the names of a column's numbers in a table: ``momentum_x``, ``stress_x_y``, ``share_0``."""
     labels = [""]
     for size in shape:
         labels = [f"{label}_{'xyz'[k] if size == 3 else k}" for label in labels for k in range(size)]
@@ -144,7 +144,7 @@ def parts(name: str, shape: tuple[int, ...]) -> list[str]:
 
 
 def _taken() -> set[str]:
-    """Names that no user's column may have: kickdrift's own, and what tables and files call other things."""
+    """Return names that a user's column may not have: kickdrift's own, and names that tables and files use."""
     own = {part for column in KNOWN.values() for part in (column.name, *parts(column.name, column.shape))}
     others = "step time value positions velocities forces masses species names frame sample particle axis"
     return own | set(others.split()) | {"sample_step", "sample_time"}

@@ -34,28 +34,28 @@ if TYPE_CHECKING:
     from kickdrift.forces.bound import BoundForces
     from kickdrift.model.system import System
 
-# What stands at the head of the desk: the total mass, degrees of freedom times Boltzmann's constant, the volume
-# times the dimensions. A nan says that temperature or pressure mean nothing. Masses follow, and room for accelerations.
+# Head of the desk: the total mass, degrees of freedom times Boltzmann's constant, the volume times the number of
+# dimensions. A nan marks an undefined temperature or pressure. Masses follow, then room for accelerations.
 MASS, FREEDOM, VOLUMES, HEAD = range(4)
 
-NO_ENERGY = 5  # a status: forces are finite, and the energy is not
-BLOCK = 256  # particles whose terms are summed before they join the total, which keeps the rounding of many small
+NO_ENERGY = 5  # a status: forces are finite, but the energy is not
+BLOCK = 256  # particles summed before they join the total, which limits the rounding error of many particles
 
 
 class Looking(NamedTuple):
-    """What looks are taken with: forces, the particles' desk, a cursor."""
+    """Arguments of compiled looks: forces, the particles' desk, a cursor."""
 
     forces: BoundForces
     desk: Floats
     cursor: NDArray[np.int64]
 
     def address(self, *args: Any) -> int:
-        """That of ``look`` for these forces, and arguments like those that follow them."""
+        """Return the address of ``look`` for these forces and further arguments like ``args``."""
         return address_of(look, self.forces.table, *args)
 
 
 def desk_of(system: System) -> Floats:
-    """What a look needs to know of the particles, and room; see the head of this module."""
+    """Return the desk: the particles' constants and workspace, laid out as at the head of this module."""
     masses = system.coherent_masses
     collide = any(isinstance(force, PairForce) for force in system.forces) and system.degrees_of_freedom > 0
     desk = np.zeros(HEAD + 4 * len(masses))
@@ -68,8 +68,9 @@ def desk_of(system: System) -> Floats:
 
 @inlined
 def sum_moments(m, x, v, row):
-    """Kinetic energy, momentum, angular momentum and mass moment of all particles into the row; whether x and v are
-    finite."""
+    """row <- kinetic energy, momentum, angular momentum and mass moment of all particles.
+
+    Return whether x and v are finite."""
     kinetic, bad = 0.0, 0.0
     px, py, pz, lx, ly, lz, cx, cy, cz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for begin in range(0, m.size, BLOCK):
@@ -101,9 +102,9 @@ def sum_moments(m, x, v, row):
 
 @driver
 def look(forces, t, y, desk, last, rows, at, cursor):
-    """rows[at] <- what is seen of y (2, 3, n) at time t, and ``last`` <- y; a status.
+    """rows[at] <- one look at y (2, 3, n) at time t; last <- y; return a status.
 
-    Where the status is not OK, the row holds nothing of use, and ``last`` is as it was."""
+    If the status is not OK, the row is meaningless and ``last`` is unchanged."""
     y, desk, last, rows = unowned(y), unowned(desk), unowned(last), unowned(rows)
     x, v, n = y[0], y[1], y.shape[2]
     row = rows[at]

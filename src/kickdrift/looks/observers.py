@@ -1,4 +1,4 @@
-"""What is looked at while a run goes on: energies, momenta, temperature, pressure. Looking changes nothing."""
+"""Observables of a run: energies, momenta, temperature, pressure. Sampling changes nothing in the run."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 class Taken(NamedTuple):
-    """What events took out of a run so far, so that conservation is not blamed for it."""
+    """Energy and momenta that events have taken out of a run; errors of conservation exclude these."""
 
     energy: float
     momentum: Floats | float
@@ -44,17 +44,17 @@ class Sample:
 
     Attributes
     ----------
-    step, time : of the look
+    step, time : step and time of the look
     energies : Energies
     momentum : (3,) sum of m v; None for a Problem
-    angular_momentum : (3,) sum of m x × v, about the origin; it is conserved in open space alone; None for a Problem
-    temperature : 2 K / (g k_B), g = 3 N - 3, in two dimensions 2 N - 2; nan without particles that collide (no pair
-    force) or degrees of freedom
+    angular_momentum : (3,) sum of m x × v about the origin, conserved only in open space; None for a Problem
+    temperature : 2 K / (g k_B), g = 3 N - 3, in two dimensions 2 N - 2; nan without a pair force or without degrees of
+        freedom
     pressure : (2 K + W) / (3 V), W the virial, sum of r . F over pairs (Allen & Tildesley 2017, eq. 2.60); in two
-    dimensions (2 K + W) / (2 A), A the area; nan in open space
-    pairs : pairs of particles within the forces' range; None where another engine does not say
-    centre_of_mass, centre_of_mass_velocity : (3,) sum of m x and of m v over that of m; None for a Problem and without
-    a mass
+        dimensions (2 K + W) / (2 A), A the area; nan in open space
+    pairs : number of pairs of particles within the forces' range; None if another engine does not report pairs
+    centre_of_mass, centre_of_mass_velocity : (3,) sums of m x and of m v, over the sum of m; None for a Problem and
+        without mass
     taken : Taken
     columns : values of the user's columns, by name
     """
@@ -73,13 +73,13 @@ class Sample:
     columns: Mapping[str, Any] = field(default_factory=dict)
 
     def observables(self, taken: bool = False) -> dict[str, float | Floats]:
-        """kickdrift's own columns by the names that a run's file uses; with what events took out, if ``taken``."""
+        """Return kickdrift's own columns by their names in a run's file; with ``taken``, also events' losses."""
         own = ((column.name, column.value(self)) for column in (OWN + TAKEN if taken else OWN))
         return {name: value for name, value in own if value is not None}
 
     @classmethod
     def of(cls, step: int, time: float, values: Mapping[str, Any]) -> Sample:
-        """The Sample that had these ``observables``."""
+        """Return the Sample with these ``observables``."""
         energies = Energies(*(float(values[f"{kind}_energy"]) for kind in ("kinetic", "potential", "total")))
         taken = NOTHING
         lost = [values.get(f"{kind}_taken", 0.0) for kind in ("energy", "momentum", "angular_momentum")]
@@ -99,25 +99,25 @@ class Sample:
 
 
 def kinetic_energy(masses: Floats, velocities: Floats) -> float:
-    """Sum of m v^2 / 2; velocities (3, n)."""
+    """Return the sum of m v^2 / 2; velocities (3, n)."""
     return 0.5 * float(np.einsum("i,ki,ki->", masses, velocities, velocities))
 
 
 def angular_momentum(masses: Floats, x: Floats, v: Floats) -> Floats:
-    """(3,) sum of m x × v, about the origin; positions and velocities (3, n)."""
+    """Return the (3,) sum of m x × v about the origin; positions and velocities (3, n)."""
     pairs = ((1, 2), (2, 0), (0, 1))
     return np.array([masses @ (x[j] * v[k] - x[k] * v[j]) for j, k in pairs])
 
 
 class Measuring(Protocol):
-    """What evaluates forces and sums at positions and velocities (2, 3, n); None where they are no numbers."""
+    """An object that evaluates forces and sums at (2, 3, n) positions and velocities; None if not finite."""
 
     def measure(self, time: float, phase: Floats) -> Measured | None: ...
 
 
 @unwarned
 def take_sample(system: System, forces: Measuring, step: int, time: float, phase: Floats) -> Sample:
-    """Look at positions and velocities ``phase`` (2, 3, n); a RunError where forces or energy there are no numbers."""
+    """Return a sample at ``phase`` (2, 3, n); a RunError if forces or energy are not finite."""
     measured = forces.measure(time, phase)
     if measured is None:
         raise RunError(f"step {step} (t = {time:g}): the forces at these positions are not finite")

@@ -1,4 +1,4 @@
-"""The pressure tensor of particles as they are, from the forces between pairs."""
+"""Instantaneous pressure tensor, from the forces between pairs."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from kickdrift.model.system import System
 
 
 def instantaneous_pressure(system: System, positions: ArrayLike, velocities: ArrayLike) -> Floats:
-    """(3, 3) the pressure tensor of a System's particles at these positions and velocities, both (n, 3).
+    """Return the pressure tensor (3, 3) of a System at these positions and velocities, both (n, 3).
 
-    In two dimensions it is a force over a length, and its z row and column are zero.
+    In two dimensions the pressure is a force over a length, and the z row and column are zero.
     """
     if not np.isfinite(system.volume):
         raise InputError("pressure: needs a periodic box; open space has no volume")
@@ -34,7 +34,7 @@ def instantaneous_pressure(system: System, positions: ArrayLike, velocities: Arr
 
 
 def _pulls(force: object, system: System, x: Floats) -> Iterator[tuple[Floats, Floats]]:
-    """(m, 3) separations of pairs and (m,) the force over r between them, positive where they repel."""
+    """Yield pair separations (m, 3) and forces over r (m,), positive for repulsion."""
     if isinstance(force, PairForce):
         yield from _pair_law(force, system, x)
     elif isinstance(force, Springs):
@@ -45,14 +45,14 @@ def _pulls(force: object, system: System, x: Floats) -> Iterator[tuple[Floats, F
         yield apart, -np.divide(stretch, r, out=np.zeros_like(r), where=r > 0)
     elif not getattr(force, "external", False):
         name = getattr(force, "name", type(force).__name__)
-        raise InputError(f"pressure: force {name!r} has no pairs for the sum")
+        raise InputError(f"pressure: force {name!r} is not a sum over pairs")
 
 
 def _pair_law(force: PairForce, system: System, x: Floats) -> Iterator[tuple[Floats, Floats]]:
     from kickdrift.forces.pair_terms import force_over_r
 
     cutoff = float(force.cutoff or 0.0)
-    # A hair beyond the cutoff, so that rounding here and there decides alike: below.
+    # Slightly beyond the cutoff: the test below then decides alone, whatever the rounding in the search.
     i, j = pairs_nearer(x, system.box, cutoff * (1 + 1e-12)).T
     apart = system.box.minimum_image(x[i] - x[j])
     r2 = np.einsum("ma,ma->m", apart, apart)

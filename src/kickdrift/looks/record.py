@@ -1,4 +1,4 @@
-"""What a run keeps of its looks and its cost, and the looks side by side."""
+"""The record of a run: its looks and its cost; and the looks as series."""
 
 from __future__ import annotations
 
@@ -13,22 +13,22 @@ from kickdrift.looks import columns as column
 from kickdrift.looks.observers import NOTHING, Sample, Taken
 from kickdrift.looks.table import Looks
 from kickdrift.model.checks import unwarned
-from kickdrift.model.events import is_row
+from kickdrift.model.event_log import is_row
 from kickdrift.model.memory import Memory, by_value
 from kickdrift.model.state import Floats
 
 
 class Series(NamedTuple):
-    """A run's samples side by side.
+    """A run's samples as arrays.
 
     Attributes
     ----------
-    steps, times : (k,) of the looks
-    total : (k,) total energy with what events took out; nan of a Problem that names none
-    final : the last total energy, without that
-    kinetic : the first kinetic energy; nan of a Problem
-    momentum, angular_momentum : (k, 3) with what events took out; None of a Problem
-    temperature, pressure, pairs : means; nan, and None, where they mean nothing
+    steps, times : (k,) steps and times of the looks
+    total : (k,) total energy, with the energy that events took out; nan for a Problem without energy
+    final : the last total energy, without the energy that events took out
+    kinetic : the first kinetic energy; nan for a Problem
+    momentum, angular_momentum : (k, 3), with the momentum that events took out; None for a Problem
+    temperature, pressure, pairs : means; undefined ones are nan, and None for pairs
     """
 
     steps: NDArray[np.int64]
@@ -44,7 +44,7 @@ class Series(NamedTuple):
 
 
 def even_stretch(steps: NDArray[np.int64]) -> slice:
-    """The longest stretch of looks an equal number of steps apart."""
+    """Return the longest stretch of looks that are equally many steps apart."""
     gaps = np.diff(steps)
     if not len(gaps):
         return slice(None)
@@ -55,7 +55,7 @@ def even_stretch(steps: NDArray[np.int64]) -> slice:
 
 
 class Counted(Protocol):
-    """Evaluations of f and of its Jacobian, and steps that were thrown away."""
+    """Counts of evaluations of f and of its Jacobian, and of rejected steps."""
 
     evaluations: int
     rejected: int
@@ -64,7 +64,7 @@ class Counted(Protocol):
 
 @dataclass
 class Record:
-    """The looks at a run since conservation is counted from, and what it cost."""
+    """The looks at a run since its record began, and the cost."""
 
     looks: Looks = field(default_factory=Looks, compare=False)
     begun: bool = False  # whether the scales are known
@@ -81,13 +81,13 @@ class Record:
     taken: Taken = NOTHING
 
     def count(self, cost: Counted) -> None:
-        """Add what some steps cost."""
+        """Add the cost of some steps."""
         self.force_evaluations += cost.evaluations
         self.jacobian_evaluations += cost.jacobians
         self.rejected_steps += cost.rejected
 
     def take(self, before: Sample, after: Sample) -> None:
-        """An event changed what is conserved."""
+        """Add the change of conserved quantities by an event."""
         self.taken = Taken(
             self.taken.energy + before.energies.total - after.energies.total,
             self.taken.momentum + _lost(before.momentum, after.momentum),
@@ -96,7 +96,7 @@ class Record:
 
     @unwarned
     def begin(self, masses: Floats, phase: Floats) -> None:
-        """What momenta are compared with."""
+        """Set the scales of the momentum errors from the first sample."""
         x, v = phase
         self.begun = True
         self.momentum_scale = float(masses @ np.linalg.norm(v, axis=0))
@@ -104,18 +104,19 @@ class Record:
 
     @property
     def samples(self) -> list[Sample]:
-        """All that was seen at each look."""
+        """All looks as Samples."""
         return self.looks.samples
 
     def memory(self) -> Memory:
-        """All but the looks, by value."""
+        """Return everything except the looks, by value."""
         kept = {key.name: by_value(getattr(self, key.name)) for key in fields(self) if key.name != "looks"}
         return kept | {"taken": None if self.taken is NOTHING else kept["taken"]}
 
     @classmethod
     def recalled(cls, memory: Memory) -> Record:
-        """The record that had this memory; without samples. An InputError where the memory, which may come from a file,
-        holds something else."""
+        """Return the record with this memory, without samples.
+
+        The memory may come from a file; an InputError if it does not hold a record."""
         kept, fresh = by_value(memory), cls()
         for key, value in kept.items():
             kind = type(getattr(fresh, key, None))
@@ -126,7 +127,7 @@ class Record:
         return cls(**(kept | {"taken": NOTHING if kept["taken"] is None else Taken(*kept["taken"])}))
 
     def series(self) -> Series:
-        """The looks side by side; later ones do not change it."""
+        """Return the looks so far as a Series; later looks do not change it."""
         steps, rows = self.looks.held()
         first, known = rows[0], ~np.isnan(rows[:, column.PAIRS])
         return Series(
@@ -144,7 +145,7 @@ class Record:
 
 
 def _vectors(rows: Floats, first: int, taken: int) -> Floats | None:
-    """(k, 3) with what events took out, of the looks that have that; None where none has."""
+    """Return (k, 3) vectors with events' losses, of the looks that have the vector; None if no look has."""
     values = rows[:, first : first + 3]
     there = ~np.isnan(values).all(axis=1)
     return (values + rows[:, taken : taken + 3])[there] if there.any() else None

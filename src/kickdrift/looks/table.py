@@ -1,4 +1,4 @@
-"""What a run saw of itself: a table with a row for each look, which compiled code fills, and Samples made from it."""
+"""The table of looks: compiled code fills one row for each look, and Samples are made from the rows."""
 
 from __future__ import annotations
 
@@ -15,33 +15,33 @@ from kickdrift.model.capacity import check_room
 from kickdrift.model.state import Floats
 
 FIRST_ROOM = 1024  # rows
-SAMPLE_BYTES = 1000  # of memory that a look at particles takes, with the Sample that is made of it
-COUNTED = 2**16  # rows after which memory is looked at anew
+SAMPLE_BYTES = 1000  # memory of a look at particles, with its Sample
+COUNTED = 2**16  # rows between two checks of memory
 
 
 class Looks:
-    """The looks of a run, in the order of time.
+    """The looks of a run, in order of time.
 
     Attributes
     ----------
-    count : how many rows are filled
+    count : number of filled rows
     steps : (room,) step of each look
-    rows : (room, COLUMNS) of numbers, with the columns of ``looks.columns``; a value that does not exist is nan
+    rows : (room, COLUMNS) numbers, in the columns of ``looks.columns``; nan for a value that does not exist
     """
 
     def __init__(self, room: int = 0) -> None:
         self.count = 0
         self.steps: NDArray[np.int64] = np.zeros(room, np.int64)
         self.rows: Floats = np.zeros((room, column.COLUMNS))
-        self._columns: dict[int, Mapping[str, Any]] = {}  # of users, by row
-        self._samples: list[Sample] = []  # of the first rows; the others are made when somebody asks
-        self._shared = False  # whether somebody holds the filled rows
+        self._columns: dict[int, Mapping[str, Any]] = {}  # the user's columns, by row
+        self._samples: list[Sample] = []  # Samples of the first rows; the others are made on demand
+        self._shared = False  # whether a caller holds the filled rows
 
     def __len__(self) -> int:
         return self.count
 
     def free(self, count: int = 1) -> int:
-        """The number of a row to fill next, with room for ``count`` of them."""
+        """Return the index of the next row to fill, with room for ``count`` rows."""
         if self.count + count > len(self.steps):
             more = max(FIRST_ROOM, self.count, count)
             self.steps = np.concatenate([self.steps[: self.count], np.zeros(more, np.int64)])
@@ -50,8 +50,9 @@ class Looks:
         return self.count
 
     def keep(self, step: int, taken: Taken = NOTHING) -> None:
-        """Count the row that was just filled, with what events took out so far. A look at the step and time of the last
-        one takes its place. A RunError where memory has no room for more."""
+        """Count the row that was just filled, with events' losses so far.
+
+        A look at the same step and time as the last look replaces that look. Raises RunError if memory is full."""
         k = self.count
         self.steps[k] = step
         if taken is not NOTHING:
@@ -64,10 +65,10 @@ class Looks:
             self.keep_next([step])
 
     def keep_next(self, steps: Sequence[int] | NDArray[np.int64]) -> None:
-        """``keep`` of looks at a run that has gone on since the last look, and of which events took nothing."""
+        """Count looks at new steps, in a run whose events took nothing."""
         before, self.count = self.count, self.count + len(steps)
         self.steps[before : self.count] = steps
-        if self.count // COUNTED > before // COUNTED:  # how many a run that chooses its steps takes is not known before
+        if self.count // COUNTED > before // COUNTED:  # unknown before an adaptive run
             try:
                 check_samples(self.count, "every or interval")
             except InputError as error:
@@ -75,30 +76,30 @@ class Looks:
                 raise RunError(f"stopped at step {at}: {error}") from None
 
     def take(self, row: int, taken: Taken) -> None:
-        """Write what events took out so far into a row."""
+        """Write events' losses so far into a row."""
         numbers = self.rows[row]
         numbers[column.ENERGY_TAKEN] = taken.energy
         numbers[column.MOMENTUM_TAKEN : column.ANGULAR_TAKEN] = taken.momentum
         numbers[column.ANGULAR_TAKEN :] = taken.angular_momentum
 
     def retake(self, taken: Taken) -> None:
-        """The last look is one after an event, too."""
+        """Update the last look after an event at its step."""
         self._own()
         self.take(self.count - 1, taken)
         del self._samples[self.count - 1 :]
 
     def note(self, columns: Mapping[str, Any]) -> None:
-        """Keep the values of the user's columns at the last look."""
+        """Store the values of the user's columns at the last look."""
         self._columns[self.count - 1] = columns
         del self._samples[self.count - 1 :]
 
     def at(self, step: int, time: float) -> bool:
-        """Whether the last look was at that step and time."""
+        """Whether the last look was at this step and time."""
         k = self.count - 1
         return k >= 0 and self.steps[k] == step and self.rows[k, column.TIME] == time
 
     def fill(self, sample: Sample) -> None:
-        """Write a look that somebody else took into the next row: at a Problem, by another program, or in a file."""
+        """Write a Sample into the next row: a Sample of a Problem, of another program, or from a file."""
         free = self.free()
         row = self.rows[free]
         row[:] = np.nan
@@ -113,7 +114,7 @@ class Looks:
         row[column.ENERGY_TAKEN :] = 0.0
 
     def add(self, sample: Sample) -> None:
-        """Fill and count a row."""
+        """Fill and count a row from a Sample."""
         self.fill(sample)
         self.keep(sample.step, sample.taken)
         if sample.columns:
@@ -121,7 +122,7 @@ class Looks:
 
     @property
     def samples(self) -> list[Sample]:
-        """All looks as Samples; the same list each time, which grows."""
+        """All looks as Samples: always the same list, which grows."""
         made = self._samples
         made += [self._sample(k) for k in range(len(made), self.count)]
         return made
@@ -148,12 +149,12 @@ class Looks:
         )
 
     def held(self) -> tuple[NDArray[np.int64], Floats]:
-        """Steps and rows of the looks so far; they do not change any more."""
+        """Return steps and rows of the looks so far; these arrays do not change later."""
         self._shared = True
         return self.steps[: self.count], self.rows[: self.count]
 
     def _own(self) -> None:
-        """Have rows that nobody else holds."""
+        """Copy the rows if a caller holds them."""
         if self._shared:
             self.rows, self._shared = self.rows.copy(), False
 
@@ -162,5 +163,5 @@ _ENERGIES = [column.KINETIC, column.POTENTIAL, column.TOTAL]
 
 
 def check_samples(count: float, key: str) -> None:
-    """Refuse more looks than fit into memory; ``key`` names the option that says how often."""
+    """Refuse more looks than fit into memory; ``key`` names the option that sets their number."""
     check_room("run", count, "samples", SAMPLE_BYTES, f"give a larger {key}")

@@ -132,7 +132,7 @@ class Box:
         if self.vectors is None:
             return None
         if self.triclinic:
-            raise InputError(f"box: its edges lean, so that it has no three lengths: {written(self.matrix)}")
+            raise InputError(f"box: a leaning box has no three lengths: {written(self.matrix)}")
         a, b, c = self.vectors
         return a[0], b[1], c[2]
 
@@ -142,10 +142,10 @@ class Box:
         if self.vectors is None:
             return None
         if self.triclinic:
-            raise InputError(f"{what}: takes no box that leans, and this one has edges {written(self.matrix)}")
+            raise InputError(f"{what}: cannot use a leaning box, with edges {written(self.matrix)}")
         if not all(self.periodic_axes):
             raise InputError(
-                f"{what}: takes boxes periodic along x, y and z, and this one is along {self._along} alone"
+                f"{what}: needs a box periodic along x, y and z; this box is periodic only along {self._along}"
             )
         return self.lengths
 

@@ -82,6 +82,19 @@ def along(edge, d):
     return d - edge * floor(d / edge + 0.5) if edge > 0.0 else d
 
 
+@inlined
+def square_by_edges(matrix, inverse, dx, dy, dz):
+    """Squared length of a separation brought near by whole edges, from the last to the first: that of the nearest image
+    where this is within half the least height, else that or more. ``inverse`` (3,) is 1 over the diagonal, 0 for an
+    axis that is not periodic."""
+    count = floor(dz * inverse[2] + 0.5) * 1.0
+    dx, dy, dz = dx - count * matrix[2, 0], dy - count * matrix[2, 1], dz - count * matrix[2, 2]
+    count = floor(dy * inverse[1] + 0.5) * 1.0
+    dx, dy = dx - count * matrix[1, 0], dy - count * matrix[1, 1]
+    dx -= floor(dx * inverse[0] + 0.5) * matrix[0, 0]
+    return dx * dx + dy * dy + dz * dz
+
+
 @jit
 def leaning_image(cell, d):
     """Bring a separation d (3,) to that between nearest images in a box that leans: by the edges first, and by the

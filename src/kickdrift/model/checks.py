@@ -124,3 +124,13 @@ def no_overflow() -> Iterator[None]:
 
 # For what is computed from a run's state: what is not finite there is reported by the run itself.
 unwarned = np.errstate(over="ignore", divide="ignore", invalid="ignore")
+
+
+def check_state(state: Any, kind: Any) -> None:
+    """Raise InputError unless this is a state of that kind with a finite time."""
+    if not isinstance(state, kind):
+        raise InputError(f"state: expected a {kind.__name__}, got {type(state).__name__}")
+    if not np.isfinite(state.time) or state.steps_done < 0:
+        raise InputError(
+            f"state: time must be finite and steps_done zero or more, got {state.time}, {state.steps_done}"
+        )

@@ -35,7 +35,7 @@ def axes_of(periodic: Any) -> tuple[bool, bool, bool]:
     if len(given) != 3 or not all(isinstance(axis, bool | np.bool_) for axis in given):
         raise InputError(f"box: periodic: expected {TRUTHS}, got {shown(periodic)}")
     if not any(given):
-        raise InputError("box: edges make a box periodic, and periodic says that it is not along any axis")
+        raise InputError("box: edges make a box periodic, but periodic is False along each axis")
     x, y, z = map(bool, given)
     return x, y, z
 
@@ -68,15 +68,15 @@ def checked_rows(rows: Floats, axes: tuple[bool, bool, bool]) -> tuple[Vector, V
     for k, (axis, there) in enumerate(zip("xyz", axes, strict=True)):
         if not there and (tilts[k].any() or tilts[:, k].any() or rows[k, k] < 0):
             raise InputError(
-                f"box: it is not periodic along {axis}, so that edge {'abc'[k]} must lie along {axis} and "
-                f"no other edge lean along {axis}, got {written(rows)}"
+                f"box: not periodic along {axis}, so edge {'abc'[k]} must lie along {axis} and "
+                f"no other edge may lean along {axis}, got {written(rows)}"
             )
         if there and not tilts.any() and not rows[k, k] > 0:
             raise InputError(f"box: edge {axis} must be a positive finite length, got {shown(float(rows[k, k]))}")
     filled = np.where(np.array(axes)[:, None], rows, np.eye(3))
     x, y, z = (float(edge) for edge in np.diag(filled))
     if not tilts.any() and not 0.0 < x * y * z < math.inf:
-        raise InputError(f"box: edges of {x:g}, {y:g} and {z:g} have a volume that no number can hold")
+        raise InputError(f"box: edges of {x:g}, {y:g} and {z:g} have a volume beyond the range of numbers")
     if tilts.any():
         _check_volume(filled)
         _check_triangle(filled)
@@ -101,11 +101,11 @@ def _check_volume(rows: Floats) -> None:
         volume, edges = float(np.linalg.det(rows)), float(np.prod(np.linalg.norm(rows, axis=1)))
     if not (0 < edges < math.inf and math.isfinite(volume) and abs(volume) > FLAT * edges):
         raise InputError(
-            f"box: its edge vectors are singular, they span no volume: {written(rows)}; "
-            "expected three that do not lie in one plane"
+            f"box: the edge vectors are singular (no volume): {written(rows)}; "
+            "expected three vectors that do not lie in one plane"
         )
     if volume < 0:
-        raise InputError(f"box: its edge vectors are left-handed: {written(rows)}; swap two of them, or turn one round")
+        raise InputError(f"box: the edge vectors are left-handed: {written(rows)}; swap two of them, or reverse one")
 
 
 def _check_triangle(rows: Floats) -> None:

@@ -1,33 +1,28 @@
 """What to watch for while a run goes on: close approaches, collisions, escapes and zeros of any function. Plain data.
 
-``Simulation(system, events=[…])`` or a system file's ``[[event]]`` takes them; ``watching`` in this room finds them.
+``Simulation(system, events=[…])`` or a system file's ``[[event]]`` takes them; ``run/watch`` finds them.
 Bodies are named as in the system, or by their number, counted from 0.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from types import NoneType
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from kickdrift.errors import InputError
-from kickdrift.model.capacity import check_room
 from kickdrift.model.checks import is_number, number, positive
+from kickdrift.model.subject import Bodies, index_of
 from kickdrift.model.units import shown, suggestion
 
 if TYPE_CHECKING:
-    from kickdrift.model.problem import Problem
     from kickdrift.model.state import Floats
-    from kickdrift.model.system import System
 
 Body = str | int
 Radii = float | Sequence[float] | Mapping[str, float]
-LINES = 20  # of events that are shown
-PAIR_BYTES = 200  # of a pair of bodies that is watched
 NAME_BYTES = 64  # of an event's name in a run's file
 
 
@@ -99,7 +94,7 @@ class Collision:
                 which = "" if is_number(self.radii) else f"[{key}]"
                 raise InputError(f"{self.kind}: radii{which} must be a length, zero or more, got {shown(radius)}")
 
-    def radii_in(self, system: System) -> Floats:
+    def radii_in(self, system: Bodies) -> Floats:
         """(n,) the radii of a system's bodies."""
         n, given = len(system), self.radii
         if given is None:
@@ -218,95 +213,6 @@ class Crossing:
 
 
 Event = CloseApproach | Collision | Escape | Crossing
-
-
-def index_of(system: System, body: Body, key: str) -> int:
-    """The row of a body, by name or by id; an InputError that begins with ``key`` where there is none."""
-    if isinstance(body, str) and body in system.names:
-        return system.names.index(body)
-    if isinstance(body, int | np.integer) and not isinstance(body, bool):
-        found = np.flatnonzero(system.state.ids == body)
-        if found.size:
-            return int(found[0])
-    if not system.names:
-        raise InputError(f"{key}: there is no particle {shown(body)}; expected a number from 0 to {len(system) - 1}")
-    known = ", ".join(system.names[:12]) + (", …" if len(system) > 12 else "")
-    hint = suggestion(body, system.names) if isinstance(body, str) else ""
-    raise InputError(f"{key}: there is no body {shown(body)}{hint} (known: {known})")
-
-
-def binding(system: System) -> Any:
-    """The force that binds bodies, with its G and softening: gravity of whatever kind; None where there is none."""
-    return next((force for force in system.forces if hasattr(force, "G") and hasattr(force, "softening")), None)
-
-
-def checked_events(subject: System | Problem, events: Iterable[Event]) -> tuple[Event, ...]:
-    """The events, where they can be watched for in that subject; else an InputError."""
-    from kickdrift.model.system import System
-
-    try:
-        found = tuple(events)
-    except TypeError:
-        raise InputError(f"events: expected a list of events, got {shown(events)}") from None
-    for event in found:
-        if not isinstance(event, CloseApproach | Collision | Escape | Crossing):
-            raise InputError(f"events: expected CloseApproach, Collision, Escape or Crossing, got {shown(event)}")
-        if not isinstance(subject, System):
-            if not (isinstance(event, Crossing) and callable(event.function)):
-                raise InputError(f"{event.kind}: needs particles; for a Problem use a Crossing of a function of y")
-            continue
-        if subject.box.periodic:
-            raise InputError(f"{event.kind}: events need open space, and the box is periodic")
-        if isinstance(event, CloseApproach | Collision):
-            check_room(event.kind, len(subject) * (len(subject) - 1) // 2, "pairs of bodies", PAIR_BYTES)
-        if isinstance(event, CloseApproach):
-            bodies = [index_of(subject, body, f"{event.kind}: bodies") for body in event.bodies or ()]
-            if len(set(bodies)) < len(bodies):
-                raise InputError(f"{event.kind}: bodies: a body is named twice in {shown(event.bodies)}")
-        elif isinstance(event, Collision):
-            event.radii_in(subject)
-        elif isinstance(event, Escape):
-            if event.about is not None:
-                index_of(subject, event.about, f"{event.kind}: about")
-            if binding(subject) is None:
-                raise InputError(f"{event.kind}: only gravity binds bodies, and {subject.name!r} has none")
-        elif isinstance(event.function, Between):
-            pair = [index_of(subject, body, event.name) for body in (event.function.body, event.function.about)]
-            if pair[0] == pair[1]:
-                raise InputError(f"{event.name}: expected two bodies, got {shown(event.function.body)} twice")
-        if getattr(event, "action", "") in ("merge", "remove") and subject.acting("joins"):
-            raise InputError(f"{event.kind}: action {event.action!r} cannot act on bodies joined by springs")  # type: ignore[union-attr]
-    return found
-
-
-def event_lines(events: Sequence[dict[str, Any]]) -> list[tuple[str, str]]:
-    """Events for a reader: kind and what was seen of each of the first ones, then how many more there are."""
-    rows = []
-    for event in events[:LINES]:
-        about = [f"t = {event['time']:.9g}"]
-        about += [" – ".join(event["bodies"])] if event["bodies"] else []
-        about += [f"distance {event['distance']:.6g}"] if event["distance"] is not None else []
-        about += [event["done"]] if event["done"] not in ("logged", "passed") else []
-        rows.append((event["kind"], ", ".join(about)))
-    if len(events) > LINES:
-        rows.append(("", f"and {len(events) - LINES:,} more events"))
-    return rows
-
-
-_NUMBER = (int, float)
-_ROW: dict[str, Any] = {
-    "kind": str, "time": _NUMBER, "step": int, "bodies": list, "ids": list, "distance": (*_NUMBER, NoneType),
-    "energy": (*_NUMBER, NoneType), "done": str,
-}  # fmt: skip
-
-
-def is_row(row: Any) -> bool:
-    """Whether a row that comes from a file is an entry of the log of events."""
-    if not (isinstance(row, dict) and row.keys() == _ROW.keys()):
-        return False
-    return all(isinstance(row[key], kind) for key, kind in _ROW.items()) and all(
-        isinstance(each, kind) for key, kind in (("bodies", str), ("ids", int)) for each in row[key]
-    )
 
 
 def _listed(radii: Any) -> Sequence[Any]:

@@ -68,7 +68,7 @@ def put_back(owner: Any, name: str, value: Any) -> None:
             raise InputError(f"checkpoint: {label(name)} does not hold the expected numbers")
         there[...] = value
     elif isinstance(there, np.ndarray) and not isinstance(getattr(type(owner), last, None), property):
-        raise InputError(f"checkpoint: {label(name)} has another shape than this system needs")
+        raise InputError(f"checkpoint: {label(name)} does not have the shape that this system needs")
     elif any(isinstance(there, kind) and not isinstance(value, kind) for kind in (int | float, str)):
         raise InputError(f"checkpoint: {label(name)} does not fit a run of this system")
     else:

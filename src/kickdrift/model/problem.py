@@ -13,8 +13,8 @@ from numpy.typing import ArrayLike
 
 from kickdrift.errors import InputError
 from kickdrift.model.checks import numbers
+from kickdrift.model.run_defaults import RunDefaults
 from kickdrift.model.state import Floats, read_only
-from kickdrift.model.system import RunDefaults
 
 Function = Callable[[float, Floats], Any]
 
@@ -95,7 +95,7 @@ class Problem:
         if start.ndim != 1 or not start.size:
             raise InputError(f"{name}: y0 must be one row of numbers, got shape {start.shape}")
         if separable and start.size % 2:
-            raise InputError(f"{name}: separable means positions, then as many velocities; y0 has {start.size}")
+            raise InputError(f"{name}: separable means positions, then as many velocities; y0 has {start.size} numbers")
         for key, function in (("f", f), ("jacobian", jacobian), ("energy", energy), ("exact", exact)):
             if not (callable(function) or (function is None and key != "f")):
                 raise InputError(f"{name}: {key} must be a function, got {function!r}")
@@ -137,7 +137,7 @@ class Problem:
         faster[half:] += 1.0 + np.abs(faster[half:])
         if not np.array_equal(np.asarray(self.f(self.t0, faster), dtype=float)[half:], slope[half:]):
             raise InputError(
-                f"{self.name}: separable means accelerations of positions and time alone, but f depends on velocities"
+                f"{self.name}: separable means accelerations from positions and time alone, but f depends on velocities"
             )
 
     def __len__(self) -> int:

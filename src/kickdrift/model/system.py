@@ -11,70 +11,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kickdrift.errors import InputError
+from kickdrift.model.body_checks import body_names, body_radii, names_of
 from kickdrift.model.box import Box
 from kickdrift.model.bridging import bridge
 from kickdrift.model.checks import listed, no_overflow, per_particle, whole_number
-from kickdrift.model.events import Event, checked_events
+from kickdrift.model.event_checks import checked_events
+from kickdrift.model.events import Event
+from kickdrift.model.run_defaults import Equilibration, RunDefaults
 from kickdrift.model.space import box_for, check_plane, vectors_of
 from kickdrift.model.state import Floats, State
 from kickdrift.model.units import UnitSystem, shown, unit_system
-
-
-@dataclass(frozen=True, init=False)
-class RunDefaults:
-    """What a system file's ``[run]`` says; flags and ``Simulation(…)`` override it.
-
-    Attributes
-    ----------
-    integrator, dt, steps, time, every : as in ``[run]``; None where it does not say
-    options : the integrator's options by name, those that it names
-    """
-
-    integrator: str | None = None
-    dt: float | None = None
-    steps: int | None = None
-    time: float | None = None
-    every: int | None = None
-    options: Mapping[str, Any] = field(default_factory=dict)
-
-    def __init__(
-        self,
-        integrator: str | None = None,
-        dt: float | None = None,
-        steps: int | None = None,
-        time: float | None = None,
-        every: int | None = None,
-        **options: Any,
-    ) -> None:
-        own = {"integrator": integrator, "dt": dt, "steps": steps, "time": time, "every": every}
-        given = {key: value for key, value in options.items() if value is not None}
-        for key, value in (own | {"options": given}).items():
-            object.__setattr__(self, key, value)
-
-    def __hash__(self) -> int:
-        return hash((self.integrator, self.dt, self.steps, self.time, self.every, frozenset(self.options)))
-
-    def said(self) -> dict[str, Any]:
-        """What it says by key, the options among the others; as arguments, they make the same again."""
-        own = {key: value for key, value in vars(self).items() if key != "options" and value is not None}
-        return own | dict(self.options)
-
-    def changed(self, **defaults: Any) -> RunDefaults:
-        """The same with these in their places; steps replace a time, and a time steps."""
-        for one, other in (("steps", "time"), ("time", "steps")):
-            if one in defaults:
-                defaults.setdefault(other, None)
-        return RunDefaults(**self.said() | defaults)
-
-
-@dataclass(frozen=True)
-class Equilibration:
-    """What a system file's ``[equilibrate]`` says: run to ``temperature`` for ``time`` before conservation is
-    measured."""
-
-    temperature: float
-    time: float
-    interval: int = 10
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,7 +87,7 @@ class System:
         if v.shape != x.shape:
             raise InputError(f"velocities: expected shape {x.shape} like the positions, got {v.shape}")
         m = per_particle("masses", masses, n, "mass", "a finite number")
-        kind_of = ["A"] * n if species is None else _named("species", _names(species))
+        kind_of = ["A"] * n if species is None else names_of("species", _names(species))
         if len(kind_of) != n:
             raise InputError(f"species: expected {n} names, got {len(kind_of)}")
         kinds = tuple(dict.fromkeys(kind_of))
@@ -347,32 +293,3 @@ def _forces(forces: Iterable[Any]) -> tuple[Any, ...]:
 
 def _names(species: Any) -> list[Any]:
     return list(species) if isinstance(species, str) else listed("species", species, "a list of names")
-
-
-def _named(key: str, values: list[Any]) -> list[str]:
-    """The values as names; an InputError where one is neither text nor a whole number."""
-    wrong = {kind for kind in set(map(type, values)) if not issubclass(kind, str | int | np.integer) or kind is bool}
-    if wrong:
-        k, value = next((k, value) for k, value in enumerate(values) if type(value) in wrong)
-        raise InputError(f"{key}[{k}]: expected a name, got {shown(value)}")
-    return list(map(str, values))
-
-
-def body_radii(radii: ArrayLike, n: int) -> Floats:
-    """The radii of n bodies, checked."""
-    return per_particle("radii", radii, n, "radius", "a length")
-
-
-def body_names(names: Sequence[str], n: int) -> tuple[str, ...]:
-    """The names of n bodies, checked: none at all, or one for each and each its own."""
-    given = tuple(_named("names", listed("names", names, "a list of names")))
-    if given and len(given) != n:
-        raise InputError(f"names: expected {n}, one for each particle, got {len(given)}")
-    seen: set[str] = set()
-    if len(set(given)) == len(given) and all(map(str.strip, given)):
-        return given
-    for k, name in enumerate(given):
-        if not name.strip() or name in seen:
-            raise InputError(f"names: particle {k} is called {name!r}; expected unique names")
-        seen.add(name)
-    return given

@@ -50,7 +50,7 @@ def plot_run(path: str | os.PathLike[str], output: str | os.PathLike[str], *, ov
             raise InputError(f"{run.path}: no sample to draw")
         energies = run.energies
         temperature = run.observables.get("temperature")
-        rdf = _rdf(run) if run.box.periodic and len(run.ids) > 1 and len(run) else None
+        rdf = _rdf(run) if len(run.ids) > 1 and len(run) else None
         units, title = run.units, _title(run)
     figure = new_figure(10.0, 7.0 if temperature is not None or rdf is not None else 3.8)
     panels = [partial(_draw_energies, energies), partial(_draw_error, energies)]
@@ -155,15 +155,19 @@ def _draw_method(axes: Axes, row: Mapping[str, Any], colour: str) -> None:
     axes.plot(*np.array(strong).reshape(-1, 2).T, color=colour, linewidth=1.8, zorder=3, label=label)
 
 
-def _rdf(run: reader.Run) -> tuple[Floats, Floats, int]:
-    assert run.box.lengths is not None
-    n = len(run.ids)
+def _rdf(run: reader.Run) -> tuple[Floats, Floats, int] | None:
+    """r, g(r) and the number of frames; None where the box leaves an axis open that particles move along."""
+    n, plane = len(run.ids), run.system_record.get("dimensions") == 2
+    size = run.box.area if plane else run.box.volume
+    if not math.isfinite(size):
+        return None
     count = max(1, min(RDF_FRAMES, len(run), RDF_PARTICLES // n))
     # The frames nearest the end of each of `count` equal parts, without the start, which often is a lattice.
     chosen = np.unique(np.linspace(0, len(run) - 1, count + 1).round().astype(int)[1:])
     positions = np.array([run[int(index)].positions for index in chosen])
-    reach = (RDF_NEIGHBOURS * 3 / (4 * math.pi) * run.box.volume / n) ** (1 / 3)
-    found = radial_distribution(positions, run.box, r_max=min(reach, min(run.box.lengths) / 2))
+    around = RDF_NEIGHBOURS * size / n
+    reach = (around / math.pi) ** (1 / 2) if plane else (around * 3 / (4 * math.pi)) ** (1 / 3)
+    found = radial_distribution(positions, run.box, r_max=min(reach, float(run.box.heights.min()) / 2))
     return found.r, found.g, len(chosen)
 
 

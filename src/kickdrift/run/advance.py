@@ -1,4 +1,4 @@
-"""An integration under way: a flow, a stepper, the present, and steps that nobody looks at."""
+"""An integration in progress: flow, stepper, current state, and steps without a look."""
 
 from __future__ import annotations
 
@@ -11,12 +11,14 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import numpy as np
 
 from kickdrift.disk.interrupt import interruptible
-from kickdrift.engines.session import Job, begin
+from kickdrift.engines.job import Job
+from kickdrift.engines.session import RunFlow, begin
 from kickdrift.errors import InputError
 from kickdrift.forces.kernel import OK
-from kickdrift.integrators.flow import Flow, ParticleFlow, flow_of
+from kickdrift.integrators.flow import flow_of
 from kickdrift.integrators.option import MIXED
-from kickdrift.integrators.stepping import STOPPED, Stepper
+from kickdrift.integrators.particle_flow import ParticleFlow
+from kickdrift.integrators.stepper import STOPPED, Stepper
 from kickdrift.looks.observers import Sample
 from kickdrift.looks.record import Record
 from kickdrift.model.checks import no_overflow
@@ -31,47 +33,47 @@ if TYPE_CHECKING:
     from kickdrift.engines import Engine
     from kickdrift.model.events import Event
 
-CHUNK_SECONDS = 0.1  # how long compiled code runs before Python looks for Ctrl-C
+CHUNK_SECONDS = 0.1  # time in compiled code between two checks for Ctrl-C
 
 
 @dataclass
 class Safe:
     """The last state known to be good. A run that blows up goes back to this state."""
 
-    y: Floats  # a buffer of its own
+    y: Floats  # its own buffer
     time: float
     step: int
 
 
 class Integration:
-    """A System or a Problem under way with a method; the part of a Simulation that takes steps.
+    """A System or a Problem with its method: the part of a Simulation that takes steps.
 
     Attributes
     ----------
     method, options, dt, engine
-        Those of the Simulation.
+        The Simulation's.
     system : System or Problem
         The bodies of now: events may take some away.
-    flow : Flow
+    flow : RunFlow
         y' = f(t, y).
     stepper : Stepper
-        The method under way; with events, the `WatchedStepper` around the method's own.
+        The method's stepper; with events, the `WatchedStepper` around it.
     events : WatchedStepper or None
-        The stepper, where there are events.
+        The stepper, if there are events.
     record : Record
-        What the run cost, and its samples.
+        The run's cost and samples.
     at : float or None
-        The present, where it lies inside a step; None at the stepper's own step point.
+        The current time if it lies inside a step; None at the stepper's own step point.
     safe : Safe
         The last good state.
     chunk : int
-        Steps that compiled code takes in about a tenth of a second.
+        Number of steps that compiled code takes in about a tenth of a second.
     running : bool
-        Whether steps are being taken. The state cannot be replaced meanwhile.
+        Whether steps are being taken. Meanwhile the state cannot be replaced.
     replaced : bool
-        Whether the state was replaced since a file was begun. A file that goes on from here needs a new checkpoint.
+        Whether the state was replaced since a file was begun. A file that continues needs a new checkpoint then.
     changes : int
-        How often events have changed the bodies.
+        Number of times that events have changed the bodies.
     """
 
     def __init__(self, job: Job, engine: Engine, events: Sequence[Event]) -> None:
@@ -85,38 +87,38 @@ class Integration:
         self.chunk, self.changes = 1, 0
         self.running, self.replaced = False, True
         self.at: float | None = None
-        self._present: tuple[float, Floats] | None = None  # y at that time, once somebody looked inside a step
+        self._present: tuple[float, Floats] | None = None  # a time inside a step, and y at that time
         self._compiled = False
 
     def stepper_for(self, system: Any) -> Stepper:
-        """The method's stepper for these bodies, which are the integration's from now on."""
+        """Make ``system`` the integration's bodies, and return the method's stepper for them."""
         self.system: System | Problem = system
-        self.flow: Flow
+        self.flow: RunFlow
         if self.engine.foreign:
             self.flow, stepper = begin(self.engine, replace(self._job, system=system))
             return stepper
         mixed = self.options.precision == MIXED
-        self.flow = flow_of(system, self.threads, jumps=self.method.trial_steps, mixed=mixed)
-        if self.method.separable and self.flow.not_separable:
+        self.flow = flow = flow_of(system, self.threads, jumps=self.method.trial_steps, mixed=mixed)
+        if self.method.separable and flow.not_separable:
             raise InputError(
                 f"{self.integrator}: needs accelerations that depend on positions and time alone, and "
-                f"{self.flow.not_separable}; Runge-Kutta methods do not"
+                f"{flow.not_separable}; Runge-Kutta methods do not"
             )
-        return self.method.stepper(self.flow, self.options)
+        return self.method.stepper(flow, self.options)
 
     @property
     def integrator(self) -> str:
-        """The method's name, as it was asked for."""
+        """The method's name, as the user gave it."""
         return self._job.named
 
     @property
     def threads(self) -> int:
-        """Threads of the forces."""
+        """Number of threads of the forces."""
         return self._job.threads
 
     @property
     def processes(self) -> int:
-        """Processes of an engine that runs on several."""
+        """Number of processes, for an engine that runs on several."""
         return self._job.processes
 
     @property
@@ -124,21 +126,21 @@ class Integration:
         """Whether another program takes the steps."""
         return self.engine.foreign
 
-    # --- the present ---
+    # --- current state ---
 
     @property
     def time(self) -> float:
-        """The present."""
+        """The current time."""
         return self.stepper.time if self.at is None else self.at
 
     @property
     def steps_done(self) -> int:
-        """Steps since the start; where the present lies inside one, that one counts."""
+        """Number of steps since the start, including a step that the current time lies inside."""
         return self.stepper.steps_done + (self.at is not None and self.at > self.stepper.time)
 
     @property
     def y(self) -> Floats:
-        """y at the present. Nobody but the stepper may write into it."""
+        """y at the current time. Only the stepper may write into it."""
         if self.at is None:
             return self.stepper.y
         if self._present is None or self._present[0] != self.at:
@@ -151,18 +153,18 @@ class Integration:
 
     @property
     def state(self) -> Any:
-        """The State or ProblemState of the present; a copy."""
+        """The current State or ProblemState; a copy."""
         return self.flow.state(self.y, self.time, self.steps_done)
 
     @property
     def fresh(self) -> bool:
-        """Whether the run's forces were last evaluated at the present."""
+        """Whether the run last evaluated its forces at the current time."""
         return self.at is None and getattr(self.stepper, "fresh", False)
 
     def begin_at(self, state: Any) -> None:
-        """Begin anew at a state, with a new record."""
+        """Start again from a state, with a new record."""
         y = self.flow.array(state)
-        if self.dt is not None and isinstance(self.flow, ParticleFlow) and not self.foreign:
+        if self.dt is not None and isinstance(self.flow, ParticleFlow):
             self.flow.tune(y, self.dt / max(1, self.method.evaluations))
         with no_overflow():
             self.stepper.reset(y, state.time, state.steps_done)
@@ -170,52 +172,52 @@ class Integration:
         self.begin_record()
 
     def begin_record(self) -> None:
-        """Count conservation and cost from the present on, which another hand has put there."""
+        """Count conservation and cost anew from the current state, which was set from outside."""
         self.record, self.replaced = Record(), True
         self.keep()
 
     @property
     def stepper_with_state(self) -> Any:
-        """The method's own stepper, where it moves more than positions and velocities; else an InputError."""
+        """The method's stepper, if it has a state beyond positions and velocities; else an InputError."""
         stepper = self.events.inner if self.events else self.stepper
         if not hasattr(stepper, "method_state"):
-            raise InputError(f"method_state: {self.integrator} has none; leapfrog-exact has")
+            raise InputError(f"method_state: {self.integrator} has no method state; leapfrog-exact has one")
         return stepper
 
     def begin_with(self, method_state: Any) -> None:
-        """Begin anew at what the method itself moves, with a new record."""
+        """Start again from a method state, with a new record."""
         self.stepper_with_state.method_state = method_state
         if self.events:
             self.events.forget()
         self.begin_record()
 
     def recall(self, checkpoint: Memory) -> None:
-        """Go on where a checkpoint was taken."""
+        """Continue from a checkpoint."""
         self.stepper.recall(checkpoint["stepper"])
         self.at, self._present = checkpoint["present"], None
         self.record, self.replaced = Record.recalled(checkpoint["record"]), True
         self.keep()
 
     def keep(self) -> None:
-        """Call the present the last good state."""
+        """Store the current state as the last good state."""
         self.safe = Safe(self.y.copy(), self.time, self.steps_done)
 
     def sample(self) -> Sample:
-        """All that is watched, now."""
+        """Return a sample of the current state."""
         return self.flow.sample(self.y, self.time, self.steps_done, self.fresh)
 
     def rescale_velocities(self, factor: float) -> None:
-        """Multiply the velocities of all particles; forces that are known at these positions stay known."""
+        """Multiply the velocities of all particles by ``factor``; forces at these positions stay valid."""
         stepper = self.stepper
         stepper.y[1] *= factor
         if self.foreign:
-            stepper.reset(stepper.y, stepper.time, stepper.steps_done)  # which tells the program
+            stepper.reset(stepper.y, stepper.time, stepper.steps_done)  # passes the velocities to the program
 
     # --- steps ---
 
     @contextmanager
     def busy(self) -> Iterator[Callable[[], bool]]:
-        """Inside, the state cannot be replaced, and Ctrl-C only sets what the function yielded returns."""
+        """Forbid replacing the state, and defer Ctrl-C: the yielded function says whether Ctrl-C was pressed."""
         self.running = True
         try:
             with interruptible() as interrupted:
@@ -224,7 +226,7 @@ class Integration:
             self.running = False
 
     def prepare(self) -> None:
-        """Compile what steps and looks need; the time does not count as the run's."""
+        """Compile the code for steps and looks; this time does not count as the run's."""
         if self._compiled:
             return
         began = perf_counter()
@@ -234,7 +236,7 @@ class Integration:
         self.record.compile_seconds += perf_counter() - began
 
     def advance(self, steps: int, until: float = np.inf, horizon: float = np.inf, end: float = np.inf) -> bool:
-        """Take steps; whether the next one is held back, because it would take f beyond the ``end``."""
+        """Take steps, and return whether the next step waits because it would evaluate f beyond ``end``."""
         began = perf_counter()
         if self.events:
             self.events.horizon = horizon
@@ -242,14 +244,14 @@ class Integration:
         limited = self.method.chooses_steps and not self.foreign and self.flow.clocked
         if limited:
             stepper.end = end
-        self.record.steps += stepper.steps_done - self.steps_done  # a step that was begun is counted anew
+        self.record.steps += stepper.steps_done - self.steps_done  # a step that was begun is counted again
         before, counts = stepper.steps_done, stepper.counts
         self.flow.forget_errors()
         status = stepper.advance(steps, until)
         self.at = self._present = None
         self.record.steps += stepper.steps_done - before
         self.record.count(stepper.counts - counts)
-        if status != OK or not (self.foreign or np.isfinite(stepper.y).all()):  # the others look themselves
+        if status != OK or not (self.foreign or np.isfinite(stepper.y).all()):  # others check their own numbers
             self.fail(inside_step=status != OK, stopped=status == STOPPED)
         if stepper.steps_done == before:
             return limited and not self.events and steps > 0 and stepper.time < until
@@ -257,11 +259,11 @@ class Integration:
         return False
 
     def pace(self, elapsed: float) -> None:
-        """Have about as many steps in each call of compiled code as take CHUNK_SECONDS, if the last took so long."""
+        """Set ``chunk`` so that one call of compiled code takes about CHUNK_SECONDS."""
         self.chunk = max(1, min(int(self.chunk * min(CHUNK_SECONDS / max(elapsed, 1e-9), 8.0)), 10**6))
 
     def look_ahead(self, time: float, counted: bool = False) -> None:
-        """Have the present inside the step that follows, which is not taken: it would lead beyond the run's end."""
+        """Set the current time inside the next step, but do not take that step: it leads beyond the end."""
         stepper: Any = self.stepper
         self.flow.forget_errors()
         status, y, cost = stepper.ahead(time)
@@ -275,7 +277,9 @@ class Integration:
         self.at, self._present = time, (time, y)
 
     def fail(self, inside_step: bool, stopped: bool = False) -> NoReturn:
-        """Go back to the last good state, and say what blew up, in the step going on or in the last one."""
+        """Go back to the last good state, and raise an error that says what blew up.
+
+        With ``inside_step``, the current step failed; otherwise the last completed step did."""
         stepper, safe = self.stepper, self.safe
         error, cause = failure(self, inside_step, stopped)
         self.record.steps -= stepper.steps_done - safe.step
@@ -285,14 +289,14 @@ class Integration:
         self.at = None
         raise error from cause
 
-    # --- what events ask for ---
+    # --- for events ---
 
     def sample_at(self, y: Floats, time: float) -> Sample:
-        """All that is watched, at y."""
+        """Return a sample at y."""
         return self.flow.sample(y, time, self.steps_done)
 
     def bodies_changed(self) -> None:
-        """An event acted: there is no going back behind it."""
+        """Record that an event changed the bodies; a failed run never goes back before this point."""
         self.at = self._present = None
         self.changes += 1
         self.keep()

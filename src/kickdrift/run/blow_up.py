@@ -1,13 +1,13 @@
-"""What a run says that blew up, or that its method stopped."""
+"""Error of a run that blew up, or whose method stopped."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Protocol
 
+from kickdrift.engines.session import RunFlow
 from kickdrift.errors import RunError
-from kickdrift.integrators.flow import Flow
 from kickdrift.integrators.method import Method
-from kickdrift.integrators.stepping import Stepper
+from kickdrift.integrators.stepper import Stepper
 from kickdrift.model.checks import unwarned
 from kickdrift.model.state import Floats
 
@@ -24,10 +24,10 @@ class Point(Protocol):
 
 
 class Failing(Protocol):
-    """What is known of an integration that failed; see `run.advance.Integration`."""
+    """Attributes of a failed integration; see `run.advance.Integration`."""
 
     method: Method
-    flow: Flow
+    flow: RunFlow
     stepper: Stepper | WatchedStepper
     dt: float | None
 
@@ -40,10 +40,11 @@ class Failing(Protocol):
 
 @unwarned
 def failure(run: Failing, inside_step: bool, stopped: bool) -> tuple[BaseException, BaseException | None]:
-    """The error to raise, and its cause: what blew up in the step going on (``inside_step``) or in the last one.
+    """Return the error to raise and its cause.
 
-    ``stopped`` says that the method itself cannot go on. The error's ``state`` is the last good one. What Ctrl-C or
-    `sys.exit` raised inside a Python function comes back as it is."""
+    With ``inside_step``, the current step failed; otherwise the last completed step did. ``stopped`` means that the
+    method itself cannot continue. The error's ``state`` is the last good state. An exception that Ctrl-C or `sys.exit`
+    raised inside a Python function is returned unchanged."""
     stepper, flow, safe = run.stepper, run.flow, run.safe
     step = stepper.steps_done + inside_step
     time = stepper.time + (0.0 if run.method.chooses_steps else (run.dt or 0.0) * inside_step)

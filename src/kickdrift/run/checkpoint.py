@@ -1,4 +1,4 @@
-"""All that the rest of a run depends on, by value, and a run that goes on from there."""
+"""Checkpoints: everything that the rest of a run depends on, and a restart from a checkpoint."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 
 def checkpoint_of(run: Integration) -> Memory:
-    """See ``Simulation.checkpoint``."""
+    """Return a checkpoint; see ``Simulation.checkpoint``."""
     return {
         "step": run.steps_done,
         "time": run.time,
@@ -25,7 +25,7 @@ def checkpoint_of(run: Integration) -> Memory:
 
 
 def restore(run: Integration, checkpoint: Memory) -> None:
-    """See ``Simulation.restore``."""
+    """Continue from a checkpoint; see ``Simulation.restore``."""
     try:
         _check(run, checkpoint)
         run.recall(checkpoint)
@@ -37,11 +37,11 @@ def restore(run: Integration, checkpoint: Memory) -> None:
 
 
 def _check(run: Integration, checkpoint: Memory) -> None:
-    """Refuse the checkpoint of another method, of other options or of other bodies."""
+    """Refuse a checkpoint whose method, options or bodies differ."""
     own = {"integrator": run.method.name, **run.options}
     for key, value in {"integrator": checkpoint["integrator"], **checkpoint["options"]}.items():
         if own.get(key) != (tuple(value) if isinstance(value, list) else value):
-            raise InputError(f"checkpoint: {key} is {value!r} there, and {own.get(key)!r} here")
+            raise InputError(f"checkpoint: {key} is {value!r} in the checkpoint and {own.get(key)!r} in this run")
     there, here = checkpoint["stepper"]["y"].shape, run.stepper.y.shape
     if there != here and not run.events:
-        raise InputError(f"checkpoint: holds {there[-1]} particles or unknowns, and the system {here[-1]}")
+        raise InputError(f"checkpoint: holds {there[-1]} particles or unknowns; the system has {here[-1]}")

@@ -1,4 +1,4 @@
-"""The user's own columns of a run: checked, and evaluated at each look."""
+"""Columns that the user defines: checks, and their values at each look."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ if TYPE_CHECKING:
 
 
 def checked_columns(given: Any, units: UnitSystem | None) -> dict[Column, str]:
-    """The columns that a run is to write, with the unit of each in words; a Problem has no ``units``."""
+    """Return the columns that a run writes, each with its unit as text; a Problem has no ``units``."""
     if isinstance(given, Column) or not isinstance(given, Iterable):
         raise InputError(f"run: columns must be a list of kd.Column, got {shown(given)}")
     found: dict[Column, str] = {}
     labels: dict[str, str] = {}
     for column in given:
         if not isinstance(column, Column):
-            raise InputError(f"run: columns must be a list of kd.Column, and holds {shown(column)}")
+            raise InputError(f"run: columns must be a list of kd.Column; it holds {shown(column)}")
         for label in {column.name, *parts(column.name, column.shape)}:
             if label in labels:
                 twice = "there are two of that name" if labels[label] == column.name else "another one has that name"
@@ -40,7 +40,7 @@ def checked_columns(given: Any, units: UnitSystem | None) -> dict[Column, str]:
 
 
 def check_columns_fit(columns: Iterable[Column], plan: Plan) -> None:
-    """Refuse more numbers than fit into memory, where the number of looks is known."""
+    """Refuse more numbers than fit into memory, if the number of looks is known."""
     numbers = sum(prod(column.shape) for column in columns)
     if plan.every and plan.end_time == np.inf:
         looks = (plan.end_step - plan.begin_step) / plan.every
@@ -55,9 +55,9 @@ class ColumnWatcher(Watcher):
 
     Parameters
     ----------
-    columns : with the unit of each in words
-    run : the Integration that is looked at
-    sim : what their functions are called with
+    columns : each column with its unit as text
+    run : the Integration to sample
+    sim : argument of the columns' functions
     """
 
     def __init__(self, columns: Mapping[Column, str], run: Integration, sim: Any) -> None:
@@ -66,15 +66,15 @@ class ColumnWatcher(Watcher):
 
     @property
     def described(self) -> dict[str, tuple[tuple[int, ...], str]]:
-        """Shape and unit of each, by name."""
+        """Shape and unit of each column, by name."""
         return {column.name: (column.shape, unit) for column, unit in self.columns.items()}
 
     def begin(self) -> None:
-        """Evaluate them for the first look, before a file is touched."""
+        """Evaluate the columns for the first look, before a file is touched."""
         self._first = self._values(InputError)
 
     def look(self) -> None:
-        """Keep their values at the present."""
+        """Store the columns' values at the current time."""
         values, self._first = self._first, None
         self._run.record.looks.note(self._values(RunError) if values is None else values)
 
@@ -84,7 +84,7 @@ class ColumnWatcher(Watcher):
 
 
 def _value(column: Column, sim: Any, where: str, kind: Callable[[str], Exception]) -> float | Floats:
-    """What a column's function returns, checked; an error of that kind names the column."""
+    """Return the checked value of a column's function; an error of type ``kind`` names the column."""
     begin = f"column {column.name!r}: {where}: "
     try:
         given = column.function(sim)
@@ -92,10 +92,10 @@ def _value(column: Column, sim: Any, where: str, kind: Callable[[str], Exception
         raise kind(" ".join(f"{begin}raised {type(error).__name__}: {error}".split())) from error
     try:
         found = np.asarray(given)
-    except Exception:  # rows of different lengths, or what refuses to be an array
+    except Exception:  # rows of different lengths, or an object that numpy cannot convert
         found = np.asarray(None)
     if found.dtype.kind not in "biuf":
-        raise kind(f"{begin}returned {shown(given)}, which is no number or array of numbers")
+        raise kind(f"{begin}returned {shown(given)}; expected a number or an array of numbers")
     if found.shape != column.shape:
-        raise kind(f"{begin}returned an array of shape {found.shape}; its shape was said to be {column.shape}")
+        raise kind(f"{begin}returned an array of shape {found.shape}; expected {column.shape}")
     return np.array(found, dtype=float) if column.shape else float(found)

@@ -1,4 +1,4 @@
-"""Bringing a system of particles to a temperature before what it conserves is measured."""
+"""Equilibration: bring a system of particles to a temperature before a run."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ Progress = Callable[[int, int], Any]
 
 
 class Heated(Protocol):
-    """What is known of a Simulation that is brought to a temperature."""
+    """Attributes of a Simulation that equilibration needs."""
 
     state: Any
     method: Method
@@ -56,8 +56,10 @@ def equilibrate(
     progress: Progress | None,
     with_verlet: Callable[[], Heated],
 ) -> None:
-    """See ``Simulation.equilibrate``; ``with_verlet`` makes the Simulation that takes the place of one whose velocities
-    cannot be rescaled."""
+    """Bring the system to a temperature; see ``Simulation.equilibrate``.
+
+    ``with_verlet`` makes a velocity Verlet Simulation, which replaces a Simulation whose method cannot rescale
+    velocities."""
     if not isinstance(sim.system, System):
         raise InputError("equilibrate: a Problem has no temperature")
     temperature = positive("equilibrate: temperature", temperature, "positive")
@@ -66,7 +68,7 @@ def equilibrate(
     if sim.system.degrees_of_freedom == 0:
         raise InputError("equilibrate: a system of one particle has no temperature")
     if sim.running:
-        raise InputError("equilibrate: the Simulation runs already")
+        raise InputError("equilibrate: the Simulation is already running")
     if not sim.method.rescalable:
         other = with_verlet()
         other.equilibrate(temperature, time, interval, progress)
@@ -93,7 +95,7 @@ def equilibrate(
 
 
 def _restart(sim: Heated) -> None:
-    """Call the present step 0."""
+    """Make the current state step 0."""
     now = sim.state
     sim.state = State(now.phase, now.masses, now.ids, now.box)
 

@@ -1,4 +1,4 @@
-"""Forces and accelerations of the particles at the present of a run."""
+"""Forces and accelerations of the particles at the current time of a run."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ if TYPE_CHECKING:
 
 
 def accelerations_at(run: Integration) -> Floats:
-    """(n, 3) accelerations of the particles at the present, in the system's units; a read-only copy."""
+    """(n, 3) accelerations of the particles now, in the system's units; a read-only copy."""
     return read_only(_accelerations(run, "accelerations").T.copy())
 
 
 def forces_at(run: Integration) -> Floats:
-    """(n, 3) forces on the particles at the present, in the system's energy unit per length; a read-only copy."""
+    """(n, 3) forces on the particles now, in the system's energy unit per length; a read-only copy."""
     flow: Any = run.flow
     return read_only((_accelerations(run, "forces") * flow.subject.coherent_masses).T.copy())
 
 
 def _accelerations(run: Integration, key: str) -> Any:
-    """(3, n)."""
+    """(3, n) accelerations now; ``key`` names the quantity in errors."""
     flow: Any = run.flow
     if not flow.of_particles:
-        raise InputError(f"{key}: a Problem has none")
+        raise InputError(f"{key}: a Problem has no {key}")
     found = flow.accelerations(run.y, run.time)
     if found is None:
         raise RunError(f"step {run.steps_done}: the forces at these positions are not finite")

@@ -1,4 +1,4 @@
-"""Looks at a run while it goes on: rows of its record, one by one or many in a row by compiled code."""
+"""Looks at a run in progress: rows of its record, taken one by one or in series by compiled code."""
 
 from __future__ import annotations
 
@@ -10,8 +10,10 @@ from numpy.typing import NDArray
 
 from kickdrift.errors import RunError
 from kickdrift.forces.kernel import OK
+from kickdrift.integrators.chosen_steps import ChosenSteps
 from kickdrift.integrators.stability_limit import WATCHED_POINTS
-from kickdrift.integrators.stepping import STOPPED, ChosenSteps, Regular
+from kickdrift.integrators.stepper import STOPPED
+from kickdrift.integrators.stepping import Regular
 from kickdrift.looks.columns import COLUMNS, TIME
 from kickdrift.looks.looking import Looking
 from kickdrift.looks.observers import NOTHING
@@ -19,19 +21,20 @@ from kickdrift.run.advance import Integration
 from kickdrift.run.plan import Plan
 from kickdrift.run.watch.stability import Stability
 
-MOST = 4096  # looks in a row, at most
+MOST = 4096  # looks in one series, at most
 
 
 class Sampler:
-    """Samples a run into its record, and keeps its last good state."""
+    """Samples a run into its record, and stores its last good state."""
 
     def __init__(self, run: Integration, stability: Stability) -> None:
         self._run, self._stability = run, stability
         self._compiled = False
 
     def look(self, again: bool = True) -> None:
-        """Sample the present; not ``again`` where the last look was at the present. A RunError where forces or energy
-        are no numbers."""
+        """Sample the current state; without ``again``, do nothing if the last look was here.
+
+        Raises RunError if forces or energy are not finite."""
         run = self._run
         record, flow, y, safe = run.record, run.flow, run.y, run.safe
         looks, step, time = record.looks, run.steps_done, run.time
@@ -53,11 +56,12 @@ class Sampler:
         if new:
             looks.keep(step, record.taken)
 
-    # --- many in a row ---
+    # --- in series ---
 
     def alone(self, plan: Plan, chunk: int) -> int:
-        """How many looks may follow each other where nobody but the record looks, in about ``chunk`` steps; 0 where
-        that does not pay, or cannot be."""
+        """Return how many looks, in about ``chunk`` steps, compiled code may take in series for the record alone.
+
+        The number is 0 if a series is impossible or does not pay."""
         run = self._run
         stepper: Any = run.stepper
         if run.at is not None or run.record.taken is not NOTHING or not getattr(stepper, "steady", False):
@@ -71,7 +75,7 @@ class Sampler:
         return 0 if run.time + plan.interval >= plan.end_time else MOST
 
     def _looking(self) -> Looking | None:
-        """What looks that compiled code takes between steps are taken with, where it can."""
+        """Return the Looking for looks that compiled code takes between steps; None if it cannot."""
         flow, stepper = self._run.flow, self._run.stepper
         if isinstance(stepper, Regular):
             return flow.looking(stepper.ends_fresh) if stepper.compiled_steps else None
@@ -80,7 +84,7 @@ class Sampler:
         return None
 
     def prepare(self, plan: Plan) -> None:
-        """Compile what a series of looks needs; the time does not count as the run's."""
+        """Compile the code for a series of looks; this time does not count as the run's."""
         if self._compiled:
             return
         began = perf_counter()
@@ -94,8 +98,8 @@ class Sampler:
         self._run.record.compile_seconds += perf_counter() - began
 
     def series(self, plan: Plan, count: int) -> None:
-        """Go on through ``count`` looks that nobody else takes part in, or with steps that differ in length through
-        about ``chunk`` steps."""
+        """Run through ``count`` looks for the record alone; with steps of varying length, through about ``chunk``
+        steps."""
         run, began = self._run, perf_counter()
         stepper = run.stepper
         before, counts = stepper.steps_done, stepper.counts
@@ -109,7 +113,7 @@ class Sampler:
         run.pace(perf_counter() - began)
 
     def _taken(self, plan: Plan, count: int) -> tuple[int, bool]:
-        """Steps and looks, until something goes wrong: a status, and whether a look found it."""
+        """Take steps and looks until one fails; return a status and whether a look failed."""
         run, looking = self._run, self._looking()
         stepper = run.stepper
         if isinstance(stepper, ChosenSteps):
@@ -122,7 +126,7 @@ class Sampler:
             self._seen(row, steps)
             return status, refused
         assert isinstance(stepper, Regular)
-        shown = (WATCHED_POINTS if self._stability.limited else 0) if looking else count  # one by one, at the end
+        shown = (WATCHED_POINTS if self._stability.limited else 0) if looking else count  # the last ones, one by one
         if looking and count > shown:
             status, refused = self._by_compiled_code(looking, stepper, count - shown, plan.every)
             if status != OK:
@@ -137,7 +141,7 @@ class Sampler:
         return status, refused
 
     def _seen(self, row: int, steps: NDArray[np.int64]) -> None:
-        """Count the rows that compiled code has filled, from that one on."""
+        """Count the rows that compiled code has filled, from ``row`` on."""
         if len(steps):
             looks, safe = self._run.record.looks, self._run.safe
             safe.step, safe.time = int(steps[-1]), float(looks.rows[row + len(steps) - 1, TIME])

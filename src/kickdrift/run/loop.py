@@ -1,4 +1,4 @@
-"""One run: steps and looks by a plan, with watchers that follow it; and runs that nobody looks at."""
+"""The loop of one run: steps and looks by a plan, with watchers; and runs without looks."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ def run_through(
     report: Callable[[], Report],
     progress: Progress | None,
 ) -> Report:
-    """Go on to the end of the plan, or until Ctrl-C, which becomes a KeyboardInterrupt once all is closed.
+    """Run to the end of the plan, or until Ctrl-C, which raises KeyboardInterrupt after all watchers are closed.
 
-    ``alone`` says that nobody but the record needs the looks while the run goes on, and ``report`` makes the report."""
+    ``alone`` says that only the record needs the looks during the run. ``report`` makes the report."""
     begun: list[Watcher] = []
     with run.busy() as interrupted:
         try:
@@ -98,8 +98,9 @@ def _go(
 def go_on(
     run: Integration, steps: int, every: int | None = None, visit: Callable[[Any], Any] | None = None, sim: Any = None
 ) -> None:
-    """Take ``steps`` steps without a look, or fewer where an event ends them. ``visit(sim)`` follows each ``every``
-    steps and the end; where it returns something true, the steps end there."""
+    """Take ``steps`` steps without a look, or fewer if an event ends the run.
+
+    ``visit(sim)`` is called after each ``every`` steps and at the end. If it returns a true value, the steps end."""
     if not (visit is None or callable(visit)):
         raise InputError(f"advance: visit must be a function, got {shown(visit)}")
     run.prepare()
@@ -119,8 +120,9 @@ def go_on(
 
 
 def go_to(run: Integration, step: int, time: float | None = None, end: float = np.inf) -> None:
-    """Run to a step without a look, on through events that end a run; an adaptive method to a ``time`` inside the step
-    that leads there. ``end`` is where the run was to end."""
+    """Run to a step without a look, also through events that end a run.
+
+    An adaptive method runs to a ``time`` inside its last step. ``end`` is the planned end of the run."""
     run.prepare()
     horizon, held = (np.inf if time is None else time), False
     with run.busy() as interrupted:
@@ -129,7 +131,7 @@ def go_to(run: Integration, step: int, time: float | None = None, end: float = n
                 run.events.stopped = ""
             held = run.advance(min(run.chunk, step - run.stepper.steps_done), horizon=horizon, end=end)
             if run.stepper.time - run.stepper.last_step > horizon + 1e-9 * abs(horizon):
-                raise InputError(f"step {step}: is not at time {horizon:g}, which lies at step {run.steps_done}")
+                raise InputError(f"step {step}: is not at time {horizon:g}; step {run.steps_done} reaches that time")
     if interrupted():
         raise KeyboardInterrupt
     if time is not None and (held or run.stepper.time > time):

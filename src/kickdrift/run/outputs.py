@@ -1,4 +1,4 @@
-"""The files that a Simulation writes: which it began, how often it looks for them, and a run's writer."""
+"""The files that a Simulation writes, with the cadence of each, and the writer of a run."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 
 class Own(NamedTuple):
-    """A file that a Simulation writes to, and the cadence of looks that it keeps."""
+    """A file that a Simulation writes, with its cadence of looks."""
 
     run_id: str
     every: int
@@ -34,7 +34,7 @@ class Own(NamedTuple):
 
     @classmethod
     def of(cls, run_id: str, every: int, plan: Plan | None) -> Own:
-        """Of a run that began the file by a plan."""
+        """Return the entry of a run that began the file by a plan."""
         return cls(run_id, every, plan.interval if plan and plan.exact and plan.interval else None)
 
 
@@ -44,34 +44,34 @@ class Outputs:
     Parameters
     ----------
     run : the Integration whose looks are written
-    checkpoint : gives all that the rest of the run depends on
+    checkpoint : returns a checkpoint of the run
 
     Attributes
     ----------
     default : str or None
-        The file that a run writes to where it names none: that of a run that was resumed.
+        The file for a run that names no output: the file of a resumed run.
     """
 
     def __init__(self, run: Integration, checkpoint: Callable[[], Memory]) -> None:
         self._run, self._checkpoint = run, checkpoint
-        self._files: dict[str, Own] = {}  # that this Simulation began, or goes on into
+        self._files: dict[str, Own] = {}  # that this Simulation began or continues
         self.default: str | None = None
 
     def chosen(self, output: str | None, overwrite: bool) -> str | None:
-        """The file to write to; an InputError where that is the default one and cannot be gone on into."""
+        """Return the file to write; an InputError if this is the default file and cannot be continued."""
         if output is not None or self.default is None:
             return output
         if overwrite or not os.path.exists(self.default):
-            why = "is what this run goes on into" if overwrite else "is gone, and this run goes on into it"
+            why = "this run continues this file" if overwrite else "this run continues this file, which is gone"
             raise InputError(f"{self.default}: {why}; give another output")
         return self.default
 
     def own(self, output: str | None) -> Own | None:
-        """What is known of that file or of the default one, where this Simulation began it."""
+        """Return the entry of that file or of the default file, if this Simulation began it."""
         return self._files.get(os.path.realpath(output or "")) or self._files.get(self.default or "")
 
     def continue_in(self, path: str, run_id: str, every: int, plan: Plan | None) -> None:
-        """Go on into a file that another Simulation of the same run began."""
+        """Continue a file that another Simulation of the same run began."""
         self.default = path
         self._files[path] = Own.of(run_id, every, plan)
 
@@ -84,13 +84,13 @@ class Outputs:
         columns: dict[str, Described],
         going_on: Callable[[], Any],
     ) -> File | None:
-        """What writes a run's looks, and the user's ``columns``, to a file; None where there is no output."""
+        """Return the watcher that writes looks and the user's ``columns`` to a file; None without output."""
         if output is None:
             if options is not None:
-                raise InputError("file: says how output is written, and there is none")
+                raise InputError("file: sets how output is written; give output as well")
             return None
         if not isinstance(self._run.system, System):
-            raise InputError("output: a run's file holds particles, and a Problem has none; use observe")
+            raise InputError("output: a run's file holds particles, so a Problem cannot write one; use observe")
         from kickdrift.trajectory.options import FileOptions
 
         if not isinstance(options, FileOptions | None):
@@ -130,7 +130,7 @@ class Outputs:
         }
         path = str(place(output))
         run.replaced = False  # a new file begins with a checkpoint
-        system: Any = run.events.first if run.events else run.system  # with the bodies that have left
+        system: Any = run.events.first if run.events else run.system  # including the bodies that have left
         writer = Writer(
             path, system, method=method, every=plan.every, overwrite=overwrite, options=options,
             checkpoint=self._checkpoint, plan=plan.numbers, columns=columns,
@@ -144,10 +144,10 @@ class File(Watcher):
 
     Parameters
     ----------
-    run : the Integration that is looked at
-    open : gives the Writer, once the run begins
-    columns : the user's columns that are written, by name
-    going_on : gives the events that have begun and not ended
+    run : the Integration to sample
+    open : opens the Writer when the run begins
+    columns : names of the user's columns to write
+    going_on : returns the events that have begun but not ended
     """
 
     def __init__(
@@ -165,7 +165,7 @@ class File(Watcher):
             self._writer.absorbed = run.events.absorbed
 
     def look(self) -> None:
-        """Write the present's frame and sample, with the events since the last look."""
+        """Write the current frame and sample, and the events since the last look."""
         run, writer = self._run, self._writer
         for event in run.record.events[self._told :]:
             writer.append_event(event)
@@ -179,15 +179,15 @@ class File(Watcher):
             run.replaced = False
 
     def pause(self) -> None:
-        """Bring to the disk what has waited for as long as it may."""
+        """Flush the file if the time between flushes has passed."""
         self._writer.flush_if_due()
 
     def close(self, report: Report | None) -> None:
-        """Close the file, with the report where there is one."""
+        """Close the file, with the report if there is one."""
         if report is None:
-            with suppress(RunError):  # what broke off the run is the error to tell
+            with suppress(RunError):  # the error that ended the run is raised instead
                 self._writer.close(whole=False)
             return
         with self._writer as writer:
             writer.report = report.as_json()
-            writer.report["events"] = self._going_on()  # the others stand in the file already
+            writer.report["events"] = self._going_on()  # the file already holds the others

@@ -1,4 +1,4 @@
-"""How far one call of ``Simulation.run`` goes, and where it stops to look."""
+"""Plan of one call of ``Simulation.run``: where the run ends, and when it looks."""
 
 from __future__ import annotations
 
@@ -19,19 +19,20 @@ from kickdrift.text import shown
 if TYPE_CHECKING:
     from kickdrift.integrators.method import Method
     from kickdrift.model.problem import Problem
-    from kickdrift.model.system import RunDefaults, System
+    from kickdrift.model.run_defaults import RunDefaults
+    from kickdrift.model.system import System
 
-# Looks at a run that does not say how often; ``looks_at`` says how many when. They depend on the run alone, so that the
-# same run is looked at alike on every machine.
+# Default numbers of looks; ``looks_at`` chooses among them. They depend on the run alone, so every machine takes the
+# same looks at the same run.
 SAMPLES = 1000
-GLIMPSES = 10  # where there is no energy to sample: for stiffness alone
+GLIMPSES = 10  # without an energy to sample: only the check for stiffness looks
 LEAST = 50  # the verdict on the drift needs 40
-EVALUATIONS = 100  # of the forces for each look: a look costs one to seven of them
-BODIES = 16_000  # that may be looked at whatever the run's length: that is a few milliseconds in all
+EVALUATIONS = 100  # force evaluations for each look; a look costs as much as one to seven
+BODIES = 16_000  # looks times bodies that a run of any length may take: a few milliseconds in all
 
 
 class Clock(Protocol):
-    """How far a run has come."""
+    """Step and time of a run."""
 
     @property
     def steps_done(self) -> int: ...
@@ -41,7 +42,7 @@ class Clock(Protocol):
 
 
 class Planned(Clock, Protocol):
-    """What is known of a run that is to be planned: a Simulation."""
+    """Attributes of a Simulation that a plan needs."""
 
     method: Method
     integrator: str
@@ -56,10 +57,10 @@ class Planned(Clock, Protocol):
 
 @dataclass(frozen=True)
 class Plan:
-    """Go on to step ``end_step`` or time ``end_time``, whichever comes first, and look every so many steps or so much
-    time.
+    """Plan to run to step ``end_step`` or time ``end_time``, whichever comes first.
 
-    Looks ``interval`` apart are at these very times where ``exact``, else at the first step point from there on.
+    The run looks after every ``every`` steps or every ``interval`` of time. With ``exact``, looks are at exactly these
+    times; otherwise each look is at the next step point.
     """
 
     begin_step: int
@@ -72,17 +73,17 @@ class Plan:
 
     @property
     def numbers(self) -> list[float]:
-        """The Plan as a run's file keeps it."""
+        """The Plan as numbers, as a run's file stores it."""
         return [float(value) for value in astuple(self)]
 
     @classmethod
     def of(cls, numbers: Sequence[float]) -> Plan:
-        """The Plan that has these ``numbers``."""
+        """Return the Plan with these ``numbers``."""
         begin_step, begin_time, end_step, end_time, every, interval, exact = numbers
         return cls(int(begin_step), begin_time, int(end_step), end_time, int(every), interval, bool(exact))
 
     def over(self, run: Clock) -> bool:
-        """Whether the run has come to its end."""
+        """Whether the run has reached its end."""
         return run.steps_done >= self.end_step or run.time >= self.end_time
 
     def next_stop(self, run: Clock) -> tuple[int, float]:
@@ -101,16 +102,16 @@ class Plan:
         return step, time
 
     def present(self, step_point: float, stop_time: float) -> float | None:
-        """The time to look at, where that lies before the step point reached; None for the step point itself."""
+        """Return the time of the look if it lies before ``step_point``, else None (the look is at the step point)."""
         present = self.horizon(stop_time)
         return present if step_point > present else None
 
     def horizon(self, stop_time: float) -> float:
-        """The present comes no further than that before the next look."""
+        """Return the latest time that the run may reach before its next look."""
         return stop_time if self.exact else self.end_time
 
     def progress(self, run: Clock) -> tuple[int, int]:
-        """Done, and of how much."""
+        """Return the amount done and the total."""
         if self.end_step < NEVER:
             return run.steps_done - self.begin_step, self.end_step - self.begin_step
         done = (run.time - self.begin_time) / (self.end_time - self.begin_time)
@@ -118,9 +119,10 @@ class Plan:
 
 
 def looks_at(steps: int, evaluations: int, bodies: int) -> int:
-    """How many looks a run of so many steps takes by default, with so many evaluations of the forces a step.
+    """Return the default number of looks of a run; ``evaluations`` counts the force evaluations of one step.
 
-    1000, but one for each 100 evaluations of the forces where these are fewer, and 16000 / bodies or 50 at least.
+    The number is 1000, or one for each 100 force evaluations if that is fewer. It is at least 16000 / bodies, and at
+    least 50.
     """
     return min(SAMPLES, max(LEAST, steps * max(evaluations, 1) // EVALUATIONS, BODIES // bodies))
 
@@ -134,11 +136,13 @@ def plan_of(
     known: int | None,
     seen: bool = True,
 ) -> Plan:
-    """What ``Simulation.run`` was asked for, checked; ``known`` is the cadence of the file that the run goes on into,
-    if any, and ``seen`` whether there is anything to look at."""
+    """Check the arguments of ``Simulation.run`` and return the Plan.
+
+    ``known`` is the cadence of the file that the run continues, if any. ``seen`` says whether there is anything to
+    sample."""
     begin = sim.steps_done, sim.time
     if interval is not None and not sim.method.chooses_steps:
-        raise InputError(f"run: interval is for methods that choose their steps; {sim.integrator} takes every")
+        raise InputError(f"run: interval is for methods that choose their steps; with {sim.integrator}, use every")
     if interval is not None and not (np.isfinite(number(interval)) and interval > 0):
         raise InputError(f"run: interval must be a positive time, got {shown(interval)}")
     if interval is not None and every is not None:
@@ -152,10 +156,12 @@ def plan_of(
         check_samples(count / cadence, "every")
         return Plan(*begin, begin[0] + count, every=every, interval=interval or 0.0, exact=True)
     if steps is not None or sim.running:
-        steps_to(sim, steps, until)  # which says why not
+        steps_to(sim, steps, until)  # raises the error
     end = number(until)
     if not (np.isfinite(end) and end >= sim.time):
-        raise InputError(f"run: time {shown(until)} is not a finite time from the present, {sim.time:.12g}, on")
+        raise InputError(
+            f"run: until must be a finite time not before the current time, {sim.time:.12g}, got {shown(until)}"
+        )
     if cadence and interval is None:
         return Plan(*begin, end_time=end, every=cadence)
     length = interval or (end - sim.time) / (SAMPLES if seen else GLIMPSES)
@@ -165,7 +171,7 @@ def plan_of(
 
 
 def check_run(run: RunDefaults) -> None:
-    """Refuse what ``[run]`` asks for where it is too long, or too many samples, before anything is run."""
+    """Refuse a ``[run]`` table that asks for too many steps or samples, before the run begins."""
     steps: float | None = run.steps
     method = INTEGRATORS.get(run.integrator or "")
     if run.time is not None and run.dt is not None and not (method and method.chooses_steps):
@@ -175,13 +181,14 @@ def check_run(run: RunDefaults) -> None:
 
 
 def length_of(sim: Planned, name: str, steps: int | None = None, time: float | None = None) -> dict[str, Any]:
-    """What ``Simulation.run`` is asked for: steps, or the time until; where neither is given, what the system, which
-    goes by that name, says itself."""
+    """Return the arguments ``steps`` or ``until`` of ``Simulation.run``.
+
+    Without ``steps`` and ``time``, the system's own ``[run]`` decides. Errors name the system by ``name``."""
     given = sim.system.run
     if steps is None and time is None:
         steps, time = given.steps, given.time
         if sim.method.chooses_steps and given.steps is not None and given.dt is not None:
-            steps, time = None, given.steps * given.dt  # the same length as the file's fixed steps have
+            steps, time = None, given.steps * given.dt  # as long as the fixed steps of the file
     if steps is None and time is None:
         raise InputError(f"{name}: [run] names neither steps nor time; give --steps or --time")
     if sim.method.chooses_steps and time is not None:
@@ -190,21 +197,21 @@ def length_of(sim: Planned, name: str, steps: int | None = None, time: float | N
 
 
 def steps_to(sim: Planned, steps: int | None, until: float | None) -> int:
-    """See ``Simulation.steps_to``."""
+    """Return the number of steps; see ``Simulation.steps_to``."""
     if sim.running:
-        raise InputError("run: the Simulation runs already")
+        raise InputError("run: the Simulation is already running")
     if (steps is None) == (until is None):
         raise InputError("run: give either steps or until")
     if until is None:
         return whole_number("steps", steps, 0)
     if not np.isfinite(number(until)):
-        raise InputError(f"run: the time to reach must be a finite number, got {shown(until)}")
+        raise InputError(f"run: until must be a finite time, got {shown(until)}")
     if sim.dt is None or sim.method.chooses_steps:
-        raise InputError(f"run: {sim.integrator} chooses its steps; how many it takes is known afterwards")
+        raise InputError(f"run: {sim.integrator} chooses its steps, so their number is not known before the run")
     exact = steps_in("run: time", until - sim.time, sim.dt)
     count = round(exact)
     if exact < -1e-6:
-        raise InputError(f"run: time {until:.12g} lies before the present, {sim.time:.12g}")
+        raise InputError(f"run: time {until:.12g} lies before the current time, {sim.time:.12g}")
     if abs(exact - count) > 1e-6:
         low = sim.time + int(np.floor(exact)) * sim.dt
         nearest = f"{low:.12g} and {low + sim.dt:.12g}"

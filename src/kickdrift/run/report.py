@@ -1,4 +1,4 @@
-"""What a run says of itself: how well it conserved what it should, and what it cost."""
+"""Report of a run: how well it conserved energy and momentum, and what it cost."""
 
 from __future__ import annotations
 
@@ -23,19 +23,20 @@ from kickdrift.statistics.drift import EnergyError, drift, energy_error, roundin
 
 @dataclass(frozen=True)
 class EnergyReport:
-    """How the total energy behaved; the definitions and their sources are in ``statistics.drift``.
+    """Errors and drift of the total energy; ``statistics.drift`` has definitions and sources.
 
     Attributes
     ----------
     initial, final : total energy, in the system's unit
-    rms_relative_error, max_relative_error : of E(t) - E(0), over the samples, divided by what ``relative_to`` names
-    relative_to : "initial energy" |E(0)|, or "kinetic energy" where |E(0)| is under a tenth of it, or "absolute"
-    drift_per_unit_time : slope of the relative error per unit of time, by regression that knows of autocorrelation
+    rms_relative_error, max_relative_error : root mean square and maximum of E(t) - E(0) over the samples, divided by
+        the scale that ``relative_to`` names
+    relative_to : "initial energy" |E(0)|, "kinetic energy" if |E(0)| is below a tenth of it, or "absolute"
+    drift_per_unit_time : slope of the relative error per unit of time, from a regression with autocorrelation
     drift_error : half-width of the slope's 95 % interval
-    verdict : "bounded", "secular drift", "random walk", "round-off" or "not resolvable"; "not conserved" where a force,
-        which is named, takes or gives energy
+    verdict : "bounded", "secular drift", "random walk", "round-off" or "not resolvable"; "not conserved", with
+        the force's name, if a force does work
 
-    Slope, interval and verdict take some milliseconds, and are worked out when one of them is first read.
+    Slope, interval and verdict take some milliseconds. They are computed when one of them is first read.
     """
 
     initial: float
@@ -49,13 +50,13 @@ class EnergyReport:
 
     @classmethod
     def later(cls, error: EnergyError, final: float, judged: Callable[[], tuple[float, float, str]]) -> EnergyReport:
-        """The report of an error whose slope, interval and verdict ``judged`` gives when they are asked for."""
+        """Return a report that calls ``judged`` for slope, interval and verdict when one of them is first read."""
         found = cls.__new__(cls)
         vars(found).update(asdict(error), final=final, _judged=judged)
         return found
 
     def __getattr__(self, name: str) -> Any:
-        """What is not there yet."""
+        """Compute slope, interval and verdict on first use."""
         judged = vars(self).get("_judged")
         if judged is None or name not in _JUDGED:
             raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
@@ -64,7 +65,7 @@ class EnergyReport:
         return vars(self)[name]
 
     def __getstate__(self) -> dict[str, Any]:
-        """All that another process is to know."""
+        """Return all values, for another process."""
         return asdict(self)
 
 
@@ -73,15 +74,17 @@ _JUDGED = ("drift_per_unit_time", "drift_error", "verdict")
 
 @dataclass(frozen=True)
 class Report:
-    """A run's summary; ``as_json()`` is what ``--json`` writes. What a Problem has not is None.
+    """A run's summary; ``--json`` writes ``as_json()``. Values that do not exist for a Problem are None.
 
-    ``momentum_error`` is the largest |P(t) - P(0)| over the samples divided by the sum of m |v| at the start, None in
-    an external field; ``angular_momentum_error`` likewise with m |x × v|, None in a periodic box, where it is not
-    conserved. ``temperature`` and ``pressure`` are means over the samples, in the system's units, None where they mean
-    nothing. ``options`` are those that were chosen beside dt and tolerances. ``ns_per_pair`` is the wall time per force
-    evaluation and pair within range. ``events`` are what `Simulation.events` has, and close approaches that have not
-    ended; ``energy_taken`` is what collisions and bodies that left took out, None where nothing did, and no part of the
-    energy's error; ``stopped`` the event that ended the run, "" where none did.
+    ``momentum_error`` is the largest |P(t) - P(0)| over the samples divided by the sum of m |v| at the start. It is
+    None in an external field. ``angular_momentum_error`` is the same with m |x × v|. It is None also in a periodic box,
+    which does not conserve angular momentum. ``temperature`` and ``pressure`` are means over the samples, in the
+    system's units; None where they are undefined. ``options`` holds the options except dt and tolerances.
+    ``ns_per_pair`` is the wall time per force evaluation and pair within range.
+
+    ``events`` holds `Simulation.events` and the close approaches that have not ended. ``energy_taken`` is the energy
+    that collisions and removed bodies took out, None without such events; the energy's error excludes it. ``stopped``
+    names the event that ended the run, "" if none did.
     """
 
     system: str
@@ -119,12 +122,12 @@ class Report:
     warnings: list[str]
 
     def as_json(self) -> dict[str, Any]:
-        """Plain numbers, texts and Nones; what is infinite or not a number is None."""
+        """Return the report as plain numbers, texts and Nones; infinities and nan become None."""
         return plain(asdict(self))
 
 
 class Reported(Protocol):
-    """What a report is made of: the parts of a run."""
+    """Attributes of a run that a report needs."""
 
     @property
     def record(self) -> Record: ...
@@ -170,11 +173,11 @@ class Reported(Protocol):
 
 @unwarned
 def report(sim: Reported) -> Report:
-    """The summary of the run so far of a Simulation, or of one system in a Batch."""
+    """Return the report of a Simulation, or of one system in a Batch, so far."""
     record, system = sim.record, sim.system
     series = record.series()
     of_particles = isinstance(system, System)
-    counted = sim.engine == NATIVE or sim.method.evaluations > 0  # else another program chose how many
+    counted = sim.engine == NATIVE or sim.method.evaluations > 0  # otherwise another program counted its evaluations
     work = record.force_evaluations * (series.pairs or 0.0)
     options = sim.options.extras(sim.method.tunable)
     rtol, atol = options.pop("rtol", None), options.pop("atol", None)
@@ -222,7 +225,7 @@ def report(sim: Reported) -> Report:
 def _energy(series: Series, even: bool, system: System | Problem) -> EnergyReport | None:
     total, kinetic = series.total, series.kinetic
     if np.isnan(total[0]):
-        return None  # a Problem that names no energy
+        return None  # a Problem without an energy function
     error = energy_error(total, 0.0 if np.isnan(kinetic) else kinetic)
     scale = {"initial energy": abs(error.initial), "kinetic energy": kinetic}.get(error.relative_to, 1.0)
     working = system.acting("works") if isinstance(system, System) else []
@@ -231,7 +234,7 @@ def _energy(series: Series, even: bool, system: System | Problem) -> EnergyRepor
     def judged() -> tuple[float, float, str]:
         chosen = even_stretch(series.steps) if even else slice(None)
         times, errors = series.times[chosen], (total[chosen] - error.initial) / scale
-        if not even and len(times) > 2:  # an adaptive run's samples stand at its step points, about evenly
+        if not even and len(times) > 2:  # an adaptive run samples at step points, only about evenly spaced
             grid = np.linspace(times[0], times[-1], len(times))
             times, errors = grid, np.interp(grid, times, errors)
         largest = max(abs(error.initial), 0.0 if np.isnan(kinetic) else kinetic)
@@ -242,7 +245,7 @@ def _energy(series: Series, even: bool, system: System | Problem) -> EnergyRepor
 
 
 def _largest_change(values: Floats | None, scale: float) -> float | None:
-    """The largest change of a vector (k, 3) since the first one, over the scale, where there is one."""
+    """Return the largest change of a vector (k, 3) since the first sample, over ``scale`` unless 0."""
     if values is None:
         return None
     largest = float(np.linalg.norm(values - values[0], axis=1).max())

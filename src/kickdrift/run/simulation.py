@@ -1,4 +1,4 @@
-"""A Simulation: how a System or a Problem is run."""
+"""Simulation: runs a System or a Problem."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from warnings import warn
 
 from kickdrift.engines import engine as engine_named
-from kickdrift.engines.session import Job
+from kickdrift.engines.job import Job
 from kickdrift.errors import InputError
 from kickdrift.forces.bound import check_threads
 from kickdrift.integrators import integrator as method_named
@@ -17,7 +17,7 @@ from kickdrift.looks.observers import Energies, Sample
 from kickdrift.looks.record import Record
 from kickdrift.model.capacity import PROCESS_BYTES, check_room
 from kickdrift.model.checks import path_text, whole_number
-from kickdrift.model.events import checked_events
+from kickdrift.model.event_checks import checked_crossings
 from kickdrift.model.memory import Memory
 from kickdrift.model.problem import Problem
 from kickdrift.model.state import Floats
@@ -51,23 +51,23 @@ class Simulation:
     Parameters
     ----------
     system : System or Problem
-    integrator : name, see ``kickdrift.integrators()``, or a value that ``kickdrift.integrator`` makes; default the
+    integrator : a name from ``kickdrift.integrators()``, or a value from ``kickdrift.integrator``; default the
         system file's, else "velocity-verlet" for particles and "dormand-prince45" for a Problem
     dt : step in the system's unit of time; default the system file's. For an adaptive method the first step, optional
-    threads : of the forces; the results do not depend on it, bit by bit
-    engine : the program that runs it, see ``kickdrift.engines()``: "native", or another that is installed
-    processes : of an engine that runs on several ("lammps")
+    threads : number of threads of the forces; the bits of the results do not depend on this number
+    engine : name of the program that takes the steps: "native", or an installed one of ``kickdrift.engines()``
+    processes : number of processes, for an engine that runs on several ("lammps")
     events : what to watch for (`CloseApproach`, `Collision`, `Escape`, `Crossing`); default the system file's
-    options : what the integrator takes, such as ``rtol=1e-10`` or ``corrector=17``; `kickdrift list integrators NAME`
-        explains them. Options given here come first, then those of an integrator's value, then the system file's.
-        Every integrator takes ``precision``, which is of pair forces: "double" (float64, default) or "mixed" (pairs in
-        float32, all else in float64). With "mixed", forces in a liquid are off by about 2e-7 of a typical one for each
-        sigma of the box's edge (or of the extent, in open space). Reported energies are float64's
+    options : options of the integrator, such as ``rtol=1e-10`` or ``corrector=17``; `kickdrift list integrators NAME`
+        explains them. Options given here override those of an integrator's value, which override the system file's.
+        Every integrator takes ``precision`` of the pair forces: "double" (float64, default) or "mixed" (pairs in
+        float32, everything else in float64). With "mixed", the error of forces in a liquid is about 2e-7 of a typical
+        force for each sigma of the box's edge (in open space, of the extent). Reported energies are in float64
 
     Raises
     ------
     InputError
-        Where an argument makes no sense, and where the engine cannot run that, or is not installed.
+        If an argument makes no sense, or the engine is not installed or cannot run the system.
     """
 
     def __init__(
@@ -93,7 +93,7 @@ class Simulation:
         self.options = settled(self.method, asked, system.run)
         self.dt = self.options.dt
         if self.dt is None and self.method.needs_dt:
-            raise InputError(f"dt is needed: system {system.name!r} names none in [run]")
+            raise InputError(f"dt is needed: system {system.name!r} has no dt in [run]")
         self.threads = check_threads(threads)
         self.processes = whole_number("processes", processes, 1)
         if self.processes > 1:
@@ -102,51 +102,53 @@ class Simulation:
             system = system if events is None else system.watched(events)
             watched: tuple[Event, ...] = system.events
         else:
-            watched = checked_events(system, events or ())
+            watched = checked_crossings(events or ())
         job = Job(system, self.method, self.integrator, self.options, self.threads, self.processes)  # type: ignore[arg-type]
         if self._engine.foreign or self.processes > 1:
             self._engine.check(job)
         self.integration = Integration(job, self._engine, watched)
-        self._stability = Stability(self.integration, self._engine.foreign)
+        self._stability = Stability(self.integration)
         self._sampler = Sampler(self.integration, self._stability)
         self._outputs = Outputs(self.integration, self.checkpoint)
-        self.plan: Plan | None = None  # what `run` goes on with where it is told nothing
+        self.plan: Plan | None = None  # the plan of `run` without arguments
         self.state = system.state
 
     # --- state ---
 
     @property
     def system(self) -> Any:
-        """The System or Problem that runs; bodies that an event took away are missing."""
+        """The System or Problem that runs, without bodies that an event removed."""
         return self.integration.system
 
     @property
     def engine(self) -> str:
-        """The name of the program that runs it."""
+        """The name of the program that takes the steps."""
         return self._engine.name
 
     @property
     def engine_version(self) -> str | None:
-        """Its version."""
+        """The version of the engine."""
         return self._engine.version
 
     @property
     def running(self) -> bool:
-        """Whether a run goes on; the state is read-only meanwhile."""
+        """Whether a run is in progress; the state is read-only then."""
         return self.integration.running
 
     @property
     def record(self) -> Record:
-        """The run's samples, and what it cost."""
+        """The run's samples and cost."""
         return self.integration.record
 
     @property
     def state(self) -> Any:
-        """The State (positions, velocities, time) or ProblemState (y, time); a copy. Setting it starts a new record of
-        what is conserved; a run in progress refuses that, and so does a state of other particles than the system's.
+        """The current State (positions, velocities, time) or ProblemState (y, time); a copy.
 
-        An adaptive run's own step point may lie before or past ``time``. The run goes on from that step point, whatever
-        was looked at."""
+        Assigning a state starts a new record of conserved quantities. An InputError if a run is in progress, or if the
+        state has other particles than the system.
+
+        The step point of an adaptive run may lie before or after ``time``. The run continues from that step point;
+        reading the state does not change the run."""
         return self.integration.state
 
     @state.setter
@@ -158,11 +160,11 @@ class Simulation:
 
     @property
     def method_state(self) -> Any:
-        """What the method moves where that is more than positions and velocities; an InputError where it is not.
+        """The state of a method that moves more than positions and velocities; an InputError for other methods.
 
-        Under leapfrog-exact that is a `Lattice` of whole numbers, a copy, which ``state`` shows rounded to floats.
-        Setting it takes a run up again to the last bit, and ``sim.method_state = sim.method_state.reversed()`` turns
-        the run around."""
+        For leapfrog-exact this is a `Lattice` of whole numbers, a copy; ``state`` shows these numbers rounded to
+        floats. Assigning a method state resumes a run to the last bit. The assignment
+        ``sim.method_state = sim.method_state.reversed()`` reverses the run."""
         return self.integration.stepper_with_state.method_state
 
     @method_state.setter
@@ -173,7 +175,7 @@ class Simulation:
 
     @property
     def lattice(self) -> Any:
-        """The old name of ``method_state``; goes after version 0.2."""
+        """Old name of ``method_state``, to be removed after version 0.2."""
         _warn_of_lattice()
         return self.method_state
 
@@ -183,33 +185,37 @@ class Simulation:
         self.method_state = value
 
     def checkpoint(self) -> Memory:
-        """All that the rest of the run depends on, by value: arrays, numbers, texts, None, and lists and dicts of these
-        by text. ``restore`` takes it, in another process too, and what follows then has the bits of this run.
+        """Return everything that the rest of the run depends on, by value.
 
-        That is: the method and its options; the stepper's own memory (see the integrators' pages), pair lists
-        included; the present, where it lies inside a step; what events are under way, and the bodies that are left;
-        and the record but for its samples. It may be taken at any look, and changes nothing."""
+        The checkpoint consists of arrays, numbers, texts, None, and lists and dicts (keyed by text) of these. After
+        ``restore``, also in another process, the run continues with the same bits.
+
+        The checkpoint holds the method and its options, and the stepper's own memory with the pair lists (see the
+        integrators' pages). It holds the current time if that lies inside a step, the events in progress and the
+        remaining bodies. It holds the record without its samples. Taking a checkpoint changes nothing, and is possible
+        at any look."""
         return checkpoint_of(self.integration)
 
     def restore(self, checkpoint: Memory) -> None:
-        """Go on where ``checkpoint`` was taken, of a Simulation of the same system, method, options and events; the
-        number of threads may be another. The record's samples are left out: what is looked at from here on follows.
+        """Continue from a ``checkpoint`` of a Simulation of the same system, method, options and events.
 
-        Raises InputError where method, options or bodies are others, where the checkpoint is damaged, and while a run
-        goes on."""
+        The number of threads may differ. The record then begins without samples.
+
+        Raises InputError if method, options or bodies differ, if the checkpoint is damaged, or if a run is in
+        progress."""
         if self.running:
-            raise InputError("restore: the Simulation runs")
+            raise InputError("restore: the Simulation is already running")
         restore(self.integration, checkpoint)
         self._stability.begin_anew(check_at=2 * self.record.steps)
 
     @property
     def time(self) -> float:
-        """In the system's unit."""
+        """The current time, in the system's unit."""
         return self.integration.time
 
     @property
     def steps_done(self) -> int:
-        """Steps since the start; where the present lies inside one, that one counts."""
+        """Number of steps since the start, including a step that the current time lies inside."""
         return self.integration.steps_done
 
     def energy(self) -> Energies:
@@ -225,26 +231,28 @@ class Simulation:
         return forces_at(self.integration)
 
     def sample(self) -> Sample:
-        """All that is watched, now."""
+        """Return a sample of the current state."""
         return self.integration.sample()
 
     @property
     def events(self) -> list[dict[str, Any]]:
-        """What was seen so far of the events watched for, in the order in which it came to be known: a copy. Of each
-        kind, time, step (in which it was), bodies, ids, distance, energy that it took out, and what was done."""
+        """Events found so far, in the order in which they were found; a copy.
+
+        Each entry has the kind, time, step that contains the event, bodies, ids, distance, energy taken out, and the
+        action."""
         return [dict(row) for row in self.record.events]
 
     @property
     def stopped(self) -> str:
-        """The event that ended the last run, in words; "" where none did."""
+        """Description of the event that ended the last run; "" if none did."""
         return self.integration.events.stopped if self.integration.events else ""
 
     def going_on(self) -> list[dict[str, Any]]:
-        """Close approaches that have not ended yet, as entries of ``events`` so far."""
+        """Return the close approaches that have not ended, as entries like those in ``events``."""
         return self.integration.events.going_on() if self.integration.events else []
 
     def report(self) -> Report:
-        """How well the run conserved energy and momentum so far, and what it cost."""
+        """Return the report so far: conservation of energy and momentum, and cost."""
         if not self.record.looks:
             self._sampler.look()
             self._stability.look()
@@ -266,22 +274,23 @@ class Simulation:
         columns: Iterable[Column] = (),
         progress: Callable[[int, int], Any] | None = None,
     ) -> Report:
-        """Take ``steps`` steps, or go on ``until`` a time: on the grid of whole steps, or any for an adaptive method.
+        """Take ``steps`` steps, or run ``until`` a time: a whole number of steps, or any time for an adaptive method.
 
-        Every ``every`` steps (counted from step 0), at the start and at the end the energies are sampled, a frame goes
-        to ``output`` (a new .h5md file, or one that this Simulation began) and ``observe(sim)`` is called. An adaptive
-        run may ask for that at every ``interval`` of time instead; the steps do not change by it. ``file`` says how the
-        output is written: how often it is flushed, its precision, compression, forces and images. The values of
-        ``columns`` are written beside the energies; ``record.samples`` has them too. A run that goes on into a file
-        gives the columns that the file was begun with.
+        The run looks at the start, after every ``every`` steps (counted from step 0) and at the end. Each look samples
+        the energies, writes a frame to ``output`` (a new .h5md file, or one that this Simulation began) and calls
+        ``observe(sim)``. An adaptive run may look at every ``interval`` of time instead, which does not change its
+        steps. ``file`` sets how the output is written: seconds between flushes, precision, compression, forces and
+        images. The values of ``columns`` go to the file beside the energies, and to ``record.samples``. A run that
+        continues a file takes the same columns as the file.
 
-        Without ``every`` the system file's counts, or that of the file that the run goes on into. Where nothing says
-        how often, there are about 1000 looks; in a run of fewer than 100,000 evaluations of the forces, one for each
-        100 of them, but at least 16000 / bodies or 50 (as far as there are steps). That depends on the run alone.
-        ``progress(done, of)`` is called now and then. Ctrl-C ends the run cleanly with a KeyboardInterrupt: what was
-        done stays done, and the file is whole.
+        ``every`` defaults to the system file's, or to that of the file that the run continues. Without any of these
+        there are about 1000 looks. A run of fewer than 100,000 force evaluations has one look for each 100 evaluations,
+        but at least 16000 / bodies and at least 50, as far as there are steps. The number depends on the run alone.
 
-        Returns the Report. Raises InputError for arguments that make no sense, and RunError where the run blows up; the
+        ``progress(done, of)`` is called now and then. Ctrl-C ends the run with a KeyboardInterrupt; the steps taken
+        remain, and the file is complete.
+
+        Returns the Report. Raises InputError for arguments that make no sense, and RunError if the run blows up; the
         state is then that of the last sample.
         """
         check_asked(observe, progress, overwrite)
@@ -316,21 +325,21 @@ class Simulation:
     def advance(self, steps: int, *, every: int | None = None, visit: Observer | None = None) -> None:
         """Take ``steps`` steps without a look: nothing is sampled, written or observed.
 
-        The bits are those of ``run``. ``visit(sim)`` is called after each ``every`` steps and at the end; where it
-        returns something true, the steps end there. The steps count in the report. A run that blows up goes back to
-        the last look, or to the last state that was set. An event that ends a run ends this too, and ``stopped`` names
-        it. Raises InputError for numbers that make no sense, and while a run goes on; RunError where the run blows
-        up."""
+        The bits equal those of ``run``. ``visit(sim)`` is called after each ``every`` steps and at the end; if it
+        returns a true value, the steps end. The steps count in the report. A run that blows up goes back to the last
+        look, or to the last assigned state. An event that ends a run also ends the steps here, and ``stopped`` names
+        this event. Raises InputError for numbers that make no sense or if a run is in progress, and RunError if the
+        run blows up."""
         steps, every = self.steps_to(steps), every if every is None else whole_number("every", every, 1)
         go_on(self.integration, steps, every, visit, self)
 
     @property
     def output(self) -> str | None:
-        """The file that ``run`` writes to unless told, of a run that was resumed."""
+        """Default output of ``run``: the file of a resumed run, else None."""
         return self._outputs.default
 
     def continue_in(self, path: str, run_id: str, every: int, plan: Plan | None) -> None:
-        """Go on into a file that another Simulation of the same run began, by its plan unless told otherwise."""
+        """Continue a file that another Simulation of the same run began; ``plan`` is the default of ``run``."""
         self.plan = plan
         self.integration.replaced = False
         self._outputs.continue_in(path, run_id, every, plan)
@@ -342,12 +351,12 @@ class Simulation:
         interval: int = 10,
         progress: Callable[[int, int], Any] | None = None,
     ) -> None:
-        """Bring the system to ``temperature`` in ``time``, and start counting steps, time and conservation anew.
+        """Bring the system to ``temperature`` in ``time``, then count steps, time and conservation from zero.
 
         Velocities are rescaled to the temperature every ``interval`` steps (Woodcock 1971,
-        doi:10.1016/0009-2614(71)80281-6). At the end they are rescaled once more, so that the total energy is the mean
-        over the second half, K(T) + <U>: the run that follows, at constant energy, then has the temperature as its mean
-        and not just as its start. An adaptive method leaves this to velocity Verlet with the system file's dt.
+        doi:10.1016/0009-2614(71)80281-6). A last rescaling sets the total energy to the mean over the second half,
+        K(T) + <U>. A following run at constant energy then has ``temperature`` as its mean, not only at its start. For
+        an adaptive method, velocity Verlet with the system file's dt does the equilibration.
         """
         more = {"engine": self.engine, "processes": self.processes}
         equilibrate(
@@ -356,10 +365,12 @@ class Simulation:
         )  # fmt: skip
 
     def steps_to(self, steps: int | None = None, until: float | None = None) -> int:
-        """How many steps ``run(steps)`` or ``run(until=…)`` would take now; an InputError where that makes no sense, or
-        where only the run can tell (an adaptive one until a time)."""
+        """Return the number of steps that ``run(steps)`` or ``run(until=…)`` would take now.
+
+        An InputError if the arguments make no sense, or if the number is unknown before the run (an adaptive method
+        with ``until``)."""
         return steps_to(self, steps, until)
 
 
 def _warn_of_lattice() -> None:
-    warn("Simulation.lattice is Simulation.method_state since 0.2", DeprecationWarning, stacklevel=3)
+    warn("Simulation.lattice is deprecated since 0.2; use Simulation.method_state", DeprecationWarning, stacklevel=3)

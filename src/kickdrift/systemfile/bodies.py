@@ -30,13 +30,13 @@ def on_orbits(table: ElementsTable, gravity: float | None, seed: int | None = No
     seed : replaces the table's
     """
     if gravity is None:
-        raise InputError("elements: these units have no G of their own; give G to [[force]] gravity")
+        raise InputError("elements: these units do not set G; give G in [[force]] gravity")
     counts = [1, *(body.count or 1 for body in table.elements)]
     check_room("elements: count", sum(counts))
     given = [table.central, *table.elements]
     masses = np.repeat([body.mass if body.GM is None else body.GM / gravity for body in given], counts).astype(float)
     if not masses[0] > 0:
-        raise InputError("central.mass: expected a positive mass: the others orbit it")
+        raise InputError("central.mass: expected a positive mass, since the other bodies orbit the central one")
     seed = table.seed if seed is None else seed
     rng = generator(seed or 0)
     pull = gravity * attracting_masses(masses, table.frame)

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from pydantic import BeforeValidator, Field
 
 from kickdrift.errors import InputError
-from kickdrift.model.events import CloseApproach, Collision, Crossing, Escape, Event, checked_events
+from kickdrift.model.event_checks import checked_events
+from kickdrift.model.events import CloseApproach, Collision, Crossing, Escape, Event
 from kickdrift.model.units import UnitSystem, quantity, shown, suggestion
 from kickdrift.systemfile.schema import checked
 from kickdrift.systemfile.schema_base import Edge, In, Table

@@ -34,14 +34,14 @@ def box_of(table: SystemTable, start: Structure) -> Box | None:
         for axis, (length, edge) in enumerate(zip(table.box.lengths or (), edges or (0.0,) * 3, strict=False)):
             if length < edge * (1 - 1e-9):
                 raise InputError(
-                    f"box.lengths[{axis}]: expected {edge:.9g} or more, which the particles fill, got {length:g}"
+                    f"box.lengths[{axis}]: expected at least {edge:.9g}, the extent of the particles, got {length:g}"
                 )
         return given
     periodic = start.periodic if table.box.periodic is None else table.box.periodic
     if periodic in (False, [False] * 3):
         return None
     if edges is None:
-        raise InputError("box.lengths: required key is missing: nothing else sets the edges of this periodic box")
+        raise InputError("box.lengths: required key is missing; nothing else sets the edges of this periodic box")
     return Box(edges, periodic=_along(table))
 
 
@@ -62,14 +62,14 @@ def on_lattice(particles: LatticeTable, table: SystemTable, box: Box | None, uni
     if isinstance(particles.species, dict):
         names = list(particles.species)
         if len(names) > 1 and particles.seed is None:
-            raise InputError("seed: required key is missing: a mixture is placed with a named seed, such as seed = 1")
+            raise InputError("seed: required key is missing; a mixture is placed with a seed, such as seed = 1")
         species = mixture(particles.species, count, particles.seed or 0)
     else:
         species = particles.species
     masses = _masses(particles.mass, species, count, units)
     if table.box.matrix is not None and box is not None:
         if particles.density is not None:
-            raise InputError("density: does not go with box.matrix: the lattice fills the box that it describes")
+            raise InputError("density: not allowed with box.matrix, since the lattice fills that box")
         room = float(np.prod(np.diag(box.matrix)[: table.dimensions]))
         positions, edges = fill(particles.lattice, count, count / room)
         return Structure((positions / [*edges, 1.0][:3]) @ box.matrix, masses, species, None, periodic=True)
@@ -80,8 +80,8 @@ def on_lattice(particles: LatticeTable, table: SystemTable, box: Box | None, uni
     elif lengths is not None and len(set(lengths[: table.dimensions])) == 1 and particles.lattice != "hexagonal":
         density = count / lengths[0] ** table.dimensions
     else:
-        equal = "two equal edges, which a square lattice" if plane else "three equal edges, which the lattice"
-        raise InputError(f"density: required key is missing (or box.lengths with {equal} fills)")
+        equal = "two equal edges for a square lattice" if plane else "three equal edges"
+        raise InputError(f"density: required key is missing (or box.lengths with {equal})")
     positions, edges = fill(particles.lattice, count, density)
     return Structure(positions, masses, species, edges, periodic=True)
 
@@ -90,13 +90,13 @@ def as_given(particles: PositionsTable, units: UnitSystem, gravity: float | None
     """Particles at positions that the file lists."""
     n = len(particles.positions)
     if isinstance(particles.species, dict) and len(particles.species) > 1:
-        raise InputError(f"species: expected one name or a list of {n}: fractions go with a lattice")
+        raise InputError(f"species: expected one name or a list of {n}; fractions need a lattice")
     species = list(particles.species) * n if isinstance(particles.species, dict) else particles.species
     if len(species) != n:
         raise InputError(f"species: expected one name or {n}, got {len(particles.species)}")
     if particles.GM is not None:
         if gravity is None or particles.mass is not None or particles.masses is not None:
-            raise InputError("GM: expected it alone, without mass or masses, in units that have a G")
+            raise InputError("GM: excludes mass and masses, and needs units that set G")
         masses = [gm / gravity for gm in particles.GM]
         if len(masses) != n:
             raise InputError(f"GM: expected {n}, one for each position, got {len(masses)}")
@@ -121,7 +121,7 @@ def _masses(mass: Any, species: Sequence[str], n: int, units: UnitSystem) -> Any
         raise InputError(f"species: expected {n} names, got {len(species)}")
     if mass is None:
         if not units.reduced:
-            raise InputError(f"mass: required key is missing: units {units.name!r} have no mass of their own")
+            raise InputError(f"mass: required key is missing; units {units.name!r} have no default mass")
         return 1.0
     if not isinstance(mass, dict):
         return mass

@@ -18,6 +18,7 @@ from kickdrift.errors import InputError
 from kickdrift.forces import FORCES
 from kickdrift.model.checks import no_overflow, path_text, whole_number
 from kickdrift.model.problem import Problem
+from kickdrift.model.run_defaults import Equilibration
 from kickdrift.model.starts.builders import (
     Structure,
     check_overlaps,
@@ -26,7 +27,7 @@ from kickdrift.model.starts.builders import (
 )
 from kickdrift.model.starts.coordinates import to_barycentric
 from kickdrift.model.state import Floats
-from kickdrift.model.system import Equilibration, System
+from kickdrift.model.system import System
 from kickdrift.model.units import UNIT_SYSTEMS, UnitSystem, shown, suggestion, unit_system
 from kickdrift.systemfile.bodies import cluster, on_orbits
 from kickdrift.systemfile.events import events_of
@@ -184,7 +185,7 @@ def _subject(data: dict[str, Any], path: Path, text: str, seed: int | None) -> S
 def _problem(data: dict[str, Any], path: Path, text: str, seed: int | None) -> Problem:
     for key in data:
         if key in SystemTable.model_fields and key not in OdeFileTable.model_fields:
-            raise InputError(f"{key}: does not go with ode; beside it stand {', '.join(_BESIDE_ODE)}")
+            raise InputError(f"{key}: not allowed in an ODE file; allowed beside ode: {', '.join(_BESIDE_ODE)}")
     table: OdeFileTable = checked(OdeFileTable, data, None)
     if seed is not None:
         raise InputError("seed: an ode draws no velocities; expected a system with velocities.temperature")
@@ -286,7 +287,7 @@ def _start(table: SystemTable, units: UnitSystem, folder: Path, gravity: float |
             return as_given(particles, units, gravity)
         if isinstance(particles, ElementsTable | PlummerTable):
             if table.velocities is not None:
-                raise InputError("elements and plummer give velocities themselves; expected no [velocities]")
+                raise InputError("elements and plummer already set velocities; expected no [velocities]")
             return (
                 on_orbits(particles, gravity, seed)
                 if isinstance(particles, ElementsTable)

@@ -127,7 +127,7 @@ class VelocitiesTable(Table):
     def _drawn_or_given(self) -> VelocitiesTable:
         self.one_of("temperature", "values")
         if (self.seed is None) != (self.temperature is None):
-            raise InputError("seed goes with temperature: velocities are drawn with a named seed, such as seed = 1")
+            raise InputError("seed and temperature need each other: velocities are drawn with a seed, such as seed = 1")
         return self
 
 
@@ -150,7 +150,7 @@ class BoxTable(Table):
             raise InputError("expected lengths or matrix, got both")
         if given and (self.periodic is False or self.periodic == [False] * 3):
             verb = "makes" if given == ["matrix"] else "make"
-            raise InputError(f"{given[0]} {verb} a box periodic, and periodic = false says that it is not")
+            raise InputError(f"{given[0]} {verb} a box periodic, but periodic = false")
         return self
 
 

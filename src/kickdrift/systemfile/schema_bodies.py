@@ -63,7 +63,7 @@ class BodyTable(CentralTable):
         if len(where) > 1:
             raise InputError(f"expected one of f, M, E, T, got {' and '.join(where)}")
         if self.count is None and self.spread:
-            raise InputError(f"{self.spread[0]} is a range, which goes with count: how many bodies are drawn from it")
+            raise InputError(f"{self.spread[0]} is a range, which needs count, the number of bodies to draw")
         return self
 
     @property
@@ -82,7 +82,7 @@ class ElementsTable(Table):
     def _seeded(self) -> ElementsTable:
         drawn = any(body.spread for body in self.elements)
         if drawn != (self.seed is not None):
-            what = "is missing: bodies are drawn with a named seed" if drawn else "goes with ranges, and there are none"
+            what = "is missing; bodies are drawn with a seed" if drawn else "needs ranges, but there are none"
             raise InputError(f"seed {what}, such as a = [2.1, 3.3] and seed = 1")
         return self
 

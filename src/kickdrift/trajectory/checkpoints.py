@@ -55,11 +55,11 @@ def decoded(data: bytes) -> Checkpoint:
     bytes."""
     end = 8 + int.from_bytes(data[:8], "little")
     if end > len(data):
-        raise ValueError(f"a text of {end - 8} bytes in {len(data)}")
+        raise ValueError(f"its text needs {end - 8} bytes, but only {len(data)} are stored")
     try:
         text = json.loads(data[8:end].decode())
         if not isinstance(text, dict) or too_deep(text):
-            raise ValueError("its text is no table of values")
+            raise ValueError("its text is not a table of values")
         return _take(text, memoryview(data)[end:])
     except (RecursionError, TypeError, OverflowError, MemoryError) as error:
         raise ValueError(str(error)) from None
@@ -73,7 +73,7 @@ def _put(value: Any, arrays: list[bytes]) -> Any:
         return {"array": [little.dtype.str, list(value.shape), start]}
     if isinstance(value, dict):
         if not all(isinstance(key, str) for key in value) or "array" in value:
-            raise TypeError(f"a checkpoint's keys are texts, and not 'array'; got {list(value)}")
+            raise TypeError(f"a checkpoint's keys must be texts other than 'array', got {list(value)}")
         return {key: _put(inner, arrays) for key, inner in value.items()}
     if isinstance(value, (list, tuple)):
         return [_put(inner, arrays) for inner in value]

@@ -21,8 +21,8 @@ def check_columns(run: Run, given: Mapping[str, Described]) -> None:
     names = ", ".join(there)
     if not given:
         raise InputError(
-            f"{run.path}: was begun with columns of the user's own ({names}), whose functions no file holds; give them "
-            f"again, kd.resume(file).run(columns=[…]), or another output"
+            f"{run.path}: was begun with columns of the user ({names}), whose functions a file cannot hold; give these "
+            f"columns again, kd.resume(file).run(columns=[…]), or give another output"
         )
     if not there:
         raise InputError(f"{run.path}: was begun without columns, got {', '.join(given)}; give another output")

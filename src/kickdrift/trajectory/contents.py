@@ -133,7 +133,7 @@ class Contents:
         properties = dataset.id.get_create_plist()
         filters = {properties.get_filter(k)[0] for k in range(properties.get_nfilters())}
         if unknown := filters - _FILTERS:
-            raise self.damaged(f"{dataset.name} goes through a filter that is not known ({min(unknown)})")
+            raise self.damaged(f"{dataset.name} uses an unknown filter ({min(unknown)})")
         return self.bytes * (_DEFLATED if h5py.h5z.FILTER_DEFLATE in filters else 1)
 
     def series(self, name: str, kinds: str, rows: int, shape: Shape = ()) -> h5py.Dataset:

@@ -64,7 +64,7 @@ class Checks:
         n = len(header.ids)
         self.block = contents.attribute(CHECKSUMS, "particles", int)
         if not 1 <= self.block <= n:
-            raise contents.damaged(f"{CHECKSUMS}: {self.block} particles to a checksum of {n}")
+            raise contents.damaged(f"{CHECKSUMS}: {self.block} particles to a checksum, but the file has {n}")
         self._blocks = -(-n // self.block)
         columns = FIRST_VECTOR + self._blocks * len(header.vectors)
         self._sums = {
@@ -84,7 +84,7 @@ class Checks:
         last = self._contents.read(sampled(self._contents, "step", samples), slice(samples - 1, samples))
         step = self._contents.read(series[0], slice(frames, frames + 1))
         if step <= last and not self._wrong_columns("frame", series, row, CLOCK).any():
-            raise self._contents.damaged(f"kickdrift/committed: counts {frames} frames where there are more")
+            raise self._contents.damaged(f"kickdrift/committed: counts {frames} frames, but there are more")
 
     def vectors(self, name: str, frames: range, values: NDArray, first: int) -> Mask:
         """(frames,) which of these stored vectors of blocks of particles, from the ``first`` block on, differ from what

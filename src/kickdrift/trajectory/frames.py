@@ -16,7 +16,7 @@ from kickdrift.model.state import Floats, State
 
 if TYPE_CHECKING:
     from kickdrift.model.system import System
-    from kickdrift.trajectory.reader import Run
+    from kickdrift.trajectory.run_parts import RunHeader, RunNumbers
 
 _ENERGIES = ("kinetic_energy", "potential_energy", "total_energy")
 
@@ -34,7 +34,7 @@ class EnergySeries(NamedTuple):
 class Frame:
     """One frame of a Run, read when asked; in the system's units."""
 
-    _run: Run
+    _run: RunNumbers
     index: int
 
     def __repr__(self) -> str:
@@ -108,11 +108,11 @@ class Frames(Sequence[Frame]):
     Nothing is read before it is asked for: ``run[::100].positions`` reads every hundredth frame, at once.
     """
 
-    def __init__(self, of: Run | None, rows: range) -> None:
+    def __init__(self, of: RunNumbers | None, rows: range) -> None:
         self._of, self._rows = of, rows
 
     @property
-    def _run(self) -> Run:
+    def _run(self) -> RunNumbers:
         """A Run is its own: it keeps no reference to itself, so that its file closes when nobody has it any more."""
         return self if self._of is None else self._of  # type: ignore[return-value]
 
@@ -134,7 +134,7 @@ class Frames(Sequence[Frame]):
         return Frame(self._run, self._rows[index])
 
     @property
-    def run(self) -> Run:
+    def run(self) -> RunNumbers:
         """The Run that they are of."""
         return self._run
 
@@ -225,7 +225,7 @@ class Frames(Sequence[Frame]):
         return values[::-1] if self._rows.step < 0 else values
 
 
-def energies_of(run: Run, times: Floats, observables: dict[str, Floats]) -> EnergySeries:
+def energies_of(run: RunHeader, times: Floats, observables: dict[str, Floats]) -> EnergySeries:
     """The energies among observables; an InputError if they are not there."""
     if missing := [name for name in _ENERGIES if name not in observables]:
         raise InputError(f"{run.path}: holds no {missing[0]}")

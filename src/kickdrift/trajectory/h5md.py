@@ -130,7 +130,7 @@ class Writer:
             refuse_second(path)
         with reader.open(path) as run:
             if run.run_id != run_id:
-                raise InputError(f"{path}: is the file of another run; give another name, or overwrite it")
+                raise InputError(f"{path}: belongs to another run; give another name, or overwrite it")
             run.check_growing()
             if columns is not None:
                 check_columns(run, columns)
@@ -138,10 +138,10 @@ class Writer:
             if at and last and behind(at, last):
                 raise InputError(f"{path}: ends at step {last[0]}; step {at[0]} cannot follow it")
             if cut and last and not (at and same(last, *at)):
-                raise InputError(f"{path}: damaged after step {last[0]}; resume the run, which goes on from there")
+                raise InputError(f"{path}: damaged after step {last[0]}; resume the run from that step")
             for key in ("store", "compress", "write"):
                 if options and getattr(options, key) != getattr(run.options, key):
-                    raise InputError(f"{path}: was begun with {key}={getattr(run.options, key)!r}, and that stays")
+                    raise InputError(f"{path}: was begun with {key}={getattr(run.options, key)!r}, which cannot change")
         writer = cls.__new__(cls)
         keep = run.kept._replace(events=min(events, run.committed.events)) if cut else None
         writer._open(path, flush_bytes, (options or FileOptions()).flush, checkpoint, run_id, keep)
@@ -252,7 +252,7 @@ class Writer:
             vectors = [state.positions, state.velocities]
             if "forces" in self.writes:
                 if forces is None:
-                    raise InputError(f"{self.path}: its frames hold forces, and none are given")
+                    raise InputError(f"{self.path}: its frames hold forces, so each frame must have forces")
                 vectors.append(forces)
             x, v, *f = self._in_order(state, vectors)
             self._rows.check_box(state.box)

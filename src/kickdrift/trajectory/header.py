@@ -176,7 +176,7 @@ def units_of(contents: Contents) -> UnitSystem:
         if there or key in _TEXTS or key == "boltzmann":
             values[key] = contents.attribute(name, key, str if key in _TEXTS else float)
             if key in _TEXTS and _COSTLY.search(values[key]):
-                raise contents.damaged(f"{name}: {key}: {shown(values[key])} is no unit")
+                raise contents.damaged(f"{name}: {key}: {shown(values[key])} is not a unit")
     return UnitSystem(**values)
 
 
@@ -191,7 +191,7 @@ def _species(contents: Contents) -> tuple[tuple[str, ...], NDArray[np.int32]]:
     if not len(index):
         raise contents.damaged(f"{name} holds no particle")
     if sorted(named.values()) != list(range(len(named))) or not 0 <= index.min() <= index.max() < len(named):
-        raise contents.damaged(f"{name}: its numbers are not those of {len(named)} names")
+        raise contents.damaged(f"{name}: its numbers do not match its {len(named)} names")
     return species, index
 
 
@@ -202,13 +202,13 @@ def _check_particles(
     n = len(index)
     for key, found in (("names", record.get("names") or ids), ("radii", record.get("radii") or ids)):
         if len(found) != n:
-            raise contents.damaged(f"kickdrift/system/record: {key}: {len(found)} of them for {n} particles")
+            raise contents.damaged(f"kickdrift/system/record: {len(found)} {key} for {n} particles")
     if record["particles"] != n:
-        raise contents.damaged(f"kickdrift/system/record: {record['particles']} particles, and {n} have a species")
+        raise contents.damaged(f"kickdrift/system/record: {record['particles']} particles, but {n} have a species")
     if sorted(record["species"]) != sorted(species):
-        raise contents.damaged(f"kickdrift/system/record: its species are not those of {TRAJECTORY}/species")
+        raise contents.damaged(f"kickdrift/system/record: its species differ from {TRAJECTORY}/species")
     if len(np.unique(ids)) != n:
-        raise contents.damaged(f"{TRAJECTORY}/id: two particles have one id")
+        raise contents.damaged(f"{TRAJECTORY}/id: two particles have the same id")
 
 
 def _vectors(contents: Contents, name: str, frames: int, n: int) -> h5py.Dataset:
@@ -280,7 +280,7 @@ def named(contents: Contents) -> tuple[str, ...]:
         names = group.attrs["observables"]
         found = tuple(each.decode() if isinstance(each, bytes) else str(each) for each in np.ravel(names))
     if any(not name or "/" in name or name in dict(CLOCK) for name in found) or len(set(found)) < len(found):
-        raise contents.damaged(f"{CHECKSUMS}: its observables have no good names")
+        raise contents.damaged(f"{CHECKSUMS}: its observables have invalid names")
     return found
 
 
@@ -307,5 +307,5 @@ def plan_numbers(contents: Contents) -> list[float]:
     ends = [abs(time) for time in (begin_time, end_time) if np.isfinite(time)]
     even = interval == 0.0 or (np.isfinite(interval) and interval > 1e-15 * max(ends))
     if not (whole and timely and even and exact in (0.0, 1.0)):
-        raise contents.damaged(f"{name}: {numbers} is no plan of a run")
+        raise contents.damaged(f"{name}: {numbers} is not the plan of a run")
     return numbers

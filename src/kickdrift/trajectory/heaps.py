@@ -87,14 +87,14 @@ class Heaps:
             self._walk_all()
             return
         if len(raw) < count * REFERENCE:
-            raise ValueError(f"claims {count} values where {len(raw)} bytes are")
+            raise ValueError(f"claims {count} values, but has {len(raw)} bytes")
         size, total = 1 if inner is None else inner.get_size(), 0
         for length, heap, index in iter_unpack("<IQI", raw[: count * REFERENCE]):
             total += length * size if heap else 0
             if total > self.bytes:
                 raise ValueError(f"claims {total:,} bytes of text, more than the file's {self.bytes:,} bytes hold")
             if heap and (index == 0 or self._walk(heap).get(index) != length * size):
-                raise ValueError(f"its text of {length * size:,} bytes is not where it should be")
+                raise ValueError(f"its text of {length * size:,} bytes is missing from its place")
 
     def _walk(self, address: int) -> dict[int, int]:
         """Sizes of the objects in a heap, by their index, read as HDF5 does."""
@@ -103,7 +103,7 @@ class Heaps:
         head = self._read(address, REFERENCE)
         whole = _number(head[8:])
         if not head.startswith(HEAP) or whole < REFERENCE:
-            raise ValueError(f"no heap of texts is at {address}")
+            raise ValueError(f"there is no heap of texts at {address}")
         data, at, found = self._read(address, whole), REFERENCE, {}
         while at + 16 <= whole:
             index, size = unpack_from("<H6xQ", data, at)

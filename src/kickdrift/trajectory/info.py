@@ -9,7 +9,7 @@ import numpy as np
 
 from kickdrift.forces import force_class
 from kickdrift.model.box import Box
-from kickdrift.model.events import event_lines
+from kickdrift.model.event_log import event_lines
 from kickdrift.model.limits import NEVER
 from kickdrift.model.units import shown
 from kickdrift.text import clean, counted

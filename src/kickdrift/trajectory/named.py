@@ -23,7 +23,7 @@ from kickdrift.integrators import integrator as method_named
 from kickdrift.integrators.asked import known_options
 from kickdrift.model.events import Between, CloseApproach, Collision, Crossing, Escape, Event
 from kickdrift.model.limits import NEVER
-from kickdrift.model.system import Equilibration, RunDefaults
+from kickdrift.model.run_defaults import Equilibration, RunDefaults
 from kickdrift.model.units import UNIT_SYSTEMS, shown
 from kickdrift.systemfile.schema import checked, force_parameters
 from kickdrift.systemfile.schema_base import Table
@@ -59,6 +59,7 @@ class Record(Known):
     invariants: dict[str, Any]
     seed: int | None
     radii: list[FiniteFloat] | None = None
+    dimensions: int = 3
     time: FiniteFloat
     steps_done: int = Field(ge=0, lt=NEVER)
 
@@ -97,8 +98,8 @@ def force_of(given: Named) -> Any:
     cls, name = force_class(given.module, given.type), plain(given.type.rpartition(".")[2])
     if cls is None:
         raise InputError(
-            f"force {name} is of module {plain(given.module)}, which is not loaded or registers no such force; load it "
-            "first (on the command line by --load FILE.py), or give the system"
+            f"force {name} belongs to module {plain(given.module)}, which is not loaded or does not register this "
+            "force; load the module first (on the command line with --load FILE.py), or give the system"
         )
     parameters = {key: value for key, value in given.parameters.items() if value is not None or key not in _left(cls)}
     if isinstance(pairs := parameters.get("pairs"), list) and all(_is_item(each) for each in pairs):
@@ -109,7 +110,7 @@ def force_of(given: Named) -> Any:
         raise
     except (ArithmeticError, LookupError, NameError, PydanticUserError, TypeError, ValueError) as error:
         why = " ".join(str(error).split())
-        raise InputError(f"force {name}: cannot be made of the file's parameters: {why[:200]}") from None
+        raise InputError(f"force {name}: cannot be made from the file's parameters: {why[:200]}") from None
 
 
 def _left(cls: type) -> list[str]:
@@ -136,7 +137,7 @@ def event_of(given: Named) -> Event:
     function = parameters.pop("function", None)
     if cls is Crossing:
         if not isinstance(function, Mapping):
-            raise InputError(f"event {name!r} has a function of the user's own; give the events again")
+            raise InputError(f"event {name!r} has a function of the user; give the events again")
         function = Between(**_checked(Between, dict(function), f"event {name}.function"))
     found = _checked(cls, parameters, f"event {name}")
     return cls(**found) if cls is not Crossing else cls(function=function, **found)
@@ -161,7 +162,7 @@ def options_of(given: Mapping[str, Any]) -> dict[str, Any]:
     types = {"dt": float} | _option_types()
     for key, value in given.items():
         if key not in types and value not in (None, False):
-            raise InputError(f"method: option {plain(key)} is not known to this version of kickdrift")
+            raise InputError(f"method: option {plain(key)} is unknown to this version of kickdrift")
     known = {key: value for key, value in given.items() if key in types}
     return _filled(_optional("Options", types), known, "method")
 

@@ -96,7 +96,7 @@ class _Walk:
             raise InputError(f"{self.path}: damaged: {_shown(name)}: {_one_line(error)}") from None
 
     def refuse(self, name: str, what: str) -> None:
-        raise InputError(f"{self.path}: {_shown(name)} {what}; such a file is not opened")
+        raise InputError(f"{self.path}: {_shown(name)} {what}; kickdrift does not open such a file")
 
     def look(self, item: Any, name: str, above: tuple[int, ...]) -> None:
         """One object, and what is in it."""

@@ -50,7 +50,7 @@ class FileOptions:
         precision: str | None = None,  # the name that ``store`` had in 0.1; it goes in 0.3
     ) -> None:
         if precision is not None:
-            warn("FileOptions(precision=…) is store=… since 0.2", DeprecationWarning, stacklevel=2)
+            warn("FileOptions(precision=…) is deprecated since 0.2; use store=…", DeprecationWarning, stacklevel=2)
             store = precision
         for key, value in (("flush", flush), ("store", store), ("compress", compress), ("write", write)):
             object.__setattr__(self, key, value)
@@ -59,7 +59,7 @@ class FileOptions:
     @property
     def precision(self) -> str:
         """The name that ``store`` had in 0.1; it goes in 0.3."""
-        warn("FileOptions.precision is store since 0.2", DeprecationWarning, stacklevel=2)
+        warn("FileOptions.precision is deprecated since 0.2; use store", DeprecationWarning, stacklevel=2)
         return self.store
 
     def _check(self) -> None:
@@ -71,7 +71,7 @@ class FileOptions:
         if not isinstance(self.compress, bool):
             raise InputError(f"compress: must be True or False, got {self.compress!r}")
         if isinstance(self.write, str) or any(each not in EXTRAS for each in self.write):
-            raise InputError(f"write: must be some of {', '.join(EXTRAS)}, got {self.write!r}")
+            raise InputError(f"write: must be among {', '.join(EXTRAS)}, got {self.write!r}")
         object.__setattr__(self, "write", tuple(each for each in EXTRAS if each in self.write))
 
     @property

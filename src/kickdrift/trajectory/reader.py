@@ -133,7 +133,7 @@ class Run(Frames):
             "forces": ("force", self._factors.force),
         }[what]
         if name not in self._written:
-            raise InputError(f"{self.path}: holds no {what}; a run writes them where it is asked to")
+            raise InputError(f"{self.path}: holds no {what}; a run writes these only on request")
         self.refuse_changed()
         rows = range(*frames.indices(len(self)))
         values: Floats = self._checked(name, rows, particles).astype(np.float64, copy=False)
@@ -323,12 +323,12 @@ class Run(Frames):
         with self._contents.guarded("its beginning"):
             layout = self._file.id.get_create_plist()
             if layout.get_version()[0] or layout.get_sizes() != (8, 8) or layout.get_userblock():
-                raise InputError(f"{self.path}: has been written anew by another program; the run cannot go on in it")
+                raise InputError(f"{self.path}: was rewritten by another program, so the run cannot continue it")
         for name in (*(name for names in self._growing.values() for name in names), "kickdrift/report", *checkpoints):
             with self._contents.guarded(name):
                 data = self._file[name]
                 if data.chunks is None or data.maxshape[0] is not None:
-                    raise InputError(f"{self.path}: {name} is of fixed size; the run cannot go on in this file")
+                    raise InputError(f"{self.path}: {name} has a fixed size, so the run cannot continue this file")
 
     @cached_property
     def kept(self) -> Committed:

@@ -14,13 +14,14 @@ import numpy as np
 from kickdrift.errors import InputError
 from kickdrift.integrators.option import OPTIONS
 from kickdrift.model.events import Event
-from kickdrift.model.system import RunDefaults, System
+from kickdrift.model.run_defaults import RunDefaults
+from kickdrift.model.system import System
 from kickdrift.systemfile.schema import checked
 from kickdrift.trajectory.edges import recorded
 from kickdrift.trajectory.named import Record, about, equilibration_of, event_of, force_of, run_of
 
 if TYPE_CHECKING:
-    from kickdrift.trajectory.reader import Run
+    from kickdrift.trajectory.run_parts import RunRecord
 
 
 def to_json(value: Any) -> str:
@@ -53,13 +54,12 @@ def _plain(value: Any) -> Any:
 
 def record_of(system: System) -> dict[str, Any]:
     """All of a System but its state, masses, ids and species, which the file has as arrays."""
-    if system.dimensions == 2:
-        raise InputError("a run's file: takes no two-dimensional system yet")
     return {
         "name": system.name,
         "units": system.units.name,
         "particles": len(system),
         "box": recorded(system.box),
+        **({"dimensions": system.dimensions} if system.dimensions != 3 else {}),  # a key that older files have not
         "species": system.species,
         "names": system.names,
         "radii": system.radii,
@@ -99,14 +99,14 @@ def _source_hash(thing: Any) -> str:
     return hashlib.sha256("".join(sources).encode()).hexdigest() if sources else ""
 
 
-def changed_sources(system: System, run: Run) -> list[str]:
+def changed_sources(system: System, run: RunRecord) -> list[str]:
     """The forces of the user's own whose source is not what it was when the run began."""
     then = [force.source for force in checked_record(run).forces]
     pairs = zip(system.forces, then, strict=True)
     return [type(force).__name__ for force, source in pairs if source != _source_hash(force)]
 
 
-def checked_record(run: Run) -> Record:
+def checked_record(run: RunRecord) -> Record:
     """What the file says of its system; an InputError where that is not what kickdrift writes."""
     with about(run.path, "damaged: kickdrift/system/record"):
         record: Record = checked(Record, run.system_record, None)
@@ -114,7 +114,11 @@ def checked_record(run: Run) -> Record:
 
 
 def system_of(
-    run: Run, frame: int | None = None, *, forces: Iterable[Any] | None = None, events: Iterable[Event] | None = None
+    run: RunRecord,
+    frame: int | None = None,
+    *,
+    forces: Iterable[Any] | None = None,
+    events: Iterable[Event] | None = None,
 ) -> System:
     """The System that a run was given, or the same at one of the run's frames, at that frame's time.
 
@@ -142,6 +146,7 @@ def system_of(
             run.names,
             record.radii,
             [event_of(given) for given in record.events] if events is None else events,
+            record.dimensions,
         )
     if frame is None:
         return system.at(start, record.time, record.steps_done, run.ids)
@@ -164,7 +169,7 @@ def _compared(force: Mapping[str, Any]) -> dict[str, Any]:
     return {"type": force["type"].rpartition(".")[2], **{key: force.get(key) for key in ("module", "parameters")}}
 
 
-def differences(system: System, run: Run) -> list[str]:
+def differences(system: System, run: RunRecord) -> list[str]:
     """What differs between a System and the one that a run was given; empty where the run is this System's."""
     checked_record(run)
     here, there = json.loads(to_json(record_of(system))), dict(run.system_record)

@@ -70,6 +70,7 @@ class RecordText(Stored):
     units: str
     particles: Whole
     box: Annotated[list[Positive], Field(min_length=3, max_length=3)] | BoxText | None
+    dimensions: Literal[2, 3] = 3
     species: list[str]
     names: list[str] = []
     radii: list[float] | None = None

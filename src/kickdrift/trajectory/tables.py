@@ -14,13 +14,12 @@ from kickdrift.looks.columns import parts
 from kickdrift.model.state import Floats
 
 if TYPE_CHECKING:
-    from kickdrift.trajectory.frames import Frames
-    from kickdrift.trajectory.reader import Run
+    from kickdrift.trajectory.run_parts import RunHeader, Series
 
 AXES = ("x", "y", "z")
 
 
-def data_frame(run: Run, steps: NDArray[np.int64], times: Floats, observables: Mapping[str, Floats]) -> Any:
+def data_frame(run: RunHeader, steps: NDArray[np.int64], times: Floats, observables: Mapping[str, Floats]) -> Any:
     """A pandas DataFrame with a row for each time; an observable of several numbers takes a column for each."""
     pandas = _library("pandas", "to_pandas()")
     columns: dict[str, NDArray] = {"step": steps, "time": times}
@@ -35,8 +34,8 @@ def data_frame(run: Run, steps: NDArray[np.int64], times: Floats, observables: M
 
 
 def dataset(
-    run: Run,
-    frames: Frames,
+    run: RunHeader,
+    frames: Series,
     observables: Mapping[str, tuple[str, Floats]],
     samples: Mapping[str, NDArray] | None = None,
 ) -> Any:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from kickdrift.errors import InputError
-from kickdrift.trajectory.export import Chosen, Placed
+from kickdrift.trajectory.chosen import Chosen, Placed
 from kickdrift.trajectory.formats import REMOVED_LEFT_OUT, Format
 from kickdrift.trajectory.universe import species
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from kickdrift.errors import InputError, RunError
 from kickdrift.model.file_units import FileUnits
-from kickdrift.trajectory.export import Chosen, Placed
+from kickdrift.trajectory.chosen import Chosen, Placed
 from kickdrift.trajectory.formats import REMOVED_NAN, Format
 from kickdrift.trajectory.universe import dimensions, label, mdanalysis, spacing
 
@@ -38,7 +38,7 @@ def write(chosen: Chosen, path: Path, format: Format, progress: Callable[[int, i
             writer.write(universe.atoms)
             progress(done, len(chosen))
     if not target.whole(path):
-        raise RunError("the export did not come out whole; is the disk full, or the size of files limited?")
+        raise RunError("the export is incomplete; is the disk full, or the size of files limited?")
     return target.notes
 
 
@@ -82,8 +82,8 @@ class Target:
             return
         if not self.format.removed:
             raise InputError(
-                f"{self.chosen.who(frame, int(gone.argmax()))} was removed, and {self.format.suffix} must have a place "
-                f"for it; --stop {frame.number} ends before, and .extxyz leaves it out"
+                f"{self.chosen.who(frame, int(gone.argmax()))} was removed, but {self.format.suffix} needs its "
+                f"position; --stop {frame.number} ends before the removal, and .extxyz leaves the body out"
             )
         note = f"bodies that were removed are kept {REMOVED_NAN}"
         if note not in self.notes:
@@ -140,13 +140,13 @@ class Pdb(Target):
         self.options = {"multiframe": True, "bonds": None}
         path, n = self.run.path, len(self.run.ids)
         if n > self.ATOMS:
-            raise InputError(f"{path}: has {n:,} particles, and .pdb has columns for {self.ATOMS:,}; .dcd has no limit")
+            raise InputError(f"{path}: has {n:,} particles; .pdb holds at most {self.ATOMS:,}, .dcd any number")
         if len(chosen) > self.MODELS:
             every = -(-len(chosen) // self.MODELS) * chosen.every
-            raise InputError(f"{path}: {len(chosen):,} frames, and .pdb numbers {self.MODELS:,}; try --step {every}")
+            raise InputError(f"{path}: {len(chosen):,} frames; .pdb holds at most {self.MODELS:,}; try --step {every}")
         edge = max((dimensions(self.run.box, self.units.length) or [0.0])[:3])
         if edge >= self.EDGE:
-            raise InputError(f"{path}: the box has an edge of {edge:g}; .pdb has columns up to 99999.999")
+            raise InputError(f"{path}: the box has an edge of {edge:g}; .pdb holds at most 99999.999")
 
     def check(self, frame: Placed) -> None:
         super().check(frame)

@@ -19,7 +19,7 @@ from kickdrift.trajectory.layout import TRAJECTORY
 from kickdrift.trajectory.opening import open_to_read
 
 if TYPE_CHECKING:
-    from kickdrift.trajectory.reader import Run
+    from kickdrift.trajectory.run_parts import RunClock, RunHeader
 
 EVEN = 1e-6  # of the time between frames; what rounding does to their times is far below
 _ATOMIC = {"u": 1.0, "kg": 1 / constants.ATOMIC_MASS}
@@ -34,7 +34,7 @@ def mdanalysis(what: str) -> Any:
     return MDAnalysis
 
 
-def universe(run: Run) -> Any:
+def universe(run: RunClock) -> Any:
     """The MDAnalysis Universe of a run's file, which it reads by itself: float32, unwrapped, in angstrom and ps.
 
     Nominal units stay nominal: a sigma is an angstrom there, and a tau a ps. Atoms have the bodies' names (else their
@@ -44,11 +44,11 @@ def universe(run: Run) -> Any:
     """
     MDAnalysis = mdanalysis("universe()")
     if not len(run):
-        raise InputError(f"{run.path}: holds no frame")
+        raise InputError(f"{run.path}: holds no frames")
     dt, even = spacing(run, run.times)
     if not even:
         warnings.warn(
-            f"{run.path}: frames are not evenly spaced; dt is {dt:g} ps, and each has its own time", stacklevel=3
+            f"{run.path}: frames are not evenly spaced; dt is {dt:g} ps, but each frame has its own time", stacklevel=3
         )
     found = MDAnalysis.Universe(str(run.path), to_guess=(), n_atoms=len(run.ids), dt=dt)
     label(found, run)
@@ -81,7 +81,7 @@ def dimensions(box: Box, factor: float) -> list[float] | None:
     return [*edges, 90.0, 90.0, 90.0] if edges.ndim == 1 else list(triclinic_box(*edges))
 
 
-def label(universe: Any, run: Run) -> None:
+def label(universe: Any, run: RunHeader) -> None:
     """Give a Universe's atoms what the file knows of its particles."""
     from MDAnalysis.guesser.tables import SYMB2Z
 
@@ -93,22 +93,22 @@ def label(universe: Any, run: Run) -> None:
         universe.add_TopologyAttr(attribute, values)
 
 
-def species(run: Run) -> list[str]:
+def species(run: RunHeader) -> list[str]:
     """The species of every particle."""
     return [run.species[index] for index in run.species_index]
 
 
-def chemical_symbols(run: Run, known: Container[str]) -> list[str]:
+def chemical_symbols(run: RunHeader, known: Container[str]) -> list[str]:
     """The species where each is a chemical element and units are real ones, else nothing."""
     return species(run) if not run.nominal_units and all(each in known for each in run.species) else []
 
 
-def atomic_masses(run: Run) -> Floats:
+def atomic_masses(run: RunHeader) -> Floats:
     """(n,) masses in u; as they are where the file's unit of mass is none that u can be said in."""
     return run.masses * _ATOMIC.get(run.units.mass, 1.0)
 
 
-def spacing(run: Run, times: Floats) -> tuple[float, bool]:
+def spacing(run: RunHeader, times: Floats) -> tuple[float, bool]:
     """Time between frames at those times, in the file's ps, and whether it is the same between all of them.
 
     Where it is not: that between all but the last, where a run's end put this nearer; else the mean. Of a single frame,

@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 
 import kickdrift as kd
 from kickdrift.analysis import chaos
-from kickdrift.analysis.chaos import ChaosReport, mean_megno, megno, verdict
+from kickdrift.analysis.chaos import megno
+from kickdrift.analysis.chaos_report import ChaosReport, mean_megno, verdict
 from kickdrift.cli import main as cli
 from kickdrift.errors import InputError, RunError
 from kickdrift.forces.bound import BoundForces

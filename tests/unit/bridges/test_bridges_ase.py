@@ -285,10 +285,10 @@ def strike(atoms):
 @pytest.mark.parametrize(
     ("atoms", "message"),
     [
-        (changed(lambda atoms: atoms.set_cell([20, 20, 0])), "box: its edge vectors are singular"),
+        (changed(lambda atoms: atoms.set_cell([20, 20, 0])), "box: the edge vectors are singular"),
         (
             changed(lambda atoms: atoms.set_cell([[9, 0, 0], [0, 9, 0], [9, 9, 0]])),
-            "box: its edge vectors are singular",
+            "box: the edge vectors are singular",
         ),
         (changed(lambda atoms: atoms.set_cell([np.inf, 9, 9])), "atoms: cell: expected finite numbers, got "),
         (changed(spoil), "positions: particle 7 has nan in z; expected finite numbers"),

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 import kickdrift as kd
 from kickdrift.bridges.rebound import ALL_ACTIVE, SABA
 from kickdrift.model.bridging import bridge
-from kickdrift.model.system import RunDefaults
+from kickdrift.model.run_defaults import RunDefaults
 
 FIELDS = ("m", "x", "y", "z", "vx", "vy", "vz", "r")
 UNITS = [None, ("AU", "yr", "Msun"), ("m", "s", "kg"), ("AU", "yr2pi", "Msun"), ("km", "day", "MEarth")]

@@ -228,7 +228,7 @@ def test_mixed_precision_agrees_with_double():
 
 
 def test_leapfrog_exact_refuses_a_leaning_box():
-    with pytest.raises(kd.InputError, match=r"leapfrog-exact: takes no box that leans, .*\[5, 10, 0\]"):
+    with pytest.raises(kd.InputError, match=r"leapfrog-exact: cannot use a leaning box, .*\[5, 10, 0\]"):
         kd.Simulation(loads(LIQUID), "leapfrog-exact", 0.004)
 
 

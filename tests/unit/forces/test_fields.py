@@ -475,7 +475,7 @@ DRIVEN = 'type = "driven-field"\namplitude = [1, 0, 0]\n'
         (SPRINGS + "stiffness = 1\nlength = -1\npairs = [[0, 1]]", "springs: length must be zero or more, got -1"),
         (
             SPRINGS + "stiffness = 1\npairs = [[0, 1]]\nlength = 4.5\n[box]\nlengths = [10, 10, 9]",
-            "springs: length 4.5 is not under half the shortest box edge, 4.5",
+            "springs: length 4.5 must be under half the shortest box edge, 4.5",
         ),
         ('type = "spring"', "force[0].type: expected one of"),
     ],

@@ -13,7 +13,7 @@ from kickdrift.cli.main import app
 from kickdrift.errors import InputError
 from kickdrift.forces.bound import BoundForces
 from kickdrift.integrators import INTEGRATORS
-from kickdrift.model.system import RunDefaults
+from kickdrift.model.run_defaults import RunDefaults
 from tests.systems import fluid, make_system
 
 SIZES = (9, 33, 500)

@@ -7,7 +7,7 @@ import platform
 import numpy as np
 import pytest
 
-from kickdrift.forces import pair_kernel, row_lanes
+from kickdrift.forces import pair_binding, row_lanes
 from kickdrift.forces.bound import BoundForces
 from kickdrift.forces.clusters import N_CLUSTERS, SHIFTS, STRIDE
 from kickdrift.forces.pair_rows import in_float64
@@ -32,7 +32,7 @@ def is_single(lanes):
 
 def bound_with(monkeypatch, system, lanes):
     with monkeypatch.context() as patched:
-        patched.setattr(pair_kernel, "row_lanes", lambda mixed: lanes)
+        patched.setattr(pair_binding, "row_lanes", lambda mixed: lanes)
         return BoundForces(system, mixed=is_single(lanes))
 
 

@@ -14,7 +14,7 @@ import kickdrift as kd
 from kickdrift.errors import InputError, RunError
 from kickdrift.forces.pair_law import pair_law
 from kickdrift.integrators import exact_stepper, loops
-from kickdrift.integrators.exact import Lattice
+from kickdrift.integrators.lattice import Lattice
 from kickdrift.jit.compile import jit
 from kickdrift.model.starts.builders import lattice, maxwell_boltzmann
 from kickdrift_validation.problems import kepler

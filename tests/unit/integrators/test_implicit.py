@@ -10,10 +10,11 @@ import pytest
 import kickdrift as kd
 from kickdrift.errors import InputError, RunError
 from kickdrift.integrators import implicit, integrator, rosenbrock
-from kickdrift.integrators.flow import difference_jacobian, flow_of
+from kickdrift.integrators.flow import flow_of
 from kickdrift.integrators.implicit import ImplicitTableau
 from kickdrift.integrators.implicit_stepper import ImplicitStepper
-from kickdrift.integrators.rosenbrock import lower
+from kickdrift.integrators.jacobian import difference_jacobian
+from kickdrift.integrators.tableaus import lower
 
 GAUSS = ("implicit-midpoint", "gauss-legendre4")
 IMPLICIT = ("backward-euler", *GAUSS)

@@ -193,7 +193,7 @@ def test_options_of_a_users_own_are_in_files_lists_and_texts(system, damped, tmp
     resumed.run(2)
     assert resumed.state.phase.tobytes() == sim.state.phase.tobytes()
     other = kd.Simulation(system, damped, 0.1, friction=0.5)
-    with pytest.raises(InputError, match=r"checkpoint: friction is 0\.25 there, and 0\.5 here"):
+    with pytest.raises(InputError, match=r"checkpoint: friction is 0\.25 in the checkpoint and 0\.5 in this run"):
         other.restore(sim.checkpoint())
     file = tmp_path / "x.toml"
     text = system.source.replace("[run]", '[run]\nintegrator = "damped"\nfriction = 0.75')
@@ -290,14 +290,14 @@ def test_the_files_numbers_are_stored_under_one_name(monkeypatch, capsys, tmp_pa
         assert found.options.store == "float32"
     status, _, err = kickdrift(monkeypatch, capsys, *run, "--precision", "float32")
     assert status == 0
-    assert "warning: --precision is --store since 0.2" in err
+    assert "warning: --precision is deprecated since 0.2 and goes in 0.3; use --store" in err
     with kd.open(path) as found:
         assert found.options.store == "float32"
     assert kickdrift(monkeypatch, capsys, *run, "--precision", "float32", "--store", "float32")[0] == 2
-    with pytest.warns(DeprecationWarning, match="store=… since 0.2"):
+    with pytest.warns(DeprecationWarning, match="deprecated since 0.2; use store=…"):
         old = kd.FileOptions(precision="float32")
     assert old == kd.FileOptions(store="float32")
-    with pytest.warns(DeprecationWarning, match="store since 0.2"):
+    with pytest.warns(DeprecationWarning, match="deprecated since 0.2; use store"):
         assert old.precision == "float32"
 
 

@@ -12,7 +12,9 @@ import pytest
 import kickdrift as kd
 from kickdrift.errors import InputError, RunError
 from kickdrift.integrators import integrator
-from kickdrift.integrators.wisdom_holman import CORRECTORS, HELIOCENTRIC, JACOBI, LEAPFROG, SABA, corrector, undone
+from kickdrift.integrators.option import HELIOCENTRIC, JACOBI
+from kickdrift.integrators.wisdom_holman import CORRECTORS, LEAPFROG, SABA
+from kickdrift.integrators.wisdom_holman_corrector import corrector, undone
 from tests.folders import DATA
 from tests.oracle.kepler import L, moved
 

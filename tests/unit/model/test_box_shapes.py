@@ -132,9 +132,9 @@ def test_vectors_that_stand_right_are_not_turned():
         ),
         ({"matrix": [[10, 0, 0], [4, 10, 0], [2, 17, 8]]}, "cy = 17 leans too far"),
         ({"matrix": [[10, 0, 0], [4, 10, 0], [2, 17, 8]]}, "has the matrix [[10, 0, 0], [4, 10, 0], [4, -3, 8]]"),
-        ({"matrix": [[10, 0, 0], [4, 10, 0], [2, 1, 0]]}, "box: its edge vectors are singular"),
-        ({"matrix": [[10, 0, 0], [4, 10, 0], [2, 1, -8]]}, "box: its edge vectors are left-handed"),
-        ({"matrix": [[0, 10, 0], [10, 0, 0], [0, 0, 8]]}, "box: its edge vectors are left-handed"),
+        ({"matrix": [[10, 0, 0], [4, 10, 0], [2, 1, 0]]}, "box: the edge vectors are singular"),
+        ({"matrix": [[10, 0, 0], [4, 10, 0], [2, 1, -8]]}, "box: the edge vectors are left-handed"),
+        ({"matrix": [[0, 10, 0], [10, 0, 0], [0, 0, 8]]}, "box: the edge vectors are left-handed"),
         ({"matrix": [[0, 9, 0], [0, 0, 9], [8, 0, 0]]}, "from_vectors turns it to [[9, 0, 0], [0, 9, 0], [0, 0, 8]]"),
         ({"matrix": [[-9, 0, 0], [1, -9, 0], [0, 0, 8]]}, "lower triangular matrix with a positive diagonal"),
         ({"matrix": [[1, 0], [0, 1, 0], [0, 0]]}, "box: expected a matrix of three rows of three numbers"),
@@ -144,8 +144,8 @@ def test_vectors_that_stand_right_are_not_turned():
         ({"lengths": (1, 2, 3, 4)}, "box: expected three edge lengths or None, got 4"),
         ({"lengths": (1, 0, 3)}, "box: edge y must be a positive finite length, got 0"),
         ({"lengths": (1, 2, 3), "periodic": (True, False)}, "box: periodic: expected true or false, or three of them"),
-        ({"lengths": (1, 2, 3), "periodic": False}, "periodic says that it is not along any axis"),
-        ({"matrix": LEANING, "periodic": (True, True, False)}, "not periodic along z, so that edge c must lie along z"),
+        ({"lengths": (1, 2, 3), "periodic": False}, "periodic is False along each axis"),
+        ({"matrix": LEANING, "periodic": (True, True, False)}, "not periodic along z, so edge c must lie along z"),
     ],
 )  # fmt: skip
 def test_what_is_no_box_is_refused(given, message):
@@ -174,9 +174,9 @@ def test_a_cutoff_beyond_half_the_least_height_is_refused_with_the_numbers():
 def test_a_leaning_box_has_no_three_lengths():
     with pytest.raises(InputError, match="three lengths"):
         _ = Box(LEANING).lengths
-    with pytest.raises(InputError, match=r"engine x: takes no box that leans, .*\[4, 9, 0\]"):
+    with pytest.raises(InputError, match=r"engine x: cannot use a leaning box, .*\[4, 9, 0\]"):
         Box(LEANING).cuboid("engine x")
-    with pytest.raises(InputError, match=r"engine x: takes boxes periodic along x, y and z, and .* x and z alone"):
+    with pytest.raises(InputError, match=r"engine x: needs a box periodic along x, y and z; .* only along x and z"):
         Box((1.0, 2.0, 3.0), periodic=(True, False, True)).cuboid("engine x")
     assert Box((1.0, 2.0, 3.0)).cuboid("engine x") == (1.0, 2.0, 3.0)
 
@@ -240,7 +240,7 @@ def test_a_system_file_gives_a_matrix():
     [
         ("", "matrix = [[8, 0, 0], [5, 8, 0], [0, 0, 8]]", "box: bx = 5 leans too far"),
         ("", "matrix = [[8, 0, 0], [4, 8], [0, 0, 8]]", "box: expected a matrix of three rows of three numbers"),
-        ("density = 0.8", "matrix = [[8, 0, 0], [4, 8, 0], [0, 0, 8]]", "density: does not go with box.matrix"),
+        ("density = 0.8", "matrix = [[8, 0, 0], [4, 8, 0], [0, 0, 8]]", "density: not allowed with box.matrix"),
         ("", "matrix = [[8, 0, 0], [4, 8, 0], [0, 0, 8]]\nlengths = [8, 8, 8]", "expected lengths or matrix, got both"),
         ("", "matrix = [[8, 0, 0], [4, 8, 0], [0, 0, 8]]\nperiodic = false", "box: matrix makes a box periodic"),
         ("density = 0.8", "periodic = [true, 1, true]", "box.periodic[1]: expected true or false, got 1"),
@@ -257,7 +257,7 @@ def test_what_takes_no_leaning_box_says_so():
     text = FILE.format(density="", box="matrix = [[8.0, 0, 0], [4.0, 8.5, 0], [-2.0, 3.0, 9.0]]")
     system = loads(text)
     x = system.state.positions
-    with pytest.raises(InputError, match="radial_distribution: takes no box that leans"):
+    with pytest.raises(InputError, match="radial_distribution: cannot use a leaning box"):
         radial_distribution(x, system.box)
-    with pytest.raises(InputError, match="structure_factor: takes no box that leans"):
+    with pytest.raises(InputError, match="structure_factor: cannot use a leaning box"):
         structure_factor(x, system.box)

@@ -217,7 +217,7 @@ def test_a_problem_that_makes_no_sense(arguments, message):
         ("rk4", {"rtol": 1e-6, "dt": 0.1}, "rtol: rk4 does not take it; it takes dt, compensated"),
         ("rk4", {"atol": 1e-6, "dt": 0.1}, "atol: rk4 does not take it"),
         ("rk4", {"controller": "pi", "dt": 0.1}, "controller: rk4 does not take it"),
-        ("rk4", {}, "dt is needed: system 'problem' names none in [run]"),
+        ("rk4", {}, "dt is needed: system 'problem' has no dt in [run]"),
         ("velocity-verlet", {"dt": 0.1}, "the problem is not declared separable=True"),
     ],
     ids=range(14),
@@ -233,21 +233,21 @@ def test_runs_that_make_no_sense():
     sim = kd.Simulation(kd.Problem(outside, [1.0], compiled=False), "dormand-prince45")
     sim.run(until=1.0)
     for arguments, message in [
-        ({"until": 0.5}, "time 0.5 is not a finite time from the present, 1, on"),
-        ({"until": math.nan}, "time nan is not a finite time"),
+        ({"until": 0.5}, "until must be a finite time not before the current time, 1, got 0.5"),
+        ({"until": math.nan}, "until must be a finite time not before the current time, 1, got nan"),
         ({"until": 2.0, "steps": 3}, "give either steps or until"),
         ({}, "give either steps or until"),
         ({"steps": 2.5}, "steps must be a whole number, zero or more, got 2.5"),
         ({"until": 2.0, "interval": 0.0}, "interval must be a positive time, got 0.0"),
         ({"until": 2.0, "interval": 0.1, "every": 3}, "give every or interval, not both"),
-        ({"until": 2.0, "output": "run.h5md"}, "a run's file holds particles, and a Problem has none"),
+        ({"until": 2.0, "output": "run.h5md"}, "a run's file holds particles, so a Problem cannot write one"),
     ]:
         with pytest.raises(kd.InputError) as error:
             sim.run(**arguments)
         assert message in str(error.value)
-    with pytest.raises(kd.InputError, match="interval is for methods that choose their steps; rk4 takes every"):
+    with pytest.raises(kd.InputError, match="interval is for methods that choose their steps; with rk4, use every"):
         kd.Simulation(kd.Problem(outside, [1.0], compiled=False), "rk4", dt=0.1).run(10, interval=0.5)
-    with pytest.raises(kd.InputError, match="forces: a Problem has none"):
+    with pytest.raises(kd.InputError, match="forces: a Problem has no forces"):
         sim.forces()
     with pytest.raises(kd.InputError, match="a Simulation takes a System or a Problem"):
         kd.Simulation(3)

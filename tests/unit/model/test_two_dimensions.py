@@ -227,9 +227,3 @@ def test_bad_files(old, new, message):
     with pytest.raises(InputError) as refused:
         loads(text.replace(old, new))
     assert message in str(refused.value)
-
-
-def test_a_file_takes_no_two_dimensional_system_yet(tmp_path):
-    with pytest.raises(InputError, match="a run's file: takes no two-dimensional system yet"):
-        kd.Simulation(liquid(), "velocity-verlet", 0.002).run(steps=2, output=tmp_path / "run.h5md")
-    assert not list(tmp_path.iterdir())

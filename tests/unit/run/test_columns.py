@@ -155,14 +155,14 @@ def test_resume_needs_them_again(tmp_path):
 @pytest.mark.parametrize(
     ("given", "culprit"),
     [
-        (lambda sim: [1.0, 2.0], r"returned an array of shape \(2,\); its shape was said to be \(\)"),
-        (lambda sim: "fast", "returned 'fast', which is no number"),
-        (lambda sim: None, "returned None, which is no number"),
-        (lambda sim: 1j, "returned 1j, which is no number"),
-        (lambda sim: [[1.0], [1.0, 2.0]], r"returned .*, which is no number or array of numbers"),
+        (lambda sim: [1.0, 2.0], r"returned an array of shape \(2,\); expected \(\)"),
+        (lambda sim: "fast", "returned 'fast'; expected a number"),
+        (lambda sim: None, "returned None; expected a number"),
+        (lambda sim: 1j, "returned 1j; expected a number"),
+        (lambda sim: [[1.0], [1.0, 2.0]], r"returned .*; expected a number or an array of numbers"),
         (lambda sim: 1 / 0, "raised ZeroDivisionError: division by zero"),
         (lambda sim: setattr(sim, "state", sim.state), "raised InputError: state: is read-only"),
-        (lambda sim: sim.run(5), "raised InputError: run: the Simulation runs already"),
+        (lambda sim: sim.run(5), "raised InputError: run: the Simulation is already running"),
     ],
 )
 def test_a_function_that_returns_something_else_is_named_at_the_first_look(given, culprit, tmp_path):
@@ -195,15 +195,15 @@ def test_a_later_failure_leaves_a_file_that_goes_on(tmp_path):
 @pytest.mark.parametrize(
     ("column", "culprit"),
     [
-        (("total_energy", "energy", (), gyration), "column 'total_energy': is a name of kickdrift's own"),
-        (("momentum_x", "", (), gyration), "'momentum_x': is a name of kickdrift's own"),
-        (("time", "time", (), gyration), "'time': is a name of kickdrift's own"),
+        (("total_energy", "energy", (), gyration), "column 'total_energy': kickdrift uses this name itself"),
+        (("momentum_x", "", (), gyration), "'momentum_x': kickdrift uses this name itself"),
+        (("time", "time", (), gyration), "'time': kickdrift uses this name itself"),
         (("a/b", "", (), gyration), "its name must be a letter and up to 59"),
         ((7, "", (), gyration), "its name must be .*, got 7"),
         (("mine", None, (), gyration), "column 'mine': unit must be text, got None"),
         (("mine", "", (3, 0), gyration), r"column 'mine': shape must be .*, got \(3, 0\)"),
         (("mine", "", "3", gyration), "column 'mine': shape must be .*, got '3'"),
-        (("mine", "", (200, 200), gyration), "has 40,000 numbers; the most is 10,000"),
+        (("mine", "", (200, 200), gyration), "has 40,000 numbers; the limit is 10,000"),
         (("mine", "", (), 1.0), "column 'mine': function must be a function, got 1.0"),
     ],
 )
@@ -219,7 +219,7 @@ def test_a_run_refuses_columns_that_do_not_go_together():
         ([RADIUS, double], "'radius_of_gyration': 'radius_of_gyration' is taken: there are two of that name"),
         ([first, part], "'spin_x' is taken"),
         (RADIUS, "columns must be a list of kd.Column, got Column"),
-        ({"mine": gyration}, "columns must be a list of kd.Column, and holds 'mine'"),
+        ({"mine": gyration}, "columns must be a list of kd.Column; it holds 'mine'"),
         ([kd.Column("mine", "parsnip", (), gyration)], "column 'mine': unit: unknown unit 'parsnip'"),
         ([kd.Column("mine", "energi", (), gyration)], "column 'mine': unit: unknown unit 'energi'.*"),
         ([kd.Column("mine", "9**9**9", (), gyration)], "column 'mine': unit: cannot read the unit"),

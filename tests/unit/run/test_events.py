@@ -659,7 +659,7 @@ def test_the_command_line_prints_and_writes_them(tmp_path, capsys, monkeypatch):
 
 
 def test_many_events_are_counted():
-    from kickdrift.model.events import event_lines
+    from kickdrift.model.event_log import event_lines
 
     sim = kd.Simulation(ellipse(0.3), dt=0.05, events=[kd.Crossing(lambda t, x, v: math.sin(9 * t + 0.1), "beat")])
     lines = event_lines(sim.run(400).events)

@@ -148,7 +148,7 @@ def test_looks_change_no_bit_of_steps_that_differ(name):
 
 
 def test_lists_that_grow_in_a_series_of_looks():
-    from kickdrift.forces.pair_kernel import with_room
+    from kickdrift.forces.pair_lists import with_room
 
     ends = []
     for room in (None, 40):

@@ -16,8 +16,8 @@ import kickdrift as kd
 from kickdrift.errors import InputError, RunError
 from kickdrift.looks.observers import kinetic_energy
 from kickdrift.looks.record import Record, even_stretch
+from kickdrift.model.run_defaults import RunDefaults
 from kickdrift.model.state import State
-from kickdrift.model.system import RunDefaults
 from tests.oracle.forces import pair_oracle
 
 DT = 0.004
@@ -206,10 +206,10 @@ def test_time_and_steps():
         ({"steps": "10"}, "steps must be a whole number, zero or more, got '10'"),
         ({"until": 1.53}, "time 1.53 is not on the grid of steps of 0.1; nearest are 1.5 and 1.6"),
         ({"until": 1.01}, "nearest are 1 and 1.1"),
-        ({"until": 0.9}, "time 0.9 lies before the present, 1"),
-        ({"until": -math.inf}, "must be a finite number, got -inf"),
-        ({"until": math.nan}, "must be a finite number, got nan"),
-        ({"until": "1"}, "must be a finite number, got '1'"),
+        ({"until": 0.9}, "time 0.9 lies before the current time, 1"),
+        ({"until": -math.inf}, "must be a finite time, got -inf"),
+        ({"until": math.nan}, "must be a finite time, got nan"),
+        ({"until": "1"}, "must be a finite time, got '1'"),
         ({"steps": 1, "every": 0}, "every must be a whole number, one or more, got 0"),
         ({"steps": 1, "every": 2.5}, "every must be a whole number, one or more, got 2.5"),
     ],
@@ -229,7 +229,7 @@ def test_bad_steps(dt):
 
 
 def test_dt_integrator_and_cadence_come_from_the_file_unless_given():
-    with pytest.raises(InputError, match="dt is needed: system 'two-body' names none"):
+    with pytest.raises(InputError, match="dt is needed: system 'two-body' has no dt"):
         kd.Simulation(two_bodies())
     system = liquid(run=RunDefaults("leapfrog-dkd", 0.003, every=7))
     sim = kd.Simulation(system)
@@ -488,9 +488,9 @@ def test_observers_cannot_change_the_run():
         sim.state.phase[:] = 0.0  # a copy
         with pytest.raises(InputError, match="read-only while the Simulation runs"):
             sim.state = sim.state
-        with pytest.raises(InputError, match="runs already"):
+        with pytest.raises(InputError, match="already running"):
             sim.run(1)
-        with pytest.raises(InputError, match="runs already"):
+        with pytest.raises(InputError, match="already running"):
             sim.equilibrate(1.0, 1.0)
 
     watched.run(20, every=5, observe=meddle)
@@ -534,7 +534,7 @@ def test_the_same_simulation_appends_and_no_other(tmp_path):
         other.run(10, output=path)
     assert path.read_bytes() == before
     other.run(10, output=path, every=10, overwrite=True)
-    with pytest.raises(InputError, match="file of another run"):
+    with pytest.raises(InputError, match="belongs to another run"):
         sim.run(10, output=path)
     with kd.open(path) as run:
         assert [frame.step for frame in run] == [0, 10]

@@ -156,7 +156,7 @@ BAD = [
     (BODIES, "inc = 1.3", 'inc = "1.3 furlong"', "particles.elements[0].inc: expected an angle such as"),
     (BODIES, "inc = 1.3", 'inc = "1.3"', "particles.elements[0].inc: missing unit"),
     (BODIES, "inc = 1.3", "incl = 1.3", "particles.elements[0].incl: unknown key; did you mean 'inc'?"),
-    (BODIES, "a = 5.2", "a = [5.2, 5.3]", "particles.elements[0]: a is a range, which goes with count"),
+    (BODIES, "a = 5.2", "a = [5.2, 5.3]", "particles.elements[0]: a is a range, which needs count"),
     (BODIES, "mass = 1.0", "mass = 0.0", "particles.central.mass: expected a positive mass"),
     (BODIES, 'central = { body = "Sun", mass = 1.0 }', "", "particles.central: required key is missing"),
     (BODIES, "elements = [", 'frame = "geocentric"\nelements = [', "particles.frame: expected 'heliocentric', 'jacobi' "
@@ -165,8 +165,8 @@ BAD = [
     (BODIES, '"Saturn"', '"Jupiter"', "names: particle 2 is called 'Jupiter'; expected unique names"),
     (BODIES, "[[force]]", "[velocities]\ntemperature = 1.0\nseed = 1\n[[force]]", "elements and plummer give vel"),
     (BODIES, "a = 5.2, e = 0.048", 'P = "2 yr", e = 1.5', "particles.elements[0] (Jupiter).P: only an ellipse (e < 1)"),
-    (BELT, "seed = 4\n", "", "particles: seed is missing: bodies are drawn with a named seed"),
-    (BODIES, "elements = [", "seed = 1\nelements = [", "particles: seed goes with ranges, and there are none"),
+    (BELT, "seed = 4\n", "", "particles: seed is missing; bodies are drawn with a seed"),
+    (BODIES, "elements = [", "seed = 1\nelements = [", "particles: seed needs ranges, but there are none"),
     (BELT, "[2, 3]", "[3, 2]", "particles.elements[0].a: expected a range [low, high], got [3, 2]"),
     (BELT, "e = [0.0, 0.2]", "e = [0.9, 1.2]", "particles.elements[0] (rock).a of body"),
     (CLUSTER, "count = 100", "count = 1", "particles.plummer.count: expected a number greater than or equal to 2"),
@@ -185,7 +185,7 @@ def test_a_bad_file_gets_one_line_that_names_the_key(text, old, new, message):
 
 
 def test_elements_need_a_gravitational_constant():
-    with pytest.raises(InputError, match="elements: these units have no G of their own"):
+    with pytest.raises(InputError, match="elements: these units do not set G"):
         loads(changed(changed(BODIES, '"astro"', '"lj"'), 'inc = "0.5 rad", T = "-30 day"', "inc = 3.0, T = -1.0"))
     given = changed(changed(BODIES, '"astro"', '"lj"'), 'inc = "0.5 rad", T = "-30 day"', "inc = 3.0, T = -1.0")
     assert len(loads(given + "G = 2.0\n")) == 4

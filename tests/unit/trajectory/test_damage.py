@@ -132,7 +132,7 @@ def test_a_changed_row_is_named(path, name):
 
 def test_fewer_frames_than_there_are_is_noticed(path):
     changed(path, "kickdrift/committed", 0, 2)
-    with pytest.raises(InputError, match="damaged: kickdrift/committed: counts 2 frames where there are more"):
+    with pytest.raises(InputError, match="damaged: kickdrift/committed: counts 2 frames, but there are more"):
         kd.open(path)
 
 
@@ -270,7 +270,7 @@ BAD = {
     "threads without end": (put_text(METHOD, lambda m: m | {"threads": 10**12}), "kickdrift/method: threads"),
     "two edges": (put_text(RECORD, lambda r: r | {"box": [1.0, 2.0]}), "record: box"),
     "no forces": (put_text(RECORD, lambda r: {k: v for k, v in r.items() if k != "forces"}), "record: forces"),
-    "names of others": (put_text(RECORD, lambda r: r | {"names": ["a"]}), "1 of them for 5 particles"),
+    "names of others": (put_text(RECORD, lambda r: r | {"names": ["a"]}), "1 names for 5 particles"),
     "a list for the report": (report_of("[]"), "kickdrift/report"),
     "a report of no text": (report_of('{"stopped": 3}'), "kickdrift/report: stopped"),
     "a report with half an event": (report_of('{"events": [{"kind": 1}]}'), "kickdrift/report: events.0"),
@@ -289,7 +289,7 @@ BAD = {
     "2^40 frames": (lambda f: f[VALUE].resize(2**40, axis=0), "more than the file's"),
     "positions of two axes": (put(VALUE, shape=(FRAMES, N, 2), maxshape=(None, N, 2), dtype="f8"), "has the shape"),
     "nothing": (put("particles/trajectory/id", data=h5py.Empty("i8")), "particles/trajectory/id"),
-    "two particles with one id": (lambda f: f["particles/trajectory/id"].__setitem__(0, 1), "have one id"),
+    "two particles with one id": (lambda f: f["particles/trajectory/id"].__setitem__(0, 1), "have the same id"),
     "a text for every": (attribute("kickdrift", "every", "x"), "attribute every of kickdrift is"),
     "a number for a unit": (attribute("kickdrift/units", "length", 7), "attribute length of kickdrift/units is"),
     "no number for boltzmann": (attribute("kickdrift/units", "boltzmann", np.nan), "attribute boltzmann"),
@@ -356,7 +356,7 @@ def test_a_damaged_heap_of_texts_is_one_line(path, change):
 
 REFERENCES = {
     "length of 2 GiB": (0, 2**31, "I", "claims 2,147,483,648 bytes of text, more than"),
-    "length of 1": (0, 1, "I", "its text of 1 bytes is not where it should be"),
+    "length of 1": (0, 1, "I", "its text of 1 bytes is missing from its place"),
     "heap in nothing": (4, 8, "Q", "no heap of texts is at 8"),
     "heap beyond the file": (4, 2**40, "Q", "beyond the file's end"),
     "no such text": (12, 9999, "I", "is not where it should be"),
@@ -420,7 +420,7 @@ PLANS = {
 @pytest.mark.parametrize("plan", PLANS)
 def test_a_plan_that_is_none_is_refused(path, plan):
     changed(path, "kickdrift/plan", ..., PLANS[plan])
-    with kd.open(path) as run, pytest.raises(InputError, match=r"damaged: kickdrift/plan: .* is no plan of a run"):
+    with kd.open(path) as run, pytest.raises(InputError, match=r"damaged: kickdrift/plan: .* is not the plan of a run"):
         run.plan
 
 
@@ -456,7 +456,7 @@ def test_a_file_of_fixed_size_is_read_but_not_continued(path, written):
     assert content(path) == content(written)
     with kd.open(path) as run:
         run_id = run.run_id
-    with pytest.raises(InputError, match="is of fixed size; the run cannot go on in this file"):
+    with pytest.raises(InputError, match="has a fixed size, so the run cannot continue this file"):
         Writer.append_to(path, run_id)
 
 
@@ -578,7 +578,7 @@ def test_damage_in_the_middle_stays_and_is_told(whole, tmp_path):
     changed(path, "kickdrift/samples/total_energy", 5, 7.0)
     sim = kd.resume(path)
     report = sim.run(10)
-    assert "1 sample of the file damaged, and left out of the report" in " ".join(report.warnings)
+    assert "1 damaged sample of the file left out of the report" in " ".join(report.warnings)
     with kd.open(path) as run:
         assert (run.damage().frames, run.damage().samples) == ([3], [5])
         assert run[-1].step == 410
@@ -588,7 +588,7 @@ def test_a_run_that_is_still_there_does_not_write_over_a_damaged_end(tmp_path):
     sim, path = bodies(), tmp_path / "run.h5md"
     sim.run(20, every=10, output=path)
     changed(path, VALUE, (-1, 0, 0), 7.0)
-    with pytest.raises(InputError, match="damaged after step 10; resume the run, which goes on from there"):
+    with pytest.raises(InputError, match="damaged after step 10; resume the run from that step"):
         sim.run(20, output=path)
     resumed = kd.resume(path)
     assert resumed.steps_done == 10
@@ -604,7 +604,7 @@ def test_without_a_whole_checkpoint_there_is_one_line(whole, tmp_path):
     shutil.copy(whole, path)
     with h5py.File(path, "r+") as file:
         file["kickdrift/checkpoints/crc32"][...] = 0
-    with pytest.raises(InputError, match="damaged: no checkpoint up to step 400 is whole"):
+    with pytest.raises(InputError, match="damaged: no intact checkpoint up to step 400"):
         kd.resume(path)
     assert "checkpoints of step 0, 200, 400" in describe(info(path))
 

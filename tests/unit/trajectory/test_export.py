@@ -250,7 +250,7 @@ def test_pdb_refuses_what_its_columns_do_not_hold(path, monkeypatch):
     path.with_suffix(".pdb").unlink()
     many = System(np.zeros((100_000, 3)))
     write(path, many, [many.state])
-    with pytest.raises(InputError, match=r"has 100,000 particles, and \.pdb has columns for 99,999"):
+    with pytest.raises(InputError, match=r"has 100,000 particles; \.pdb holds at most 99,999"):
         kd.export(path, path.with_suffix(".pdb"))
     wide = System(np.zeros((3, 3)), box=(1e5, 10, 10))
     write(path, wide, [wide.state])
@@ -259,7 +259,7 @@ def test_pdb_refuses_what_its_columns_do_not_hold(path, monkeypatch):
     system = make_system("lj")
     write(path, system)
     monkeypatch.setattr(to_mdanalysis.Pdb, "MODELS", 2)
-    with pytest.raises(InputError, match=r"5 frames, and \.pdb numbers 2; try --step 3"):
+    with pytest.raises(InputError, match=r"5 frames; \.pdb holds at most 2; try --step 3"):
         kd.export(path, path.with_suffix(".pdb"))
     kd.export(path, path.with_suffix(".pdb"), step=3)
 
@@ -436,11 +436,11 @@ def test_progress_goes_to_the_end(path):
 
 
 def test_blocks_of_frames_are_read_in_order(path, monkeypatch):
-    from kickdrift.trajectory import export
+    from kickdrift.trajectory import chosen
 
     system = make_system("lj", n=3)
     written = write(path, system, states(system, range(0, 101)))
-    monkeypatch.setattr(export, "BLOCK_FRAMES", 7)
+    monkeypatch.setattr(chosen, "BLOCK_FRAMES", 7)
     for step in (1, 3, 9):
         kd.export(path, path.with_suffix(".traj"), unwrapped=True, start=2, step=step, overwrite=True)
         found = ase_io.read(path.with_suffix(".traj"), ":")

@@ -164,7 +164,7 @@ def test_a_run_writes_what_it_is_asked_for(path):
     start = kd.System([[0.5, 0, 0], [-0.5, 1, 0]], forces=[kd.HarmonicTrap(2.0)], masses=[1.0, 3.0])
     sim = kd.Simulation(start, dt=0.01)
     sim.run(20, every=5, output=path, file=kd.FileOptions(write=("forces",), flush=0.5))
-    with pytest.raises(InputError, match="was begun with write=\\('forces',\\), and that stays"):
+    with pytest.raises(InputError, match="was begun with write=\\('forces',\\), which cannot change"):
         sim.run(20, output=path, file=kd.FileOptions())
     sim.run(20, output=path)
     with kd.open(path) as run:
@@ -192,8 +192,8 @@ def test_the_hash_is_that_of_the_system(path):
         ("flush", float("nan"), "flush: must be a positive number"),
         ("store", "float16", "store: must be float64 or float32, got 'float16'"),
         ("compress", "gzip", "compress: must be True or False"),
-        ("write", ("energies",), "write: must be some of forces, images"),
-        ("write", "forces", "write: must be some of forces, images"),
+        ("write", ("energies",), "write: must be among forces, images"),
+        ("write", "forces", "write: must be among forces, images"),
     ],
 )
 def test_options_that_make_no_sense(key, value, message):
@@ -206,7 +206,7 @@ def test_images_need_a_box_and_options_an_output(path):
         Writer(path, system(box=None), method={}, every=1, options=kd.FileOptions(write=("images",)))
     assert not path.exists()
     sim = kd.Simulation(kd.System([[0.5, 0, 0]], forces=[kd.HarmonicTrap(2.0)]), dt=0.01)
-    with pytest.raises(InputError, match="file: says how output is written, and there is none"):
+    with pytest.raises(InputError, match="file: sets how output is written; give output as well"):
         sim.run(1, file=kd.FileOptions())
 
 
@@ -248,7 +248,7 @@ def test_the_command_line_takes_the_options(path):
     for options, message in (
         (("--output", "no.h5md", "--flush", "-1"), "flush: must be a positive number of seconds, got -1.0"),
         (("--output", "no.h5md", "--store", "half"), "store: must be float64 or float32, got 'half'"),
-        (("--output", "no.h5md", "--write", "forces,heat"), "write: must be some of forces, images"),
+        (("--output", "no.h5md", "--write", "forces,heat"), "write: must be among forces, images"),
         (("--store", "float32"), "--store: needs --output"),
     ):
         done = run(*options)

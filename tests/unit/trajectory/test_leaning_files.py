@@ -171,3 +171,22 @@ def test_a_record_that_makes_no_sense_is_refused(tmp_path, kickdrift, box, messa
     assert err.count("\n") == 1
     assert path.name in err
     assert any(word in err for word in message.split("|"))
+
+
+def test_a_run_in_two_dimensions_is_kept_and_resumed(tmp_path):
+    x = np.random.default_rng(6).uniform(-20, 20, (30, 2))
+    box = kd.Box(matrix=[[10.0, 0.0], [4.0, 9.0]])
+    system = kd.System(x, -x, box=box, forces=[kd.UniformField((0.1, -0.2, 0.0))], dimensions=2)
+    whole, half = tmp_path / "whole.h5md", tmp_path / "half.h5md"
+    kd.Simulation(system, "velocity-verlet", 0.05).run(40, every=10, output=whole)
+    kd.Simulation(system, "velocity-verlet", 0.05).run(20, every=10, output=half)
+    sim = kd.resume(half)
+    assert sim.system.dimensions == 2
+    sim.run(20, every=10)
+    with kd.open(whole) as one, kd.open(half) as other:
+        assert one.positions.tobytes() == other.positions.tobytes()
+        assert one.box == one[1].box == box
+        assert one.system().dimensions == one[2].system().dimensions == 2
+    run_files.write(whole, falling(LEANING))
+    with h5py.File(whole) as file:
+        assert b"dimensions" not in file["kickdrift/system/record"][()]

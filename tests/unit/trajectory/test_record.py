@@ -71,7 +71,7 @@ def test_a_force_of_ones_own_is_found_where_it_was_registered(tmp_path, monkeypa
 
     module.Trap, Trap.__module__, Trap.__qualname__ = Trap, module.__name__, "Trap"
     system = kd.System(np.eye(3), forces=[Trap(2.0)])
-    with pytest.raises(InputError, match=r"force Trap is of module somebodys_forces, which is not loaded"):
+    with pytest.raises(InputError, match=r"force Trap belongs to module somebodys_forces, which is not loaded"):
         written(tmp_path / "b.h5md", system)  # an imported class is not a registered one
     monkeypatch.setattr(registration, "REGISTERED", {})
     assert kd.register_force(Trap) is Trap

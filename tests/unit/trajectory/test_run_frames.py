@@ -13,8 +13,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import kickdrift as kd
+from kickdrift.model.run_defaults import RunDefaults
 from kickdrift.model.state import State
-from kickdrift.model.system import RunDefaults
 from kickdrift.trajectory.h5md import Writer
 
 N, FRAMES, EVERY, DT = 7, 12, 4, 0.25  # a sample every two steps, a frame every four

@@ -138,7 +138,9 @@ def test_a_file_names_no_callable(tmp_path, whole, called, monkeypatch, capfd, k
     with kd.open(path) as run:  # which is data, and can be looked at
         assert len(run) == 5
         for ask in (run.system, run[1].system, lambda: kd.resume(path), lambda: kd.resume(path, step=1)):
-            with pytest.raises(InputError, match=r"is of module .*, which is not loaded or registers no such force"):
+            with pytest.raises(
+                InputError, match=r"belongs to module .*, which is not loaded or does not register this force"
+            ):
                 ask()
     status, out, said = commanded(monkeypatch, capfd, "resume", path)
     assert (status, out, said.count("\n")) == (2, "", 1)
@@ -196,7 +198,7 @@ def test_units_of_a_file_are_no_sums(tmp_path, whole):
         path.write_bytes(whole.read_bytes())
         with h5py.File(path, "r+") as file:
             file["kickdrift/units"].attrs["length"] = text[:50_000]
-        with pytest.raises(InputError, match=f"{path}: damaged: kickdrift/units: length: .* is no unit"):
+        with pytest.raises(InputError, match=f"{path}: damaged: kickdrift/units: length: .* is not a unit"):
             kd.open(path)
 
 
@@ -269,7 +271,9 @@ def test_a_law_of_a_loaded_file(tmp_path, monkeypatch):
             for table in ({}, {("loaded_law", "Mine"): kd.LennardJones} if name != "Mine" else {}):
                 with monkeypatch.context() as patch:  # a class of a module that is there is not found there
                     patch.setattr(registration, "REGISTERED", table)
-                    with pytest.raises(InputError, match=f"force {name} is of module loaded_law, which is not loaded"):
+                    with pytest.raises(
+                        InputError, match=f"force {name} belongs to module loaded_law, which is not loaded"
+                    ):
                         run.system()
     monkeypatch.delitem(sys.modules, "loaded_law")
 

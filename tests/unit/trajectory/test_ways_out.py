@@ -277,7 +277,7 @@ def test_no_way_in_place_of_what_is_read(tmp_path, capfd, whole, canary, way, pl
     canary.sang()
     for name in ("info", "resume", "write"):
         RUNS[name](path)
-        assert "such a file is not opened" in capfd.readouterr().err
+        assert "kickdrift does not open such a file" in capfd.readouterr().err
     assert not canary.sang()
     assert canary.path.read_bytes() == canary.before
 

@@ -17,7 +17,7 @@ import numpy as np
 
 import kickdrift as kd
 from kickdrift.integrators import integrator
-from kickdrift.integrators.exact import Lattice
+from kickdrift.integrators.lattice import Lattice
 from kickdrift.integrators.splitting import Splitting
 from kickdrift.odes import kepler
 from kickdrift_validation.claims.article import Claim, Reading, article, main

@@ -26,9 +26,10 @@ from kickdrift.analysis.bench import processor
 from kickdrift.forces.bound import BoundForces
 from kickdrift.forces.clusters import N_CLUSTERS
 from kickdrift.forces.seam import accelerate
-from kickdrift.integrators.gauss_radau import tables
 from kickdrift.integrators.gauss_radau_series import NODES, correct, prepare
-from kickdrift.integrators.wisdom_holman_loop import drift, heliocentric_kick, jacobi_kick, jump
+from kickdrift.integrators.gauss_radau_tables import tables
+from kickdrift.integrators.wisdom_holman_drift import drift
+from kickdrift.integrators.wisdom_holman_kicks import heliocentric_kick, jacobi_kick, jump
 from kickdrift.jit.compile import jit
 from kickdrift.jit.handle import handle, unowned
 from kickdrift.jit.lanes import lane_max, splat

@@ -60,7 +60,9 @@ def lattice(kind: str, count: int, density: float) -> tuple[Floats, tuple[float,
         )
     edge = math.cbrt(count / density)
     if not 0.0 < edge**3 < math.inf:
-        raise InputError(f"density: {density:g} gives the box an edge of {edge:g}, whose volume no number can hold")
+        raise InputError(
+            f"density: {density:g} gives the box an edge of {edge:g}, whose volume is beyond the range of numbers"
+        )
     corners = np.stack(np.meshgrid(*[np.arange(cells)] * 3, indexing="ij"), axis=-1).reshape(-1, 1, 3)
     positions = ((corners + sites) * (edge / cells)).reshape(-1, 3)
     return positions, (edge, edge, edge)
@@ -179,7 +181,7 @@ def _check_xyz(path: Path) -> None:
         while (head := file.readline().strip()).isdigit():
             claimed = int(head[:20])
             if 2 * claimed > size:
-                raise InputError(f"{path}: frame {frame} claims {shown(claimed)} atoms, and the file has {size} bytes")
+                raise InputError(f"{path}: frame {frame} claims {shown(claimed)} atoms, but the file has {size} bytes")
             for columns in re.findall(rb":[A-Za-z]:(\d+)", file.readline()):
                 if int(columns[:20]) > size:
                     raise InputError(f"{path}: frame {frame} claims {shown(int(columns[:20]))} columns of one property")

@@ -90,7 +90,9 @@ def julian_date(when: float | str | date) -> float:
     if isinstance(when, date):
         moment = when if isinstance(when, datetime) else datetime(when.year, when.month, when.day)
         if moment.utcoffset():
-            raise InputError(f"date: is in TDB, which has no time zones; expected a date without one, got {moment}")
+            raise InputError(
+                f"date: is in TDB, which has no time zones; expected a date without a time zone, got {moment}"
+            )
         since = moment.replace(tzinfo=UTC) - datetime(2000, 1, 1, 12, tzinfo=UTC)
         return J2000 + since / timedelta(days=1)
     if isinstance(when, bool) or not isinstance(when, int | float | np.number) or not math.isfinite(when):

@@ -1,10 +1,10 @@
 """Encounters of pairs inside a step: compiled geometry of cubic curves.
 
-Between two step points each relative position is taken to be the cubic through both ends' positions and velocities
-(Hermite's; its error is h^4 / 384 times the largest fourth derivative). The curve lies in the convex hull of its four
-Bézier points, which rules most pairs out at once, rigorously; the turning points of the separation of the others, zeros
-of a polynomial of degree five, are isolated by the sign changes of its Bernstein coefficients (Farin 2002, Curves and
-Surfaces for CAGD, ch. 6), so that no passage that the curve shows is missed, however short.
+Between two step points, each relative position follows Hermite's cubic through the positions and velocities of both
+ends. The error is h^4 / 384 times the largest fourth derivative. The curve lies in the convex hull of its four Bézier
+points, which rigorously rules out most pairs at once. For the other pairs, the turning points of the separation are
+zeros of a polynomial of degree five. The sign changes of its Bernstein coefficients isolate these zeros (Farin 2002,
+Curves and Surfaces for CAGD, ch. 6). So no passage of the curve is missed, however short.
 """
 
 from __future__ import annotations
@@ -13,14 +13,14 @@ import numpy as np
 
 from kickdrift.jit.compile import driver, jit
 
-SMALLEST = 1e-14  # of the step: turning points nearer than this are one
-POINTS = 8  # the two ends, five zeros at most in between, and one to spare
-CLOSEST, LEFT = 0, 1  # what a row of ``passages`` says
+SMALLEST = 1e-14  # fraction of the step: closer turning points count as one
+POINTS = 8  # the two ends, at most five zeros in between, and one spare
+CLOSEST, LEFT = 0, 1  # kinds of row of ``passages``
 
 
 @jit
 def hull_bound(y0, y1, h, i, j):
-    """No point of the cubic is nearer to the origin than this."""
+    """Return a lower bound of the distance between the cubic and the origin."""
     start2, a2, b2, e2 = 0.0, 0.0, 0.0, 0.0
     for k in range(3):
         r0, r1 = y0[0, k, i] - y0[0, k, j], y1[0, k, i] - y1[0, k, j]
@@ -34,7 +34,7 @@ def hull_bound(y0, y1, h, i, j):
 
 @jit
 def cubic(y0, y1, h, i, j, c):
-    """c (4, 3): the relative position of i from j as a polynomial in s = 0 … 1."""
+    """c (4, 3) <- coefficients of the position of i relative to j, a polynomial in s = 0 … 1."""
     for k in range(3):
         r0, r1 = y0[0, k, i] - y0[0, k, j], y1[0, k, i] - y1[0, k, j]
         u0, u1 = h * (y0[1, k, i] - y0[1, k, j]), h * (y1[1, k, i] - y1[1, k, j])
@@ -45,7 +45,7 @@ def cubic(y0, y1, h, i, j, c):
 
 @jit
 def separation2(c, s):
-    """The square of the separation."""
+    """Return the squared separation at s."""
     total = 0.0
     for k in range(3):
         r = c[0, k] + s * (c[1, k] + s * (c[2, k] + s * c[3, k]))
@@ -55,7 +55,7 @@ def separation2(c, s):
 
 @jit
 def bernstein(c, b):
-    """b (6,): the Bernstein coefficients of r . dr/ds, of degree five."""
+    """b (6,) <- the Bernstein coefficients of r . dr/ds, of degree five."""
     q = np.zeros(6)
     for k in range(3):
         c0, c1, c2, c3 = c[0, k], c[1, k], c[2, k], c[3, k]
@@ -75,7 +75,7 @@ def bernstein(c, b):
 
 @jit
 def halve(b, left, right):
-    """De Casteljau's split of six Bernstein coefficients at the middle."""
+    """Split six Bernstein coefficients at the middle, by de Casteljau's algorithm."""
     for k in range(6):
         right[k] = b[k]
     left[0] = b[0]
@@ -87,7 +87,7 @@ def halve(b, left, right):
 
 @jit
 def sign_changes(b):
-    """Zeros left out."""
+    """Return the number of sign changes in b, ignoring zeros."""
     count, last = 0, 0.0
     for k in range(6):
         if b[k] != 0.0:
@@ -99,8 +99,7 @@ def sign_changes(b):
 
 @jit
 def turning_points(c, points):
-    """Into ``points``, in order: 0, the s in between at which the separation stops growing or shrinking, 1; their
-    number."""
+    """points <- 0, the turning points s of the separation, 1, in order; return their number."""
     stack, spans = np.empty((64, 6)), np.empty((64, 2))
     left, right = np.empty(6), np.empty(6)
     bernstein(c, stack[0])
@@ -119,7 +118,7 @@ def turning_points(c, points):
                 count += 1
             continue
         halve(stack[top], left, right)
-        if right[0] == 0.0:  # a zero at the very middle, which neither half would show
+        if right[0] == 0.0:  # a zero exactly at the middle, which neither half shows
             right[0] = -1e-30 * right[1]
         stack[top], stack[top + 1] = right, left
         spans[top, 0], spans[top, 1] = middle, b
@@ -131,11 +130,11 @@ def turning_points(c, points):
 
 @driver
 def passages(y0, y1, time, h, step, pairs, limits, heaviest, closest, rows):
-    """Pairs nearer than their limits: how many ``rows`` (pair, s, CLOSEST or LEFT) were filled.
+    """Find pairs closer than their limits; return how many ``rows`` (pair, s, CLOSEST or LEFT) were filled.
 
-    ``closest`` (P, 3) is the smallest separation of the passage that a pair is in, infinite where it is in none, its
-    time and its step; a row CLOSEST says that it was found inside this step, at s. Limits are lengths or, where there
-    is a ``heaviest`` body, parts of the pair's mean distance from it.
+    ``closest`` (P, 3) holds the smallest separation of each pair's current passage, with its time and step. The
+    separation is infinite for a pair outside any passage. A row CLOSEST marks a smallest separation inside this step,
+    at s. Limits are lengths; with a ``heaviest`` body, they are fractions of the pair's mean distance from that body.
     """
     c, points = np.empty((4, 3)), np.empty(POINTS)
     count = 0
@@ -175,11 +174,12 @@ def _distance(y, i, j):
 
 @driver
 def contacts(y0, y1, h, pairs, radii, approaching, touching, rows):
-    """Pairs whose separation is the sum of their radii inside a step: how many ``rows`` (pair, s of contact, a and b, s
-    before and after it) were filled.
+    """Find pairs that touch inside a step; return how many ``rows`` were filled.
 
-    Those that overlap at the start are in contact there; with ``approaching`` only from where they come nearer. A pair
-    that is ``touching`` (P,) already is none, and stops to be one when it is apart at the step's end.
+    A row holds the pair, s of contact, and a and b, the turning points before and after the contact. A pair touches
+    when its separation is the sum of its radii. A pair that overlaps at the start touches there; with ``approaching``,
+    only from where the pair comes closer. A pair marked in ``touching`` (P,) is not reported again, and the mark ends
+    when the pair is apart at the step's end.
     """
     c, points = np.empty((4, 3)), np.empty(POINTS)
     count = 0
@@ -221,8 +221,9 @@ def contacts(y0, y1, h, pairs, radii, approaching, touching, rows):
 
 @driver
 def crossings(y, approach, bodies, signs, values):
-    """Into ``values`` (K,) r . v of pairs of bodies (2, K) where ``approach``, else z; how many have another sign than
-    ``signs`` say."""
+    """values (K,) <- r . v of each pair of ``bodies`` (2, K) with ``approach``, else the relative z.
+
+    Return how many values have another sign than in ``signs``."""
     count = 0
     for m in range(bodies.shape[1]):
         i, j = bodies[0, m], bodies[1, m]
@@ -239,12 +240,12 @@ def crossings(y, approach, bodies, signs, values):
 
 @driver
 def unbound(y, gm, softening2, about, distance, known, rows):
-    """Bodies beyond ``distance`` from body ``about``, or where that is -1 from the centre of mass of the others, and
-    unbound: how many ``rows`` (body, distance) were filled.
+    """Find unbound bodies beyond ``distance``; return how many ``rows`` (body, distance) were filled.
 
-    Unbound: with v relative to the others' centre of mass and mu = m M / (m + M), M their mass, the energy
-    mu v^2 / 2 + m phi is positive. A body heavier than all others together stays; the others leave it. ``gm`` (n,) is
-    G m; bodies that are ``known`` are left out."""
+    The distance is from body ``about``, or from the centre of mass of the other bodies if ``about`` is -1. A body is
+    unbound if the energy mu v^2 / 2 + m phi is positive. Here v is relative to the others' centre of mass, M is the
+    others' mass, and mu = m M / (m + M). A body heavier than all others together never escapes. ``gm`` (n,) is G m;
+    ``known`` bodies are skipped."""
     n, count = gm.size, 0
     total, moments = 0.0, np.zeros((2, 3))
     for i in range(n):

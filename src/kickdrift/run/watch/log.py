@@ -6,7 +6,7 @@ from typing import Any, Protocol
 
 from kickdrift.errors import InputError
 from kickdrift.looks.record import Record
-from kickdrift.model.events import is_row
+from kickdrift.model.event_log import is_row
 from kickdrift.run.watch.watches import Row
 
 

@@ -1,12 +1,13 @@
-"""Whether a run's steps are too long for its motion, or shorter than its accuracy needs."""
+"""Check whether steps are too long for stability, or shorter than accuracy needs."""
 
 from __future__ import annotations
 
 from collections import deque
 from typing import TYPE_CHECKING, Protocol
 
-from kickdrift.integrators.flow import Flow, ParticleFlow
+from kickdrift.engines.session import EngineFlow, RunFlow
 from kickdrift.integrators.method import Method
+from kickdrift.integrators.particle_flow import ParticleFlow
 from kickdrift.integrators.stability_limit import (
     WATCHED_POINTS,
     WATCHED_STEPS,
@@ -15,7 +16,7 @@ from kickdrift.integrators.stability_limit import (
     stability_warning,
 )
 from kickdrift.integrators.step_length import TOO_LONG, can_be_checked, step_warning
-from kickdrift.integrators.stepping import Stepper
+from kickdrift.integrators.stepper import Stepper
 from kickdrift.looks.record import Record
 from kickdrift.model.state import Floats
 from kickdrift.run.watch.watcher import Watcher
@@ -25,10 +26,10 @@ if TYPE_CHECKING:
 
 
 class Stepping(Protocol):
-    """What is known of the integration; see `run.advance.Integration`."""
+    """Attributes of the integration; see `run.advance.Integration`."""
 
     method: Method
-    flow: Flow
+    flow: RunFlow
     dt: float | None
     record: Record
     changes: int
@@ -44,34 +45,34 @@ class Stepping(Protocol):
 
 
 class Stability(Watcher):
-    """Warns where dt is beyond the limit of stability, and where stability and not accuracy sets the steps.
+    """Warns if dt exceeds the limit of stability, or if stability rather than accuracy sets the steps.
 
     Attributes
     ----------
     limited : bool
-        Whether stability can set the steps of this method and flow; then every look is kept.
+        Whether stability can set the steps of this method and flow. If so, every look is stored.
     """
 
-    def __init__(self, run: Stepping, foreign: bool) -> None:
+    def __init__(self, run: Stepping) -> None:
         self._run = run
-        self.limited = can_be_limited(run.flow, run.method)
-        self._checked = can_be_checked(run.flow, run.method) and not foreign
+        flow = None if isinstance(run.flow, EngineFlow) else run.flow  # another program has limits of its own
+        self.limited = flow is not None and can_be_limited(flow, run.method)
+        self._checked = flow is not None and can_be_checked(flow, run.method)
         self._points: deque[Point] = deque(maxlen=WATCHED_POINTS)
         self._changes = run.changes
         self._check_at, self._first = 0, False
 
     def begin_anew(self, check_at: int) -> None:
-        """The present is another one. ``check_at`` is how many steps the record is to have when the step is checked
-        next."""
+        """Start again from another state; check dt next when the record has ``check_at`` steps."""
         self._check_at = check_at
         self._points.clear()
 
     def begin(self) -> None:
-        """See Watcher."""
+        """Note that the next look is the run's first."""
         self._first = True
 
     def look(self) -> None:
-        """Keep the present, and check the step at a run's first look."""
+        """Store the current point, and check dt at a run's first look."""
         if self.limited:
             self.keep(self._run.time, self._run.y)
         if self._first:
@@ -79,26 +80,27 @@ class Stability(Watcher):
             self._check_step()
 
     def keep(self, time: float, y: Floats) -> None:
-        """Keep a point that was looked at; those from before an event changed the bodies are dropped."""
+        """Store a point; drop the points from before an event changed the bodies."""
         if self._changes != self._run.changes:
             self._changes = self._run.changes
             self._points.clear()
         self._points.append((time, y.copy(), self._run.stepper.last_step))
 
     def end(self) -> None:
-        """Say what the method has to say, and where stability and not accuracy sets the steps."""
+        """Add the method's warnings, and a warning if stability rather than accuracy sets the steps."""
         run = self._run
         record = run.record
         self._check_step()
         record.warnings += [line for line in getattr(run.stepper, "warnings", ()) if line not in record.warnings]
         if not self.limited or record.steps < WATCHED_STEPS:
             return
+        assert not isinstance(run.flow, EngineFlow)
         warning = stability_warning(run.flow, run.method, list(self._points))
         if warning and warning not in record.warnings:
             record.warnings = [*(w for w in record.warnings if TOO_LONG in w), warning]
 
     def _check_step(self) -> None:
-        """Say where dt is beyond the limit of stability: at the start, then after twice the steps, and again."""
+        """Warn if dt exceeds the limit of stability; check at the start and whenever the steps have doubled."""
         run = self._run
         record = run.record
         if not self._checked or record.steps < self._check_at:

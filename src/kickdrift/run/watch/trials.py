@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from typing import Any, Protocol
 
+from kickdrift.engines.session import RunFlow
 from kickdrift.errors import RunError
 from kickdrift.forces.kernel import OK
-from kickdrift.integrators.flow import Flow, flow_of
+from kickdrift.integrators.flow import flow_of
 from kickdrift.integrators.method import Method
 from kickdrift.integrators.options import Options
-from kickdrift.integrators.stepping import Counts, Stepper
+from kickdrift.integrators.stepper import Counts, Stepper
 from kickdrift.looks.observers import Sample
 from kickdrift.looks.record import Record
 from kickdrift.model.state import Floats
@@ -20,7 +21,7 @@ class Watched(Protocol):
 
     method: Method
     options: Options
-    flow: Flow
+    flow: RunFlow
     record: Record
 
     @property

@@ -1,4 +1,4 @@
-"""What follows a run: a watcher begins with it, looks when it stops to be looked at, and ends with it."""
+"""Watchers of a run: each begins and ends with the run, and is called at each look."""
 
 from __future__ import annotations
 
@@ -12,22 +12,22 @@ if TYPE_CHECKING:
 class Watcher:
     """Follows a run. Events, the check of stability, the file and the user's ``observe`` are watchers.
 
-    A watcher changes nothing of what it sees, but for events, which may change the bodies."""
+    Watchers change nothing in the run, except that events may change the bodies."""
 
     def begin(self) -> None:
-        """The run begins; its first look follows."""
+        """Prepare for a run, before its first look."""
 
     def look(self) -> None:
-        """The present was sampled, and is to be looked at."""
+        """Look at the current state, which has just been sampled."""
 
     def pause(self) -> None:
-        """The run came back from compiled code between two looks."""
+        """Act between two looks, when compiled code has returned."""
 
     def end(self) -> None:
-        """The run has come to its end, or Ctrl-C has ended it. The report is made next."""
+        """Act at the run's end, also after Ctrl-C, before the report is made."""
 
     def close(self, report: Report | None) -> None:
-        """Nothing follows. There is no report where an error broke off the run."""
+        """Close the watcher; ``report`` is None if an error ended the run."""
 
 
 class Observe(Watcher):
@@ -43,5 +43,5 @@ class Observe(Watcher):
         self._function, self._sim = function, sim
 
     def look(self) -> None:
-        """Call it."""
+        """Call the function."""
         self._function(self._sim)

@@ -11,9 +11,11 @@ import numpy as np
 
 from kickdrift.errors import RunError
 from kickdrift.forces.central import gravitational_constant
-from kickdrift.model.events import Between, CloseApproach, Collision, Crossing, Escape, binding, index_of
+from kickdrift.model.event_checks import binding
+from kickdrift.model.events import Between, CloseApproach, Collision, Crossing, Escape
 from kickdrift.model.memory import Memory, Remembering
 from kickdrift.model.state import Floats
+from kickdrift.model.subject import index_of
 from kickdrift.model.system import System
 from kickdrift.run.watch.encounters import CLOSEST, contacts, crossings, passages, unbound
 

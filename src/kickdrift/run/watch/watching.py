@@ -18,7 +18,7 @@ import numpy as np
 
 from kickdrift.errors import InputError, RunError
 from kickdrift.forces.kernel import OK
-from kickdrift.integrators.stepping import Counts
+from kickdrift.integrators.stepper import Counts
 from kickdrift.model.events import CloseApproach, Collision, Crossing, Escape, Event
 from kickdrift.model.memory import Memory, by_value
 from kickdrift.model.state import Floats
@@ -30,7 +30,7 @@ from kickdrift.run.watch.watcher import Watcher
 from kickdrift.run.watch.watches import Act, Approaches, Contacts, Crossings, Escapes, Row, Span, entry
 
 if TYPE_CHECKING:
-    from kickdrift.integrators.stepping import Stepper
+    from kickdrift.integrators.stepper import Stepper
 
 MOST_ACTS = 1000  # at one time: balls that come to rest on each other bounce for ever
 NEVER_BACK = -1  # where a body that was absorbed has its survivor

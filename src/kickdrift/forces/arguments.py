@@ -1,0 +1,62 @@
+"""Arguments of forces, checked: every refusal names the force and the key."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from kickdrift.errors import InputError
+from kickdrift.model.checks import number as real
+from kickdrift.model.units import shown
+
+if TYPE_CHECKING:
+    from kickdrift.model.subject import Subject
+
+Vector = tuple[float, float, float]
+
+
+def is_one(value: Any) -> bool:
+    """Tell whether the value is one number, not a list of them."""
+    return np.ndim(value) == 0 if isinstance(value, np.ndarray) else not isinstance(value, Iterable)
+
+
+def number(name: str, key: str, value: Any) -> float:
+    """The value as a finite float; an InputError that names the force and the key."""
+    if isinstance(value, np.ndarray) and value.ndim == 0:
+        value = value[()]
+    found = real(value)
+    if not math.isfinite(found):
+        raise InputError(f"{name}: {key}: expected a finite number, got {shown(value)}")
+    return found
+
+
+def items(name: str, key: str, values: Any) -> list[Any]:
+    """The values as a list; an InputError that names the force and the key."""
+    if isinstance(values, str) or not isinstance(values, Iterable):
+        raise InputError(f"{name}: {key}: expected a list, got {shown(values)}")
+    return list(values)
+
+
+def vector(name: str, key: str, values: Any) -> Vector:
+    """Three finite floats; an InputError that names the force and the key."""
+    given = [] if isinstance(values, str) or not isinstance(values, Iterable) else list(values)
+    if len(given) != 3:
+        raise InputError(f"{name}: {key}: expected three numbers, got {shown(values)}")
+    x, y, z = (number(name, key, value) for value in given)
+    return x, y, z
+
+
+def check_in_plane(name: str, key: str, along: Vector, system: Subject) -> None:
+    """Refuse a vector out of the plane of a two-dimensional system."""
+    if system.dimensions == 2 and along[2] != 0:
+        raise InputError(f"{name}: {key} has a z component of {along[2]:.6g}, and the system has two dimensions")
+
+
+def check_massive(name: str, system: Subject, ids: Iterable[int]) -> None:
+    """Refuse particles without mass, which this force would move infinitely fast."""
+    for i in ids:
+        if system.state.masses[i] == 0:
+            raise InputError(f"{name}: particle {i} has no mass, and this force would move it infinitely fast")

@@ -1,0 +1,89 @@
+"""Pair lists of bound pair forces: their room, skins and memory."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from kickdrift.errors import InputError
+from kickdrift.forces.clusters import (
+    BUILT,
+    ROOM_NEEDED,
+    SHIFTS,
+    empty_rows,
+    skins,
+)
+from kickdrift.forces.kernel import OK
+from kickdrift.forces.pair_kernel import PairKernel
+
+THIN = 1e-3  # of the cutoff: a skin for rounding
+
+
+def grown(bound: Any) -> Any:
+    """The bound force with room in its list for what the last search found, where it had run out; else as it is."""
+    if not isinstance(bound, PairKernel):
+        return bound
+    pairs = bound.pairs
+    if pairs.counts[ROOM_NEEDED] <= pairs.near.shape[1]:
+        return bound
+    return with_room(bound, int(1.3 * pairs.counts[ROOM_NEEDED]))
+
+
+def thinned(bound: Any) -> Any:
+    """The bound force with a list for one set of positions: its skins are for rounding, and for differences of
+    Jacobians, alone."""
+    if not isinstance(bound, PairKernel):
+        return bound
+    pairs = bound.pairs
+    skin = min(THIN * pairs.cutoff, pairs.inner_skin)
+    return bound.with_list(inner_skin=skin, outer_skin=skin)
+
+
+def tuned(bound: Any, stride: float) -> Any:
+    """The bound force with the skins for a fastest particle that goes so far between two evaluations."""
+    if not isinstance(bound, PairKernel):
+        return bound
+    inner, outer = skins(bound.pairs.bricks, bound.pairs.cutoff, stride)
+    return bound.with_list(inner_skin=inner, outer_skin=outer)
+
+
+def with_room(bound: PairKernel, room: int) -> PairKernel:
+    """The bound force with empty lists of so many entries a chunk."""
+    pairs = bound.pairs
+    chunks = len(pairs.made)
+    rows = empty_rows(chunks, room, pairs.block)
+    return bound.with_list(near=np.empty((chunks, room), np.int32), rows=rows)
+
+
+def memory(bound: PairKernel) -> dict[str, Any]:
+    """What the order of sums depends on: the positions that the list was sorted and searched at and those that it was
+    last pruned at, which make it anew; its skins; and its room, since growing takes an evaluation more."""
+    pairs = bound.pairs
+    built_at, pruned_at = (pairs.built_at.copy(), pairs.inner_reference.copy()) if pairs.counts[BUILT] else (None, None)
+    sizes = {"room": pairs.near.shape[1], "inner_skin": pairs.inner_skin, "outer_skin": pairs.outer_skin}
+    return {**sizes, "built_at": built_at, "pruned_at": pruned_at}
+
+
+def recalled(bound: PairKernel, memory: dict[str, Any]) -> PairKernel:
+    """The bound force with the list that had this memory, which may come from a file: an InputError where it does not
+    fit these particles, since compiled code looks at no bounds."""
+    if "inner_skin" not in memory:  # of a version that had other lists
+        return bound
+    pairs = bound.pairs
+    _, most = skins(pairs.bricks, pairs.cutoff, np.inf)
+    room, built_at, pruned_at = memory["room"], memory["built_at"], memory["pruned_at"]
+    shapes = [(built_at, pairs.built_at), (pruned_at, pairs.inner_reference)] if built_at is not None else []
+    if not (
+        0 <= memory["inner_skin"] <= memory["outer_skin"] <= most
+        and isinstance(room, int)
+        and 0 <= room <= pairs.near.shape[1] + len(pairs.filled) ** 2 * SHIFTS
+        and all(given.shape == own.shape and given.dtype == own.dtype for given, own in shapes)
+    ):
+        raise InputError("checkpoint: its pair list belongs to other particles")
+    skins_then = {key: memory[key] for key in ("inner_skin", "outer_skin")}
+    bound = with_room(bound, memory["room"]).with_list(**skins_then).ready()
+    bound.pairs.counts[BUILT] = 0
+    if memory["built_at"] is not None and bound.remake(memory["built_at"], memory["pruned_at"]) != OK:
+        raise InputError("checkpoint: the positions of its pair list give no valid list")
+    return bound

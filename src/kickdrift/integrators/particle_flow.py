@@ -1,0 +1,109 @@
+"""Flow of a System: the view that integrators have of its particles under their forces."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from kickdrift.errors import InputError
+from kickdrift.forces.bound import BoundForces
+from kickdrift.forces.evaluate import SLOTS
+from kickdrift.forces.kernel import OK
+from kickdrift.forces.pair_law import PairForce
+from kickdrift.integrators.jacobian import difference_jacobian
+from kickdrift.integrators.particle_states import ParticleStates
+from kickdrift.looks.blow_up import nearest_pair
+from kickdrift.looks.looking import HEAD, NO_ENERGY, Looking, desk_of, look
+from kickdrift.looks.table import Looks
+from kickdrift.model.checks import unwarned
+from kickdrift.model.state import Floats
+from kickdrift.model.system import System
+
+
+class ParticleFlow(ParticleStates):
+    """A System's particles under its forces."""
+
+    def __init__(self, system: System, threads: int, jumps: bool, mixed: bool = False) -> None:
+        super().__init__(system)
+        self.forces = BoundForces(system, threads, jumps=jumps, mixed=mixed)
+        self._aside = BoundForces(
+            system, threads, thin=True
+        )  # with own lists: a sample must not change the run's lists
+        self._listed = any(isinstance(force, PairForce) for force in system.forces)
+        self._shared = self._listed and not mixed
+        self._look_at(system)
+        if system.dimensions == 2:
+            self._check_in_plane()
+        culprits = system.acting("velocity_dependent")
+        self.not_separable = f"force {culprits[0]!r} depends on velocity" if culprits else None
+
+    def _check_in_plane(self) -> None:
+        """Refuse forces that push particles of a two-dimensional system out of the plane."""
+        measured = self._aside.measure(self.subject.state.time, self.subject.state.phase)
+        off = np.flatnonzero(measured.accelerations[2] if measured is not None else 0)
+        if len(off):
+            raise InputError(
+                f"dimensions: the forces push {self.subject.body(int(off[0]))} out of the system's two dimensions"
+            )
+
+    @unwarned
+    def tune(self, y: Floats, between: float) -> None:
+        """Adapt pair lists to the particles' speed at y, with this time between two evaluations of the forces."""
+        self.forces.tune(float(np.sqrt((y[1] ** 2).sum(axis=0).max())) * between)
+
+    # --- samples ---
+
+    def _look_at(self, system: System) -> None:
+        self._desk = desk_of(system)
+        self._cursor = np.zeros(SLOTS, np.int64)
+        self._one = Looks(room=1)
+
+    def _looks(self, fresh: bool = False) -> BoundForces:
+        """Forces for a sample. If the run's own forces were last evaluated at these positions, their pair lists are
+        valid, and another evaluation changes nothing in them. Else the lists are made anew, so that a sample depends
+        only on the run, and on no earlier sample."""
+        if fresh and self._shared:
+            return self.forces
+        if self._listed:
+            self._aside.forget()
+        return self._aside
+
+    def look(self, looks: Looks, y: Floats, time: float, step: int, last: Floats, fresh: bool = False) -> int:
+        """See ParticleStates."""
+        row = looks.free()
+        return self._looks(fresh).call(look, time, _plain(y), self._desk, last, looks.rows, row, self._cursor)
+
+    def looking(self, fresh: bool) -> Looking | None:
+        """Data for many samples in a row by compiled code; None if pair lists are made anew each time."""
+        if self._listed and not (fresh and self._shared):
+            return None
+        return Looking(self._looks(fresh), self._desk, self._cursor)
+
+    def accelerations(self, y: Floats, time: float) -> Floats | None:
+        """Accelerations (3, n) at y; None if they are not finite."""
+        if self.look(self._one, y, time, 0, self._ends) not in (OK, NO_ENERGY):
+            return None
+        n = len(self.subject)
+        return self._desk[HEAD + n :].reshape(3, n).copy()
+
+    def prepare(self, y: Floats, time: float) -> None:
+        """Compile the code for samples."""
+        self.look(self._one, y, time, 0, self._ends)
+
+    def derivative(self, time: float, y: Floats) -> Floats:
+        """Return f(t, y), without using the run's own pair lists."""
+        return self._looks().derivative(time, y)
+
+    analytic = False  # of the Jacobian
+
+    def jacobian(self, time: float, y: Floats) -> Floats:
+        """Jacobian (N, N) df_i / dy_j of the flattened y by central differences."""
+        return difference_jacobian(self._looks().derivative, time, y)
+
+    def meeting(self, y: Floats) -> str:
+        """Name the nearest particles, for the end of a line about failed steps."""
+        return nearest_pair(self.subject, y[0])
+
+
+def _plain(y: Floats) -> Floats:
+    """The same numbers in the form for compiled code: contiguous and writable."""
+    return y if y.flags.c_contiguous and y.flags.writeable else np.array(y, dtype=float, order="C")

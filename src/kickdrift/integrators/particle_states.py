@@ -1,0 +1,98 @@
+"""States and samples of a System's particles, for every flow of them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from kickdrift.errors import InputError, RunError
+from kickdrift.forces.kernel import OK
+from kickdrift.forces.pair_law import PairForce
+from kickdrift.looks.blow_up import explain
+from kickdrift.looks.looking import NO_ENERGY
+from kickdrift.looks.observers import Sample
+from kickdrift.looks.record import Record
+from kickdrift.looks.table import Looks
+from kickdrift.model.checks import check_state, no_overflow
+from kickdrift.model.space import check_plane
+from kickdrift.model.starts.builders import check_overlaps
+from kickdrift.model.state import Floats, State
+from kickdrift.model.system import System
+
+
+class ParticleStates:
+    """A System's particles as any flow has them: their states, samples and blow-ups. ``look`` is the flow's own."""
+
+    raised: BaseException | None = None
+    of_particles = True
+    halves = 2
+
+    def __init__(self, system: System) -> None:
+        with no_overflow():
+            check_overlaps(system)
+        self.subject = system
+        self.name = system.name
+        self._ends = np.empty((2, 3, len(system)))  # (2, 3, n) a copy of the sampled state
+
+    def look(self, looks: Looks, y: Floats, time: float, step: int, last: Floats, fresh: bool = False) -> int:
+        """Fill the table's next row with a sample of y, and ``last`` with y. Return a status. ``fresh`` says whether
+        the run's forces were last evaluated at y."""
+        raise NotImplementedError
+
+    @property
+    def clocked(self) -> bool:
+        """Tell whether f may depend on time: true for a user's own force class, unless the class denies it."""
+        return any(_clocked(force) for force in self.subject.forces)
+
+    def state(self, y: Floats, time: float, steps: int) -> State:
+        """Copy of y as a State."""
+        own = self.subject.state
+        return State(y.copy(), own.masses.copy(), own.ids.copy(), own.box, time, steps)
+
+    def array(self, state: State) -> Floats:
+        """Checked copy of a State as y."""
+        check_state(state, State)
+        own = self.subject.state
+        if len(state) != len(own):
+            raise InputError(f"state: expected {len(own)} particles, got {len(state)}")
+        if not (np.array_equal(state.ids, own.ids) and np.array_equal(state.masses, own.masses)):
+            raise InputError("state: ids and masses must equal the system's, in the same order")
+        if state.box != own.box:
+            raise InputError(f"state: the box is {state.box.shape}, but the system's is {own.box.shape}")
+        if not np.all(np.isfinite(state.phase)):
+            raise InputError("state: positions and velocities must be finite")
+        if self.subject.dimensions == 2:
+            check_plane(state.phase)
+        return np.array(state.phase, dtype=float, order="C")
+
+    def begin(self, record: Record, y: Floats) -> None:
+        """Begin a record of conservation here."""
+        record.begin(self.subject.coherent_masses, y)
+
+    def refused(self, status: int, step: int, time: float) -> RunError:
+        """Error of a failed sample."""
+        if status == NO_ENERGY:
+            return RunError(f"step {step} (t = {time:g}): the energy is not finite")
+        return RunError(f"step {step} (t = {time:g}): the forces at these positions are not finite")
+
+    def sample(self, y: Floats, time: float, steps: int, fresh: bool = False) -> Sample:
+        """Sample of all observables at y."""
+        one = Looks(room=1)
+        status = self.look(one, y, time, steps, self._ends, fresh)
+        if status != OK:
+            raise self.refused(status, steps, time)
+        one.keep(steps)
+        return one.samples[0]
+
+    def forget_errors(self) -> None:
+        """Do nothing: compiled forces raise no errors."""
+
+    def explain(self, y: Floats, before: Floats, good: Floats, step: int, time: float, good_step: int) -> str:
+        """One line about a blow-up. ``before`` (3, n) holds the particles' positions a step before y."""
+        return explain(self.subject, y, before, good, step, time, good_step)
+
+
+def _clocked(force: Any) -> bool:
+    own = isinstance(force, PairForce) or type(force).__module__.startswith("kickdrift.")
+    return bool(getattr(force, "time_dependent", not own))

@@ -1,0 +1,70 @@
+"""Events, checked: whether they can be watched for in a System or a Problem."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+from kickdrift.errors import InputError
+from kickdrift.model.capacity import check_room
+from kickdrift.model.events import Between, CloseApproach, Collision, Crossing, Escape, Event
+from kickdrift.model.subject import Bodies, Subject, index_of
+from kickdrift.model.units import shown
+
+PAIR_BYTES = 200  # of a pair of bodies that is watched
+
+
+def binding(system: Subject) -> Any:
+    """The force that binds bodies, with its G and softening: gravity of whatever kind; None where there is none."""
+    return next((force for force in system.forces if hasattr(force, "G") and hasattr(force, "softening")), None)
+
+
+def checked_events(system: Bodies, events: Iterable[Event]) -> tuple[Event, ...]:
+    """The events, where they can be watched for in that system; else an InputError."""
+    found = _listed(events)
+    for event in found:
+        _check_kind(event)
+        if system.box.periodic:
+            raise InputError(f"{event.kind}: events need open space, and the box is periodic")
+        if isinstance(event, CloseApproach | Collision):
+            check_room(event.kind, len(system) * (len(system) - 1) // 2, "pairs of bodies", PAIR_BYTES)
+        if isinstance(event, CloseApproach):
+            bodies = [index_of(system, body, f"{event.kind}: bodies") for body in event.bodies or ()]
+            if len(set(bodies)) < len(bodies):
+                raise InputError(f"{event.kind}: bodies: a body is named twice in {shown(event.bodies)}")
+        elif isinstance(event, Collision):
+            event.radii_in(system)
+        elif isinstance(event, Escape):
+            if event.about is not None:
+                index_of(system, event.about, f"{event.kind}: about")
+            if binding(system) is None:
+                raise InputError(f"{event.kind}: only gravity binds bodies, and {system.name!r} has none")
+        elif isinstance(event.function, Between):
+            pair = [index_of(system, body, event.name) for body in (event.function.body, event.function.about)]
+            if pair[0] == pair[1]:
+                raise InputError(f"{event.name}: expected two bodies, got {shown(event.function.body)} twice")
+        if getattr(event, "action", "") in ("merge", "remove") and system.acting("joins"):
+            raise InputError(f"{event.kind}: action {event.action!r} cannot act on bodies joined by springs")  # type: ignore[union-attr]
+    return found
+
+
+def checked_crossings(events: Iterable[Event]) -> tuple[Event, ...]:
+    """The events, where they can be watched for in a Problem: crossings of a function of y; else an InputError."""
+    found = _listed(events)
+    for event in found:
+        _check_kind(event)
+        if not (isinstance(event, Crossing) and callable(event.function)):
+            raise InputError(f"{event.kind}: needs particles; for a Problem use a Crossing of a function of y")
+    return found
+
+
+def _listed(events: Iterable[Event]) -> tuple[Event, ...]:
+    try:
+        return tuple(events)
+    except TypeError:
+        raise InputError(f"events: expected a list of events, got {shown(events)}") from None
+
+
+def _check_kind(event: Event) -> None:
+    if not isinstance(event, CloseApproach | Collision | Escape | Crossing):
+        raise InputError(f"events: expected CloseApproach, Collision, Escape or Crossing, got {shown(event)}")

@@ -1,0 +1,64 @@
+"""What a system says of its runs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+
+@dataclass(frozen=True, init=False)
+class RunDefaults:
+    """What a system file's ``[run]`` says; flags and ``Simulation(…)`` override it.
+
+    Attributes
+    ----------
+    integrator, dt, steps, time, every : as in ``[run]``; None where it does not say
+    options : the integrator's options by name, those that it names
+    """
+
+    integrator: str | None = None
+    dt: float | None = None
+    steps: int | None = None
+    time: float | None = None
+    every: int | None = None
+    options: Mapping[str, Any] = field(default_factory=dict)
+
+    def __init__(
+        self,
+        integrator: str | None = None,
+        dt: float | None = None,
+        steps: int | None = None,
+        time: float | None = None,
+        every: int | None = None,
+        **options: Any,
+    ) -> None:
+        own = {"integrator": integrator, "dt": dt, "steps": steps, "time": time, "every": every}
+        given = {key: value for key, value in options.items() if value is not None}
+        for key, value in (own | {"options": given}).items():
+            object.__setattr__(self, key, value)
+
+    def __hash__(self) -> int:
+        return hash((self.integrator, self.dt, self.steps, self.time, self.every, frozenset(self.options)))
+
+    def said(self) -> dict[str, Any]:
+        """What it says by key, the options among the others; as arguments, they make the same again."""
+        own = {key: value for key, value in vars(self).items() if key != "options" and value is not None}
+        return own | dict(self.options)
+
+    def changed(self, **defaults: Any) -> RunDefaults:
+        """The same with these in their places; steps replace a time, and a time steps."""
+        for one, other in (("steps", "time"), ("time", "steps")):
+            if one in defaults:
+                defaults.setdefault(other, None)
+        return RunDefaults(**self.said() | defaults)
+
+
+@dataclass(frozen=True)
+class Equilibration:
+    """What a system file's ``[equilibrate]`` says: run to ``temperature`` for ``time`` before conservation is
+    measured."""
+
+    temperature: float
+    time: float
+    interval: int = 10

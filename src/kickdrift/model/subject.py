@@ -1,0 +1,80 @@
+"""What forces and events see of a System."""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kickdrift.errors import InputError
+from kickdrift.model.box import Box
+from kickdrift.model.state import Floats, State
+from kickdrift.model.units import UnitSystem, shown, suggestion
+
+
+class Subject(Protocol):
+    """Particles that forces act on; see ``System``."""
+
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def state(self) -> State: ...
+
+    @property
+    def box(self) -> Box: ...
+
+    @property
+    def dimensions(self) -> int: ...
+
+    @property
+    def volume(self) -> float: ...
+
+    @property
+    def units(self) -> UnitSystem: ...
+
+    @property
+    def forces(self) -> tuple[Any, ...]: ...
+
+    @property
+    def names(self) -> tuple[str, ...]: ...
+
+    @property
+    def species(self) -> tuple[str, ...]: ...
+
+    @property
+    def species_index(self) -> NDArray[Any]: ...
+
+    @property
+    def coherent_masses(self) -> Floats: ...
+
+    def __len__(self) -> int: ...
+
+    def body(self, i: int) -> str:
+        """Name of a particle for people."""
+
+
+class Bodies(Subject, Protocol):
+    """Particles that events may watch; see ``System``."""
+
+    @property
+    def radii(self) -> Floats | None: ...
+
+    def acting(self, trait: str) -> list[str]:
+        """Names of the forces that have a trait."""
+
+
+def index_of(system: Subject, body: str | int, key: str) -> int:
+    """The row of a body, by name or by id; an InputError that begins with ``key`` where there is none."""
+    if isinstance(body, str) and body in system.names:
+        return system.names.index(body)
+    if isinstance(body, int | np.integer) and not isinstance(body, bool):
+        found = np.flatnonzero(system.state.ids == body)
+        if found.size:
+            return int(found[0])
+    if not system.names:
+        raise InputError(f"{key}: there is no particle {shown(body)}; expected a number from 0 to {len(system) - 1}")
+    known = ", ".join(system.names[:12]) + (", …" if len(system) > 12 else "")
+    hint = suggestion(body, system.names) if isinstance(body, str) else ""
+    raise InputError(f"{key}: there is no body {shown(body)}{hint} (known: {known})")
