@@ -25,7 +25,7 @@ LONGEST = (
     "test_docs", "test_compare", "test_ensemble", "test_batch", "test_engines", "test_integrators",
     "test_gauss_radau", "test_events", "test_cli", "test_drift", "test_hermite", "test_tree", "test_gravity",
     "test_simulation", "test_exact", "test_chaos", "test_relativity", "test_fields", "test_implicit",
-    "test_robustness", "test_validate", "test_validation", "test_bench_speed", "test_readme",
+    "test_robustness", "test_contributing", "test_validate", "test_validation", "test_bench_speed", "test_readme",
 )  # fmt: skip
 
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 import unicodedata
+from collections.abc import Iterable
+from typing import Any
 
 LINE = 2000  # characters of a message or a line of a report
 CELL = 200  # characters of a table's cell
@@ -48,6 +50,16 @@ def shown(value: object) -> str:
         text = f"a {type(value).__name__} too large to show"
     text = " ".join(text.split())
     return _cut(text, VALUE)
+
+
+def suggestion(word: object, known: Iterable[Any]) -> str:
+    """``; did you mean 'x'?`` if a known word is near, else nothing."""
+    import difflib
+
+    if len(str(word)) > VALUE:
+        return ""
+    near = difflib.get_close_matches(str(word).lower(), {str(k).lower(): k for k in known}, n=1, cutoff=0.6)
+    return f"; did you mean {next(str(k) for k in known if str(k).lower() == near[0])!r}?" if near else ""
 
 
 def counted(number: int, noun: str) -> str:

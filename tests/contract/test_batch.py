@@ -11,10 +11,11 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import kickdrift as kd
-from kickdrift.analysis import chaos
+from kickdrift.analysis import chaos, chaos_lanes
 from kickdrift.analysis.chaos import megno, megnos
-from kickdrift.batch import batch as room
-from kickdrift.batch.batch import Batch, refusal
+from kickdrift.batch import members, sampling
+from kickdrift.batch.batch import Batch
+from kickdrift.batch.members import refusal
 from kickdrift.errors import InputError
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators import integrator as method_named
@@ -230,7 +231,7 @@ def test_bits_depend_on_no_cut(choice, monkeypatch):
     systems = [planets(seed) for seed in range(9)]
     whole, pieces = (Batch(systems, name, 0.05, **options) for _ in range(2))
     whole.run(60, every=5)
-    monkeypatch.setattr(room, "PIECE", 300)
+    monkeypatch.setattr(sampling, "PAIR_STEPS", 300)
     for steps in (7, 0, 43, 10):
         pieces.run(steps, every=5)
     np.testing.assert_array_equal(whole.phase, pieces.phase)
@@ -261,7 +262,7 @@ def test_megno_is_what_it_is_one_by_one(name):
 def test_scaling_deviations_back_changes_no_growth(monkeypatch):
     systems = [planets(seed) for seed in range(3)]
     before = megnos(systems, 40.0, "leapfrog", 0.02)
-    monkeypatch.setattr(chaos, "LARGEST", 2.0)
+    monkeypatch.setattr(chaos_lanes, "LARGEST", 2.0)
     after = megnos(systems, 40.0, "leapfrog", 0.02)
     for one, other in zip(before, after, strict=True):
         assert np.ptp(one.growth) > 2.0
@@ -337,7 +338,7 @@ def cloud(n: int) -> kd.System:
         (planets(0, forces=[kd.GravityTree()]), "leapfrog", {}, "exactly one force, 'gravity'"),
         (planets(0, events=[kd.CloseApproach(0.1)]), "leapfrog", {}, "events"),
         (planets(0, forces=[kd.Gravity(softening=0.1)]), "wisdom-holman", {}, "without softening"),
-        (cloud(room.MOST + 1), "leapfrog", {}, "bodies are too many"),
+        (cloud(members.MOST_BODIES + 1), "leapfrog", {}, "bodies are too many"),
         (cloud(3), "wisdom-holman", {}, "no body dominates"),
     ],
 )

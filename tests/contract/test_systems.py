@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import kickdrift as kd
-from kickdrift.systemfile.reading import describe, shipped
+from kickdrift.systemfile.files import describe, shipped
 
 SYSTEMS = [name for name in shipped() if isinstance(kd.load(name), kd.System)]
 STATED = [name for name in SYSTEMS if isinstance(kd.load(name).invariants.get("energy"), float)]  # not in words

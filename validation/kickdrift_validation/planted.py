@@ -35,7 +35,7 @@ FAULTS = (
         "sums[c, 1] = lane_sum(virial_sum)", "sums[c, 1] = -lane_sum(virial_sum)",
     ),
     Fault(
-        "unit-factor", "metal's atomic mass unit of CODATA 2002, 1.2e-7 off", "model/units.py",
+        "unit-factor", "metal's atomic mass unit of CODATA 2002, 1.2e-7 off", "model/unit_systems.py",
         "coherent_mass=constants.ATOMIC_MASS *", "coherent_mass=1.66053886e-27 *", small=True,
     ),
     Fault(

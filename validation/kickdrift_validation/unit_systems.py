@@ -12,7 +12,8 @@ from __future__ import annotations
 
 import sys
 
-from kickdrift.model.units import UNIT_SYSTEMS, quantity
+from kickdrift.model.unit_systems import UNIT_SYSTEMS
+from kickdrift.model.units import quantity
 from kickdrift_validation.claim import Claim, claim, main, not_run
 
 NEAR = 2e-9

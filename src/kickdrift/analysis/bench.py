@@ -19,7 +19,8 @@ from kickdrift.looks.observers import kinetic_energy
 from kickdrift.model.system import System
 from kickdrift.run.report import Report
 from kickdrift.run.simulation import Simulation
-from kickdrift.systemfile.reading import find, loads
+from kickdrift.systemfile.files import find
+from kickdrift.systemfile.reading import loads
 
 METHODS = ("velocity-verlet", "leapfrog-dkd", "forest-ruth", "yoshida6", "rk4")
 SAME_STEP = 0.005

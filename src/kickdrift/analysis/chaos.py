@@ -1,12 +1,6 @@
-"""Is a motion chaotic?  MEGNO and the largest Lyapunov exponent, from a deviation vector that rides along.
+"""MEGNO and the largest Lyapunov exponent of a motion, from a run with a deviation vector.
 
-With d(t) the length of a solution of the variational equations, the Mean Exponential Growth of Nearby Orbits is
-
-    Y(t) = 2 / t  integral of s (d'/d) ds from 0 to t,
-
-and its running mean <Y> goes to 2 for a quasi-periodic motion and as lambda t / 2 for a chaotic one, lambda the largest
-Lyapunov exponent (Cincotta & Simo 2000, doi:10.1051/aas:2000108; Cincotta, Giordano & Simo 2003,
-doi:10.1016/S0167-2789(03)00103-9).
+See `kickdrift.analysis.chaos_report` for the definitions and their sources.
 """
 
 from __future__ import annotations
@@ -34,7 +28,7 @@ if TYPE_CHECKING:
     from kickdrift.model.problem import Problem
 
 
-DEFAULT = "dop853"  # where the system file names no integrator, or one that carries no variations
+DEFAULT = "dop853"  # for a system file without an integrator, or with one that carries no variations
 
 
 def megno(
@@ -48,19 +42,24 @@ def megno(
     progress: Callable[[int, int], Any] | None = None,
     **options: Any,
 ) -> ChaosReport:
-    """Run a System with a deviation vector, and say whether the motion is chaotic.
+    """Run a System with a deviation vector, and tell whether the motion is chaotic.
 
     Parameters
     ----------
     system : gravity and fields; not pair forces on a neighbour list
-    time : how long; default the system file's. A regular motion shows after some hundred of its longest periods, a
-        chaotic one after some tens of Lyapunov times: one that is longer than the run looks regular
-    integrator, dt, options : as in a Simulation; default the system file's integrator where it carries variations, else
-        dop853. Particles under fixed steps move as without their deviations, to the last bit
-    seed : of the first deviation, a random direction in phase space with positions in units of their scatter
+    time : length of the run; default the system file's. A regular motion shows after some hundred of its longest
+        periods, a chaotic one after some tens of Lyapunov times. A Lyapunov time longer than the run looks regular
+    integrator, dt, options : as in a Simulation; default the system file's integrator if it carries variations, else
+        dop853. With fixed steps, particles move as without deviations, to the last bit
+    seed : seed of the first deviation, a random direction in phase space with positions in units of their scatter
     progress : called as ``progress(done, of)``
 
-    Raises InputError for what makes no sense, RunError where the run blows up.
+    Raises
+    ------
+    InputError
+        For arguments that make no sense.
+    RunError
+        If the run blows up.
     """
     if not isinstance(system, System):
         raise InputError(f"megno: takes a System of particles, got {type(system).__name__}")
@@ -71,7 +70,7 @@ def megno(
     state = sim.state
     try:
         accelerations = sim.accelerations()[:n].T
-    except RunError:  # not finite, which the run says more of
+    except RunError:  # not finite; the run gives the reason
         accelerations = np.zeros((3, 1))
     scale = scale_of(state.phase[:, :, :n], accelerations)
     state.phase[:, :, n:] = first_deviation(n, seed) * scale
@@ -92,17 +91,23 @@ def megnos(
     seeds: int | Sequence[int] = 0,
     **options: Any,
 ) -> list[ChaosReport | None]:
-    """``megno`` of many small systems of as many bodies, side by side as in a `kickdrift.batch.Batch`.
+    """Run ``megno`` for many small systems with equal numbers of bodies, side by side as in a `kickdrift.batch.Batch`.
 
     Parameters
     ----------
-    systems : what a Batch takes
-    time, integrator, dt, seeds, options : as in ``megno``, of all or one for each; the number of steps must be the same
-        for all. Methods: splittings and Runge-Kutta of fixed steps
+    systems : Systems that a Batch takes
+    time, integrator, dt, seeds, options : as in ``megno``, one for all or one for each; the number of steps must be the
+        same for all. Methods: splittings and Runge-Kutta with fixed steps
 
-    Returns what ``megno`` finds of each, up to round-off; None of one that blows up or whose deviation vanishes, which
-    ``megno`` alone says more of. Each report holds three series of up to some 10,000 looks. Raises InputError for what
-    makes no sense, naming the system.
+    Returns
+    -------
+    The report of ``megno`` for each system, up to round-off. A system that blows up, or whose deviation vanishes,
+    gives None; ``megno`` for this system gives the reason. Each report holds three series of up to 10,000 samples.
+
+    Raises
+    ------
+    InputError
+        For arguments that make no sense, with the system's index.
     """
     from kickdrift.analysis.chaos_lanes import growths
 
@@ -132,7 +137,7 @@ def megnos(
 
 
 def _each(key: str, value: Any, count: int) -> list[Any]:
-    """One for each system."""
+    """One value for each system."""
     values = [value] * count if value is None or np.ndim(value) == 0 else list(value)
     if len(values) != count:
         raise InputError(f"{key}: expected one or {count}, one for each system, got {len(values)}")
@@ -146,7 +151,7 @@ def _checked_seed(seed: Any) -> int:
 
 
 def length_of(system: System, time: float | None) -> float:
-    """How long to run."""
+    """Length of the run."""
     length = system.run.time if time is None else time
     if time is None and length is None and system.run.steps and system.run.dt:
         length = system.run.steps * system.run.dt
@@ -158,7 +163,7 @@ def length_of(system: System, time: float | None) -> float:
 
 
 def carrier(system: System, integrator: str | None) -> str:
-    """The integrator to run with."""
+    """Name of the integrator for the run."""
     if integrator is not None:
         if not method_named(integrator).carries:
             raise InputError(f"integrator: {integrator} carries no variations; {DEFAULT} does, and yoshida6")
@@ -170,14 +175,14 @@ def carrier(system: System, integrator: str | None) -> str:
 def _growth(
     sim: Simulation, length: float, scale: Floats, progress: Callable[[int, int], Any] | None
 ) -> tuple[Floats, Floats]:
-    """Run a varied System for a time: times since the start, and ln of the deviation's length at them."""
+    """Run a varied System for a time. Return times since the start, and ln of the deviation's length then."""
     start = sim.time
     n = len(sim.system) // 2
     steps, every = (MOST_STEPS, 1) if sim.method.chooses_steps else cadence(length, sim.dt or length)
     times, growth, scaled, exponent = [0.0], [0.0], 0.0, 0
 
     def visit(sim: Simulation) -> bool:
-        """Note the deviation's length; whether the time is over, or the deviation is to be scaled back."""
+        """Record the deviation's length. Return whether the time is over or the deviation needs scaling."""
         nonlocal scaled, exponent
         size = float(np.linalg.norm(sim.integration.y[:, :, n:] / scale))
         if not size > 0.0:

@@ -9,7 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from kickdrift.analysis.deviations import LARGEST, cadence, first_deviation, scale_of
-from kickdrift.batch.batch import common, members_of, run_lanes
+from kickdrift.batch.members import common, members_of
+from kickdrift.batch.sampling import run_lanes
 from kickdrift.errors import InputError
 from kickdrift.forces.batch_gravity import LOOK, measure_in_lanes
 from kickdrift.integrators.batch_stepping import Deviations, Members, from_lanes, to_lanes

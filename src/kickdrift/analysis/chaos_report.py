@@ -1,4 +1,13 @@
-"""What the growth of a deviation says: MEGNO, the Lyapunov exponent and a verdict."""
+"""MEGNO, the Lyapunov exponent and a verdict, from the growth of a deviation vector.
+
+With d(t) the length of a solution of the variational equations, the Mean Exponential Growth of Nearby Orbits is
+
+    Y(t) = 2 / t  integral of s (d'/d) ds from 0 to t.
+
+Its running mean <Y> tends to 2 for a quasi-periodic motion and to lambda t / 2 for a chaotic one, with the largest
+Lyapunov exponent lambda (Cincotta & Simo 2000, doi:10.1051/aas:2000108; Cincotta, Giordano & Simo 2003,
+doi:10.1016/S0167-2789(03)00103-9).
+"""
 
 from __future__ import annotations
 
@@ -14,27 +23,26 @@ from kickdrift.model.system import System
 
 Verdict = Literal["regular", "chaotic", "undecided"]
 
-
-REGULAR = 0.1  # |<Y> - 2| below which a motion is called regular
-CHAOTIC = 4.0  # <Y> above which it is called chaotic
-KEPT = 500  # of them, in a report's JSON
-SETTLED = 0.2  # of the run that the fit of the Lyapunov exponent leaves out (Cincotta & Simo 2000, section 3)
+REGULAR = 0.1  # largest |<Y> - 2| of a regular motion
+CHAOTIC = 4.0  # least <Y> of a chaotic motion
+KEPT = 500  # most samples in a report's JSON
+SETTLED = 0.2  # first part of the run, left out of the fit of the Lyapunov exponent (Cincotta & Simo 2000, section 3)
 
 
 @dataclass(frozen=True)
 class ChaosReport:
-    """What the deviation's growth says.
+    """Results from the growth of a deviation.
 
     Attributes
     ----------
-    system, integrator, dt, time, time_unit, steps, seed : what was run, and the seed of the first deviation
-    megno : the running mean <Y> at the end
-    verdict : "regular" where |megno - 2| < 0.1, "chaotic" where it is above 4, "undecided" between
-    lyapunov : the largest Lyapunov exponent, per the system's unit of time: twice the slope of <Y> over the last four
-        fifths of the run (Cincotta & Simo 2000). Of a regular motion it is a small number of either sign.
-    lyapunov_error : half the difference between the slopes of the two halves of that
+    system, integrator, dt, time, time_unit, steps, seed : the run, and the seed of the first deviation
+    megno : running mean <Y> at the end
+    verdict : "regular" for |megno - 2| < 0.1, "chaotic" for megno above 4, else "undecided"
+    lyapunov : largest Lyapunov exponent, per the system's unit of time: twice the slope of <Y> over the last four
+        fifths of the run (Cincotta & Simo 2000). A regular motion gives a small number of either sign.
+    lyapunov_error : half the difference between the results of the two halves of this part
     energy_error : relative, at the end
-    times, means, growth : (k,) times since the start, <Y> at them, and ln d(t) / d(0)
+    times, means, growth : (k,) times since the start, <Y> at these times, and ln d(t) / d(0)
     """
 
     system: str
@@ -54,7 +62,7 @@ class ChaosReport:
     growth: Floats = field(repr=False)
 
     def as_json(self) -> dict[str, Any]:
-        """As one JSON object; the series thinned to some 500 points."""
+        """The report as one JSON object, with series of at most some 500 points."""
         every = -(-len(self.times) // KEPT)
         series = ("times", "means", "growth")
         return {
@@ -73,7 +81,7 @@ def report_of(
     times: Floats,
     growth: Floats,
 ) -> ChaosReport:
-    """What the growth of a deviation says."""
+    """Report from the growth of a deviation."""
     means = mean_megno(times, growth)
     slope, error = _slope(times, means)
     found, (begin, end) = float(means[-1]), energies
@@ -97,16 +105,18 @@ def report_of(
 
 
 def verdict(megno: float) -> Verdict:
-    """What a mean MEGNO says."""
+    """Verdict from a mean MEGNO."""
     if abs(megno - 2.0) < REGULAR:
         return "regular"
     return "chaotic" if megno > CHAOTIC else "undecided"
 
 
 def mean_megno(times: Floats, growth: Floats) -> Floats:
-    """<Y> at each of the times, the first of them 0, from ln d: both integrals by the trapezoidal rule, the first over
-    ln d, which makes it MEGNO's sum for maps (Cincotta, Giordano & Simo 2003, section 4.1) where times are far
-    apart."""
+    """Mean MEGNO <Y> (k,) at times (k,), the first of them 0, from ``growth`` = ln d (k,).
+
+    The trapezoidal rule gives both integrals. The first runs over ln d, so for times far apart it is MEGNO's sum for
+    maps (Cincotta, Giordano & Simo 2003, section 4.1).
+    """
     middles, lengths = 0.5 * (times[1:] + times[:-1]), np.diff(times)
     y = np.concatenate([[0.0], 2.0 * np.cumsum(middles * np.diff(growth)) / times[1:]])
     total = np.cumsum(0.5 * (y[1:] + y[:-1]) * lengths)
@@ -114,7 +124,7 @@ def mean_megno(times: Floats, growth: Floats) -> Floats:
 
 
 def _slope(times: Floats, means: Floats) -> tuple[float, float]:
-    """Of <Y> over the settled part of the run, and half the difference between its halves'."""
+    """Slope of <Y> over the settled part of the run, and half the difference between the slopes of its halves."""
     settled = times >= SETTLED * times[-1]
     t, y = times[settled], means[settled]
     if len(t) < 6:
@@ -125,6 +135,6 @@ def _slope(times: Floats, means: Floats) -> tuple[float, float]:
 
 
 def _line(t: Floats, y: Floats) -> float:
-    """The slope of the straight line of least squares."""
+    """Slope of a straight line by least squares."""
     t = t - t.mean()
     return float(t @ (y - y.mean()) / (t @ t))

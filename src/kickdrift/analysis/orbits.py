@@ -12,7 +12,7 @@ from kickdrift.errors import InputError
 from kickdrift.model.starts.coordinates import about_centre, attracting_masses
 from kickdrift.model.starts.elements import Elements, elements
 from kickdrift.model.state import Floats
-from kickdrift.model.units import shown, suggestion
+from kickdrift.text import shown, suggestion
 from kickdrift.trajectory import reader
 
 DOMINANT = 0.5  # of all mass: from there on a body is what the others orbit

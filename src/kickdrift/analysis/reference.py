@@ -131,8 +131,8 @@ def is_stiff(subject: Subject, state: Any, length: float) -> bool:
     return float(-stiffness(subject, [state])[0].eigenvalues.real.min()) * length > STIFF_DECADES
 
 
-def scout_method(stiff: bool) -> str:
-    """The method of loose runs, which tell what a solution costs at least."""
+def loose_method(stiff: bool) -> str:
+    """Method of runs at a loose tolerance, which estimate the least cost of a solution."""
     return "radau" if stiff else "dop853"
 
 
@@ -140,7 +140,7 @@ def reference_method(subject: Subject, stiff: bool) -> str:
     """The method of tight runs: gauss-radau15, but for what is stiff, and for particles whose forces break off at a
     cutoff, where its order is of no use."""
     broken = isinstance(subject, System) and any(hasattr(force, "cutoff") for force in subject.forces)
-    return scout_method(stiff) if stiff or broken else "gauss-radau15"
+    return loose_method(stiff) if stiff or broken else "gauss-radau15"
 
 
 def perturbed(start: Any, y: Floats, state_at: Callable[..., Any]) -> Any:

@@ -14,57 +14,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from kickdrift.batch.members import common, members_of
+from kickdrift.batch.sampling import momentum_scales, run_lanes, sampled_steps
 from kickdrift.engines import NATIVE, engine
 from kickdrift.errors import InputError
-from kickdrift.forces.central import gravitational_constant
-from kickdrift.forces.gravity import Gravity
-from kickdrift.integrators import integrator as method_named
-from kickdrift.integrators.asked import Integrator, settled, unpacked
-from kickdrift.integrators.batch_stepping import LaneStepper, Members, from_lanes, to_lanes
-from kickdrift.integrators.method import Method, checked_dt
-from kickdrift.integrators.option import MIXED
-from kickdrift.integrators.options import Options
+from kickdrift.integrators.asked import Integrator
+from kickdrift.integrators.batch_stepping import LaneStepper, from_lanes
 from kickdrift.integrators.step_length import start_warning
 from kickdrift.looks.record import Record, Series
 from kickdrift.model.capacity import check_room
 from kickdrift.model.limits import whole_number
-from kickdrift.model.run_defaults import RunDefaults
 from kickdrift.model.state import Floats, State
 from kickdrift.model.system import System
 from kickdrift.run.plan import looks_at
 from kickdrift.run.report import Report, report
 
-MOST = 32  # most bodies; side by side is 16 times as fast at 3, 4 at 16 and 2 at 32, where one system fills the lanes
-PIECE = 200_000_000  # pairs and steps of one system between checks for Ctrl-C; some seconds
-LOOKS = 100_000  # samples in one piece of memory
 LOOK_BYTES = 2 * 64  # memory of a member's sample while the pieces become one array
-
-
-def refusal(system: Any, method: Method, options: Options) -> str | None:
-    """Reason why a Batch cannot run this, or None. A Simulation may refuse more."""
-    if not isinstance(system, System):
-        return "a batch takes Systems of particles"
-    if not method.batched:
-        return f"{method.name} moves one system at a time; splittings, fixed Runge-Kutta and wisdom-holman move many"
-    if options.compensated:
-        return "a batch has no compensated sums"
-    if options.corrector:
-        return "a batch has no corrector"
-    if options.precision == MIXED:
-        return "mixed precision needs pair forces"
-    if system.box.periodic:
-        return "a batch needs open space, and the box is periodic"
-    if [type(force) for force in system.forces] != [Gravity]:
-        return f"a batch needs exactly one force, 'gravity'; {system.name!r} has others, or none"
-    if system.events:
-        return "a batch watches no events"
-    if len(system) > MOST:
-        return f"{len(system)} bodies are too many; a batch takes up to {MOST}"
-    try:
-        method.check(system)
-    except InputError as error:
-        return str(error)
-    return None
 
 
 class Batch:
@@ -105,7 +70,7 @@ class Batch:
         self._start = from_lanes(members.start, len(self.systems))
         self._members = members
         self._stepper: LaneStepper = self.method.in_lanes(members, self.options)
-        self._begun = begin_lanes(self.systems)
+        self._begun = momentum_scales(self.systems)
         self._steps: list[int] = []
         self._looks: list[Floats] = []  # (k, LOOK, members) from each run
         self._taken, self._seconds, self._compiling = 0, 0.0, 0.0
@@ -149,7 +114,7 @@ class Batch:
         most = looks_at(steps, self.method.evaluations, len(self.systems[0]))
         cadence = every or known.pop() or max(1, steps // most)
         check_room("run", steps / cadence * len(self), "samples", LOOK_BYTES, "give a larger every")
-        stops = looks_between(self.steps_done, steps, cadence)
+        stops = sampled_steps(self.steps_done, steps, cadence)
         counts = np.diff(stops, prepend=self.steps_done)
         began = perf_counter()
         self._stepper.run(0, np.zeros(0, np.int64), self.steps_done)  # compiles, if not done before
@@ -229,94 +194,3 @@ class Member:
     def going_on(self) -> list[dict[str, Any]]:
         """Return no events."""
         return []
-
-
-def common(
-    systems: tuple[System, ...], which: str | Integrator | None, dt: Any, options: dict[str, Any]
-) -> tuple[str, Method, Options, Floats]:
-    """Shared integrator name, method and options, and each member's dt (members,)."""
-    integrator, options = unpacked(which, options)
-    dt = options.pop("dt", None) if dt is None else dt
-    if not systems:
-        raise InputError("systems: expected one system or more")
-    steps = [dt] * len(systems) if dt is None or np.ndim(dt) == 0 else list(dt)
-    if len(steps) != len(systems):
-        raise InputError(f"dt: expected one number or {len(systems)}, one for each system, got {len(steps)}")
-    shared: tuple[Any, ...] | None = None
-    known: dict[tuple[str, RunDefaults], Options] = {}
-    found = np.empty(len(systems))
-    for k, (system, step) in enumerate(zip(systems, steps, strict=True)):
-        if not isinstance(system, System):
-            raise InputError(f"system {k}: expected a System of particles, got {type(system).__name__}")
-        name = integrator or system.run.integrator or "velocity-verlet"
-        method = method_named(name)
-        if (name, system.run) not in known:  # the same for most members
-            known[name, system.run] = settled(method, options, system.run)
-        own = known[name, system.run]
-        if (why := refusal(system, method, own)) is not None:
-            raise InputError(f"system {k}: {why}")
-        own_dt = checked_dt(system.run.dt if step is None else step)
-        if own_dt is None:
-            raise InputError(f"dt is needed: system {system.name!r} has none in [run]")
-        found[k] = own_dt
-        alike = name, len(system), system.state.steps_done, own.changed(dt=None)
-        shared = shared or alike
-        for what, mine, first in zip(("integrator", "bodies", "steps_done", "options"), alike, shared, strict=True):
-            if mine != first:
-                raise InputError(
-                    f"system {k}: all systems of a batch need the same {what}; it has {mine}, system 0 has {first}"
-                )
-    assert shared is not None
-    return shared[0], method_named(shared[0]), shared[3], found
-
-
-def members_of(systems: Sequence[System], dt: Floats, y: Floats) -> Members:
-    """Systems side by side at y (members, 2, 3, n or 2 n)."""
-    forces: list[Any] = [system.forces[0] for system in systems]
-    G = [gravitational_constant(force.name, force.G, system) for force, system in zip(forces, systems, strict=True)]
-    masses = np.array([system.state.masses for system in systems])
-    time = np.array([system.state.time - system.state.steps_done * h for system, h in zip(systems, dt, strict=True)])
-    return Members(
-        systems=systems,
-        done=systems[0].state.steps_done,
-        y=to_lanes(y),
-        gm=to_lanes(np.array(G)[:, None] * masses),
-        masses=to_lanes(np.array([system.units.coherent_mass for system in systems])[:, None] * masses),
-        softening2=to_lanes(np.array([force.softening**2 for force in forces])),
-        dt=to_lanes(dt),
-        start=to_lanes(time),
-    )
-
-
-def begin_lanes(systems: Sequence[System]) -> tuple[Floats, Floats]:
-    """Sums of m |v| and of m |x × v| (members,), as in ``Record.begin``."""
-    phase = np.array([system.state.phase for system in systems])
-    masses = np.array([system.coherent_masses for system in systems])
-    x, v = np.moveaxis(phase, 1, 0)
-    turning = np.linalg.norm(np.cross(x, v, axis=1), axis=1)
-    return (masses * np.linalg.norm(v, axis=1)).sum(axis=1), (masses * turning).sum(axis=1)
-
-
-def looks_between(done: int, steps: int, every: int) -> NDArray[np.int64]:
-    """Steps of the samples: the present one, multiples of ``every``, the last."""
-    inside = np.arange((done // every + 1) * every, done + steps, every)
-    ends = [done, done + steps] if steps else [done]
-    return np.unique(np.concatenate([ends, inside])).astype(np.int64)
-
-
-def run_lanes(stepper: LaneStepper, counts: NDArray[np.int64], done: int, watch: Any = None) -> tuple[Floats, Floats]:
-    """Take ``counts`` (k,) steps and sample after each, block by block. Returns (k, LOOK, members) samples and the (k,
-    members) factors that rescaled deviations. The members include those that fill up the last block."""
-    rows = stepper.y.shape[3]
-    passed = np.cumsum(counts) * rows * rows
-    pieces = np.searchsorted(passed, np.arange(PIECE, passed[-1] if len(passed) else 0, PIECE))
-    pieces = np.unique(np.concatenate([pieces, np.arange(LOOKS, len(counts), LOOKS)]))
-    found: list[tuple[Floats, Floats]] = []
-    for block in range(len(stepper.y)):
-        parts, at = [], done
-        for some in np.split(counts, pieces):
-            parts.append(stepper.run(block, some, at, watch))
-            at += int(some.sum())
-        looks, exponents = zip(*parts, strict=True)
-        found.append((np.concatenate(looks), np.concatenate(exponents)))
-    return np.concatenate([f[0] for f in found], axis=-1), np.concatenate([f[1] for f in found], axis=-1)

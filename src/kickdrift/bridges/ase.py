@@ -30,7 +30,9 @@ from kickdrift.model.box import Box, Oriented
 from kickdrift.model.file_units import FileUnits
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
-from kickdrift.model.units import UnitSystem, quantity, shown, unit_system
+from kickdrift.model.unit_systems import UnitSystem, unit_system
+from kickdrift.model.units import quantity
+from kickdrift.text import shown
 
 NAMES, RADII = "names", "radii"  # arrays of Atoms for data without a place in ASE
 UNKNOWN = "X"  # ASE's symbol for no element; info["species"] then names the species, by the atoms' tags

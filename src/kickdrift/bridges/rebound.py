@@ -24,7 +24,7 @@ from kickdrift.integrators.option import JACOBI
 from kickdrift.model.run_defaults import RunDefaults
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
-from kickdrift.model.units import UNIT_SYSTEMS, UnitSystem
+from kickdrift.model.unit_systems import UNIT_SYSTEMS, UnitSystem
 
 ALL_ACTIVE = 2**64 - 1  # N_active if it was never set
 UNITS = {"astro": ("au", "yr", "msun"), "si": ("m", "s", "kg")}  # length, time, mass

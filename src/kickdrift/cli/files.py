@@ -137,7 +137,8 @@ def info(
     ],
 ) -> None:
     """Describe a run's file or an ensemble's table, or check a system file without running it."""
-    from kickdrift.systemfile.reading import is_shipped, load
+    from kickdrift.systemfile.files import is_shipped
+    from kickdrift.systemfile.reading import load
 
     if Path(file).suffix == ".h5md" and not os.path.lexists(file):
         raise InputError(f"{file}: no such file")

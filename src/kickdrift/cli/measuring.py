@@ -51,6 +51,7 @@ def compare(
     """Measure work against precision: the error and the cost of each integrator over steps or tolerances."""
     refuse_outputs({"json": json_file, "plot": plot}, overwrite, [system])
     from kickdrift.analysis import work_precision as work
+    from kickdrift.analysis.compared_methods import chosen_methods
     from kickdrift.analysis.recommendation import recommendation
     from kickdrift.cli.printing_compare import print_comparison, print_recommendation
     from kickdrift.model.system import System
@@ -60,7 +61,7 @@ def compare(
     subject = load(system, seed)
     if isinstance(subject, System):
         subject = subject.watched(())  # every method and step is compared with one reference trajectory
-    work.chosen(subject, integrator, options)
+    chosen_methods(subject, integrator, options)
     say("compiling (the first time on a machine takes longest) and comparing: about a minute …", quiet)
     with progress_bar(quiet) as bar:
         start = work.equilibrated(subject, threads, bar)

@@ -75,7 +75,7 @@ def list_forces() -> tuple[list[str], list[list[str]]]:
 
 def list_systems() -> tuple[list[str], list[list[str]]]:
     """Table of every shipped system file."""
-    from kickdrift.systemfile.reading import describe, shipped
+    from kickdrift.systemfile.files import describe, shipped
 
     found = [describe(path) for path in shipped().values()]
     return ["name", "units", "title"], [[each.name, each.units, each.title] for each in found]

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 from kickdrift.errors import InputError
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators.option import MIXED
-from kickdrift.model.units import shown
+from kickdrift.text import shown
 
 if TYPE_CHECKING:
     from kickdrift.engines.job import Job
@@ -94,7 +94,7 @@ class Engine:
             known = ", ".join(f"{ours} ({theirs})" for ours, theirs in self.methods.items())
             return f"integrator {job.named!r}: {self.name} has {known}"
         if job.options.compensated:
-            return "compensated: {self.name} has no compensated sums of positions and velocities"
+            return f"compensated: {self.name} has no compensated sums of positions and velocities"
         if job.options.precision == MIXED:
             return f"precision: {self.name} does not offer {MIXED!r}"
         found: str | None = self.module.refusal(job)

@@ -29,10 +29,10 @@ from kickdrift.model.capacity import PROCESS_BYTES, check_room
 from kickdrift.model.limits import whole_number
 from kickdrift.model.problem import Problem
 from kickdrift.model.system import System
-from kickdrift.model.units import suggestion
 from kickdrift.run.plan import check_run
-from kickdrift.systemfile.reading import find, parsed
+from kickdrift.systemfile.files import find, parsed
 from kickdrift.systemfile.schema_run import run_keys
+from kickdrift.text import suggestion
 from kickdrift.trajectory.layout import versions
 
 if TYPE_CHECKING:

@@ -8,8 +8,8 @@ from typing import Any
 
 from kickdrift.errors import InputError
 from kickdrift.model.limits import whole_text
-from kickdrift.model.units import shown, suggestion
 from kickdrift.systemfile.schema_run import is_run_key
+from kickdrift.text import shown, suggestion
 
 _PART = re.compile(r"([^.\[\]]+)|\[([^\[\]]+)\]")
 _WHOLE = re.compile(r"(?:[^.\[\]]+|\[[^\[\]]+\])(?:\.[^.\[\]]+|\[[^\[\]]+\])*")

@@ -10,7 +10,7 @@ import numpy as np
 from kickdrift.ensemble.rows import DONE, LAST, MEMBER
 from kickdrift.ensemble.table import PROVENANCE
 from kickdrift.errors import InputError
-from kickdrift.model.units import shown, suggestion
+from kickdrift.text import shown, suggestion
 
 if TYPE_CHECKING:
     from pandas import DataFrame

@@ -10,7 +10,8 @@ from typing import NamedTuple
 
 from kickdrift.analysis.chaos import carrier, length_of, megnos
 from kickdrift.analysis.deviations import cadence
-from kickdrift.batch.batch import Batch, refusal
+from kickdrift.batch.batch import Batch
+from kickdrift.batch.members import refusal
 from kickdrift.ensemble.members import Member
 from kickdrift.ensemble.recipe import MEGNO, Recipe
 from kickdrift.ensemble.rows import DONE, Row, megno_columns, row_of, run_columns

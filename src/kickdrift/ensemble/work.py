@@ -13,7 +13,7 @@ from kickdrift.ensemble.rows import DONE, FAILED, Row, last_columns, megno_colum
 from kickdrift.errors import InputError, KickdriftError
 from kickdrift.model.problem import Problem
 from kickdrift.model.system import System
-from kickdrift.model.units import shown
+from kickdrift.text import shown
 
 
 def packed(recipe: Recipe) -> bytes:

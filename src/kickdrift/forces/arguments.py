@@ -10,7 +10,7 @@ import numpy as np
 
 from kickdrift.errors import InputError
 from kickdrift.model.checks import number as real
-from kickdrift.model.units import shown
+from kickdrift.text import shown
 
 if TYPE_CHECKING:
     from kickdrift.model.subject import Subject

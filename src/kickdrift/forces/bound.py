@@ -19,7 +19,7 @@ from kickdrift.forces.seam import Forces, few_of, table_of
 from kickdrift.jit.numba_private import NumbaError
 from kickdrift.model.checks import number
 from kickdrift.model.state import Floats
-from kickdrift.model.units import shown
+from kickdrift.text import shown
 
 
 class Measured(NamedTuple):

@@ -9,7 +9,7 @@ import numpy as np
 from kickdrift.errors import InputError
 from kickdrift.forces.arguments import number
 from kickdrift.model.state import Floats
-from kickdrift.model.units import shown
+from kickdrift.text import shown
 
 if TYPE_CHECKING:
     from kickdrift.model.subject import Subject

@@ -14,7 +14,7 @@ import numpy as np
 
 from kickdrift.errors import InputError
 from kickdrift.forces.arguments import Vector, check_in_plane, check_massive, is_one, items, number, vector
-from kickdrift.model.units import shown
+from kickdrift.text import shown
 
 if TYPE_CHECKING:
     from kickdrift.model.subject import Subject

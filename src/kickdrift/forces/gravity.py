@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from kickdrift.errors import InputError
 from kickdrift.forces.central import check_masses, gravitational_constant
 from kickdrift.model.checks import number, positive
-from kickdrift.model.units import shown
+from kickdrift.text import shown
 
 if TYPE_CHECKING:
     from kickdrift.model.subject import Subject

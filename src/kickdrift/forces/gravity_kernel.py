@@ -15,20 +15,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.forces.clusters import STRIDE
+from kickdrift.forces.few_bodies import FAR_AWAY, MOST_IN_REGISTERS, FewBodies, few_bodies, ring
 from kickdrift.forces.kernel import OK, kernel
 from kickdrift.jit.chunks import Chunks, chunk_task, each_chunk, in_chunks
 from kickdrift.jit.compile import as_written, never_inline
-from kickdrift.jit.lanes import inverse_sqrt, lane_numbers, lane_sum, rotated, splat
-from kickdrift.jit.masks import select
-from kickdrift.jit.memory import aligned, flat, load, load_first, store, store_first
-from kickdrift.jit.vector3 import dot, lane_sums, load3, numbers3, plus_dot, rotated3, store3, thrice, vector3
+from kickdrift.jit.lanes import inverse_sqrt, lane_sum, splat
+from kickdrift.jit.memory import aligned, flat, load, store
+from kickdrift.jit.vector3 import dot, lane_sums, load3, numbers3, plus_dot, store3, thrice
 from kickdrift.jit.vectors import WIDTH
 from kickdrift.model.state import Floats
 
 PAIRS_PER_CHUNK = 60_000  # some 30 microseconds of work; waking a thread takes a few
 MOST_CHUNKS = 32
-OUT = 1e60  # where empty lanes begin, each at its own place: no distance is zero, no third power underflows
-FEW = 2 * WIDTH  # most bodies kept in registers, without massless ones
 
 
 class GravityKernel(NamedTuple):
@@ -50,23 +48,14 @@ class GravityKernel(NamedTuple):
     @property
     def is_few(self) -> bool:
         """Tell whether all bodies have a mass and stay in registers."""
-        return len(self.place) == self.massive <= FEW
+        return len(self.place) == self.massive <= MOST_IN_REGISTERS
 
     @property
     def few_bodies(self) -> FewBodies:
         """These bodies in the form for registers."""
-        room = np.zeros((2, FEW))
+        room = np.zeros((2, MOST_IN_REGISTERS))
         room[:, : len(self.gm)] = self.gm, self.masses
         return FewBodies(self.softening2, self.massive, room[0], room[1])
-
-
-class FewBodies(NamedTuple):
-    """Gravity among few bodies."""
-
-    softening2: float
-    massive: int
-    gm: NDArray[np.float64]  # (FEW,) G m
-    masses: NDArray[np.float64]  # (FEW,) coherent
 
 
 def bind(gm_by_id: Floats, masses_by_id: Floats, softening: float, threads: int) -> GravityKernel:
@@ -84,7 +73,7 @@ def bind(gm_by_id: Floats, masses_by_id: Floats, softening: float, threads: int)
     chunks = chunks_for(massive, n)
     x = aligned((clusters * STRIDE,))
     for empty in range(massive, sources * WIDTH):
-        x[empty // WIDTH * STRIDE + empty % WIDTH] = OUT * (1.0 + empty % WIDTH)
+        x[empty // WIDTH * STRIDE + empty % WIDTH] = FAR_AWAY * (1.0 + empty % WIDTH)
     return GravityKernel(
         softening2=softening**2,
         massive=massive,
@@ -113,15 +102,15 @@ def chunks_for(massive: int, particles: int) -> int:
 def gravity_forces(force, t, x, v, a, sums):
     place, n = force.place, force.place.size
     x, a = flat(x), flat(a)
-    if n <= FEW and force.massive == n:
+    if n <= MOST_IN_REGISTERS and force.massive == n:
         few_bodies(force, x, a, sums)
         return OK
     for i in range(n):
         store3(force.x, place[i], WIDTH, numbers3(x, i, n))
     if sums is None:
-        each_chunk(force, force.chunks, "pull")
+        each_chunk(force, force.chunks, "chunk_accelerations")
     else:
-        each_chunk(force, force.chunks, "pull_and_sums")
+        each_chunk(force, force.chunks, "chunk_accelerations_and_sums")
         for c in range(force.chunks.number):
             sums[0] += force.sums[c, 0]
             sums[1] += force.sums[c, 1]
@@ -143,14 +132,14 @@ def collect(force):
 
 
 @chunk_task
-def pull(force, c):
+def chunk_accelerations(force, c):
     """Compute the accelerations from chunk c's pairs."""
     never_inline()
     sum_pairs(force, None, c)
 
 
 @chunk_task
-def pull_and_sums(force, c):
+def chunk_accelerations_and_sums(force, c):
     """Compute the same, with these pairs' energy and virial."""
     never_inline()
     sum_pairs(force, force.sums, c)
@@ -176,50 +165,10 @@ def sum_pairs(force, sums, c):
         turn = turn + 1 if turn < last else 0
     cluster = force.sources + c
     while cluster < force.clusters:
-        pull_massless(force, cluster, first)
+        massless_accelerations(force, cluster, first)
         cluster += force.chunks.number
     if sums is not None:
         sums[c, 0], sums[c, 1] = lane_sum(energy), lane_sum(virial)
-
-
-@as_written
-def few_bodies(force, x, a, sums):
-    """Sum all pairs of a few bodies, from and to rows of x, y and z: a ring of the first eight, each further body with
-    these eight, and a ring of the further bodies. Nothing is stored and loaded again in between."""
-    n, softening2 = force.massive, force.softening2
-    total_energy, total_virial = splat(0.0), splat(0.0)
-    for first in range(0, max(n - 1, 1), WIDTH):  # a single further body has no ring
-        count = min(n - first, WIDTH)
-        y, z = load_first(x, n + first, count), load_first(x, 2 * n + first, count)
-        xi = vector3(lanes_or_out(x, first, count), y, z)
-        gm, masses = load(force.gm, first), load(force.masses, first)
-        ai, energy, virial = ring(xi, gm, masses, softening2, sums)
-        for j in range(first + WIDTH, n):
-            d = numbers3(x, j, n) - xi
-            r2 = dot(d, d)
-            inverse = inverse_sqrt(softening2 + r2)
-            cube = inverse * inverse * inverse
-            ai = ai + force.gm[j] * cube * d
-            if sums is not None:
-                gmm = force.gm[j] * masses
-                energy, virial = energy - gmm * inverse, virial - gmm * cube * r2
-            store3(a, j, n, numbers3(a, j, n) - lane_sums(gm * cube * d))
-        for row, acceleration in enumerate((ai.x, ai.y, ai.z)):
-            own = row * n + first
-            store_first(a, own, load_first(a, own, count) + acceleration, count)
-        if sums is not None:
-            total_energy, total_virial = total_energy + energy, total_virial + virial
-    if sums is not None:
-        sums[0] += lane_sum(total_energy)
-        sums[1] += lane_sum(total_virial)
-        sums[2] += 0.5 * n * (n - 1)
-
-
-@as_written
-def lanes_or_out(x, first, count):
-    """Load this number of values, and fill up with OUT."""
-    lanes = lane_numbers()
-    return select(lanes < float(count), load_first(x, first, count), OUT * (lanes + 1.0))
 
 
 @as_written
@@ -230,31 +179,6 @@ def inside_cluster(force, sums, cluster, first):
     a, energy, virial = ring(load3(force.x, cluster * STRIDE, WIDTH), gm, masses, force.softening2, sums)
     store3(force.a, (first + cluster) * STRIDE, WIDTH, a)
     return energy, virial
-
-
-@as_written
-def ring(xi, gm_i, masses, softening2, sums):
-    """Sum the pairs of eight bodies. Each body meets the next, second and third in a ring, which take the reaction, and
-    the opposite one, which computes its own half. Missing bodies have no mass and stand at OUT. Returns accelerations,
-    energy and virial, in lanes."""
-    zero = splat(0.0)
-    energy, virial = zero, zero
-    a, reaction = thrice(zero), thrice(zero)
-    xj, gm_j = xi, gm_i
-    for turn in range(4):
-        xj, gm_j, reaction = rotated3(xj, 1), rotated(gm_j, 1), rotated3(reaction, 1)
-        d = xj - xi
-        inverse = inverse_sqrt(plus_dot(softening2, d, d))
-        cube = inverse * inverse * inverse
-        a = a + gm_j * cube * d
-        if turn < 3:
-            w = -gm_i * cube
-            reaction = reaction + w * d
-        if sums is not None:
-            gmm = masses * gm_j if turn < 3 else 0.5 * masses * gm_j
-            energy = energy - gmm * inverse
-            virial = virial - gmm * cube * dot(d, d)
-    return a + rotated3(reaction, 4), energy, virial
 
 
 @as_written
@@ -292,7 +216,7 @@ def earlier_clusters(force, sums, cluster, first):
 
 
 @as_written
-def pull_massless(force, cluster, first):
+def massless_accelerations(force, cluster, first):
     """Sum the attraction of each massive body on a cluster of massless particles."""
     x, gm, softening2 = force.x, force.gm, force.softening2
     xi, a = load3(x, cluster * STRIDE, WIDTH), thrice(splat(0.0))

@@ -12,8 +12,7 @@ import numpy as np
 
 from kickdrift.errors import InputError
 from kickdrift.model.checks import is_number
-from kickdrift.model.units import shown
-from kickdrift.text import clean
+from kickdrift.text import clean, shown
 
 PAIR = "energy and force over r"  # the values that a law returns
 _COLOUR = re.compile(r"\x1b\[[0-9;]*m")  # numba colours its messages if colorama is installed

@@ -18,7 +18,7 @@ from kickdrift.forces.law_check import check_class, check_law
 from kickdrift.forces.law_state import check_stateless
 from kickdrift.forces.registration import register_force
 from kickdrift.model.checks import number
-from kickdrift.model.units import shown
+from kickdrift.text import shown
 
 if TYPE_CHECKING:
     from kickdrift.model.subject import Subject

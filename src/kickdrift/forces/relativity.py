@@ -15,7 +15,7 @@ from kickdrift.forces.central import (
     check_positive,
     gravitational_constant,
 )
-from kickdrift.model.units import shown
+from kickdrift.text import shown
 
 if TYPE_CHECKING:
     from kickdrift.model.subject import Subject

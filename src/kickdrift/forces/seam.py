@@ -10,12 +10,13 @@ from numba import types
 from numpy.typing import NDArray
 
 from kickdrift.forces.equation import EquationKernel
-from kickdrift.forces.gravity_kernel import FEW, FewBodies, GravityKernel, few_bodies
+from kickdrift.forces.few_bodies import MOST_IN_REGISTERS, FewBodies, few_bodies
+from kickdrift.forces.gravity_kernel import GravityKernel
 from kickdrift.forces.kernel import FORCES, FORCES_AND_SUMS, OK, BoundForce, call_force
 from kickdrift.jit.inner import overload
 from kickdrift.jit.memory import flat
 
-NOBODY = FewBodies(0.0, 0, np.zeros(FEW), np.zeros(FEW))
+NOBODY = FewBodies(0.0, 0, np.zeros(MOST_IN_REGISTERS), np.zeros(MOST_IN_REGISTERS))
 
 
 class Forces(NamedTuple):

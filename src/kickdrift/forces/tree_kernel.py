@@ -6,7 +6,6 @@ Threads share the groups. Each particle's sum has one order, whatever the number
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -14,41 +13,25 @@ from numpy.typing import NDArray
 
 from kickdrift.forces.kernel import BLOWN_UP, OK, kernel
 from kickdrift.forces.tree_build import (
-    BEYOND,
-    BOUND,
     CHUNKS,
     COLUMNS,
     CX,
-    FIRST,
     GM,
     GROUPS,
-    RADIUS,
-    TRACE,
-    XX,
-    XY,
-    XZ,
-    YY,
-    YZ,
-    ZZ,
     build,
     finish,
 )
+from kickdrift.forces.tree_walk import GROUP_CLUSTERS, walk
 from kickdrift.jit.chunks import Chunks, chunk_task, each_chunk, in_chunks
 from kickdrift.jit.compile import as_written, never_inline
-from kickdrift.jit.lanes import inverse_sqrt, lane_max, lane_numbers, splat
-from kickdrift.jit.masks import select
-from kickdrift.jit.memory import aligned, load, store
-from kickdrift.jit.vector3 import dot, lane_sums, load3, numbers3, store3, thrice, vector3
+from kickdrift.jit.memory import aligned
 from kickdrift.jit.vectors import WIDTH
 from kickdrift.model.state import Floats
 
-GROUP = 8  # clusters that walk together, one lane each in the estimate of their acceleration
 # A node counts as a whole if its bound is below SHARE accuracy^POWER |a|. The bounds b of many nodes of random sign add
 # up to b times the root of their number, b^-3/5 (a volume, and b goes as its edge to the fifth), so to b^7/10. SHARE is
 # measured, so that 99 % of the particles are within the accuracy (kickdrift_validation.barnes_hut).
 SHARE, POWER = 16.0, 10 / 7
-ROUGH = 0.6  # opening angle, radius over distance, of the estimate of |a|
-FOUND = 256  # nodes or clusters found before their attraction is summed
 
 
 class TreeKernel(NamedTuple):
@@ -100,11 +83,11 @@ def tree_forces(force, t, x, v, a, sums):
     if not build(force, x):
         return BLOWN_UP
     each_chunk(force, force.chunks, "subtrees")
-    finish(force, GROUP)
+    finish(force, GROUP_CLUSTERS)
     if sums is None:
-        each_chunk(force, force.chunks, "pull_groups")
+        each_chunk(force, force.chunks, "group_accelerations")
     else:
-        each_chunk(force, force.chunks, "pull_groups_and_sums")
+        each_chunk(force, force.chunks, "group_accelerations_and_sums")
         add_sums(force, sums)
     for s in range(x.shape[1]):
         i = int(force.rows[s, 3])
@@ -134,14 +117,14 @@ def add_sums(force, sums):
 
 
 @chunk_task
-def pull_groups(force, c):
+def group_accelerations(force, c):
     """Compute the accelerations of some of the groups."""
     never_inline()
     walk_some(force, None, c)
 
 
 @chunk_task
-def pull_groups_and_sums(force, c):
+def group_accelerations_and_sums(force, c):
     """Compute the same, and the potential at each particle."""
     never_inline()
     walk_some(force, force.potential, c)
@@ -156,166 +139,3 @@ def walk_some(force, potential, c):
     for begin in range(c * block, count, CHUNKS * block):
         for g in range(begin, min(begin + block, count)):
             walk(force, potential, force.groups[g])
-
-
-@as_written
-def walk(force, potential, group):
-    """Find the nodes and particles that attract a group, and sum their attraction."""
-    first, last = force.span[group, 0], force.span[group, 1]
-    zero = splat(0.0)
-    for s in range(WIDTH * first, WIDTH * last, WIDTH):
-        store3(force.a, s, force.gm.size, thrice(zero))
-        if potential is not None:
-            store(potential, s, zero)
-    low, high = box(force, first, last)
-    tolerance = force.tolerance * least_acceleration(force, first, last, low, high)
-    nodes = force.nodes
-    found, near = np.empty(FOUND, np.int64), np.empty(FOUND, np.int64)
-    n_found = n_near = 0
-    k = 0
-    while k < nodes.shape[0]:
-        row = nodes[k]
-        cluster, beyond = int(row[FIRST]), int(row[BEYOND])
-        if row[GM] == 0.0:
-            k = beyond
-            continue
-        d2 = distance2(row, low, high)
-        d, radius = math.sqrt(d2), row[RADIUS]
-        if d > radius and row[BOUND] <= tolerance * d2 * d * (d - radius) * (d - radius):
-            found[n_found] = k
-            n_found += 1
-            if n_found == FOUND:
-                pull_of_nodes(force, potential, first, last, found, n_found)
-                n_found = 0
-            k = beyond
-            continue
-        if beyond == k + 1:
-            near[n_near] = cluster
-            n_near += 1
-            if n_near == FOUND:
-                pull_of_particles(force, potential, first, last, near, n_near)
-                n_near = 0
-        k += 1
-    pull_of_nodes(force, potential, first, last, found, n_found)
-    pull_of_particles(force, potential, first, last, near, n_near)
-
-
-@as_written
-def box(force, first, last):
-    """Lowest and highest x, y, z of clusters first to last."""
-    low, high = np.empty(3), np.empty(3)
-    for k in range(3):
-        x = force.x[k]
-        least, most = load(x, WIDTH * first), load(x, WIDTH * first)
-        for s in range(WIDTH * first + WIDTH, WIDTH * last, WIDTH):
-            here = load(x, s)
-            least, most = select(here < least, here, least), select(here > most, here, most)
-        low[k], high[k] = -lane_max(-least), lane_max(most)
-    return low, high
-
-
-@as_written
-def distance2(row, low, high):
-    """Squared distance from a node's centre of mass to the nearest point of a box."""
-    total = 0.0
-    for k in range(3):
-        c = row[CX + k]
-        d = max(low[k] - c, c - high[k], 0.0)
-        total += d * d
-    return total
-
-
-@as_written
-def least_acceleration(force, first, last, low, high):
-    """Estimate the smallest |a| in a group from the smooth field of masses at its clusters' centres.
-
-    A near cluster counts as spread over its radius, so no particle near a centre makes the estimate too large.
-    """
-    nodes, softening2 = force.nodes, force.softening2
-    centre = np.empty((3, WIDTH))
-    for lane in range(WIDTH):
-        s = WIDTH * min(first + lane, last - 1)
-        store3(centre, lane, WIDTH, 1.0 / WIDTH * lane_sums(load3(force.x, s, force.gm.size)))
-    x, zero = load3(centre, 0, WIDTH), splat(0.0)
-    a = thrice(zero)
-    k = 0
-    while k < nodes.shape[0]:
-        row = nodes[k]
-        cluster, beyond = int(row[FIRST]), int(row[BEYOND])
-        if row[GM] == 0.0:
-            k = beyond
-            continue
-        alone = beyond == k + 1
-        radius = row[RADIUS]
-        if alone or radius * radius < ROUGH * ROUGH * distance2(row, low, high):
-            d = numbers3(row, CX, 1) - x
-            spread = radius * radius + softening2 if alone else softening2
-            inverse = inverse_sqrt(dot(d, d) + spread)
-            w = row[GM] * inverse * inverse * inverse
-            if alone and first <= cluster < last:
-                w = select(lane_numbers() == float(cluster - first), zero, w)
-                w = select(lane_numbers() >= float(last - first), zero, w)
-            a = a + w * d
-            k = beyond
-        else:
-            k += 1
-    size2 = select(lane_numbers() < float(last - first), -dot(a, a), splat(-math.inf))
-    return math.sqrt(-lane_max(size2))
-
-
-@as_written
-def pull_of_nodes(force, potential, first, last, found, count):
-    """Add the attraction of nodes: mass M and second moments S about the centre, for the softened U = -G / sqrt(r^2 +
-    softening^2).
-
-    With D from the centre and u = 1 / sqrt(D^2 + softening^2), the potential is -G [M u + (3 D.S.D u^5 - tr S u^3) /
-    2]. Without softening this is the traceless quadrupole's potential.
-    """
-    softening2, stride = force.softening2, force.gm.size
-    for s in range(WIDTH * first, WIDTH * last, WIDTH):
-        x, a = load3(force.x, s, stride), load3(force.a, s, stride)
-        phi = splat(0.0)
-        for f in range(count):
-            row = force.nodes[found[f]]
-            d = x - numbers3(row, CX, 1)
-            u = inverse_sqrt(dot(d, d) + softening2)
-            u2 = u * u
-            u3 = u2 * u
-            u5 = u2 * u3
-            moments_x, moments_y = vector3(row[XX], row[XY], row[XZ]), vector3(row[XY], row[YY], row[YZ])
-            moments_z = vector3(row[XZ], row[YZ], row[ZZ])
-            moments = vector3(dot(moments_x, d), dot(moments_y, d), dot(moments_z, d))  # 3 S D
-            q = dot(moments, d)
-            w = u5 * (row[TRACE] - 2.5 * q * u2) - row[GM] * u3
-            a = a + (u5 * moments + w * d)
-            if potential is not None:
-                phi = phi - (row[GM] * u + 0.5 * q * u5 - row[TRACE] / 3.0 * u3)
-        store3(force.a, s, stride, a)
-        if potential is not None:
-            store(potential, s, load(potential, s) + phi)
-
-
-@as_written
-def pull_of_particles(force, potential, first, last, near, count):
-    """Add the attraction of the particles of clusters, one by one."""
-    softening2, gm, stride, zero = force.softening2, force.gm, force.gm.size, splat(0.0)
-    for s in range(WIDTH * first, WIDTH * last, WIDTH):
-        x, a = load3(force.x, s, stride), load3(force.a, s, stride)
-        phi = zero
-        for f in range(count):
-            start = WIDTH * near[f]
-            for j in range(start, start + WIDTH):
-                source = gm[j]
-                if source == 0.0:
-                    continue
-                d = numbers3(force.x, j, stride) - x
-                u = inverse_sqrt(dot(d, d) + softening2)
-                if start == s:  # all except the particle itself
-                    u = select(lane_numbers() == float(j - start), zero, u)
-                w = source * u
-                if potential is not None:
-                    phi = phi - w
-                a = a + w * u * u * d
-        store3(force.a, s, stride, a)
-        if potential is not None:
-            store(potential, s, load(potential, s) + phi)

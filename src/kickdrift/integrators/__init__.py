@@ -19,8 +19,7 @@ from kickdrift.integrators import (
     wisdom_holman,
 )
 from kickdrift.integrators.method import Method
-from kickdrift.model.units import shown
-from kickdrift.text import VALUE
+from kickdrift.text import VALUE, shown
 
 INTEGRATORS: dict[str, Method] = {
     row.name: row

@@ -14,8 +14,7 @@ from kickdrift.integrators.method import Method
 from kickdrift.integrators.option import DT, OPTIONS, PRECISION, Option, merged
 from kickdrift.integrators.options import Options
 from kickdrift.model.run_defaults import RunDefaults
-from kickdrift.model.units import shown
-from kickdrift.text import VALUE, clean
+from kickdrift.text import VALUE, clean, shown
 
 FEW = 4  # methods that a message names
 

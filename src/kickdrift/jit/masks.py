@@ -8,7 +8,7 @@ from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic, lower_builtin
 
-from kickdrift.jit.lanes import register
+from kickdrift.jit.lane_operators import register
 from kickdrift.jit.numba_private import signature
 from kickdrift.jit.vectors import MASKS, Lanes, Mask, as_lanes, mask_type
 

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from kickdrift.errors import InputError
 from kickdrift.model.checks import listed, per_particle
 from kickdrift.model.state import Floats
-from kickdrift.model.units import shown
+from kickdrift.text import shown
 
 
 def names_of(key: str, values: list[Any]) -> list[str]:
@@ -24,12 +24,12 @@ def names_of(key: str, values: list[Any]) -> list[str]:
 
 
 def body_radii(radii: ArrayLike, n: int) -> Floats:
-    """The radii of n bodies, checked."""
+    """Checked radii (n,) of bodies."""
     return per_particle("radii", radii, n, "radius", "a length")
 
 
 def body_names(names: Sequence[str], n: int) -> tuple[str, ...]:
-    """The names of n bodies, checked: none at all, or one for each and each its own."""
+    """Checked names of n bodies: none, or a different one for each."""
     given = tuple(names_of("names", listed("names", names, "a list of names")))
     if given and len(given) != n:
         raise InputError(f"names: expected {n}, one for each particle, got {len(given)}")

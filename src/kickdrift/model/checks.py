@@ -1,4 +1,4 @@
-"""What Python code gives as numbers, checked: every refusal is an InputError of one line that begins with the key."""
+"""Checks of arguments: each refusal is an InputError of one line that begins with the key."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kickdrift.errors import InputError
-from kickdrift.model.units import shown
+from kickdrift.text import shown
 
 _KINDS = {"b": "true and false", "c": "complex numbers", "U": "text", "S": "text", "M": "dates", "m": "spans of time"}
 
 
 def is_number(value: Any) -> bool:
-    """Whether the value is one real number, of Python or NumPy; True and False are none."""
+    """Whether the value is one real number of Python or NumPy; True and False are not."""
     return isinstance(value, Real) and not isinstance(value, bool | np.bool_)
 
 
 def number(value: Any) -> float:
-    """A number as a float; infinite where it is too large for one, nan where it is no number."""
+    """Convert a number to a float: infinite for one too large, nan for anything else."""
     if not is_number(value):
         return float("nan")
     try:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from kickdrift.errors import InputError
 from kickdrift.model.checks import listed, number
 from kickdrift.model.reduction import lower
-from kickdrift.model.units import shown
+from kickdrift.text import shown
 
 Floats = NDArray[np.float64]
 Vector = tuple[float, float, float]

@@ -1,4 +1,4 @@
-"""Events, checked: whether they can be watched for in a System or a Problem."""
+"""Check that a run of a System or a Problem can watch for events."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ from kickdrift.errors import InputError
 from kickdrift.model.capacity import check_room
 from kickdrift.model.events import Between, CloseApproach, Collision, Crossing, Escape, Event
 from kickdrift.model.subject import Bodies, Subject, index_of
-from kickdrift.model.units import shown
+from kickdrift.text import shown
 
-PAIR_BYTES = 200  # of a pair of bodies that is watched
+PAIR_BYTES = 200  # memory of a watched pair of bodies
 
 
 def binding(system: Subject) -> Any:
-    """The force that binds bodies, with its G and softening: gravity of whatever kind; None where there is none."""
+    """Force that binds bodies, with its G and softening: gravity of any kind, or None."""
     return next((force for force in system.forces if hasattr(force, "G") and hasattr(force, "softening")), None)
 
 
 def checked_events(system: Bodies, events: Iterable[Event]) -> tuple[Event, ...]:
-    """The events, where they can be watched for in that system; else an InputError."""
+    """Return the events as a tuple. An InputError refuses events that a run of this System cannot watch for."""
     found = _listed(events)
     for event in found:
         _check_kind(event)
@@ -49,7 +49,7 @@ def checked_events(system: Bodies, events: Iterable[Event]) -> tuple[Event, ...]
 
 
 def checked_crossings(events: Iterable[Event]) -> tuple[Event, ...]:
-    """The events, where they can be watched for in a Problem: crossings of a function of y; else an InputError."""
+    """Return the events as a tuple. An InputError refuses all but crossings of a function of y."""
     found = _listed(events)
     for event in found:
         _check_kind(event)

@@ -1,16 +1,23 @@
-"""Rows of the log of events: their form, and lines for a reader."""
+"""Entries in the log of events: make, check and print them."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from types import NoneType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-LINES = 20  # of events that are shown
+from kickdrift.model.system import System
+
+if TYPE_CHECKING:
+    from kickdrift.model.problem import Problem
+
+Row = dict[str, Any]  # entry in the log
+LINES = 20  # events to print
 
 
 def event_lines(events: Sequence[dict[str, Any]]) -> list[tuple[str, str]]:
-    """Events for a reader: kind and what was seen of each of the first ones, then how many more there are."""
+    """Kind and details of the first events as text, then the number of further ones."""
     rows = []
     for event in events[:LINES]:
         about = [f"t = {event['time']:.9g}"]
@@ -31,9 +38,27 @@ _ROW: dict[str, Any] = {
 
 
 def is_row(row: Any) -> bool:
-    """Whether a row that comes from a file is an entry of the log of events."""
+    """Whether a row from a file is an entry in the log of events."""
     if not (isinstance(row, dict) and row.keys() == _ROW.keys()):
         return False
     return all(isinstance(row[key], kind) for key, kind in _ROW.items()) and all(
         isinstance(each, kind) for key, kind in (("bodies", str), ("ids", int)) for each in row[key]
     )
+
+
+def entry(
+    system: System | Problem, kind: str, time: float, step: int, bodies: Sequence[int], distance: float, done: str
+) -> Row:
+    """Entry in the log; ``bodies`` are rows of the system."""
+    ids = [int(system.state.ids[i]) for i in bodies] if isinstance(system, System) else []
+    names = [system.body(i) for i in bodies] if isinstance(system, System) else []
+    return {
+        "kind": kind,
+        "time": float(time),
+        "step": int(step),
+        "bodies": names,
+        "ids": ids,
+        "distance": float(distance) if math.isfinite(distance) else None,
+        "energy": None,
+        "done": done,
+    }

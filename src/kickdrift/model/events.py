@@ -1,7 +1,7 @@
-"""What to watch for while a run goes on: close approaches, collisions, escapes and zeros of any function. Plain data.
+"""Events that a run can watch for, as plain data: close approaches, collisions, escapes and zeros of any function.
 
-``Simulation(system, events=[…])`` or a system file's ``[[event]]`` takes them; ``run/watch`` finds them.
-Bodies are named as in the system, or by their number, counted from 0.
+``Simulation(system, events=[…])`` and a system file's ``[[event]]`` take them, and `kickdrift.run.watch` finds them.
+A body is given by its name in the system or by its number, counted from 0.
 """
 
 from __future__ import annotations
@@ -16,31 +16,31 @@ import numpy as np
 from kickdrift.errors import InputError
 from kickdrift.model.checks import is_number, number, positive
 from kickdrift.model.subject import Bodies, index_of
-from kickdrift.model.units import shown, suggestion
+from kickdrift.text import shown, suggestion
 
 if TYPE_CHECKING:
     from kickdrift.model.state import Floats
 
 Body = str | int
 Radii = float | Sequence[float] | Mapping[str, float]
-NAME_BYTES = 64  # of an event's name in a run's file
+NAME_BYTES = 64  # size of an event's name in a run's file
 
 
 @dataclass(frozen=True)
 class CloseApproach:
     """Pairs of bodies that come nearer than a distance: one entry for each passage, with its closest point.
 
-    A passage lasts from the step in which the separation falls below the distance to the one in which it exceeds it;
-    it is logged then. One that goes on when the run ends stands in the report, as what it was so far.
+    A passage begins with the step in which the separation falls below the distance. It ends, and is logged, with the
+    step in which the separation exceeds the distance. The report shows a passage that the end of the run cuts short.
 
     Attributes
     ----------
     distance : float
         A length; with ``hill`` a number of mutual Hill radii ((m_i + m_j) / (3 M))^(1/3) (r_i + r_j) / 2 (Chambers,
-        Wetherill & Boss 1996, doi:10.1006/icar.1996.0019, eq. 1), M the heaviest body, which is then in no pair, and r
-        the present distances from it in place of semi-major axes.
+        Wetherill & Boss 1996, doi:10.1006/icar.1996.0019, eq. 1). M is the heaviest body, which is then in no pair, and
+        r are the present distances from M in place of semi-major axes.
     bodies : names or numbers, optional
-        One: its pairs with every other; several: the pairs among them. Default all pairs.
+        One body: its pairs with all others. Several: the pairs among them. Default: all pairs.
     """
 
     distance: float
@@ -59,20 +59,20 @@ class CloseApproach:
 class Collision:
     """Bodies that touch: their separation falls to the sum of their radii.
 
-    The moment of contact is found on the cubic through both ends of a step, and then on the method's own solution. The
-    event is applied at that moment: an adaptive method begins anew from there, one of fixed steps makes up the rest of
-    the step with a shorter one, so that it stays on its grid. Pairs of massless bodies pass through each other.
+    The moment of contact is found on the cubic through both ends of a step, then on the method's own solution. The
+    event acts at that moment. An adaptive method begins anew from there. A method of fixed steps completes the step
+    with a shorter one, so it stays on its grid. Pairs of massless bodies pass through each other.
 
     Attributes
     ----------
-    radii : one for all, one for each, or {name: radius}, those not named being points; optional
+    radii : one for all, one for each, or {name: radius} with all other bodies as points; optional
         Lengths, zero or more; default the system's radii.
     action : str
-        "merge": the lighter body is absorbed: mass, momentum and centre of mass are conserved, volumes add up, and the
-        lighter one leaves the run. "bounce": hard spheres; the velocities along the line of centres are exchanged.
-        "stop": the run ends: an adaptive one at contact, one of fixed steps at the end of the step.
+        "merge": the heavier body absorbs the lighter one, which leaves the run. Mass, momentum and centre of mass are
+        conserved, and volumes add up. "bounce": hard spheres exchange their velocities along the line of centres.
+        "stop": the run ends, at contact with an adaptive method, at the end of the step with fixed steps.
     restitution : float
-        Of a bounce, from 0 to 1: the ratio of normal speeds after and before; 1 conserves energy.
+        Ratio of the normal speeds after and before a bounce, from 0 to 1; 1 conserves energy.
     """
 
     radii: Radii | None = None
@@ -95,7 +95,7 @@ class Collision:
                 raise InputError(f"{self.kind}: radii{which} must be a length, zero or more, got {shown(radius)}")
 
     def radii_in(self, system: Bodies) -> Floats:
-        """(n,) the radii of a system's bodies."""
+        """Radii (n,) of a system's bodies."""
         n, given = len(system), self.radii
         if given is None:
             if system.radii is None:
@@ -115,16 +115,17 @@ class Collision:
 
 @dataclass(frozen=True)
 class Escape:
-    """A body further than a distance from the centre of mass of the others, or from a body, and unbound: its energy
-    relative to the others together is positive. Seen at the ends of steps, once for each body. A body heavier than all
-    others together never escapes: they do.
+    """A body beyond a distance from the centre of mass of the others, or from a body, and unbound.
+
+    Unbound means a positive energy relative to all others together. The ends of steps are checked, and each body
+    escapes once. A body heavier than all others together never escapes: the others do.
 
     Attributes
     ----------
     distance : float
         A length.
     about : name or number, optional
-        What the distance is measured from; default the centre of mass of all others.
+        Origin of the distance; default the centre of mass of all others.
     action : str
         "log", "remove" (the body leaves the run) or "stop".
     """
@@ -143,8 +144,10 @@ class Escape:
 
 @dataclass(frozen=True)
 class Between:
-    """A scalar of one body relative to another, as the function of a `Crossing`: "approach" is r . v, which changes
-    sign at pericentre and apocentre, "height" is z, which does at the nodes on the plane z = 0."""
+    """Scalar of one body relative to another, as the function of a `Crossing`.
+
+    "approach" is r . v, which changes sign at pericentre and apocentre. "height" is z, which changes sign at the nodes.
+    """
 
     quantity: str
     body: Body
@@ -156,20 +159,20 @@ class Between:
 
 @dataclass(frozen=True)
 class Crossing:
-    """Zeros of g(t, x, v), x and v (n, 3), of the present particles in their order; for a Problem of g(t, y).
+    """Zeros of g(t, x, v), with x and v (n, 3) of the present particles in their order; for a Problem zeros of g(t, y).
 
-    g is evaluated at the ends of steps; where its sign has changed, the zero is found by Brent's method (1973) on the
-    solution inside the step. Two zeros in one step go unseen, and so does one at the very start.
+    g is evaluated at the ends of steps. Where its sign has changed, Brent's method (1973) finds the zero on the
+    solution inside the step. Two zeros in one step go unseen, and so does a zero at the very start.
 
     Attributes
     ----------
-    function : callable, or what `pericentre` and the others make
+    function : callable, or a `Between`, as in `pericentre`
     name : str
-        What the log calls it.
+        Name in the log.
     direction : int
         1: g rises through zero; -1: it falls; 0: both.
     tolerance : float
-        Of the time, as a part of the step.
+        Error of the time, as a part of the step.
     """
 
     function: Callable[..., Any] | Between
@@ -193,22 +196,22 @@ class Crossing:
 
     @classmethod
     def pericentre(cls, body: Body, about: Body) -> Crossing:
-        """The distance between two bodies passes a minimum."""
+        """Minimum of the distance between two bodies."""
         return cls(Between("approach", body, about), "pericentre", 1)
 
     @classmethod
     def apocentre(cls, body: Body, about: Body) -> Crossing:
-        """The distance between two bodies passes a maximum."""
+        """Maximum of the distance between two bodies."""
         return cls(Between("approach", body, about), "apocentre", -1)
 
     @classmethod
     def ascending_node(cls, body: Body, about: Body) -> Crossing:
-        """A body rises through the plane of constant z that goes through another."""
+        """Passage of a body, with rising z, through the plane of constant z of another."""
         return cls(Between("height", body, about), "ascending-node", 1)
 
     @classmethod
     def descending_node(cls, body: Body, about: Body) -> Crossing:
-        """A body sinks through the plane of constant z that goes through another."""
+        """Passage of a body, with falling z, through the plane of constant z of another."""
         return cls(Between("height", body, about), "descending-node", -1)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from kickdrift.model import constants
-from kickdrift.model.units import UnitSystem
+from kickdrift.model.unit_systems import UnitSystem
 
 # Units that are lengths and times to MDAnalysis, in its own angstrom and ps.
 _ANGSTROM = {"angstrom": 1.0, "nm": 10.0, "m": 1e10}

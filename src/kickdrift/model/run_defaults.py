@@ -1,4 +1,4 @@
-"""What a system says of its runs."""
+"""Defaults of a run that a system file gives: its tables ``[run]`` and ``[equilibrate]``."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from typing import Any
 
 @dataclass(frozen=True, init=False)
 class RunDefaults:
-    """What a system file's ``[run]`` says; flags and ``Simulation(…)`` override it.
+    """Values of a system file's ``[run]``. Flags and ``Simulation(…)`` override them.
 
     Attributes
     ----------
-    integrator, dt, steps, time, every : as in ``[run]``; None where it does not say
-    options : the integrator's options by name, those that it names
+    integrator, dt, steps, time, every : as in ``[run]``; None for a missing key
+    options : the integrator's options in ``[run]``, by name
     """
 
     integrator: str | None = None
@@ -42,12 +42,12 @@ class RunDefaults:
         return hash((self.integrator, self.dt, self.steps, self.time, self.every, frozenset(self.options)))
 
     def said(self) -> dict[str, Any]:
-        """What it says by key, the options among the others; as arguments, they make the same again."""
+        """Values by key, with the options among them. As arguments they make an equal RunDefaults."""
         own = {key: value for key, value in vars(self).items() if key != "options" and value is not None}
         return own | dict(self.options)
 
     def changed(self, **defaults: Any) -> RunDefaults:
-        """The same with these in their places; steps replace a time, and a time steps."""
+        """Return a copy with these values; steps replace a time, and a time replaces steps."""
         for one, other in (("steps", "time"), ("time", "steps")):
             if one in defaults:
                 defaults.setdefault(other, None)
@@ -56,7 +56,7 @@ class RunDefaults:
 
 @dataclass(frozen=True)
 class Equilibration:
-    """What a system file's ``[equilibrate]`` says: run to ``temperature`` for ``time`` before conservation is
+    """Values of a system file's ``[equilibrate]``: a run at ``temperature`` for ``time``, before conservation is
     measured."""
 
     temperature: float

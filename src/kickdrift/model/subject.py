@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from kickdrift.errors import InputError
 from kickdrift.model.box import Box
 from kickdrift.model.state import Floats, State
-from kickdrift.model.units import UnitSystem, shown, suggestion
+from kickdrift.model.unit_systems import UnitSystem
+from kickdrift.text import shown, suggestion
 
 
 class Subject(Protocol):
@@ -66,7 +67,7 @@ class Bodies(Subject, Protocol):
 
 
 def index_of(system: Subject, body: str | int, key: str) -> int:
-    """The row of a body, by name or by id; an InputError that begins with ``key`` where there is none."""
+    """Row of a body, by name or by id. An InputError for an unknown body begins with ``key``."""
     if isinstance(body, str) and body in system.names:
         return system.names.index(body)
     if isinstance(body, int | np.integer) and not isinstance(body, bool):

@@ -20,7 +20,8 @@ from kickdrift.model.events import Event
 from kickdrift.model.run_defaults import Equilibration, RunDefaults
 from kickdrift.model.space import box_for, check_plane, vectors_of
 from kickdrift.model.state import Floats, State
-from kickdrift.model.units import UnitSystem, shown, unit_system
+from kickdrift.model.unit_systems import UnitSystem, unit_system
+from kickdrift.text import shown
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,12 +133,12 @@ class System:
         return self.state.box
 
     def body(self, i: int) -> str:
-        """What to call a particle: its name, or "particle 5", by its id."""
+        """Name of a particle, or "particle 5" by its id."""
         return self.names[i] if self.names else f"particle {self.state.ids[i]}"
 
     def remaining(self, keep: NDArray[np.bool_], phase: Floats, masses: Floats, radii: Floats | None) -> System:
-        """The same system with those of its bodies that ``keep`` (n,) names, under their ids, at ``phase`` (2, 3, n)
-        with these masses and radii."""
+        """The same system with the bodies that ``keep`` (n,) marks, under their ids, at ``phase`` (2, 3, n) with these
+        masses and radii."""
         left, put = copy(self), object.__setattr__
         phase = np.ascontiguousarray(phase[:, :, keep])
         put(left, "state", State(phase, masses[keep], self.state.ids[keep], self.box))

@@ -9,7 +9,6 @@ import numpy as np
 
 from kickdrift.errors import InputError
 from kickdrift.looks.columns import parts
-from kickdrift.model.units import suggestion
 from kickdrift.plots.runs import (
     COLOURS,
     GRID,
@@ -23,7 +22,7 @@ from kickdrift.plots.runs import (
     save_figure,
     with_unit,
 )
-from kickdrift.text import shown
+from kickdrift.text import shown, suggestion
 from kickdrift.trajectory import reader
 
 MOST_LINES = 9  # a tensor's

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import math
 import os
-import re
-from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,8 +14,20 @@ from kickdrift.ensemble.ensemble import Ensemble
 from kickdrift.ensemble.rows import DONE
 from kickdrift.ensemble.table import PROVENANCE
 from kickdrift.errors import InputError
-from kickdrift.model.units import UNIT_SYSTEMS
-from kickdrift.plots.runs import COLOURS, INK, _pretty, checked_target, new_axes, new_figure, save_figure
+from kickdrift.plots.ensemble_axes import (
+    NO_VALUE,
+    colour_scale,
+    column_label,
+    draw_colour_bar,
+    grid_scale,
+    mark_missing,
+    member_values,
+    set_grid_axis,
+    set_random_axis,
+    set_value_axis,
+    spans_decades,
+)
+from kickdrift.plots.runs import COLOURS, INK, checked_target, new_axes, new_figure, save_figure
 from kickdrift.text import counted, with_error
 
 if TYPE_CHECKING:
@@ -25,23 +35,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from pandas import DataFrame
 
-# MEGNO tends to 2 for regular motion (Cincotta & Simo 2000, doi:10.1051/aas:2000108); colours end at the second number.
-REGULAR, CHAOTIC = 2.0, 4.0
-WIDE = 100.0  # smallest ratio of the largest to the smallest positive value for a logarithmic axis
-FEW = 8  # most values along a map's axis that are all labelled
-NONE = "#BDBDBD"  # no value to draw
-
-# Dimensions of columns, and of the keys of a system file by their last part.
-COLUMNS = {
-    "dt": "time", "time": "time", "temperature": "temperature", "pressure": "pressure", "lyapunov": "rate",
-    "energy_drift": "rate",
-}  # fmt: skip
-KEYS = {
-    "dt": "time", "time": "time", "temperature": "temperature", "mass": "mass", "a": "length", "q": "length",
-    "radius": "length", "P": "time", "T": "time", "inc": "angle", "Omega": "angle", "omega": "angle", "f": "angle",
-    "M": "angle", "E": "angle",
-}  # fmt: skip
-NAMES = {"megno": "MEGNO", "lyapunov": "largest Lyapunov exponent"}
+MOST_LABELS = 8  # most values along a map's axis that are all labelled
 
 
 def plot_ensemble(
@@ -88,61 +82,12 @@ def plot_ensemble(
     return save_figure(figure, target)
 
 
-class _Scale(NamedTuple):
-    """Axis along the values of a grid: their places, the edges between them, and their names if they are not
-    numbers."""
-
-    places: Any
-    edges: Any
-    order: Any  # order of the grid's values along the axis
-    log: bool
-    names: list[str]
-
-
-def _scale(values: Sequence[Any]) -> _Scale:
-    """Axis of numbers, in the logarithm if that is more even; other values are placed one by one."""
-    numbers = all(isinstance(value, int | float) and not isinstance(value, bool) for value in values)
-    if not numbers or len(set(values)) < len(values):
-        places = np.arange(len(values), dtype=float)
-        names = [f"{value:g}" if isinstance(value, float) else str(value) for value in values]
-        return _Scale(places, np.append(places - 0.5, len(values) - 0.5), np.arange(len(values)), False, names)
-    order = np.argsort(np.array(values, dtype=float))
-    places = np.array(values, dtype=float)[order]
-    log = bool(len(places) > 2 and places[0] > 0 and _unevenness(np.log(places)) < 0.5 * _unevenness(places))
-    even = np.log(places) if log else places
-    middle = (even[1:] + even[:-1]) / 2
-    edges = np.concatenate([[2 * even[0] - middle[0]], middle, [2 * even[-1] - middle[-1]]])
-    return _Scale(places, np.exp(edges) if log else edges, order, log, [])
-
-
-def _unevenness(places: Any) -> float:
-    """Standard deviation of the gaps over their mean; rounding of even gaps counts as zero."""
-    gaps = np.diff(places)
-    found = float(gaps.std() / gaps.mean())
-    return found if found > 1e-6 else 0.0
-
-
-def _set_axis(axes: Axes, which: str, scale: _Scale, table: DataFrame, key: str) -> None:
-    """Label one axis, x or y."""
-    axis = axes.xaxis if which == "x" else axes.yaxis
-    axes.set(**{f"{which}label": key if scale.names else _key_label(table, key)})
-    if scale.names:
-        axis.set_ticks(scale.places, scale.names)
-        axes.set(**{f"{which}lim": (scale.edges[0], scale.edges[-1])})
-        if which == "x" and sum(map(len, scale.names)) > 60:
-            axes.tick_params("x", rotation=30)
-            for text in axes.get_xticklabels():
-                text.set_horizontalalignment("right")
-    elif scale.log:
-        axes.set(**{f"{which}scale": "log"})
-
-
 def _draw_map(figure: Figure, axes: Axes, table: DataFrame, name: str) -> None:
     from matplotlib.ticker import NullLocator
 
     keys = summary.grids(table)
     grids = [table.attrs[PROVENANCE]["grids"][key] for key in keys]
-    x, y = map(_scale, grids)
+    x, y = map(grid_scale, grids)
     points = summary.by_point(table, name)
     values = np.full((len(grids[0]), len(grids[1])), np.nan)
     values.flat[points.index.to_numpy()] = points["mean"]  # a key of one value does not change a point's number
@@ -151,14 +96,16 @@ def _draw_map(figure: Figure, axes: Axes, table: DataFrame, name: str) -> None:
     if not np.isfinite(values).all():
         axes.fill_between(
             [x.edges[0], x.edges[-1]], y.edges[0], y.edges[-1],
-            facecolor=NONE, hatch="////", edgecolor="white", linewidth=0.0, label="no value",
+            facecolor=NO_VALUE, hatch="////", edgecolor="white", linewidth=0.0, label="no value",
         )  # fmt: skip
-    mesh = axes.pcolormesh(x.edges, y.edges, np.ma.masked_invalid(values), rasterized=True, **_colours(name, values))
-    _colour_bar(figure, axes, mesh, values, _column_label(table, name))
+    mesh = axes.pcolormesh(
+        x.edges, y.edges, np.ma.masked_invalid(values), rasterized=True, **colour_scale(name, values)
+    )
+    draw_colour_bar(figure, axes, mesh, values, column_label(table, name))
     for which, scale, key in (("x", x, keys[0]), ("y", y, keys[1])):
-        _set_axis(axes, which, scale, table, key)
+        set_grid_axis(axes, which, scale, table, key)
         axes.set(**{f"{which}lim": (scale.edges[0], scale.edges[-1])})
-        if len(scale.places) <= FEW and not scale.names:
+        if len(scale.places) <= MOST_LABELS and not scale.names:
             axis = axes.xaxis if which == "x" else axes.yaxis
             axis.set_ticks(scale.places, [f"{place:.4g}" for place in scale.places])
             axis.set_minor_locator(NullLocator())
@@ -166,7 +113,7 @@ def _draw_map(figure: Figure, axes: Axes, table: DataFrame, name: str) -> None:
 
 def _draw_curve(axes: Axes, table: DataFrame, name: str) -> None:
     (key,) = summary.grids(table)
-    scale = _scale(table.attrs[PROVENANCE]["grids"][key])
+    scale = grid_scale(table.attrs[PROVENANCE]["grids"][key])
     points = summary.by_point(table, name)
     points = points.reindex(scale.order)
     known = np.isfinite(points["mean"].to_numpy(dtype=float))
@@ -184,42 +131,42 @@ def _draw_curve(axes: Axes, table: DataFrame, name: str) -> None:
         fmt="o" if scale.names else "o-", color=COLOURS[0], linewidth=1.3, markersize=4.5, capsize=3, elinewidth=1.1,
         label="mean ± standard error" if sets else None,
     )  # fmt: skip
-    _set_axis(axes, "x", scale, table, key)
-    _set_values(axes, table, name)
-    _mark_missing(axes, scale.places[~known])
+    set_grid_axis(axes, "x", scale, table, key)
+    set_value_axis(axes, table, name)
+    mark_missing(axes, scale.places[~known])
 
 
 def _draw_points(axes: Axes, table: DataFrame, name: str) -> None:
     (key,) = summary.drawn(table)
-    x, values = table[key].to_numpy(dtype=float), _values(table, name)
+    x, values = table[key].to_numpy(dtype=float), member_values(table, name)
     known = np.isfinite(values)
     axes.plot(x[known], values[known], "o", color=COLOURS[0], markersize=4, alpha=0.6, markeredgewidth=0)
-    _set_drawn(axes, "x", table, key)
-    _set_values(axes, table, name)
-    _mark_missing(axes, x[~known])
+    set_random_axis(axes, "x", table, key)
+    set_value_axis(axes, table, name)
+    mark_missing(axes, x[~known])
 
 
 def _draw_coloured_points(figure: Figure, axes: Axes, table: DataFrame, name: str) -> None:
     keys = summary.drawn(table)
-    (x, y), values = (table[key].to_numpy(dtype=float) for key in keys), _values(table, name)
+    (x, y), values = (table[key].to_numpy(dtype=float) for key in keys), member_values(table, name)
     known = np.isfinite(values)
     dots = axes.scatter(
-        x[known], y[known], c=values[known], s=24, edgecolors="#888888", linewidths=0.4, **_colours(name, values)
+        x[known], y[known], c=values[known], s=24, edgecolors="#888888", linewidths=0.4, **colour_scale(name, values)
     )
     if not known.all():
         axes.plot(x[~known], y[~known], "x", color="#888888", markersize=5, label="no value")
-    _colour_bar(figure, axes, dots, values, _column_label(table, name))
+    draw_colour_bar(figure, axes, dots, values, column_label(table, name))
     for which, key in zip("xy", keys, strict=True):
-        _set_drawn(axes, which, table, key)
+        set_random_axis(axes, which, table, key)
 
 
 def _draw_histogram(axes: Axes, table: DataFrame, name: str) -> None:
     from matplotlib.ticker import MaxNLocator
 
-    values = _values(table, name)
+    values = member_values(table, name)
     values = values[np.isfinite(values)]
     found = summary.moments(table[table["status"] == DONE][name])
-    log = _wide(values)
+    log = spans_decades(values)
     shown = np.log10(values) if log else values
     count = math.ceil(2.0 * len(values) ** (1 / 3))  # Rice's rule
     flat = float(np.ptp(shown)) <= 1e-12 * float(np.abs(shown).max())
@@ -234,68 +181,10 @@ def _draw_histogram(axes: Axes, table: DataFrame, name: str) -> None:
     axes.axvline(found["mean"], color=COLOURS[1], linewidth=1.6, label=text)
     if log:
         axes.set_xscale("log")
-    axes.set_xlabel(_column_label(table, name))
+    axes.set_xlabel(column_label(table, name))
     axes.set_ylabel("members")
     axes.yaxis.set_major_locator(MaxNLocator(integer=True))
     axes.grid(False, axis="x")
-
-
-# -- shared parts
-
-
-def _values(table: DataFrame, name: str) -> Any:
-    """Numbers of a column; NaN for members that are not done."""
-    return np.where(table["status"] == DONE, table[name].to_numpy(dtype=float), np.nan)
-
-
-def _wide(values: Any) -> bool:
-    """Tell whether values need a logarithmic scale."""
-    known = values[np.isfinite(values)]
-    return bool(len(known) and known.min() > 0 and known.max() > WIDE * known.min())
-
-
-def _colours(name: str, values: Any) -> dict[str, Any]:
-    """Colour map and scale. MEGNO's has regular motion in its middle, and is the same in all figures."""
-    from matplotlib.colors import LogNorm
-
-    if name == "megno":
-        return {"cmap": "RdYlBu_r", "vmin": 2.0 * REGULAR - CHAOTIC, "vmax": CHAOTIC}
-    return {"cmap": "viridis", "norm": LogNorm() if _wide(values) else None}
-
-
-def _colour_bar(figure: Figure, axes: Axes, drawn: Any, values: Any, label: str) -> None:
-    """Draw the colour bar, with a tip if values lie beyond its end."""
-    low, high = drawn.get_clim()
-    below, above = np.nanmin(values) < low, np.nanmax(values) > high
-    extend = {(False, False): "neither", (True, False): "min", (False, True): "max"}.get((below, above), "both")
-    bar = figure.colorbar(drawn, ax=axes, extend=extend, pad=0.02)
-    bar.set_label(label)
-    bar.outline.set_visible(False)
-    bar.ax.tick_params(colors=INK, labelsize=9)
-
-
-def _set_values(axes: Axes, table: DataFrame, name: str) -> None:
-    """Set the y axis of a column."""
-    if name == "megno":
-        axes.axhline(REGULAR, color=INK, linewidth=0.9, linestyle=(0, (4, 3)), label="regular motion: 2")
-    if _wide(_values(table, name)):
-        axes.set_yscale("log")
-    axes.set_ylabel(_column_label(table, name))
-
-
-def _set_drawn(axes: Axes, which: str, table: DataFrame, key: str) -> None:
-    """Set the axis of a random key."""
-    log = table.attrs[PROVENANCE]["draws"][key][0] == "log-uniform"
-    axes.set(**{f"{which}label": _key_label(table, key), f"{which}scale": "log" if log else "linear"})
-
-
-def _mark_missing(axes: Axes, places: Any) -> None:
-    """Draw crosses along the x axis for missing values."""
-    if len(places):
-        axes.plot(
-            places, np.full(len(places), 0.025), "x", color="#888888", markersize=5, label="no value",
-            transform=axes.get_xaxis_transform(),
-        )  # fmt: skip
 
 
 def _title(table: DataFrame, name: str) -> str:
@@ -311,22 +200,3 @@ def _title(table: DataFrame, name: str) -> str:
             ", ".join([counted(len(table), "member"), *(f"{count:,} {what}" for what, count in counts.items())]),
         ]
     )
-
-
-def _column_label(table: DataFrame, name: str) -> str:
-    return _labelled(table, NAMES.get(name, name.replace("_", " ")), COLUMNS.get(name))
-
-
-def _key_label(table: DataFrame, key: str) -> str:
-    """Label of a key, with its unit if it belongs to a system file or to [run]."""
-    last = key.rpartition(".")[2]
-    return _labelled(table, key, KEYS.get(last) if "." in key or last in ("dt", "time") else None)
-
-
-def _labelled(table: DataFrame, name: str, dimension: str | None) -> str:
-    """Name with the unit of its dimension, if the system's units have names."""
-    units = UNIT_SYSTEMS.get(table.attrs[PROVENANCE].get("units", ""))
-    if dimension is None or units is None or (units.name == "nbody" and dimension != "angle"):
-        return name
-    unit = re.sub(r"[a-z_]+(?:/k_B)?", lambda word: _pretty(word[0]), units.unit(dimension))
-    return f"{name} ({unit.replace('^2', '²').replace('^3', '³')})"

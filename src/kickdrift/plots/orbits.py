@@ -10,9 +10,10 @@ import numpy as np
 
 from kickdrift.analysis.orbits import Orbits, Paths, gravity_of, invariable_axes, orbits_of, paths
 from kickdrift.errors import InputError
-from kickdrift.model.starts.elements import TAU, Elements, states
+from kickdrift.model.starts.elements import Elements, states
+from kickdrift.model.starts.universal import TAU
 from kickdrift.model.state import Floats
-from kickdrift.model.units import UnitSystem
+from kickdrift.model.unit_systems import UnitSystem
 from kickdrift.plots.runs import (
     COLOURS,
     GRID,

@@ -20,7 +20,7 @@ from kickdrift.disk.kinds import FIGURE
 from kickdrift.errors import InputError
 from kickdrift.jit import folders
 from kickdrift.model.state import Floats
-from kickdrift.model.units import UnitSystem
+from kickdrift.model.unit_systems import UnitSystem
 from kickdrift.trajectory import reader
 
 if TYPE_CHECKING:

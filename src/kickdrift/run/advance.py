@@ -27,7 +27,7 @@ from kickdrift.model.problem import Problem
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 from kickdrift.run.blow_up import failure
-from kickdrift.run.watch.watching import WatchedStepper
+from kickdrift.run.watch.watched_stepper import WatchedStepper
 
 if TYPE_CHECKING:
     from kickdrift.engines import Engine

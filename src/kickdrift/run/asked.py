@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from kickdrift.errors import InputError
-from kickdrift.model.units import shown
+from kickdrift.text import shown
 
 
 def kind_of(value: Any, simulation: type) -> str:

@@ -12,7 +12,7 @@ from kickdrift.model.checks import unwarned
 from kickdrift.model.state import Floats
 
 if TYPE_CHECKING:
-    from kickdrift.run.watch.watching import WatchedStepper
+    from kickdrift.run.watch.watched_stepper import WatchedStepper
 
 
 class Point(Protocol):

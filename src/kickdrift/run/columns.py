@@ -13,9 +13,11 @@ from kickdrift.looks.columns import Column, parts
 from kickdrift.looks.table import SAMPLE_BYTES
 from kickdrift.model.capacity import check_room
 from kickdrift.model.state import Floats
-from kickdrift.model.units import UnitSystem, shown, unit_named
+from kickdrift.model.unit_systems import UnitSystem
+from kickdrift.model.units import unit_named
 from kickdrift.run.plan import Plan
 from kickdrift.run.watch.watcher import Watcher
+from kickdrift.text import shown
 
 if TYPE_CHECKING:
     from kickdrift.run.advance import Integration

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 
 from kickdrift.errors import InputError
-from kickdrift.model.units import shown
 from kickdrift.run.advance import Integration
 from kickdrift.run.looks import Sampler
 from kickdrift.run.plan import Plan
 from kickdrift.run.report import Report
 from kickdrift.run.watch.watcher import Watcher
+from kickdrift.text import shown
 
 Progress = Callable[[int, int], Any]
 

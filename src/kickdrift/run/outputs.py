@@ -12,9 +12,9 @@ from kickdrift.errors import InputError, RunError
 from kickdrift.jit.compile import features, processor
 from kickdrift.model.memory import Memory
 from kickdrift.model.system import System
-from kickdrift.model.units import shown
 from kickdrift.run.forces import forces_at
 from kickdrift.run.watch.watcher import Watcher
+from kickdrift.text import shown
 
 if TYPE_CHECKING:
     from kickdrift.run.advance import Integration

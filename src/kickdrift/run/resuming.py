@@ -21,11 +21,10 @@ from kickdrift.jit.compile import features, processor
 from kickdrift.looks.observers import Sample
 from kickdrift.model.limits import NEVER
 from kickdrift.model.system import System
-from kickdrift.model.units import shown
 from kickdrift.run.loop import go_to
 from kickdrift.run.plan import Plan, check_samples, whole_number
 from kickdrift.run.simulation import Simulation
-from kickdrift.text import counted
+from kickdrift.text import counted, shown
 from kickdrift.trajectory import reader
 from kickdrift.trajectory.layout import versions
 from kickdrift.trajectory.named import about, method_of, options_of

@@ -34,8 +34,8 @@ from kickdrift.run.outputs import Outputs
 from kickdrift.run.plan import Plan, plan_of, steps_to
 from kickdrift.run.report import Report, report
 from kickdrift.run.watch.stability import Stability
+from kickdrift.run.watch.watched_stepper import Events
 from kickdrift.run.watch.watcher import Observe, Watcher
-from kickdrift.run.watch.watching import Events
 
 if TYPE_CHECKING:
     from kickdrift.looks.columns import Column

@@ -13,7 +13,7 @@ from kickdrift.model.starts.builders import Structure, generator
 from kickdrift.model.starts.coordinates import at_barycentre, attracting_masses
 from kickdrift.model.starts.plummer import plummer
 from kickdrift.model.state import Floats
-from kickdrift.model.units import UnitSystem
+from kickdrift.model.unit_systems import UnitSystem
 from kickdrift.systemfile.schema_bodies import BodyTable, ElementsTable, PlummerTable
 
 

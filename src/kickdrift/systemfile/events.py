@@ -10,9 +10,11 @@ from pydantic import BeforeValidator, Field
 from kickdrift.errors import InputError
 from kickdrift.model.event_checks import checked_events
 from kickdrift.model.events import CloseApproach, Collision, Crossing, Escape, Event
-from kickdrift.model.units import UnitSystem, quantity, shown, suggestion
+from kickdrift.model.unit_systems import UnitSystem
+from kickdrift.model.units import quantity
 from kickdrift.systemfile.schema import checked
 from kickdrift.systemfile.schema_base import Edge, In, Table
+from kickdrift.text import shown, suggestion
 
 if TYPE_CHECKING:
     from kickdrift.model.system import System

@@ -13,8 +13,10 @@ from kickdrift.model.capacity import check_room
 from kickdrift.model.starts.builders import LATTICES, Structure, lattice, mixture
 from kickdrift.model.starts.plane import PLANE_LATTICES, plane_lattice
 from kickdrift.model.system import body_names
-from kickdrift.model.units import UnitSystem, number_density, shown
+from kickdrift.model.unit_systems import UnitSystem
+from kickdrift.model.units import number_density
 from kickdrift.systemfile.schema import LatticeTable, PositionsTable, SystemTable
+from kickdrift.text import shown
 
 
 def edges_given(table: SystemTable) -> Box | None:

@@ -1,22 +1,17 @@
-"""System files: TOML to System or Problem. Every error is an InputError of one line: file, key, what was expected."""
+"""Systems and Problems from system files. Each error is an InputError of one line: file, key, expected value."""
 
 from __future__ import annotations
 
 import os
-import tomllib
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import replace
-from io import BytesIO, TextIOWrapper
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from kickdrift.disk.files import SYSTEM_FILE_BYTES, content, unfit
 from kickdrift.errors import InputError
 from kickdrift.forces import FORCES
-from kickdrift.model.checks import no_overflow, path_text, whole_number
+from kickdrift.model.checks import no_overflow, whole_number
 from kickdrift.model.problem import Problem
 from kickdrift.model.run_defaults import Equilibration
 from kickdrift.model.starts.builders import (
@@ -28,9 +23,10 @@ from kickdrift.model.starts.builders import (
 from kickdrift.model.starts.coordinates import to_barycentric
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
-from kickdrift.model.units import UNIT_SYSTEMS, UnitSystem, shown, suggestion, unit_system
+from kickdrift.model.unit_systems import UNIT_SYSTEMS, UnitSystem, unit_system
 from kickdrift.systemfile.bodies import cluster, on_orbits
 from kickdrift.systemfile.events import events_of
+from kickdrift.systemfile.files import find, parsed, prefixed, toml_table
 from kickdrift.systemfile.places import as_given, box_of, edges_given, on_lattice
 from kickdrift.systemfile.schema import (
     ElementsTable,
@@ -44,21 +40,13 @@ from kickdrift.systemfile.schema import (
     ode_table,
 )
 from kickdrift.systemfile.schema_run import run_defaults
+from kickdrift.text import shown, suggestion
 
 _BESIDE_ODE = tuple(key for key in OdeFileTable.model_fields if key != "ode")
 
 
-class Description(NamedTuple):
-    """What a list of systems shows of one."""
-
-    name: str
-    path: Path
-    title: str  # its ``title``, else the comment on its first line
-    units: str
-
-
 def load(name_or_path: str | os.PathLike[str], seed: int | None = None) -> System | Problem:
-    """The System of a TOML file, or of the bare name of one that ships (``lj-1000``); a Problem where it has [ode].
+    """Load the System of a TOML file, or of a shipped system's name (``lj-1000``); a file with [ode] gives a Problem.
 
     Parameters
     ----------
@@ -68,111 +56,38 @@ def load(name_or_path: str | os.PathLike[str], seed: int | None = None) -> Syste
     Raises
     ------
     InputError
-        In one line: the file, the key and what was expected, or the particles that overlap.
+        With the file, the key and the expected value, or with the particles that overlap.
     """
     path = find(name_or_path)
     text, data = parsed(path)
-    with _named(f"{path}: "):
+    with prefixed(f"{path}: "):
         return _subject(data, path, text, seed)
 
 
 def loads(
     text: str, name: str = "system", seed: int | None = None, folder: str | os.PathLike[str] = "."
 ) -> System | Problem:
-    """The System or Problem of a system file's text; structure files in it are looked for in ``folder``."""
-    with _named(f"{name}: "):
-        return _subject(_parsed(text), Path(folder) / f"{name}.toml", text, seed)
+    """Build the System or Problem of a system file's text. Structure files are searched in ``folder``."""
+    with prefixed(f"{name}: "):
+        return _subject(toml_table(text), Path(folder) / f"{name}.toml", text, seed)
 
 
 def built(
     data: dict[str, Any], name: str, seed: int | None, folder: str | os.PathLike[str], text: str = ""
 ) -> System | Problem:
-    """The System or Problem of a system file's content, parsed, and its ``text``; ``seed`` is for what is drawn, if
-    anything is."""
-    with _named(f"{name}: "):
+    """Build the System or Problem of a parsed system file and its ``text``. A file without random numbers ignores
+    ``seed``."""
+    with prefixed(f"{name}: "):
         return _subject(data, Path(folder) / f"{name}.toml", text, seed if draws(data) else None)
 
 
 def draws(data: dict[str, Any]) -> bool:
-    """Whether what a system file says, parsed, leaves anything to a seed: velocities, orbits, a cluster's stars."""
+    """Whether a parsed system file draws random numbers: velocities, orbits, or a cluster's stars."""
     velocities, particles = data.get("velocities"), data.get("particles")
     drawn = isinstance(velocities, dict) and "temperature" in velocities
     if isinstance(particles, dict):
         drawn = drawn or "plummer" in particles or ("elements" in particles and "seed" in particles)
     return drawn
-
-
-def parsed(path: Path) -> tuple[str, dict[str, Any]]:
-    """A system file's text, and what TOML makes of it; neither is checked further."""
-    stored = content(path, SYSTEM_FILE_BYTES, "a system file")
-    with _named(f"{path}: "):
-        text = _text(stored)
-        return text, _parsed(text)
-
-
-def shipped() -> dict[str, Path]:
-    """The system files that come with kickdrift, by name."""
-    package = Path(__file__).parents[1]
-    inside = package / "systems"  # in a wheel
-    folder = inside if inside.is_dir() else package.parents[1] / "systems"  # in a checkout
-    return {path.stem: path for path in sorted(folder.glob("*.toml"))}
-
-
-def describe(path: str | os.PathLike[str]) -> Description:
-    """A system file's name, title and units, without checking or building it."""
-    path = Path(path)
-    text, data = parsed(path)
-    first = text.split("\n", 1)[0]
-    comment = first.lstrip("# ").strip() if first.startswith("#") else ""
-    return Description(path.stem, path, str(data.get("title", comment)), str(data.get("units", "")))
-
-
-def is_shipped(name_or_path: str | os.PathLike[str]) -> bool:
-    """Whether it is the bare name of a system that ships; a file of that name is given as ./NAME."""
-    return isinstance(name_or_path, str) and Path(name_or_path).name == name_or_path and name_or_path in shipped()
-
-
-def find(name_or_path: str | os.PathLike[str]) -> Path:
-    """The file that a name or path means; an InputError suggests the nearest name where there is none."""
-    given = path_text("system", name_or_path)
-    bare = isinstance(name_or_path, str) and Path(given).name == given and not given.endswith(".toml")
-    known = shipped()
-    if is_shipped(name_or_path):
-        return known[given]
-    path = Path(given)
-    if (what := unfit(path, "a system file")) is None:
-        return path
-    if bare and not os.path.lexists(given):
-        listed = f"{suggestion(given, known)} (shipped: {', '.join(known)})"
-        raise InputError(f"{shown(given)} is neither a file nor a shipped system{listed}")
-    raise InputError(f"{' '.join(given.split())}: {what}{suggestion(path.stem, known)}")
-
-
-@contextmanager
-def _named(prefix: str) -> Iterator[None]:
-    """Put the file or key that an InputError is about before its message."""
-    try:
-        yield
-    except InputError as error:
-        raise InputError(prefix + str(error)) from None
-
-
-def _text(stored: bytes) -> str:
-    try:
-        return TextIOWrapper(BytesIO(stored), encoding="utf-8-sig").read()
-    except UnicodeDecodeError:
-        raise InputError("not a text file in UTF-8") from None
-
-
-def _parsed(text: str) -> dict[str, Any]:
-    try:
-        return tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"not valid TOML: {' '.join(str(error).split())}") from None
-    except RecursionError:
-        raise InputError("not valid TOML: nested too deeply") from None
-    except ValueError as error:  # an integer of thousands of digits
-        raise InputError(f"not valid TOML: {' '.join(str(error).split(';')[0].split())}") from None
 
 
 def _subject(data: dict[str, Any], path: Path, text: str, seed: int | None) -> System | Problem:
@@ -198,7 +113,7 @@ def _problem(data: dict[str, Any], path: Path, text: str, seed: int | None) -> P
         raise InputError(f"ode.problem: expected one of {', '.join(ODES)}, got {shown(name)}{suggestion(name, ODES)}")
     given = checked(ode_table(ODES[name]), table.ode, None, "ode")
     parameters = {key: value for key, value in given if key != "problem"}
-    with _named("ode."):
+    with prefixed("ode."):
         made = ODES[name](**parameters)
     return replace(
         made,
@@ -257,7 +172,7 @@ def _system(data: dict[str, Any], path: Path, text: str, seed: int | None) -> Sy
 
     made = system(velocities)
     if table.velocities is not None and table.velocities.temperature is not None and seed is not None:
-        with _named("velocities."):
+        with prefixed("velocities."):
             temperature = table.velocities.temperature
             drawn_at = maxwell_boltzmann(made.coherent_masses, temperature, units.boltzmann, seed, table.dimensions)
             made = system(drawn_at)
@@ -274,13 +189,13 @@ def _force(given: dict[str, Any], units: UnitSystem, path: str) -> Any:
         raise InputError(f"{path}.type: expected one of {', '.join(FORCES)}, got {shown(name)}{hint}")
     cls: Any = FORCES[name]
     parameters = force_parameters(cls, given, units, path)
-    with _named(f"{path}: "):
+    with prefixed(f"{path}: "):
         return cls(**parameters)
 
 
 def _start(table: SystemTable, units: UnitSystem, folder: Path, gravity: float | None, seed: int | None) -> Structure:
     particles, box = table.particles, edges_given(table)
-    with _named("particles."):
+    with prefixed("particles."):
         if isinstance(particles, LatticeTable):
             return on_lattice(particles, table, box, units)
         if isinstance(particles, PositionsTable):
@@ -295,5 +210,5 @@ def _start(table: SystemTable, units: UnitSystem, folder: Path, gravity: float |
             )
         if "\0" in particles.file:
             raise InputError(f"file: expected the name of a file, got {shown(particles.file)}")
-        with _named("file: "):
+        with prefixed("file: "):
             return read_structure(folder / particles.file, units)

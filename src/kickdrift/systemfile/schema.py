@@ -28,7 +28,7 @@ from pydantic_core import ErrorDetails
 from kickdrift.errors import InputError
 from kickdrift.forces.pair_law import PairForce
 from kickdrift.model import checks
-from kickdrift.model.units import UnitSystem, shown
+from kickdrift.model.unit_systems import UnitSystem
 from kickdrift.systemfile.schema_base import (
     Edge,
     In,
@@ -43,7 +43,7 @@ from kickdrift.systemfile.schema_base import (
     Velocity,
 )
 from kickdrift.systemfile.schema_bodies import ElementsTable, PlummerTable
-from kickdrift.text import VALUE, clean
+from kickdrift.text import VALUE, clean, shown
 
 
 def _mass(value: Any, info: ValidationInfo) -> float | dict[str, float]:

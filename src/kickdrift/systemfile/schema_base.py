@@ -8,7 +8,8 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationIn
 from pydantic_core import PydanticCustomError
 
 from kickdrift.errors import InputError
-from kickdrift.model.units import quantity, shown, suggestion
+from kickdrift.model.units import quantity
+from kickdrift.text import shown, suggestion
 
 
 class In:

@@ -14,7 +14,7 @@ from kickdrift.integrators.asked import known_options, meant
 from kickdrift.integrators.option import OPTIONS, Option
 from kickdrift.model.limits import MOST_STEPS
 from kickdrift.model.run_defaults import RunDefaults
-from kickdrift.model.units import UnitSystem
+from kickdrift.model.unit_systems import UnitSystem
 from kickdrift.systemfile.schema import checked
 from kickdrift.systemfile.schema_base import Table, Time
 

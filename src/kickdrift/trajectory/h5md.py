@@ -240,6 +240,7 @@ class Writer:
         last = self.last_sample
         if last is not None and behind((step, state.time), last):
             raise InputError(f"{self.path}: ends at step {last[0]}; step {step} cannot follow it")
+        values = self._rows.held(values)
         if wrong := self._rows.check(values):
             raise InputError(wrong)
         if not self._rows.complete:

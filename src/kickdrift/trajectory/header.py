@@ -14,7 +14,8 @@ from kickdrift.looks.columns import KNOWN
 from kickdrift.model.box import Box
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
-from kickdrift.model.units import UnitSystem, shown
+from kickdrift.model.unit_systems import UnitSystem
+from kickdrift.text import shown
 from kickdrift.trajectory import edges, stored
 from kickdrift.trajectory.checksums import CHECKSUMS, VECTORS
 from kickdrift.trajectory.contents import Contents

@@ -11,8 +11,7 @@ from kickdrift.forces import force_class
 from kickdrift.model.box import Box
 from kickdrift.model.event_log import event_lines
 from kickdrift.model.limits import NEVER
-from kickdrift.model.units import shown
-from kickdrift.text import clean, counted
+from kickdrift.text import clean, counted, shown
 from kickdrift.trajectory.reader import Run, open
 
 SHOWN = 5  # of the forces that nobody here has registered

@@ -17,7 +17,7 @@ from kickdrift.errors import InputError
 from kickdrift.looks.columns import KNOWN
 from kickdrift.model.file_units import FileUnits
 from kickdrift.model.system import System
-from kickdrift.model.units import DIMENSIONS, UnitSystem
+from kickdrift.model.unit_systems import DIMENSIONS, UnitSystem
 from kickdrift.trajectory import checkpoints, checksums
 from kickdrift.trajectory.checkpoints import Stored
 from kickdrift.trajectory.edges import shape_of

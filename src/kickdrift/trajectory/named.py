@@ -24,9 +24,10 @@ from kickdrift.integrators.asked import known_options
 from kickdrift.model.events import Between, CloseApproach, Collision, Crossing, Escape, Event
 from kickdrift.model.limits import NEVER
 from kickdrift.model.run_defaults import Equilibration, RunDefaults
-from kickdrift.model.units import UNIT_SYSTEMS, shown
+from kickdrift.model.unit_systems import UNIT_SYSTEMS
 from kickdrift.systemfile.schema import checked, force_parameters
 from kickdrift.systemfile.schema_base import Table
+from kickdrift.text import shown
 
 PLAIN = UNIT_SYSTEMS["lj"]  # quantities here are numbers, never text with a unit
 EVENTS: dict[str, Any] = {event.__name__: event for event in (CloseApproach, Collision, Crossing, Escape)}

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kickdrift.errors import InputError
+from kickdrift.looks.columns import OWN
 from kickdrift.model.box import Box
 from kickdrift.model.state import Floats
 from kickdrift.trajectory import checksums, header
@@ -101,6 +102,7 @@ class Rows:
         self.shapes = {name: header.shape_of(contents, name) for name in found.observables}
         self.complete = True
         self._shapes_known = self.samples > 0 or bool(self.shapes)
+        self._begun = bool(self.shapes)  # before this process
         self.write = found.options.write
         self.columns: Mapping[str, str] = {}
         self._growing, self._vectors, self._block = found.growing, found.vectors, 0
@@ -233,6 +235,11 @@ class Rows:
         found = [checksums.sums_of_columns(t)[:, None] if t else np.zeros((frames, 1), "u8") for t in tables]
         values = (vectors[f"{TRAJECTORY}/{name}/value"] for name in self._vectors)
         return np.concatenate([*found, *(checksums.sums_of_vectors(each, self._block) for each in values)], axis=1)
+
+    def held(self, observables: dict[str, NDArray[np.float64]]) -> dict[str, NDArray[np.float64]]:
+        """These observables without those of kickdrift's own that the version that began the file did not write."""
+        newer = {own.name for own in OWN} - self.shapes.keys() if self._begun else set()
+        return {name: value for name, value in observables.items() if name not in newer}
 
     def check(self, observables: Mapping[str, NDArray[np.float64]]) -> str | None:
         """What is wrong with these observables, if anything; the first ones say what the others must be."""

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from kickdrift.model.box import Box
 from kickdrift.model.state import Floats
-from kickdrift.model.units import UnitSystem
+from kickdrift.model.unit_systems import UnitSystem
 from kickdrift.trajectory.options import FileOptions
 
 

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import kickdrift as kd
-from kickdrift.analysis import chaos
+from kickdrift.analysis import chaos, deviations
 from kickdrift.analysis.chaos import megno
 from kickdrift.analysis.chaos_report import ChaosReport, mean_megno, verdict
 from kickdrift.cli import main as cli
@@ -209,7 +209,7 @@ def test_the_result_does_not_depend_on_units_and_little_on_looks(monkeypatch):
     si = kd.System(x * AU, v * AU / YEAR, masses * SUN, forces=[kd.Gravity(G * AU**3 / YEAR**2 / SUN)], units="si")
     reports = [megno(astro, 1000.0, "yoshida4", 0.1), megno(si, 1000.0 * YEAR, "yoshida4", 0.1 * YEAR)]
     assert reports[1].megno == pytest.approx(reports[0].megno, rel=1e-6)
-    monkeypatch.setattr(chaos, "LOOKS", 2000)
+    monkeypatch.setattr(deviations, "LOOKS", 2000)
     assert megno(astro, 1000.0, "yoshida4", 0.1).megno == pytest.approx(reports[0].megno, abs=0.02)
 
 

@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 
 import kickdrift as kd
+from kickdrift.analysis.compared_methods import default_integrators
 from kickdrift.analysis.ladder import Bench, Row
 from kickdrift.analysis.local_error import slope
 from kickdrift.analysis.recommendation import SAFETY, recommendation
 from kickdrift.analysis.reference import MODERATE, TIGHT, Reference
 from kickdrift.analysis.shadow import modified_hamiltonian, pendulum_potential, shadow_run
-from kickdrift.analysis.work_precision import Comparison, default_integrators, work_precision
+from kickdrift.analysis.work_precision import Comparison, work_precision
 from kickdrift.cli.main import main
 from kickdrift.odes import harmonic_oscillator, kepler, logistic, lorenz, pendulum, van_der_pol
 from kickdrift.plots.shadow import plot_shadow

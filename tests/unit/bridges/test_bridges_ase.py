@@ -22,7 +22,8 @@ from hypothesis import strategies as st
 import kickdrift as kd
 from kickdrift.bridges.ase import Calculator, Scale
 from kickdrift.model.bridging import bridge
-from kickdrift.model.units import UNIT_SYSTEMS, quantity
+from kickdrift.model.unit_systems import UNIT_SYSTEMS
+from kickdrift.model.units import quantity
 from kickdrift.trajectory.export import export
 from kickdrift.trajectory.h5md import Writer
 

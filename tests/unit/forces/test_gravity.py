@@ -18,7 +18,7 @@ from kickdrift.forces import Gravity, GravityTree, LennardJones, UniformField
 from kickdrift.forces.bound import BoundForces
 from kickdrift.model.starts.builders import check_overlaps
 from kickdrift.model.system import System
-from kickdrift.model.units import UNIT_SYSTEMS
+from kickdrift.model.unit_systems import UNIT_SYSTEMS
 from kickdrift.run.simulation import Simulation
 from tests.oracle.forces import gravity_accelerations, interacting_pairs, pair_oracle
 from tests.processes import python

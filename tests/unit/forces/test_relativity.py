@@ -13,7 +13,7 @@ import kickdrift as kd
 from kickdrift.errors import InputError
 from kickdrift.forces import Gravity, PostNewtonian
 from kickdrift.forces.bound import BoundForces
-from kickdrift.model.units import UNIT_SYSTEMS
+from kickdrift.model.unit_systems import UNIT_SYSTEMS
 from kickdrift.systemfile.reading import loads
 
 

@@ -19,7 +19,8 @@ from kickdrift.integrators.gauss_radau_loop import LOST_TIME, TIME
 from kickdrift.integrators.gauss_radau_series import LOST_X, X
 from kickdrift.integrators.gauss_radau_tables import nodes, tables
 from kickdrift.odes import ODES
-from kickdrift.systemfile.reading import load, shipped
+from kickdrift.systemfile.files import shipped
+from kickdrift.systemfile.reading import load
 from kickdrift_validation.folders import DATA
 from tests import folders
 

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 import kickdrift as kd
-from kickdrift.analysis.work_precision import chosen, work_precision
+from kickdrift.analysis.compared_methods import chosen_methods
+from kickdrift.analysis.work_precision import work_precision
 from kickdrift.batch.batch import Batch
 from kickdrift.cli import main as cli
 from kickdrift.errors import InputError
@@ -116,18 +117,18 @@ def test_batches_chaos_and_ensembles_take_values(system):
 
 def test_a_comparison_takes_values_and_options(system):
     values = [VALUE, "wisdom-holman", "saba", "leapfrog"]
-    names = [str(each) for each in chosen(system, values, {"coordinates": "jacobi"})]
+    names = [str(each) for each in chosen_methods(system, values, {"coordinates": "jacobi"})]
     assert names == [
         "wisdom-holman -o coordinates=jacobi -o corrector=17", "wisdom-holman -o coordinates=jacobi",
         "saba -o coordinates=jacobi", "velocity-verlet",
     ]  # fmt: skip
     with pytest.raises(InputError, match="corrector: saba does not take it; wisdom-holman takes it"):
-        chosen(system, ["saba"], {"corrector": 3})
+        chosen_methods(system, ["saba"], {"corrector": 3})
     for key in ("dt", "rtol", "precision"):
         with pytest.raises(InputError, match=f"{key}: compare sets it"):
-            chosen(system, ["dop853"], {key: 1})
+            chosen_methods(system, ["dop853"], {key: 1})
     with pytest.raises(InputError, match="rtol: compare sets it"):
-        chosen(system, [kd.integrator("dop853", rtol=1e-3)])
+        chosen_methods(system, [kd.integrator("dop853", rtol=1e-3)])
     problem = kd.load("ode-harmonic")
     found = work_precision(problem, [kd.integrator("rk4", compensated=True)], 12.0, budget=5.0)
     assert found.methods == ["rk4 -o compensated=true"]

@@ -13,7 +13,6 @@ from kickdrift.jit.compile import as_written, in_order, inlined, jit, strict
 from kickdrift.jit.lanes import lane_sum, splat
 from kickdrift.jit.memory import load
 from kickdrift.jit.vector3 import (
-    Vector3,
     cross,
     dot,
     lane_sums,
@@ -26,6 +25,7 @@ from kickdrift.jit.vector3 import (
     thrice,
     vector3,
 )
+from kickdrift.jit.vector3_operators import Vector3
 from kickdrift.jit.vectors import WIDTH, lanes_type
 
 KINDS = {"jit": jit, "inlined": inlined, "in_order": in_order, "strict": strict, "as_written": as_written}

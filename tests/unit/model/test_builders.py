@@ -20,7 +20,7 @@ from kickdrift.model.starts.builders import (
     read_structure,
 )
 from kickdrift.model.system import System
-from kickdrift.model.units import UNIT_SYSTEMS
+from kickdrift.model.unit_systems import UNIT_SYSTEMS
 
 METAL = UNIT_SYSTEMS["metal"]
 NEIGHBOURS = {"sc": (1, 6, 1.0), "bcc": (2, 8, np.sqrt(0.75)), "fcc": (4, 12, np.sqrt(0.5))}

@@ -18,7 +18,8 @@ from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators.flow import flow_of
 from kickdrift.integrators.step_control import first_step
 from kickdrift.odes import ODES
-from kickdrift.systemfile.reading import describe, load, shipped
+from kickdrift.systemfile.files import describe, shipped
+from kickdrift.systemfile.reading import load
 from kickdrift_validation.folders import DATA
 from tests import folders
 

@@ -10,7 +10,9 @@ from hypothesis import strategies as st
 
 from kickdrift.errors import InputError
 from kickdrift.model import constants
-from kickdrift.model.units import DIMENSIONS, UNIT_SYSTEMS, number_density, quantity, suggestion, unit_system
+from kickdrift.model.unit_systems import DIMENSIONS, UNIT_SYSTEMS, unit_system
+from kickdrift.model.units import number_density, quantity
+from kickdrift.text import suggestion
 
 METAL, LJ = UNIT_SYSTEMS["metal"], UNIT_SYSTEMS["lj"]
 WITH_UNITS = [units for units in UNIT_SYSTEMS.values() if not units.reduced]

@@ -14,6 +14,7 @@ from kickdrift.ensemble import table as tables
 from kickdrift.ensemble.members import members_of
 from kickdrift.ensemble.rows import row_of
 from kickdrift.plots import ensemble as of
+from kickdrift.plots.ensemble_axes import grid_scale
 
 MEGNO = {"x.e": [0.0, 0.1, 0.2], "x.a": [5.0, 5.5]}
 
@@ -229,7 +230,7 @@ def test_three_drawn_keys_are_a_histogram(draw):
     ],
 )
 def test_which_grids_are_logarithmic(values, log):
-    assert of._scale([float(value) for value in values]).log == log
+    assert grid_scale([float(value) for value in values]).log == log
 
 
 def test_points_of_a_grid_are_told_by_number_even_where_values_are_lists(tmp_path):

@@ -9,6 +9,7 @@ from typer.testing import CliRunner
 import kickdrift as kd
 from kickdrift.cli.main import app
 from kickdrift.errors import InputError, RunError
+from kickdrift.looks import observers
 from kickdrift.looks.columns import KNOWN, OWN
 from kickdrift.trajectory.info import describe, info
 from tests.systems import liquid
@@ -241,6 +242,18 @@ def test_kickdrifts_own_are_rows_of_the_same_table():
     for column in OWN:
         assert np.shape(found[column.name]) == column.shape
     assert list(sample.observables(taken=True)) == list(KNOWN)
+
+
+def test_a_file_of_a_version_with_fewer_columns_goes_on_with_these(tmp_path, monkeypatch):
+    path = tmp_path / "a.h5md"
+    with monkeypatch.context() as earlier:
+        earlier.setattr(observers, "OWN", tuple(own for own in OWN if own.name != "pairs"))
+        make().run(20, every=10, output=path)
+    kd.resume(path).run(20)
+    with kd.open(path) as run:
+        assert run.sample_steps.tolist() == [0, 10, 20, 30, 40]
+        assert len(run.observables["total_energy"]) == 5
+        assert "pairs" not in run.observables
 
 
 def test_a_figure_of_one(tmp_path):

@@ -12,7 +12,8 @@ import kickdrift as kd
 from kickdrift.integrators.step_length import TOO_LONG, bound_by_gravity, fastest
 from kickdrift.model import capacity, checks
 from kickdrift.model.run_defaults import RunDefaults
-from kickdrift.model.units import quantity, unit_system
+from kickdrift.model.unit_systems import unit_system
+from kickdrift.model.units import quantity
 from kickdrift.systemfile.reading import loads
 from kickdrift.text import LINE, clean
 

@@ -11,8 +11,10 @@ from hypothesis import strategies as st
 
 from kickdrift.errors import InputError
 from kickdrift.forces import FORCES
+from kickdrift.systemfile import files
 from kickdrift.systemfile import reading as systemfile
-from kickdrift.systemfile.reading import describe, load, loads, shipped
+from kickdrift.systemfile.files import describe, shipped
+from kickdrift.systemfile.reading import load, loads
 
 GOOD = """
 units = "lj"
@@ -487,6 +489,6 @@ def test_reading_a_system_does_not_pay_for_numba():
 def test_an_installed_wheel_brings_its_systems_inside_the_package(tmp_path, monkeypatch):
     (tmp_path / "systems").mkdir()
     (tmp_path / "systems" / "melt.toml").write_text(GOOD)
-    monkeypatch.setattr(systemfile, "__file__", str(tmp_path / "systemfile" / "reading.py"))
+    monkeypatch.setattr(files, "__file__", str(tmp_path / "systemfile" / "files.py"))
     assert list(shipped()) == ["melt"]
     assert len(load("melt")) == 216

@@ -14,7 +14,7 @@ import kickdrift as kd
 from kickdrift.cli import main as cli
 from kickdrift.errors import InputError
 from kickdrift.model.state import State
-from kickdrift.systemfile.reading import shipped
+from kickdrift.systemfile.files import shipped
 from kickdrift.trajectory import checksums
 from kickdrift.trajectory.checkpoints import decoded, encoded
 from kickdrift.trajectory.contents import MOST_NESTED

@@ -10,7 +10,7 @@ import pytest
 
 import kickdrift as kd
 from kickdrift.model.state import State
-from kickdrift.model.units import UNIT_SYSTEMS
+from kickdrift.model.unit_systems import UNIT_SYSTEMS
 from kickdrift.trajectory.h5md import Writer
 from kickdrift.trajectory.layout import SCHEMA
 from tests.folders import DOCS

@@ -13,7 +13,7 @@ import pytest
 import kickdrift as kd
 from kickdrift.errors import InputError
 from kickdrift.model.state import State
-from kickdrift.model.units import UNIT_SYSTEMS
+from kickdrift.model.unit_systems import UNIT_SYSTEMS
 from kickdrift.trajectory import reader, storage
 from kickdrift.trajectory.h5md import Writer
 from kickdrift.trajectory.info import describe, info

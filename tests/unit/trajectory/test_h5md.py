@@ -20,7 +20,7 @@ import pytest
 from kickdrift.errors import InputError, RunError
 from kickdrift.model.state import State
 from kickdrift.model.system import System
-from kickdrift.model.units import UnitSystem
+from kickdrift.model.unit_systems import UnitSystem
 from kickdrift.trajectory import header, reader, storage
 from kickdrift.trajectory.contents import Contents
 from kickdrift.trajectory.h5md import Writer

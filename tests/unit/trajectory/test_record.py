@@ -12,7 +12,8 @@ import kickdrift as kd
 from kickdrift.errors import InputError
 from kickdrift.forces import registration
 from kickdrift.model.events import Escape
-from kickdrift.systemfile.reading import load, shipped
+from kickdrift.systemfile.files import shipped
+from kickdrift.systemfile.reading import load
 from kickdrift.trajectory.h5md import Writer
 from kickdrift.trajectory.record import differences, system_of
 

@@ -22,7 +22,7 @@ Mutation = Callable[[random.Random, str], str]
 @cache
 def bases() -> dict[str, str]:
     """Texts of the systems that ship, with fewer particles and without the time that equilibration takes."""
-    from kickdrift.systemfile.reading import shipped
+    from kickdrift.systemfile.files import shipped
 
     found = {}
     for name, path in sorted(shipped().items()):

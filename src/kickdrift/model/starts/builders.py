@@ -18,7 +18,8 @@ from kickdrift.model.capacity import check_room
 from kickdrift.model.checks import number, numbers
 from kickdrift.model.nearness import any_nearer, nearest_pair
 from kickdrift.model.state import Floats
-from kickdrift.model.units import UnitSystem, shown, suggestion
+from kickdrift.model.unit_systems import UnitSystem
+from kickdrift.text import shown, suggestion
 
 if TYPE_CHECKING:
     from kickdrift.model.system import System

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from kickdrift.errors import InputError
 from kickdrift.model.checks import numbers
 from kickdrift.model.state import Floats
-from kickdrift.model.units import shown, suggestion
+from kickdrift.text import shown, suggestion
 
 
 def barycentre(x: ArrayLike, masses: ArrayLike) -> Floats:

@@ -1,15 +1,14 @@
 """Kepler's elements from states and states from elements, on every conic.
 
-An orbit's shape is its pericentre distance q and eccentricity e, which serve ellipses (e < 1), parabolas (e = 1) and
-hyperbolas (e > 1) alike; a = q / (1 - e) is negative on a hyperbola and infinite on a parabola. Its place in space are
-the inclination, the longitude of the ascending node Omega and the argument of pericentre omega; where a body is on it
-says the true anomaly f. Angles are in radians here (system files have degrees).
+The pericentre distance q and the eccentricity e give the shape of an orbit: an ellipse (e < 1), a parabola (e = 1) or
+a hyperbola (e > 1). The semi-major axis a = q / (1 - e) is negative on a hyperbola and infinite on a parabola. The
+inclination inc, the longitude of the ascending node Omega and the argument of pericentre omega give the orientation of
+the orbit. The true anomaly f gives the body's place on it. Angles are in radians here (system files have degrees).
 
-An angle that an orbit does not have is zero by convention: Omega where inc is 0 or pi, omega where e = 0. The others
-are then counted from the x axis, or from the node, so that states come back whole.
+An angle that is not defined is zero: Omega where inc is 0 or pi, omega where e = 0. The other angles then count from
+the x axis, or from the node, so that elements give back the same state.
 
-Sources: Murray & Dermott 1999, Solar System Dynamics, ch. 2, doi:10.1017/CBO9781139174817; Danby 1988, Fundamentals of
-Celestial Mechanics, 6.9 (universal variable).
+Source: Murray & Dermott 1999, Solar System Dynamics, ch. 2, doi:10.1017/CBO9781139174817.
 """
 
 from __future__ import annotations
@@ -22,18 +21,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from kickdrift.errors import InputError
 from kickdrift.model.checks import numbers
+from kickdrift.model.starts.universal import TAU, anomaly_at, kepler_time, stumpff, universal_anomaly
 from kickdrift.model.state import Floats
 
-TAU = 2 * math.pi
 ANGLES = ("inc", "Omega", "omega", "f", "M", "E")
-MOST_ITERATIONS = 100  # Newton's from the right of a convex function needs 5 to 15
-_CLOSED = 1.0  # |z| from which Stumpff's functions are in closed form; below it nine terms of their series are exact
 
 
 class Elements(NamedTuple):
-    """Orbits: each field a number or an array, all of one shape; angles in radians.
+    """Orbits: each field is a number or an array, all of one shape; angles are in radians.
 
-    ``inc`` is in [0, pi], ``Omega``, ``omega`` in [0, 2 pi), ``f`` in (-pi, pi] where they come from states.
+    From states ``inc`` is in [0, pi], ``Omega`` and ``omega`` are in [0, 2 pi), and ``f`` is in (-pi, pi].
     """
 
     q: Floats
@@ -51,25 +48,26 @@ class Elements(NamedTuple):
 
     @property
     def E(self) -> Floats:
-        """Eccentric anomaly; on a hyperbola the H of e sinh H - H; nan on a parabola, which has none."""
+        """Eccentric anomaly; on a hyperbola the H of e sinh H - H; nan on a parabola."""
         e = np.asarray(self.e, dtype=float)
-        return np.where(e == 1.0, np.nan, _universal(e, self.f) * np.sqrt(np.abs(1.0 - e)))
+        return np.where(e == 1.0, np.nan, universal_anomaly(e, self.f) * np.sqrt(np.abs(1.0 - e)))
 
     @property
     def M(self) -> Floats:
-        """Mean anomaly E - e sin E, or e sinh H - H; nan on a parabola, which has none."""
+        """Mean anomaly E - e sin E, or e sinh H - H; nan on a parabola."""
         e = np.asarray(self.e, dtype=float)
-        return np.where(e == 1.0, np.nan, _lapse(e, _universal(e, self.f)) * np.abs(1.0 - e) ** 1.5)
+        return np.where(e == 1.0, np.nan, kepler_time(e, universal_anomaly(e, self.f)) * np.abs(1.0 - e) ** 1.5)
 
     def since_pericentre(self, mu: ArrayLike) -> Floats:
         """Time since the nearest passage of the pericentre; ``mu`` is G times the two masses."""
         e = np.asarray(self.e, dtype=float)
         return np.asarray(
-            _lapse(e, _universal(e, self.f)) * np.sqrt(np.asarray(self.q) ** 3 / np.asarray(mu, dtype=float))
+            kepler_time(e, universal_anomaly(e, self.f))
+            * np.sqrt(np.asarray(self.q) ** 3 / np.asarray(mu, dtype=float))
         )
 
     def period(self, mu: ArrayLike) -> Floats:
-        """2 pi sqrt(a^3 / mu); infinite where the orbit does not close."""
+        """Period 2 pi sqrt(a^3 / mu); infinite for an open orbit."""
         a = self.a
         closed = (a > 0) & np.isfinite(a)
         return np.where(closed, TAU * np.sqrt(np.where(closed, a, 1.0) ** 3 / np.asarray(mu, dtype=float)), np.inf)
@@ -92,7 +90,7 @@ def states(
 ) -> tuple[Floats, Floats]:
     """Positions and velocities (…, 3) relative to the centre, of bodies on orbits with these elements.
 
-    Everything is a number or an array, broadcast together. At a time T the state is right to rounding on every conic:
+    Arguments are numbers or arrays, broadcast together. With a time T the state is right to rounding on every conic:
     within 3.4 eps of its size, measured against 50 digits for e from 0 to 30 up to half a period, or 1000 sqrt(q^3/mu).
 
     Parameters
@@ -102,13 +100,13 @@ def states(
     a, q : one of the semi-major axis (negative on a hyperbola) and the pericentre distance (any conic)
     inc, Omega, omega : radians
     f, M, E, T : at most one of the true, mean and eccentric anomaly (radians; on a hyperbola M = e sinh H - H and E
-        stands for H) and the time of pericentre passage; without any the body is at its pericentre
+        stands for H) and the time of pericentre passage; default the pericentre
     t : time of the state, for T
 
     Raises
     ------
     InputError
-        For what is no orbit; the message names the element and, of several bodies, which one.
+        For values that are not an orbit. The message names the element and, among several bodies, the body.
     """
     one = [name for name, value in (("f", f), ("M", M), ("E", E), ("T", T)) if value is not None]
     if len(one) > 1:
@@ -135,11 +133,11 @@ def states(
     _refuse(e_ < 0, "e", e_, "expected an eccentricity, zero or more")
     q_ = _pericentre(value[size], e_, size)
     x, y, u, w = _in_plane(mu_, q_, e_, kind, value[kind], value["t"])
-    return _turned(x, y, value), _turned(u, w, value)
+    return _in_space(x, y, value), _in_space(u, w, value)
 
 
 def elements(positions: ArrayLike, velocities: ArrayLike, mu: ArrayLike) -> Elements:
-    """The Elements of bodies at positions and velocities (…, 3) relative to the centre; each field (…).
+    """Elements (…) of bodies at positions and velocities (…, 3) relative to the centre.
 
     A body that moves straight to or from the centre has no plane: its e is 1, its q 0 and its angles nan.
 
@@ -170,8 +168,8 @@ def elements(positions: ArrayLike, velocities: ArrayLike, mu: ArrayLike) -> Elem
     Omega = np.where(flat > 0, np.arctan2(h[..., 0], -h[..., 1]), 0.0)
     node = np.stack([np.cos(Omega), np.sin(Omega), np.zeros_like(Omega)], axis=-1)
     ahead = np.cross(h / np.where(straight, 1.0, hh)[..., None], node)
-    # Both angles are measured from the node in the same way, so that omega + f, which every state has, is good even
-    # where e is so small that the direction of the pericentre is noise.
+    # Both angles are measured from the node in the same way. So omega + f is accurate even for an e so small that the
+    # direction of the pericentre is noise.
     omega = np.where(e > 0, np.arctan2(_dot(towards, ahead), _dot(towards, node)), 0.0)
     f = np.arctan2(_dot(x, ahead), _dot(x, node)) - omega
     f -= TAU * np.ceil(f / TAU - 0.5)
@@ -180,7 +178,7 @@ def elements(positions: ArrayLike, velocities: ArrayLike, mu: ArrayLike) -> Elem
 
 
 def true_anomaly(M: ArrayLike, e: ArrayLike) -> Floats:
-    """f (radians) from the mean anomaly M, on an ellipse or a hyperbola: Kepler's equation solved to rounding."""
+    """True anomaly f (radians) from the mean anomaly M, on an ellipse or a hyperbola, right to rounding."""
     m, e_ = np.broadcast_arrays(numbers("M", M), numbers("e", e))
     _refuse(~(e_ >= 0) | ~np.isfinite(e_), "e", e_, "expected an eccentricity, zero or more")
     _refuse(~np.isfinite(m), "M", m, "expected a finite number")
@@ -188,13 +186,13 @@ def true_anomaly(M: ArrayLike, e: ArrayLike) -> Floats:
     return np.arctan2(y, x)
 
 
-# -- the orbit's own plane, in the universal variable
+# -- the plane of the orbit
 
 
 def _in_plane(
     mu: Floats, q: Floats, e: Floats, kind: str, value: Floats, t: Floats
 ) -> tuple[Floats, Floats, Floats, Floats]:
-    """Position and velocity along the direction of the pericentre and 90 degrees ahead of it."""
+    """Position and velocity along the direction of the pericentre, and 90 degrees ahead."""
     speed = np.sqrt(mu / q)
     parabola = e == 1.0
     if kind == "f":
@@ -213,78 +211,11 @@ def _in_plane(
     else:
         lapse = (t - value) * speed / q if kind == "T" else value / root**3
         turn = TAU / root**3
-        s = _solved(lapse - np.where(alpha > 0, np.round(lapse / turn) * turn, 0.0), e)
+        s = anomaly_at(lapse - np.where(alpha > 0, np.round(lapse / turn) * turn, 0.0), e)
     c0, c1, c2, _ = stumpff(alpha * s * s)
     r = 1.0 + e * s * s * c2  # over q
     wide = np.sqrt(1.0 + e)
     return q * (1.0 - s * s * c2), q * wide * s * c1, -speed * s * c1 / r, speed * wide * c0 / r
-
-
-def stumpff(z: Floats) -> tuple[Floats, Floats, Floats, Floats]:
-    """Stumpff's functions c0, c1, c2, c3 of z: cos, sin x / x, (1 - cos x) / x^2, (x - sin x) / x^3 for x^2 = z > 0,
-    their hyperbolic sisters for z < 0 (Danby 1988, 6.9)."""
-    z = np.asarray(z, dtype=float)
-    near = np.abs(z) < _CLOSED
-    small = np.where(near, z, 0.0)
-    c2s, c3s = np.zeros_like(z), np.zeros_like(z)
-    for k in range(9, -1, -1):  # 1/20! is 4e-19
-        c2s = 1.0 / math.factorial(2 * k + 2) - small * c2s
-        c3s = 1.0 / math.factorial(2 * k + 3) - small * c3s
-    x = np.sqrt(np.where(near, 1.0, np.abs(z)))
-    up = z > 0
-    swing = np.where(up, np.sin(x), np.sinh(np.where(up, 0.0, x)))
-    # 1 - cos x and cosh x - 1 as squares of the half angle: no cancellation
-    half = np.where(up, np.sin(x / 2), np.sinh(np.where(up, 0.0, x / 2)))
-    c2 = np.where(near, c2s, 2.0 * half**2 / x**2)
-    c3 = np.where(near, c3s, np.where(up, x - swing, swing - x) / x**3)
-    return 1.0 - z * c2, 1.0 - z * c3, c2, c3
-
-
-def _lapse(e: Floats, s: Floats) -> Floats:
-    """Kepler's equation of all conics: the time since pericentre, in sqrt(q^3 / mu), at the universal variable s."""
-    return s + e * s**3 * stumpff((1.0 - e) * s * s)[3]
-
-
-def _universal(e: Floats, f: ArrayLike) -> Floats:
-    """s = E / sqrt(1 - e), or its limit, at the true anomaly f in (-pi, pi]."""
-    f = np.asarray(f, dtype=float)
-    alpha = 1.0 - e
-    root = np.sqrt(np.abs(alpha))
-    up, down = alpha > 0, alpha < 0
-    ellipse = 2.0 * np.arctan2(root * np.sin(f / 2), np.sqrt(1.0 + e) * np.cos(f / 2))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        k = np.tan(f / 2) / np.sqrt(1.0 + e)
-        hyperbola = 2.0 * np.arctanh(np.where(down, root * k, 0.0))
-        return np.where(up, ellipse / root, np.where(down, hyperbola / root, 2.0 * k))
-
-
-def _solved(lapse: Floats, e: Floats) -> Floats:
-    """s with _lapse(e, s) = lapse, |lapse| at most half a period.
-
-    _lapse is odd, and for s > 0, up to half a period, it rises (its slope is r / q >= 1) and is convex (its curvature
-    is e times s c1 >= 0): Newton's iteration from above falls on the root from the right and cannot miss it. An upper
-    bound comes from c3 >= 1 / pi^2 on that half of an ellipse and c3 >= 1 / 6 on a hyperbola, which leave a cubic
-    equation, and from e sinh H - H >= (e - 1) sinh H.
-    """
-    alpha = 1.0 - e
-    tau = np.abs(lapse)
-    third = 3.0 * e * np.where(alpha > 0, 1.0 / math.pi**2, 1.0 / 6.0)  # s + third / 3 s^3 <= tau
-    root = np.sqrt(np.where(alpha == 0, 1.0, np.abs(alpha)))
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        deep = np.sqrt(third)
-        cubic = 2.0 / deep * np.sinh(np.arcsinh(1.5 * deep * tau) / 3.0)
-        bound = np.where(deep * tau > 1e-8, cubic, tau)
-    bound = np.minimum(bound, tau)
-    bound = np.where(alpha > 0, np.minimum(bound, math.pi / root), bound)
-    bound = np.where(alpha < 0, np.minimum(bound, np.arcsinh(tau * root) / root), bound)
-    s = bound * (1.0 + 4e-16)
-    for _ in range(MOST_ITERATIONS):
-        _, _, c2, c3 = stumpff(alpha * s * s)
-        step = (s + e * s**3 * c3 - tau) / (1.0 + e * s * s * c2)
-        s = s - step
-        if np.all(np.abs(step) <= 4e-16 * s):
-            break
-    return np.copysign(s, lapse)
 
 
 # -- helpers
@@ -304,8 +235,8 @@ def _asymptote(e: Floats) -> Floats:
     return np.arccos(-1.0 / np.maximum(e, 1.0))
 
 
-def _turned(x: Floats, y: Floats, angles: dict[str, Floats]) -> Floats:
-    """(…, 3) from the orbit's plane into space (Murray & Dermott 2.121)."""
+def _in_space(x: Floats, y: Floats, angles: dict[str, Floats]) -> Floats:
+    """Vectors (…, 3) in space, from components in the plane of the orbit (Murray & Dermott 2.121)."""
     co, so = np.cos(angles["omega"]), np.sin(angles["omega"])
     cn, sn = np.cos(angles["Omega"]), np.sin(angles["Omega"])
     ci, si = np.cos(angles["inc"]), np.sin(angles["inc"])
@@ -318,7 +249,7 @@ def _dot(a: Floats, b: Floats) -> Floats:
 
 
 def _refuse(bad: NDArray[np.bool_], name: str, values: Floats, why: str) -> None:
-    """An InputError about the first bad value, with its place where there are several."""
+    """Raise an InputError about the first bad value, with its index among several."""
     if np.any(bad):
         place = np.argwhere(np.atleast_1d(bad))[0]
         which = f" of body {', '.join(map(str, place))}" if np.ndim(values) and np.size(values) > 1 else ""

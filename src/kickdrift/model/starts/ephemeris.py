@@ -15,7 +15,8 @@ import numpy as np
 
 from kickdrift.errors import InputError
 from kickdrift.model.state import Floats
-from kickdrift.model.units import AU, YEAR, shown, suggestion
+from kickdrift.model.unit_systems import AU, YEAR
+from kickdrift.text import shown, suggestion
 
 DAY = 86400.0
 J2000 = 2451545.0

@@ -1,1 +1,1 @@
-"""What a run watches for: collisions, close approaches, escapes and crossings."""
+"""Watchers of a run, and its search for collisions, close approaches, escapes and crossings."""

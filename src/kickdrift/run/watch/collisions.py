@@ -1,15 +1,39 @@
-"""What collisions and escapes do to a system: bodies merge, bounce or leave; and which bodies are left."""
+"""Changes of a system by collisions and escapes: bodies merge, bounce or leave."""
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from kickdrift.errors import InputError
+from kickdrift.model.events import Collision, Escape
 from kickdrift.model.memory import Memory
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
+
+
+class Change(NamedTuple):
+    """Result of an event that acts on bodies."""
+
+    system: System  # with the remaining bodies
+    y: Floats
+    done: str  # words for the log
+    gone: int | None = None  # row of a body that left
+    survivor: int | None = None  # row of the body that absorbed it
+
+
+def changed(event: Collision | Escape, system: System, y: Floats, bodies: tuple[int, ...]) -> Change:
+    """Bounce or merge two bodies, or remove one."""
+    if isinstance(event, Collision):
+        i, j = bodies
+        if event.action == "bounce":
+            return Change(system, bounced(system.state.masses, y, i, j, event.restitution), "bounced")
+        survivor, gone = (i, j) if system.state.masses[i] >= system.state.masses[j] else (j, i)
+        done = f"{system.body(gone)} merged into {system.body(survivor)}"
+        return Change(*merged(system, y, survivor, gone), done, gone, survivor)
+    (gone,) = bodies
+    return Change(*without(system, y, gone), "removed", gone)
 
 
 def without(system: System, y: Floats, gone: int) -> tuple[System, Floats]:
@@ -21,8 +45,8 @@ def without(system: System, y: Floats, gone: int) -> tuple[System, Floats]:
 def merged(system: System, y: Floats, survivor: int, absorbed: int) -> tuple[System, Floats]:
     """The system and y with two bodies made one, in the survivor's place.
 
-    Mass, momentum and centre of mass are those of both, its radius that of a ball of both volumes. What energy and spin
-    that takes is not kept anywhere."""
+    Mass, momentum, centre of mass and volume are conserved. The lost energy and spin are not recorded.
+    """
     masses, y = system.state.masses.copy(), y.copy()
     pair = [survivor, absorbed]
     total = masses[pair].sum()
@@ -35,17 +59,17 @@ def merged(system: System, y: Floats, survivor: int, absorbed: int) -> tuple[Sys
 
 
 def joined(radii: Floats, survivor: int, absorbed: int) -> Floats:
-    """Radii (n,) where one body has taken another's volume; a copy, the absorbed body's still in it."""
+    """Copy of radii (n,) in which one body has taken another's volume. The absorbed body's radius stays in it."""
     radii = radii.copy()
     radii[survivor] = np.cbrt(radii[survivor] ** 3 + radii[absorbed] ** 3)
     return radii
 
 
 def bounced(masses: Floats, y: Floats, i: int, j: int, restitution: float) -> Floats:
-    """y (2, 3, n) after two hard spheres met; a copy.
+    """Copy of y (2, 3, n) after the bounce of two hard spheres.
 
-    The normal part of their relative velocity is turned around and multiplied by ``restitution``; momentum is
-    conserved."""
+    The normal part of their relative velocity is reversed and multiplied by ``restitution``. Momentum is conserved.
+    """
     y = y.copy()
     normal = y[0, :, i] - y[0, :, j]
     normal /= np.linalg.norm(normal)
@@ -57,7 +81,7 @@ def bounced(masses: Floats, y: Floats, i: int, j: int, restitution: float) -> Fl
 
 
 def remaining_memory(first: Any, system: Any) -> Memory | None:
-    """The bodies of ``first`` that are left in a system, and how they began; None where all are."""
+    """Remaining bodies of ``first`` in a system, and their start; None if all remain."""
     if system is first:
         return None
     state = system.state
@@ -65,7 +89,7 @@ def remaining_memory(first: Any, system: Any) -> Memory | None:
 
 
 def left_of(first: System, ids: Any, masses: Floats, radii: Floats | None, phase: Floats) -> System:
-    """The system that those bodies of ``first`` are left of; the inverse of ``remaining_memory``."""
+    """System with these bodies of ``first``; the inverse of ``remaining_memory``."""
     state, keep = first.state, np.isin(first.state.ids, ids)
     if not np.array_equal(state.ids[keep], ids):
         raise InputError("checkpoint: holds bodies that the system has not")

@@ -1,4 +1,4 @@
-"""The log of events: what the present has come to, and what waits for it."""
+"""The log of events: entries up to the present, and entries that wait for their time."""
 
 from __future__ import annotations
 
@@ -6,12 +6,11 @@ from typing import Any, Protocol
 
 from kickdrift.errors import InputError
 from kickdrift.looks.record import Record
-from kickdrift.model.event_log import is_row
-from kickdrift.run.watch.watches import Row
+from kickdrift.model.event_log import Row, is_row
 
 
 class Recorded(Protocol):
-    """What has a record; see `run.advance.Integration`."""
+    """Integration with a record; see `run.advance.Integration`."""
 
     record: Record
 
@@ -19,8 +18,9 @@ class Recorded(Protocol):
 class Log:
     """Entries for the record of a run.
 
-    The present of an adaptive run may lie inside a step that was searched as a whole. An event beyond the present waits
-    until the present has come there."""
+    The present of an adaptive run may lie inside a step, but the search covers whole steps. An event beyond the present
+    waits until the present reaches it.
+    """
 
     def __init__(self, run: Recorded) -> None:
         self._run = run
@@ -31,11 +31,11 @@ class Log:
         self._run.record.events.append(row)
 
     def wait(self, found: list[tuple[float, Row]]) -> None:
-        """Let entries wait, each until the present has come to its time."""
+        """Keep entries until the present reaches their times."""
         self._waiting += sorted(found, key=lambda pair: pair[0])
 
     def tell(self, until: float) -> None:
-        """Write the entries whose time is up."""
+        """Write the entries up to this time."""
         late = []
         for due, row in self._waiting:
             if due <= until:
@@ -45,20 +45,20 @@ class Log:
         self._waiting = late
 
     def forget(self) -> None:
-        """Drop what waits."""
+        """Drop the waiting entries."""
         self._waiting = []
 
     @property
     def waiting_rows(self) -> list[Row]:
-        """The entries that wait."""
+        """Waiting entries."""
         return [row for _, row in self._waiting]
 
     def memory(self) -> list[list[Any]]:
-        """What waits, by value."""
+        """Waiting entries with their times."""
         return [[due, row] for due, row in self._waiting]
 
     def recall(self, memory: Any) -> None:
-        """Wait for what this memory has; an InputError where it has something else."""
+        """Restore waiting entries. An InputError refuses anything else."""
         self._waiting = [(due, row) for due, row in memory]
         if not all(isinstance(due, int | float) and is_row(row) for due, row in self._waiting):
             raise InputError("checkpoint: what its events wait for are none")

@@ -22,7 +22,7 @@ from kickdrift.model.state import Floats
 from kickdrift.run.watch.watcher import Watcher
 
 if TYPE_CHECKING:
-    from kickdrift.run.watch.watching import WatchedStepper
+    from kickdrift.run.watch.watched_stepper import WatchedStepper
 
 
 class Stepping(Protocol):

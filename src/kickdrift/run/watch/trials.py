@@ -1,4 +1,4 @@
-"""Steps that are tried beside a run, to find out where its bodies are inside a step."""
+"""Trial steps beside a run, for the positions of bodies inside a step."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from kickdrift.model.state import Floats
 
 
 class Watched(Protocol):
-    """What is known of the integration; see `run.advance.Integration`."""
+    """Integration that is searched for events; see `run.advance.Integration`."""
 
     method: Method
     options: Options
@@ -41,15 +41,14 @@ class Watched(Protocol):
 
 
 class Trials:
-    """Shorter steps of a run's method from one of its states, with a flow of their own: pair lists of the run are left
-    alone."""
+    """Shorter steps of a run's method from one of its states. Their own flow leaves the run's pair lists unchanged."""
 
     def __init__(self, run: Watched) -> None:
         self._run = run
         self._flow = flow_of(run.system, run.threads, jumps=True)
 
     def step(self, y: Floats, begin: float, end: float) -> tuple[int, Floats, Counts]:
-        """One step from y at ``begin`` to ``end``: a status, y there, and what it cost."""
+        """Take one step from y at ``begin`` to ``end``. Return the status, y at the end, and the counts."""
         run = self._run
         stepper = run.method.stepper(self._flow, run.options.changed(dt=end - begin))
         stepper.reset(y.copy(), begin, 0)

@@ -1,0 +1,109 @@
+"""Members of a batch: which Systems it takes, and their numbers side by side in lanes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from kickdrift.errors import InputError
+from kickdrift.forces.central import gravitational_constant
+from kickdrift.forces.gravity import Gravity
+from kickdrift.integrators import integrator as method_named
+from kickdrift.integrators.asked import Integrator, settled, unpacked
+from kickdrift.integrators.batch_stepping import Members, to_lanes
+from kickdrift.integrators.method import Method, checked_dt
+from kickdrift.integrators.option import MIXED
+from kickdrift.integrators.options import Options
+from kickdrift.model.run_defaults import RunDefaults
+from kickdrift.model.state import Floats
+from kickdrift.model.system import System
+
+MOST_BODIES = (
+    32  # most bodies; side by side is 16 times as fast at 3, 4 at 16 and 2 at 32, where one system fills the lanes
+)
+
+
+def refusal(system: Any, method: Method, options: Options) -> str | None:
+    """Reason why a Batch cannot run this, or None. A Simulation may refuse more."""
+    if not isinstance(system, System):
+        return "a batch takes Systems of particles"
+    if not method.batched:
+        return f"{method.name} moves one system at a time; splittings, fixed Runge-Kutta and wisdom-holman move many"
+    if options.compensated:
+        return "a batch has no compensated sums"
+    if options.corrector:
+        return "a batch has no corrector"
+    if options.precision == MIXED:
+        return "mixed precision needs pair forces"
+    if system.box.periodic:
+        return "a batch needs open space, and the box is periodic"
+    if [type(force) for force in system.forces] != [Gravity]:
+        return f"a batch needs exactly one force, 'gravity'; {system.name!r} has others, or none"
+    if system.events:
+        return "a batch watches no events"
+    if len(system) > MOST_BODIES:
+        return f"{len(system)} bodies are too many; a batch takes up to {MOST_BODIES}"
+    try:
+        method.check(system)
+    except InputError as error:
+        return str(error)
+    return None
+
+
+def common(
+    systems: tuple[System, ...], which: str | Integrator | None, dt: Any, options: dict[str, Any]
+) -> tuple[str, Method, Options, Floats]:
+    """Shared integrator name, method and options, and each member's dt (members,)."""
+    integrator, options = unpacked(which, options)
+    dt = options.pop("dt", None) if dt is None else dt
+    if not systems:
+        raise InputError("systems: expected one system or more")
+    steps = [dt] * len(systems) if dt is None or np.ndim(dt) == 0 else list(dt)
+    if len(steps) != len(systems):
+        raise InputError(f"dt: expected one number or {len(systems)}, one for each system, got {len(steps)}")
+    shared: tuple[Any, ...] | None = None
+    known: dict[tuple[str, RunDefaults], Options] = {}
+    found = np.empty(len(systems))
+    for k, (system, step) in enumerate(zip(systems, steps, strict=True)):
+        if not isinstance(system, System):
+            raise InputError(f"system {k}: expected a System of particles, got {type(system).__name__}")
+        name = integrator or system.run.integrator or "velocity-verlet"
+        method = method_named(name)
+        if (name, system.run) not in known:  # the same for most members
+            known[name, system.run] = settled(method, options, system.run)
+        own = known[name, system.run]
+        if (why := refusal(system, method, own)) is not None:
+            raise InputError(f"system {k}: {why}")
+        own_dt = checked_dt(system.run.dt if step is None else step)
+        if own_dt is None:
+            raise InputError(f"dt is needed: system {system.name!r} has none in [run]")
+        found[k] = own_dt
+        alike = name, len(system), system.state.steps_done, own.changed(dt=None)
+        shared = shared or alike
+        for what, mine, first in zip(("integrator", "bodies", "steps_done", "options"), alike, shared, strict=True):
+            if mine != first:
+                raise InputError(
+                    f"system {k}: all systems of a batch need the same {what}; it has {mine}, system 0 has {first}"
+                )
+    assert shared is not None
+    return shared[0], method_named(shared[0]), shared[3], found
+
+
+def members_of(systems: Sequence[System], dt: Floats, y: Floats) -> Members:
+    """Systems side by side at y (members, 2, 3, n or 2 n)."""
+    forces: list[Any] = [system.forces[0] for system in systems]
+    G = [gravitational_constant(force.name, force.G, system) for force, system in zip(forces, systems, strict=True)]
+    masses = np.array([system.state.masses for system in systems])
+    time = np.array([system.state.time - system.state.steps_done * h for system, h in zip(systems, dt, strict=True)])
+    return Members(
+        systems=systems,
+        done=systems[0].state.steps_done,
+        y=to_lanes(y),
+        gm=to_lanes(np.array(G)[:, None] * masses),
+        masses=to_lanes(np.array([system.units.coherent_mass for system in systems])[:, None] * masses),
+        softening2=to_lanes(np.array([force.softening**2 for force in forces])),
+        dt=to_lanes(dt),
+        start=to_lanes(time),
+    )

@@ -1,0 +1,94 @@
+"""Direct gravity among few bodies, whose numbers stay in registers."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kickdrift.jit.compile import as_written
+from kickdrift.jit.lanes import inverse_sqrt, lane_numbers, lane_sum, rotated, splat
+from kickdrift.jit.masks import select
+from kickdrift.jit.memory import load, load_first, store_first
+from kickdrift.jit.vector3 import dot, lane_sums, numbers3, plus_dot, rotated3, store3, thrice, vector3
+from kickdrift.jit.vectors import WIDTH
+
+FAR_AWAY = 1e60  # first of the places of empty lanes: no distance is zero, no third power underflows
+MOST_IN_REGISTERS = 2 * WIDTH  # most bodies kept in registers, without massless ones
+
+
+class FewBodies(NamedTuple):
+    """Gravity among few bodies."""
+
+    softening2: float
+    massive: int
+    gm: NDArray[np.float64]  # (MOST_IN_REGISTERS,) G m
+    masses: NDArray[np.float64]  # (MOST_IN_REGISTERS,) coherent
+
+
+@as_written
+def few_bodies(force, x, a, sums):
+    """Sum all pairs of a few bodies, from and to rows of x, y and z: a ring of the first eight, each further body with
+    these eight, and a ring of the further bodies. Nothing is stored and loaded again in between."""
+    n, softening2 = force.massive, force.softening2
+    total_energy, total_virial = splat(0.0), splat(0.0)
+    for first in range(0, max(n - 1, 1), WIDTH):  # a single further body has no ring
+        count = min(n - first, WIDTH)
+        y, z = load_first(x, n + first, count), load_first(x, 2 * n + first, count)
+        xi = vector3(lanes_or_out(x, first, count), y, z)
+        gm, masses = load(force.gm, first), load(force.masses, first)
+        ai, energy, virial = ring(xi, gm, masses, softening2, sums)
+        for j in range(first + WIDTH, n):
+            d = numbers3(x, j, n) - xi
+            r2 = dot(d, d)
+            inverse = inverse_sqrt(softening2 + r2)
+            cube = inverse * inverse * inverse
+            ai = ai + force.gm[j] * cube * d
+            if sums is not None:
+                gmm = force.gm[j] * masses
+                energy, virial = energy - gmm * inverse, virial - gmm * cube * r2
+            store3(a, j, n, numbers3(a, j, n) - lane_sums(gm * cube * d))
+        for row, acceleration in enumerate((ai.x, ai.y, ai.z)):
+            own = row * n + first
+            store_first(a, own, load_first(a, own, count) + acceleration, count)
+        if sums is not None:
+            total_energy, total_virial = total_energy + energy, total_virial + virial
+    if sums is not None:
+        sums[0] += lane_sum(total_energy)
+        sums[1] += lane_sum(total_virial)
+        sums[2] += 0.5 * n * (n - 1)
+
+
+@as_written
+def lanes_or_out(x, first, count):
+    """Load this number of values, and fill up with FAR_AWAY."""
+    lanes = lane_numbers()
+    return select(lanes < float(count), load_first(x, first, count), FAR_AWAY * (lanes + 1.0))
+
+
+@as_written
+def ring(xi, gm_i, masses, softening2, sums):
+    """Sum the pairs of eight bodies in a ring.
+
+    Each body attracts the next, second and third, which give back the reaction. Opposite bodies compute one half each.
+    Missing bodies have no mass and are at FAR_AWAY. Returns accelerations, energy and virial, in lanes.
+    """
+    zero = splat(0.0)
+    energy, virial = zero, zero
+    a, reaction = thrice(zero), thrice(zero)
+    xj, gm_j = xi, gm_i
+    for turn in range(4):
+        xj, gm_j, reaction = rotated3(xj, 1), rotated(gm_j, 1), rotated3(reaction, 1)
+        d = xj - xi
+        inverse = inverse_sqrt(plus_dot(softening2, d, d))
+        cube = inverse * inverse * inverse
+        a = a + gm_j * cube * d
+        if turn < 3:
+            w = -gm_i * cube
+            reaction = reaction + w * d
+        if sums is not None:
+            gmm = masses * gm_j if turn < 3 else 0.5 * masses * gm_j
+            energy = energy - gmm * inverse
+            virial = virial - gmm * cube * dot(d, d)
+    return a + rotated3(reaction, 4), energy, virial

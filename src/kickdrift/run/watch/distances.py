@@ -1,0 +1,202 @@
+"""Search of a step for close approaches, collisions and escapes: events of distances between bodies."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from kickdrift.forces.central import gravitational_constant
+from kickdrift.model.event_checks import binding
+from kickdrift.model.event_log import Row, entry
+from kickdrift.model.events import CloseApproach, Collision, Escape
+from kickdrift.model.memory import Memory, Remembering
+from kickdrift.model.state import Floats
+from kickdrift.model.subject import index_of
+from kickdrift.model.system import System
+from kickdrift.run.watch.encounters import CLOSEST, contacts, passages, unbound
+from kickdrift.run.watch.span import Act, Span, approach, separation
+
+if TYPE_CHECKING:
+    pass
+
+
+class Approaches(Remembering):
+    """Passages of a `CloseApproach`."""
+
+    keeps = ("_closest_of",)
+
+    def __init__(self, event: CloseApproach, system: System) -> None:
+        self.event = event
+        bodies = [index_of(system, body, event.kind) for body in event.bodies or ()]
+        self._ids = {int(system.state.ids[i]) for i in bodies}
+        self.begin(system)
+
+    def begin(self, system: System) -> None:
+        """Watch these bodies, without any passage under way."""
+        self._system, ids, masses = system, system.state.ids, system.state.masses
+        pairs = np.array(np.triu_indices(len(system), 1), dtype=np.int64)
+        if self._ids:
+            named = np.isin(ids[pairs], list(self._ids))
+            pairs = pairs[:, named.any(axis=0) if len(self._ids) == 1 else named.all(axis=0)]
+        self._heaviest, limits = -1, np.full(pairs.shape[1], float(self.event.distance))
+        if self.event.hill:
+            self._heaviest = int(np.argmax(masses))
+            pairs = pairs[:, (pairs != self._heaviest).all(axis=0)]
+            limits = self.event.distance * np.cbrt(masses[pairs].sum(axis=0) / (3 * masses[self._heaviest]))
+        self._pairs, self._limits = np.ascontiguousarray(pairs), limits
+        self._closest_of = np.full((pairs.shape[1], 3), np.inf)
+        self._rows = np.zeros((2 * pairs.shape[1], 3))
+
+    def follow(self, system: System) -> None:
+        """Watch the remaining bodies; passages go on."""
+        old = {tuple(pair): closest for pair, closest in zip(self._by_id(), self._closest_of, strict=True)}
+        self.begin(system)
+        for p, pair in enumerate(self._by_id()):
+            self._closest_of[p] = old.get(tuple(pair), np.inf)
+
+    def _by_id(self) -> list[list[int]]:
+        return self._system.state.ids[self._pairs.T].tolist()
+
+    def scan(self, y0: Floats, t0: float, y1: Floats, t1: float, step: int) -> int:
+        """Search a span. Return the number of closest points and ends of passages."""
+        self._count = passages(
+            y0, y1, t0, t1 - t0, step, self._pairs, self._limits, self._heaviest, self._closest_of, self._rows
+        )
+        return self._count
+
+    def look(self, span: Span) -> list[tuple[float, Row]]:
+        """Entries for passages that ended in the searched span."""
+        found = []
+        for p, _, what in self._rows[: self._count].tolist():
+            pair = int(p)
+            if what == CLOSEST:
+                self._refine(pair, span)
+            else:
+                found.append((span.t1, self._entry(pair, "passed")))
+                self._closest_of[pair] = np.inf
+        return found
+
+    def _refine(self, pair: int, span: Span) -> None:
+        """Replace the cubic's closest point by that of the method's own solution."""
+        i, j = self._pairs[:, pair]
+        if approach(span.y0, i, j) < 0 < approach(span.y1, i, j):
+            time = span.zero(lambda t: approach(span.inside(t), i, j), span.t0, span.t1, 1e-13)
+            self._closest_of[pair] = separation(span.inside(time), i, j), time, span.step
+
+    def _entry(self, pair: int, done: str) -> Row:
+        distance, time, step = self._closest_of[pair]
+        i, j = self._pairs[:, pair]
+        return entry(self._system, self.event.kind, time, step, (i, j), distance, done)
+
+    def going_on(self) -> list[Row]:
+        """Entries for passages that have not ended."""
+        return [self._entry(int(p), "going on") for p in np.flatnonzero(np.isfinite(self._closest_of[:, 0]))]
+
+
+class Contacts(Remembering):
+    """Contacts of a `Collision`."""
+
+    keeps = ("radii", "_touching")
+
+    def __init__(self, event: Collision, system: System) -> None:
+        self.event = event
+        self.radii = event.radii_in(system)
+        self._approaching = event.action == "bounce"  # bodies that have bounced touch and separate
+        self.begin(system)
+
+    def begin(self, system: System) -> None:
+        """Watch these bodies, without any known contact."""
+        self._system, masses = system, system.state.masses
+        pairs = np.array(np.triu_indices(len(system), 1), dtype=np.int64)
+        self._pairs = np.ascontiguousarray(pairs[:, masses[pairs].any(axis=0)])
+        self._touching = np.zeros(self._pairs.shape[1], dtype=np.bool_)
+        self._rows = np.zeros((self._pairs.shape[1], 4))
+
+    def scan(self, y0: Floats, t0: float, y1: Floats, t1: float, step: int) -> int:
+        """Search a span. Return the number of pairs in contact."""
+        self._count = contacts(
+            y0, y1, t1 - t0, self._pairs, self.radii, self._approaching, self._touching, self._rows
+        )  # fmt: skip
+        return self._count
+
+    def first(self, span: Span) -> Act | None:
+        """First contact in the searched span."""
+        rows = self._rows[: self._count].tolist()
+        found = [act for row in rows if (act := self._confirmed(span, *row)) is not None]
+        return min(found, key=lambda act: act.time, default=None)
+
+    def _confirmed(self, span: Span, pair: float, s: float, a: float, b: float) -> Act | None:
+        """Contact on the method's own solution, or None."""
+        i, j = (int(k) for k in self._pairs[:, int(pair)])
+        reach = self.radii[i] + self.radii[j]
+
+        def gap(time: float) -> float:
+            return separation(span.inside(time), i, j) - reach
+
+        begin, end = span.t0 + a * span.length, span.t0 + b * span.length if b < 1 else span.t1
+        time = begin
+        if s > a:
+            if gap(end) > 0:
+                return None
+            if gap(begin) > 0:
+                time = span.zero(gap, begin, end, 1e-13)
+        return Act(self.event, time, (i, j), gap(time) + reach)
+
+    follow = begin
+
+    def recall(self, memory: Memory) -> None:
+        """Restore the state of a memory, for the remaining bodies."""
+        self.radii = np.zeros(len(self._system))
+        super().recall(memory)
+
+    def touch(self, bodies: tuple[int, ...]) -> None:
+        """Mark two bodies as touching, until they separate."""
+        self._touching |= (self._pairs == np.array(bodies)[:, None]).all(axis=0)
+
+
+class Escapes(Remembering):
+    """Bodies that meet an `Escape`."""
+
+    keeps = ("_known_ids", "_known")
+
+    def __init__(self, event: Escape, system: System) -> None:
+        self.event = event
+        self._distance, self._about = float(event.distance), None
+        if event.about is not None:
+            self._about = int(system.state.ids[index_of(system, event.about, event.kind)])
+        self.begin(system)
+
+    def begin(self, system: System) -> None:
+        """Watch these bodies, without any escape."""
+        self._known_ids: list[int] = []
+        self.follow(system)
+
+    def follow(self, system: System) -> None:
+        """Watch the remaining bodies; known escapes stay known."""
+        self._system, ids = system, system.state.ids
+        law = binding(system)
+        gravity = gravitational_constant(law.name, law.G, system)
+        self._gm, self._softening2 = gravity * system.state.masses, float(law.softening) ** 2
+        place = np.flatnonzero(ids == self._about) if self._about is not None else np.array([-1])
+        self._place = int(place[0]) if place.size else -2  # the origin of the distance is gone
+        self._known = np.isin(ids, self._known_ids)
+        self._rows = np.zeros((len(system), 2))
+
+    def scan(self, y0: Floats, t0: float, y1: Floats, t1: float, step: int) -> int:
+        """Number of escapes at the end of a span."""
+        self._count = 0
+        if self._place >= -1:
+            self._count = unbound(
+                y1, self._gm, self._softening2, self._place, self._distance, self._known, self._rows
+            )  # fmt: skip
+        return self._count
+
+    def gone(self, span: Span) -> list[Act]:
+        """Escapes at the end of the searched span."""
+        return [Act(self.event, span.t1, (int(i),), d) for i, d in self._rows[: self._count].tolist()]
+
+    def know(self, body: int) -> None:
+        """Mark an escape as reported."""
+        self._known_ids.append(int(self._system.state.ids[body]))
+        self._known[body] = True

@@ -1,0 +1,169 @@
+"""Search of a run's steps for events, up to the first event that changes the bodies."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from kickdrift.model.event_log import Row, entry
+from kickdrift.model.events import CloseApproach, Collision, Crossing, Escape, Event
+from kickdrift.model.memory import Memory
+from kickdrift.model.state import Floats
+from kickdrift.model.system import System
+from kickdrift.run.watch.collisions import joined
+from kickdrift.run.watch.crossings import Crossings
+from kickdrift.run.watch.distances import Approaches, Contacts, Escapes
+from kickdrift.run.watch.log import Log
+from kickdrift.run.watch.span import Act, Span
+from kickdrift.run.watch.trials import Trials, Watched
+
+if TYPE_CHECKING:
+    from kickdrift.integrators.stepper import Stepper
+
+
+class Search:
+    """Search for the events of a run, with one object for each event.
+
+    Attributes
+    ----------
+    log : entries for the run's record
+    trials : shorter steps, for positions inside a step
+    act, span : the first event that changes the bodies, and the step that it is in; None if there is none
+    """
+
+    def __init__(self, run: Watched, events: Sequence[Event]) -> None:
+        self._run, subject = run, run.system
+        self.log, self.trials = Log(run), Trials(run)
+        self.act: Act | None = None
+        self.span: Span | None = None
+        self._approaches = [Approaches(e, subject) for e in events if isinstance(e, CloseApproach)]
+        self._contacts = [Contacts(e, subject) for e in events if isinstance(e, Collision)]
+        self._escapes = [Escapes(e, subject) for e in events if isinstance(e, Escape)]
+        self._crossings = Crossings([e for e in events if isinstance(e, Crossing)], subject)
+        self._bodily: list[Any] = [*self._approaches, *self._contacts, *self._escapes]
+        self._watches: list[Any] = [*self._bodily, self._crossings]
+        self._lookers: list[Any] = [*self._approaches, *([self._crossings] if len(self._crossings) else [])]
+
+    def begin(self) -> None:
+        """Forget all that was found so far."""
+        self.log.forget()
+        self.act = self.span = None
+        for watch in self._watches:
+            watch.begin(self._run.system)
+
+    def begin_crossings(self) -> None:
+        """Take the signs of crossings anew: a jump is no crossing."""
+        self._crossings.begin(self._run.system)
+
+    def prepare(self, inner: Stepper) -> None:
+        """Compile the search."""
+        y, t = inner.y, inner.time
+        for watch in self._bodily:
+            known = watch.memory()
+            watch.scan(y, t, y, t, inner.steps_done)
+            watch.recall(known)
+
+    # --- bodies that leave ---
+
+    def renew_trials(self) -> None:
+        """Try steps with the run's present bodies."""
+        self.trials = Trials(self._run)
+
+    def drop(self, gone: int, survivor: int | None) -> None:
+        """Drop a body's radius. A survivor, if there is one, takes its volume."""
+        for contacts in self._contacts:
+            if survivor is not None:
+                contacts.radii = joined(contacts.radii, survivor, gone)
+            contacts.radii = np.delete(contacts.radii, gone)
+
+    def follow(self, system: System) -> None:
+        """Go on with the remaining bodies."""
+        self.renew_trials()
+        for watch in self._watches:
+            watch.follow(system)
+
+    def know(self, act: Act) -> None:
+        """Report this contact, or this escape, no further."""
+        if isinstance(act.event, Collision):
+            for contacts in self._contacts:
+                contacts.touch(act.bodies)
+        else:
+            for escapes in self._escapes:
+                escapes.know(act.bodies[0])
+
+    # --- steps ---
+
+    def scan(self, inner: Stepper, y0: Floats, t0: float, y1: Floats, t1: float) -> None:
+        """Log the events of a span up to the first that changes the bodies, and keep that event in ``act``."""
+        step, whole = inner.steps_done, None
+        for watch in self._contacts:
+            if watch.scan(y0, t0, y1, t1, step):
+                whole = whole or self._span_of(inner, y0, t0, y1, t1)
+        if whole is not None:
+            acts = [act for watch in self._contacts if (act := watch.first(whole)) is not None]
+            if acts:
+                self.act, self.span = min(acts, key=lambda act: act.time), whole
+                if self.act.event.action != "stop" or self._run.method.chooses_steps:
+                    y1, t1 = np.array(whole.inside(self.act.time)), self.act.time
+        hits = [watch for watch in self._lookers if watch.scan(y0, t0, y1, t1, step)]
+        gone = [each for each in self._escapes if each.scan(y0, t0, y1, t1, step)] if self.act is None else []
+        if hits or gone:
+            span = replace(whole, y1=y1, t1=t1) if whole else self._span_of(inner, y0, t0, y1, t1)
+            found = [row for watch in hits for row in watch.look(span)]
+            for escapes in gone:
+                found += self._escaped(escapes, span)
+            self.log.wait(found)
+
+    def _span_of(self, inner: Stepper, y0: Floats, t0: float, y1: Floats, t1: float) -> Span:
+        step = inner.steps_done
+        if self._run.method.chooses_steps:
+            return Span(y0, t0, y1, t1, step, inner.at)
+        return Span(y0, t0, y1, t1, step, lambda time: self.trials.at(y0, t0, time, step))
+
+    def _escaped(self, watch: Escapes, span: Span) -> list[tuple[float, Row]]:
+        """Entries for escapes that only need logging. The first of the others becomes ``act``."""
+        found = []
+        for act in watch.gone(span):
+            if watch.event.action == "log":
+                row = entry(self._run.system, Escape.kind, span.t1, span.step, act.bodies, act.distance, "logged")
+                found.append((span.t1, row))
+                watch.know(act.bodies[0])
+            elif self.act is None:
+                self.act, self.span = act, span
+        return found
+
+    def going_on(self) -> list[Row]:
+        """Passages that have begun and not ended at the present."""
+        rows = self.log.waiting_rows + [row for watch in self._approaches for row in watch.going_on()]
+        return [{**row, "done": "going on"} for row in rows if row["time"] <= self._run.time]
+
+    # --- checkpoints ---
+
+    @property
+    def _acting(self) -> list[Any]:
+        watches: list[Any] = [*self._contacts, *self._escapes]
+        return [watch.event for watch in watches]
+
+    def memory(self) -> Memory:
+        """State of the search: passages and contacts, entries that wait for their time, and the act with its span."""
+        act, span = self.act, self.span
+        return {
+            "watches": [watch.memory() for watch in self._watches],
+            "waiting": self.log.memory(),
+            "act": act and {**act._asdict(), "event": self._acting.index(act.event)},
+            "span": act and span and {key: getattr(span, key) for key in ("y0", "t0", "y1", "t1", "step")},
+        }
+
+    def recall(self, memory: Memory, inner: Stepper) -> None:
+        """Restore this state."""
+        for watch, known in zip(self._watches, memory["watches"], strict=True):
+            watch.recall(known)
+        self.log.recall(memory["waiting"])
+        if (act := memory["act"]) is not None:
+            event, span = self._acting[act["event"]], memory["span"]
+            self.act = Act(event, act["time"], tuple(act["bodies"]), act["distance"])
+            ends = (span[key] for key in ("y0", "t0", "y1", "t1"))
+            self.span = replace(self._span_of(inner, *ends), step=span["step"])

@@ -1,0 +1,278 @@
+"""A stepper that searches each step for events and lets these change the bodies.
+
+It replaces the method's own stepper, which it uses through the ``Stepper`` protocol. The search covers whole steps of
+the method. So neither samples nor the pieces that a run is cut into change the events, their times, or the run's bits.
+There is one exception. If f depends on time and the method chooses its steps, the last step of a run until some time
+ends at this time, because f may have no value beyond.
+
+The present of an adaptive run may lie inside a step. An event beyond the present waits until the present reaches it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from kickdrift.errors import InputError, RunError
+from kickdrift.forces.kernel import OK
+from kickdrift.integrators.stepper import Counts
+from kickdrift.model.event_log import Row, entry
+from kickdrift.model.events import Collision, Event
+from kickdrift.model.memory import Memory, by_value
+from kickdrift.model.state import Floats
+from kickdrift.model.system import System
+from kickdrift.run.watch.collisions import changed, left_of, remaining_memory
+from kickdrift.run.watch.search import Search
+from kickdrift.run.watch.span import Act, Span
+from kickdrift.run.watch.trials import Watched
+from kickdrift.run.watch.watcher import Watcher
+
+if TYPE_CHECKING:
+    from kickdrift.integrators.stepper import Stepper
+
+MOST_ACTS = 1000  # most collisions at one time: balls that come to rest on each other bounce for ever
+NEVER_BACK = -1  # in place of a survivor, for a body that was removed
+
+
+class Events(Watcher):
+    """Watcher for a run with events. The stepper searches; this one only clears the reason of the last stop."""
+
+    def __init__(self, stepper: WatchedStepper) -> None:
+        self._stepper = stepper
+
+    def begin(self) -> None:
+        """Clear the reason of the last stop."""
+        self._stepper.stopped = ""
+
+
+class WatchedStepper:
+    """Stepper that searches for events.
+
+    Attributes
+    ----------
+    inner : the method's own stepper; a new one after bodies have left
+    stopped : the event that ended the last run, in words, or ""
+    absorbed : id of the survivor, or ``NEVER_BACK``, by the id of each body that left
+    horizon : time of the last sample before the next ``advance``
+    end : last time at which f may be evaluated; the step beyond is cut off there, and searched like others
+    first : the system with all its bodies, including those that have left
+    acting : whether an event may change conserved quantities
+    """
+
+    def __init__(self, run: Watched, inner: Stepper, events: Sequence[Event]) -> None:
+        self._run, self.inner = run, inner
+        self.first = run.system  # with all its bodies
+        self.stopped = ""
+        self.horizon = self.end = np.inf
+        self.absorbed: dict[int, int] = {}
+        self.acting = any(getattr(event, "action", "log") in ("merge", "bounce", "remove") for event in events)
+        self._spent = Counts()
+        self._warned: list[str] = []
+        self._search = Search(run, events)
+
+    # --- the protocol of a Stepper ---
+
+    @property
+    def y(self) -> Floats:
+        return self.inner.y
+
+    @property
+    def steps_done(self) -> int:
+        return self.inner.steps_done
+
+    @property
+    def trouble(self) -> str:
+        return self.inner.trouble
+
+    @property
+    def warnings(self) -> list[str]:
+        return [*self._warned, *getattr(self.inner, "warnings", ())]
+
+    @property
+    def time(self) -> float:
+        return self.inner.time
+
+    @property
+    def last_step(self) -> float:
+        return self.inner.last_step
+
+    @property
+    def counts(self) -> Counts:
+        return _sum(self._spent, self.inner.counts)
+
+    def at(self, time: float) -> Floats:
+        return self.inner.at(time)
+
+    def reached(self, inside_step: bool) -> tuple[Floats, Floats]:
+        return self.inner.reached(inside_step)
+
+    def reset(self, y: Floats, time: float, steps: int) -> None:
+        """Begin anew at y, and forget all events. Bodies that left stay away."""
+        self.inner.reset(y, time, steps)
+        self.forget()
+
+    def forget(self) -> None:
+        """Forget all events."""
+        self._search.begin()
+        self._acts, self._last_act = 0, -np.inf
+        self.stopped = ""
+
+    def advance(self, steps: int, until: float = np.inf) -> int:
+        if not steps:
+            return self._prepare()
+        last = self.steps_done + steps
+        status = OK
+        while status == OK and not self.stopped:
+            act = self._search.act
+            if act is not None and act.time <= self.horizon:
+                status = self._apply(act)
+            elif act is not None or self.steps_done >= last or self.time >= until:
+                break
+            else:
+                status = self._step()
+        self._search.log.tell(self.horizon)
+        return status
+
+    def _prepare(self) -> int:
+        """Compile a step and its search."""
+        status = self.inner.advance(0, self.inner.time)
+        self._search.prepare(self.inner)
+        return status
+
+    # --- checkpoints ---
+
+    def memory(self) -> Memory:
+        """State of the method's stepper, of the search, and of the remaining bodies."""
+        events = {
+            "bodies": remaining_memory(self.first, self._system),
+            **self._search.memory(),
+            "acts": self._acts,
+            "last_act": self._last_act,
+            "stopped": self.stopped,
+            "absorbed": [[gone, survivor] for gone, survivor in self.absorbed.items()],
+            "spent": asdict(self._spent),
+            "warned": self._warned,
+        }
+        return {**self.inner.memory(), "events": by_value(events)}
+
+    def recall(self, memory: Memory) -> None:
+        """See Stepper."""
+        events = by_value(memory["events"])
+        system = self.first if events["bodies"] is None else left_of(self.first, **events["bodies"])
+        if system is not self._run.system:
+            self.inner = self._run.stepper_for(system)
+            self._search.renew_trials()
+        flow: Any = self._run.flow
+        if memory["y"].shape != flow.array(system.state).shape:
+            raise InputError("checkpoint: y has another shape than in a run of this system")
+        self.inner.recall(memory)
+        self.forget()
+        self._search.recall(events, self.inner)
+        self._acts, self._last_act, self.stopped = events["acts"], events["last_act"], events["stopped"]
+        self.absorbed = dict(events["absorbed"])
+        self._spent, self._warned = Counts(**events["spent"]), events["warned"]
+
+    # --- steps ---
+
+    def _step(self) -> int:
+        inner = self.inner
+        before, begin, done = inner.y.copy(), inner.time, inner.steps_done
+        status = self._one_step()
+        if status == OK and inner.steps_done > done:
+            self._search.scan(inner, before, begin, inner.y, inner.time)
+        return status
+
+    def _one_step(self) -> int:
+        inner: Any = self.inner
+        done, inner.end = inner.steps_done, self.end
+        status = inner.advance(1, np.inf)
+        if status == OK and inner.steps_done == done and self.end < np.inf:
+            inner.clip = True
+            status = inner.advance(1, np.inf)
+            inner.clip = False
+        return int(status)
+
+    # --- actions of events ---
+
+    @property
+    def _system(self) -> System:
+        return self._run.system
+
+    def _apply(self, act: Act) -> int:
+        """Let an event act, at its time. With fixed steps, complete the rest of the step."""
+        span, self._search.act = self._search.span, None
+        assert span is not None
+        event, step, adaptive = act.event, span.step, self._run.method.chooses_steps
+        self._search.log.tell(act.time)
+        again = act.time <= self._last_act + 8 * np.spacing(abs(act.time))
+        self._acts, self._last_act = self._acts + 1 if again else 0, act.time
+        if self._acts > MOST_ACTS:
+            pair = " and ".join(self._system.body(i) for i in act.bodies)
+            raise RunError(
+                f"step {step} (t = {act.time:.9g}): more than {MOST_ACTS} collisions at one time, the last of {pair}: "
+                f"bodies come to rest on each other, which bounces cannot say"
+            )
+        if event.action == "stop":
+            self._stop(act, span)
+            return OK
+        y = np.array(span.inside(act.time))
+        try:
+            self._change(act, y, step)
+        except InputError as error:  # a force or the method refuses the remaining bodies
+            names = " and ".join(self._system.body(i) for i in act.bodies)
+            raise RunError(f"step {step} (t = {act.time:.9g}): after the {event.kind} of {names}: {error}") from error
+        if adaptive or act.time >= span.t1:
+            return OK
+        y, begin = self.inner.y, act.time
+        status, reached, cost = self._search.trials.step(y, begin, span.t1)
+        self._spent = _sum(self._spent, cost)
+        if status != OK or not np.isfinite(reached).all():
+            return status
+        self.inner.reset(reached.copy(), span.t1, step)
+        self._run.bodies_changed()
+        self._search.scan(self.inner, y, begin, reached, span.t1)
+        return OK
+
+    def _stop(self, act: Act, span: Span) -> None:
+        names = " and ".join(self._system.body(i) for i in act.bodies)
+        what = "touch" if isinstance(act.event, Collision) else "escapes"
+        row = entry(self._system, act.event.kind, act.time, span.step, act.bodies, act.distance, "stopped")
+        self._search.log.add(row)
+        self._search.know(act)
+        if self._run.method.chooses_steps and act.time < span.t1:
+            self.inner.reset(np.array(span.inside(act.time)), act.time, span.step)
+            self._search.begin_crossings()
+        self.stopped = f"{names} {what} at t = {act.time:.9g}"
+
+    def _change(self, act: Act, y: Floats, step: int) -> None:
+        """Bounce, merge or remove bodies, and begin anew."""
+        system, event = self._system, act.event
+        row = entry(system, event.kind, act.time, step, act.bodies, act.distance, "")
+        before = self._run.sample_at(y, act.time)
+        left, y, row["done"], gone, survivor = changed(event, system, y, act.bodies)
+        if gone is not None:
+            ids = system.state.ids
+            self.absorbed[int(ids[gone])] = NEVER_BACK if survivor is None else int(ids[survivor])
+            self._search.drop(gone, survivor)
+            self._spent, self._warned = self.counts, self.warnings
+            self.inner = self._run.stepper_for(left)
+            self._search.follow(left)
+        self._search.begin_crossings()
+        self.inner.reset(y, act.time, step)
+        after = self._run.sample_at(y, act.time)
+        row["energy"] = before.energies.total - after.energies.total
+        if event.action != "bounce" or event.restitution != 1:  # type: ignore[union-attr]
+            self._run.record.take(before, after)
+        self._search.log.add(row)
+        self._run.bodies_changed()
+
+    def going_on(self) -> list[Row]:
+        """Passages that have begun and not ended at the present."""
+        return self._search.going_on()
+
+
+def _sum(a: Counts, b: Counts) -> Counts:
+    return Counts(a.evaluations + b.evaluations, a.rejected + b.rejected, a.jacobians + b.jacobians)

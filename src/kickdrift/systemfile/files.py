@@ -1,0 +1,100 @@
+"""System files on disk: find, list and parse them."""
+
+from __future__ import annotations
+
+import os
+import tomllib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from io import BytesIO, TextIOWrapper
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from kickdrift.disk.files import SYSTEM_FILE_BYTES, content, unfit
+from kickdrift.errors import InputError
+from kickdrift.model.checks import path_text
+from kickdrift.text import shown, suggestion
+
+
+class Description(NamedTuple):
+    """Entry in a list of systems."""
+
+    name: str
+    path: Path
+    title: str  # the key ``title``, else the comment on the first line
+    units: str
+
+
+def parsed(path: Path) -> tuple[str, dict[str, Any]]:
+    """Text of a system file, and its TOML tables, not checked further."""
+    stored = content(path, SYSTEM_FILE_BYTES, "a system file")
+    with prefixed(f"{path}: "):
+        text = decoded(stored)
+        return text, toml_table(text)
+
+
+def shipped() -> dict[str, Path]:
+    """System files that come with kickdrift, by name."""
+    package = Path(__file__).parents[1]
+    inside = package / "systems"  # in a wheel
+    folder = inside if inside.is_dir() else package.parents[1] / "systems"  # in a checkout
+    return {path.stem: path for path in sorted(folder.glob("*.toml"))}
+
+
+def describe(path: str | os.PathLike[str]) -> Description:
+    """Name, title and units of a system file, which is not checked further."""
+    path = Path(path)
+    text, data = parsed(path)
+    first = text.split("\n", 1)[0]
+    comment = first.lstrip("# ").strip() if first.startswith("#") else ""
+    return Description(path.stem, path, str(data.get("title", comment)), str(data.get("units", "")))
+
+
+def is_shipped(name_or_path: str | os.PathLike[str]) -> bool:
+    """Whether this is the bare name of a shipped system. A file of the same name is given as ./NAME."""
+    return isinstance(name_or_path, str) and Path(name_or_path).name == name_or_path and name_or_path in shipped()
+
+
+def find(name_or_path: str | os.PathLike[str]) -> Path:
+    """File of a name or path. An InputError for an unknown name suggests the nearest one."""
+    given = path_text("system", name_or_path)
+    bare = isinstance(name_or_path, str) and Path(given).name == given and not given.endswith(".toml")
+    known = shipped()
+    if is_shipped(name_or_path):
+        return known[given]
+    path = Path(given)
+    if (what := unfit(path, "a system file")) is None:
+        return path
+    if bare and not os.path.lexists(given):
+        listed = f"{suggestion(given, known)} (shipped: {', '.join(known)})"
+        raise InputError(f"{shown(given)} is neither a file nor a shipped system{listed}")
+    raise InputError(f"{' '.join(given.split())}: {what}{suggestion(path.stem, known)}")
+
+
+@contextmanager
+def prefixed(prefix: str) -> Iterator[None]:
+    """Put a prefix, such as the file or key, before the message of an InputError."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError(prefix + str(error)) from None
+
+
+def decoded(stored: bytes) -> str:
+    """Text of a file in UTF-8."""
+    try:
+        return TextIOWrapper(BytesIO(stored), encoding="utf-8-sig").read()
+    except UnicodeDecodeError:
+        raise InputError("not a text file in UTF-8") from None
+
+
+def toml_table(text: str) -> dict[str, Any]:
+    """Tables of a text in TOML."""
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"not valid TOML: {' '.join(str(error).split())}") from None
+    except RecursionError:
+        raise InputError("not valid TOML: nested too deeply") from None
+    except ValueError as error:  # an integer of thousands of digits
+        raise InputError(f"not valid TOML: {' '.join(str(error).split(';')[0].split())}") from None
