@@ -82,7 +82,7 @@ BACK = """
 import sys
 import numpy as np
 import kickdrift as kd
-from kickdrift.integrators.exact import Lattice
+from kickdrift.integrators.lattice import Lattice
 lattice = Lattice(**np.load(sys.argv[1]))
 edges = lattice.spacing * 2.0**64
 x = (lattice.positions * lattice.spacing[:, None] + lattice.images * edges[:, None]).T
@@ -246,7 +246,7 @@ def test_what_it_cannot_run_is_refused_by_name():
         kd.Simulation(oscillator, "leapfrog-exact", dt=0.1)
     with pytest.raises(InputError, match="compensated: leapfrog-exact does not take it"):
         kd.Simulation(fluid(), "leapfrog-exact", dt=0.1, compensated=True)
-    with pytest.raises(InputError, match="velocity-verlet has none"):
+    with pytest.raises(InputError, match="velocity-verlet has no method state"):
         kd.Simulation(fluid(), "velocity-verlet", dt=0.1).method_state
     method = kd.Simulation(fluid(), "leapfrog-exact", dt=0.1).method
 
