@@ -10,7 +10,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import kickdrift as kd
-from kickdrift.analysis.structure import radial_distribution, structure_factor
 from kickdrift.errors import InputError
 from kickdrift.model.box import Box
 from kickdrift.model.nearness import any_nearer, nearest_pair, pairs_nearer
@@ -251,13 +250,3 @@ def test_a_file_s_box_is_checked(density, box, message):
     with pytest.raises(InputError) as refused:
         loads(FILE.format(density=density, box=box))
     assert message in str(refused.value)
-
-
-def test_what_takes_no_leaning_box_says_so():
-    text = FILE.format(density="", box="matrix = [[8.0, 0, 0], [4.0, 8.5, 0], [-2.0, 3.0, 9.0]]")
-    system = loads(text)
-    x = system.state.positions
-    with pytest.raises(InputError, match="radial_distribution: cannot use a leaning box"):
-        radial_distribution(x, system.box)
-    with pytest.raises(InputError, match="structure_factor: cannot use a leaning box"):
-        structure_factor(x, system.box)
