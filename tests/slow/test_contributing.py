@@ -94,6 +94,7 @@ def test_a_task_costs_the_lines_that_it_states(task, tmp_path):
         assert sum(map(added, blocks_of(part, tmp_path))) == int(stated)
 
 
+@pytest.mark.long
 def test_the_tasks_work(tmp_path):
     """All seven in one copy of the source. The column of the user's own runs as the page shows it."""
     copy = tmp_path / "copy"

@@ -46,8 +46,9 @@ def lammps(x: np.ndarray, edges: Sequence[float], temperature: float) -> World:
     """LAMMPS' own code in double precision, no accelerator package, with velocities that it draws as examples/melt."""
     world = World(flags=())
     model = Model(
-        tuple(edges), np.ones(len(x), np.int32), (1.0,), ((1, 1, 1.0, 1.0),), CUTOFF, shifted=False, tail=False, dt=DT
-    )
+        kd.Box(tuple(edges)), np.ones(len(x), np.int32), (1.0,), ((1, 1, 1.0, 1.0),), CUTOFF, shifted=False, tail=False,
+        dt=DT,
+    )  # fmt: skip
     world.reset(model, x, np.zeros_like(x))
     world.lmp.command(f"velocity all create {temperature} {SEED}")
     world.lmp.command("run 0 post no")
@@ -57,7 +58,7 @@ def lammps(x: np.ndarray, edges: Sequence[float], temperature: float) -> World:
 def unwrapped(theirs: World) -> np.ndarray:
     """(n, 3) positions, sorted by number."""
     x, _, images = theirs.state()
-    return x + np.array(theirs.model.lengths) * images
+    return x + np.array(theirs.model.box.lengths) * images
 
 
 def thermo(theirs: World) -> np.ndarray:

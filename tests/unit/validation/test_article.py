@@ -42,7 +42,7 @@ def test_oscillator():
 def test_a_method_that_is_wrong_fails(monkeypatch):
     """A weight of leapfrog off by one in a million."""
     method = INTEGRATORS["velocity-verlet"]
-    wrong = replace(method, kick=(0.5 - 1e-6, 0.5 + 1e-6))
+    wrong = replace(method, weights=(0.5 - 1e-6, 1.0, 0.5 + 1e-6))
     monkeypatch.setitem(INTEGRATORS, "velocity-verlet", wrong)
     assert [row["reading"] for row in unit_oscillator.halving() if row["verdict"] == "fail"] == [
         "leapfrog, t = 10", "leapfrog, one step", "dt is divided by sqrt 2 only",

@@ -14,6 +14,7 @@ from importlib.metadata import version
 import numpy as np
 
 from kickdrift.engines import ENGINES
+from kickdrift.model.box import Box
 from kickdrift_validation.performance.melt import CUTOFF, Liquid
 from kickdrift_validation.performance.turns import Missing, Native, Phase, Runner
 
@@ -35,7 +36,7 @@ class Lammps(Runner):
         flags += ["-pk", "omp", str(threads)] if style == "omp" else []
         n = len(start.positions)
         model = Model(
-            start.edges, np.ones(n, np.int32), (1.0,), ((1, 1, 1.0, 1.0),), CUTOFF, shifted=True, tail=False,
+            Box(start.edges), np.ones(n, np.int32), (1.0,), ((1, 1, 1.0, 1.0),), CUTOFF, shifted=True, tail=False,
             dt=start.dt,
         )  # fmt: skip
         try:
