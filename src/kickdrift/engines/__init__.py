@@ -31,7 +31,7 @@ class Engine:
     Attributes
     ----------
     name : also the name of the module in this package, and of the extra that installs it
-    runs : what it can run, in one line
+    runs : kinds of systems and integrators that the engine takes, in one line
     needs : required distributions; the first is the program itself
     tested : major versions of the program that the tests have run
     methods : kickdrift's names of its methods, and its own names
@@ -78,7 +78,7 @@ class Engine:
         return next((ours for ours, theirs in self.methods.items() if theirs == name), name)
 
     def refusal(self, job: Job) -> str | None:
-        """Reason why it cannot run the job as it is, or None."""
+        """Reason why the engine cannot run this job, or None."""
         if job.processes > 1 and not self.processes:
             return f"processes: {self.name} runs in one process, not in {job.processes}"
         if not self.foreign:

@@ -40,7 +40,7 @@ FACTORIALS = np.array([1.0, 1.0, 2.0, 6.0, 24.0, 120.0])
 
 
 class HermiteStepper(Resumable):
-    """Integration in which every body has a Taylor series of five terms at its own time.
+    """Hermite integration: every body has a Taylor series of five terms, at a time of its own.
 
     The series is valid to the method's order over the body's last and next step. ``y`` evaluates all series at the last
     step point, and ``at`` evaluates them at another time. Neither changes the series, so samples change no bits. A

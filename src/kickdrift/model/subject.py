@@ -14,29 +14,14 @@ from kickdrift.model.unit_systems import UnitSystem
 from kickdrift.text import shown, suggestion
 
 
-class Subject(Protocol):
-    """Particles that forces act on; see ``System``."""
-
-    @property
-    def name(self) -> str: ...
-
-    @property
-    def state(self) -> State: ...
+class Particles(Protocol):
+    """Particles with their species, names, box and units: what a System and the file of a run have in common."""
 
     @property
     def box(self) -> Box: ...
 
     @property
-    def dimensions(self) -> int: ...
-
-    @property
-    def volume(self) -> float: ...
-
-    @property
     def units(self) -> UnitSystem: ...
-
-    @property
-    def forces(self) -> tuple[Any, ...]: ...
 
     @property
     def names(self) -> tuple[str, ...]: ...
@@ -46,6 +31,25 @@ class Subject(Protocol):
 
     @property
     def species_index(self) -> NDArray[Any]: ...
+
+
+class Subject(Particles, Protocol):
+    """Particles that forces act on; see ``System``."""
+
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def state(self) -> State: ...
+
+    @property
+    def dimensions(self) -> int: ...
+
+    @property
+    def volume(self) -> float: ...
+
+    @property
+    def forces(self) -> tuple[Any, ...]: ...
 
     @property
     def coherent_masses(self) -> Floats: ...

@@ -1,4 +1,4 @@
-"""The user's own columns of a run's file: what it says of them, and whether a run may go on with others."""
+"""User columns in a run's file: their description, and the check that a continued run has the same columns."""
 
 from __future__ import annotations
 

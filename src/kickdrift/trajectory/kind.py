@@ -11,7 +11,7 @@ from kickdrift.trajectory.layout import SCHEMA
 
 
 def check_kind(path: Path, file: h5py.File) -> None:
-    """Refuse what is no run's file, or one of another schema; the InputError says what it is instead."""
+    """Raise InputError if this is not the file of a run, or has another schema; the error names the kind of file."""
     if "h5md" not in file:
         raise InputError(f"{path}: is an HDF5 file but not H5MD: it has no group 'h5md'")
     if "kickdrift" not in file:

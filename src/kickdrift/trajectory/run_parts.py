@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 
 from kickdrift.model.box import Box
 from kickdrift.model.state import Floats
-from kickdrift.model.unit_systems import UnitSystem
+from kickdrift.model.subject import Particles
 from kickdrift.trajectory.options import FileOptions
 
 
-class RunHeader(Protocol):
+class RunHeader(Particles, Protocol):
     """What a run's file says once of its particles and units; see ``Run``."""
 
     @property
@@ -26,28 +26,13 @@ class RunHeader(Protocol):
     def every(self) -> int: ...
 
     @property
-    def units(self) -> UnitSystem: ...
-
-    @property
     def nominal_units(self) -> bool: ...
-
-    @property
-    def box(self) -> Box: ...
 
     @property
     def masses(self) -> Floats: ...
 
     @property
     def ids(self) -> NDArray[Any]: ...
-
-    @property
-    def names(self) -> tuple[str, ...]: ...
-
-    @property
-    def species(self) -> tuple[str, ...]: ...
-
-    @property
-    def species_index(self) -> NDArray[Any]: ...
 
     @property
     def method(self) -> dict[str, Any]: ...

@@ -138,10 +138,13 @@ def test_a_flow_is_told_time_span_step_and_stage(word, monkeypatch):
     name = word("PABAP", weights=(0.25, 0.5, 1.0, 0.5, 0.75))
     free = kd.System(np.zeros((1, 3)), [[0.0, 2.0, 0.0]], [1.0], units="lj")
     sim = kd.Simulation(free, name, 0.5)
-    sim.integration.stepper_for(free)
     sim.run(2)
-    taken = notes[-4:] if count[0] == 6 else notes[: count[0]]
-    assert taken.tolist() == [[0.0, 0.125, 0, 0], [0.5, 0.375, 0, 2], [0.5, 0.125, 1, 0], [1.0, 0.375, 1, 2]]
+    assert notes[: count[0]].tolist() == [
+        [0.0, 0.125, 0, 0],
+        [0.5, 0.375, 0, 2],
+        [0.5, 0.125, 1, 0],
+        [1.0, 0.375, 1, 2],
+    ]
     assert sim.state.positions.tolist() == [[1.0, 2.0, 0.0]]
 
 

@@ -243,7 +243,7 @@ def test_the_file_for_mdanalysis_tests_is_its_reference(tmp_path):
 
 
 def test_each_fault_has_one_place():
-    """Else what is planted is not what is said."""
+    """A planted fault replaces exactly one place of the source, or planting fails."""
     package = Path(kd.__file__).parent
     faults = planted.FAULTS
     assert len({fault.name for fault in faults}) == len(faults) == 10
