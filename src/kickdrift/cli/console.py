@@ -10,7 +10,9 @@ import os
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
+from typing import TextIO
 
+from kickdrift.cli import layout
 from kickdrift.text import CELL, clean, escaped
 
 PLAIN = {
@@ -24,6 +26,10 @@ PLAIN = {
 }  # replacements for streams that cannot encode these
 PLAINLY = "kickdrift-plain"  # name of the error handler
 KEY = 17  # width of a line's key
+NARROW, WIDE = 40, 80  # columns: of the narrowest terminal that lines wrap for, and of a terminal that tells no width
+
+_json_alone = False  # whether standard output is kept for a JSON object
+_quiet = False  # whether --quiet was given
 
 
 def open_streams() -> None:
@@ -31,6 +37,8 @@ def open_streams() -> None:
 
     Output to a closed stream is lost. Plain letters replace a character that a stream cannot encode.
     """
+    global _json_alone, _quiet
+    _json_alone = _quiet = False
     for number in range(3):
         try:
             os.fstat(number)
@@ -51,36 +59,76 @@ def _plainly(error: UnicodeError) -> tuple[str, int]:
     return "".join(PLAIN.get(each) or escaped(each) for each in error.object[error.start : error.end]), error.end
 
 
+def results_on_stderr() -> None:
+    """Keep standard output for a JSON object: results for people go to standard error from now on."""
+    global _json_alone
+    _json_alone = True
+
+
+def hush() -> None:
+    """Show nothing for people on standard error but errors."""
+    global _quiet
+    _quiet = True
+
+
+def _show(lines: Callable[[int | None], Iterable[str]]) -> None:
+    """Print the lines that the function makes for a width."""
+    if _json_alone and _quiet:
+        return
+    to = sys.stderr if _json_alone else sys.stdout
+    for line in lines(width_of(to)):
+        print(line, file=to)
+
+
+def width_of(stream: TextIO) -> int | None:
+    """Columns of the terminal that the stream writes to; None without a terminal, where no line wraps."""
+    if not stream.isatty():
+        return None
+    try:
+        wide = int(os.environ.get("COLUMNS") or os.get_terminal_size(stream.fileno()).columns)
+    except (OSError, ValueError):
+        wide = 0
+    return max(wide, NARROW) if wide > 0 else WIDE
+
+
 def out(text: str) -> None:
-    """Print a line on standard output."""
-    print(clean(text))
+    """Print a result; on a terminal it wraps between words."""
+    _show(lambda width: layout.folded(clean(text), width))
 
 
 def print_lines(lines: Iterable[tuple[str, str]]) -> None:
-    """Print lines of key and text on standard output."""
-    for key, text in lines:
-        out(f"{key:{KEY}} {text}")
+    """Print lines of key and text; on a terminal the text wraps beside its key."""
+    cleaned = [(clean(key), clean(text)) for key, text in lines]
+    _show(lambda width: (each for key, text in cleaned for each in layout.beside(key, text, KEY + 1, width)))
 
 
-def print_table(title: str | None, columns: list[str], rows: list[list[str]]) -> None:
-    """Print a table on standard output; without a terminal, as wide as needed."""
-    from rich import box
-    from rich.console import Console
-    from rich.table import Table
+def print_table(
+    title: str | None, columns: list[str], rows: list[list[str]], spare: Iterable[str] = (), hint: str = ""
+) -> None:
+    """Print a table, after an empty line if it has a title.
 
-    console = Console(width=None if sys.stdout.isatty() else 200, markup=False, emoji=False)
-    title = None if title is None else clean(title, CELL)
-    table = Table(*(clean(each, CELL) for each in columns), title=title, title_justify="left", box=box.SIMPLE_HEAD)
-    for row in rows:
-        table.add_row(*(clean(each, CELL) for each in row))
-    console.print(table)
+    Without a terminal, each row is a line with every column. A terminal that is too narrow gets no ``spare`` columns,
+    the first one dropped first, and the line ``hint`` then says how to see the dropped columns.
+    """
+    heads = [clean(each, CELL) for each in columns]
+    body = [[clean(each, CELL) for each in row] for row in rows]
+
+    def lines(width: int | None) -> list[str]:
+        found, left_out = layout.table(heads, body, width, spare)
+        above = [] if title is None else ["", *layout.folded(clean(title), width)]
+        below = ["", *layout.folded(f"Not shown: {', '.join(left_out)}. {hint}", width)] if left_out and hint else []
+        return [*above, *found, *below]
+
+    _show(lines)
 
 
 def say(text: str, quiet: bool = False) -> None:
-    """Print a message on standard error, or lose it if the stream is closed."""
+    """Print a message on standard error, or lose it if the stream is closed; on a terminal it wraps between words."""
     if not quiet:
         with suppress(OSError):
-            print(clean(text), file=sys.stderr, flush=True)
+            for line in layout.folded(clean(text), width_of(sys.stderr)):
+                print(line, file=sys.stderr)
+            sys.stderr.flush()
 
 
 @contextmanager

@@ -48,7 +48,10 @@ def plot(
         Path | None, typer.Option(metavar="FILE.png", help="Default: FILE.png beside the file, or stability.png.")
     ] = None,
     kind: Annotated[
-        Figures | None, typer.Option(help="Figure of a run (default: orbits under gravity, else energies).")
+        Figures | None,
+        typer.Option(
+            metavar="NAME", help=f"{', '.join(Figures)} (default: orbits under gravity, else energies)."
+        ),
     ] = None,
     stability: Annotated[
         list[str] | None,

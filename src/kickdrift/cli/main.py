@@ -11,9 +11,10 @@ from typing import Annotated, Any
 import typer
 
 from kickdrift.cli.benchmarks import bench_lj_energy, bench_speed, validate
-from kickdrift.cli.console import open_streams, say
+from kickdrift.cli.console import open_streams, out, say
 from kickdrift.cli.ensemble import ensemble
 from kickdrift.cli.files import export, info, plot
+from kickdrift.cli.help import Command, Group
 from kickdrift.cli.listing import list_
 from kickdrift.cli.measuring import chaos, compare
 from kickdrift.cli.running import resume, run
@@ -21,17 +22,17 @@ from kickdrift.disk.interrupt import heard_everywhere
 from kickdrift.disk.outputs import reason
 from kickdrift.errors import KickdriftError
 
-COMMANDS = (ensemble, run, resume, compare, chaos, plot, export, info, validate)  # in the order of --help
+COMMANDS = (run, resume, ensemble, compare, chaos, plot, export, info, validate)  # in the order of --help
 
 app = typer.Typer(
     name="kickdrift",
+    cls=Group,
     help="Molecular dynamics and N-body simulation in which you choose and measure the integrator.",
-    no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-bench_app = typer.Typer(help="Benchmarks.", no_args_is_help=True)
+bench_app = typer.Typer(cls=Group, help="Measure energy errors and speeds.")
 app.add_typer(bench_app, name="bench")
 
 INTERRUPTED = 130
@@ -39,10 +40,19 @@ BAD_NAMES = (errno.ENAMETOOLONG, errno.ELOOP, errno.EILSEQ, errno.ENOTDIR, errno
 TRACEBACK = "KICKDRIFT_TRACEBACK"  # the environment variable that shows the source of a bug
 
 for command in COMMANDS:
-    app.command()(command)
-app.command("list")(list_)
-bench_app.command("lj-energy")(bench_lj_energy)
-bench_app.command("speed")(bench_speed)
+    app.command(cls=Command)(command)
+app.command("list", cls=Command)(list_)
+bench_app.command("lj-energy", cls=Command)(bench_lj_energy)
+bench_app.command("speed", cls=Command)(bench_speed)
+
+
+def _version(asked: bool) -> None:
+    """Print the version and exit, if that was asked."""
+    if asked:
+        from kickdrift import __version__
+
+        out(f"kickdrift {__version__}")
+        raise typer.Exit
 
 
 @app.callback()
@@ -56,6 +66,9 @@ def options(
             help="First load a Python file that registers methods or forces.",
         ),
     ] = None,
+    version: Annotated[
+        bool, typer.Option("--version", is_eager=True, callback=_version, help="Print the version and exit.")
+    ] = False,
 ) -> None:
     """Options before the command."""
     from kickdrift.integrators.registration import load_file
