@@ -49,9 +49,7 @@ def plot(
     ] = None,
     kind: Annotated[
         Figures | None,
-        typer.Option(
-            metavar="NAME", help=f"{', '.join(Figures)} (default: orbits under gravity, else energies)."
-        ),
+        typer.Option(metavar="NAME", help=f"{', '.join(Figures)} (default: orbits under gravity, else energies)."),
     ] = None,
     stability: Annotated[
         list[str] | None,

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import unicodedata
 from collections.abc import Iterable, Sequence
-from itertools import accumulate
 
 GAP = 2  # cells between two columns
 NARROWEST = 24  # cells of a last column that wraps; a table whose last column would be narrower becomes a list
+ROOMY = 40  # cells of a last column that wraps, which spare columns make place for
 INDENT = "  "
 
 
@@ -52,20 +52,20 @@ def table(
     """Lines of a table, and the names of the columns that it leaves out.
 
     Without a width, each row is a line of every column. With a width, only the last column wraps. A table that is too
-    wide leaves out ``spare`` columns, the first one first. A table that is still too wide becomes a list: the first
-    column's cell is a line, and an indented line follows for each further cell.
+    wide leaves out ``spare`` columns, the first one first. Where that is not enough, the table becomes a list: the cell
+    of the first column is a line, and an indented line follows for each further cell.
     """
     kept, left_out = list(range(len(columns))), list[str]()
     widths = [max(map(cells, column)) for column in zip(columns, *rows, strict=True)]
     if width is not None:
         for name in spare:
-            if _fits(widths, kept, width, rows):
+            if _fits(widths, kept, width, rows, ROOMY):
                 break
             kept.remove(columns.index(name))
             left_out.append(name)
-        if not _fits(widths, kept, width, rows):
-            return _list([columns[i] for i in kept], [[row[i] for i in kept] for row in rows], width), left_out
-    *places, last = accumulate((widths[i] + GAP for i in kept[:-1]), initial=0)
+        if not _fits(widths, kept, width, rows, NARROWEST):
+            return _list(columns, rows, width), []
+    last = sum(widths[i] + GAP for i in kept[:-1])
     lines, heads = [], [list(columns)]
     if width is not None:
         heads.append(["-" * min(each, width - last) for each in widths])
@@ -76,11 +76,11 @@ def table(
     return lines, left_out
 
 
-def _fits(widths: Sequence[int], kept: Sequence[int], width: int, rows: Iterable[Sequence[str]]) -> bool:
-    """Whether the columns fit, the last one wrapped where it must be."""
+def _fits(widths: Sequence[int], kept: Sequence[int], width: int, rows: Iterable[Sequence[str]], least: int) -> bool:
+    """Whether the columns fit, with at least so many cells for a last column that wraps."""
     last = kept[-1]
     longest = max((cells(word) for row in rows for word in row[last].split(" ")), default=0)
-    return sum(widths[i] + GAP for i in kept[:-1]) + min(widths[last], max(NARROWEST, longest)) <= width
+    return sum(widths[i] + GAP for i in kept[:-1]) + min(widths[last], max(least, longest)) <= width
 
 
 def _list(columns: Sequence[str], rows: Iterable[Sequence[str]], width: int) -> list[str]:

@@ -7,10 +7,10 @@ from typing import Annotated
 
 import typer
 
-from kickdrift.cli.console import print_table
-from kickdrift.cli.printing import (
-    LISTINGS,
-)
+from kickdrift.cli.console import print_lines, print_table
+from kickdrift.cli.options import JsonOption, OverwriteOption
+from kickdrift.cli.printing import LISTINGS
+from kickdrift.disk.outputs import refuse_outputs, write_json
 from kickdrift.errors import InputError
 from kickdrift.text import VALUE, clean
 
@@ -24,17 +24,35 @@ class Lists(StrEnum):
     engines = "engines"
 
 
+# Columns that a narrow terminal leaves out, the first one first.
+SPARE = {
+    Lists.integrators: ("evaluations", "family", "adaptive", "reversible", "symplectic"),
+    Lists.forces: ("parameters",),
+}
+HINT = "--all or a wider terminal shows them."
+
+
 def list_(
-    what: Annotated[Lists, typer.Argument()],
+    what: Annotated[Lists, typer.Argument(metavar="WHAT", help=f"{', '.join(Lists)}.")],
     name: Annotated[str | None, typer.Argument(metavar="[NAME]", help="Explain this integrator.")] = None,
+    all_: Annotated[bool, typer.Option("--all", help="Every column, whatever the terminal's width.")] = False,
+    json_file: JsonOption = None,
+    overwrite: OverwriteOption = False,
 ) -> None:
     """List integrators, forces, systems or engines, or explain an integrator and its options."""
+    refuse_outputs({"json": json_file}, overwrite)
     if name is not None:
-        from kickdrift.cli.printing_methods import print_method
+        from kickdrift.cli.printing_methods import OPTION_COLUMNS, method_lines, option_rows
 
         if what is not Lists.integrators:
             raise InputError(f"list {what} {clean(name, VALUE)}: only integrators are explained by name")
-        print_method(name)
+        lines, rows = method_lines(name), option_rows(name)
+        print_lines(lines)
+        print_table("options", OPTION_COLUMNS, rows, ("type", "unit"))
+        options = [dict(zip(OPTION_COLUMNS, row, strict=True)) for row in rows]
+        write_json(json_file, {**dict(lines), "options": options}, overwrite=overwrite)
         return
     columns, rows = LISTINGS[what]()
-    print_table(None, columns, rows)
+    print_table(None, columns, rows, () if all_ else SPARE.get(what, ()), HINT)
+    listed = [dict(zip(columns, row, strict=True)) for row in rows]
+    write_json(json_file, {str(what): listed}, overwrite=overwrite)

@@ -46,9 +46,7 @@ def _quietly(quiet: bool) -> bool:
     return quiet
 
 
-QuietOption = Annotated[
-    bool, typer.Option("--quiet", callback=_quietly, help="Print only errors on standard error.")
-]
+QuietOption = Annotated[bool, typer.Option("--quiet", callback=_quietly, help="Print only errors on standard error.")]
 FlushOption = Annotated[
     float | None,
     typer.Option(

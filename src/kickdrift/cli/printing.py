@@ -22,6 +22,9 @@ if TYPE_CHECKING:
     from kickdrift.run.simulation import Simulation
 
 
+HINT = "A wider terminal shows them, and so does --json."
+
+
 def list_integrators() -> tuple[list[str], list[list[str]]]:
     """Table of every integrator and its properties."""
     from kickdrift.integrators import INTEGRATORS
@@ -67,10 +70,15 @@ def list_forces() -> tuple[list[str], list[list[str]]]:
     from kickdrift.forces import FORCES
 
     rows = [
-        [name, ", ".join(inspect.signature(force).parameters), (force.__doc__ or "").split("\n")[0]]
+        [name, ", ".join(inspect.signature(force).parameters), _about(force.__doc__ or "")]
         for name, force in FORCES.items()
     ]
     return ["name", "parameters", "description"], rows
+
+
+def _about(text: str) -> str:
+    """The first paragraph of a docstring up to its source, as plain text."""
+    return " ".join(text.split("\n\n")[0].split()).replace("`", "").split("; ")[0].rstrip(".")
 
 
 def list_systems() -> tuple[list[str], list[list[str]]]:
@@ -187,7 +195,7 @@ def print_benchmark(rows: list[Any], particles: int, seconds: float) -> None:
         "same step": "Equal step",
         "same cost": "Equal cost: 1000 force evaluations per unit of time",
     }
-    columns = ["method", "dt", "RMS error", "largest", "drift per unit time", "verdict", "steps/s"]
+    columns = ["method", "dt", "RMS error", "largest", "drift per unit time", "steps/s", "verdict"]
     for table, title in titles.items():
         body = []
         for row in rows:
@@ -200,13 +208,13 @@ def print_benchmark(rows: list[Any], particles: int, seconds: float) -> None:
                         f"{100 * e.rms_relative_error:.2g} %",
                         f"{100 * e.max_relative_error:.2g} %",
                         drift_text(e) or "–",
-                        e.verdict,
                         f"{row.report.steps_per_second:,.0f}",
+                        e.verdict,
                     ]
                 )
             elif row.table == table:
-                body.append([row.method, f"{row.dt:g}", "–", "–", "–", row.failure, "–"])
-        print_table(title, columns, body)
+                body.append([row.method, f"{row.dt:g}", "–", "–", "–", "–", row.failure])
+        print_table(title, columns, body, ("largest", "steps/s"), HINT)
     out(
         f"{particles:,} particles, errors relative to |E(0)|; velocity-verlet is leapfrog in its kick-drift-kick form. "
         f"Time: {duration(seconds)}."

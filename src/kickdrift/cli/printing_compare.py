@@ -12,20 +12,23 @@ if TYPE_CHECKING:
     from kickdrift.analysis.recommendation import Choice, Recommendation
     from kickdrift.analysis.work_precision import Comparison
 
+HINT = "A wider terminal shows them, and so does --json."
+
 
 def print_comparison(comparison: Comparison) -> None:
     """Print the rows, the slopes and the reference."""
     energy = comparison.measure == "energy"
     unit = f" {comparison.time_unit}" if comparison.time_unit else ""
-    columns = ["method", "dt or rtol", "evaluations", "seconds", "error"]
+    columns = ["method", "dt or rtol", "evaluations", "seconds"]
     columns += [] if energy else ["energy error"]
-    columns += ["error of a step"]
+    columns += ["step error", "error"]
     body = [_cells(row, energy) for row in comparison.rows]
-    print_table(f"{comparison.system}: work against precision, {comparison.length:.6g}{unit}", columns, body)
+    title = f"{comparison.system}: work against precision, {comparison.length:.6g}{unit}"
+    print_table(title, columns, body, [] if energy else ["energy error"], HINT)
     slopes = []
     for name, (of_all, of_one) in comparison.slopes.items():
         slopes.append([name, _slope(of_all), _slope(of_one)])
-    print_table("Slope against the step: p, and p + 1 for one step", ["method", "error", "error of a step"], slopes)
+    print_table("Slope against the step: p, and p + 1 for one step", ["method", "error", "step error"], slopes)
     lines = [
         ("error", comparison.reference if energy else f"largest of {comparison.samples} samples, relative to the "
          f"size of the motion, against {comparison.reference}"),
@@ -69,11 +72,11 @@ def _cells(row: Row, energy: bool) -> list[str]:
     knob = f"{row.dt:.4g}" if row.dt is not None else f"{row.rtol:.0e}"
     if row.failure:
         took = f"{row.seconds:.2g}" if row.seconds else "–"
-        return [row.method, knob, "–", took, row.failure[:60], *([] if energy else ["–"]), "–"]
+        return [row.method, knob, "–", took, *([] if energy else ["–"]), "–", row.failure]
     error = f"{row.error:.2e}" if row.believed else f"{row.error:.0e} (of the reference)"
     others = [] if energy else ["–" if row.energy_error is None else f"{row.energy_error:.1e}"]
     local = "–" if row.local_error is None else f"{row.local_error:.1e}"
-    return [row.method, knob, f"{row.evaluations:,}", f"{row.seconds:.2g}", error, *others, local]
+    return [row.method, knob, f"{row.evaluations:,}", f"{row.seconds:.2g}", *others, local, error]
 
 
 def _slope(value: float | None) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from kickdrift.cli.console import print_lines, print_table
 from kickdrift.integrators import integrator as method_named
 from kickdrift.integrators.option import DT, Option
 
@@ -10,8 +9,8 @@ _YES = {True: "yes", False: "no"}
 OPTION_COLUMNS = ["option", "type", "unit", "default", "choices", "what it does"]
 
 
-def print_method(name: str) -> None:
-    """An integrator and its options."""
+def method_lines(name: str) -> list[tuple[str, str]]:
+    """Keys and texts about an integrator."""
     method = method_named(name)
     steps = "from the error" if method.adaptive else "by the method" if method.chooses_steps else "fixed"
     lines = [
@@ -26,9 +25,13 @@ def print_method(name: str) -> None:
         ("use", method.use),
         ("source", method.source),
     ]
-    print_lines([line for line in lines if line[1]])
-    rows = [option_row(each, method.needs_dt) for each in method.options]
-    print_table(None, OPTION_COLUMNS, rows)
+    return [line for line in lines if line[1]]
+
+
+def option_rows(name: str) -> list[list[str]]:
+    """The options of an integrator, as rows of a table."""
+    method = method_named(name)
+    return [option_row(each, method.needs_dt) for each in method.options]
 
 
 def option_row(option: Option, needs_dt: bool = False) -> list[str]:
