@@ -30,6 +30,7 @@ NARROW, WIDE = 40, 80  # columns: of the narrowest terminal that lines wrap for,
 
 _json_alone = False  # whether standard output is kept for a JSON object
 _quiet = False  # whether --quiet was given
+_doing = ""  # the progress bar that moved last, and how far
 
 
 def open_streams() -> None:
@@ -37,8 +38,8 @@ def open_streams() -> None:
 
     Output to a closed stream is lost. Plain letters replace a character that a stream cannot encode.
     """
-    global _json_alone, _quiet
-    _json_alone = _quiet = False
+    global _json_alone, _quiet, _doing
+    _json_alone, _quiet, _doing = False, False, ""
     for number in range(3):
         try:
             os.fstat(number)
@@ -96,10 +97,10 @@ def out(text: str) -> None:
     _show(lambda width: layout.folded(clean(text), width))
 
 
-def print_lines(lines: Iterable[tuple[str, str]]) -> None:
+def print_lines(lines: Iterable[tuple[str, str]], key_width: int = KEY) -> None:
     """Print lines of key and text; on a terminal the text wraps beside its key."""
     cleaned = [(clean(key), clean(text)) for key, text in lines]
-    _show(lambda width: (each for key, text in cleaned for each in layout.beside(key, text, KEY + 1, width)))
+    _show(lambda width: (each for key, text in cleaned for each in layout.beside(key, text, key_width + 1, width)))
 
 
 def print_table(
@@ -135,7 +136,7 @@ def say(text: str, quiet: bool = False) -> None:
 def progress_bar(quiet: bool) -> Iterator[Callable[[str], Callable[[int, int], None]]]:
     """Yield ``bar(label)``, which returns a function (done, of) that moves a bar on standard error, on a terminal."""
     if quiet or not sys.stderr.isatty():
-        yield lambda label: _nothing
+        yield lambda label: _noting(label)
         return
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
@@ -149,10 +150,32 @@ def progress_bar(quiet: bool) -> Iterator[Callable[[str], Callable[[int, int], N
     with Progress(*layout, console=Console(stderr=True), transient=True) as progress:
 
         def bar(label: str) -> Callable[[int, int], None]:
-            task = progress.add_task(clean(label, CELL), total=None)
-            return lambda done, of: progress.update(task, completed=done, total=of)
+            task, note = progress.add_task(clean(label, CELL), total=None), _noting(label)
+
+            def move(done: int, of: int) -> None:
+                note(done, of)
+                progress.update(task, completed=done, total=of)
+
+            return move
 
         yield bar
+
+
+def _noting(label: str) -> Callable[[int, int], None]:
+    """Function (done, of) that remembers what the program does, for `stopped_at`."""
+
+    def note(done: int, of: int) -> None:
+        global _doing
+        _doing = f"{100 * done // max(of, 1)} % of {clean(label, CELL)}"
+
+    return note
+
+
+def stopped_at() -> str:
+    """Where Ctrl-C stopped a command that writes nothing before its end."""
+    if not _doing:
+        return "interrupted; all written files are whole"
+    return f"stopped at {_doing}; nothing is kept, and the same command begins again"
 
 
 @contextmanager
@@ -181,7 +204,3 @@ def members_bar(quiet: bool) -> Iterator[Callable[[int, int, int], None] | None]
             progress.update(task, completed=done, rate=rate, failed=f"{failed} failed" if failed else "")
 
         yield show
-
-
-def _nothing(done: int, of: int) -> None:
-    """Ignore progress: no bar is shown."""

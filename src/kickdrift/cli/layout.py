@@ -38,7 +38,7 @@ def beside(key: str, text: str, column: int, width: int | None) -> list[str]:
     if width is not None and cells(key) >= column:
         return [key, *(f"{'':{column}}{line}" for line in lines)]
     head = padded(key, column - 1) + " "
-    return [(head + lines[0]).rstrip(), *(f"{'':{column}}{line}" for line in lines[1:])]
+    return [(head + lines[0]).rstrip(), *(f"{'':{column}}{line}".rstrip() for line in lines[1:])]
 
 
 def padded(text: str, width: int) -> str:

@@ -11,10 +11,11 @@ from typing import Annotated, Any
 import typer
 
 from kickdrift.cli.benchmarks import bench_lj_energy, bench_speed, validate
-from kickdrift.cli.console import open_streams, out, say
+from kickdrift.cli.console import open_streams, out, say, stopped_at
 from kickdrift.cli.ensemble import ensemble
 from kickdrift.cli.files import export, info, plot
 from kickdrift.cli.help import Command, Group
+from kickdrift.cli.interruption import INTERRUPTED, Interrupted
 from kickdrift.cli.listing import list_
 from kickdrift.cli.measuring import chaos, compare
 from kickdrift.cli.running import resume, run
@@ -35,7 +36,6 @@ app = typer.Typer(
 bench_app = typer.Typer(cls=Group, help="Measure energy errors and speeds.")
 app.add_typer(bench_app, name="bench")
 
-INTERRUPTED = 130
 BAD_NAMES = (errno.ENAMETOOLONG, errno.ELOOP, errno.EILSEQ, errno.ENOTDIR, errno.EISDIR, errno.ENOENT)
 TRACEBACK = "KICKDRIFT_TRACEBACK"  # the environment variable that shows the source of a bug
 
@@ -79,6 +79,7 @@ def options(
 
 def main() -> None:
     """The program: exit status 0 done, 1 the run failed, 2 bad input, 130 Ctrl-C."""
+    told = False  # what Ctrl-C left behind
     usage_error: Any = typer.BadParameter.__base__  # from click, or from typer's own copy of click
     try:
         open_streams()
@@ -86,7 +87,7 @@ def main() -> None:
             status = app(prog_name="kickdrift", standalone_mode=False)
     except KickdriftError as error:
         say(f"kickdrift: {error}")
-        status = error.exit_status
+        status, told = error.exit_status, isinstance(error, Interrupted)
     except usage_error as error:
         if text := " ".join(error.format_message().split()):  # empty without arguments, when help was shown
             command = error.ctx.command_path if error.ctx else "kickdrift"
@@ -110,8 +111,8 @@ def main() -> None:
         what = f"{type(error).__name__}: {error}".rstrip(": ")
         say(f"kickdrift: this is a bug in kickdrift, please report it: {what} ({TRACEBACK}=1 shows where)")
         status = 1
-    if status == INTERRUPTED:  # typer turns a KeyboardInterrupt into an exit
-        say("kickdrift: interrupted; all written files are whole")
+    if status == INTERRUPTED and not told:  # typer turns a KeyboardInterrupt into an exit
+        say(f"kickdrift: {stopped_at()}")
     written = everything_written(quiet=bool(status))
     sys.exit(status or written)
 

@@ -13,12 +13,13 @@ from kickdrift.engines import NATIVE
 from kickdrift.integrators.method import Method
 from kickdrift.integrators.options import Options
 from kickdrift.looks.observers import NOTHING
-from kickdrift.looks.record import Record, Series, even_stretch
+from kickdrift.looks.energy_trend import energy_trend
+from kickdrift.looks.record import Record, Series
 from kickdrift.model.checks import unwarned
 from kickdrift.model.problem import Problem
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
-from kickdrift.statistics.drift import EnergyError, drift, energy_error, rounding_of
+from kickdrift.statistics.drift import EnergyError, energy_error
 
 
 @dataclass(frozen=True)
@@ -227,18 +228,10 @@ def _energy(series: Series, even: bool, system: System | Problem) -> EnergyRepor
     if np.isnan(total[0]):
         return None  # a Problem without an energy function
     error = energy_error(total, 0.0 if np.isnan(kinetic) else kinetic)
-    scale = {"initial energy": abs(error.initial), "kinetic energy": kinetic}.get(error.relative_to, 1.0)
     working = system.acting("works") if isinstance(system, System) else []
 
-    @unwarned
     def judged() -> tuple[float, float, str]:
-        chosen = even_stretch(series.steps) if even else slice(None)
-        times, errors = series.times[chosen], (total[chosen] - error.initial) / scale
-        if not even and len(times) > 2:  # an adaptive run samples at step points, only about evenly spaced
-            grid = np.linspace(times[0], times[-1], len(times))
-            times, errors = grid, np.interp(grid, times, errors)
-        largest = max(abs(error.initial), 0.0 if np.isnan(kinetic) else kinetic)
-        trend = drift(times, errors, rounding_of(largest, int(series.steps[-1] - series.steps[0])) / scale)
+        trend = energy_trend(series.steps, series.times, total, kinetic, even)
         return trend.slope, trend.error, f"not conserved: {', '.join(working)}" if working else trend.verdict
 
     return EnergyReport.later(error, series.final, judged)

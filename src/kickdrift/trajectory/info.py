@@ -25,10 +25,11 @@ _METHOD_SHOWN = (*_METHOD_FIRST, "options")  # which say what the others say
 def info(path: str | os.PathLike[str]) -> dict[str, Any]:
     """The content of a run's file in numbers; an InputError where it is not a run's file."""
     with open(path) as run:
-        return _summary(run)
+        return info_of(run)
 
 
-def _summary(run: Run) -> dict[str, Any]:
+def info_of(run: Run) -> dict[str, Any]:
+    """The same of an open file."""
     counts = {name: int((run.species_index == index).sum()) for index, name in enumerate(run.species)}
     samples, damage = run.whole_samples(), run.damage()
     observables = {
@@ -50,6 +51,7 @@ def _summary(run: Run) -> dict[str, Any]:
             "length": run.units.length,
             "time": run.units.time,
             "energy": run.units.energy,
+            "temperature": run.units.temperature,
             "nominal": run.nominal_units,
         },
         "unregistered": _unregistered(run),
@@ -87,7 +89,15 @@ def _unregistered(run: Run) -> list[str]:
 
 
 def describe(found: dict[str, Any]) -> str:
-    """What `info` found, for a reader."""
+    """What `info` found, as text."""
+    rows = described(found)
+    width = min(WIDTH, max(len(key) for key, _ in rows))
+    lines = [found["file"], *(f"  {key:<{width}}  {value}".rstrip() for key, value in rows)]
+    return "\n".join(clean(line) for line in lines)
+
+
+def described(found: dict[str, Any]) -> list[tuple[str, str]]:
+    """What `info` found, as keys and texts."""
     units = found["units"]
     species = ", ".join(f"{count:,} {name}" for name, count in found["species"].items())
     rows = [
@@ -98,8 +108,6 @@ def describe(found: dict[str, Any]) -> str:
     ]
     if units["nominal"]:
         rows.append(("", f"other programs see 1 {units['length']} as 1 angstrom and 1 {units['time']} as 1 ps"))
-    for force in found["unregistered"]:
-        rows.append(("force", f"{force} is registered nowhere: resume needs a program that registers the class"))
     method = found["method"]
     rows += [(key, _short(method[key])) for key in _METHOD_FIRST if method.get(key) is not None]
     rows += [(k, _short(value)) for k, value in method.items() if k not in _METHOD_SHOWN and value is not None]
@@ -116,19 +124,25 @@ def describe(found: dict[str, Any]) -> str:
     rows.append(("", _form(found)))
     rows.append(("written by", f"kickdrift {found['kickdrift']}, {found['bytes']:,} bytes"))
     rows.append(("closed", _ending(found)))
-    if goal := _goal(found):
-        rows.append(("", f"{goal}; kickdrift resume goes on"))
-    if not found["unchanged"]:
-        rows.append(("system", "was changed after the run began, by its hash: the run cannot go on"))
-    rows += _damaged(found["damaged"], found["frames"])
+    if ahead := goal(found):
+        rows.append(("", f"{ahead}; kickdrift resume goes on"))
+    rows += alarms(found)
     rows.append(("checkpoints", _checkpoints(found["checkpoints"])))
     report = found["report"] or {}
     report = {key: value for key, value in report.items() if key != "events"}
     rows += [(f"report: {key.replace('_', ' ')}", _short(value)) for key, value in _flat(report)]
-    rows += event_lines(found["events"])
-    width = min(WIDTH, max(len(key) for key, _ in rows))
-    lines = [found["file"], *(f"  {key:<{width}}  {value}".rstrip() for key, value in rows)]
-    return "\n".join(clean(line) for line in lines)
+    return rows + event_lines(found["events"])
+
+
+def alarms(found: dict[str, Any]) -> list[tuple[str, str]]:
+    """What is wrong with a file, and what a run needs before it can go on, as keys and texts."""
+    rows = [
+        ("force", f"{force} is registered nowhere: resume needs a program that registers the class")
+        for force in found["unregistered"]
+    ]
+    if not found["unchanged"]:
+        rows.append(("system", "was changed after the run began, by its hash: the run cannot go on"))
+    return rows + _damaged(found["damaged"], found["frames"])
 
 
 def _box(shape: list[Any] | None, periodic: list[bool], unit: str) -> str:
@@ -182,7 +196,7 @@ def _ranges(numbers: list[int]) -> str:
     return ", ".join(texts[:RANGES]) + (f" and {len(texts) - RANGES} more stretches" if len(texts) > RANGES else "")
 
 
-def _goal(found: dict[str, Any]) -> str:
+def goal(found: dict[str, Any]) -> str:
     """How far the run was to go, where it has not come there."""
     if not found["plan"] or not found["steps"]:
         return ""
@@ -191,7 +205,7 @@ def _goal(found: dict[str, Any]) -> str:
     if step >= end_step or time >= end_time or found["stopped"]:
         return ""
     if end_step < NEVER:
-        return f"step {step} of {int(end_step)}"
+        return f"step {step:,} of {int(end_step):,}"
     return f"time {time:.9g} of {end_time:.9g} {found['units']['time']}"
 
 

@@ -1,0 +1,34 @@
+"""Lines about a run's energy for people: its values, its error and its drift."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+
+def energy_lines(energy: Mapping[str, Any], energy_unit: str, time_unit: str) -> list[tuple[str, str]]:
+    """Lines of an EnergyReport, or of the same values in a dictionary. Values that are None are left out."""
+    unit = f" {energy_unit}" if energy_unit else ""
+    per = f" per {time_unit or 'unit of time'}"
+    lines = []
+    if _are_numbers(energy, "initial", "final"):
+        lines.append(("energy", f"{energy['initial']:.8g} at the start, {energy['final']:.8g}{unit} at the end"))
+    if _are_numbers(energy, "rms_relative_error", "max_relative_error"):
+        rms, largest = energy["rms_relative_error"], energy["max_relative_error"]
+        lines.append(("energy error", f"{rms:.2e} RMS, {largest:.2e} largest, of {energy.get('relative_to')}"))
+    drift, verdict = drift_text(energy), energy.get("verdict")
+    if isinstance(verdict, str):
+        lines.append(("energy drift", f"{drift}{per}: {verdict}" if drift else verdict))
+    return lines
+
+
+def drift_text(energy: Mapping[str, Any]) -> str:
+    """Slope and its interval; empty without a finite interval."""
+    if not _are_numbers(energy, "drift_per_unit_time", "drift_error") or not math.isfinite(energy["drift_error"]):
+        return ""
+    return f"{energy['drift_per_unit_time']:+.1e} ± {energy['drift_error']:.1e}"
+
+
+def _are_numbers(values: Mapping[str, Any], *keys: str) -> bool:
+    return all(isinstance(values.get(key), int | float) for key in keys)

@@ -1,0 +1,37 @@
+"""Drift of the total energy over the samples of a run."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kickdrift.looks.record import even_stretch
+from kickdrift.model.checks import unwarned
+from kickdrift.model.state import Floats
+from kickdrift.statistics.drift import Drift, drift, energy_error, rounding_of
+
+
+@unwarned
+def energy_trend(steps: NDArray[np.int64], times: Floats, total: Floats, kinetic: float, even: bool) -> Drift:
+    """Drift of the relative energy error.
+
+    Parameters
+    ----------
+    steps, times, total : (k,) of the samples
+    kinetic : the first sample's kinetic energy; nan if there is none
+    even : whether steps are equally long. Otherwise the errors are interpolated to evenly spaced times.
+
+    Raises
+    ------
+    InputError
+        For values that are not finite.
+    """
+    first = 0.0 if np.isnan(kinetic) else kinetic
+    error = energy_error(total, first)
+    scale = {"initial energy": abs(error.initial), "kinetic energy": kinetic}.get(error.relative_to, 1.0)
+    chosen = even_stretch(steps) if even else slice(None)
+    at, errors = times[chosen], (total[chosen] - error.initial) / scale
+    if not even and len(at) > 2:  # an adaptive run samples at step points, only about evenly spaced
+        grid = np.linspace(at[0], at[-1], len(at))
+        at, errors = grid, np.interp(grid, at, errors)
+    return drift(at, errors, rounding_of(max(abs(error.initial), first), int(steps[-1] - steps[0])) / scale)
