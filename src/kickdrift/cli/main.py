@@ -22,6 +22,7 @@ from kickdrift.cli.running import resume, run
 from kickdrift.disk.interrupt import heard_everywhere
 from kickdrift.disk.outputs import reason
 from kickdrift.errors import KickdriftError
+from kickdrift.model.other_names import other_name
 
 COMMANDS = (run, resume, ensemble, compare, chaos, plot, export, info, validate)  # in the order of --help
 
@@ -91,7 +92,8 @@ def main() -> None:
     except usage_error as error:
         if text := " ".join(error.format_message().split()):  # empty without arguments, when help was shown
             command = error.ctx.command_path if error.ctx else "kickdrift"
-            say(f"kickdrift: {text.rstrip('.')} (see {command} --help)")
+            hint = other_name("option", str(getattr(error, "option_name", "")).lstrip("-"))
+            say(f"kickdrift: {text.rstrip('.')}{hint} (see {command} --help)")
         status = 2
     except (KeyboardInterrupt, typer.Abort):
         status = INTERRUPTED

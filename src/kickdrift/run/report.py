@@ -12,8 +12,8 @@ from kickdrift.disk.outputs import plain
 from kickdrift.engines import NATIVE
 from kickdrift.integrators.method import Method
 from kickdrift.integrators.options import Options
-from kickdrift.looks.observers import NOTHING
 from kickdrift.looks.energy_trend import energy_trend
+from kickdrift.looks.observers import NOTHING
 from kickdrift.looks.record import Record, Series
 from kickdrift.model.checks import unwarned
 from kickdrift.model.problem import Problem

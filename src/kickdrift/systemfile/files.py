@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 from kickdrift.disk.files import SYSTEM_FILE_BYTES, content, unfit
 from kickdrift.errors import InputError
 from kickdrift.model.checks import path_text
+from kickdrift.model.other_names import other_name
 from kickdrift.text import shown, suggestion
 
 
@@ -66,7 +67,7 @@ def find(name_or_path: str | os.PathLike[str]) -> Path:
     if (what := unfit(path, "a system file")) is None:
         return path
     if bare and not os.path.lexists(given):
-        listed = f"{suggestion(given, known)} (shipped: {', '.join(known)})"
+        listed = f"{other_name('system', given) or suggestion(given, known)} (shipped: {', '.join(known)})"
         raise InputError(f"{shown(given)} is neither a file nor a shipped system{listed}")
     raise InputError(f"{' '.join(given.split())}: {what}{suggestion(path.stem, known)}")
 
