@@ -29,7 +29,7 @@ SPARE = {
     Lists.integrators: ("evaluations", "family", "adaptive", "reversible", "symplectic"),
     Lists.forces: ("parameters",),
 }
-HINT = "--all or a wider terminal shows them."
+HINT = "--all or a wider terminal shows more."
 
 
 def list_(

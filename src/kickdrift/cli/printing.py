@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from kickdrift.run.simulation import Simulation
 
 
-HINT = "A wider terminal shows them, and so does --json."
+HINT = "A wider terminal or --json shows more."
 
 
 def list_integrators() -> tuple[list[str], list[list[str]]]:

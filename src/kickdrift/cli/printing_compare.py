@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from kickdrift.analysis.recommendation import Choice, Recommendation
     from kickdrift.analysis.work_precision import Comparison
 
-HINT = "A wider terminal shows them, and so does --json."
+HINT = "A wider terminal or --json shows more."
 
 
 def print_comparison(comparison: Comparison) -> None:
