@@ -85,7 +85,7 @@ def _means(report: Mapping[str, Any], units: Mapping[str, str], dimensions: Any)
     return lines
 
 
-def _state(found: Mapping[str, Any]) -> str:
+def _state(found: dict[str, Any]) -> str:
     """Number of frames, and whether the run is finished."""
     ahead = goal(found)
     text = f"{found['frames']:,} and {counted(found['samples'], 'sample', ',')}"
