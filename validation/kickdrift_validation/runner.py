@@ -267,7 +267,7 @@ def listed(scripts: Sequence[Script] = SCRIPTS) -> None:
         for script in scripts
     ]  # fmt: skip
     columns = ["name", "group", "time", "peers", "shows"]
-    print_table(None, columns, rows, ("peers", "group"), "A wider terminal shows more.")
+    print_table(None, columns, rows)
 
 
 def validate(

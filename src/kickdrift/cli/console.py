@@ -25,6 +25,7 @@ PLAIN = {
     "∞": "inf",
 }  # replacements for streams that cannot encode these
 PLAINLY = "kickdrift-plain"  # name of the error handler
+HINT = "A wider terminal or a pipe shows every column."
 KEY = 17  # width of a line's key
 NARROW, WIDE = 40, 80  # columns: of the narrowest terminal that lines wrap for, and of a terminal that tells no width
 
@@ -103,22 +104,20 @@ def print_lines(lines: Iterable[tuple[str, str]], key_width: int = KEY) -> None:
     _show(lambda width: (each for key, text in cleaned for each in layout.beside(key, text, key_width + 1, width)))
 
 
-def print_table(
-    title: str | None, columns: list[str], rows: list[list[str]], spare: Iterable[str] = (), hint: str = ""
-) -> None:
+def print_table(title: str | None, columns: list[str], rows: list[list[str]], whole: bool = False) -> None:
     """Print a table, after an empty line if it has a title.
 
-    Without a terminal, each row is a line with every column. A terminal that is too narrow gets no ``spare`` columns,
-    the first one dropped first, and the line ``hint`` then says how to see the dropped columns.
+    Without a terminal, each row is a line with every column. In a narrow terminal the table leaves out some columns,
+    and a last line names them; a ``whole`` table becomes a list instead.
     """
     heads = [clean(each, CELL) for each in columns]
     body = [[clean(each, CELL) for each in row] for row in rows]
 
     def lines(width: int | None) -> list[str]:
-        found, left_out = layout.table(heads, body, width, spare)
+        found, left_out = layout.table(heads, body, width, whole)
         above = [] if title is None else ["", *layout.folded(clean(title), width)]
-        below = ["", *layout.folded(f"Not shown: {', '.join(left_out)}. {hint}", width)] if left_out and hint else []
-        return [*above, *found, *below]
+        below = layout.folded(f"Not shown: {', '.join(left_out)}. {HINT}", width)
+        return [*above, *found, *(["", *below] if left_out else [])]
 
     _show(lines)
 

@@ -5,6 +5,11 @@ from __future__ import annotations
 import unicodedata
 from collections.abc import Iterable, Sequence
 
+# Columns that a table leaves out where it is too wide, the first one first. A table's first column always stays.
+SPARE = (
+    "largest", "steps/s", "skin", "over", "precision", "position error", "peers", "energy error", "type", "unit",
+    "parameters", "evaluations", "family", "group", "adaptive", "reversible", "symplectic",
+)  # fmt: skip
 GAP = 2  # cells between two columns
 NARROWEST = 24  # cells of a last column that wraps; a table whose last column would be narrower becomes a list
 ROOMY = 40  # cells of a last column that wraps, which spare columns make place for
@@ -47,18 +52,18 @@ def padded(text: str, width: int) -> str:
 
 
 def table(
-    columns: Sequence[str], rows: Sequence[Sequence[str]], width: int | None, spare: Iterable[str] = ()
+    columns: Sequence[str], rows: Sequence[Sequence[str]], width: int | None, whole: bool = False
 ) -> tuple[list[str], list[str]]:
     """Lines of a table, and the names of the columns that it leaves out.
 
     Without a width, each row is a line of every column. With a width, only the last column wraps. A table that is too
-    wide leaves out ``spare`` columns, the first one first. Where that is not enough, the table becomes a list: the cell
-    of the first column is a line, and an indented line follows for each further cell.
+    wide leaves out columns of ``SPARE``, unless it must be ``whole``. Where that is not enough, the table becomes a
+    list of all cells: the first cell of a row is a line, and an indented line follows for each further cell.
     """
     kept, left_out = list(range(len(columns))), list[str]()
     widths = [max(map(cells, column)) for column in zip(columns, *rows, strict=True)]
     if width is not None:
-        for name in spare:
+        for name in () if whole else [each for each in SPARE if each in columns[1:]]:
             if _fits(widths, kept, width, rows, ROOMY):
                 break
             kept.remove(columns.index(name))

@@ -24,14 +24,6 @@ class Lists(StrEnum):
     engines = "engines"
 
 
-# Columns that a narrow terminal leaves out, the first one first.
-SPARE = {
-    Lists.integrators: ("evaluations", "family", "adaptive", "reversible", "symplectic"),
-    Lists.forces: ("parameters",),
-}
-HINT = "--all or a wider terminal shows more."
-
-
 def list_(
     what: Annotated[Lists, typer.Argument(metavar="WHAT", help=f"{', '.join(Lists)}.")],
     name: Annotated[str | None, typer.Argument(metavar="[NAME]", help="Explain this integrator.")] = None,
@@ -48,11 +40,11 @@ def list_(
             raise InputError(f"list {what} {clean(name, VALUE)}: only integrators are explained by name")
         lines, rows = method_lines(name), option_rows(name)
         print_lines(lines)
-        print_table("options", OPTION_COLUMNS, rows, ("type", "unit"))
+        print_table("options", OPTION_COLUMNS, rows)
         options = [dict(zip(OPTION_COLUMNS, row, strict=True)) for row in rows]
         write_json(json_file, {**dict(lines), "options": options}, overwrite=overwrite)
         return
     columns, rows = LISTINGS[what]()
-    print_table(None, columns, rows, () if all_ else SPARE.get(what, ()), HINT)
+    print_table(None, columns, rows, whole=all_)
     listed = [dict(zip(columns, row, strict=True)) for row in rows]
     write_json(json_file, {str(what): listed}, overwrite=overwrite)

@@ -51,9 +51,9 @@ bench_app.command("speed", cls=Command)(bench_speed)
 def _version(asked: bool) -> None:
     """Print the version and exit, if that was asked."""
     if asked:
-        from kickdrift import __version__
+        from importlib.metadata import version
 
-        out(f"kickdrift {__version__}")
+        out(f"kickdrift {version('kickdrift')}")
         raise typer.Exit
 
 

@@ -22,9 +22,6 @@ if TYPE_CHECKING:
     from kickdrift.run.simulation import Simulation
 
 
-HINT = "A wider terminal or --json shows more."
-
-
 def list_integrators() -> tuple[list[str], list[list[str]]]:
     """Table of every integrator and its properties."""
     from kickdrift.integrators import INTEGRATORS
@@ -214,7 +211,7 @@ def print_benchmark(rows: list[Any], particles: int, seconds: float) -> None:
                 )
             elif row.table == table:
                 body.append([row.method, f"{row.dt:g}", "–", "–", "–", "–", row.failure])
-        print_table(title, columns, body, ("largest", "steps/s"), HINT)
+        print_table(title, columns, body)
     out(
         f"{particles:,} particles, errors relative to |E(0)|; velocity-verlet is leapfrog in its kick-drift-kick form. "
         f"Time: {duration(seconds)}."

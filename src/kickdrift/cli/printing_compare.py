@@ -12,8 +12,6 @@ if TYPE_CHECKING:
     from kickdrift.analysis.recommendation import Choice, Recommendation
     from kickdrift.analysis.work_precision import Comparison
 
-HINT = "A wider terminal or --json shows more."
-
 
 def print_comparison(comparison: Comparison) -> None:
     """Print the rows, the slopes and the reference."""
@@ -24,7 +22,7 @@ def print_comparison(comparison: Comparison) -> None:
     columns += ["step error", "error"]
     body = [_cells(row, energy) for row in comparison.rows]
     title = f"{comparison.system}: work against precision, {comparison.length:.6g}{unit}"
-    print_table(title, columns, body, [] if energy else ["energy error"], HINT)
+    print_table(title, columns, body)
     slopes = []
     for name, (of_all, of_one) in comparison.slopes.items():
         slopes.append([name, _slope(of_all), _slope(of_one)])

@@ -278,9 +278,7 @@ def print_found(found: dict[str, Any]) -> None:
     for group in found["groups"]:
         columns, rows = table(group)
         if rows:
-            spare = [each for each in ("skin", "over", "precision", "position error") if each in columns]
-            hint = "A wider terminal or --json shows more."
-            print_table(f"{group['name']}: {group['title']}", columns, rows, spare, hint)
+            print_table(f"{group['name']}: {group['title']}", columns, rows)
     print_table("claims", *goals_table(found))
     versions = ", ".join(f"{name} {number}" for name, number in found["versions"].items())
     out(
