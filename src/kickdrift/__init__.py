@@ -16,7 +16,7 @@ from warnings import warn
 # Not lazy: loading the rooms of those names later would put the modules in the functions' places.
 from kickdrift.engines import engines
 from kickdrift.integrators import integrators
-from kickdrift.model.bridging import BRIDGES
+from kickdrift.model.bridging import BRIDGES, SYSTEM_FILES
 
 if TYPE_CHECKING:
     from kickdrift import analysis
@@ -157,7 +157,26 @@ def _rebound() -> ModuleType:
     return rebound
 
 
+def _from_elements(*given: Any, **more: Any) -> Any:
+    from kickdrift.systemfile.composing import from_elements
+
+    return from_elements(*given, **more)
+
+
+def _with_body(*given: Any, **more: Any) -> Any:
+    from kickdrift.systemfile.composing import with_body
+
+    return with_body(*given, **more)
+
+
+def _to_toml(*given: Any) -> Any:
+    from kickdrift.systemfile.writing import to_toml
+
+    return to_toml(*given)
+
+
 BRIDGES.update(ase=_ase, rebound=_rebound)
+SYSTEM_FILES.update(from_elements=_from_elements, with_body=_with_body, to_toml=_to_toml)
 
 
 class _OldNames:

@@ -20,6 +20,9 @@ PLAIN = {
     "…": "...",
     "–": "-",
     "ω": "omega",
+    "σ": "sigma",
+    "τ": "tau",
+    "ε": "epsilon",
     "∞": "inf",
 }  # replacements for streams that cannot encode these
 PLAINLY = "kickdrift-plain"  # name of the error handler

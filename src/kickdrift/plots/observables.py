@@ -14,7 +14,17 @@ from kickdrift.analysis.motion import mean_squared_displacement, velocity_autoco
 from kickdrift.analysis.structure import radial_distribution, structure_factor
 from kickdrift.errors import InputError
 from kickdrift.model.state import Floats
-from kickdrift.plots.runs import COLOURS, GRID, INK, _pretty, _title, checked_target, new_axes, new_figure, save_figure
+from kickdrift.plots.runs import (
+    COLOURS,
+    GRID,
+    INK,
+    _title,
+    checked_target,
+    new_axes,
+    new_figure,
+    save_figure,
+    with_unit,
+)
 from kickdrift.trajectory import reader
 
 if TYPE_CHECKING:
@@ -113,7 +123,7 @@ def _spread(run: reader.Run) -> slice:
 def _draw_rdf(axes: Axes, curves: list[Curve], run: reader.Run) -> None:
     axes.axhline(1.0, color=GRID, linewidth=1.2)
     _lines(axes, curves)
-    _name(axes, "Radial distribution function", f"r ({_pretty(run.units.length)})", "g(r)")
+    _name(axes, "Radial distribution function", with_unit("r", run.units.length), "g(r)")
     axes.set_xlim(0.0, None)
     axes.set_ylim(bottom=0.0)
 
@@ -124,7 +134,7 @@ def _draw_structure_factor(axes: Axes, curves: list[Curve], run: reader.Run) -> 
         axes.plot(curve.x, curve.y, color=colour, linewidth=0.8, alpha=0.5)
         bars = np.where(np.isfinite(curve.error), curve.error, 0.0)
         axes.errorbar(curve.x, curve.y, bars, fmt="o", markersize=3.5, color=colour, elinewidth=1.0, capsize=2.0)
-    _name(axes, "Static structure factor", f"k (1/{_pretty(run.units.length)})", "S(k)")
+    _name(axes, "Static structure factor", with_unit("k", f"1/{run.units.length}"), "S(k)")
     axes.set_xlim(0.0, None)
     axes.set_ylim(bottom=0.0)
 
@@ -133,14 +143,14 @@ def _draw_displacements(axes: Axes, curves: list[Curve], run: reader.Run) -> Non
     _lines(axes, curves)
     axes.set_xscale("log")
     axes.set_yscale("log")
-    length = _pretty(run.units.length)
-    _name(axes, "Mean squared displacement", f"time ({_pretty(run.units.time)})", f"⟨|r(t) − r(0)|²⟩ ({length}²)")
+    squared = with_unit("⟨|r(t) − r(0)|²⟩", f"{run.units.length}^2")
+    _name(axes, "Mean squared displacement", with_unit("time", run.units.time), squared)
 
 
 def _draw_velocities(axes: Axes, curves: list[Curve], run: reader.Run) -> None:
     axes.axhline(0.0, color=GRID, linewidth=1.2)
     _lines(axes, curves)
-    _name(axes, "Velocity autocorrelation", f"time ({_pretty(run.units.time)})", "⟨v(t) · v(0)⟩ / ⟨v²⟩")
+    _name(axes, "Velocity autocorrelation", with_unit("time", run.units.time), "⟨v(t) · v(0)⟩ / ⟨v²⟩")
     axes.set_xlim(0.0, None)
 
 

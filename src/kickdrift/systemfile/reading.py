@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -28,6 +29,7 @@ from kickdrift.systemfile.bodies import cluster, on_orbits
 from kickdrift.systemfile.events import events_of
 from kickdrift.systemfile.files import find, parsed, prefixed, toml_table
 from kickdrift.systemfile.places import as_given, box_of, edges_given, on_lattice
+from kickdrift.systemfile.plain import plain
 from kickdrift.systemfile.schema import (
     ElementsTable,
     LatticeTable,
@@ -45,12 +47,13 @@ from kickdrift.text import shown, suggestion
 _BESIDE_ODE = tuple(key for key in OdeFileTable.model_fields if key != "ode")
 
 
-def load(name_or_path: str | os.PathLike[str], seed: int | None = None) -> System | Problem:
+def load(name_or_path: str | os.PathLike[str] | Mapping[str, Any], seed: int | None = None) -> System | Problem:
     """Load the System of a TOML file, or of a shipped system's name (``lj-1000``); a file with [ode] gives a Problem.
 
     Parameters
     ----------
-    name_or_path : a path, or one of ``shipped()``
+    name_or_path : a path, one of ``shipped()``, or a dict with the tables of a system file
+        In a dict, arrays and tuples are lists, and structure files are searched in the current folder.
     seed : replaces the file's ``velocities.seed``
 
     Raises
@@ -58,6 +61,9 @@ def load(name_or_path: str | os.PathLike[str], seed: int | None = None) -> Syste
     InputError
         With the file, the key and the expected value, or with the particles that overlap.
     """
+    if isinstance(name_or_path, Mapping):
+        with prefixed("system: "):
+            return _subject(plain(name_or_path), Path("system.toml"), "", seed)
     path = find(name_or_path)
     text, data = parsed(path)
     with prefixed(f"{path}: "):
