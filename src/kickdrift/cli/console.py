@@ -59,6 +59,13 @@ def out(text: str) -> None:
     print(clean(text))
 
 
+def verbatim(text: str) -> None:
+    """Print a file's text on standard output as it is; on a terminal without control characters."""
+    if sys.stdout.isatty():
+        text = "".join(f"{clean(line, len(line) + 1)}\n" for line in text.splitlines())
+    sys.stdout.write(text)
+
+
 def print_lines(lines: Iterable[tuple[str, str]]) -> None:
     """Print lines of key and text on standard output."""
     for key, text in lines:

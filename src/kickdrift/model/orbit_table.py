@@ -83,14 +83,8 @@ class OrbitTable:
         rows = [["", *headings]]
         rows += [[name, *(f"{getattr(self, column)[k]:.8g}" for column in SHOWN)] for k, name in enumerate(self.names)]
         widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-        lines = [
-            "  ".join(
-                f"{cell:{'<' if k == 0 else '>'}{width}}"
-                for k, (cell, width) in enumerate(zip(row, widths, strict=True))
-            )
-            for row in rows
-        ]
-        return "\n".join(line.rstrip() for line in lines)
+        lines = [[cell.rjust(width) for cell, width in zip(row, widths, strict=True)] for row in rows]
+        return "\n".join("  ".join([row[0].ljust(widths[0]), *line[1:]]) for row, line in zip(rows, lines, strict=True))
 
 
 def orbit_table(system: Subject, frame: str, plane: str) -> OrbitTable:

@@ -138,9 +138,7 @@ class System:
     def body(self, i: int) -> str:
         """Name of the particle in row i, or "particle 5" by its id; ``system["Jupiter"]`` is the body of a name."""
         if isinstance(i, str):
-            raise InputError(
-                f"body: expected the number of a row, got {shown(i)}; system[{shown(i)}] is a body by name"
-            )
+            raise InputError(f"body: expected the number of a row, got {shown(i)}; system[{shown(i)}] is that body")
         return self.names[i] if self.names else f"particle {self.state.ids[i]}"
 
     def remaining(self, keep: NDArray[np.bool_], phase: Floats, masses: Floats, radii: Floats | None) -> System:
@@ -224,8 +222,8 @@ class System:
         ----------
         name : of the body
         body : its orbit, with the keys of `from_elements`, or its ``position`` and ``velocity`` (default 0); and
-            ``mass`` or ``GM``, ``radius``, ``species``. ``primary`` is the name or id of the body that it orbits, default
-            the body that dominates.
+            ``mass`` or ``GM``, ``radius``, ``species``. ``primary`` is the name or id of the body that it orbits,
+            default the body that dominates.
 
         Raises
         ------
@@ -236,10 +234,10 @@ class System:
         return made
 
     def add(self, name: str | None = None, *, barycentric: bool = False, **body: Any) -> System:
-        """Another name of `with_body`. rebound's ``add`` changes a Simulation in place; this one returns a new System."""
+        """Another name of `with_body`: returns a new System, where rebound's ``add`` changes a Simulation in place."""
         return self.with_body(name, barycentric=barycentric, **body)
 
-    def withforces_of(self, *forces: Any) -> System:
+    def with_forces(self, *forces: Any) -> System:
         """A new System with these forces, or this list of forces, in place of its own. It has no ``invariants``."""
         one_list = len(forces) == 1 and isinstance(forces[0], Iterable) and not hasattr(forces[0], "check")
         return self.remade(forces=forces_of(forces[0] if one_list else forces))

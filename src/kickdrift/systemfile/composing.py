@@ -38,9 +38,8 @@ def from_elements(
     given = [plain(each) for each in listed("bodies", bodies, "a list of tables, one for each body")]
     if not given:
         raise InputError("bodies: expected one body or more, got none")
-    models = [CentralTable, *[BodyTable] * (len(given) - 1)]
     first, *others = (
-        checked(model, each, known, f"bodies[{k}]") for k, (model, each) in enumerate(zip(models, given, strict=True))
+        checked(BodyTable if k else CentralTable, each, known, f"bodies[{k}]") for k, each in enumerate(given)
     )
     table = {"central": first, "elements": others, "frame": plain(frame), "seed": plain(seed)}
     checked_table = checked(BodiesTable, table, known, "from_elements")
