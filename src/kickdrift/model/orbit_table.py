@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from kickdrift.errors import InputError
 from kickdrift.model.orbits import Paths, central_row, orbits_of
@@ -107,11 +108,11 @@ def orbit_table(system: Subject, frame: str, plane: str) -> OrbitTable:
     )  # fmt: skip
 
 
-def in_degrees(found: Elements, mu: Floats, row: int | tuple[()] = ()) -> Orbit:
-    """The elements (…) as an Orbit, whose columns are arrays; of one row where they are (k, m)."""
+def in_degrees(found: Elements, mu: ArrayLike, row: int | tuple[()] = ()) -> tuple[Floats, ...]:
+    """The elements (…) as the columns of `Orbit`; of one row where they are (k, m)."""
     columns = {key: getattr(found, key) for key in Orbit._fields if key != "P"} | {"P": found.period(mu)}
     degrees = {key: np.degrees(value) if key in ANGLES else value for key, value in columns.items()}
-    return Orbit(**{key: np.asarray(value, dtype=float)[row] for key, value in degrees.items()})
+    return tuple(np.asarray(degrees[key], dtype=float)[row] for key in Orbit._fields)
 
 
 def gravity_of(system: Subject, key: str) -> float:

@@ -264,7 +264,7 @@ class System:
         """The same system, made and checked anew with these arguments of ``System`` in place of its own; without the
         invariants and the text of its file."""
         state = self.state
-        own = {
+        own: dict[str, Any] = {
             "positions": state.positions, "velocities": state.velocities, "masses": state.masses, "box": state.box,
             "species": [self.species[k] for k in self.species_index], "equilibration": self.equilibration,
         } | {key: getattr(self, key) for key in _KEPT}  # fmt: skip

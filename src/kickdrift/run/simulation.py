@@ -234,9 +234,9 @@ class Simulation:
     def elements(self, frame: str = "heliocentric", plane: str = "file") -> OrbitTable:
         """The osculating elements of the bodies now, a table by name: ``sim.elements()["Jupiter"].a``.
 
-        Angles are in degrees, as in system files. ``frame`` is "heliocentric" (about the central body), "jacobi" (in the
-        bodies' order) or "barycentric". ``plane`` is "file" (x-y) or "invariable". Raises InputError if no body has half
-        of all mass, and for a Problem.
+        Angles are in degrees, as in system files. ``frame`` is "heliocentric" (about the central body), "jacobi" (in
+        the bodies' order) or "barycentric". ``plane`` is "file" (x-y) or "invariable". Raises InputError if no body
+        has half of all mass, and for a Problem.
         """
         if not isinstance(self.system, System):
             raise InputError("elements: a Problem has no bodies")

@@ -11,11 +11,12 @@ from kickdrift.errors import InputError
 from kickdrift.forces import FORCES
 from kickdrift.forces.pair_law import PairForce
 from kickdrift.model.box import Box
-from kickdrift.model.events import CloseApproach, Collision, Crossing, Escape, Event
+from kickdrift.model.events import Between, CloseApproach, Collision, Crossing, Escape, Event
 from kickdrift.model.subject import index_of
 from kickdrift.model.system import System
 from kickdrift.model.unit_systems import UNIT_SYSTEMS
 from kickdrift.systemfile.events import PASSAGES
+from kickdrift.systemfile.files import toml_table
 from kickdrift.systemfile.plain import plain
 from kickdrift.systemfile.toml import toml_text
 from kickdrift.text import shown
@@ -38,7 +39,10 @@ def tables_of(system: System) -> dict[str, Any]:
     if UNIT_SYSTEMS.get(units.name) != units:
         raise InputError(f"to_toml: units: a system file has no units of {units.length}, {units.time} and {units.mass}")
     if state.time != 0:
-        raise InputError(f"to_toml: a system file begins at time 0, and this system is at time {state.time:g}")
+        raise InputError(
+            f"to_toml: a system file begins at time 0, and this system is at time {state.time:g}; "
+            "system.at(system.state.phase, 0.0) is the same at time 0"
+        )
     species = [system.species[k] for k in system.species_index]
     particles: dict[str, Any] = {"positions": state.positions, "masses": state.masses}
     particles["species"] = species[0] if len(set(species)) == 1 else species
@@ -46,13 +50,14 @@ def tables_of(system: System) -> dict[str, Any]:
         particles["names"] = system.names
     if system.radii is not None:
         particles["radii"] = system.radii
-    tables: dict[str, Any] = {"units": units.name}
+    title = toml_table(system.source).get("title") if system.source else None
+    tables: dict[str, Any] = {"units": units.name} if title is None else {"title": title, "units": units.name}
     if system.dimensions != 3:
         tables["dimensions"] = system.dimensions
     tables |= {"particles": particles, "velocities": {"values": state.velocities}}
     if system.box.periodic:
         tables["box"] = _box(system.box)
-    tables["force"] = [_force(force) for force in system.forces]
+    tables["force"] = [_force(system, force) for force in system.forces]
     if system.events:
         tables["event"] = [_event(system, event) for event in system.events]
     if said := system.run.said():
@@ -71,7 +76,7 @@ def _box(box: Box) -> dict[str, Any]:
     return edges if all(box.periodic_axes) else {**edges, "periodic": box.periodic_axes}
 
 
-def _force(force: Any) -> dict[str, Any]:
+def _force(system: System, force: Any) -> dict[str, Any]:
     """``[[force]]``: the name, and the parameters that are not the constructor's defaults."""
     cls = type(force)
     name = getattr(cls, "name", "")
@@ -87,6 +92,8 @@ def _force(force: Any) -> dict[str, Any]:
             continue
         if key == "pairs" and isinstance(force, PairForce):
             value = [{"species": pair, **parameters} for pair, parameters in value.items()]
+        if key == "central" and not isinstance(value, str):
+            value = index_of(system, value, name)
         table[key] = value
     return table
 
@@ -112,9 +119,9 @@ def _event(system: System, event: Event) -> dict[str, Any]:
         table |= {"distance": event.distance, "action": event.action}
         return table if event.about is None else {**table, "about": body(event.about)}
     assert isinstance(event, Crossing)
-    pair = (getattr(event.function, "body", None), getattr(event.function, "about", None))
-    if None in pair or event.kind not in PASSAGES or PASSAGES[event.kind](*pair) != event:
+    between, passage = event.function, PASSAGES.get(event.kind)
+    if not (isinstance(between, Between) and passage and passage(between.body, between.about) == event):
         raise InputError(
             f"to_toml: a system file cannot say the crossing {shown(event.name)}; expected one of {', '.join(PASSAGES)}"
         )
-    return table | {"body": body(pair[0]), "about": body(pair[1])}
+    return table | {"body": body(between.body), "about": body(between.about)}

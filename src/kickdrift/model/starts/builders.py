@@ -20,7 +20,7 @@ from kickdrift.model.nearness import any_nearer, nearest_pair
 from kickdrift.model.state import Floats
 from kickdrift.model.unit_systems import UnitSystem
 from kickdrift.model.units import quantity
-from kickdrift.text import measured, shown, suggestion
+from kickdrift.text import shown, suggestion
 
 if TYPE_CHECKING:
     from kickdrift.model.subject import Subject
@@ -244,7 +244,7 @@ def check_overlaps(system: Subject) -> None:
     if found is None:
         return
     first, second, distance = found
-    unit = measured("", system.units.symbol("length"))
+    unit = "" if system.units.reduced else f" {system.units.length}"
     raise InputError(
         f"positions: particles {first} and {second} overlap: distance {distance:.6g}{unit}, "
         f"less than {OVERLAP} of the shortest sigma, {min(lengths):.6g}{unit}"
