@@ -117,7 +117,8 @@ def test_bad_bodies_get_one_line(given, options, expected):
 
 
 def test_bodies_one_by_one_are_the_same_as_all_at_once():
-    system = kd.System.from_elements([SUN]).add(**JUPITER).with_body(barycentric=True, **SATURN)    expected = kd.System.from_elements([SUN, JUPITER, SATURN])
+    system = kd.System.from_elements([SUN]).add(**JUPITER).with_body(barycentric=True, **SATURN)
+    expected = kd.System.from_elements([SUN, JUPITER, SATURN])
     assert system.names == expected.names
     np.testing.assert_allclose(system.state.phase, expected.state.phase, rtol=1e-13, atol=1e-14)
     np.testing.assert_array_equal(system.radii, expected.radii)
@@ -304,9 +305,10 @@ def test_what_a_file_cannot_say_is_refused_by_name():
     system = planets()
     crossing = kd.Crossing(lambda t, x, v: x[1, 0], "plane")
     rebound_units = type(system.units)("nbody", "au", "d", "msun", "e", "k", 1.0, gravity=3e-4)
+    alone = kd.System([[0, 0, 0]])
     many = kd.System(1.5 * np.indices((64, 64, 64)).reshape(3, -1).T)
     for wrong, expected in (
-        (kd.System([[0, 0, 0]], forces=[Nameless(1.0)]), r"to_toml: a system file cannot name the force tests\S*\.Nameless"),
+        (alone.with_forces(Nameless(1.0)), r"to_toml: a system file cannot name the force tests\S*\.Nameless"),
         (system.watched([crossing]), "to_toml: a system file cannot say the crossing 'plane'"),
         (system.at(system.state.phase, 3.0), "to_toml: a system file begins at time 0, and this system is at time 3"),
         (kd.System([[0, 0, 0]], units=rebound_units), "to_toml: units: a system file has no units of au, d and msun"),
