@@ -6,6 +6,8 @@ from dataclasses import is_dataclass
 from inspect import Parameter, signature
 from typing import Any
 
+import numpy as np
+
 from kickdrift.disk.files import SYSTEM_FILE_BYTES
 from kickdrift.errors import InputError
 from kickdrift.forces import FORCES
@@ -44,7 +46,9 @@ def tables_of(system: System) -> dict[str, Any]:
             "system.at(system.state.phase, 0.0) is the same at time 0"
         )
     species = [system.species[k] for k in system.species_index]
-    particles: dict[str, Any] = {"positions": state.positions, "masses": state.masses}
+    one_mass = np.all(state.masses == state.masses[0])
+    particles: dict[str, Any] = {"mass": state.masses[0]} if one_mass else {"masses": state.masses}
+    particles["positions"] = state.positions
     particles["species"] = species[0] if len(set(species)) == 1 else species
     if system.names:
         particles["names"] = system.names
