@@ -33,8 +33,10 @@ if TYPE_CHECKING:
     from kickdrift.integrators.registration import register_splitting, register_step, register_tableau
     from kickdrift.looks.columns import Column
     from kickdrift.looks.observers import Energies
+    from kickdrift.model.bodies import Body
     from kickdrift.model.box import Box
     from kickdrift.model.events import CloseApproach, Collision, Crossing, Escape
+    from kickdrift.model.orbit_table import Orbit, OrbitTable
     from kickdrift.model.problem import Problem
     from kickdrift.model.state import State
     from kickdrift.model.system import System
@@ -50,6 +52,7 @@ __version__ = version("kickdrift")
 
 _HOMES = {
     "accelerations": "integrators.custom",
+    "Body": "model.bodies",
     "Box": "model.box",
     "ChaosReport": "analysis.chaos_report",
     "CloseApproach": "model.events",
@@ -63,6 +66,8 @@ _HOMES = {
     "InputError": "errors",
     "KickdriftError": "errors",
     "Option": "integrators.option",
+    "Orbit": "model.orbit_table",
+    "OrbitTable": "model.orbit_table",
     "Problem": "model.problem",
     "Report": "run.report",
     "RunError": "errors",
@@ -83,6 +88,7 @@ _HOMES = {
 }
 
 __all__ = [
+    "Body",
     "Box",
     "ChaosReport",
     "CloseApproach",
@@ -103,6 +109,8 @@ __all__ = [
     "LinearDrag",
     "Oblateness",
     "Option",
+    "Orbit",
+    "OrbitTable",
     "PostNewtonian",
     "Problem",
     "Report",
