@@ -23,9 +23,11 @@ from kickdrift.plots.runs import (
     checked_target,
     new_axes,
     new_figure,
+    printed,
     save_figure,
     with_unit,
 )
+from kickdrift.text import measured
 from kickdrift.trajectory import reader
 
 if TYPE_CHECKING:
@@ -109,10 +111,10 @@ def _with_diffusion(name: str | None, found: MeanSquaredDisplacement, run: reade
     if len(found.times) < 3:
         return name or ""
     d = found.diffusion()
-    unit = f"{_pretty(run.units.length)}²/{_pretty(run.units.time)}"
+    unit = measured("", printed(f"{run.units.length}^2/{run.units.time}"))
     error = f" ± {d.error:.1g}" if np.isfinite(d.error) else ", error unknown"
     window = f"slope from {d.window[0]:.3g} to {d.window[1]:.3g}"
-    return f"{name + ': ' if name else ''}D = {d.value:.3g}{error} {unit} ({window})"
+    return f"{name + ': ' if name else ''}D = {d.value:.3g}{error}{unit} ({window})"
 
 
 def _velocities(run: reader.Run) -> list[Curve]:

@@ -326,16 +326,8 @@ def test_the_table_reads_by_name_and_prints():
     assert list(table) == list("bcdefgh")
     assert table["c"].a == table.a[1]
     lines = repr(table).splitlines()
-    assert [each.split()[0] for each in lines[0].split("  ") if each] == [
-        "a",
-        "e",
-        "inc",
-        "Omega",
-        "omega",
-        "f",
-        "M",
-        "P",
-    ]
+    headings = [each.split()[0] for each in lines[0].split("  ") if each]
+    assert headings == ["a", "e", "inc", "Omega", "omega", "f", "M", "P"]
     assert ("a (AU)" in lines[0], "inc (deg)" in lines[0], "P (yr)" in lines[0]) == (True, True, True)
     assert lines[2].split()[:2] == ["c", f"{table.a[1]:.8g}"]
     assert "(AU)" not in repr(kd.Simulation(load("kepler-e09")).elements())  # no unit has a name there
