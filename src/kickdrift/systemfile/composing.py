@@ -108,7 +108,8 @@ def _names(system: System, body: AddedTable) -> list[str]:
     if not system.names and body.called is None:
         return []
     others = [system.body(i) for i in range(len(system))]
-    return [*others, body.called or f"particle {int(system.state.ids.max()) + 1}"]
+    own = f"particle {int(system.state.ids.max()) + 1}" if body.called is None else body.called
+    return [*others, own]
 
 
 def _radii(system: System, body: AddedTable) -> Floats | None:
