@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from kickdrift.errors import InputError
-from kickdrift.model.orbits import Paths, central_row, orbits_of
+from kickdrift.model.orbits import G_given, Paths, central_row, orbits_of
 from kickdrift.model.starts.elements import ANGLES, Elements
 from kickdrift.model.state import Floats
 from kickdrift.model.subject import Subject
@@ -117,7 +117,7 @@ def in_degrees(found: Elements, mu: ArrayLike, row: int | tuple[()] = ()) -> tup
 
 def gravity_of(system: Subject, key: str) -> float:
     """G of a system: that of its gravity, else its units' own. An InputError begins with ``key``."""
-    given = next((force.G for force in system.forces if getattr(force, "G", None) is not None), system.units.gravity)
+    given = G_given(system.forces, system.units)
     if given is None:
         raise InputError(
             f"{key}: units {system.units.name!r} define no G; give a force with G, such as kd.Gravity(G=1)"

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Iterable
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -10,6 +11,7 @@ from kickdrift.errors import InputError
 from kickdrift.model.starts.coordinates import about_centre, attracting_masses
 from kickdrift.model.starts.elements import Elements, elements
 from kickdrift.model.state import Floats
+from kickdrift.model.unit_systems import UnitSystem
 from kickdrift.text import shown, suggestion
 
 DOMINANT = 0.5  # of all mass: from there on a body is what the others orbit
@@ -43,6 +45,11 @@ class Orbits(NamedTuple):
     names: tuple[str, ...]
     elements: Elements
     mu: Floats  # (k, m) G times the masses that each body orbits
+
+
+def G_given(forces: Iterable[Any], units: UnitSystem) -> float | None:
+    """G of the first force that sets one, else that of the units; None where neither has one."""
+    return next((force.G for force in forces if getattr(force, "G", None) is not None), units.gravity)
 
 
 def central_row(masses: Floats) -> int | None:

@@ -12,6 +12,7 @@ from kickdrift.forces import Gravity
 from kickdrift.model.bodies import primary_row
 from kickdrift.model.checks import listed, no_overflow
 from kickdrift.model.orbit_table import gravity_of
+from kickdrift.model.orbits import G_given
 from kickdrift.model.starts.builders import check_overlaps, generator
 from kickdrift.model.starts.coordinates import to_barycentric
 from kickdrift.model.state import Floats
@@ -44,9 +45,8 @@ def from_elements(
     table = {"central": first, "elements": others, "frame": plain(frame), "seed": plain(seed)}
     checked_table = checked(BodiesTable, table, known, "from_elements")
     acting = [Gravity()] if forces is None else list(forces)
-    own = next((force.G for force in acting if getattr(force, "G", None) is not None), known.gravity)
     with no_overflow():
-        start = on_orbits(checked_table, own, key="bodies", first_at=1)
+        start = on_orbits(checked_table, G_given(acting, known), key="bodies", first_at=1)
     made = cls(
         start.positions, start.velocities, start.masses, None, acting, known, start.species, name,
         names=start.names, radii=start.radii, seed=start.seed,

@@ -13,6 +13,7 @@ import numpy as np
 from kickdrift.errors import InputError
 from kickdrift.forces import FORCES
 from kickdrift.model.checks import no_overflow, whole_number
+from kickdrift.model.orbits import G_given
 from kickdrift.model.problem import Problem
 from kickdrift.model.run_defaults import Equilibration
 from kickdrift.model.starts.builders import (
@@ -139,8 +140,7 @@ def _system(data: dict[str, Any], path: Path, text: str, seed: int | None) -> Sy
     table: SystemTable = checked(SystemTable, data, units)
     run = run_defaults(table.run, units)
     forces = [_force(force, units, f"force[{k}]") for k, force in enumerate(table.force)]
-    gravity = next((force.G for force in forces if getattr(force, "G", None) is not None), units.gravity)
-    start = _start(table, units, path.parent, gravity, seed)
+    start = _start(table, units, path.parent, G_given(forces, units), seed)
     velocities = start.velocities
     drawn = table.velocities is not None and table.velocities.temperature is not None
     if seed is not None and not drawn and start.seed is None:
