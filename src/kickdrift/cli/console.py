@@ -22,6 +22,9 @@ PLAIN = {
     "…": "...",
     "–": "-",
     "ω": "omega",
+    "σ": "sigma",
+    "τ": "tau",
+    "ε": "epsilon",
     "∞": "inf",
 }  # replacements for streams that cannot encode these
 PLAINLY = "kickdrift-plain"  # name of the error handler
@@ -96,6 +99,13 @@ def width_of(stream: TextIO) -> int | None:
 def out(text: str) -> None:
     """Print a result; on a terminal it wraps between words."""
     _show(lambda width: layout.folded(clean(text), width))
+
+
+def verbatim(text: str) -> None:
+    """Print a file's text on standard output as it is; on a terminal without control characters."""
+    if sys.stdout.isatty():
+        text = "".join(f"{clean(line, len(line) + 1)}\n" for line in text.splitlines())
+    sys.stdout.write(text)
 
 
 def print_lines(lines: Iterable[tuple[str, str]], key_width: int = KEY) -> None:

@@ -45,6 +45,7 @@ EXAMPLES: dict[str, tuple[tuple[str, str], ...]] = {
         ("kickdrift list integrators wisdom-holman", "One integrator and its options."),
         ("kickdrift list systems --json -", "The table as JSON on standard output."),
     ),
+    "show": (("kickdrift show lj-1000 > mine.toml", "A copy of a shipped system, to edit."),),
     "validate": (
         ("kickdrift validate --list", "List the scripts."),
         ("kickdrift validate butcher-tableaus", "Run one script."),

@@ -17,15 +17,16 @@ from kickdrift.cli.ensemble import ensemble
 from kickdrift.cli.files import export, info, plot
 from kickdrift.cli.help import Command, Group
 from kickdrift.cli.interruption import INTERRUPTED, Interrupted
-from kickdrift.cli.listing import list_
+from kickdrift.cli.listing import list_, show
 from kickdrift.cli.measuring import chaos, compare
 from kickdrift.cli.running import resume, run
+from kickdrift.cli.usage import plain
 from kickdrift.disk.interrupt import heard_everywhere
 from kickdrift.disk.outputs import reason
 from kickdrift.errors import KickdriftError
 from kickdrift.model.other_names import other_name
 
-COMMANDS = (run, resume, ensemble, compare, chaos, plot, export, info, validate)  # in the order of --help
+COMMANDS = (run, resume, ensemble, compare, chaos, plot, export, info, show, validate)  # in the order of --help
 
 app = typer.Typer(
     name="kickdrift",
@@ -92,10 +93,10 @@ def main() -> None:
         say(f"kickdrift: {error}")
         status, told = error.exit_status, isinstance(error, Interrupted)
     except usage_error as error:
-        if text := " ".join(error.format_message().split()):  # empty without arguments, when help was shown
+        if text := plain(error.format_message()):  # empty without arguments, when help was shown
             command = error.ctx.command_path if error.ctx else "kickdrift"
             hint = other_name("option", str(getattr(error, "option_name", "")).lstrip("-"))
-            say(f"kickdrift: {text.rstrip('.')}{hint} (see {command} --help)")
+            say(f"kickdrift: {text}{hint} (see {command} --help)")
         status = 2
     except (KeyboardInterrupt, typer.Abort):
         status = INTERRUPTED

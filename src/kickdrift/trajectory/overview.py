@@ -12,8 +12,9 @@ from kickdrift.errors import InputError
 from kickdrift.looks.energy_lines import energy_lines
 from kickdrift.looks.energy_trend import energy_trend
 from kickdrift.model.checks import unwarned
+from kickdrift.model.unit_systems import symbol_of
 from kickdrift.statistics.drift import energy_error
-from kickdrift.text import counted
+from kickdrift.text import counted, measured
 from kickdrift.trajectory.info import alarms, goal, info_of
 from kickdrift.trajectory.reader import Run, Samples, open
 
@@ -31,14 +32,14 @@ def overview(path: str | os.PathLike[str]) -> Lines:
         found, samples = info_of(run), run.whole_samples()
         report = run.report if isinstance(run.report, dict) else _so_far(run, samples)
         dimensions = run.system_record.get("dimensions", 3)
-    units = found["units"]
+    units = {key: symbol_of(unit) for key, unit in found["units"].items() if isinstance(unit, str)}
     lines = [
-        ("system", f"{found['system']}: {found['particles']:,} particles, units {units['name']}"),
+        ("system", f"{found['system']}: {found['particles']:,} particles, units {found['units']['name']}"),
         ("integrator", _method(found["method"], report, units["time"])),
     ]
     if found["steps"]:
         (first, last), (begin, end) = found["steps"], found["time"]
-        lines.append(("length", f"{last - first:,} steps, {end - begin:g} {units['time']}"))
+        lines.append(("length", f"{last - first:,} steps, {measured(f'{end - begin:g}', units['time'])}"))
     energy = report.get("energy")
     lines += energy_lines(energy, units["energy"], units["time"]) if isinstance(energy, dict) else []
     lines += _momentum(report)
@@ -53,7 +54,9 @@ def _method(method: Mapping[str, Any], report: Mapping[str, Any], time_unit: str
     options = source.get("options")
     chosen = {key: source.get(key) for key in _CHOICES} | (options if isinstance(options, dict) else {})
     said = [
-        f"{key} = {value:g}{f' {time_unit}' * (key == 'dt')}" if isinstance(value, float) else f"{key} = {value}"
+        f"{key} = {measured(f'{value:g}', time_unit if key == 'dt' else '')}"
+        if isinstance(value, float)
+        else f"{key} = {value}"
         for key, value in chosen.items()
         if value
     ]
@@ -76,9 +79,10 @@ def _means(report: Mapping[str, Any], units: Mapping[str, str], dimensions: Any)
     temperature, pressure = report.get("temperature"), report.get("pressure")
     lines = []
     if _is_number(temperature):
-        lines.append(("temperature", f"{temperature:.5g} {units['temperature']} (mean)"))
+        lines.append(("temperature", f"{measured(f'{temperature:.5g}', units['temperature'])} (mean)"))
     if _is_number(pressure):
-        text = f"{pressure:.5g} {units['energy']}/{units['length']}^{dimensions} (mean)"
+        unit = f"{units['energy']}/{units['length']}^{dimensions}" if units["energy"] else ""
+        text = f"{measured(f'{pressure:.5g}', unit)} (mean)"
         if lines:
             return [("temperature", f"{lines[0][1]}, pressure {text}")]
         lines.append(("pressure", text))
