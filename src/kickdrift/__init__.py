@@ -41,6 +41,7 @@ if TYPE_CHECKING:
     from kickdrift.run.report import Report
     from kickdrift.run.resuming import resume
     from kickdrift.run.simulation import Simulation
+    from kickdrift.run.solve import Solution, solve
     from kickdrift.systemfile.reading import load
     from kickdrift.trajectory.export import export
     from kickdrift.trajectory.options import FileOptions
@@ -67,6 +68,7 @@ _HOMES = {
     "Report": "run.report",
     "RunError": "errors",
     "Simulation": "run.simulation",
+    "Solution": "run.solve",
     "State": "model.state",
     "System": "model.system",
     "export": "trajectory.export",
@@ -80,6 +82,7 @@ _HOMES = {
     "register_step": "integrators.registration",
     "register_tableau": "integrators.registration",
     "resume": "run.resuming",
+    "solve": "run.solve",
 }
 
 __all__ = [
@@ -108,6 +111,7 @@ __all__ = [
     "Report",
     "RunError",
     "Simulation",
+    "Solution",
     "Springs",
     "State",
     "System",
@@ -127,6 +131,7 @@ __all__ = [
     "register_step",
     "register_tableau",
     "resume",
+    "solve",
 ]
 
 # A public name that stands in no other table is a force.

@@ -133,7 +133,7 @@ def _keep(kept: OrderedDict[Any, Any], key: Any, value: Any) -> None:
 
 def _key(partial: Partial, given: Given, n: int, outputs: int) -> Any:
     """Key of the code; None if the function cannot be described."""
-    shape = (n, outputs, partial.backward, partial.paired, partial.column, *given.expressions)
+    shape = (n, outputs, partial.backward, partial.paired, partial.column, partial.turned, *given.expressions)
     try:
         return (Description().of((partial.function, *given.constants)), shape)
     except (UnknownSource, RecursionError):
@@ -155,12 +155,15 @@ def _compiled(partial: Partial, given: Given, n: int, outputs: int, address: int
     function = partial.function
     inner = function if hasattr(function, "py_func") else njit(function, error_model="numpy")
     complex_numbers = ".view(complex128)" if partial.paired else ""
-    y = f"carray(y, ({n},)){complex_numbers}{f'.reshape(({n >> partial.paired}, 1))' if partial.column else ''}"
+    column = f".reshape(({n >> partial.paired}, 1))" if partial.column else ""
+    y = f"given{complex_numbers}{column}"
     sign = "-" if partial.backward else ""
+    turned = [f"    for i in range({n // 2}, {n}):"]
     lines = [
         "def call(t, y, dy):",
         f"    memory = carray(place({address}), ({PARAMETERS + n + len(given.parameters)},))",
-        f"    value = carray(dy, ({outputs},))",
+        f"    given, value = carray(y, ({n},)){'.copy()' if partial.turned else ''}, carray(dy, ({outputs},))",
+        *([*turned, "        given[i] = -given[i]"] if partial.turned else []),
         "    try:",
         f"        write(value{complex_numbers}, inner({', '.join([f'{sign}t', y, *given.expressions])}))",
         "    except Exception:",
@@ -169,6 +172,7 @@ def _compiled(partial: Partial, given: Given, n: int, outputs: int, address: int
         f"            memory[{PARAMETERS} + i] = y[i]",
         "        return 1",
         *([f"    for i in range({outputs}):", "        value[i] = -value[i]"] if partial.backward else []),
+        *([*turned, "        value[i] = -value[i]"] if partial.turned else []),
         "    return 0",
     ]
     constants = {f"constant{k}": value for k, value in enumerate(given.constants)}

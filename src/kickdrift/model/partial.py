@@ -41,6 +41,7 @@ class Partial:
     backward : whether t is minus the function's time, so that the value changes its sign
     paired : whether y holds the real and the imaginary part of each number that the function takes
     column : whether the function takes y as a column (n, 1)
+    turned : whether the second half of y are velocities, which change their sign when time runs backward
     """
 
     function: Callable[..., Any]
@@ -49,16 +50,24 @@ class Partial:
     backward: bool = False
     paired: bool = False
     column: bool = False
+    turned: bool = False
 
     def __call__(self, t: float, y: Any) -> Any:
         """Value of the function."""
         way = -1.0 if self.backward else 1.0
+        y = self._turned(y) if self.turned else y
         y = y.view(complex) if self.paired else y
         value = self.function(way * t, y.reshape((-1, 1)) if self.column else y, *self.args)
         if not self.flat:
             return value
         row = way * np.asarray(value, dtype=complex if self.paired else float).reshape(-1)
-        return row.view(float) if self.paired else row
+        row = row.view(float) if self.paired else row
+        return self._turned(row) if self.turned else row
+
+    @staticmethod
+    def _turned(y: Any) -> Any:
+        half = len(y) // 2
+        return np.concatenate([y[:half], -y[half:]])
 
     @property
     def py_func(self) -> Partial:
