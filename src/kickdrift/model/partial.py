@@ -52,6 +52,11 @@ class Partial:
     column: bool = False
     turned: bool = False
 
+    def __post_init__(self) -> None:
+        if isinstance(inner := self.function, Partial) and not inner.flat:
+            object.__setattr__(self, "function", inner.function)
+            object.__setattr__(self, "args", (*inner.args, *self.args))
+
     def __call__(self, t: float, y: Any) -> Any:
         """Value of the function."""
         way = -1.0 if self.backward else 1.0

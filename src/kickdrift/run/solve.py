@@ -18,7 +18,7 @@ from kickdrift.run.report import Report
 from kickdrift.text import shown
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Solution:
     """Solution of an initial value problem, as ``scipy.integrate.solve_ivp`` returns it, with our report.
 
@@ -49,6 +49,20 @@ class Solution:
     message: str
     success: bool
     report: Report | None
+
+    def __repr__(self) -> str:
+        """A few lines: arrays by their shapes."""
+        method = self.report.integrator if self.report else "none"
+        lines = [f"Solution: {self.message}", f"method: {method}", f"status: {self.status}"]
+        for key in ("t", "y"):
+            value = getattr(self, key)
+            lines.append(f"{key}: {len(value)} times" if key == "t" else f"{key}: {np.shape(value)}")
+        if len(self.t):
+            lines[-2] += f" from {self.t[0]:.9g} to {self.t[-1]:.9g}"
+        if self.t_events is not None:
+            lines.append(f"t_events: {', '.join(str(len(times)) for times in self.t_events)} zeros")
+        lines.append(f"nfev: {self.nfev}, njev: {self.njev}, nlu: {self.nlu}")
+        return "\n  ".join(lines)
 
 
 def solve(

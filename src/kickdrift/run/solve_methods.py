@@ -93,7 +93,7 @@ class _Run:
     stopped: str = ""
     events: Sequence[dict[str, Any]] = ()
     engine: str = NATIVE
-    engine_version: str | None = None
+    engine_version: str | None = engine_named(NATIVE).version
     threads: int = 1
     processes: int = 1
 
@@ -156,7 +156,9 @@ def prepared(asked: Asked, method: Any, said: Mapping[str, Any]) -> Prepared:
     """Steps of a method, with the options that were ``said``. Raises what f raises at the start."""
     which, given = _named(method, said)
     given["rtol"] = _allowed_rtol(given["rtol"])
-    if callable(asked.f) and asked.y0.size:
+    if not callable(asked.f):
+        raise InputError(f"f: expected a function f(t, y), got {shown(asked.f)}")
+    if asked.y0.size:
         y = asked.y0.copy()
         asked.f(asked.t0, y[:, None] if asked.vectorized else y, *asked.args)
     if inspect.isclass(which):
@@ -198,8 +200,7 @@ def _own(asked: Asked, name: str, row: Method, given: dict[str, Any]) -> Prepare
         warn(f"The following arguments have no effect for a chosen solver: {', '.join(unused)}.", stacklevel=4)
     backward = asked.t1 < asked.t0
     shape = Shape(asked.y0, backward, asked.separable)
-    given |= {key: _tolerance(given[key], key, asked.y0) for key in ("rtol", "atol")}
-    options = settled(row, given, RunDefaults())
+    options = settled(row, given | {"atol": _positive_atol(given["atol"])}, RunDefaults())
     if row.needs_dt and options.dt is None:
         raise InputError(f"dt is needed: {name} takes fixed steps")
     if asked.y0.size == 0:
@@ -210,23 +211,27 @@ def _own(asked: Asked, name: str, row: Method, given: dict[str, Any]) -> Prepare
 
     def made(compiled: bool) -> Integration:
         problem = asked.problem(shape, partial, compiled, None if shape.paired else _jacobian(asked, shape))
-        return Integration(Job(problem, row, name, options), engine_named(NATIVE), ())  # type: ignore[arg-type]
+        job = Job(problem, row, name, _for_parts(options) if shape.paired else options)  # type: ignore[arg-type]
+        return Integration(job, engine_named(NATIVE), ())
 
     run, warnings = asked.compiled_or_not(made)
     steps = OwnSteps(run, shape, asked.t0, asked.t1)
     return Prepared(asked, steps, name, row, options, run.system, warnings)
 
 
-def _tolerance(value: Any, key: str, y0: Any) -> Any:
-    """A tolerance for the row of floats: for both parts of a complex number, so small that both together keep to it."""
-    default = ATOL.default if key == "atol" else RTOL.default
-    if np.iscomplexobj(y0):
-        value = np.asarray(default if value is None else value) / np.sqrt(2.0)
-        value = np.repeat(value, 2) if value.ndim else value
-        value = np.maximum(value, LEAST_RTOL) if key == "rtol" else value
-    if value is not None and key == "atol":
-        value = np.where(np.asarray(value) == 0.0, LEAST_ATOL, value)  # SciPy takes 0
-    return value
+def _positive_atol(atol: Any) -> Any:
+    """atol, which SciPy allows to be 0."""
+    return atol if atol is None else np.where(np.asarray(atol) == 0.0, LEAST_ATOL, atol)
+
+
+def _for_parts(options: Options) -> Options:
+    """Tolerances for the parts of complex numbers: each so small that both together keep to what was said.
+
+    SciPy measures |error| of a complex number, over atol + rtol |y|. The sum of squares of both parts' errors, each over
+    a tolerance that is smaller by sqrt(2), is never less."""
+    rtol, atol = (np.asarray(value) / np.sqrt(2.0) for value in options.tolerances)
+    found = [np.repeat(each, 2) if each.ndim else each for each in (np.maximum(rtol, LEAST_RTOL), atol)]
+    return options.changed(rtol=found[0], atol=found[1])
 
 
 def _jacobian(asked: Asked, shape: Shape) -> Any:

@@ -5,7 +5,7 @@ The rules are those of ``scipy.integrate.solve_ivp``, so that results mean the s
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -47,6 +47,8 @@ class Zeros:
     ``direction`` (positive: g rises through zero; negative: g falls)."""
 
     def __init__(self, events: Any, args: Sequence[Any]) -> None:
+        if not callable(events) and not isinstance(events, Iterable):
+            raise InputError(f"events: expected functions g(t, y), got {shown(events)}")
         events = (events,) if callable(events) else tuple(events)
         for k, event in enumerate(events):
             if not callable(event):
