@@ -76,7 +76,7 @@ class Given:
                 found.append(np.ascontiguousarray(row).reshape(-1).view(np.float64))
                 end = begin + len(found[-1])
                 whole = f"memory[{begin}:{end}].view({row.dtype})"
-                self.expressions.append(f"{whole}.reshape({row.shape})" if isinstance(value, np.ndarray) else f"{whole}[0]")
+                self.expressions.append(whole + (f".reshape({row.shape})" if isinstance(value, np.ndarray) else "[0]"))
         self.parameters: Floats = np.concatenate(found) if found else np.zeros(0)
 
 

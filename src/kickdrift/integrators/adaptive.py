@@ -20,6 +20,7 @@ from kickdrift.integrators.step_control import (
     tolerances_of,
 )
 from kickdrift.integrators.stepper import STOPPED
+from kickdrift.integrators.stepping import CompiledSteps
 from kickdrift.jit.compile import driver, jit
 from kickdrift.jit.handle import handle
 from kickdrift.model.state import Floats
@@ -173,13 +174,19 @@ class AdaptiveStepper(ChosenSteps):
     def _stages(self) -> Floats:
         return self._work[1:]
 
-    def _go(self, until: float, steps: int) -> int:
+    @property
+    def recordable_steps(self) -> CompiledSteps:
         settings = np.array([1.0 / (self._tableau.error_order + 1), self._longest, self.end, float(self.clip)])
         self._k_done = []
-        return self._flow.forces.call(
-            adaptive_loop, self.y, self._before, self._work, self._tableau.stages, self._tableau.error_rows, self.rtol,
-            self.atol, settings, self._controller.numbers, self._clock, until, steps, self._cursor,
+        given = (
+            self.y, self._before, self._work, self._tableau.stages, self._tableau.error_rows, self.rtol, self.atol,
+            settings, self._controller.numbers,
         )  # fmt: skip
+        return adaptive_loop, self._flow.forces, given
+
+    def _go(self, until: float, steps: int) -> int:
+        loop, forces, given = self.recordable_steps
+        return forces.call(loop, *given, self._clock, until, steps, self._cursor)
 
     def _first_step(self) -> float | None:
         f, order, limits = self._flow.derivative(self.time, self.y), self._tableau.error_order, (self.end, self.clip)

@@ -38,11 +38,11 @@ class Problem:
 
     Parameters
     ----------
-    f : f(t, y, *args) -> n numbers (array, list or tuple), as SciPy takes it; a plain Python function, which is compiled
+    f : f(t, y, *args) -> n numbers (array, list or tuple), as SciPy takes it; a plain Python function, to be compiled
     y0 : (n,)
     jacobian : jacobian(t, y, *args) -> (n, n), df_i / dy_j; finite differences stand in where it is not given
     args : further arguments of f, jacobian, energy, and the functions of `Crossing` events. Compiled code takes numbers
-        and arrays of numbers as parameters, so that other values need no compilation; all else is a constant of the code
+        and arrays of numbers as parameters, so that other values need no compilation; all else is constant in the code
     t0 : time at the start
     separable : y is n/2 positions followed by their n/2 velocities, and the accelerations depend on positions and time
         alone; needed by the splitting methods

@@ -33,7 +33,7 @@ class Solution:
     status : 0 at the end of t_span; 1 where an event ended the run; -1 where a step failed
     message : the status in words
     success : whether the status is 0 or 1
-    report : the run's `Report`: method, options, steps, cost, conservation of ``energy``, warnings. None for a y without
+    report : the run's `Report`: method, options, steps, cost, conservation of ``energy``, warnings. None if y has no
         components
     """
 
@@ -110,8 +110,8 @@ def solve(
     energy : energy(t, y, *args), a quantity that the exact solution conserves. The report shows its error
     separable : y is positions and then as many velocities, and accelerations do not depend on velocities. The splitting
         methods, such as "velocity-verlet", need this
-    compiled : True: f must compile. False: f runs as plain Python. By default f compiles if it can; otherwise it runs as
-        plain Python, and ``report.warnings`` says why
+    compiled : True: f must compile. False: f runs as plain Python. By default f is compiled if it can be; otherwise it
+        runs as plain Python, and ``report.warnings`` says why
     options : further options of the method
 
     Raises
@@ -183,5 +183,5 @@ def _times(t_eval: Any, t0: float, t1: float) -> Floats:
         where = f"t_eval[{outside[0]}] is {times[outside[0]]}"
         raise InputError(f"{where}. Values in `t_eval` are not within `t_span`.")
     if np.any(np.diff(times) * (1.0 if t1 >= t0 else -1.0) <= 0):
-        raise InputError("Values in `t_eval` are not properly sorted: each must follow the one before, in the run's way")
+        raise InputError("Values in `t_eval` are not properly sorted: they must run from t_span[0] to t_span[1]")
     return times

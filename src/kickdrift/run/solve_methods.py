@@ -1,4 +1,4 @@
-"""The methods of ``kickdrift.solve``: our steppers and SciPy's solvers, each with its options, its f, and its report."""
+"""The methods of ``kickdrift.solve``: our steppers and SciPy's solvers, each with its options, f, and report."""
 
 from __future__ import annotations
 
@@ -162,8 +162,7 @@ def prepared(asked: Asked, method: Any, said: Mapping[str, Any]) -> Prepared:
         y = asked.y0.copy()
         asked.f(asked.t0, y[:, None] if asked.vectorized else y, *asked.args)
     if inspect.isclass(which):
-        row = SciPyMethod(which.__name__, which.__name__, 0, "")
-        return _of_scipy(asked, row, which, given)
+        return _of_scipy(asked, SciPyMethod(which.__name__, which.__name__, 0, ""), which, given)
     row = method_named(which)
     if isinstance(row, SciPyMethod):
         for option, value in ((RTOL, "rtol"), (ATOL, "atol")):
@@ -227,8 +226,8 @@ def _positive_atol(atol: Any) -> Any:
 def _for_parts(options: Options) -> Options:
     """Tolerances for the parts of complex numbers: each so small that both together keep to what was said.
 
-    SciPy measures |error| of a complex number, over atol + rtol |y|. The sum of squares of both parts' errors, each over
-    a tolerance that is smaller by sqrt(2), is never less."""
+    SciPy measures |error| of a complex number, over atol + rtol |y|. The sum of squares of both parts' errors, each
+    over a tolerance that is smaller by sqrt(2), is never less."""
     rtol, atol = (np.asarray(value) / np.sqrt(2.0) for value in options.tolerances)
     found = [np.repeat(each, 2) if each.ndim else each for each in (np.maximum(rtol, LEAST_RTOL), atol)]
     return options.changed(rtol=found[0], atol=found[1])

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from scipy.integrate import DenseOutput
 from kickdrift.errors import RunError
 from kickdrift.forces.kernel import OK
 from kickdrift.integrators.adaptive import AdaptiveStepper
+from kickdrift.integrators.chosen_steps import ChosenSteps
 from kickdrift.integrators.stability_limit import WATCHED_POINTS, WATCHED_STEPS, Point, stability_warning
 from kickdrift.integrators.stepper import STOPPED, Counts
 from kickdrift.integrators.stepping import AT_ONCE
@@ -49,9 +51,8 @@ class Shape:
         return row.view(float) if self.paired else row
 
     def back(self, y: Floats) -> Solutions:
-        """The user's y, a copy."""
-        row = y.reshape(-1).copy()
-        return self.signs * (row.view(complex) if self.paired else row)
+        """The user's y, a copy, of one row or of several."""
+        return self.signs * (np.ascontiguousarray(y).view(complex) if self.paired else y)
 
 
 class Constant(DenseOutput):
@@ -77,7 +78,7 @@ class Polynomial(DenseOutput):
         begin, end = self._ends
         powers = theta ** np.arange(1, self._slopes.shape[1] + 1)[:, None]
         values = np.where(theta == 1.0, end[:, None], begin[:, None] + self._slopes @ powers)
-        found = np.array([self._shape.back(column) for column in values.T]).T
+        found = self._shape.back(values.T).T
         return found[:, 0] if t.ndim == 0 else found
 
 
@@ -96,11 +97,11 @@ class Retaken(DenseOutput):
     def _at(self, t: float) -> Solutions:
         steps, (begin, end), near = self._steps, self._ends, NEAR * max(abs(self.t_old), abs(self.t))
         if abs(t - self.t) <= near:
-            return steps.shape.back(end)
+            return steps.shape.back(end.reshape(-1))
         if abs(t - self.t_old) <= near:
-            return steps.shape.back(begin)
+            return steps.shape.back(begin.reshape(-1))
         way = steps.shape.way
-        return steps.shape.back(steps.retaken(way * self.t_old, begin, way * t))
+        return steps.shape.back(steps.retaken(way * self.t_old, begin, way * t).reshape(-1))
 
 
 class OwnSteps:
@@ -121,20 +122,20 @@ class OwnSteps:
         self.t_old: float | None = None
         run.begin_at(run.system.state)
         run.prepare()
-        self._stepper: Any = run.stepper
-        self._spent, self._extra, self._shorter = run.stepper.counts, 0, 0
+        stepper: Any = run.stepper
+        self._stepper, self._spent, self._extra, self._shorter = stepper, stepper.counts, 0, 0
         self._end = shape.way * t_bound
-        self._now = self._before = run.stepper.y.copy()
+        self._now = self._before = stepper.y.copy()
         self._points: deque[Point] = deque(maxlen=WATCHED_POINTS)
         if run.method.chooses_steps:
-            self._stepper.end, self._stepper.clip = self._end, True
+            stepper.end, stepper.clip = self._end, True
         else:
-            self._whole = _whole_steps(self._end - self._stepper.time, self._stepper.dt)
+            self._whole = _whole_steps(self._end - stepper.time, stepper.dt)
 
     @property
     def y(self) -> Solutions:
         """y at ``t``, a copy."""
-        return self.shape.back(self._now)
+        return self.shape.back(self._now.reshape(-1))
 
     @property
     def steps_done(self) -> int:
@@ -190,11 +191,37 @@ class OwnSteps:
             self.status = "finished"
         return None
 
+    def record(self) -> tuple[Floats, Solutions, str | None]:
+        """Take many steps, in compiled code where that can be. Return times (k,) and y (n, k) after them, and why the
+        next step failed, or None. Raises what f raises."""
+        stepper, shape = self._stepper, self._now.shape
+        ready = isinstance(stepper, ChosenSteps) and stepper.steady and stepper.recordable_steps is not None
+        if not ready or self.t == self.t_bound:
+            message, count = self.step(), int(self.status != "failed")
+            return np.array([self.t] * count), np.array([self.y] * count).reshape((count, len(self.y))).T, message
+        self._flow.forget_errors()
+        rows, before = np.empty((AT_ONCE + 1, 1 + self._now.size)), stepper.steps_done
+        rows[0, 0], rows[0, 1:] = stepper.time, stepper.y.reshape(-1)
+        status = stepper.recorded(rows[1:])
+        if (raised := self._flow.raised) is not None:
+            raise raised
+        rows = rows[: 1 + stepper.steps_done - before]
+        last = [(float(row[0]), row[1:].reshape(shape)) for row in rows[-1 - WATCHED_POINTS :]]
+        self._points.extend((*here, here[0] - there[0]) for there, here in pairwise(last))
+        if len(last) > 1:
+            self._took(*last[-2], *last[-1])
+        if status != OK:
+            self.status = "failed"
+        elif self.t == self.t_bound:
+            self.status = "finished"
+        message = self._trouble(status) if status != OK else None
+        return self.shape.way * rows[1:, 0], self.shape.back(rows[1:, 1:]).T, message
+
     def _chosen(self, until: float | None) -> int:
         stepper = self._stepper
         several = until is not None and isinstance(stepper, AdaptiveStepper)
         before, begin = stepper.y.copy(), stepper.time
-        status: int = stepper.advance(AT_ONCE, self.shape.way * until) if several else stepper.advance(1)
+        status: int = stepper.advance(AT_ONCE, self.shape.way * until) if several else stepper.advance(1)  # type: ignore[operator]
         if several:
             before, begin = stepper.start_of_step
         self._took(begin, before, stepper.time, stepper.y)
@@ -227,7 +254,7 @@ class OwnSteps:
     def retaken(self, begin: float, y: Floats, time: float) -> Floats:
         """y at a time, by one step from y at ``begin``, or by several if the method finds that too far."""
         run = self._run
-        stepper: Any = run.method.stepper(self._flow, run.options.changed(dt=time - begin))  # type: ignore[arg-type]
+        stepper: Any = run.method.stepper(self._flow, run.options.changed(dt=time - begin))
         stepper.reset(y.copy(), begin, 0)
         if not run.method.chooses_steps:
             stepper.advance(1)

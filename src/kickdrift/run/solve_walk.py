@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -90,7 +91,7 @@ class Zeros:
 
     def _zero(self, k: int, sol: Any, t_old: float, t: float, first: float, last: float) -> float:
         def g(time: float) -> float:
-            if time == t_old or time == t:
+            if time in (t_old, t):
                 return first if time == t_old else last
             return float(self._functions[k](time, sol(time), *self._args))
 
@@ -108,62 +109,90 @@ def _most(terminal: Any) -> float:
     )
 
 
+class _Points:
+    """Times and solutions of a walk: the ends of the steps, or the times of ``t_eval``; and the interpolants."""
+
+    def __init__(self, steps: Any, t_eval: Floats | None, dense_output: bool) -> None:
+        self._way, self._bound = (1.0 if steps.t_bound >= steps.t else -1.0), steps.t_bound
+        self._t_eval, self._dense_output, self._done = t_eval, dense_output, 0
+        self._times: list[Any] = [] if t_eval is not None else [np.array([steps.t])]
+        self._solutions: list[Any] = [] if t_eval is not None else [steps.y[:, None]]
+        self._ends, self._interpolants = [steps.t], []  # type: ignore[var-annotated]
+
+    @property
+    def ahead(self) -> float:
+        """The next time asked for; if there is none, the end."""
+        return (
+            self._bound if self._t_eval is None or self._done == len(self._t_eval) else float(self._t_eval[self._done])
+        )
+
+    def add(self, times: Floats, solutions: Any) -> None:
+        """Add the ends of some steps."""
+        self._times.append(times)
+        self._solutions.append(solutions)
+
+    def reach(self, t: float, y: Any, dense: Callable[[], Any]) -> None:
+        """Add the end of a step, or the times asked for up to there."""
+        if t != self._ends[-1] or len(self._ends) == 1:  # else an event at the last step's end ends the walk
+            self._ends.append(t)
+            if self._dense_output:
+                self._interpolants.append(dense())
+            if self._t_eval is None:
+                self.add(np.array([t]), y[:, None])
+        if self._t_eval is not None:
+            reached = int(np.searchsorted(self._way * self._t_eval, self._way * t, side="right"))
+            if reached > self._done:
+                times = self._t_eval[self._done : reached]
+                self.add(times, dense()(times))
+                self._done = reached
+
+    def found(self) -> tuple[Any, Any]:
+        """All times, and all solutions; empty lists, as from SciPy, where no time asked for was reached."""
+        if not self._times:
+            return [], []
+        return np.concatenate(self._times), np.concatenate(self._solutions, axis=1)
+
+    def continuous(self, alternative: bool) -> OdeSolution | None:
+        """The solution at all times, where it was asked for."""
+        if not self._interpolants:
+            return None
+        return OdeSolution(self._ends, self._interpolants, alt_segment=alternative)
+
+
 def walk(steps: Any, t_eval: Floats | None, dense_output: bool, zeros: Zeros | None, alternative: bool) -> Walk:
     """Take all steps, and collect what was asked for.
 
     ``steps`` has the interface of ``scipy.integrate.OdeSolver``. ``alternative`` is the same setting of OdeSolution."""
-    way = 1.0 if steps.t_bound >= steps.t else -1.0
-    ts: list[Any] = [steps.t] if t_eval is None else []
-    ys: list[Any] = [steps.y] if t_eval is None else []
-    points, interpolants = [steps.t], []
-    asked = 0 if t_eval is None else len(t_eval)
-    ahead = None if t_eval is None else way * t_eval
+    points, status, count, message = _Points(steps, t_eval, dense_output), None, 0, None
     t, y = steps.t, steps.y
-    done, count, status, message = 0, 0, None, None
-    several = ahead is not None and isinstance(steps, OwnSteps) and not (dense_output or zeros)
+    fast = isinstance(steps, OwnSteps) and not (dense_output or zeros)  # nothing to do in Python between steps
     if zeros:
-        zeros.begin(steps.t, steps.y)
+        zeros.begin(t, y)
     while status is None:
-        if several:
-            message = steps.step(t_eval[done] if t_eval is not None and done < asked else steps.t_bound)
+        if fast and t_eval is None:
+            times, solutions, message = steps.record()
+            points.add(times, solutions)
         else:
-            message = steps.step()
+            message = steps.step(points.ahead) if fast else steps.step()
         count += 1
-        if steps.status == "failed":
-            status = -1
+        if steps.status != "running":
+            status = 0 if steps.status == "finished" else -1
+        if status == -1:
             break
-        if steps.status == "finished":
-            status = 0
-        t_old, t, y, made = steps.t_old, steps.t, steps.y, []
-
-        def dense(made: list[Any] = made) -> Any:
-            if not made:
-                made.append(steps.dense_output())
-            return made[0]
-
-        if zeros and (end := zeros.look(t_old, t, y, dense)) is not None:
+        t, y = steps.t, steps.y
+        if fast and t_eval is None:
+            continue
+        dense = cache(steps.dense_output)
+        if zeros and (end := zeros.look(steps.t_old, t, y, dense)) is not None:
             status, t, y = 1, end, dense()(end)
-        if t != points[-1] or len(points) == 1:
-            points.append(t)
-            if dense_output:
-                interpolants.append(dense())
-            if t_eval is None:
-                ts.append(t)
-                ys.append(y)
-        if ahead is not None:
-            reached = int(np.searchsorted(ahead, way * t, side="right"))
-            if reached > done:
-                assert t_eval is not None
-                ts.append(t_eval[done:reached])
-                ys.append(dense()(t_eval[done:reached]))
-                done = reached
-    if t_eval is None:
-        ts, ys = np.array(ts), np.vstack(ys).T
-    elif ts:
-        ts, ys = np.hstack(ts), np.hstack(ys)
+        points.reach(t, y, dense)
     return Walk(
-        ts, ys, OdeSolution(points, interpolants, alt_segment=alternative) if interpolants else None,
+        *points.found(),
+        points.continuous(alternative),
         [np.asarray(each) for each in zeros.times] if zeros else None,
         [np.asarray(each) for each in zeros.solutions] if zeros else None,
-        status, MESSAGES.get(status) or message or "The solution could not be continued.", (t, y), count,
-    )  # fmt: skip
+        status,
+        MESSAGES.get(status) or message or "The solution could not be continued.",
+        (t, y),
+        count,
+    )
