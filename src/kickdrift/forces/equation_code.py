@@ -71,13 +71,18 @@ class Given:
             row = _parameters(value)
             if row is None:
                 self.expressions.append(f"constant{len(self.constants)}")
-                self.constants.append(value)
+                self.constants.append(_constant(value))
             else:
                 found.append(np.ascontiguousarray(row).reshape(-1).view(np.float64))
                 end = begin + len(found[-1])
                 whole = f"memory[{begin}:{end}].view({row.dtype})"
                 self.expressions.append(whole + (f".reshape({row.shape})" if isinstance(value, np.ndarray) else "[0]"))
         self.parameters: Floats = np.concatenate(found) if found else np.zeros(0)
+
+
+def _constant(value: Any) -> Any:
+    """The value; a tuple for a list, which numba takes as no constant."""
+    return tuple(map(_constant, value)) if isinstance(value, list) else value
 
 
 def _parameters(value: Any) -> Any:

@@ -89,8 +89,8 @@ class ChosenSteps(Resumable):
         return self.compiled_steps
 
     def recorded(self, points: Floats) -> int:
-        """Take a step for each row of ``points`` (steps, 1 + N), or fewer to the ``end``. Each row gets time and y after
-        a step. Return a status; ``steps_done`` counts the rows. The stepper is ``steady``."""
+        """Take a step for each row of ``points`` (steps, 1 + N), or fewer to the ``end``. A row gets time and y after a
+        step. Return a status; ``steps_done`` counts the rows. The stepper is ``steady``."""
         assert self.recordable_steps is not None
         (loop, forces, given), clock, cursor = self.recordable_steps, self._clock, self._cursor
         if self._record_address is None:
