@@ -103,7 +103,7 @@ class Simulation:
             system = system if events is None else system.watched(events)
             watched: tuple[Event, ...] = system.events
         else:
-            watched = checked_crossings(events or ())
+            watched = checked_crossings(events or (), len(system.args))
         job = Job(system, self.method, self.integrator, self.options, self.threads, self.processes)  # type: ignore[arg-type]
         if self._engine.foreign or self.processes > 1:
             self._engine.check(job)
