@@ -52,7 +52,7 @@ def checked_events(system: Bodies, events: Iterable[Event]) -> tuple[Event, ...]
 
 
 def checked_crossings(events: Iterable[Event], arguments: int = 0) -> tuple[Event, ...]:
-    """Return the events as a tuple. An InputError refuses all but crossings of a function of t, y, and that many further
+    """Return the events as a tuple. An InputError refuses all but crossings of a function of t, y and so many further
     ``arguments``."""
     found = _listed(events)
     for event in found:

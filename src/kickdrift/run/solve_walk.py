@@ -65,15 +65,21 @@ class Zeros:
         """Evaluate the functions at the start."""
         self._values = self._all(t, y)
 
-    def _all(self, t: float, y: Any) -> list[Any]:
-        return [function(t, y, *self._args) for function in self._functions]
+    def _value(self, k: int, t: float, y: Any) -> float:
+        value = np.asarray(self._functions[k](t, y, *self._args))
+        if value.size != 1 or value.dtype.kind not in "biuf":
+            raise InputError(f"events[{k}]: expected one real number at t = {t:.9g}, got {shown(value.tolist())}")
+        return float(value.item())
+
+    def _all(self, t: float, y: Any) -> Floats:
+        return np.array([self._value(k, t, y) for k in range(len(self._functions))])
 
     def look(self, t_old: float, t: float, y: Any, dense: Callable[[], Any]) -> float | None:
         """Add the zeros between t_old and t. Return the time of the zero that ends the walk, if there is one.
 
         ``dense`` returns the interpolant between these times, and is called only where there is a zero."""
-        before, self._values = self._values, self._all(t, y)
-        first, last = np.asarray(before, dtype=float), np.asarray(self._values, dtype=float)
+        first, self._values = self._values, self._all(t, y)
+        last = self._values
         up, down = (first <= 0) & (last >= 0), (first >= 0) & (last <= 0)
         changed = np.where(self._directions > 0, up, np.where(self._directions < 0, down, up | down))
         if not changed.any():
@@ -93,7 +99,7 @@ class Zeros:
         def g(time: float) -> float:
             if time in (t_old, t):
                 return first if time == t_old else last
-            return float(self._functions[k](time, sol(time), *self._args))
+            return self._value(k, time, sol(time))
 
         return float(brentq(g, t_old, t, xtol=4 * EPSILON, rtol=4 * EPSILON))
 

@@ -314,6 +314,7 @@ def test_a_solution_shows_its_times_and_travels_to_another_process():
         ({"t_eval": 0.5}, "1-dimensional"),
         ({"events": 3}, "events: expected functions"),
         ({"events": [3]}, r"events\[0\]: expected a function"),
+        ({"events": lambda t, y: y}, r"events\[0\]: expected one real number at t = 0, got \[1.0, 0.0\]"),
         ({"first_step": 3}, "`first_step` must be positive"),
         ({"first_step": 0.1, "dt": 0.1}, "not both"),
         ({"max_step": -1}, "`max_step` must be positive"),
