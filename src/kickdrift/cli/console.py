@@ -11,7 +11,7 @@ import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 
-from kickdrift.text import CELL, clean, escaped
+from kickdrift.text import CELL, KEY, clean, escaped
 
 PLAIN = {
     "±": "+-",
@@ -23,7 +23,6 @@ PLAIN = {
     "∞": "inf",
 }  # replacements for streams that cannot encode these
 PLAINLY = "kickdrift-plain"  # name of the error handler
-KEY = 17  # width of a line's key
 
 
 def open_streams() -> None:

@@ -15,11 +15,11 @@ from kickdrift.cli.options import (
     QuietOption,
 )
 from kickdrift.cli.printing import (
-    counted,
     print_stability,
     print_system,
 )
 from kickdrift.errors import InputError
+from kickdrift.text import counted
 
 if TYPE_CHECKING:
     from kickdrift.model.problem import Problem

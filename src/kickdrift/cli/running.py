@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from kickdrift.cli.console import progress_bar, say
+from kickdrift.cli.console import print_lines, progress_bar, say
 from kickdrift.cli.options import (
     FlushOption,
     JsonOption,
@@ -18,11 +18,9 @@ from kickdrift.cli.options import (
     ThreadsOption,
     with_options,
 )
-from kickdrift.cli.printing import (
-    print_report,
-)
 from kickdrift.disk.outputs import refuse_outputs, write_json
 from kickdrift.errors import InputError
+from kickdrift.text import lines_of
 
 if TYPE_CHECKING:
     from kickdrift.run.report import Report
@@ -173,4 +171,4 @@ def show(
     try:
         write_json(json_file, report.as_json(), overwrite=overwrite)
     finally:  # a full disk does not lose the results
-        print_report(report, sim, output)
+        print_lines(lines_of(report.written_to(output)))

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from kickdrift.errors import InputError
 from kickdrift.model.checks import numbers
+from kickdrift.model.described import ShownProblem
 from kickdrift.model.run_defaults import RunDefaults
 from kickdrift.model.state import Floats, read_only
 
@@ -31,8 +32,8 @@ class ProblemState:
         return len(self.y)
 
 
-@dataclass(frozen=True, eq=False)
-class Problem:
+@dataclass(frozen=True, eq=False, repr=False)
+class Problem(ShownProblem):
     """y' = f(t, y), y(t0) = y0.
 
     Parameters

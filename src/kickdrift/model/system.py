@@ -15,6 +15,7 @@ from kickdrift.model.body_checks import body_names, body_radii, names_of
 from kickdrift.model.box import Box
 from kickdrift.model.bridging import bridge
 from kickdrift.model.checks import listed, no_overflow, per_particle, whole_number
+from kickdrift.model.described import ShownSystem
 from kickdrift.model.event_checks import checked_events
 from kickdrift.model.events import Event
 from kickdrift.model.run_defaults import Equilibration, RunDefaults
@@ -24,8 +25,8 @@ from kickdrift.model.unit_systems import UnitSystem, unit_system
 from kickdrift.text import shown
 
 
-@dataclass(frozen=True, eq=False)
-class System:
+@dataclass(frozen=True, eq=False, repr=False)
+class System(ShownSystem):
     """State + box + forces + units; never changed by a Simulation, which copies it.
 
     Parameters

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
-from typing import Any, Protocol
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -12,12 +13,15 @@ from kickdrift.disk.outputs import plain
 from kickdrift.engines import NATIVE
 from kickdrift.integrators.method import Method
 from kickdrift.integrators.options import Options
+from kickdrift.looks import columns as column
 from kickdrift.looks.observers import NOTHING
 from kickdrift.looks.record import Record, Series, even_stretch
 from kickdrift.model.checks import unwarned
 from kickdrift.model.problem import Problem
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
+from kickdrift.model.unit_systems import UnitSystem
+from kickdrift.run.shown import ShownReport
 from kickdrift.statistics.drift import EnergyError, drift, energy_error, rounding_of
 
 
@@ -72,9 +76,33 @@ class EnergyReport:
 _JUDGED = ("drift_per_unit_time", "drift_error", "verdict")
 
 
-@dataclass(frozen=True)
-class Report:
-    """A run's summary; ``--json`` writes ``as_json()``. Values that do not exist for a Problem are None.
+class About(NamedTuple):
+    """What a Report needs beside its own numbers, to print and draw itself.
+
+    Attributes
+    ----------
+    units : UnitSystem; None for a Problem
+    dimensions : of the particles' space
+    times, kinetic, potential, total, temperature : (k,) values at the samples; nan where they are undefined
+    output : path of the run's file, "" if none was written
+    """
+
+    units: UnitSystem | None
+    dimensions: int
+    times: Floats
+    kinetic: Floats
+    potential: Floats
+    total: Floats
+    temperature: Floats
+    output: str = ""
+
+
+@dataclass(frozen=True, repr=False)
+class Report(ShownReport):
+    """A run's summary. Values that do not exist for a Problem are None.
+
+    ``print(report)`` shows the lines that the command line prints, ``as_json()`` returns what ``--json`` writes, and
+    ``plot()`` draws the energies, their error and the temperature.
 
     ``momentum_error`` is the largest |P(t) - P(0)| over the samples divided by the sum of m |v| at the start. It is
     None in an external field. ``angular_momentum_error`` is the same with m |x × v|. It is None also in a periodic box,
@@ -120,10 +148,16 @@ class Report:
     energy_taken: float | None
     stopped: str
     warnings: list[str]
+    about: About = field(compare=False)
 
     def as_json(self) -> dict[str, Any]:
         """Return the report as plain numbers, texts and Nones; infinities and nan become None."""
-        return plain(asdict(self))
+        own = {key: value for key, value in vars(self).items() if key != "about"}
+        return plain(own | {"energy": self.energy and asdict(self.energy)})
+
+    def written_to(self, output: str | os.PathLike[str] | None) -> Report:
+        """Return the same report, with the file that the run wrote."""
+        return self if output is None else replace(self, about=self.about._replace(output=os.fspath(output)))
 
 
 class Reported(Protocol):
@@ -219,7 +253,17 @@ def report(sim: Reported) -> Report:
         energy_taken=None if record.taken is NOTHING else record.taken.energy,
         stopped=sim.stopped,
         warnings=list(record.warnings),
+        about=_about(record, system),
     )
+
+
+def _about(record: Record, system: System | Problem) -> About:
+    rows = record.looks.held()[1]
+    units, dimensions = (system.units, system.dimensions) if isinstance(system, System) else (None, 0)
+    return About(
+        units, dimensions, rows[:, column.TIME], rows[:, column.KINETIC], rows[:, column.POTENTIAL],
+        rows[:, column.TOTAL], rows[:, column.TEMPERATURE],
+    )  # fmt: skip
 
 
 def _energy(series: Series, even: bool, system: System | Problem) -> EnergyReport | None:

@@ -320,7 +320,7 @@ class Simulation:
         run.prepare()
         if alone:
             self._sampler.prepare(plan)
-        return run_through(run, self._sampler, plan, watchers, alone, self.report, progress)
+        return run_through(run, self._sampler, plan, watchers, alone, self.report, progress).written_to(output)
 
     def advance(self, steps: int, *, every: int | None = None, visit: Observer | None = None) -> None:
         """Take ``steps`` steps without a look: nothing is sampled, written or observed.
