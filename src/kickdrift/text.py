@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import math
 import unicodedata
-from collections.abc import Iterable, Sequence
-from html import escape
+from collections.abc import Iterable
 from typing import Any
 
 LINE = 2000  # characters of a message or a line of a report
 CELL = 200  # characters of a table's cell
 VALUE = 60  # characters of a key or a value that a message quotes
-KEY = 17  # width of a line's key
 UNSEEN = ("Cc", "Cf", "Cs", "Zl", "Zp")  # Unicode's control, format, surrogate and separator characters
 
 
@@ -84,38 +82,3 @@ def duration(seconds: float) -> str:
     if seconds < 90:
         return f"{seconds:.0f} s"
     return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
-
-
-class Shown:
-    """An object that prints as lines of key and text, and that a notebook shows as a table of these lines."""
-
-    def _lines(self) -> list[tuple[str, str]]:
-        """Return each line's key and text; a line that goes on has an empty key."""
-        raise NotImplementedError
-
-    def __str__(self) -> str:
-        return "\n".join(clean(f"{key:{KEY}} {text}") for key, text in self._lines())
-
-    def _repr_html_(self) -> str:
-        return html_table([], self._lines())
-
-
-def lines_of(shown: Shown) -> list[tuple[str, str]]:
-    """Each line's key and text, of an object that prints as such lines."""
-    return shown._lines()
-
-
-def html_table(columns: Sequence[str], rows: Iterable[Sequence[str]], title: str | None = None) -> str:
-    """A table for a notebook: the first cell of each row is its heading. All texts are escaped."""
-
-    def row(cells: Sequence[str], tags: Sequence[str]) -> str:
-        inside = (
-            f'<{tag} style="text-align: left">{escape(clean(text))}</{tag}>'
-            for text, tag in zip(cells, tags, strict=True)
-        )
-        return f"<tr>{''.join(inside)}</tr>"
-
-    body = [row(cells, ["th", *["td"] * (len(cells) - 1)]) for cells in rows]
-    head = [row(columns, ["th"] * len(columns))] if columns else []
-    caption = [f"<caption>{escape(clean(title))}</caption>"] if title else []
-    return "\n".join(["<table>", *caption, *head, *body, "</table>"])

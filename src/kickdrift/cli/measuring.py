@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from kickdrift.cli.console import progress_bar, say
+from kickdrift.cli.console import print_lines, progress_bar, say
 from kickdrift.cli.options import (
     JsonOption,
     OverwriteOption,
@@ -16,10 +16,8 @@ from kickdrift.cli.options import (
     ThreadsOption,
     with_options,
 )
-from kickdrift.cli.printing import (
-    print_chaos,
-)
 from kickdrift.disk.outputs import refuse_outputs, write_json
+from kickdrift.showing import lines_of
 
 
 @with_options()
@@ -108,4 +106,4 @@ def chaos(
     try:
         write_json(json_file, found.as_json(), overwrite=overwrite)
     finally:
-        print_chaos(found)
+        print_lines(lines_of(found))

@@ -11,10 +11,10 @@ from kickdrift.cli.console import print_table as print_table
 from kickdrift.cli.console import progress_bar as progress_bar
 from kickdrift.cli.console import say as say
 from kickdrift.run.shown import drift_text
-from kickdrift.text import duration, lines_of
+from kickdrift.showing import lines_of
+from kickdrift.text import duration
 
 if TYPE_CHECKING:
-    from kickdrift.analysis.chaos_report import ChaosReport
     from kickdrift.model.problem import Problem
     from kickdrift.model.system import System
 
@@ -93,21 +93,6 @@ LISTINGS: dict[str, Callable[[], tuple[list[str], list[list[str]]]]] = {
     "systems": list_systems,
     "engines": list_engines,
 }
-
-
-def print_chaos(report: ChaosReport) -> None:
-    """Print MEGNO and the Lyapunov exponent on standard output."""
-    time_unit = report.time_unit
-    step = "" if report.dt is None else f", dt = {report.dt:g} {time_unit}"
-    lines = [
-        ("system", report.system),
-        ("integrator", report.integrator + step),
-        ("length", f"{report.steps:,} steps, {report.time:g} {time_unit}"),
-        ("MEGNO", f"{report.megno:.4g}: {report.verdict} over this length"),
-        ("Lyapunov", f"exponent {report.lyapunov:.2e} ± {report.lyapunov_error:.1e} per {time_unit}"),
-        ("energy error", f"{report.energy_error:.2e} at the end"),
-    ]
-    print_lines(lines)
 
 
 def print_benchmark(rows: list[Any], particles: int, seconds: float) -> None:

@@ -20,7 +20,7 @@ from kickdrift.cli.options import (
 )
 from kickdrift.disk.outputs import refuse_outputs, write_json
 from kickdrift.errors import InputError
-from kickdrift.text import lines_of
+from kickdrift.showing import lines_of
 
 if TYPE_CHECKING:
     from kickdrift.run.report import Report

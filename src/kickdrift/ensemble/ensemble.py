@@ -30,6 +30,7 @@ from kickdrift.model.limits import whole_number
 from kickdrift.model.problem import Problem
 from kickdrift.model.system import System
 from kickdrift.run.plan import check_run
+from kickdrift.showing import members_bar
 from kickdrift.systemfile.files import find, parsed
 from kickdrift.systemfile.schema_run import run_keys
 from kickdrift.text import suggestion
@@ -118,7 +119,7 @@ class Ensemble:
         output: str | os.PathLike[str] | None = None,
         overwrite: bool = False,
         trajectories: str | os.PathLike[str] | None = None,
-        progress: Progress | None = None,
+        progress: bool | Progress | None = None,
     ) -> DataFrame:
         """Run all members and return their table, a row for each, in order.
 
@@ -134,7 +135,7 @@ class Ensemble:
             After Ctrl-C or a kill the same call continues; so does a call with more replicas
         overwrite : start anew, whatever the file or the folder of trajectories holds
         trajectories : a folder for a ``.h5md`` file of each member
-        progress : called as ``progress(done, of, failed)``
+        progress : True shows a bar; a function is called as ``progress(done, of, failed)``
 
         Raises InputError if output holds another ensemble or a package is missing, and RunError if the scheduler is
         lost. Failed members raise nothing.
@@ -142,6 +143,12 @@ class Ensemble:
         if workers is not None:
             workers = whole_number("workers", workers, 1)
             check_room("ensemble", workers, "workers", PROCESS_BYTES, "give fewer")
+        if progress is True:
+            with members_bar() as bar:
+                return self.run(
+                    client, workers=workers, output=output, overwrite=overwrite, trajectories=trajectories, progress=bar
+                )
+        progress = progress or None
         recipe = self._recipe if trajectories is None else self._recipe.writing(trajectories)
         if output is None:
             recipe.refuse_frames(overwrite)

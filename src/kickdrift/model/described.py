@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from kickdrift.text import Shown, counted
-
-Lines = list[tuple[str, str]]
-
+from kickdrift.showing import Lines, Shown
+from kickdrift.text import counted
 
 class ShownSystem(Shown):
     """A System that prints what it holds."""

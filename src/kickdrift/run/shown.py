@@ -6,9 +6,8 @@ import math
 from typing import Any
 
 from kickdrift.model.event_log import event_lines
-from kickdrift.text import Shown, counted
-
-Lines = list[tuple[str, str]]
+from kickdrift.showing import Lines, Shown
+from kickdrift.text import counted
 
 
 class ShownReport(Shown):
