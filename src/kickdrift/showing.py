@@ -18,6 +18,13 @@ Lines = list[tuple[str, str]]
 Table = tuple[str | None, list[str], list[list[str]]]  # title, columns, rows
 Bar = Callable[[int, int], Any]
 
+ABOVE: dict[str, Callable[[], Callable[..., Any]]] = {}  # by what a function makes, what loads it from a layer above
+
+
+def above(what: str) -> Callable[..., Any]:
+    """The function of a layer above that makes ``what``; the package's ``__init__`` fills the table."""
+    return ABOVE[what]()
+
 
 class Shown:
     """An object that prints as tables and as lines of key and text, and that a notebook shows as tables."""

@@ -67,7 +67,7 @@ def run(
     """Run a system and report how well it conserved energy and momentum."""
     from kickdrift.engines import engine as engine_named
     from kickdrift.model.system import System
-    from kickdrift.systemfile.reading import load
+    from kickdrift.systemfile.python_file import load_or_run
 
     engine_named(engine)
     if steps is not None and time is not None:
@@ -80,7 +80,7 @@ def run(
         store = old_store
     given = {"flush": flush, "store": store, "compress": compress or None}
     file = file_options(output, given | {"write": write and tuple(each.strip() for each in write.split(","))})
-    chosen = load(system, seed)
+    chosen = load_or_run(system, seed)
 
     from kickdrift.run.plan import length_of
     from kickdrift.run.simulation import Simulation

@@ -7,6 +7,7 @@ from typing import Any
 from kickdrift.showing import Lines, Shown
 from kickdrift.text import counted
 
+
 class ShownSystem(Shown):
     """A System that prints what it holds."""
 
