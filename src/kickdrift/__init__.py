@@ -6,6 +6,7 @@ The names below are all that is public; each is imported when it is first used, 
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from importlib import import_module
 from importlib.machinery import ModuleSpec
 from importlib.metadata import version
@@ -17,11 +18,14 @@ from warnings import warn
 from kickdrift.engines import engines
 from kickdrift.integrators import integrators
 from kickdrift.model.bridging import BRIDGES
+from kickdrift.showing import ABOVE
 
 if TYPE_CHECKING:
     from kickdrift import analysis
     from kickdrift.analysis.chaos import megno
     from kickdrift.analysis.chaos_report import ChaosReport
+    from kickdrift.analysis.comparing import compare
+    from kickdrift.analysis.comparison import Comparison
     from kickdrift.ensemble import Ensemble
     from kickdrift.errors import InputError, KickdriftError, RunError
     from kickdrift.forces import *
@@ -38,6 +42,7 @@ if TYPE_CHECKING:
     from kickdrift.model.problem import Problem
     from kickdrift.model.state import State
     from kickdrift.model.system import System
+    from kickdrift.plots.figures import stability
     from kickdrift.run.report import Report
     from kickdrift.run.resuming import resume
     from kickdrift.run.simulation import Simulation
@@ -55,6 +60,7 @@ _HOMES = {
     "CloseApproach": "model.events",
     "Collision": "model.events",
     "Column": "looks.columns",
+    "Comparison": "analysis.comparison",
     "Crossing": "model.events",
     "Energies": "looks.observers",
     "Ensemble": "ensemble",
@@ -69,6 +75,7 @@ _HOMES = {
     "Simulation": "run.simulation",
     "State": "model.state",
     "System": "model.system",
+    "compare": "analysis.comparing",
     "export": "trajectory.export",
     "integrator": "integrators.asked",
     "load": "systemfile.reading",
@@ -80,6 +87,7 @@ _HOMES = {
     "register_step": "integrators.registration",
     "register_tableau": "integrators.registration",
     "resume": "run.resuming",
+    "stability": "plots.figures",
 }
 
 __all__ = [
@@ -88,6 +96,7 @@ __all__ = [
     "CloseApproach",
     "Collision",
     "Column",
+    "Comparison",
     "Crossing",
     "DrivenField",
     "Energies",
@@ -114,6 +123,7 @@ __all__ = [
     "UniformField",
     "accelerations",
     "analysis",
+    "compare",
     "engines",
     "export",
     "integrator",
@@ -127,6 +137,7 @@ __all__ = [
     "register_step",
     "register_tableau",
     "resume",
+    "stability",
 ]
 
 # A public name that stands in no other table is a force.
@@ -158,6 +169,22 @@ def _rebound() -> ModuleType:
 
 
 BRIDGES.update(ase=_ase, rebound=_rebound)
+
+
+def _loader(module: str, name: str) -> Callable[[], Any]:
+    return lambda: getattr(import_module(f"kickdrift.{module}"), name)
+
+
+ABOVE.update(
+    {
+        "comparison figure": _loader("plots.compare", "comparison_figure"),
+        "ensemble figure": _loader("plots.ensemble", "ensemble_figure"),
+        "report figure": _loader("plots.runs", "report_figure"),
+        "run figure": _loader("plots.figures", "figure_of"),
+        "run lines": _loader("trajectory.info", "run_lines"),
+        "run text": _loader("trajectory.info", "run_text"),
+    }
+)
 
 
 class _OldNames:
@@ -194,4 +221,5 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return [*globals(), *_HOMES, "analysis"]
+    """Public names, and those of Python itself."""
+    return [*__all__, *(name for name in globals() if name.startswith("__"))]

@@ -48,4 +48,5 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return [*globals(), *_HOMES]
+    """Public names, and those of Python itself."""
+    return [*__all__, *(name for name in globals() if name.startswith("__"))]

@@ -43,18 +43,14 @@ def list_integrators() -> tuple[list[str], list[list[str]]]:
 
 def print_stability(names: Sequence[str]) -> None:
     """Print the longest stable step of each method, from its coefficients."""
-    from kickdrift.integrators import integrator
-    from kickdrift.integrators.splitting import Splitting
-    from kickdrift.integrators.stability import imaginary_interval, real_interval, stability_interval
+    from kickdrift.integrators.asked import integrator
     from kickdrift.plots.stability import number
 
-    rows = []
-    for method in dict.fromkeys(integrator(name) for name in names):
-        if isinstance(method, Splitting):
-            rows.append([method.name, number(stability_interval(method)), "", ""])
-        else:
-            rows.append([method.name, "", number(real_interval(method)), number(imaginary_interval(method))])
-    print_table(None, ["method", "omega dt", "real lambda dt", "imaginary lambda dt"], rows)
+    columns = ["omega dt", "real lambda dt", "imaginary lambda dt"]
+    chosen = dict.fromkeys(integrator(integrator(name).method.name) for name in names)
+    limits = [(each.name, each.stability) for each in chosen]
+    rows = [[name, *(number(found[key]) if key in found else "" for key in columns)] for name, found in limits]
+    print_table(None, ["method", *columns], rows)
 
 
 def list_forces() -> tuple[list[str], list[list[str]]]:

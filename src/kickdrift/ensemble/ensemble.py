@@ -30,7 +30,7 @@ from kickdrift.model.limits import whole_number
 from kickdrift.model.problem import Problem
 from kickdrift.model.system import System
 from kickdrift.run.plan import check_run
-from kickdrift.showing import members_bar
+from kickdrift.showing import above, members_bar
 from kickdrift.systemfile.files import find, parsed
 from kickdrift.systemfile.schema_run import run_keys
 from kickdrift.text import suggestion
@@ -189,6 +189,23 @@ class Ensemble:
         """Table that ``run`` wrote to a file, with its provenance in ``table.attrs["kickdrift"]``."""
         _check_packages()
         return tables.read(path)
+
+    @staticmethod
+    def plot(table: DataFrame | str | os.PathLike[str], column: str | None = None) -> Any:
+        """Draw a column of a table against the varied keys: a map, a curve, points or a histogram; a matplotlib Figure.
+
+        Parameters
+        ----------
+        table : what ``run`` or ``read`` returned, or the path of a table
+        column : a measured column; default the most informative one
+
+        Raises
+        ------
+        InputError
+            For an unknown column, a table without a measured number, and more than two keys on grids.
+        """
+        found = Ensemble.read(table) if isinstance(table, str | os.PathLike) else table
+        return above("ensemble figure")(found, column)
 
     def provenance(self, recipe: Recipe | None = None) -> dict[str, Any]:
         """Provenance of the table."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -25,6 +26,9 @@ from kickdrift.plots.runs import (
 from kickdrift.text import shown, suggestion
 from kickdrift.trajectory import reader
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 MOST_LINES = 9  # a tensor's
 
 
@@ -36,14 +40,17 @@ def plot_column(
     Each number of a vector or tensor is a line; of more than nine numbers the first nine are drawn."""
     target = checked_target(output, overwrite, path)
     with reader.open(path) as run:
-        observables = run.observables
-        if name not in observables:
-            known = ", ".join(observables) or "none, for it has no sample"
-            raise InputError(
-                f"{run.path}: column {shown(name)}: its columns are {known}{suggestion(name, observables)}"
-            )
-        times, values, unit = run.sample_times, observables[name], run.unit_of(name)
-        units, title = run.units, _title(run)
+        return save_figure(column_figure(run, name), target)
+
+
+def column_figure(run: reader.Run, name: str) -> Figure:
+    """The figure of ``plot_column``, of an open file."""
+    observables = run.observables
+    if name not in observables:
+        known = ", ".join(observables) or "none, for it has no sample"
+        raise InputError(f"{run.path}: column {shown(name)}: its columns are {known}{suggestion(name, observables)}")
+    times, values, unit = run.sample_times, observables[name], run.unit_of(name)
+    units, title = run.units, _title(run)
     figure = new_figure(7.2, 4.2)
     axes = new_axes(figure, (1, 1, 1))
     labels = parts(name, values.shape[1:])
@@ -57,4 +64,4 @@ def plot_column(
     if len(labels) > 1:
         axes.legend(loc="best", fontsize=8, frameon=True, framealpha=0.9, edgecolor=GRID)
     figure.suptitle(title, fontsize=11, color=INK)
-    return save_figure(figure, target)
+    return figure

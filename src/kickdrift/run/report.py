@@ -22,6 +22,7 @@ from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 from kickdrift.model.unit_systems import UnitSystem
 from kickdrift.run.shown import ShownReport
+from kickdrift.showing import above
 from kickdrift.statistics.drift import EnergyError, drift, energy_error, rounding_of
 
 
@@ -84,6 +85,7 @@ class About(NamedTuple):
     units : UnitSystem; None for a Problem
     dimensions : of the particles' space
     times, kinetic, potential, total, temperature : (k,) values at the samples; nan where they are undefined
+    taken : (k,) energy that events had taken out at the samples
     output : path of the run's file, "" if none was written
     """
 
@@ -94,6 +96,7 @@ class About(NamedTuple):
     potential: Floats
     total: Floats
     temperature: Floats
+    taken: Floats
     output: str = ""
 
 
@@ -149,6 +152,13 @@ class Report(ShownReport):
     stopped: str
     warnings: list[str]
     about: About = field(compare=False)
+
+    def plot(self) -> Any:
+        """Draw energies, energy error and temperature at the samples; a matplotlib Figure.
+
+        A Problem has its energy error alone. Frames, for orbits and structure, are in the run's file: see
+        ``kd.open(path).plot()``. An InputError for a Problem without an energy function."""
+        return above("report figure")(self)
 
     def as_json(self) -> dict[str, Any]:
         """Return the report as plain numbers, texts and Nones; infinities and nan become None."""
@@ -262,7 +272,7 @@ def _about(record: Record, system: System | Problem) -> About:
     units, dimensions = (system.units, system.dimensions) if isinstance(system, System) else (None, 0)
     return About(
         units, dimensions, rows[:, column.TIME], rows[:, column.KINETIC], rows[:, column.POTENTIAL],
-        rows[:, column.TOTAL], rows[:, column.TEMPERATURE],
+        rows[:, column.TOTAL], rows[:, column.TEMPERATURE], rows[:, column.ENERGY_TAKEN],
     )  # fmt: skip
 
 

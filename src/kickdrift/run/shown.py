@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 from kickdrift.model.event_log import event_lines
-from kickdrift.showing import Lines, Shown
+from kickdrift.showing import Lines, Shown, lines_of
 from kickdrift.text import counted
 
 
@@ -65,6 +65,25 @@ class ShownReport(Shown):
         if output:
             lines.append(("written", output))
         return lines
+
+
+class ShownSimulation(Shown):
+    """A Simulation that prints what runs, how, and how far it has come."""
+
+    def __repr__(self: Any) -> str:
+        return f"<Simulation of {self.system.name} with {self.integrator}: {counted(self.steps_done, 'step')} done>"
+
+    def _lines(self: Any) -> Lines:
+        units = getattr(self.system, "units", None)
+        unit = f" {units.time}" if units else ""
+        lines = [line for line in lines_of(self.system) if line[0] not in ("run", "equilibrate")]
+        if self.engine != "native":
+            lines.append(("engine", f"{self.engine} {self.engine_version}"))
+        step = None if self.method.adaptive else self.dt
+        chosen = {"dt": step, **self.options.extras(self.method.tunable)}
+        lines.append(("integrator", method_text(self.integrator, chosen, unit)))
+        lines.append(("done", f"{counted(self.steps_done, 'step')}, time {self.time:g}{unit}"))
+        return [*lines, *([("stopped", self.stopped)] if self.stopped else [])]
 
 
 def method_text(name: str, options: dict[str, Any], time_unit: str = "") -> str:

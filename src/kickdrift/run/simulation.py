@@ -33,6 +33,7 @@ from kickdrift.run.loop import go_on, run_through
 from kickdrift.run.outputs import Outputs
 from kickdrift.run.plan import Plan, plan_of, steps_to
 from kickdrift.run.report import Report, report
+from kickdrift.run.shown import ShownSimulation
 from kickdrift.run.watch.stability import Stability
 from kickdrift.run.watch.watched_stepper import Events
 from kickdrift.run.watch.watcher import Observe, Watcher
@@ -46,7 +47,7 @@ if TYPE_CHECKING:
 Observer = Callable[["Simulation"], Any]
 
 
-class Simulation:
+class Simulation(ShownSimulation):
     """Runs a copy of a System, or a Problem, with an integrator.
 
     Parameters
@@ -258,6 +259,10 @@ class Simulation:
             self._sampler.look()
             self._stability.look()
         return report(self)
+
+    def plot(self) -> Any:
+        """Draw energies, energy error and temperature so far; a matplotlib Figure. See `Report.plot`."""
+        return self.report().plot()
 
     # --- running ---
 
