@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from kickdrift.model.state import State
     from kickdrift.model.system import System
     from kickdrift.plots.figures import stability
+    from kickdrift.run.listing import Listing, listing
     from kickdrift.run.report import Report
     from kickdrift.run.resuming import resume
     from kickdrift.run.simulation import Simulation
@@ -68,6 +69,7 @@ _HOMES = {
     "FileOptions": "trajectory.options",
     "InputError": "errors",
     "KickdriftError": "errors",
+    "Listing": "run.listing",
     "Option": "integrators.option",
     "Problem": "model.problem",
     "Report": "run.report",
@@ -78,6 +80,7 @@ _HOMES = {
     "compare": "analysis.comparing",
     "export": "trajectory.export",
     "integrator": "integrators.asked",
+    "listing": "run.listing",
     "load": "systemfile.reading",
     "megno": "analysis.chaos",
     "open": "trajectory.reader",
@@ -110,6 +113,7 @@ __all__ = [
     "KickdriftError",
     "LennardJones",
     "LinearDrag",
+    "Listing",
     "Oblateness",
     "Option",
     "PostNewtonian",
@@ -128,6 +132,7 @@ __all__ = [
     "export",
     "integrator",
     "integrators",
+    "listing",
     "load",
     "megno",
     "open",
@@ -220,6 +225,9 @@ def __getattr__(name: str) -> Any:
     return value
 
 
+_PYTHONS = ("__all__", "__doc__", "__file__", "__name__", "__path__", "__spec__", "__version__")
+
+
 def __dir__() -> list[str]:
     """Public names, and those of Python itself."""
-    return [*__all__, *(name for name in globals() if name.startswith("__"))]
+    return [*__all__, *_PYTHONS]

@@ -29,6 +29,8 @@ def above(what: str) -> Callable[..., Any]:
 class Shown:
     """An object that prints as tables and as lines of key and text, and that a notebook shows as tables."""
 
+    _lines_first = False  # whether the lines stand above the tables
+
     def _lines(self) -> Lines:
         """Return each line's key and text; a line that goes on has an empty key."""
         raise NotImplementedError
@@ -38,12 +40,14 @@ class Shown:
         return []
 
     def __str__(self) -> str:
-        lines = "\n".join(clean(f"{key:{KEY}} {text}") for key, text in self._lines())
-        return "\n\n".join([*(text_table(*each) for each in self._tables()), lines])
+        lines = "\n".join(clean(f"{key:{KEY}} {text}").rstrip() for key, text in self._lines())
+        tables = [text_table(*each) for each in self._tables()]
+        return "\n\n".join(part for part in ([lines, *tables] if self._lines_first else [*tables, lines]) if part)
 
     def _repr_html_(self) -> str:
-        lines = html_table(None, [], [list(line) for line in self._lines()])
-        return "\n".join([*(html_table(*each) for each in self._tables()), lines])
+        lines = [html_table(None, [], found)] if (found := self._lines()) else []
+        tables = [html_table(*each) for each in self._tables()]
+        return "\n".join(lines + tables if self._lines_first else tables + lines)
 
 
 def lines_of(shown: Shown) -> Lines:

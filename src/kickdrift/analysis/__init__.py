@@ -49,4 +49,4 @@ def __getattr__(name: str) -> Any:
 
 def __dir__() -> list[str]:
     """Public names, and those of Python itself."""
-    return [*__all__, *(name for name in globals() if name.startswith("__"))]
+    return [*__all__, "__all__", "__doc__", "__file__", "__name__", "__path__", "__spec__"]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from kickdrift.cli.console import members_bar as members_bar
@@ -19,28 +19,6 @@ if TYPE_CHECKING:
     from kickdrift.model.system import System
 
 
-def list_integrators() -> tuple[list[str], list[list[str]]]:
-    """Table of every integrator and its properties."""
-    from kickdrift.integrators import INTEGRATORS
-
-    yes = {True: "yes", False: "no"}
-    columns = ["name", "family", "order", "evaluations", "symplectic", "reversible", "adaptive", "use"]
-    rows = [
-        [
-            name,
-            method.family,
-            str(method.order),
-            str(method.evaluations or "varies"),
-            yes[method.symplectic],
-            yes[method.reversible],
-            yes[method.chooses_steps],
-            method.use if name == method.name else f"the same as {method.name}",
-        ]
-        for name, method in INTEGRATORS.items()
-    ]
-    return columns, rows
-
-
 def print_stability(names: Sequence[str]) -> None:
     """Print the longest stable step of each method, from its coefficients."""
     from kickdrift.integrators.asked import integrator
@@ -51,44 +29,6 @@ def print_stability(names: Sequence[str]) -> None:
     limits = [(each.name, each.stability) for each in chosen]
     rows = [[name, *(number(found[key]) if key in found else "" for key in columns)] for name, found in limits]
     print_table(None, ["method", *columns], rows)
-
-
-def list_forces() -> tuple[list[str], list[list[str]]]:
-    """Table of every force and its parameters."""
-    import inspect
-
-    from kickdrift.forces import FORCES
-
-    rows = [
-        [name, ", ".join(inspect.signature(force).parameters), (force.__doc__ or "").split("\n")[0]]
-        for name, force in FORCES.items()
-    ]
-    return ["name", "parameters", "description"], rows
-
-
-def list_systems() -> tuple[list[str], list[list[str]]]:
-    """Table of every shipped system file."""
-    from kickdrift.systemfile.files import describe, shipped
-
-    found = [describe(path) for path in shipped().values()]
-    return ["name", "units", "title"], [[each.name, each.units, each.title] for each in found]
-
-
-def list_engines() -> tuple[list[str], list[list[str]]]:
-    """Table of every engine and its installed version."""
-    from kickdrift.engines import ENGINES
-
-    return ["name", "version", "runs"], [
-        [name, each.version or f"not installed: {each.install}", each.runs] for name, each in ENGINES.items()
-    ]
-
-
-LISTINGS: dict[str, Callable[[], tuple[list[str], list[list[str]]]]] = {
-    "integrators": list_integrators,
-    "forces": list_forces,
-    "systems": list_systems,
-    "engines": list_engines,
-}
 
 
 def print_benchmark(rows: list[Any], particles: int, seconds: float) -> None:
