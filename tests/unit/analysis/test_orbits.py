@@ -15,8 +15,8 @@ from kickdrift.forces import Gravity
 from kickdrift.model.starts.elements import states
 from kickdrift.model.state import State
 from kickdrift.model.system import System
+from kickdrift.plots import figures
 from kickdrift.plots import orbits as plots_orbits
-from kickdrift.plots import runs as plots
 from kickdrift.systemfile.reading import load, loads
 from kickdrift.trajectory import reader
 from kickdrift.trajectory.h5md import Writer
@@ -289,10 +289,11 @@ seed = 1
 
 def test_the_command_draws_orbits_where_there_is_gravity(run, tmp_path, monkeypatch):
     asked = []
-    monkeypatch.setattr(plots_orbits, "plot_orbits", lambda *a, **k: asked.append("orbits"))
-    monkeypatch.setattr(plots, "plot_run", lambda *a, **k: asked.append("energies"))
+    for kind in ("orbits", "energies"):
+        draw = figures.KINDS[kind]
+        monkeypatch.setitem(figures.KINDS, kind, lambda run, kind=kind, draw=draw: asked.append(kind) or draw(run))
     for flags in ((), ("--kind", "energies"), ("--kind", "orbits")):
-        assert CliRunner().invoke(app, ["plot", str(run), *flags]).exit_code == 0
+        assert CliRunner().invoke(app, ["plot", str(run), "--overwrite", *flags]).exit_code == 0
     assert asked == ["orbits", "energies", "orbits"]
     wrong = CliRunner().invoke(app, ["plot", "--stability", "rk4", "--kind", "orbits"])
     assert isinstance(wrong.exception, InputError)
