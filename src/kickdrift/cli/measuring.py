@@ -12,7 +12,7 @@ from kickdrift.cli.options import (
     JsonOption,
     OverwriteOption,
     QuietOption,
-    SystemArgument,
+    SubjectArgument,
     ThreadsOption,
     with_options,
 )
@@ -22,7 +22,7 @@ from kickdrift.showing import lines_of, tables_of
 
 @with_options()
 def compare(
-    system: SystemArgument,
+    system: SubjectArgument,
     integrator: Annotated[
         list[str] | None,
         typer.Option(metavar="NAME", help="Integrator; repeat for several (default: a suitable choice)."),
@@ -71,7 +71,7 @@ def compare(
 
 @with_options("dt", "rtol", "atol")
 def chaos(
-    system: SystemArgument,
+    system: SubjectArgument,
     time: Annotated[float | None, typer.Option(metavar="T", help="Length of the run (default: the file's).")] = None,
     integrator: Annotated[
         str | None, typer.Option(metavar="NAME", help="Default: the file's if it can carry deviations, else dop853.")

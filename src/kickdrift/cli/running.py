@@ -14,7 +14,7 @@ from kickdrift.cli.options import (
     JsonOption,
     OverwriteOption,
     QuietOption,
-    SystemArgument,
+    SubjectArgument,
     ThreadsOption,
     with_options,
 )
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     "dt", "rtol", "atol", "max_step", "compensated", "precision", "coordinates", "corrector", "order", "eta", "scheme"
 )
 def run(
-    system: SystemArgument,
+    system: SubjectArgument,
     integrator: Annotated[str | None, typer.Option(metavar="NAME", help="See: kickdrift list integrators.")] = None,
     options: Any = None,
     steps: Annotated[int | None, typer.Option(metavar="N", min=0, help="Number of steps.")] = None,

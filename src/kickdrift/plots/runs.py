@@ -66,15 +66,14 @@ def run_figure(run: reader.Run) -> Figure:
 
 def report_figure(report: Report) -> Figure:
     """Energies, energy error and temperature of a run, from the samples that its report holds."""
-    about = report.about
-    if not np.isfinite(about.total).all():
+    units, series = report.about.units, report.about.series
+    if not np.isfinite(series.total).all():
         raise InputError(f"{report.system}: has no energy to draw; give the Problem an energy function")
-    units, temperature = about.units, about.temperature
-    kinetic = np.zeros(1) if units is None else about.kinetic
-    energies = reader.EnergySeries(about.times, kinetic, about.potential, about.total)
-    panels = [partial(_draw_error, energies, about.taken)]
+    total, kinetic = series.total - series.taken, np.nan_to_num(series.kinetics) + 0.0 * series.total
+    energies = reader.EnergySeries(series.times, kinetic, total - kinetic, total)
+    panels = [partial(_draw_error, energies, series.taken)]
     panels = [partial(_draw_energies, energies), *panels] if units else panels
-    panels += [partial(_draw_temperature, about.times, temperature)] if np.isfinite(temperature).all() else []
+    panels += [partial(_draw_temperature, series.times, series.temperatures)] if series.temperatures is not None else []
     step = "" if report.dt is None else f"  ·  dt = {report.dt:g} {_pretty(units.time) if units else ''}".rstrip()
     return panelled(panels, units or UNIT_SYSTEMS["nbody"], f"{report.system}  ·  {report.integrator}{step}")
 

@@ -13,7 +13,6 @@ from kickdrift.disk.outputs import plain
 from kickdrift.engines import NATIVE
 from kickdrift.integrators.method import Method
 from kickdrift.integrators.options import Options
-from kickdrift.looks import columns as column
 from kickdrift.looks.observers import NOTHING
 from kickdrift.looks.record import Record, Series, even_stretch
 from kickdrift.model.checks import unwarned
@@ -84,19 +83,13 @@ class About(NamedTuple):
     ----------
     units : UnitSystem; None for a Problem
     dimensions : of the particles' space
-    times, kinetic, potential, total, temperature : (k,) values at the samples; nan where they are undefined
-    taken : (k,) energy that events had taken out at the samples
+    series : the samples
     output : path of the run's file, "" if none was written
     """
 
     units: UnitSystem | None
     dimensions: int
-    times: Floats
-    kinetic: Floats
-    potential: Floats
-    total: Floats
-    temperature: Floats
-    taken: Floats
+    series: Series
     output: str = ""
 
 
@@ -263,17 +256,8 @@ def report(sim: Reported) -> Report:
         energy_taken=None if record.taken is NOTHING else record.taken.energy,
         stopped=sim.stopped,
         warnings=list(record.warnings),
-        about=_about(record, system),
+        about=About(system.units, system.dimensions, series) if isinstance(system, System) else About(None, 0, series),
     )
-
-
-def _about(record: Record, system: System | Problem) -> About:
-    rows = record.looks.held()[1]
-    units, dimensions = (system.units, system.dimensions) if isinstance(system, System) else (None, 0)
-    return About(
-        units, dimensions, rows[:, column.TIME], rows[:, column.KINETIC], rows[:, column.POTENTIAL],
-        rows[:, column.TOTAL], rows[:, column.TEMPERATURE], rows[:, column.ENERGY_TAKEN],
-    )  # fmt: skip
 
 
 def _energy(series: Series, even: bool, system: System | Problem) -> EnergyReport | None:

@@ -105,8 +105,8 @@ def test_a_report_keeps_its_samples_through_pickle_and_out_of_its_json():
     again = pickle.loads(pickle.dumps(report))
     assert again == report
     assert str(again) == str(report)
-    np.testing.assert_array_equal(again.about.total, report.about.total)
-    assert len(again.about.times) == report.samples == 21
+    np.testing.assert_array_equal(again.about.series.total, report.about.series.total)
+    assert len(again.about.series.times) == report.samples == 21
     assert "about" not in json.loads(json.dumps(report.as_json()))
 
 
