@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,10 +15,8 @@ from kickdrift.plots.runs import (
     _thin,
     _time_axis,
     _title,
-    checked_target,
     new_axes,
     new_figure,
-    save_figure,
     with_unit,
 )
 from kickdrift.text import shown, suggestion
@@ -32,19 +28,10 @@ if TYPE_CHECKING:
 MOST_LINES = 9  # a tensor's
 
 
-def plot_column(
-    path: str | os.PathLike[str], name: str, output: str | os.PathLike[str], *, overwrite: bool = False
-) -> Path:
-    """Draw a column of a run's samples, kickdrift's own or a user's, against time; returns the figure's path.
+def column_figure(run: reader.Run, name: str) -> Figure:
+    """A column of a run's samples, kickdrift's own or a user's, against time.
 
     Each number of a vector or tensor is a line; of more than nine numbers the first nine are drawn."""
-    target = checked_target(output, overwrite, path)
-    with reader.open(path) as run:
-        return save_figure(column_figure(run, name), target)
-
-
-def column_figure(run: reader.Run, name: str) -> Figure:
-    """The figure of ``plot_column``, of an open file."""
     observables = run.observables
     if name not in observables:
         known = ", ".join(observables) or "none, for it has no sample"

@@ -13,7 +13,7 @@ from kickdrift.integrators.asked import Integrator
 from kickdrift.plots import observables
 from kickdrift.plots.columns import column_figure
 from kickdrift.plots.orbits import orbits_figure, orbits_in
-from kickdrift.plots.runs import checked_target, run_figure, save_figure
+from kickdrift.plots.runs import run_figure, write_figure
 from kickdrift.plots.stability import stability_figure
 from kickdrift.text import shown, suggestion
 from kickdrift.trajectory import reader
@@ -50,9 +50,7 @@ def plot_file(
     overwrite: bool = False,
 ) -> Path:
     """Draw a run's file as ``figure_of`` does. Return the figure's path."""
-    target = checked_target(output, overwrite, path)
-    with reader.open(path) as run:
-        return save_figure(figure_of(run, kind, column), target)
+    return write_figure(path, output, overwrite, partial(figure_of, kind=kind, column=column))
 
 
 def stability(*integrators: str | Integrator) -> Figure:

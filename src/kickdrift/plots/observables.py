@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
+from functools import partial
 from itertools import combinations_with_replacement
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -15,7 +16,7 @@ from kickdrift.analysis.motion import MeanSquaredDisplacement, mean_squared_disp
 from kickdrift.analysis.structure import radial_distribution, structure_factor
 from kickdrift.errors import InputError
 from kickdrift.model.state import Floats
-from kickdrift.plots.runs import COLOURS, GRID, INK, _pretty, _title, checked_target, new_axes, new_figure, save_figure
+from kickdrift.plots.runs import COLOURS, GRID, INK, _pretty, _title, new_axes, new_figure, write_figure
 from kickdrift.trajectory import reader
 
 if TYPE_CHECKING:
@@ -48,9 +49,7 @@ def plot_observable(
     averages, and a panel below shows the errors alone. A run that is too short has no errors. g(r) and S(k) are
     averages over frames spread evenly over the run without the first, as many as take a few seconds.
     """
-    target = checked_target(output, overwrite, path)
-    with reader.open(path) as run:
-        return save_figure(observable_figure(run, kind), target)
+    return write_figure(path, output, overwrite, partial(observable_figure, kind=kind))
 
 
 def observable_figure(run: reader.Run, kind: str) -> Figure:

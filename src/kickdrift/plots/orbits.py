@@ -22,12 +22,11 @@ from kickdrift.plots.runs import (
     _thin,
     _time_axis,
     _title,
-    checked_target,
     energy_taken,
     new_axes,
     new_figure,
-    save_figure,
     with_unit,
+    write_figure,
 )
 from kickdrift.trajectory import reader
 
@@ -65,9 +64,7 @@ def plot_orbits(path: str | os.PathLike[str], output: str | os.PathLike[str], *,
     path is drawn by its ellipses, faint, with the last one strong. A body that was absorbed or removed is drawn up to
     its end.
     """
-    target = checked_target(output, overwrite, path)
-    with reader.open(path) as run:
-        return save_figure(orbits_figure(run), target)
+    return write_figure(path, output, overwrite, orbits_figure)
 
 
 def orbits_figure(run: reader.Run) -> Figure:

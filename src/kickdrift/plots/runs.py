@@ -47,9 +47,19 @@ def plot_run(path: str | os.PathLike[str], output: str | os.PathLike[str], *, ov
     The error is (E(t) - E(0)) / |E(0)|, or relative to the kinetic energy at the start if |E(0)| is under a tenth of
     it. As in the report, E(t) includes the energy that collisions and removed bodies took out.
     """
+    return write_figure(path, output, overwrite, run_figure)
+
+
+def write_figure(
+    path: str | os.PathLike[str],
+    output: str | os.PathLike[str],
+    overwrite: bool,
+    draw: Callable[[reader.Run], Figure],
+) -> Path:
+    """Write the figure that ``draw`` makes of a run's file. Return the figure's path."""
     target = checked_target(output, overwrite, path)
     with reader.open(path) as run:
-        return save_figure(run_figure(run), target)
+        return save_figure(draw(run), target)
 
 
 def run_figure(run: reader.Run) -> Figure:
