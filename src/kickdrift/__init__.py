@@ -17,7 +17,7 @@ from warnings import warn
 # Not lazy: loading the rooms of those names later would put the modules in the functions' places.
 from kickdrift.engines import engines
 from kickdrift.integrators import integrators
-from kickdrift.model.bridging import BRIDGES
+from kickdrift.model.bridging import BRIDGES, SYSTEM_FILES
 from kickdrift.showing import ABOVE
 
 if TYPE_CHECKING:
@@ -37,8 +37,10 @@ if TYPE_CHECKING:
     from kickdrift.integrators.registration import register_splitting, register_step, register_tableau
     from kickdrift.looks.columns import Column
     from kickdrift.looks.observers import Energies
+    from kickdrift.model.bodies import Body
     from kickdrift.model.box import Box
     from kickdrift.model.events import CloseApproach, Collision, Crossing, Escape
+    from kickdrift.model.orbit_table import Orbit, OrbitTable
     from kickdrift.model.problem import Problem
     from kickdrift.model.state import State
     from kickdrift.model.system import System
@@ -56,6 +58,7 @@ __version__ = version("kickdrift")
 
 _HOMES = {
     "accelerations": "integrators.custom",
+    "Body": "model.bodies",
     "Box": "model.box",
     "ChaosReport": "analysis.chaos_report",
     "CloseApproach": "model.events",
@@ -71,6 +74,8 @@ _HOMES = {
     "KickdriftError": "errors",
     "Listing": "run.listing",
     "Option": "integrators.option",
+    "Orbit": "model.orbit_table",
+    "OrbitTable": "model.orbit_table",
     "Problem": "model.problem",
     "Report": "run.report",
     "RunError": "errors",
@@ -94,6 +99,7 @@ _HOMES = {
 }
 
 __all__ = [
+    "Body",
     "Box",
     "ChaosReport",
     "CloseApproach",
@@ -116,6 +122,8 @@ __all__ = [
     "Listing",
     "Oblateness",
     "Option",
+    "Orbit",
+    "OrbitTable",
     "PostNewtonian",
     "Problem",
     "Report",
@@ -173,7 +181,26 @@ def _rebound() -> ModuleType:
     return rebound
 
 
+def _from_elements(*given: Any, **more: Any) -> Any:
+    from kickdrift.systemfile.composing import from_elements
+
+    return from_elements(*given, **more)
+
+
+def _with_body(*given: Any, **more: Any) -> Any:
+    from kickdrift.systemfile.composing import with_body
+
+    return with_body(*given, **more)
+
+
+def _to_toml(*given: Any) -> Any:
+    from kickdrift.systemfile.writing import to_toml
+
+    return to_toml(*given)
+
+
 BRIDGES.update(ase=_ase, rebound=_rebound)
+SYSTEM_FILES.update(from_elements=_from_elements, with_body=_with_body, to_toml=_to_toml)
 
 
 def _loader(module: str, name: str) -> Callable[[], Any]:

@@ -20,7 +20,9 @@ from kickdrift.errors import InputError
 from kickdrift.looks.observers import Energies
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
+from kickdrift.model.unit_systems import symbol_of
 from kickdrift.showing import Lines, Shown
+from kickdrift.text import measured
 
 Verdict = Literal["regular", "chaotic", "undecided"]
 
@@ -66,13 +68,14 @@ class ChaosReport(Shown):
         return str(self)
 
     def _lines(self) -> Lines:
-        step = "" if self.dt is None else f", dt = {self.dt:g} {self.time_unit}"
+        unit = symbol_of(self.time_unit)
+        step = "" if self.dt is None else f", dt = {measured(f'{self.dt:g}', unit)}"
         return [
             ("system", self.system),
             ("integrator", self.integrator + step),
-            ("length", f"{self.steps:,} steps, {self.time:g} {self.time_unit}"),
+            ("length", f"{self.steps:,} steps, {measured(f'{self.time:g}', unit)}"),
             ("MEGNO", f"{self.megno:.4g}: {self.verdict} over this length"),
-            ("Lyapunov", f"exponent {self.lyapunov:.2e} ± {self.lyapunov_error:.1e} per {self.time_unit}"),
+            ("Lyapunov", f"exponent {self.lyapunov:.2e} ± {self.lyapunov_error:.1e} per {unit or 'unit of time'}"),
             ("energy error", f"{self.energy_error:.2e} at the end"),
         ]
 

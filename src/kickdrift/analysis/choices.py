@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+from kickdrift.model.unit_systems import symbol_of
 from kickdrift.showing import Lines
-from kickdrift.text import duration
+from kickdrift.text import duration, measured
 
 SAFETY = 2.0  # the error foreseen is to stay below the wanted one by that factor
 TIE = 1.2  # costs closer than that are the same, for all that timing can tell
@@ -93,7 +94,7 @@ class Recommendation:
 
     def lines(self, time_unit: str, to_run: str) -> Lines:
         """The recommended method with its evidence, or the reason for a refusal; ``to_run`` runs the choice."""
-        unit = f" {time_unit}" if time_unit else ""
+        unit = measured("", symbol_of(time_unit))
         lines = [
             ("wanted", f"error {self.accuracy:g} over {self.length:.6g}{unit}"),
             ("pilot", f"{self.pilot:.6g}{unit}; the run is {self.extrapolation:.3g} times as long"),

@@ -10,8 +10,9 @@ from typing import Any
 from kickdrift.analysis.bench import processor
 from kickdrift.analysis.choices import Recommendation
 from kickdrift.analysis.ladder import Row
+from kickdrift.model.unit_systems import symbol_of
 from kickdrift.showing import Lines, Shown, Table, above
-from kickdrift.text import counted, duration
+from kickdrift.text import counted, duration, measured
 
 _OTHERWISE = ("rows", "slopes", "recommendation", "begin", "asked")  # not as they are in the JSON object
 
@@ -90,7 +91,7 @@ class Comparison(Shown):
 
     def _tables(self) -> list[Table]:
         energy = self.measure == "energy"
-        unit = f" {self.time_unit}" if self.time_unit else ""
+        unit = measured("", symbol_of(self.time_unit))
         columns = ["method", "dt or rtol", "evaluations", "seconds", "error"]
         columns += [] if energy else ["energy error"]
         columns += ["error of a step"]

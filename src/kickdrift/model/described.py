@@ -19,12 +19,9 @@ class ShownSystem(Shown):
         lines = [
             ("system", self.name),
             ("particles", f"{len(self):,} ({', '.join(self.species)})"),
-            ("box", self.box.described(units.length)),
+            ("box", self.box.described(units.symbol("length"))),
             *([("dimensions", "2")] if self.dimensions == 2 else []),
-            (
-                "units",
-                f"{units.name}: length {units.length}, time {units.time}, mass {units.mass}, energy {units.energy}",
-            ),
+            ("units", f"{units.name}: {units.described(('length', 'time', 'mass', 'energy'))}"),
             *(("force", str(force)) for force in self.forces),
             *_run_line(self),
         ]

@@ -6,8 +6,9 @@ import math
 from typing import Any
 
 from kickdrift.model.event_log import event_lines
+from kickdrift.model.unit_systems import symbol_of
 from kickdrift.showing import Lines, Shown, lines_of
-from kickdrift.text import counted
+from kickdrift.text import counted, measured
 
 
 class ShownReport(Shown):
@@ -18,7 +19,7 @@ class ShownReport(Shown):
 
     def _lines(self: Any) -> Lines:
         units, output = self.about.units, self.about.output
-        time_unit = f" {units.time}" if units else ""
+        time_unit = measured("", units.symbol("time")) if units else ""
         if units:
             lines = [("system", f"{self.system}: {self.particles:,} particles, units {self.units}")]
         else:
@@ -32,10 +33,10 @@ class ShownReport(Shown):
         lines.append(("length", f"{self.steps:,} steps{rejected}, {self.time:g}{time_unit}"))
         if self.y is not None:
             lines.append(("y at the end", ", ".join(f"{value:.10g}" for value in self.y)))
-        energy, unit = self.energy, f" {units.energy}" if units else ""
+        energy, unit = self.energy, measured("", units.symbol("energy")) if units else ""
         if energy is not None:
             errors = f"{energy.rms_relative_error:.2e} RMS, {energy.max_relative_error:.2e} largest"
-            drift = drift_text(energy, f" per {units.time if units else 'unit of time'}: {energy.verdict}")
+            drift = drift_text(energy, f" per {time_unit.strip() or 'unit of time'}: {energy.verdict}")
             lines += [
                 ("energy", f"{energy.initial:.8g} at the start, {energy.final:.8g}{unit} at the end"),
                 ("energy error", f"{errors}, of {energy.relative_to}"),
@@ -46,10 +47,11 @@ class ShownReport(Shown):
         if self.angular_momentum_error is not None:
             lines.append(("angular momentum", f"error {self.angular_momentum_error:.1e} of the sum of m |x × v|"))
         if units and self.temperature is not None:
-            lines.append(("temperature", f"{self.temperature:.5g} {units.temperature} (mean)"))
+            mean = measured(f"{self.temperature:.5g}", units.symbol("temperature"))
+            lines.append(("temperature", f"{mean} (mean)"))
         if units and self.pressure is not None:
-            per = f"{units.energy}/{units.length}^{self.about.dimensions}"
-            lines.append(("pressure", f"{self.pressure:.5g} {per} (mean)"))
+            per = symbol_of(f"{units.energy}/{units.length}^{self.about.dimensions}")
+            lines.append(("pressure", f"{measured(f'{self.pressure:.5g}', per)} (mean)"))
         shown = self.force_evaluations is not None and (not units or self.dt is None)
         evaluations = f"{self.force_evaluations:,} evaluations, " if shown else ""
         per_pair = f", {self.ns_per_pair:.1f} ns per pair" if self.ns_per_pair else ""
@@ -75,7 +77,7 @@ class ShownSimulation(Shown):
 
     def _lines(self: Any) -> Lines:
         units = getattr(self.system, "units", None)
-        unit = f" {units.time}" if units else ""
+        unit = measured("", units.symbol("time")) if units else ""
         lines = [line for line in lines_of(self.system) if line[0] not in ("run", "equilibrate")]
         if self.engine != "native":
             lines.append(("engine", f"{self.engine} {self.engine_version}"))
