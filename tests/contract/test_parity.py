@@ -109,6 +109,7 @@ OPTIONS: dict[str, dict[str, str]] = {
         "--quiet": "export(progress)",
     },
     "info": {"file": "open(path)"},
+    "show": {"system": "load(name_or_path)"},
     "list": {"what": "listing(what)", "name": "listing(name)"},
 }
 
@@ -126,7 +127,7 @@ DEVELOPERS = {
 # Public names that the command line has in another form.
 ELSEWHERE = {
     "a table of a system file": (
-        "Box", "CloseApproach", "Collision", "Crossing", "DrivenField", "Escape", "Gravity", "GravityTree",
+        "Body", "Box", "CloseApproach", "Collision", "Crossing", "DrivenField", "Escape", "Gravity", "GravityTree",
         "HarmonicTrap", "LennardJones", "LinearDrag", "Oblateness", "PostNewtonian", "Springs", "System",
         "UniformField",
     ),
@@ -137,8 +138,8 @@ ELSEWHERE = {
     "FILE.py in a system's place": ("Problem",),
     "list": ("Listing", "engines", "integrators"),
     "exit status": ("InputError", "KickdriftError", "RunError"),
-    "only in Python: values of a running Simulation, and analysis of frames": (
-        "Column", "Energies", "State", "analysis",
+    "only in Python: values of a running Simulation, orbits of the present, and analysis of frames": (
+        "Column", "Energies", "Orbit", "OrbitTable", "State", "analysis",
     ),
 }  # fmt: skip
 
@@ -202,7 +203,7 @@ def test_the_names_of_the_page_exist(command):
     for name in table()[command]:
         first, *rest = name.split(".")
         begin = {"kd": kd, "run": Run, "sim": kd.Simulation, "report": kd.Report}
-        begin |= {"found": kd.Comparison}
+        begin |= {"found": kd.Comparison, "system": kd.System}
         found = begin[first]
         for part in rest:
             found = getattr(found, part)

@@ -19,6 +19,7 @@ from kickdrift.model.state import State
 from kickdrift.model.system import System
 from kickdrift.plots import figures
 from kickdrift.plots import orbits as plots_orbits
+from kickdrift.plots import runs as plots
 from kickdrift.systemfile.reading import load, loads
 from kickdrift.trajectory import reader
 from kickdrift.trajectory.h5md import Writer
@@ -187,13 +188,13 @@ def test_bad_input(run, tmp_path):
 def drawn(monkeypatch) -> list:
     """The figures that were saved."""
     figures = []
-    save = plots_orbits.save_figure
+    save = plots.save_figure
 
     def keep(figure, target):
         figures.append(figure)
         return save(figure, target)
 
-    monkeypatch.setattr(plots_orbits, "save_figure", keep)
+    monkeypatch.setattr(plots, "save_figure", keep)
     return figures
 
 
