@@ -294,7 +294,7 @@ def test_a_dict_is_a_system_file():
     ):
         with pytest.raises(kd.InputError, match=expected):
             kd.load(wrong)
-    with pytest.raises(kd.InputError, match="seed: this system draws no velocities"):
+    with pytest.warns(UserWarning, match="seed: this system draws nothing at random"):
         kd.load(data, seed=1)
 
 
