@@ -127,9 +127,8 @@ DEVELOPERS = {
 # Public names that the command line has in another form.
 ELSEWHERE = {
     "a table of a system file": (
-        "Body", "Box", "CloseApproach", "Collision", "Crossing", "DrivenField", "Escape", "Gravity", "GravityTree",
-        "HarmonicTrap", "LennardJones", "LinearDrag", "Oblateness", "PostNewtonian", "Springs", "System",
-        "UniformField",
+        "Body", "Box", "CloseApproach", "Collision", "Crossing", "Escape", "System",
+        *(name for name in kd.__all__ if kd._HOMES.get(name) == "forces"),
     ),
     "-o KEY=VALUE": ("integrator", "Option"),
     "--load FILE.py": (

@@ -56,8 +56,8 @@ class Integrator:
     def stability(self) -> dict[str, float]:
         """The longest stable step, from the coefficients; infinite without a bound.
 
-        Of a splitting: {"omega dt"} on an oscillator. Of a one-step method: {"real lambda dt", "imaginary lambda dt"}
-        on y' = lambda y. An InputError for a method without a stability function."""
+        A splitting has "omega dt" on an oscillator. A one-step method has "real lambda dt" and "imaginary lambda dt" on
+        y' = lambda y. An InputError for a method without a stability function."""
         from kickdrift.integrators import stability
         from kickdrift.integrators.splitting import Splitting
 
