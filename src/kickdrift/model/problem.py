@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from kickdrift.errors import InputError
 from kickdrift.model.arguments import checked_arguments
 from kickdrift.model.checks import numbers
+from kickdrift.model.described import ShownProblem
 from kickdrift.model.partial import arguments, with_args
 from kickdrift.model.run_defaults import RunDefaults
 from kickdrift.model.state import Floats, read_only
@@ -34,8 +35,8 @@ class ProblemState:
 
 
 @checked_arguments
-@dataclass(frozen=True, eq=False)
-class Problem:
+@dataclass(frozen=True, eq=False, repr=False)
+class Problem(ShownProblem):
     """y' = f(t, y, *args), y(t0) = y0.
 
     Parameters

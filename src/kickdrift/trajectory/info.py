@@ -90,6 +90,24 @@ def _unregistered(run: Run) -> list[str]:
 
 def describe(found: dict[str, Any]) -> str:
     """What `info` found, for a reader."""
+    rows = _rows(found)
+    width = min(WIDTH, max(len(key) for key, _ in rows))
+    lines = [found["file"], *(f"  {key:<{width}}  {value}".rstrip() for key, value in rows)]
+    return "\n".join(clean(line) for line in lines)
+
+
+def run_lines(run: Run) -> list[tuple[str, str]]:
+    """What `info` finds in an open run's file: the file's name and lines of key and text."""
+    found = _summary(run)
+    return [("file", found["file"]), *_rows(found)]
+
+
+def run_text(run: Run) -> str:
+    """What ``kickdrift info`` prints of an open run's file."""
+    return describe(_summary(run))
+
+
+def _rows(found: dict[str, Any]) -> list[tuple[str, str]]:
     units = found["units"]
     length, time, energy = (symbol_of(units[key]) for key in ("length", "time", "energy"))
     named = [f"{key} {symbol}" for key, symbol in zip(_SHOWN_UNITS, (length, time, energy), strict=True) if symbol]
@@ -130,10 +148,7 @@ def describe(found: dict[str, Any]) -> str:
     report = found["report"] or {}
     report = {key: value for key, value in report.items() if key != "events"}
     rows += [(f"report: {key.replace('_', ' ')}", _short(value)) for key, value in _flat(report)]
-    rows += event_lines(found["events"])
-    width = min(WIDTH, max(len(key) for key, _ in rows))
-    lines = [found["file"], *(f"  {key:<{width}}  {value}".rstrip() for key, value in rows)]
-    return "\n".join(clean(line) for line in lines)
+    return rows + event_lines(found["events"])
 
 
 def _box(shape: list[Any] | None, periodic: list[bool], unit: str) -> str:
