@@ -10,9 +10,11 @@ import os
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
-from typing import TextIO
+from typing import Any, TextIO
 
-from kickdrift.cli import layout
+from kickdrift.display import layout, showing
+from kickdrift.display.showing import KEY
+from kickdrift.display.showing import members_bar as members_bar
 from kickdrift.text import CELL, clean, escaped
 
 PLAIN = {
@@ -29,7 +31,6 @@ PLAIN = {
 }  # replacements for streams that cannot encode these
 PLAINLY = "kickdrift-plain"  # name of the error handler
 HINT = "A wider terminal or a pipe shows every column."
-KEY = 17  # width of a line's key
 NARROW, WIDE = 40, 80  # columns: of the narrowest terminal that lines wrap for, and of a terminal that tells no width
 
 _json_alone = False  # whether standard output is kept for a JSON object
@@ -142,40 +143,19 @@ def say(text: str, quiet: bool = False) -> None:
 
 
 @contextmanager
-def progress_bar(quiet: bool) -> Iterator[Callable[[str], Callable[[int, int], None]]]:
+def progress_bar(quiet: bool) -> Iterator[Callable[[str], Callable[[int, int], Any]]]:
     """Yield ``bar(label)``, which returns a function (done, of) that moves a bar on standard error, on a terminal."""
-    if quiet or not sys.stderr.isatty():
-        yield lambda label: _noting(label)
-        return
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-
-    layout = (
-        TextColumn("{task.description}", markup=False),
-        BarColumn(),
-        TextColumn("{task.percentage:3.0f} %"),
-        TimeRemainingColumn(),
-    )
-    with Progress(*layout, console=Console(stderr=True), transient=True) as progress:
-
-        def bar(label: str) -> Callable[[int, int], None]:
-            task, note = progress.add_task(clean(label, CELL), total=None), _noting(label)
-
-            def move(done: int, of: int) -> None:
-                note(done, of)
-                progress.update(task, completed=done, total=of)
-
-            return move
-
-        yield bar
+    with showing.progress_bar(quiet) as bar:
+        yield lambda label: _noting(clean(label, CELL), bar(label))
 
 
-def _noting(label: str) -> Callable[[int, int], None]:
-    """Function (done, of) that remembers what the program does, for `stopped_at`."""
+def _noting(label: str, move: Callable[[int, int], Any]) -> Callable[[int, int], Any]:
+    """Function (done, of) that moves a bar, and remembers where the bar stands for `stopped_at`."""
 
     def note(done: int, of: int) -> None:
         global _doing
-        _doing = f"{100 * done // max(of, 1)} % of {clean(label, CELL)}"
+        _doing = f"{100 * done // max(of, 1)} % of {label}"
+        move(done, of)
 
     return note
 
@@ -185,31 +165,3 @@ def stopped_at() -> str:
     if not _doing:
         return "interrupted; all written files are whole"
     return f"stopped at {_doing}; nothing is kept, and the same command begins again"
-
-
-@contextmanager
-def members_bar(quiet: bool) -> Iterator[Callable[[int, int, int], None] | None]:
-    """Yield a function (done, of, failed) that shows these with the rate and the remaining time, on a terminal."""
-    if quiet or not sys.stderr.isatty():
-        yield None
-        return
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
-    rate = TextColumn("{task.fields[rate]}")
-    layout = TextColumn("members"), BarColumn(), MofNCompleteColumn(), rate, TimeRemainingColumn()
-    with Progress(
-        *layout, TextColumn("{task.fields[failed]}"), console=Console(stderr=True), transient=True
-    ) as progress:
-        task = progress.add_task("members", total=None, rate="", failed="")
-        begun: list[int] = []
-
-        def show(done: int, of: int, failed: int) -> None:
-            if not begun:  # members done earlier have no rate
-                begun.append(done)
-                progress.reset(task, total=of, completed=done)
-            speed = progress.tasks[0].speed
-            rate = f"{speed:.3g}/s" if speed else ""
-            progress.update(task, completed=done, rate=rate, failed=f"{failed} failed" if failed else "")
-
-        yield show

@@ -10,9 +10,9 @@ from typing import Any
 
 from typer.core import TyperCommand, TyperGroup
 
-from kickdrift.cli import layout
 from kickdrift.cli.console import WIDE, width_of
 from kickdrift.cli.examples import EXAMPLES
+from kickdrift.display import layout
 from kickdrift.integrators.asked import known_options
 from kickdrift.integrators.option import DT, MIXED
 

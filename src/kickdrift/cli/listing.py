@@ -9,10 +9,8 @@ import typer
 
 from kickdrift.cli.console import print_lines, print_table, verbatim
 from kickdrift.cli.options import JsonOption, OverwriteOption
-from kickdrift.cli.printing import LISTINGS
 from kickdrift.disk.outputs import refuse_outputs, write_json
-from kickdrift.errors import InputError
-from kickdrift.text import VALUE, clean
+from kickdrift.display.showing import lines_of, tables_of
 
 
 class Lists(StrEnum):
@@ -42,18 +40,10 @@ def list_(
 ) -> None:
     """List integrators, forces, systems or engines, or explain an integrator and its options."""
     refuse_outputs({"json": json_file}, overwrite)
-    if name is not None:
-        from kickdrift.cli.printing_methods import OPTION_COLUMNS, method_lines, option_rows
+    from kickdrift.run.listing import listing
 
-        if what is not Lists.integrators:
-            raise InputError(f"list {what} {clean(name, VALUE)}: only integrators are explained by name")
-        lines, rows = method_lines(name), option_rows(name)
-        print_lines(lines)
-        print_table("options", OPTION_COLUMNS, rows)
-        options = [dict(zip(OPTION_COLUMNS, row, strict=True)) for row in rows]
-        write_json(json_file, {**dict(lines), "options": options}, overwrite=overwrite)
-        return
-    columns, rows = LISTINGS[what]()
-    print_table(None, columns, rows, whole=all_)
-    listed = [dict(zip(columns, row, strict=True)) for row in rows]
-    write_json(json_file, {str(what): listed}, overwrite=overwrite)
+    found = listing(str(what), name)
+    print_lines(lines_of(found))
+    for title, columns, rows in tables_of(found):
+        print_table(title, columns, rows, whole=all_)
+    write_json(json_file, found.as_json(), overwrite=overwrite)

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from kickdrift.errors import InputError
-from kickdrift.looks.energy_lines import energy_lines
 from kickdrift.looks.energy_trend import energy_trend
+from kickdrift.looks.report_lines import energy_lines, method_text
 from kickdrift.model.checks import unwarned
 from kickdrift.model.unit_systems import symbol_of
 from kickdrift.statistics.drift import energy_error
@@ -29,9 +29,14 @@ def overview(path: str | os.PathLike[str]) -> Lines:
     come from the file's samples. Raises InputError if the file is not a run's file.
     """
     with open(path) as run:
-        found, samples = info_of(run), run.whole_samples()
-        report = run.report if isinstance(run.report, dict) else _so_far(run, samples)
-        dimensions = run.system_record.get("dimensions", 3)
+        return overview_of(run)
+
+
+def overview_of(run: Run) -> Lines:
+    """The same of an open file."""
+    found, samples = info_of(run), run.whole_samples()
+    report = run.report if isinstance(run.report, dict) else _so_far(run, samples)
+    dimensions = run.system_record.get("dimensions", 3)
     units = {key: symbol_of(unit) for key, unit in found["units"].items() if isinstance(unit, str)}
     lines = [
         ("system", f"{found['system']}: {found['particles']:,} particles, units {found['units']['name']}"),
@@ -53,16 +58,10 @@ def _method(method: Mapping[str, Any], report: Mapping[str, Any], time_unit: str
     source = report if "options" in report else method
     options = source.get("options")
     chosen = {key: source.get(key) for key in _CHOICES} | (options if isinstance(options, dict) else {})
-    said = [
-        f"{key} = {measured(f'{value:g}', time_unit if key == 'dt' else '')}"
-        if isinstance(value, float)
-        else f"{key} = {value}"
-        for key, value in chosen.items()
-        if value
-    ]
     engine = method.get("engine")
     where = [] if engine in (None, "native") else [f"engine {engine} {method.get('engine_version') or ''}".rstrip()]
-    return ", ".join([str(method.get("integrator")), *said, *where])
+    name = method_text(str(method.get("integrator")), {key: value for key, value in chosen.items() if value}, time_unit)
+    return ", ".join([name, *where])
 
 
 def _momentum(report: Mapping[str, Any]) -> Lines:

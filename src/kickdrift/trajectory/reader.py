@@ -28,6 +28,7 @@ from kickdrift.trajectory.kind import check_kind
 from kickdrift.trajectory.layout import TRAJECTORY, run_hash, system_hash
 from kickdrift.trajectory.opening import open_to_read
 from kickdrift.trajectory.rows import behind
+from kickdrift.trajectory.shown import ShownRun
 
 if TYPE_CHECKING:
     from kickdrift.model.system import System
@@ -45,7 +46,7 @@ class Samples(NamedTuple):
     observables: dict[str, Floats]
 
 
-class Run(Frames):
+class Run(Frames, ShownRun):
     """A run's file, open for reading: a context manager, and the sequence of all its frames.
 
     Everything is in the system's own units, whatever unit the file names for the sake of other programs. Observables

@@ -8,10 +8,10 @@ import shlex
 
 import pytest
 
-from kickdrift.cli import layout
 from kickdrift.cli.examples import EXAMPLES
 from kickdrift.cli.help import pages
 from kickdrift.cli.main import app
+from kickdrift.display import layout
 from kickdrift.systemfile.files import shipped
 from tests.terminals import outputs
 
@@ -92,7 +92,7 @@ def test_no_word_is_broken(command, shown):
 def test_names_are_whole_and_first(what, shown):
     for more in ("", " --all"):
         terminal, piped = shown[f"list {what}{more}"]
-        names = [row["name"] for row in json.loads(shown[f"list {what} --json -"][1])[what]]
+        names = [row["name"] for row in json.loads(shown[f"list {what} --json -"][1])["rows"]]
         assert {*NAMES[what]} <= {*names}
         assert {*names} <= {line.split()[0] for line in terminal.splitlines() if line[:1].strip()}
         assert [line.split()[0] for line in piped.splitlines()[1:]] == names
@@ -103,7 +103,7 @@ def test_a_piped_table_has_every_column_and_one_line_for_each_row(shown):
         _, piped = shown[f"list {what}"]
         assert piped == shown[f"list {what} --all"][1]
         head, *rows = piped.splitlines()
-        assert len(rows) == len(json.loads(shown[f"list {what} --json -"][1])[what])
+        assert len(rows) == len(json.loads(shown[f"list {what} --json -"][1])["rows"])
         assert piped.isascii() or not set(piped) & set("─━│┃╭╮╰╯")
         starts = [found.start() for found in re.finditer(r"(?<=  )\S", head)]
         assert all(len(row) < start or row[start - 2 : start] == "  " for row in rows for start in starts)
@@ -176,18 +176,18 @@ def test_json_on_standard_output_is_alone(kickdrift, tmp_path, monkeypatch, quie
 
 def test_lists_and_info_as_json(kickdrift, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    found = json.loads(kickdrift("list", "integrators", "--json", "-")[1])["integrators"]
+    found = json.loads(kickdrift("list", "integrators", "--json", "-")[1])["rows"]
     assert {*NAMES["integrators"]} <= {row["name"] for row in found}
     found = json.loads(kickdrift("list", "integrators", "saba", "--json", "-")[1])
     assert found["integrator"] == "saba"
-    assert "corrector" not in [each["option"] for each in found["options"]]
+    assert "corrector" not in [each["option"] for each in found["rows"]]
     kickdrift("run", "two-body", "--steps", 5, "--output", "run.h5md", "--quiet")
     found = json.loads(kickdrift("info", "run.h5md", "--json", "-")[1])
     assert (found["system"], found["steps"]) == ("two-body", [0, 5])
     code, out, err = kickdrift("info", "two-body", "--json", "-")
     assert (code, out, err) == (2, "", "kickdrift: two-body: --json is for the file of a run\n")
     assert kickdrift("list", "systems", "--json", "systems.json")[0] == 0
-    assert [row["name"] for row in json.loads((tmp_path / "systems.json").read_text())["systems"]] == [*shipped()]
+    assert [row["name"] for row in json.loads((tmp_path / "systems.json").read_text())["rows"]] == [*shipped()]
 
 
 # --- layout ---

@@ -1,4 +1,4 @@
-"""Lines about a run's energy for people: its values, its error and its drift."""
+"""Lines about a run for people: its method, and its energy with the error and the drift."""
 
 from __future__ import annotations
 
@@ -6,10 +6,24 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+from kickdrift.text import measured
+
+
+def method_text(name: str, options: Mapping[str, Any], time_unit: str = "") -> str:
+    """Name of a method with the options that are not None."""
+    said = [
+        f"{key} = {measured(f'{value:g}', time_unit * (key == 'dt'))}"
+        if isinstance(value, float)
+        else f"{key} = {value}"
+        for key, value in options.items()
+        if value is not None
+    ]
+    return ", ".join([name, *said])
+
 
 def energy_lines(energy: Mapping[str, Any], energy_unit: str, time_unit: str) -> list[tuple[str, str]]:
     """Lines of an EnergyReport, or of the same values in a dictionary. Values that are None are left out."""
-    unit = f" {energy_unit}" if energy_unit else ""
+    unit = measured("", energy_unit)
     per = f" per {time_unit or 'unit of time'}"
     lines = []
     if _are_numbers(energy, "initial", "final"):
