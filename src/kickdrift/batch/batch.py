@@ -21,7 +21,7 @@ from kickdrift.errors import InputError
 from kickdrift.integrators.asked import Integrator
 from kickdrift.integrators.batch_stepping import LaneStepper, from_lanes
 from kickdrift.integrators.step_length import start_warning
-from kickdrift.looks.record import Record, Series
+from kickdrift.looks.record import BOTH, Record, Series
 from kickdrift.model.capacity import check_room
 from kickdrift.model.limits import whole_number
 from kickdrift.model.state import Floats, State
@@ -161,6 +161,7 @@ class Batch:
             force_evaluations=self._stepper.evaluations,
             wall_seconds=self._seconds / len(self),
             compile_seconds=self._compiling / len(self),
+            spent={BOTH: self._seconds / len(self)},
             warnings=[*self._stepper.warnings(i), *([warning] if warning else [])],
             found=series,
         )

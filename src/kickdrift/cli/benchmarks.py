@@ -50,7 +50,7 @@ def bench_lj_energy(
     methods = list(dict.fromkeys(method_named(name).name for name in integrator or bench.METHODS))
     check_threads(threads)
     system = bench.benchmark_system(particles)
-    say("compiling (the first time on a machine takes longest) and timing a short pilot run …", quiet)
+    say("timing a short pilot run …", quiet)
     plan = bench.plan(system, methods, steps if steps is not None else bench.DEFAULT_STEPS, threads)
     say(f"expected time: {duration(plan.seconds)}", quiet)
     with progress_bar(quiet) as bar:

@@ -62,7 +62,7 @@ def compare(
     if isinstance(subject, System):
         subject = subject.watched(())  # every method and step is compared with one reference trajectory
     chosen_methods(subject, integrator, options)
-    say("compiling (the first time on a machine takes longest) and comparing: about a minute …", quiet)
+    say("comparing: about a minute …", quiet)
     with progress_bar(quiet) as bar:
         start = work.equilibrated(subject, threads, bar)
         found = work.work_precision(

@@ -149,6 +149,7 @@ def print_report(report: Report, sim: Simulation, output: Path | None) -> None:
     rate = report.steps_per_second
     speed = f"{rate:,.0f}" if rate >= 10 or not rate else f"{rate:.2g}"
     lines.append(("speed", f"{evaluations}{speed} steps/s on {where}{per_pair}"))
+    lines.append(("took", took_text(report)))
     if report.energy_taken is not None:
         lines.append(("energy taken", f"{report.energy_taken:.8g}{unit} by collisions and removed bodies"))
     if report.stopped:
@@ -157,6 +158,18 @@ def print_report(report: Report, sim: Simulation, output: Path | None) -> None:
     if output:
         lines.append(("written", str(output)))
     print_lines(lines)
+
+
+def took_text(report: Report) -> str:
+    """Where the time of a run went: "1.4 s: stepping 0.9, 1001 looks 0.1, writing 0.3, compiling 0.1"."""
+    seconds = {part: spent or 0.0 for part, spent in report.seconds.items()}
+    total = sum(seconds.values())
+    decimals = 0 if total >= 100 else 1 if total >= 1 else 2 if total >= 0.1 else 4
+    looks = counted(report.samples, "look")
+    names = {"looks": looks} if report.seconds["looks"] is not None else {"stepping": f"stepping and {looks}"}
+    parts = [(names.get(part, part), f"{spent:.{decimals}f}") for part, spent in seconds.items()]
+    said = ", ".join(f"{name} {spent}" for name, spent in parts if float(spent))
+    return f"{total:.{decimals}f} s{f': {said}' if said else ''}"
 
 
 def drift_text(energy: EnergyReport, ending: str = "") -> str:

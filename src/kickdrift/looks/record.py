@@ -18,6 +18,10 @@ from kickdrift.model.memory import Memory, by_value
 from kickdrift.model.state import Floats
 
 
+# Parts of the work whose wall time a record keeps. Compiled code that steps and looks cannot tell these apart.
+STEPPING, LOOKS, BOTH, WRITING, OBSERVING = "stepping", "looks", "stepping and looks", "writing", "observing"
+
+
 class Series(NamedTuple):
     """A run's samples as arrays.
 
@@ -76,6 +80,7 @@ class Record:
     jacobian_evaluations: int = 0
     wall_seconds: float = 0.0
     compile_seconds: float = 0.0
+    spent: dict[str, float] = field(default_factory=dict)  # seconds by part of the work; see ``spend``
     warnings: list[str] = field(default_factory=list)
     events: list[dict[str, Any]] = field(default_factory=list)
     taken: Taken = NOTHING
@@ -85,6 +90,10 @@ class Record:
         self.force_evaluations += cost.evaluations
         self.jacobian_evaluations += cost.jacobians
         self.rejected_steps += cost.rejected
+
+    def spend(self, part: str, seconds: float) -> None:
+        """Add wall time to a part of the work: a constant of this module."""
+        self.spent[part] = self.spent.get(part, 0.0) + seconds
 
     def take(self, before: Sample, after: Sample) -> None:
         """Add the change of conserved quantities by an event."""
@@ -122,6 +131,8 @@ class Record:
             kind = type(getattr(fresh, key, None))
             if key != "taken" and not isinstance(value, (int, float) if kind in (int, float) else kind):
                 raise InputError(f"checkpoint: record.{key} does not fit a run of this system")
+        if not all(isinstance(seconds, float) for seconds in kept.get("spent", {}).values()):
+            raise InputError("checkpoint: its record's times are invalid")
         if not all(isinstance(line, str) for line in kept["warnings"]) or not all(map(is_row, kept["events"])):
             raise InputError("checkpoint: its warnings or events are invalid")
         return cls(**(kept | {"taken": NOTHING if kept["taken"] is None else Taken(*kept["taken"])}))

@@ -19,6 +19,7 @@ from kickdrift.integrators.flow import flow_of
 from kickdrift.integrators.option import MIXED
 from kickdrift.integrators.particle_flow import ParticleFlow
 from kickdrift.integrators.stepper import STOPPED, Stepper
+from kickdrift.jit.notices import compiling_for
 from kickdrift.looks.observers import Sample
 from kickdrift.looks.record import Record
 from kickdrift.model.checks import no_overflow
@@ -80,7 +81,8 @@ class Integration:
         self.method, self.options, self.dt = job.method, job.options, job.options.dt
         self._job, self.engine = job, engine
         self.record = Record()
-        self.stepper: Stepper | WatchedStepper = self.stepper_for(job.system)
+        with compiling_for(self.purpose):
+            self.stepper: Stepper | WatchedStepper = self.stepper_for(job.system)
         self.events: WatchedStepper | None = None
         if events:
             self.stepper = self.events = WatchedStepper(self, self.stepper, events)
@@ -110,6 +112,14 @@ class Integration:
     def integrator(self) -> str:
         """The method's name, as the user gave it."""
         return self._job.named
+
+    @property
+    def purpose(self) -> str:
+        """What code is compiled for: the method, and the forces or the Problem."""
+        system = self._job.system
+        forces = system.forces if isinstance(system, System) else ()
+        names = dict.fromkeys(getattr(force, "name", type(force).__name__) for force in forces)
+        return f"{self.integrator} for {' and '.join(names) or system.name}"
 
     @property
     def threads(self) -> int:
@@ -230,8 +240,9 @@ class Integration:
         if self._compiled:
             return
         began = perf_counter()
-        self.stepper.advance(0, self.time)
-        self.flow.prepare(self.stepper.y, self.time)
+        with compiling_for(self.purpose):
+            self.stepper.advance(0, self.time)
+            self.flow.prepare(self.stepper.y, self.time)
         self._compiled = True
         self.record.compile_seconds += perf_counter() - began
 

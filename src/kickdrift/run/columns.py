@@ -10,6 +10,7 @@ import numpy as np
 
 from kickdrift.errors import InputError, RunError
 from kickdrift.looks.columns import Column, parts
+from kickdrift.looks.record import OBSERVING
 from kickdrift.looks.table import SAMPLE_BYTES
 from kickdrift.model.capacity import check_room
 from kickdrift.model.state import Floats
@@ -61,6 +62,8 @@ class ColumnWatcher(Watcher):
     run : the Integration to sample
     sim : argument of the columns' functions
     """
+
+    part = OBSERVING
 
     def __init__(self, columns: Mapping[Column, str], run: Integration, sim: Any) -> None:
         self.columns, self._run, self._sim = columns, run, sim

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial
 from time import perf_counter
 from typing import Any
 
 import numpy as np
 
 from kickdrift.errors import InputError
+from kickdrift.jit.notices import compiling_for
+from kickdrift.looks.record import LOOKS, STEPPING
 from kickdrift.run.advance import Integration
 from kickdrift.run.looks import Sampler
 from kickdrift.run.plan import Plan
-from kickdrift.run.report import Report
+from kickdrift.run.report import Report, seconds_of
 from kickdrift.run.watch.watcher import Watcher
 from kickdrift.text import shown
 
@@ -32,10 +36,10 @@ def run_through(
 
     ``alone`` says that only the record needs the looks during the run. ``report`` makes the report."""
     begun: list[Watcher] = []
-    with run.busy() as interrupted:
+    with run.busy() as interrupted, compiling_for(run.purpose):
         try:
             for watcher in watchers:
-                watcher.begin()
+                _timed(run, watcher, watcher.begin)
                 begun.append(watcher)
             _go(run, sampler, plan, watchers, alone, interrupted, progress)
             for watcher in watchers:
@@ -46,10 +50,17 @@ def run_through(
                 watcher.close(None)
             raise
         for watcher in reversed(begun):
-            watcher.close(found)
+            _timed(run, watcher, partial(watcher.close, found))
     if interrupted():
         raise KeyboardInterrupt
-    return found
+    return replace(found, seconds=seconds_of(run.record))
+
+
+def _timed(run: Integration, watcher: Watcher, act: Callable[[], None]) -> None:
+    """Let a watcher act, and count the time as its part of the work."""
+    began = perf_counter()
+    act()
+    run.record.spend(watcher.part, perf_counter() - began)
 
 
 def _go(
@@ -62,9 +73,11 @@ def _go(
     progress: Progress | None,
 ) -> None:
     def look(again: bool = True) -> None:
+        began = perf_counter()
         sampler.look(again)
+        run.record.spend(LOOKS, perf_counter() - began)
         for watcher in watchers:
-            watcher.look()
+            _timed(run, watcher, watcher.look)
 
     look(again=False)
     began, spent_before = perf_counter(), run.record.wall_seconds
@@ -76,19 +89,21 @@ def _go(
             looked = run.at is None and run.record.looks.at(run.steps_done, run.time)
         else:
             stop, stop_time = plan.next_stop(run)
+            stepped = perf_counter()
             steps = min(run.chunk, stop - run.stepper.steps_done)
             held = run.advance(steps, stop_time, plan.horizon(stop_time), plan.end_time)
             if held:
                 run.look_ahead(plan.horizon(stop_time), counted=plan.horizon(stop_time) == plan.end_time)
             else:
                 run.at = plan.present(run.stepper.time, stop_time)
+            run.record.spend(STEPPING, perf_counter() - stepped)
             run.record.wall_seconds = spent_before + perf_counter() - began
             looked = held or run.steps_done == stop or run.stepper.time >= stop_time
             if looked:
                 look()
             else:
                 for watcher in watchers:
-                    watcher.pause()
+                    _timed(run, watcher, watcher.pause)
         if progress:
             progress(*plan.progress(run))
     if not looked:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from kickdrift.disk.files import place
 from kickdrift.errors import InputError, RunError
 from kickdrift.jit.compile import features, processor
+from kickdrift.looks.record import WRITING
 from kickdrift.model.memory import Memory
 from kickdrift.model.system import System
 from kickdrift.run.forces import forces_at
@@ -149,6 +150,8 @@ class File(Watcher):
     columns : names of the user's columns to write
     going_on : returns the events that have begun but not ended
     """
+
+    part = WRITING
 
     def __init__(
         self, run: Integration, open: Callable[[], Writer], columns: Iterable[str], going_on: Callable[[], Any]

@@ -10,10 +10,11 @@ import numpy as np
 
 from kickdrift.disk.outputs import plain
 from kickdrift.engines import NATIVE
+from kickdrift.forces.pair_law import PairForce
 from kickdrift.integrators.method import Method
 from kickdrift.integrators.options import Options
 from kickdrift.looks.observers import NOTHING
-from kickdrift.looks.record import Record, Series, even_stretch
+from kickdrift.looks.record import BOTH, LOOKS, OBSERVING, STEPPING, WRITING, Record, Series, even_stretch
 from kickdrift.model.checks import unwarned
 from kickdrift.model.problem import Problem
 from kickdrift.model.state import Floats
@@ -69,6 +70,7 @@ class EnergyReport:
         return asdict(self)
 
 
+COMPILING = "compiling"
 _JUDGED = ("drift_per_unit_time", "drift_error", "verdict")
 
 
@@ -80,7 +82,11 @@ class Report:
     None in an external field. ``angular_momentum_error`` is the same with m |x × v|. It is None also in a periodic box,
     which does not conserve angular momentum. ``temperature`` and ``pressure`` are means over the samples, in the
     system's units; None where they are undefined. ``options`` holds the options except dt and tolerances.
-    ``ns_per_pair`` is the wall time per force evaluation and pair within range.
+    ``wall_seconds`` is the time of steps and looks, ``compile_seconds`` that of compiling, or of loading compiled code
+    from the disk. ``seconds`` tells where the time went: "stepping", "looks", "writing", "observing" (``observe`` and
+    the user's columns) and "compiling". "looks" is None if compiled code takes looks between its steps: "stepping"
+    includes them then. ``ns_per_pair`` is the wall time per force evaluation and pair within range; None without a pair
+    list.
 
     ``events`` holds `Simulation.events` and the close approaches that have not ended. ``energy_taken`` is the energy
     that collisions and removed bodies took out, None without such events; the energy's error excludes it. ``stopped``
@@ -108,6 +114,7 @@ class Report:
     jacobian_evaluations: int
     wall_seconds: float
     compile_seconds: float
+    seconds: dict[str, float | None]
     steps_per_second: float
     ns_per_pair: float | None
     energy: EnergyReport | None
@@ -178,7 +185,8 @@ def report(sim: Reported) -> Report:
     series = record.series()
     of_particles = isinstance(system, System)
     counted = sim.engine == NATIVE or sim.method.evaluations > 0  # otherwise another program counted its evaluations
-    work = record.force_evaluations * (series.pairs or 0.0)
+    listed = isinstance(system, System) and any(isinstance(force, PairForce) for force in system.forces)
+    work = record.force_evaluations * (series.pairs or 0.0) if listed else 0.0
     options = sim.options.extras(sim.method.tunable)
     rtol, atol = options.pop("rtol", None), options.pop("atol", None)
     return Report(
@@ -203,6 +211,7 @@ def report(sim: Reported) -> Report:
         jacobian_evaluations=record.jacobian_evaluations,
         wall_seconds=record.wall_seconds,
         compile_seconds=record.compile_seconds,
+        seconds=seconds_of(record),
         steps_per_second=record.steps / record.wall_seconds if record.wall_seconds else 0.0,
         ns_per_pair=1e9 * record.wall_seconds / work if work else None,
         energy=_energy(series, not sim.method.chooses_steps, system),
@@ -220,6 +229,18 @@ def report(sim: Reported) -> Report:
         stopped=sim.stopped,
         warnings=list(record.warnings),
     )
+
+
+def seconds_of(record: Record) -> dict[str, float | None]:
+    """Return the seconds of each part of the work; see `Report`."""
+    stepping, looks, both = (record.spent.get(part, 0.0) for part in (STEPPING, LOOKS, BOTH))
+    return {
+        STEPPING: stepping + looks + both if both else stepping,
+        LOOKS: None if both else looks,
+        WRITING: record.spent.get(WRITING, 0.0),
+        OBSERVING: record.spent.get(OBSERVING, 0.0),
+        COMPILING: record.compile_seconds,
+    }
 
 
 def _energy(series: Series, even: bool, system: System | Problem) -> EnergyReport | None:
