@@ -127,7 +127,8 @@ def print_report(report: Report, sim: Simulation, output: Path | None) -> None:
     energy, unit = report.energy, f" {units.energy}" if units else ""
     if energy is not None:
         errors = f"{energy.rms_relative_error:.2e} RMS, {energy.max_relative_error:.2e} largest"
-        drift = drift_text(energy, f" per {units.time if units else 'unit of time'}: {energy.verdict}")
+        verdict = energy.verdict + drift_context(report, system)
+        drift = drift_text(energy, f" per {units.time if units else 'unit of time'}: {verdict}")
         lines += [
             ("energy", f"{energy.initial:.8g} at the start, {energy.final:.8g}{unit} at the end"),
             ("energy error", f"{errors}, of {energy.relative_to}"),
@@ -179,18 +180,39 @@ def drift_text(energy: EnergyReport, ending: str = "") -> str:
     return f"{energy.drift_per_unit_time:+.1e} ± {energy.drift_error:.1e}{ending}"
 
 
+def drift_context(report: Report, system: System | Problem) -> str:
+    """What a drift means: its size over the run, and its cause where the forces show one; else nothing."""
+    from kickdrift.forces.pair_law import PairForce
+
+    energy = report.energy
+    if energy is None or energy.verdict != "secular drift":
+        return ""
+    size = abs(energy.drift_per_unit_time * report.time)
+    whole = {"initial energy": "of the energy", "kinetic energy": "of the kinetic energy"}.get(energy.relative_to, "")
+    jumps = any(
+        isinstance(force, PairForce) and force.truncation in ("cut", "shift") for force in getattr(system, "forces", ())
+    )
+    cause = "; the force jumps at the cutoff, see lj-1000-switch" if jumps else ""
+    return f", {f'{size:.0e} {whole}'.strip()} over this run{cause}"
+
+
 def print_chaos(report: ChaosReport) -> None:
     """Print MEGNO and the Lyapunov exponent on standard output."""
     time_unit = report.time_unit
     step = "" if report.dt is None else f", dt = {report.dt:g} {time_unit}"
+    longer = report.time_to_decide
+    exponent = f"{report.lyapunov:.2e} ± {report.lyapunov_error:.1e}" if longer is None else f"below {report.bound:.1e}"
     lines = [
         ("system", report.system),
         ("integrator", report.integrator + step),
         ("length", f"{report.steps:,} steps, {report.time:g} {time_unit}"),
         ("MEGNO", f"{report.megno:.4g}: {report.verdict} over this length"),
-        ("Lyapunov", f"exponent {report.lyapunov:.2e} ± {report.lyapunov_error:.1e} per {time_unit}"),
+        ("Lyapunov", f"exponent {exponent} per {time_unit}"),
         ("energy error", f"{report.energy_error:.2e} at the end"),
     ]
+    if longer is not None:
+        times = longer / report.time
+        lines.append(("to decide", f"run about {times:.2g} times as long: --time {float(f'{longer:.2g}'):g}"))
     print_lines(lines)
 
 

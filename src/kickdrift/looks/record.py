@@ -33,6 +33,7 @@ class Series(NamedTuple):
     kinetic : the first kinetic energy; nan for a Problem
     momentum, angular_momentum : (k, 3), with the momentum that events took out; None for a Problem
     temperature, pressure, pairs : means; undefined ones are nan, and None for pairs
+    temperatures : (k,) the temperature at each look; None where looks have none
     """
 
     steps: NDArray[np.int64]
@@ -45,6 +46,7 @@ class Series(NamedTuple):
     temperature: float = float("nan")
     pressure: float = float("nan")
     pairs: float | None = None
+    temperatures: Floats | None = None
 
 
 def even_stretch(steps: NDArray[np.int64]) -> slice:
@@ -152,6 +154,7 @@ class Record:
             temperature=float(rows[:, column.TEMPERATURE].mean()),
             pressure=float(rows[:, column.PRESSURE].mean()),
             pairs=float(rows[known, column.PAIRS].mean()) if known.any() else None,
+            temperatures=rows[:, column.TEMPERATURE],
         )
 
 

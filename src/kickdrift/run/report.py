@@ -19,7 +19,8 @@ from kickdrift.model.checks import unwarned
 from kickdrift.model.problem import Problem
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
-from kickdrift.statistics.drift import EnergyError, drift, energy_error, rounding_of
+from kickdrift.run.melting import has_melted, lattice_spacing, temperature_change
+from kickdrift.statistics.drift import ROUNDINGS, EnergyError, drift, energy_error, rounding_of
 
 
 @dataclass(frozen=True)
@@ -227,8 +228,22 @@ def report(sim: Reported) -> Report:
         events=[*sim.events, *sim.going_on()],
         energy_taken=None if record.taken is NOTHING else record.taken.energy,
         stopped=sim.stopped,
-        warnings=list(record.warnings),
+        warnings=[*record.warnings, *(_melting(sim, series.temperatures) if listed else [])],
     )
+
+
+def _melting(sim: Reported, temperatures: Floats | None) -> list[str]:
+    """Return a warning if the run starts from a lattice, and the temperature shows that it is not in equilibrium."""
+    change, system = temperature_change(temperatures), sim.system
+    if change is None or not isinstance(system, System) or (spacing := lattice_spacing(system)) is None:
+        return []
+    first, later = change
+    why = "the lattice is melting" if has_melted(system, sim.state.positions, spacing) else "the start is a lattice"
+    return [
+        f"{why}: the temperature {'falls' if later < first else 'rises'} from {first:.4g} to {later:.4g} "
+        f"{system.units.temperature} (mean of the second half), so the run is not in equilibrium; equilibrate first, "
+        "with [equilibrate] in the system file or with sim.equilibrate"
+    ]
 
 
 def seconds_of(record: Record) -> dict[str, float | None]:
@@ -259,8 +274,12 @@ def _energy(series: Series, even: bool, system: System | Problem) -> EnergyRepor
             grid = np.linspace(times[0], times[-1], len(times))
             times, errors = grid, np.interp(grid, times, errors)
         largest = max(abs(error.initial), 0.0 if np.isnan(kinetic) else kinetic)
-        trend = drift(times, errors, rounding_of(largest, int(series.steps[-1] - series.steps[0])) / scale)
-        return trend.slope, trend.error, f"not conserved: {', '.join(working)}" if working else trend.verdict
+        rounding = rounding_of(largest, int(series.steps[-1] - series.steps[0])) / scale
+        trend = drift(times, errors, rounding)
+        over_run = abs(trend.slope * (series.times[-1] - series.times[0]))
+        tiny = trend.verdict == "secular drift" and over_run <= ROUNDINGS * rounding
+        verdict = f"not conserved: {', '.join(working)}" if working else "round-off" if tiny else trend.verdict
+        return trend.slope, trend.error, verdict
 
     return EnergyReport.later(error, series.final, judged)
 
