@@ -84,7 +84,7 @@ def run(
     file = file_options(output, given | {"write": write and tuple(each.strip() for each in write.split(","))})
     chosen = load(system, seed)
 
-    from kickdrift.run.plan import length_of
+    from kickdrift.run.lengths import length_of
     from kickdrift.run.simulation import Simulation
 
     sim = Simulation(chosen, integrator, threads=threads, engine=engine, processes=processes, **options)

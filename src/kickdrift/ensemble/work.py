@@ -77,7 +77,7 @@ def run_member(recipe: Recipe, member: Member, system: System | Problem | None =
 
 
 def _run(recipe: Recipe, member: Member, system: System | Problem) -> Row:
-    from kickdrift.run.plan import length_of
+    from kickdrift.run.lengths import length_of
     from kickdrift.run.simulation import Simulation
 
     sim = Simulation(system)

@@ -74,9 +74,14 @@ class Callback:
     ``n`` and ``outputs`` count the numbers that it takes and returns. ``error`` holds an exception that Python code
     raised in it."""
 
-    def __init__(self, function: Function, n: int, outputs: int, compiled: bool, what: str) -> None:
+    def __init__(
+        self, function: Function, n: int, outputs: int, compiled: bool, what: str, backward: float = 0.0
+    ) -> None:
         self.error: BaseException | None = None
-        made = _machine_code(function, n, outputs, what) if compiled else self._python(function, n, outputs)
+        if not compiled:
+            made = self._python(function, n, outputs)
+        else:
+            made = _machine_code(function, n, outputs, what, backward)
         self._keep_alive, self.address = made
 
     def _python(self, function: Function, n: int, outputs: int) -> tuple[Any, int]:
@@ -95,15 +100,23 @@ class Callback:
         return callback, address
 
 
-def _machine_code(function: Any, n: int, outputs: int, what: str) -> tuple[Any, int]:
+def _machine_code(function: Any, n: int, outputs: int, what: str, backward: float = 0.0) -> tuple[Any, int]:
+    """The function as machine code. With ``backward``, it is ``backward`` times the function at -t."""
     inner = function if hasattr(function, "py_func") else njit(function, error_model="numpy")
 
     def call(t, y, dy):
         write(carray(dy, (outputs,)), inner(t, carray(y, (n,))))
         return 0
 
+    def call_back(t, y, dy):
+        found = carray(dy, (outputs,))
+        write(found, inner(-t, carray(y, (n,))))
+        for i in range(outputs):
+            found[i] *= backward
+        return 0
+
     try:
-        code = cfunc(_SIGNATURE, error_model="numpy")(call)
+        code = cfunc(_SIGNATURE, error_model="numpy")(call_back if backward else call)
     except NumbaError as error:
         line = _culprit(str(error))
         raise InputError(f"{what} does not compile: {line}; compiled=False runs it as plain Python, slowly") from None
@@ -166,9 +179,9 @@ class Unknowns(Protocol):
 class RightHandSide:
     """A Problem's f as a force, which binds like the forces of a System."""
 
-    def __init__(self, problem: Problem) -> None:
+    def __init__(self, problem: Problem, callback: Callback | None = None) -> None:
         n = len(problem)
-        self.callback = Callback(problem.f, n, n, problem.compiled, f"{problem.name}: f")
+        self.callback = callback or Callback(problem.f, n, n, problem.compiled, f"{problem.name}: f")
 
     def bind(self, problem: Unknowns, threads: int = 1) -> EquationKernel:
         """Return the parts: a NamedTuple with a compiled body."""
@@ -185,6 +198,13 @@ def right_hand_side(problem: Problem) -> RightHandSide:
         kept["right_hand_side"] = made
     found: RightHandSide = kept["right_hand_side"]
     return found
+
+
+def backward_right_hand_side(problem: Problem, mirror: Problem) -> RightHandSide:
+    """Return the right-hand side of ``mirror``, the mirrored Problem, from the f of the Problem itself."""
+    n, sign = len(problem), 1.0 if problem.separable else -1.0
+    function = problem.f if problem.compiled else mirror.f
+    return RightHandSide(mirror, Callback(function, n, n, problem.compiled, f"{problem.name}: f", sign))
 
 
 def check_right_hand_side(problem: Problem, made: RightHandSide) -> None:

@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from copy import copy
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -154,6 +155,10 @@ class DrivenField(Field):
         """Refuse a field out of the plane of a two-dimensional system."""
         check_in_plane(self.name, "amplitude", self.amplitude, system)
 
+    def reversed(self) -> DrivenField:
+        """The field of the motion backwards in time, at t = -s."""
+        return replace(self, phase=-self.phase)
+
     def bind(self, system: Subject, threads: int = 1) -> Any:
         """See Field."""
         from kickdrift.forces.fields_kernel import UniformKernel
@@ -193,6 +198,12 @@ class LinearDrag(Field):
         object.__setattr__(self, "rate", number(self.name, "rate", self.rate))
         if self.rate < 0:
             raise InputError(f"{self.name}: rate must be zero or more, got {self.rate}")
+
+    def reversed(self) -> LinearDrag:
+        """The drag of the motion backwards in time, which pushes."""
+        found = copy(self)
+        object.__setattr__(found, "rate", -self.rate)
+        return found
 
     def bind(self, system: Subject, threads: int = 1) -> Any:
         """See Field."""

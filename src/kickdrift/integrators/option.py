@@ -6,6 +6,7 @@ made from these declarations. A method says which options it takes by `Method.de
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import inf, isfinite
@@ -20,6 +21,7 @@ from kickdrift.text import shown
 DOUBLE, MIXED = "double", "mixed"  # of pair forces
 _WORDS = {float: "a number", int: "a whole number", str: "a name", bool: "true or false"}
 _SWITCH = {"true": True, "yes": True, "on": True, "false": False, "no": False, "off": False}
+_WITH_UNIT = re.compile(r"[+-]?[\d.]+(?:[eE][+-]?\d+)?\s*[^\W\d].*")  # a number, and what may be a unit
 _TAKEN = (
     "system", "integrator", "steps", "time", "every", "interval", "threads", "engine", "engine_version", "processes",
     "events", "seed", "options", "processor", "features", "seeds", "progress",
@@ -101,7 +103,11 @@ class Option:
         return int(found) if self.type is int else found
 
     def parsed(self, text: str) -> Any:
-        """The value that a text on the command line means; an InputError where it means none."""
+        """The value that a text on the command line means; an InputError where it means none.
+
+        A time with a unit stays text: only a System has the units that it is to be converted to."""
+        if self.dimension == "time" and _WITH_UNIT.fullmatch(text.strip()):
+            return text
         try:
             if self.type is bool:
                 return _SWITCH[text.lower()]

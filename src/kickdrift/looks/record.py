@@ -82,6 +82,8 @@ class Record:
     jacobian_evaluations: int = 0
     wall_seconds: float = 0.0
     compile_seconds: float = 0.0
+    backward: bool = False  # whether the run goes back in time
+    unfinished: float = 0.0  # time between the current time and the end of a shortened step's whole step
     spent: dict[str, float] = field(default_factory=dict)  # seconds by part of the work; see ``spend``
     warnings: list[str] = field(default_factory=list)
     events: list[dict[str, Any]] = field(default_factory=list)

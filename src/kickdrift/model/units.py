@@ -96,6 +96,15 @@ def quantity(value: Any, dimension: str, units: UnitSystem, key: str = "") -> fl
     return result
 
 
+def time_in(value: Any, units: UnitSystem | None, key: str) -> Any:
+    """Return a time in ``units`` from a text such as "5 ps"; other values as they are. A Problem has no units."""
+    if not isinstance(value, str):
+        return value
+    if units is None:
+        raise InputError(f"{key}: times of a Problem are plain numbers, got {shown(value)}")
+    return quantity(value, "time", units, key)
+
+
 def number_density(value: Any, units: UnitSystem, mass: float, key: str = "density") -> float:
     """Return particles per volume, from a number, or from text: a number density, or a mass density over ``mass``."""
     if not isinstance(value, str) or units.reduced:

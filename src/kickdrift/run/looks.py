@@ -106,7 +106,7 @@ class Sampler:
         run, began = self._run, perf_counter()
         stepper, looks_before = run.stepper, run.record.spent.get(LOOKS, 0.0)
         before, counts = stepper.steps_done, stepper.counts
-        run.flow.forget_errors()
+        run.moving.forget_errors()
         status, refused = self._taken(plan, count)
         run.record.steps += stepper.steps_done - before
         run.record.count(stepper.counts - counts)

@@ -14,6 +14,7 @@ from kickdrift.errors import InputError
 from kickdrift.jit.notices import compiling_for
 from kickdrift.looks.record import LOOKS, STEPPING
 from kickdrift.run.advance import Integration
+from kickdrift.run.lengths import CLOSE
 from kickdrift.run.looks import Sampler
 from kickdrift.run.plan import Plan
 from kickdrift.run.report import Report, seconds_of
@@ -98,7 +99,7 @@ def _go(
                 run.at = plan.present(run.stepper.time, stop_time)
             run.record.spend(STEPPING, perf_counter() - stepped)
             run.record.wall_seconds = spent_before + perf_counter() - began
-            looked = held or run.steps_done == stop or run.stepper.time >= stop_time
+            looked = held or run.steps_done == stop or plan.reached(run.stepper.time, stop_time)
             if looked:
                 look()
             else:
@@ -107,6 +108,10 @@ def _go(
         if progress:
             progress(*plan.progress(run))
     if not looked:
+        look()
+    stopped = interrupted() or (run.events and run.events.stopped)
+    if not stopped and (end := plan.left_over(run)) is not None:
+        run.look_ahead(end, counted=True)
         look()
 
 
@@ -118,6 +123,7 @@ def go_on(
     ``visit(sim)`` is called after each ``every`` steps and at the end. If it returns a true value, the steps end."""
     if not (visit is None or callable(visit)):
         raise InputError(f"advance: visit must be a function, got {shown(visit)}")
+    run.turn(backward=False)
     run.prepare()
     last = run.steps_done + steps
     stop = last if every is None or visit is None else min(last, run.steps_done + every)
@@ -139,16 +145,35 @@ def go_to(run: Integration, step: int, time: float | None = None, end: float = n
 
     An adaptive method runs to a ``time`` inside its last step. ``end`` is the planned end of the run."""
     run.prepare()
-    horizon, held = (np.inf if time is None else time), False
+    far = -np.inf if run.backward else np.inf
+    horizon, held = (far if time is None else time), False
+    short = _shortened_step(run, step, time)
+    step -= short
     with run.busy() as interrupted:
         while run.steps_done < step and not (held or interrupted()):
             if run.events:
                 run.events.stopped = ""
             held = run.advance(min(run.chunk, step - run.stepper.steps_done), horizon=horizon, end=end)
-            if run.stepper.time - run.stepper.last_step > horizon + 1e-9 * abs(horizon):
+            if _behind(run, horizon, run.stepper.time - run.stepper.last_step, 1e-9 * abs(horizon)):
                 raise InputError(f"step {step}: is not at time {horizon:g}; step {run.steps_done} reaches that time")
     if interrupted():
         raise KeyboardInterrupt
-    if time is not None and (held or run.stepper.time > time):
+    if time is not None and short and run.at is None:
+        run.look_ahead(time)
+    elif time is not None and (held or _behind(run, time, run.stepper.time)):
         run.at = time
     run.keep()
+
+
+def _behind(run: Integration, time: float, other: float, margin: float = 0.0) -> bool:
+    """Whether another time lies beyond a time, in the direction of the run, by more than a margin."""
+    return other < time - margin if run.backward else other > time + margin
+
+
+def _shortened_step(run: Integration, step: int, time: float | None) -> bool:
+    """Whether a time lies inside a fixed step: a run ended there with a shortened step."""
+    if time is None or run.dt is None or run.method.chooses_steps:
+        return False
+    dt = -run.dt if run.backward else run.dt
+    whole = run.stepper.time + (step - run.stepper.steps_done) * dt
+    return _behind(run, time, whole, CLOSE * run.dt)

@@ -32,11 +32,13 @@ class Own(NamedTuple):
     run_id: str
     every: int
     interval: float | None
+    backward: bool
 
     @classmethod
     def of(cls, run_id: str, every: int, plan: Plan | None) -> Own:
         """Return the entry of a run that began the file by a plan."""
-        return cls(run_id, every, plan.interval if plan and plan.exact and plan.interval else None)
+        interval = plan.interval if plan and plan.exact and plan.interval else None
+        return cls(run_id, every, interval, bool(plan and plan.backward))
 
 
 class Outputs:
@@ -109,6 +111,11 @@ class Outputs:
         from kickdrift.trajectory.h5md import Writer
 
         run, path = self._run, os.path.realpath(output)
+        if plan.backward and plan.interval and plan.exact:
+            raise InputError(f"{output}: a file of a run back in time takes every, not interval")
+        if path in self._files and not overwrite and self._files[path].backward != plan.backward:
+            way = "back" if self._files[path].backward else "forwards"
+            raise InputError(f"{output}: the run in this file goes {way} in time; give another output")
         if path in self._files and not overwrite and os.path.exists(path):
             return Writer.append_to(
                 path, self._files[path].run_id, options=options, checkpoint=self._checkpoint, plan=plan.numbers,

@@ -203,7 +203,7 @@ def report(sim: Reported) -> Report:
         options=options,
         steps=record.steps,
         rejected_steps=record.rejected_steps,
-        time=float(series.times[-1] - series.times[0]) if sim.method.chooses_steps else record.steps * (sim.dt or 0.0),
+        time=float(series.times[-1] - series.times[0]) if sim.method.chooses_steps else _length(record, sim.dt or 0.0),
         seed=system.seed if isinstance(system, System) else None,
         threads=sim.threads,
         processes=sim.processes,
@@ -246,6 +246,12 @@ def _melting(sim: Reported, temperatures: Floats | None) -> list[str]:
     ]
 
 
+def _length(record: Record, dt: float) -> float:
+    """Length of the record in time, of fixed steps; negative for a run back in time."""
+    length = record.steps * dt - record.unfinished
+    return -length if record.backward else length
+
+
 def seconds_of(record: Record) -> dict[str, float | None]:
     """Return the seconds of each part of the work; see `Report`."""
     stepping, looks, both = (record.spent.get(part, 0.0) for part in (STEPPING, LOOKS, BOTH))
@@ -270,6 +276,8 @@ def _energy(series: Series, even: bool, system: System | Problem) -> EnergyRepor
     def judged() -> tuple[float, float, str]:
         chosen = even_stretch(series.steps) if even else slice(None)
         times, errors = series.times[chosen], (total[chosen] - error.initial) / scale
+        if times[-1] < times[0]:  # back in time
+            times, errors = times[::-1], errors[::-1]
         if not even and len(times) > 2:  # an adaptive run samples at step points, only about evenly spaced
             grid = np.linspace(times[0], times[-1], len(times))
             times, errors = grid, np.interp(grid, times, errors)

@@ -12,7 +12,7 @@ from kickdrift.engines.job import Job
 from kickdrift.errors import InputError
 from kickdrift.forces.bound import check_threads
 from kickdrift.integrators import integrator as method_named
-from kickdrift.integrators.asked import Integrator, settled, unpacked
+from kickdrift.integrators.asked import Integrator, in_units, settled, unpacked
 from kickdrift.looks.observers import Energies, Sample
 from kickdrift.looks.record import Record
 from kickdrift.model.capacity import PROCESS_BYTES, check_room
@@ -22,16 +22,18 @@ from kickdrift.model.memory import Memory
 from kickdrift.model.problem import Problem
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
+from kickdrift.model.units import time_in
 from kickdrift.run.advance import Integration
 from kickdrift.run.asked import check_asked, kind_of
 from kickdrift.run.checkpoint import checkpoint_of, restore
 from kickdrift.run.columns import ColumnWatcher, check_columns_fit, checked_columns
 from kickdrift.run.equilibration import equilibrate
 from kickdrift.run.forces import accelerations_at, forces_at
+from kickdrift.run.lengths import Exact, check_exact, rounding_note, steps_to
 from kickdrift.run.looks import Sampler
 from kickdrift.run.loop import go_on, run_through
 from kickdrift.run.outputs import Outputs
-from kickdrift.run.plan import Plan, plan_of, steps_to
+from kickdrift.run.plan import Plan, plan_of
 from kickdrift.run.report import Report, report
 from kickdrift.run.watch.stability import Stability
 from kickdrift.run.watch.watched_stepper import Events
@@ -53,7 +55,8 @@ class Simulation:
     system : System or Problem
     integrator : a name from ``kickdrift.integrators()``, or a value from ``kickdrift.integrator``; default the
         system file's, else "velocity-verlet" for particles and "dormand-prince45" for a Problem
-    dt : step in the system's unit of time; default the system file's. For an adaptive method the first step, optional
+    dt : step in the system's unit of time, or a text such as "2 fs"; default the system file's. For an adaptive method
+        the first step, optional
     threads : number of threads of the forces; the bits of the results do not depend on this number
     engine : name of the program that takes the steps: "native", or an installed one of ``kickdrift.engines()``
     processes : number of processes, for an engine that runs on several ("lammps")
@@ -74,7 +77,7 @@ class Simulation:
         self,
         system: System | Problem,
         integrator: str | Integrator | None = None,
-        dt: float | None = None,
+        dt: float | str | None = None,
         threads: int = 1,
         *,
         engine: str = "native",
@@ -90,7 +93,8 @@ class Simulation:
         named = name if name is not None else system.run.integrator
         self.integrator = default if named is None else self._engine.method_name(named)
         self.method = method_named(self.integrator)
-        self.options = settled(self.method, asked, system.run)
+        units = system.units if isinstance(system, System) else None
+        self.options = settled(self.method, in_units(asked, self.method.options, units), system.run)
         self.dt = self.options.dt
         if self.dt is None and self.method.needs_dt:
             raise InputError(f"dt is needed: system {system.name!r} has no dt in [run]")
@@ -264,9 +268,10 @@ class Simulation:
         self,
         steps: int | None = None,
         *,
-        until: float | None = None,
+        until: float | str | None = None,
+        exact: Exact = False,
         every: int | None = None,
-        interval: float | None = None,
+        interval: float | str | None = None,
         output: str | os.PathLike[str] | None = None,
         overwrite: bool = False,
         file: FileOptions | None = None,
@@ -274,7 +279,13 @@ class Simulation:
         columns: Iterable[Column] = (),
         progress: Callable[[int, int], Any] | None = None,
     ) -> Report:
-        """Take ``steps`` steps, or run ``until`` a time: a whole number of steps, or any time for an adaptive method.
+        """Take ``steps`` steps, or run ``until`` a time, a number or a text with a unit such as "5 ps".
+
+        An adaptive method reaches any time. Fixed steps run to the nearest whole step, and the report says so. With
+        ``exact=True`` a time between two steps is an InputError. With ``exact="shorten"`` the last step is shortened:
+        the last look, ``time`` and ``state`` are at that time. A copy takes the shortened step, so a run that goes on
+        continues from the last whole step. A time before now is a run back in time, for reversible and adaptive
+        methods; it begins a new record, as an assigned state does. Steps count up in both directions.
 
         The run looks at the start, after every ``every`` steps (counted from step 0) and at the end. Each look samples
         the energies, writes a frame to ``output`` (a new .h5md file, or one that this Simulation began) and calls
@@ -294,7 +305,9 @@ class Simulation:
         state is then that of the last sample.
         """
         check_asked(observe, progress, overwrite)
+        check_exact(exact)
         units = self.system.units if isinstance(self.system, System) else None
+        until, interval = (time_in(value, units, key) for key, value in (("until", until), ("interval", interval)))
         written = ColumnWatcher(checked_columns(columns, units), self.integration, self)
         output = self._outputs.chosen(None if output is None else path_text("run: output", output), overwrite)
         if self.plan is not None and (steps, until, every, interval) == (None,) * 4:
@@ -304,10 +317,12 @@ class Simulation:
             seen = isinstance(self.system, System) or self.system.energy is not None or bool(observe or written.columns)
             if own and self.method.chooses_steps and (steps, every, interval) == (None,) * 3:
                 interval = own.interval
-            plan = plan_of(self, steps, until, every, interval, own.every if own else None, seen)
+            plan = plan_of(self, steps, until, every, interval, own.every if own else None, seen, exact)
         check_columns_fit(written.columns, plan)
+        run, notes = self.integration, rounding_note(self, until, exact)
+        run.turn(plan.backward)
         self.plan = None
-        run = self.integration
+        self.record.warnings += [line for line in notes if line not in self.record.warnings]
         watching: list[Watcher | None] = [
             Events(run.events) if run.events else None,
             self._stability,
@@ -364,12 +379,14 @@ class Simulation:
             lambda: Simulation(self.system, "velocity-verlet", self.system.run.dt, self.threads, **more),  # type: ignore[arg-type]
         )  # fmt: skip
 
-    def steps_to(self, steps: int | None = None, until: float | None = None) -> int:
-        """Return the number of steps that ``run(steps)`` or ``run(until=…)`` would take now.
+    def steps_to(self, steps: int | None = None, until: float | str | None = None, exact: Exact = False) -> int:
+        """Return the number of steps that ``run(steps)`` or ``run(until=…, exact=…)`` would take now.
 
         An InputError if the arguments make no sense, or if the number is unknown before the run (an adaptive method
         with ``until``)."""
-        return steps_to(self, steps, until)
+        check_exact(exact)
+        units = self.system.units if isinstance(self.system, System) else None
+        return steps_to(self, steps, time_in(until, units, "until"), exact)
 
 
 def _warn_of_lattice() -> None:
