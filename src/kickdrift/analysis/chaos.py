@@ -22,6 +22,7 @@ from kickdrift.looks.observers import Energies
 from kickdrift.model.limits import MOST_STEPS
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
+from kickdrift.model.units import time_in
 from kickdrift.run.simulation import Simulation
 
 if TYPE_CHECKING:
@@ -33,9 +34,9 @@ DEFAULT = "dop853"  # for a system file without an integrator, or with one that 
 
 def megno(
     system: System | Problem,
-    time: float | None = None,
+    time: float | str | None = None,
     integrator: str | Integrator | None = None,
-    dt: float | None = None,
+    dt: float | str | None = None,
     *,
     seed: int = 0,
     threads: int = 1,
@@ -150,9 +151,9 @@ def _checked_seed(seed: Any) -> int:
     return int(seed)
 
 
-def length_of(system: System, time: float | None) -> float:
+def length_of(system: System, time: float | str | None) -> float:
     """Length of the run."""
-    length = system.run.time if time is None else time
+    length = system.run.time if time is None else time_in(time, system.units, "time")
     if time is None and length is None and system.run.steps and system.run.dt:
         length = system.run.steps * system.run.dt
     if length is None:

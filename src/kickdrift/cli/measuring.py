@@ -7,6 +7,8 @@ from typing import Annotated, Any
 
 import typer
 
+from kickdrift.cli.amounts import in_units
+from kickdrift.cli.amounts import length as span
 from kickdrift.cli.console import progress_bar, say
 from kickdrift.cli.options import (
     JsonOption,
@@ -31,13 +33,13 @@ def compare(
     ] = None,
     options: Any = None,
     time: Annotated[
-        float | None, typer.Option(metavar="T", help="Length of the pilot runs (default: about a minute's worth).")
+        Any, typer.Option(metavar="T", parser=span, help="Length of the pilot runs (default: about a minute's worth).")
     ] = None,
     accuracy: Annotated[
         float | None, typer.Option(metavar="X", help="Wanted relative error: recommend a method and a step.")
     ] = None,
     length: Annotated[
-        float | None, typer.Option(metavar="T", help="Length of the planned run (default: the file's).")
+        Any, typer.Option(metavar="T", parser=span, help="Length of the planned run (default: the file's).")
     ] = None,
     seed: Annotated[int | None, typer.Option(metavar="S", min=0, help="Seed of random velocities.")] = None,
     threads: ThreadsOption = 1,
@@ -54,11 +56,17 @@ def compare(
     from kickdrift.analysis.compared_methods import chosen_methods
     from kickdrift.analysis.recommendation import recommendation
     from kickdrift.cli.printing_compare import print_comparison, print_recommendation
+    from kickdrift.integrators.asked import in_units as options_in_units
+    from kickdrift.integrators.asked import known_options
+    from kickdrift.integrators.option import DT
     from kickdrift.model.system import System
     from kickdrift.systemfile.reading import load
 
-    work.check_arguments(time, length, accuracy, threads)
     subject = load(system, seed)
+    time, length = in_units(time, subject, "--time"), in_units(length, subject, "--length")
+    units = subject.units if isinstance(subject, System) else None
+    options = options_in_units(options, [DT, *known_options().values()], units)
+    work.check_arguments(time, length, accuracy, threads)
     if isinstance(subject, System):
         subject = subject.watched(())  # every method and step is compared with one reference trajectory
     chosen_methods(subject, integrator, options)
@@ -86,7 +94,9 @@ def compare(
 @with_options("dt", "rtol", "atol")
 def chaos(
     system: SystemArgument,
-    time: Annotated[float | None, typer.Option(metavar="T", help="Length of the run (default: the file's).")] = None,
+    time: Annotated[
+        Any, typer.Option(metavar="T", parser=span, help="Length of the run, such as '5 yr' (default: the file's).")
+    ] = None,
     integrator: Annotated[
         str | None, typer.Option(metavar="NAME", help="Default: the file's if it can carry deviations, else dop853.")
     ] = None,
@@ -103,6 +113,7 @@ def chaos(
     from kickdrift.systemfile.reading import load
 
     subject = load(system)
+    time = in_units(time, subject, "--time")
     with progress_bar(quiet) as bar:
         found = megno(subject, time, integrator, seed=seed, threads=threads, progress=bar("running"), **options)
     try:

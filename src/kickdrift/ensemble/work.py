@@ -81,11 +81,13 @@ def _run(recipe: Recipe, member: Member, system: System | Problem) -> Row:
     from kickdrift.run.simulation import Simulation
 
     sim = Simulation(system)
-    length = length_of(sim, system.name)
+    length_of(sim, system.name)  # or its error, before anything runs
     if isinstance(system, System) and (wanted := system.equilibration):
         sim.equilibrate(wanted.temperature, wanted.time, wanted.interval)
     folder = recipe.trajectories
-    report = sim.run(**length, output=folder and folder / f"member-{member.number:06d}.h5md", overwrite=True)
+    report = sim.run(
+        **length_of(sim, system.name), output=folder and folder / f"member-{member.number:06d}.h5md", overwrite=True
+    )
     measured = {} if isinstance(recipe.measure, str) else _measured(recipe.measure, sim)
     return run_columns(report, measured)
 

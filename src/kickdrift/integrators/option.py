@@ -6,7 +6,6 @@ made from these declarations. A method says which options it takes by `Method.de
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import inf, isfinite
@@ -16,12 +15,12 @@ import numpy as np
 
 from kickdrift.errors import InputError
 from kickdrift.model.checks import number
+from kickdrift.model.units import has_unit
 from kickdrift.text import shown
 
 DOUBLE, MIXED = "double", "mixed"  # of pair forces
 _WORDS = {float: "a number", int: "a whole number", str: "a name", bool: "true or false"}
 _SWITCH = {"true": True, "yes": True, "on": True, "false": False, "no": False, "off": False}
-_WITH_UNIT = re.compile(r"[+-]?[\d.]+(?:[eE][+-]?\d+)?\s*[^\W\d].*")  # a number, and what may be a unit
 _TAKEN = (
     "system", "integrator", "steps", "time", "every", "interval", "threads", "engine", "engine_version", "processes",
     "events", "seed", "options", "processor", "features", "seeds", "progress",
@@ -106,7 +105,7 @@ class Option:
         """The value that a text on the command line means; an InputError where it means none.
 
         A time with a unit stays text: only a System has the units that it is to be converted to."""
-        if self.dimension == "time" and _WITH_UNIT.fullmatch(text.strip()):
+        if self.dimension == "time" and has_unit(text):
             return text
         try:
             if self.type is bool:

@@ -17,7 +17,6 @@ from kickdrift.model.event_log import is_row
 from kickdrift.model.memory import Memory, by_value
 from kickdrift.model.state import Floats
 
-
 # Parts of the work whose wall time a record keeps. Compiled code that steps and looks cannot tell these apart.
 STEPPING, LOOKS, BOTH, WRITING, OBSERVING = "stepping", "looks", "stepping and looks", "writing", "observing"
 

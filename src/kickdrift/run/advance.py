@@ -18,8 +18,8 @@ from kickdrift.forces.kernel import OK
 from kickdrift.integrators.backward import BackwardStepper, mirrored
 from kickdrift.integrators.flow import flow_of
 from kickdrift.integrators.option import MIXED
-from kickdrift.integrators.particle_flow import ParticleFlow
 from kickdrift.integrators.options import Options
+from kickdrift.integrators.particle_flow import ParticleFlow
 from kickdrift.integrators.stepper import STOPPED, Counts, Stepper
 from kickdrift.jit.notices import compiling_for
 from kickdrift.looks.observers import Sample

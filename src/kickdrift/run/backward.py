@@ -2,25 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 from kickdrift.errors import InputError
 from kickdrift.integrators.backward import mirrored
 
 if TYPE_CHECKING:
-    from kickdrift.integrators.method import Method
-    from kickdrift.run.advance import Integration
+    from kickdrift.run.lengths import Planned
 
 
-class Turning(Protocol):
-    """Attributes of a Simulation that a run backwards needs."""
-
-    method: Method
-    integrator: str
-    integration: Integration
-
-
-def check_backward(sim: Turning) -> None:
+def check_backward(sim: Planned) -> None:
     """Refuse a run backwards in time where method, engine, events or a force cannot go back; names which."""
     run, method = sim.integration, sim.method
     if not (method.reversible or method.chooses_steps):

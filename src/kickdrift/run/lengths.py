@@ -16,12 +16,43 @@ if TYPE_CHECKING:
     from kickdrift.integrators.method import Method
     from kickdrift.model.problem import Problem
     from kickdrift.model.system import System
-    from kickdrift.run.advance import Integration
 
 Exact = bool | Literal["shorten"]
 
 SHORTEN: Literal["shorten"] = "shorten"
 CLOSE = 1e-6  # steps between a time and the grid that count as rounding
+
+
+class Point(Protocol):
+    """Last step point of a run."""
+
+    @property
+    def time(self) -> float: ...
+
+    @property
+    def steps_done(self) -> int: ...
+
+
+class Moving(Protocol):
+    """Attributes of an integration that the length of a run needs; see `run.advance.Integration`."""
+
+    @property
+    def stepper(self) -> Point: ...
+
+    @property
+    def backward(self) -> bool: ...
+
+    @property
+    def foreign(self) -> bool: ...
+
+    @property
+    def engine(self) -> Any: ...
+
+    @property
+    def events(self) -> Any: ...
+
+    @property
+    def system(self) -> Any: ...
 
 
 class Planned(Protocol):
@@ -30,7 +61,9 @@ class Planned(Protocol):
     method: Method
     integrator: str
     dt: float | None
-    integration: Integration
+
+    @property
+    def integration(self) -> Moving: ...
 
     @property
     def steps_done(self) -> int: ...
@@ -81,7 +114,9 @@ def whole_steps(sim: Planned, until: float, exact: Exact = False) -> Whole:
     dt, run = sim.dt, sim.integration
     backward = until < sim.time - CLOSE * dt
     sign = -1 if backward else 1
-    begin, begun = (run.stepper.time, run.stepper.steps_done) if backward == run.backward else (sim.time, sim.steps_done)
+    begin, begun = (
+        (run.stepper.time, run.stepper.steps_done) if backward == run.backward else (sim.time, sim.steps_done)
+    )
     steps = steps_in("run: time", abs(until - begin), dt)
     nearest = round(steps)
     off = abs(steps - nearest) > CLOSE

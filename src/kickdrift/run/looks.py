@@ -70,7 +70,9 @@ class Sampler:
             return 0
         if isinstance(stepper, Regular) and plan.every:
             done = stepper.steps_done
-            found = 0 if done % plan.every else min(chunk // plan.every, (plan.end_step - done) // plan.every, MOST)
+            found = (
+                0 if done % plan.every else min(chunk // plan.every, (plan.whole_steps_end - done) // plan.every, MOST)
+            )
             return found if found > 1 else 0
         if not plan.interval or plan.exact or self._stability.limited or self._looking() is None:
             return 0

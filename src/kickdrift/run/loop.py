@@ -84,7 +84,11 @@ def _go(
     began, spent_before = perf_counter(), run.record.wall_seconds
     looked = True
     while not (plan.over(run) or interrupted() or (run.events and run.events.stopped)):
-        if alone and (count := sampler.alone(plan, run.chunk)):
+        if plan.only_shortened(run):
+            run.look_ahead(plan.end_time, counted=True)
+            look()
+            looked = True
+        elif alone and (count := sampler.alone(plan, run.chunk)):
             sampler.series(plan, count)
             run.record.wall_seconds = spent_before + perf_counter() - began
             looked = run.at is None and run.record.looks.at(run.steps_done, run.time)
@@ -99,7 +103,8 @@ def _go(
                 run.at = plan.present(run.stepper.time, stop_time)
             run.record.spend(STEPPING, perf_counter() - stepped)
             run.record.wall_seconds = spent_before + perf_counter() - began
-            looked = held or run.steps_done == stop or plan.reached(run.stepper.time, stop_time)
+            at_stop = run.steps_done == stop and not (plan.only_shortened(run) and run.steps_done % plan.every)
+            looked = held or at_stop or plan.reached(run.stepper.time, stop_time)
             if looked:
                 look()
             else:
@@ -108,10 +113,6 @@ def _go(
         if progress:
             progress(*plan.progress(run))
     if not looked:
-        look()
-    stopped = interrupted() or (run.events and run.events.stopped)
-    if not stopped and (end := plan.left_over(run)) is not None:
-        run.look_ahead(end, counted=True)
         look()
 
 

@@ -39,11 +39,11 @@ def lattice_spacing(system: System) -> float | None:
     return float(np.mean(nearest)) if np.ptp(nearest) <= EVEN * np.mean(nearest) else None
 
 
-def has_melted(system: System, positions: Floats, spacing: float) -> bool:
-    """Tell whether particles now at ``positions`` (n, 3), unwrapped, are off their sites by more than a crystal's
-    particles (Lindemann 1910, Phys. Z. 11, 609)."""
-    start = system.state.positions
-    if positions.shape != start.shape:
+def has_melted(system: System, positions: Floats) -> bool:
+    """Tell whether the run starts from a lattice, and the particles, now at ``positions`` (n, 3), unwrapped, are off
+    their sites by more than a crystal's particles (Lindemann 1910, Phys. Z. 11, 609)."""
+    start, spacing = system.state.positions, lattice_spacing(system)
+    if spacing is None or positions.shape != start.shape:
         return False
     moved = positions - start
     moved = moved - moved.mean(axis=0)

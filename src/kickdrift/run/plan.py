@@ -81,14 +81,18 @@ class Plan:
         """Whether the run has reached its end."""
         return run.steps_done >= self.end_step or self.reached(run.time, self.end_time)
 
-    def left_over(self, run: Clock) -> float | None:
-        """Return the time to reach with a shortened step after all whole steps; None without one."""
-        short = self.end_step < NEVER and np.isfinite(self.end_time) and run.steps_done == self.end_step
-        return self.end_time if short and not self.reached(run.time, self.end_time) else None
+    @property
+    def whole_steps_end(self) -> int:
+        """The last whole step: a finite end step and end time mean that the last step is shortened."""
+        return self.end_step - (self.end_step < NEVER and bool(np.isfinite(self.end_time)))
+
+    def only_shortened(self, run: Clock) -> bool:
+        """Whether nothing but a shortened step is left."""
+        return self.whole_steps_end <= run.steps_done < self.end_step
 
     def next_stop(self, run: Clock) -> tuple[int, float]:
         """The next step number and time to stop at, whichever comes first."""
-        step, time = self.end_step, self.end_time
+        step, time = self.whole_steps_end, self.end_time
         if self.every:
             step = min(step, (run.steps_done // self.every + 1) * self.every)
         if self.interval:
@@ -183,7 +187,7 @@ def _to_time(sim: Planned, plan: Plan, until: float, exact: Exact) -> Plan:
     if whole.shortened:
         if sim.integration.events:
             raise InputError(f'run: exact="{SHORTEN}": events are not watched in a shortened step; end on a whole step')
-        plan = replace(plan, end_step=plan.end_step - 1, end_time=until)
+        plan = replace(plan, end_time=until)
     return plan
 
 

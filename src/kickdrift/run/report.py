@@ -19,7 +19,8 @@ from kickdrift.model.checks import unwarned
 from kickdrift.model.problem import Problem
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
-from kickdrift.run.melting import has_melted, lattice_spacing, temperature_change
+from kickdrift.run.lengths import CLOSE
+from kickdrift.run.melting import has_melted, temperature_change
 from kickdrift.statistics.drift import ROUNDINGS, EnergyError, drift, energy_error, rounding_of
 
 
@@ -215,7 +216,7 @@ def report(sim: Reported) -> Report:
         seconds=seconds_of(record),
         steps_per_second=record.steps / record.wall_seconds if record.wall_seconds else 0.0,
         ns_per_pair=1e9 * record.wall_seconds / work if work else None,
-        energy=_energy(series, not sim.method.chooses_steps, system),
+        energy=_energy(series, None if sim.method.chooses_steps else sim.dt, system),
         momentum_error=None
         if isinstance(system, System) and system.acting("external")
         else _largest_change(series.momentum, record.momentum_scale),
@@ -233,16 +234,15 @@ def report(sim: Reported) -> Report:
 
 
 def _melting(sim: Reported, temperatures: Floats | None) -> list[str]:
-    """Return a warning if the run starts from a lattice, and the temperature shows that it is not in equilibrium."""
+    """Return a warning if the temperature shows that the lattice of the start melts during the run."""
     change, system = temperature_change(temperatures), sim.system
-    if change is None or not isinstance(system, System) or (spacing := lattice_spacing(system)) is None:
+    if change is None or not isinstance(system, System) or not has_melted(system, sim.state.positions):
         return []
     first, later = change
-    why = "the lattice is melting" if has_melted(system, sim.state.positions, spacing) else "the start is a lattice"
     return [
-        f"{why}: the temperature {'falls' if later < first else 'rises'} from {first:.4g} to {later:.4g} "
-        f"{system.units.temperature} (mean of the second half), so the run is not in equilibrium; equilibrate first, "
-        "with [equilibrate] in the system file or with sim.equilibrate"
+        f"the lattice is melting: the temperature {'falls' if later < first else 'rises'} from {first:.4g} to "
+        f"{later:.4g} {system.units.temperature} (mean of the second half), so the run is not in equilibrium; "
+        "equilibrate first, with [equilibrate] in the system file or with sim.equilibrate"
     ]
 
 
@@ -264,7 +264,7 @@ def seconds_of(record: Record) -> dict[str, float | None]:
     }
 
 
-def _energy(series: Series, even: bool, system: System | Problem) -> EnergyReport | None:
+def _energy(series: Series, dt: float | None, system: System | Problem) -> EnergyReport | None:
     total, kinetic = series.total, series.kinetic
     if np.isnan(total[0]):
         return None  # a Problem without an energy function
@@ -274,11 +274,14 @@ def _energy(series: Series, even: bool, system: System | Problem) -> EnergyRepor
 
     @unwarned
     def judged() -> tuple[float, float, str]:
-        chosen = even_stretch(series.steps) if even else slice(None)
-        times, errors = series.times[chosen], (total[chosen] - error.initial) / scale
+        times, errors = series.times, (total - error.initial) / scale
+        if dt is not None:  # looks after shortened steps are off the grid
+            whole = np.abs(np.abs(times - times[0]) - (series.steps - series.steps[0]) * dt) < CLOSE * dt
+            chosen = even_stretch(series.steps[whole])
+            times, errors = times[whole][chosen], errors[whole][chosen]
         if times[-1] < times[0]:  # back in time
             times, errors = times[::-1], errors[::-1]
-        if not even and len(times) > 2:  # an adaptive run samples at step points, only about evenly spaced
+        if dt is None and len(times) > 2:  # an adaptive run samples at step points, only about evenly spaced
             grid = np.linspace(times[0], times[-1], len(times))
             times, errors = grid, np.interp(grid, times, errors)
         largest = max(abs(error.initial), 0.0 if np.isnan(kinetic) else kinetic)

@@ -362,7 +362,7 @@ class Simulation:
     def equilibrate(
         self,
         temperature: float,
-        time: float,
+        time: float | str,
         interval: int = 10,
         progress: Callable[[int, int], Any] | None = None,
     ) -> None:
