@@ -153,13 +153,14 @@ class Integration:
         """Go on from the current state in this direction of time. A change of direction begins a new record."""
         if backward == self.backward:
             return
-        y, time, steps, old = self.y.copy(), self.time, self.steps_done, self.stepper
+        y, time, steps = self.y.copy(), self.time, self.steps_done
+        old: Any = self.stepper
         with compiling_for(self.purpose):
             flow, self.stepper = self._stepper_in(backward, self.options)
         self.flow = self.flow if backward else flow
         self._reset(y, time, steps)
         if hasattr(old, "method_state"):
-            self.stepper.method_state = old.method_state
+            self.stepper_with_state.method_state = old.method_state
         self._compiled = False
         self.begin_record()
 

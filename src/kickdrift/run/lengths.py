@@ -83,14 +83,14 @@ class Whole(NamedTuple):
 
     Attributes
     ----------
-    count : number of steps, counted from the current step; with a shortened step at the end, that one included
+    steps : number of steps, counted from the current step; with a shortened step at the end, that one included
     backward : whether the run goes back in time
     end : time that these steps reach
     off : whether the time lies between two steps
     shortened : whether the last step is shortened
     """
 
-    count: int
+    steps: int
     backward: bool
     end: float
     off: bool
@@ -137,7 +137,7 @@ def rounding_note(sim: Planned, until: float | None, exact: Exact) -> list[str]:
     whole = whole_steps(sim, until, exact)
     if not whole.off or whole.shortened:
         return []
-    steps = f"{whole.count:,} step{'' if whole.count == 1 else 's'}"
+    steps = f"{whole.steps:,} step{'' if whole.steps == 1 else 's'}"
     return [f"time {until:.12g} is not a multiple of dt = {sim.dt:.12g}: runs {steps}, to {whole.end:.12g}"]
 
 
@@ -149,7 +149,7 @@ def steps_to(sim: Planned, steps: int | None, until: float | None, exact: Exact 
         raise InputError("run: give either steps or until")
     if until is None:
         return whole_number("steps", steps, 0)
-    return whole_steps(sim, until, exact).count
+    return whole_steps(sim, until, exact).steps
 
 
 def length_of(

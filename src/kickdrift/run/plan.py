@@ -181,7 +181,7 @@ def plan_of(
 def _to_time(sim: Planned, plan: Plan, until: float, exact: Exact) -> Plan:
     """Return a plan of fixed steps to a time: backwards if the time lies behind, with a shortened step at the end."""
     whole = whole_steps(sim, until, exact)
-    if whole.backward and whole.count:
+    if whole.backward and whole.steps:
         check_backward(sim)
         plan = replace(plan, end_time=-np.inf)
     if whole.shortened:

@@ -307,19 +307,20 @@ class Simulation:
         check_asked(observe, progress, overwrite)
         check_exact(exact)
         units = self.system.units if isinstance(self.system, System) else None
-        until, interval = (time_in(value, units, key) for key, value in (("until", until), ("interval", interval)))
+        goal: float | None = time_in(until, units, "until")
+        apart: float | None = time_in(interval, units, "interval")
         written = ColumnWatcher(checked_columns(columns, units), self.integration, self)
         output = self._outputs.chosen(None if output is None else path_text("run: output", output), overwrite)
-        if self.plan is not None and (steps, until, every, interval) == (None,) * 4:
+        if self.plan is not None and (steps, goal, every, apart) == (None,) * 4:
             plan = self.plan
         else:
             own = self._outputs.own(output)
             seen = isinstance(self.system, System) or self.system.energy is not None or bool(observe or written.columns)
-            if own and self.method.chooses_steps and (steps, every, interval) == (None,) * 3:
-                interval = own.interval
-            plan = plan_of(self, steps, until, every, interval, own.every if own else None, seen, exact)
+            if own and self.method.chooses_steps and (steps, every, apart) == (None,) * 3:
+                apart = own.interval
+            plan = plan_of(self, steps, goal, every, apart, own.every if own else None, seen, exact)
         check_columns_fit(written.columns, plan)
-        run, notes = self.integration, rounding_note(self, until, exact)
+        run, notes = self.integration, rounding_note(self, goal, exact)
         run.turn(plan.backward)
         self.plan = None
         self.record.warnings += [line for line in notes if line not in self.record.warnings]
