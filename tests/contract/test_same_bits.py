@@ -30,7 +30,7 @@ from tests.processes import python
 from tests.systems import liquid
 
 METHODS = [name for name, method in INTEGRATORS.items() if method.name == name]
-CLOCKS = {"wall_seconds": 0.0, "compile_seconds": 0.0}  # of a record: what no two runs share
+CLOCKS = {"wall_seconds": 0.0, "compile_seconds": 0.0, "spent": {}}  # of a record: what no two runs share
 
 
 def planets() -> kd.System:

@@ -287,9 +287,12 @@ NOTHING = "no.folder/run"
         (["--steps", "-1"], ["--steps"]),
         (["--steps", "1.5"], ["--steps"]),
         (["--steps", "10", "--time", "1"], ["--steps or --time, not both"]),
-        (["--time", "-1"], ["time -1 lies before the current time"]),
         (["--time", "nan"], ["must be a finite time, got nan"]),
-        (["--time", "0.0101"], ["not on the grid of steps of 0.004; nearest are 0.008 and 0.012"]),
+        (["--time", "0.0101", "--exact", "true"], ["not on the grid of steps of 0.004; nearest are 0.008 and 0.012"]),
+        (["--time", "5 ps"], ["--time: lj quantities are plain numbers, got '5 ps'"]),
+        (["--time", "soon"], ["'soon' is not a time such as 10, or '10 fs'"]),
+        (["--exact", "maybe"], ["--exact 'maybe' is unknown; known are true, false, shorten"]),
+        (["--steps", "1.5e0"], ["'1.5e0' is not a whole number, 0 or more"]),
         (["--every", "0"], ["--every"]),
         (["--every", "-5"], ["--every"]),
         (["--threads", "0"], ["--threads"]),
@@ -327,7 +330,7 @@ def test_bad_arguments_are_found_before_the_equilibration(kickdrift, folder, mon
     (folder / "liquid.toml").write_text(text, encoding="utf-8")
     monkeypatch.setattr(kd.Simulation, "equilibrate", lambda *_: pytest.fail("too late"))
     (folder / "run.h5md").write_bytes(b"")
-    for arguments in (["--every", 0], ["--time", 0.0101], ["--output", "run.h5md"], ["--json", "/no/run.json"]):
+    for arguments in (["--every", 0], ["--time", 0.0101, "--exact", "true"], ["--output", "run.h5md"], ["--json", "/no/run.json"]):
         assert_refused(kickdrift("run", "liquid.toml", *arguments))
 
 
