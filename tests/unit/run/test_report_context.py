@@ -68,7 +68,7 @@ def test_a_drift_below_a_hundred_roundings_is_round_off():
     sim.run(100, every=1)
     rows = sim.record.looks.rows[: len(sim.record.samples)]
     steps = np.arange(len(rows))
-    rows[:, TOTAL] = 0.5 * (1.0 + 2.0**-52 * (0.9 * steps + 10.0 * (-1.0) ** steps))
+    rows[:, TOTAL] = 0.5 * (1.0 + 2.0**-52 * (0.95 * steps + np.where(steps % 100, 0.0, 8.0 * np.sign(steps - 50))))
     assert sim.report().energy.verdict == "round-off"
     rows[:, TOTAL] = 0.5 * (1.0 + 2.0**-52 * 10.0 * steps)
     assert sim.report().energy.verdict == "secular drift"
