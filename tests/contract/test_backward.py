@@ -106,7 +106,7 @@ def test_other_methods_are_refused_by_name(name):
 def test_what_cannot_go_back_is_named():
     x, v = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]], [[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
     watched = kd.System(x, v, [1.0, 0.0], forces=[kd.Gravity()], units="nbody", events=[kd.CloseApproach(0.1)])
-    with pytest.raises(InputError, match="^run: events are watched forwards in time only"):
+    with pytest.raises(InputError, match=r"^run: events are watched forwards in time only"):
         kd.Simulation(watched, dt=0.01).run(until=-1.0)
 
     class Wind(kd.LinearDrag):
@@ -114,7 +114,7 @@ def test_what_cannot_go_back_is_named():
         reversed = None
 
     windy = kd.System(x, v, [1.0, 0.0], forces=[kd.Gravity(), Wind(0.1)], units="nbody")
-    with pytest.raises(InputError, match="^run: force 'wind' may depend on velocity and has no reversed"):
+    with pytest.raises(InputError, match=r"^run: force 'wind' may depend on velocity and has no reversed"):
         kd.Simulation(windy, "dop853").run(until=-1.0)
 
 
