@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import os
 import sys
+import warnings
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -15,14 +16,15 @@ from kickdrift.cli.compiling import telling
 from kickdrift.cli.console import open_streams, say
 from kickdrift.cli.ensemble import ensemble
 from kickdrift.cli.files import export, info, plot
-from kickdrift.cli.listing import list_
+from kickdrift.cli.listing import list_, show
 from kickdrift.cli.measuring import chaos, compare
 from kickdrift.cli.running import resume, run
+from kickdrift.cli.usage import plain
 from kickdrift.disk.interrupt import heard_everywhere
 from kickdrift.disk.outputs import reason
 from kickdrift.errors import KickdriftError
 
-COMMANDS = (ensemble, run, resume, compare, chaos, plot, export, info, validate)  # in the order of --help
+COMMANDS = (ensemble, run, resume, compare, chaos, plot, export, info, show, validate)  # in the order of --help
 
 app = typer.Typer(
     name="kickdrift",
@@ -70,15 +72,16 @@ def main() -> None:
     usage_error: Any = typer.BadParameter.__base__  # from click, or from typer's own copy of click
     try:
         open_streams()
-        with heard_everywhere():
+        with heard_everywhere(), warnings.catch_warnings():
+            warnings.showwarning = _say_warning  # type: ignore[assignment]
             status = app(prog_name="kickdrift", standalone_mode=False)
     except KickdriftError as error:
         say(f"kickdrift: {error}")
         status = error.exit_status
     except usage_error as error:
-        if text := " ".join(error.format_message().split()):  # empty without arguments, when help was shown
+        if text := plain(error.format_message()):  # empty without arguments, when help was shown
             command = error.ctx.command_path if error.ctx else "kickdrift"
-            say(f"kickdrift: {text.rstrip('.')} (see {command} --help)")
+            say(f"kickdrift: {text} (see {command} --help)")
         status = 2
     except (KeyboardInterrupt, typer.Abort):
         status = INTERRUPTED
@@ -102,6 +105,11 @@ def main() -> None:
         say("kickdrift: interrupted; all written files are whole")
     written = everything_written(quiet=bool(status))
     sys.exit(status or written)
+
+
+def _say_warning(message: Warning | str, *where: Any) -> None:
+    """Print a Python warning as one line, without the place in the code."""
+    say(f"warning: {message}")
 
 
 def everything_written(quiet: bool) -> int:

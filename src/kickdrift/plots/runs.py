@@ -20,7 +20,9 @@ from kickdrift.disk.kinds import FIGURE
 from kickdrift.errors import InputError
 from kickdrift.jit import folders
 from kickdrift.model.state import Floats
-from kickdrift.model.unit_systems import UnitSystem
+from kickdrift.model.unit_systems import UnitSystem, symbol_of
+from kickdrift.statistics.drift import energy_error
+from kickdrift.text import measured
 from kickdrift.trajectory import reader
 
 if TYPE_CHECKING:
@@ -42,18 +44,18 @@ def plot_run(path: str | os.PathLike[str], output: str | os.PathLike[str], *, ov
     """Draw a run's energies, energy error, temperature and radial distribution function. Return the figure's path.
 
     The error is (E(t) - E(0)) / |E(0)|, or relative to the kinetic energy at the start if |E(0)| is under a tenth of
-    it.
+    it. As in the report, E(t) includes the energy that collisions and removed bodies took out.
     """
     target = checked_target(output, overwrite, path)
     with reader.open(path) as run:
         if not len(run.sample_times):
             raise InputError(f"{run.path}: no sample to draw")
         energies = run.energies
-        temperature = run.observables.get("temperature")
+        temperature, taken = run.observables.get("temperature"), energy_taken(run)
         rdf = _rdf(run) if len(run.ids) > 1 and len(run) else None
         units, title = run.units, _title(run)
     figure = new_figure(10.0, 7.0 if temperature is not None or rdf is not None else 3.8)
-    panels = [partial(_draw_energies, energies), partial(_draw_error, energies)]
+    panels = [partial(_draw_energies, energies), partial(_draw_error, energies, taken)]
     panels += [partial(_draw_temperature, energies.time, temperature)] if temperature is not None else []
     panels += [partial(_draw_rdf, *rdf)] if rdf is not None else []
     rows = math.ceil(len(panels) / 2)
@@ -99,6 +101,11 @@ def plot_benchmark(
 # -- panels of a run
 
 
+def energy_taken(run: reader.Run) -> Floats | float:
+    """Energy that events had taken out of a run at each sample, or 0."""
+    return run.observables.get("energy_taken", 0.0)
+
+
 def _draw_energies(energies: reader.EnergySeries, axes: Axes, units: UnitSystem) -> None:
     names = ("kinetic", "potential", "total")
     for name, values, colour in zip(names, energies[1:], (COLOURS[1], COLOURS[0], INK), strict=True):
@@ -109,11 +116,12 @@ def _draw_energies(energies: reader.EnergySeries, axes: Axes, units: UnitSystem)
     axes.legend(loc="best", fontsize=8, frameon=True, framealpha=0.9, edgecolor=GRID)
 
 
-def _draw_error(energies: reader.EnergySeries, axes: Axes, units: UnitSystem) -> None:
-    total, kinetic = energies.total, energies.kinetic
-    by_total = abs(total[0]) >= 0.1 * kinetic[0]
-    scale = abs(total[0]) if by_total else kinetic[0]
-    error = (total - total[0]) / scale if scale > 0 else total - total[0]
+def _draw_error(energies: reader.EnergySeries, taken: Floats | float, axes: Axes, units: UnitSystem) -> None:
+    total, kinetic = energies.total + taken, float(energies.kinetic[0])
+    found = energy_error(total, kinetic)
+    by_total = found.relative_to == "initial energy"
+    scale = {"initial energy": abs(found.initial), "kinetic energy": kinetic}.get(found.relative_to, 1.0)
+    error = (total - total[0]) / scale
     power = math.floor(math.log10(np.max(np.abs(error)))) if np.any(error) else 0
     axes.axhline(0.0, color=GRID, linewidth=1.2)
     axes.plot(*_thin(energies.time, error / 10.0**power), color=COLOURS[0], linewidth=0.9)
@@ -128,8 +136,8 @@ def _draw_temperature(times: Floats, temperature: Floats, axes: Axes, units: Uni
     axes.plot(*_thin(times, temperature), color=COLOURS[1], linewidth=0.9)
     mean = float(np.mean(temperature))
     axes.axhline(mean, color=INK, linewidth=0.9, linestyle=(0, (4, 3)))
-    axes.set_title(f"Temperature (mean {mean:.4g} {_pretty(units.temperature)})")
-    axes.set_ylabel(f"temperature ({_pretty(units.temperature)})")
+    axes.set_title(f"Temperature (mean {measured(f'{mean:.4g}', printed(units.temperature))})")
+    axes.set_ylabel(with_unit("temperature", units.temperature))
     _time_axis(axes, units)
 
 
@@ -137,7 +145,7 @@ def _draw_rdf(r: Floats, g: Floats, frames: int, axes: Axes, units: UnitSystem) 
     axes.axhline(1.0, color=GRID, linewidth=1.2)
     axes.plot(r, g, color=COLOURS[2], linewidth=1.3)
     axes.set_title(f"Radial distribution function ({frames} frame{'s' if frames > 1 else ''})")
-    axes.set_xlabel(f"r ({_pretty(units.length)})")
+    axes.set_xlabel(with_unit("r", units.length))
     axes.set_ylabel("g(r)")
     axes.set_xlim(0.0, r[-1])
     axes.set_ylim(bottom=0.0)
@@ -179,19 +187,18 @@ def _title(run: reader.Run, what: str = "particles") -> str:
     if run.method.get("integrator"):
         parts.append(str(run.method["integrator"]))
     if isinstance(run.method.get("dt"), (int, float)):
-        parts.append(f"dt = {run.method['dt']:g} {_pretty(run.units.time)}")
+        parts.append(measured(f"dt = {run.method['dt']:g}", printed(run.units.time)))
     return "  ·  ".join(parts)
 
 
-def _pretty(unit: str) -> str:
-    """Name of a unit in print."""
-    greek = {"sigma": "σ", "tau": "τ", "epsilon": "ε", "epsilon/k_B": "ε/k$_B$", "angstrom": "Å"}
-    return greek.get(unit, unit)
+def printed(unit: str) -> str:
+    """Name of a unit in a figure; "" for a unit without a name, such as those of nbody."""
+    return symbol_of(unit).replace("angstrom", "Å").replace("k_B", "k$_B$").replace("^2", "²").replace("^3", "³")
 
 
 def with_unit(name: str, unit: str) -> str:
-    """Label with its unit, if the unit has a name; N-body units have none."""
-    return name if unit in ("length", "time", "mass", "energy") else f"{name} ({_pretty(unit)})"
+    """Label with its unit, if the unit has a name."""
+    return f"{name} ({text})" if (text := printed(unit)) else name
 
 
 def _time_axis(axes: Axes, units: UnitSystem) -> None:

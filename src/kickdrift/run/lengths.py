@@ -10,10 +10,12 @@ from kickdrift.errors import InputError
 from kickdrift.model.checks import number
 from kickdrift.model.limits import steps_in
 from kickdrift.model.limits import whole_number as whole_number
+from kickdrift.model.units import time_in
 from kickdrift.text import shown
 
 if TYPE_CHECKING:
     from kickdrift.integrators.method import Method
+    from kickdrift.looks.record import Record
     from kickdrift.model.problem import Problem
     from kickdrift.model.system import System
 
@@ -54,6 +56,8 @@ class Moving(Protocol):
     @property
     def system(self) -> Any: ...
 
+    def turn(self, backward: bool) -> None: ...
+
 
 class Planned(Protocol):
     """Attributes of a Simulation that the length of a run needs."""
@@ -76,6 +80,13 @@ class Planned(Protocol):
 
     @property
     def running(self) -> bool: ...
+
+
+class Begun(Planned, Protocol):
+    """Attributes of a Simulation that begins to run."""
+
+    @property
+    def record(self) -> Record: ...
 
 
 class Whole(NamedTuple):
@@ -107,6 +118,7 @@ def whole_steps(sim: Planned, until: float, exact: Exact = False) -> Whole:
     """Return the steps to a time; an InputError where a time between two steps is refused, or where there is no way.
 
     A run that goes on in its direction keeps to its grid, also from a time inside a step."""
+    check_exact(exact)
     if not np.isfinite(number(until)):
         raise InputError(f"run: until must be a finite time, got {shown(until)}")
     if sim.dt is None or sim.method.chooses_steps:
@@ -130,7 +142,20 @@ def whole_steps(sim: Planned, until: float, exact: Exact = False) -> Whole:
     return Whole(max(0, begun + passed - sim.steps_done), backward, end, off, shortened)
 
 
-def rounding_note(sim: Planned, until: float | None, exact: Exact) -> list[str]:
+def time_of(sim: Planned, value: float | str | None, key: str) -> float | None:
+    """A time in the system's unit, from a number or a text such as "5 ps"; errors begin with ``key``."""
+    found: float | None = time_in(value, getattr(sim.system, "units", None), key)
+    return found
+
+
+def begin(sim: Begun, backward: bool, until: float | None, exact: Exact) -> None:
+    """Turn the run to its direction of time, and note a time between two steps in its record."""
+    notes = _rounding_note(sim, until, exact)
+    sim.integration.turn(backward)
+    sim.record.warnings += [line for line in notes if line not in sim.record.warnings]
+
+
+def _rounding_note(sim: Planned, until: float | None, exact: Exact) -> list[str]:
     """Return a line that says where a run ends whose time lies between two steps."""
     if until is None or sim.method.chooses_steps:
         return []

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from typing import Any, Protocol
+
 import numpy as np
 
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
+from kickdrift.text import measured
 
 LEAST_LOOKS = 20
 CHANGE = 0.05  # of the temperature; a smaller change leaves averages as they are
@@ -13,6 +16,27 @@ FLUCTUATIONS = 4.0  # standard deviations of the temperature in the second half
 PROBES = 8  # particles whose nearest neighbours are measured
 LINDEMANN = 0.3  # distances of neighbours that a particle is off its site; crystals melt near 0.1 to 0.15
 EVEN = 1e-3  # spread of the nearest distances on a lattice, of their mean
+
+
+class Now(Protocol):
+    """A run with its present state."""
+
+    @property
+    def state(self) -> Any: ...
+
+
+def melting(system: System, temperatures: Floats | None, run: Now) -> list[str]:
+    """Return a warning if the temperature shows that the lattice of the start melts during the run."""
+    change = temperature_change(temperatures)
+    if change is None or not has_melted(system, run.state.positions):
+        return []
+    first, later = change
+    mean = measured(f"{later:.4g}", system.units.symbol("temperature"))
+    return [
+        f"the lattice is melting: the temperature {'falls' if later < first else 'rises'} from {first:.4g} to {mean} "
+        "(mean of the second half), so the run is not in equilibrium; equilibrate first, with [equilibrate] in the "
+        "system file or with sim.equilibrate"
+    ]
 
 
 def temperature_change(temperatures: Floats | None) -> tuple[float, float] | None:

@@ -15,7 +15,7 @@ from kickdrift.model.checks import number
 from kickdrift.model.limits import NEVER, steps_in
 from kickdrift.model.limits import whole_number as whole_number
 from kickdrift.run.backward import check_backward
-from kickdrift.run.lengths import SHORTEN, Exact, Planned, steps_to, whole_steps
+from kickdrift.run.lengths import SHORTEN, Exact, Planned, check_exact, steps_to, whole_steps
 from kickdrift.text import shown
 
 if TYPE_CHECKING:
@@ -147,6 +147,7 @@ def plan_of(
 
     ``known`` is the cadence of the file that the run continues, if any. ``seen`` says whether there is anything to
     sample."""
+    check_exact(exact)
     begin = sim.steps_done, sim.time
     if interval is not None and not sim.method.chooses_steps:
         raise InputError(f"run: interval is for methods that choose their steps; with {sim.integrator}, use every")
@@ -154,6 +155,11 @@ def plan_of(
         raise InputError(f"run: interval must be a positive time, got {shown(interval)}")
     if interval is not None and every is not None:
         raise InputError("run: give every or interval, not both")
+    given = sim.system.run.interval if (every, interval, known) == (None, None, None) else None
+    if given is not None and sim.method.chooses_steps:
+        interval = given
+    elif given is not None and sim.dt:
+        every = max(1, round(given / sim.dt))
     cadence = whole_number("every", every, 1) if every is not None else known or sim.system.run.every
     if not sim.method.chooses_steps or until is None:
         count = steps_to(sim, steps, until, exact)

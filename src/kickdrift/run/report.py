@@ -20,7 +20,7 @@ from kickdrift.model.problem import Problem
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 from kickdrift.run.lengths import CLOSE
-from kickdrift.run.melting import has_melted, temperature_change
+from kickdrift.run.melting import melting
 from kickdrift.statistics.drift import ROUNDINGS, EnergyError, drift, energy_error, rounding_of
 
 
@@ -229,21 +229,11 @@ def report(sim: Reported) -> Report:
         events=[*sim.events, *sim.going_on()],
         energy_taken=None if record.taken is NOTHING else record.taken.energy,
         stopped=sim.stopped,
-        warnings=[*record.warnings, *(_melting(sim, series.temperatures) if listed else [])],
+        warnings=[
+            *record.warnings,
+            *(melting(system, series.temperatures, sim) if isinstance(system, System) and listed else []),
+        ],
     )
-
-
-def _melting(sim: Reported, temperatures: Floats | None) -> list[str]:
-    """Return a warning if the temperature shows that the lattice of the start melts during the run."""
-    change, system = temperature_change(temperatures), sim.system
-    if change is None or not isinstance(system, System) or not has_melted(system, sim.state.positions):
-        return []
-    first, later = change
-    return [
-        f"the lattice is melting: the temperature {'falls' if later < first else 'rises'} from {first:.4g} to "
-        f"{later:.4g} {system.units.temperature} (mean of the second half), so the run is not in equilibrium; "
-        "equilibrate first, with [equilibrate] in the system file or with sim.equilibrate"
-    ]
 
 
 def _length(record: Record, dt: float) -> float:

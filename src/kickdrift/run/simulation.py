@@ -19,17 +19,17 @@ from kickdrift.model.capacity import PROCESS_BYTES, check_room
 from kickdrift.model.checks import path_text, whole_number
 from kickdrift.model.event_checks import checked_crossings
 from kickdrift.model.memory import Memory
+from kickdrift.model.orbit_table import OrbitTable, orbit_table
 from kickdrift.model.problem import Problem
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
-from kickdrift.model.units import time_in
 from kickdrift.run.advance import Integration
 from kickdrift.run.asked import check_asked, kind_of
 from kickdrift.run.checkpoint import checkpoint_of, restore
 from kickdrift.run.columns import ColumnWatcher, check_columns_fit, checked_columns
 from kickdrift.run.equilibration import equilibrate
 from kickdrift.run.forces import accelerations_at, forces_at
-from kickdrift.run.lengths import Exact, check_exact, rounding_note, steps_to
+from kickdrift.run.lengths import Exact, begin, steps_to, time_of
 from kickdrift.run.looks import Sampler
 from kickdrift.run.loop import go_on, run_through
 from kickdrift.run.outputs import Outputs
@@ -234,6 +234,18 @@ class Simulation:
         """(n, 3) forces on the particles now, in the system's energy unit per length; a read-only copy."""
         return forces_at(self.integration)
 
+    def elements(self, frame: str = "heliocentric", plane: str = "file") -> OrbitTable:
+        """The osculating elements of the bodies now, a table by name: ``sim.elements()["Jupiter"].a``.
+
+        Angles are in degrees, as in system files. ``frame`` is "heliocentric" (about the central body), "jacobi" (in
+        the bodies' order) or "barycentric". ``plane`` is "file" (x-y) or "invariable". Raises InputError if no body
+        has half of all mass, and for a Problem.
+        """
+        if not isinstance(self.system, System):
+            raise InputError("elements: a Problem has no bodies")
+        now = self.state
+        return orbit_table(self.system.at(now.phase, now.time, ids=now.ids), frame, plane)
+
     def sample(self) -> Sample:
         """Return a sample of the current state."""
         return self.integration.sample()
@@ -282,10 +294,10 @@ class Simulation:
         """Take ``steps`` steps, or run ``until`` a time, a number or a text with a unit such as "5 ps".
 
         An adaptive method reaches any time. Fixed steps run to the nearest whole step, and the report says so. With
-        ``exact=True`` a time between two steps is an InputError. With ``exact="shorten"`` the last step is shortened:
-        the last look, ``time`` and ``state`` are at that time. A copy takes the shortened step, so a run that goes on
-        continues from the last whole step. A time before now is a run back in time, for reversible and adaptive
-        methods; it begins a new record, as an assigned state does. Steps count up in both directions.
+        ``exact=True`` a time between two steps is an InputError. With ``exact="shorten"`` a copy takes a shortened last
+        step: the last look, ``time`` and ``state`` are at that time, and a longer run goes on from the last whole step.
+        A time before now is a run back in time, for reversible and adaptive methods. Each change of direction begins a
+        new record, as an assigned state does. Steps count up in both directions.
 
         The run looks at the start, after every ``every`` steps (counted from step 0) and at the end. Each look samples
         the energies, writes a frame to ``output`` (a new .h5md file, or one that this Simulation began) and calls
@@ -305,10 +317,8 @@ class Simulation:
         state is then that of the last sample.
         """
         check_asked(observe, progress, overwrite)
-        check_exact(exact)
         units = self.system.units if isinstance(self.system, System) else None
-        goal: float | None = time_in(until, units, "until")
-        apart: float | None = time_in(interval, units, "interval")
+        goal, apart = time_of(self, until, "until"), time_of(self, interval, "interval")
         written = ColumnWatcher(checked_columns(columns, units), self.integration, self)
         output = self._outputs.chosen(None if output is None else path_text("run: output", output), overwrite)
         if self.plan is not None and (steps, goal, every, apart) == (None,) * 4:
@@ -320,10 +330,8 @@ class Simulation:
                 apart = own.interval
             plan = plan_of(self, steps, goal, every, apart, own.every if own else None, seen, exact)
         check_columns_fit(written.columns, plan)
-        run, notes = self.integration, rounding_note(self, goal, exact)
-        run.turn(plan.backward)
-        self.plan = None
-        self.record.warnings += [line for line in notes if line not in self.record.warnings]
+        run, self.plan = self.integration, None
+        begin(self, plan.backward, goal, exact)
         watching: list[Watcher | None] = [
             Events(run.events) if run.events else None,
             self._stability,
@@ -385,9 +393,7 @@ class Simulation:
 
         An InputError if the arguments make no sense, or if the number is unknown before the run (an adaptive method
         with ``until``)."""
-        check_exact(exact)
-        units = self.system.units if isinstance(self.system, System) else None
-        return steps_to(self, steps, time_in(until, units, "until"), exact)
+        return steps_to(self, steps, time_of(self, until, "until"), exact)
 
 
 def _warn_of_lattice() -> None:
