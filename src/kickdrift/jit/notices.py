@@ -35,7 +35,9 @@ def heard(listener: Listener) -> Iterator[None]:
         _listeners.remove(listener)
 
 
-def announce(kept: bool) -> None:
-    """Tell the listeners that a function is about to be compiled, because the disk does not have its code."""
+def announce(kept: bool, purpose: str | None = None) -> None:
+    """Tell the listeners that a function is about to be compiled, because the disk does not have its code.
+
+    ``purpose`` replaces the one of the context, for a function that another process compiles."""
     for listener in tuple(_listeners):
-        listener(_purpose.get(), kept)
+        listener(_purpose.get() if purpose is None else purpose, kept)

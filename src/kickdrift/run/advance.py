@@ -30,6 +30,7 @@ from kickdrift.model.problem import Problem
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 from kickdrift.run.blow_up import failure
+from kickdrift.run.purpose import purpose_of
 from kickdrift.run.watch.watched_stepper import WatchedStepper
 
 if TYPE_CHECKING:
@@ -122,10 +123,7 @@ class Integration:
     @property
     def purpose(self) -> str:
         """What code is compiled for: the method, and the forces or the Problem."""
-        system = self._job.system
-        forces = system.forces if isinstance(system, System) else ()
-        names = dict.fromkeys(getattr(force, "name", type(force).__name__) for force in forces)
-        return f"{self.integrator} for {' and '.join(names) or system.name}"
+        return purpose_of(self.integrator, self._job.system)
 
     @property
     def threads(self) -> int:

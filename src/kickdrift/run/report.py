@@ -189,6 +189,7 @@ def report(sim: Reported) -> Report:
     counted = sim.engine == NATIVE or sim.method.evaluations > 0  # otherwise another program counted its evaluations
     listed = isinstance(system, System) and any(isinstance(force, PairForce) for force in system.forces)
     work = record.force_evaluations * (series.pairs or 0.0) if listed else 0.0
+    melted = melting(system, series.temperatures, sim) if listed and isinstance(system, System) else []
     options = sim.options.extras(sim.method.tunable)
     rtol, atol = options.pop("rtol", None), options.pop("atol", None)
     return Report(
@@ -229,10 +230,7 @@ def report(sim: Reported) -> Report:
         events=[*sim.events, *sim.going_on()],
         energy_taken=None if record.taken is NOTHING else record.taken.energy,
         stopped=sim.stopped,
-        warnings=[
-            *record.warnings,
-            *(melting(system, series.temperatures, sim) if isinstance(system, System) and listed else []),
-        ],
+        warnings=[*record.warnings, *melted],
     )
 
 
