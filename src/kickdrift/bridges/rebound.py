@@ -64,7 +64,7 @@ def _number(i: int) -> str:
 
 
 def _refuse(sim: Any) -> None:
-    """Raise an InputError for features that would make the System move differently."""
+    """Raise InputError for features that would make the System move differently."""
     if sim.N_var:
         raise InputError(f"sim: has {sim.N_var} variational particles; use kd.megno for variations")
     for key in FUNCTIONS:

@@ -1,4 +1,4 @@
-"""What Python code gives for each body, checked: names and radii."""
+"""Checks of values that users give for each body: names and radii."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from kickdrift.text import shown
 
 
 def names_of(key: str, values: list[Any]) -> list[str]:
-    """The values as names; an InputError where one is neither text nor a whole number."""
+    """Return the values as names. Raises InputError if one is neither text nor a whole number."""
     wrong = {kind for kind in set(map(type, values)) if not issubclass(kind, str | int | np.integer) or kind is bool}
     if wrong:
         k, value = next((k, value) for k, value in enumerate(values) if type(value) in wrong)

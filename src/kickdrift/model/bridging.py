@@ -1,4 +1,4 @@
-"""Systems of other programs: the seam to the room ``bridges``, which knows Systems."""
+"""Access to the bridges to other programs' Systems, which themselves import System."""
 
 from __future__ import annotations
 
@@ -8,11 +8,12 @@ from typing import Any
 
 from kickdrift.errors import InputError
 
-BRIDGES: dict[str, Callable[[], Any]] = {}  # by package, what loads its bridge; the package's ``__init__`` fills it
+BRIDGES: dict[str, Callable[[], Any]] = {}  # loader of each package's bridge; filled by the package's ``__init__``
 
 
 def bridge(package: str, asked: str) -> Any:
-    """The module that knows that package's Systems; an InputError tells how to install what is missing."""
+    """Return the bridge module for a package. If the package is missing, raises InputError that says how to install
+    it."""
     try:
         import_module(package)
     except ImportError:

@@ -15,12 +15,12 @@ PAIR_BYTES = 200  # memory of a watched pair of bodies
 
 
 def binding(system: Subject) -> Any:
-    """Force that binds bodies, with its G and softening: gravity of any kind, or None."""
+    """Force that can bind bodies, with its G and softening: any kind of gravity, or None."""
     return next((force for force in system.forces if hasattr(force, "G") and hasattr(force, "softening")), None)
 
 
 def checked_events(system: Bodies, events: Iterable[Event]) -> tuple[Event, ...]:
-    """Return the events as a tuple. An InputError refuses events that a run of this System cannot watch for."""
+    """Return the events as a tuple. Raises InputError for events that a run of this System cannot watch for."""
     found = _listed(events)
     for event in found:
         _check_kind(event)
@@ -49,7 +49,7 @@ def checked_events(system: Bodies, events: Iterable[Event]) -> tuple[Event, ...]
 
 
 def checked_crossings(events: Iterable[Event]) -> tuple[Event, ...]:
-    """Return the events as a tuple. An InputError refuses all but crossings of a function of y."""
+    """Return the events as a tuple. Raises InputError for all but crossings of a function of y."""
     found = _listed(events)
     for event in found:
         _check_kind(event)

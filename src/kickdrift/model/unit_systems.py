@@ -47,7 +47,7 @@ DIMENSIONS: dict[str, dict[str, int]] = {
 class UnitSystem:
     """Names of the units, and Boltzmann's constant, G and the speed of light in them.
 
-    G and the speed of light are None in systems that have none. A mass times ``coherent_mass`` is force over
+    G and the speed of light are None in systems without them. A mass times ``coherent_mass`` is force over
     acceleration: in ``metal`` (angstrom, ps, eV, u) the factor converts u to eV ps^2 / angstrom^2; elsewhere it is 1.
     """
 
@@ -112,7 +112,7 @@ UNIT_SYSTEMS: dict[str, UnitSystem] = {
 
 
 def unit_system(name: str) -> UnitSystem:
-    """Unit system of this name. An unknown name is an InputError that lists the known ones."""
+    """Unit system of this name. Raises InputError that lists the known names for an unknown one."""
     try:
         return UNIT_SYSTEMS[name]
     except (KeyError, TypeError):

@@ -1,4 +1,4 @@
-"""What a system file says of orbits and clusters, as bodies to start from."""
+"""Bodies on orbits and in clusters, from the tables of a system file."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ from kickdrift.systemfile.schema_bodies import BodyTable, ElementsTable, Plummer
 
 
 def on_orbits(table: ElementsTable, gravity: float | None, seed: int | None = None) -> Structure:
-    """The central body and the others of a system file's ``elements``, in the frame of their barycentre.
+    """Central body and other bodies from a system file's ``elements``, relative to their barycentre.
 
-    Each body's elements are about what its frame names: "heliocentric", the central body, G times the two masses;
-    "jacobi", the centre of mass of the bodies before it, G times their masses and its own; "barycentric", the centre of
+    The frame sets the origin and the G M of each orbit. "heliocentric": the central body, G times the two masses.
+    "jacobi": the centre of mass of the bodies before it, G times their masses and its own. "barycentric": the centre of
     mass of all, G times all masses.
 
     Parameters
     ----------
     gravity : G in the file's units
-    seed : replaces the table's
+    seed : replaces the table's seed
     """
     if gravity is None:
         raise InputError("elements: these units do not set G; give G in [[force]] gravity")
@@ -55,7 +55,7 @@ def on_orbits(table: ElementsTable, gravity: float | None, seed: int | None = No
     x, v = (at_barycentre(y, masses, table.frame) for y in (x, v))
     drawn = seed if table.seed is not None else None
     radii = None
-    if any(body.radius is not None for body in given):  # those that name none are points
+    if any(body.radius is not None for body in given):  # bodies without a radius are points
         radii = np.repeat([body.radius or 0.0 for body in given], counts).tolist()
     return Structure(
         x, masses, ["A"] * len(masses), None, periodic=False, velocities=v, names=named, seed=drawn, radii=radii
@@ -81,7 +81,7 @@ def _orbit(body: BodyTable, count: int, mu: Floats, rng: np.random.Generator) ->
 
 
 def cluster(table: PlummerTable, units: UnitSystem, seed: int | None = None) -> Structure:
-    """The stars of a system file's ``plummer``; ``seed`` replaces the table's."""
+    """Stars from a system file's ``plummer``. ``seed`` replaces the table's seed."""
     if units.name != "nbody":
         raise InputError(
             f'plummer: is in N-body units, G = M = 1 and E = -1/4; expected units = "nbody", got "{units.name}"'

@@ -56,7 +56,7 @@ def load(name_or_path: str | os.PathLike[str], seed: int | None = None) -> Syste
     Raises
     ------
     InputError
-        With the file, the key and the expected value, or with the particles that overlap.
+        Names the file, the key and the expected value, or the particles that overlap.
     """
     path = find(name_or_path)
     text, data = parsed(path)
@@ -82,7 +82,7 @@ def built(
 
 
 def draws(data: dict[str, Any]) -> bool:
-    """Whether a parsed system file draws random numbers: velocities, orbits, or a cluster's stars."""
+    """Tell whether a parsed system file draws random numbers: for velocities, orbits, or a cluster's stars."""
     velocities, particles = data.get("velocities"), data.get("particles")
     drawn = isinstance(velocities, dict) and "temperature" in velocities
     if isinstance(particles, dict):

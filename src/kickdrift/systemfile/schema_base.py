@@ -1,4 +1,4 @@
-"""What all tables of a system file share: numbers with units, and an error for every key that is not known."""
+"""Base of all tables in a system file: numbers with units, and an error for every unknown key."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from kickdrift.text import shown, suggestion
 
 
 class In:
-    """Validator of a number, or of text with a unit, that becomes a number in the file's units."""
+    """Validator that turns a number, or text with a unit, into a number in the file's units."""
 
     def __init__(self, dimension: str, sign: Literal["any", "positive", "non-negative"] = "any") -> None:
         self.dimension, self.sign = dimension, sign
@@ -52,7 +52,7 @@ class Table(BaseModel):
 
     @classmethod
     def hint(cls, key: str) -> str:
-        """``; did you mean 'x'?`` where a known key is near, else nothing."""
+        """Text ``; did you mean 'x'?`` if a known key is near, else ""."""
         return suggestion(key, cls.model_fields)
 
     def one_of(self, *keys: str) -> None:

@@ -1,4 +1,4 @@
-"""What a system file may say of bodies on orbits and of star clusters: `elements` and `plummer` under [particles]."""
+"""Schema of bodies on orbits and of star clusters: `elements` and `plummer` under [particles]."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from kickdrift.systemfile.schema_base import In, Mass, Pull, Radius, Table
 
 
 class Spread(In):
-    """Validator of one number, or of a range [low, high] that numbers are drawn from."""
+    """Validator of one number, or of a range [low, high] for random numbers."""
 
     def __call__(self, value: Any, info: ValidationInfo) -> Any:
         if not (isinstance(value, list) and len(value) == 2):
@@ -68,7 +68,7 @@ class BodyTable(CentralTable):
 
     @property
     def spread(self) -> list[str]:
-        """The keys that hold a range."""
+        """Keys with a range as their value."""
         return [key for key, value in self if isinstance(value, list)]
 
 
