@@ -52,7 +52,7 @@ def _along(table: SystemTable) -> Sequence[bool]:
 
 
 def on_lattice(particles: LatticeTable, table: SystemTable, box: Box | None, units: UnitSystem) -> Structure:
-    """Particles on a lattice, which fills a box given by its matrix."""
+    """Particles on a lattice. A box with a matrix is filled by the lattice."""
     count, lengths, plane = particles.count, table.box.lengths, table.dimensions == 2
     kinds = PLANE_LATTICES if plane else LATTICES
     if particles.lattice not in kinds:
