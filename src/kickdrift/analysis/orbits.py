@@ -1,4 +1,4 @@
-"""Orbits of a run's bodies: their elements over time, and the paths they are drawn from."""
+"""Orbits of a run's bodies: elements over time, and paths for figures."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from kickdrift.model.state import Floats
 from kickdrift.text import shown, suggestion
 from kickdrift.trajectory import reader
 
-DOMINANT = 0.5  # of all mass: from there on a body is what the others orbit
+DOMINANT = 0.5  # least part of all mass for a body that the others orbit
 PLANES = ("file", "invariable")
-FLAT = 1e-10  # of the sum of the bodies' own angular momenta: less than that, all of it, has no direction
+FLAT = 1e-10  # part of the sum of the bodies' own angular momenta: a smaller total has no direction
 
 
 class Paths(NamedTuple):
-    """Where bodies were: (k,) times, (k, n, 3) positions and velocities relative to their barycentre, (n,) masses.
+    """Paths of bodies: times (k,), positions and velocities (k, n, 3) relative to their barycentre, and masses (n,).
 
-    A body that was absorbed or removed has nan from there on; ``held`` (k, n) are the masses at each frame, with what a
-    body absorbed, and 0 for one that is gone. ``central`` is the row of the body that the others orbit, None where none
-    dominates.
+    A body that was absorbed or removed has nan from then on. ``held`` (k, n) are the masses at each frame, including
+    absorbed masses, and 0 for a body that is gone. ``central`` is the row of the body that the others orbit, None if no
+    body dominates.
     """
 
     times: Floats
@@ -39,13 +39,14 @@ class Paths(NamedTuple):
 
 
 class Orbits(NamedTuple):
-    """Elements over time: (k,) times, (m,) names of the bodies but the central one, Elements of (k, m), nan for a body
-    that is gone."""
+    """Elements over time: times (k,), names (m,) of all bodies but the central one, and Elements of shape (k, m).
+
+    A body that is gone has nan."""
 
     times: Floats
     names: tuple[str, ...]
     elements: Elements
-    mu: Floats  # (k, m) G times the masses that each body orbits
+    mu: Floats  # (k, m) G times the masses at the centre of each orbit and on it
 
 
 def orbits(
@@ -54,20 +55,20 @@ def orbits(
     plane: str = "file",
     most_frames: int | None = None,
 ) -> Orbits:
-    """The osculating elements of a run's bodies at its frames.
+    """Osculating elements of a run's bodies at its frames.
 
     Parameters
     ----------
     run : a run's file, open or by its path
-    frame : "heliocentric", "jacobi" (in the order of the file) or "barycentric"; what the elements are relative to
-    plane : "file", the x-y plane, or "invariable", at right angles to the total angular momentum at the start; what
-        inclinations and nodes are counted from
-    most_frames : no more frames than that, spread evenly; default all
+    frame : origin of the orbits: "heliocentric", "jacobi" (in the order of the file) or "barycentric"
+    plane : reference plane of inclinations and nodes: "file", the x-y plane, or "invariable", perpendicular to the
+        total angular momentum at the start
+    most_frames : most frames to read, spread evenly; default all
 
     Raises
     ------
     InputError
-        For a run without gravity, or whose bodies orbit none that has half of all mass.
+        For a run without gravity, or without a body of at least half of all mass.
     """
     found = paths(run, most_frames)
     return orbits_of(found, frame, plane)
@@ -79,10 +80,11 @@ def orbital_elements(
     plane: str = "file",
     most_frames: int | None = None,
 ) -> NDArray[np.void]:
-    """``orbits`` as a table: a structured array (frames x bodies,) whose columns are ``time``, ``body`` (a name),
-    the semi-major axis ``a`` and the elements by their names, body by body within a frame. A body that is gone has nan.
+    """Return ``orbits`` as a table: a structured array (frames x bodies,), body by body within a frame.
 
-    ``pandas.DataFrame(orbital_elements(run))`` is the same as a data frame. Parameters and errors as of ``orbits``.
+    Columns are ``time``, ``body`` (a name), the semi-major axis ``a`` and the elements by their names. A body that is
+    gone has nan. ``pandas.DataFrame(orbital_elements(run))`` makes a data frame. Parameters and errors are as in
+    ``orbits``.
     """
     if not isinstance(run, reader.Run | str | os.PathLike):
         raise InputError("orbital_elements: expected a whole run or its path; set most_frames to use fewer frames")
@@ -97,7 +99,7 @@ def orbital_elements(
 
 
 def orbits_of(found: Paths, frame: str = "jacobi", plane: str = "file") -> Orbits:
-    """``orbits`` of bodies that were read already."""
+    """Orbits from paths; see ``orbits``."""
     if plane not in PLANES:
         raise InputError(f"plane: expected one of {', '.join(PLANES)}, got {shown(plane)}{suggestion(plane, PLANES)}")
     if found.central is None:
@@ -107,7 +109,7 @@ def orbits_of(found: Paths, frame: str = "jacobi", plane: str = "file") -> Orbit
     values = np.full((len(Elements._fields) + 1, len(found.times), len(others)), np.nan)
     there = np.isfinite(found.positions[:, :, 0])
     changes = np.any((there[1:] != there[:-1]) | (found.held[1:] != found.held[:-1]), axis=1)
-    for frames in np.split(np.arange(len(there)), np.flatnonzero(changes) + 1):  # of the same bodies
+    for frames in np.split(np.arange(len(there)), np.flatnonzero(changes) + 1):  # frames with the same bodies
         left = np.flatnonzero(there[frames[0], others])
         if not (there[frames[0], found.central] and left.size):
             continue
@@ -146,8 +148,8 @@ def paths(run: reader.Run | str | os.PathLike[str], most_frames: int | None = No
 
 
 def _held(x: Floats, v: Floats, masses: Floats) -> Floats:
-    """(k, n) the masses at each frame; x and v of bodies that were absorbed, which a file has where their survivor is,
-    become nan, as those of bodies that were removed are."""
+    """Masses (k, n) at each frame. In a file, an absorbed body has its survivor's position; here x and v of absorbed
+    and removed bodies become nan."""
     there = np.isfinite(x[:, :, 0])
     held = np.where(there, masses, 0.0)
     last = len(x) - 1 - np.argmax(there[::-1], axis=0)
@@ -166,7 +168,7 @@ def _held(x: Floats, v: Floats, masses: Floats) -> Floats:
 
 
 def gravity_of(run: reader.Run) -> float | None:
-    """G of a run's gravity, in its units; None where it has none."""
+    """G of a run's gravity, in the run's units; None without gravity."""
     for force in run.system_record["forces"]:
         if isinstance(force["parameters"], dict) and "G" in force["parameters"]:
             given = force["parameters"]["G"]
@@ -177,8 +179,8 @@ def gravity_of(run: reader.Run) -> float | None:
 
 
 def invariable_axes(found: Paths) -> Floats:
-    """(3, 3), the rows the axes of the invariable plane: the third along the total angular momentum at the start, the
-    first as near to x as that leaves; the file's own where the bodies do not turn."""
+    """Axes of the invariable plane as rows, (3, 3). The third is along the total angular momentum at the start, the
+    first as near to x as possible. Without rotation, the axes are the file's own."""
     own = found.masses[:, None] * np.cross(found.positions[0], found.velocities[0])
     total = own.sum(axis=0)
     size = float(np.linalg.norm(total))

@@ -42,9 +42,9 @@ class Comparison:
     ----------
     system : name of the subject
     measure : "closed form", "reference" or "energy"
-    reference : the measure in words
+    measure : "closed form", "reference" or "energy"
+    reference : the measure as text
     reference_error : error of the reference, and the smallest error that counts
-    lyapunov : rate at which neighbouring solutions part, 0 for solutions that do not part exponentially
     length : length of the pilot runs, in the system's unit of time
     whole : length of the intended run
     cycles : number of cycles of the solution in the pilot run; 0 for a solution that does not return

@@ -1,4 +1,4 @@
-"""A figure of one column of a run's samples against time."""
+"""Figure of one column of a run's samples against time."""
 
 from __future__ import annotations
 
@@ -25,15 +25,15 @@ from kickdrift.plots.runs import (
 from kickdrift.text import shown, suggestion
 from kickdrift.trajectory import reader
 
-MOST_LINES = 9  # a tensor's
+MOST_LINES = 9  # most lines: a tensor has nine
 
 
 def plot_column(
     path: str | os.PathLike[str], name: str, output: str | os.PathLike[str], *, overwrite: bool = False
 ) -> Path:
-    """Draw a column of a run's samples, kickdrift's own or a user's, against time; returns the figure's path.
+    """Draw a column of a run's samples, kickdrift's own or a user's, against time. Return the figure's path.
 
-    Each number of a vector or tensor is a line; of more than nine numbers the first nine are drawn."""
+    Each number of a vector or tensor is a line; a column of more than nine numbers shows the first nine."""
     target = checked_target(output, overwrite, path)
     with reader.open(path) as run:
         observables = run.observables
