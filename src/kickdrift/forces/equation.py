@@ -71,8 +71,8 @@ def add_right_hand_side(force, t, x, v, a, sums):
 class Callback:
     """A function f(t, y) as machine code at ``address``.
 
-    ``n`` and ``outputs`` count the numbers that it takes and returns. ``error`` holds an exception that Python code
-    raised in it."""
+    ``n`` is the number of its inputs, ``outputs`` that of its results. ``error`` holds an exception that Python code
+    raised inside the function."""
 
     def __init__(self, function: Function, n: int, outputs: int, compiled: bool, what: str) -> None:
         self.error: BaseException | None = None
@@ -156,9 +156,9 @@ def _write(out, values):
 
 
 class Unknowns(Protocol):
-    """What a right-hand side is bound to: so many unknowns."""
+    """Unknowns of a right-hand side."""
 
-    separable: bool  # whether they are positions and then velocities
+    separable: bool  # whether y holds positions and then velocities
 
     def __len__(self) -> int: ...
 

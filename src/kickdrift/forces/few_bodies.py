@@ -14,7 +14,7 @@ from kickdrift.jit.memory import load, load_first, store_first
 from kickdrift.jit.vector3 import dot, lane_sums, numbers3, plus_dot, rotated3, store3, thrice, vector3
 from kickdrift.jit.vectors import WIDTH
 
-FAR_AWAY = 1e60  # first of the places of empty lanes: no distance is zero, no third power underflows
+FAR_AWAY = 1e60  # first position of empty lanes: no distance is zero, and no third power underflows
 MOST_IN_REGISTERS = 2 * WIDTH  # most bodies kept in registers, without massless ones
 
 
@@ -29,8 +29,8 @@ class FewBodies(NamedTuple):
 
 @as_written
 def few_bodies(force, x, a, sums):
-    """Sum all pairs of a few bodies, from and to rows of x, y and z: a ring of the first eight, each further body with
-    these eight, and a ring of the further bodies. Nothing is stored and loaded again in between."""
+    """Sum all pairs of a few bodies, with x, y and z in rows. The first eight bodies form a ring, each further body
+    meets these eight, and the further bodies form a ring. Nothing is stored in between."""
     n, softening2 = force.massive, force.softening2
     total_energy, total_virial = splat(0.0), splat(0.0)
     for first in range(0, max(n - 1, 1), WIDTH):  # a single further body has no ring
@@ -62,7 +62,7 @@ def few_bodies(force, x, a, sums):
 
 @as_written
 def lanes_or_out(x, first, count):
-    """Load this number of values, and fill up with FAR_AWAY."""
+    """Load ``count`` values, and fill the other lanes with FAR_AWAY."""
     lanes = lane_numbers()
     return select(lanes < float(count), load_first(x, first, count), FAR_AWAY * (lanes + 1.0))
 

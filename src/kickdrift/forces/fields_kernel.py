@@ -1,4 +1,4 @@
-"""The compiled fields. Their cost is linear in the number of particles or springs.
+"""Compiled fields. Their cost is linear in the number of particles or springs.
 
 They run on one thread, so every sum has a fixed order."""
 
@@ -106,7 +106,7 @@ def spring_forces(force, t, x, v, a, sums):
         r = math.sqrt(r2)
         stretch = r - force.length[s]
         pull = force.stiffness[s] * stretch
-        over_r = pull / r if r != 0.0 else 0.0  # no direction, so no force
+        over_r = pull / r if r != 0.0 else 0.0  # a spring of length 0 has no direction, so no force
         for k in range(3):
             a[k, i] -= over_r * d[k] * inverse_masses[i]
             a[k, j] += over_r * d[k] * inverse_masses[j]

@@ -1,6 +1,6 @@
 """Direct sum of gravity together with its slope along a direction.
 
-Along the velocities the slope is the time derivative, the jerk of Hermite methods. Along a deviation vector it is the
+Along the velocities the slope is the time derivative: the jerk of Hermite methods. Along a deviation vector it is the
 right-hand side of the variational equations.
 """
 
@@ -60,7 +60,7 @@ def pull_and_slope(sources, i):
     a, slope = thrice(zero), thrice(zero)
     for j in range(0, slots, WIDTH):
         d, u = load3(sources.x, j, slots) - xi, load3(sources.u, j, slots) - ui
-        source = select(lane_numbers() == float(i - j), zero, load(gm, j))  # all except the body itself
+        source = select(lane_numbers() == float(i - j), zero, load(gm, j))  # all bodies but the body itself
         pulling = source > 0.0
         inverse = 1.0 / math.sqrt(dot(d, d) + softening2)
         inverse2 = inverse * inverse
