@@ -52,8 +52,8 @@ def interacting_pairs(force, system: System) -> Pairs:
     x, m = system.state.positions, system.state.masses
     i, j = np.triu_indices(len(x), k=1) if not isinstance(force, Springs) else np.array(force.pairs).T
     if isinstance(force, Gravity):
-        pulls = (m[i] > 0) | (m[j] > 0)
-        i, j = i[pulls], j[pulls]
+        attracts = (m[i] > 0) | (m[j] > 0)
+        i, j = i[attracts], j[attracts]
     separation = x[i] - x[j]
     separation = nearest_image(system.box, separation)
     r = np.sqrt((separation**2).sum(axis=1))
@@ -176,8 +176,8 @@ def gravity_accelerations(system: System) -> np.ndarray:
     constant = force.G if force.G is not None else system.units.gravity
     a = np.zeros_like(x)
     for i in range(len(x)):
-        pulls = (m > 0) & (np.arange(len(x)) != i)
-        d = x[pulls] - x[i]
+        attracts = (m > 0) & (np.arange(len(x)) != i)
+        d = x[attracts] - x[i]
         r2 = (d**2).sum(axis=1) + force.softening**2
-        a[i] = (constant * m[pulls, None] * d / r2[:, None] ** 1.5).sum(axis=0)
+        a[i] = (constant * m[attracts, None] * d / r2[:, None] ** 1.5).sum(axis=0)
     return a

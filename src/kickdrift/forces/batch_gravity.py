@@ -34,7 +34,7 @@ class LaneBodies(NamedTuple):
 
 
 @in_order
-def pull_in_lanes(bodies, x, a):
+def accelerations_in_lanes(bodies, x, a):
     """Write the accelerations at x to a, counting each pair once. For deviations, write the slope of the accelerations
     along the deviations (formulas and sources are in ``gravity_slope``)."""
     gm, n, rows = bodies.gm, bodies.gm.shape[0], x.shape[1]
@@ -94,5 +94,5 @@ def look_in_lanes(bodies, x, v, found):
 def measure_in_lanes(bodies, y, a, found):
     """Write accelerations to a, and the values of ``look_in_lanes`` to found (LOOK, 8), at y (2, 3, n or 2 n, 8)."""
     bound, y = handle(bodies), unowned(y)
-    pull_in_lanes(bound, y[0], unowned(a))
+    accelerations_in_lanes(bound, y[0], unowned(a))
     look_in_lanes(bound, y[0], y[1], unowned(found))

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from kickdrift.jit.compile import as_written
 from kickdrift.jit.lanes import inverse_sqrt, lane_numbers, lane_sum, rotated, splat
 from kickdrift.jit.masks import select
-from kickdrift.jit.memory import load, load_first, store_first
+from kickdrift.jit.memory import load, masked_load, masked_store
 from kickdrift.jit.vector3 import dot, lane_sums, numbers3, plus_dot, rotated3, store3, thrice, vector3
 from kickdrift.jit.vectors import WIDTH
 
@@ -35,7 +35,7 @@ def few_bodies(force, x, a, sums):
     total_energy, total_virial = splat(0.0), splat(0.0)
     for first in range(0, max(n - 1, 1), WIDTH):  # a single further body has no ring
         count = min(n - first, WIDTH)
-        y, z = load_first(x, n + first, count), load_first(x, 2 * n + first, count)
+        y, z = masked_load(x, n + first, count), masked_load(x, 2 * n + first, count)
         xi = vector3(lanes_or_out(x, first, count), y, z)
         gm, masses = load(force.gm, first), load(force.masses, first)
         ai, energy, virial = ring(xi, gm, masses, softening2, sums)
@@ -51,7 +51,7 @@ def few_bodies(force, x, a, sums):
             store3(a, j, n, numbers3(a, j, n) - lane_sums(gm * cube * d))
         for row, acceleration in enumerate((ai.x, ai.y, ai.z)):
             own = row * n + first
-            store_first(a, own, load_first(a, own, count) + acceleration, count)
+            masked_store(a, own, masked_load(a, own, count) + acceleration, count)
         if sums is not None:
             total_energy, total_virial = total_energy + energy, total_virial + virial
     if sums is not None:
@@ -64,7 +64,7 @@ def few_bodies(force, x, a, sums):
 def lanes_or_out(x, first, count):
     """Load ``count`` values, and fill the other lanes with FAR_AWAY."""
     lanes = lane_numbers()
-    return select(lanes < float(count), load_first(x, first, count), FAR_AWAY * (lanes + 1.0))
+    return select(lanes < float(count), masked_load(x, first, count), FAR_AWAY * (lanes + 1.0))
 
 
 @as_written

@@ -48,7 +48,7 @@ def sources_of(force: Gravity, system: Subject) -> Sources:
 
 
 @jit
-def pull_and_slope(sources, i):
+def acceleration_and_slope(sources, i):
     """Compute a = sum G m d / r^3 and its slope sum G m (u - 3 d (d . u) / r^2) / r^3 for body i.
 
     d and u are the sources' values minus the body's own, and r^2 = d^2 + softening^2 (Makino & Aarseth 1992,
@@ -61,11 +61,11 @@ def pull_and_slope(sources, i):
     for j in range(0, slots, WIDTH):
         d, u = load3(sources.x, j, slots) - xi, load3(sources.u, j, slots) - ui
         source = select(lane_numbers() == float(i - j), zero, load(gm, j))  # all bodies but the body itself
-        pulling = source > 0.0
+        massive = source > 0.0
         inverse = 1.0 / math.sqrt(dot(d, d) + softening2)
         inverse2 = inverse * inverse
-        w = select(pulling, source * inverse * inverse2, zero)
-        along = select(pulling, 3.0 * inverse2 * dot(d, u), zero)
+        w = select(massive, source * inverse * inverse2, zero)
+        along = select(massive, 3.0 * inverse2 * dot(d, u), zero)
         a, slope = a + w * d, slope + w * (u - along * d)
     store3(sources.a, i, n, lane_sums(a))
     store3(sources.slope, i, n, lane_sums(slope))

@@ -155,7 +155,7 @@ class AdaptiveStepper(ChosenSteps):
     """Integration with an embedded pair. A checkpoint holds its clock with the last errors, and the start and the
     stages of the last step."""
 
-    keeps = (*ChosenSteps.keeps, "_before", "_stages")
+    saved = (*ChosenSteps.saved, "_before", "_stages")
 
     def __init__(self, flow: Flow, tableau: EmbeddedPair, options: Options) -> None:
         super().__init__(flow, options)

@@ -43,7 +43,7 @@ class LookTimes(Protocol):
 class ChosenSteps(Resumable):
     """Steps that a compiled loop chooses by their error. Keeps the clock."""
 
-    keeps: ClassVar[tuple[str, ...]] = ("_cursor", "_clock", "_extra_evaluations")
+    saved: ClassVar[tuple[str, ...]] = ("_cursor", "_clock", "_extra_evaluations")
 
     def __init__(self, flow: Flow, options: Options) -> None:
         self._flow, self._first, self._longest = flow, options.dt, options.longest

@@ -41,7 +41,7 @@ class ExactStepper(Regular):
     and the half kicks there. It needs no pair list, since whole numbers add up equally in any order.
     """
 
-    keeps = (
+    saved = (
         "_cursor", "_start", "_momentum",
         "_particles.x", "_particles.images", "_particles.p", "_particles.kick", "_particles.spacing",
     )  # fmt: skip

@@ -93,7 +93,7 @@ class StepDensityStepper(Resumable):
     step cut off at the end (``clip``) is a leapfrog step of that length, and leaves the density unchanged.
     """
 
-    keeps = ("_cursor", "_clock", "_extra_evaluations", "_scaled", "_start_of_step", "_last", "_cut")
+    saved = ("_cursor", "_clock", "_extra_evaluations", "_scaled", "_start_of_step", "_last", "_cut")
 
     def __init__(self, flow: Flow, options: Options) -> None:
         assert options.dt is not None

@@ -39,7 +39,7 @@ def on_orbits(table: ElementsTable, gravity: float | None, seed: int | None = No
         raise InputError("central.mass: expected a positive mass, since the other bodies orbit the central one")
     seed = table.seed if seed is None else seed
     rng = generator(seed or 0)
-    pull = gravity * attracting_masses(masses, table.frame)
+    mu = gravity * attracting_masses(masses, table.frame)
     x, v = np.zeros((len(masses), 3)), np.zeros((len(masses), 3))
     names, first = [table.central.body], 1
     for k, (body, count) in enumerate(zip(table.elements, counts[1:], strict=True)):
@@ -47,7 +47,7 @@ def on_orbits(table: ElementsTable, gravity: float | None, seed: int | None = No
         called = body.body
         names += [called] if body.count is None else [called and f"{called} {i + 1}" for i in range(count)]
         try:
-            x[rows], v[rows] = _orbit(body, count, pull[first - 1 : first - 1 + count], rng)
+            x[rows], v[rows] = _orbit(body, count, mu[first - 1 : first - 1 + count], rng)
         except InputError as error:
             raise InputError(f"elements[{k}]{f' ({called})' if called else ''}.{error}") from None
         first += count

@@ -31,10 +31,10 @@ from kickdrift.model import checks
 from kickdrift.model.unit_systems import UnitSystem
 from kickdrift.systemfile.schema_base import (
     Edge,
+    GravitationalParameter,
     In,
     Length,
     Mass,
-    Pull,
     Radius,
     Table,
     Temperature,
@@ -89,7 +89,7 @@ class PositionsTable(Table):
     positions: Annotated[list[Vector], Field(min_length=1)]
     mass: Masses = None
     masses: list[Mass] | None = None
-    GM: list[Pull] | None = None
+    GM: list[GravitationalParameter] | None = None
     barycentric: bool = False
     species: Species = {"A": 1.0}
     names: list[str] = []

@@ -32,7 +32,7 @@ Radius = Annotated[float, BeforeValidator(In("length", "non-negative"))]
 Mass = Annotated[float, BeforeValidator(In("mass", "non-negative"))]
 Temperature = Annotated[float, BeforeValidator(In("temperature", "non-negative"))]
 Velocity = Annotated[float, BeforeValidator(In("velocity"))]
-Pull = Annotated[float, BeforeValidator(In("gravitational parameter", "non-negative"))]
+GravitationalParameter = Annotated[float, BeforeValidator(In("gravitational parameter", "non-negative"))]
 Vector = Annotated[list[Length], Field(min_length=3, max_length=3)]
 
 

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, NonNegativeInt, PositiveInt, ValidationInfo, model_validator
 
 from kickdrift.errors import InputError
-from kickdrift.systemfile.schema_base import In, Mass, Pull, Radius, Table
+from kickdrift.systemfile.schema_base import GravitationalParameter, In, Mass, Radius, Table
 
 
 class Spread(In):
@@ -31,7 +31,7 @@ Number = Annotated[Any, BeforeValidator(Spread("dimensionless"))]
 class CentralTable(Table):
     body: str | None = None
     mass: Mass | None = None
-    GM: Pull | None = None
+    GM: GravitationalParameter | None = None
     radius: Radius | None = None
 
     @model_validator(mode="after")

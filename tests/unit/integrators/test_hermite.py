@@ -54,7 +54,7 @@ def published(name: str) -> tuple[kd.System, np.ndarray, np.ndarray]:
 # --- the step ---
 
 
-def pulls_and_jerks(system: kd.System, x: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def accelerations_and_jerks(system: kd.System, x: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """By the definitions, (n, 3) each."""
     masses, softening = system.state.masses, system.forces[0].softening
     a, jerk = np.zeros_like(x), np.zeros_like(x)
@@ -69,11 +69,11 @@ def pulls_and_jerks(system: kd.System, x: np.ndarray, v: np.ndarray) -> tuple[np
 def oracle(system: kd.System, dt: float, steps: int) -> np.ndarray:
     """(2, n, 3) after so many steps: the acceleration of each is the cubic through those at its ends, by SciPy."""
     x, v = system.state.positions, system.state.velocities
-    a, jerk = pulls_and_jerks(system, x, v)
+    a, jerk = accelerations_and_jerks(system, x, v)
     for _ in range(steps):
         ahead_x = x + dt * v + dt**2 / 2 * a + dt**3 / 6 * jerk
         ahead_v = v + dt * a + dt**2 / 2 * jerk
-        next_a, next_jerk = pulls_and_jerks(system, ahead_x, ahead_v)
+        next_a, next_jerk = accelerations_and_jerks(system, ahead_x, ahead_v)
         cubic = CubicHermiteSpline([0.0, dt], np.array([a, next_a]), np.array([jerk, next_jerk]))
         x = x + dt * v + cubic.antiderivative(2)(dt)
         v = v + cubic.antiderivative()(dt)

@@ -15,7 +15,7 @@ from numba.core.errors import TypingError
 from kickdrift.jit.compile import as_written, jit
 from kickdrift.jit.lanes import inverse_sqrt, lane_max, lane_numbers, lane_sum, multiply_add, rotated, splat
 from kickdrift.jit.masks import any_lane, mask_bits, select
-from kickdrift.jit.memory import aligned, flat, load, load_first, store, store_first
+from kickdrift.jit.memory import aligned, flat, load, masked_load, masked_store, store
 from kickdrift.jit.vectors import WIDTH
 from tests.processes import python
 
@@ -245,7 +245,7 @@ def test_an_inverse_square_root_never_hides_what_is_no_number():
 @jit
 def first_lanes(a, start, count, out, to):
     whole = flat(a)
-    store_first(flat(out), to, load_first(whole, start, count) + 1.0, count)
+    masked_store(flat(out), to, masked_load(whole, start, count) + 1.0, count)
     return whole.size
 
 

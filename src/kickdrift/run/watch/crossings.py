@@ -11,7 +11,7 @@ import numpy as np
 from kickdrift.errors import RunError
 from kickdrift.model.event_log import Row, entry
 from kickdrift.model.events import Between, Crossing
-from kickdrift.model.memory import Remembering
+from kickdrift.model.memory import Checkpointed
 from kickdrift.model.state import Floats
 from kickdrift.model.subject import index_of
 from kickdrift.model.system import System
@@ -22,10 +22,10 @@ if TYPE_CHECKING:
     from kickdrift.model.problem import Problem
 
 
-class Crossings(Remembering):
+class Crossings(Checkpointed):
     """Zeros of scalars."""
 
-    keeps = ("_signs", "_last", "_fresh")
+    saved = ("_signs", "_last", "_fresh")
 
     def __init__(self, events: Sequence[Crossing], subject: System | Problem) -> None:
         self._events = events
