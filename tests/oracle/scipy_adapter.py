@@ -1,8 +1,8 @@
 """kickdrift's adaptive methods as solvers of ``scipy.integrate.solve_ivp``, for SciPy's own tests.
 
-Time runs backward by -t, complex y as its real and imaginary parts. As SciPy's solvers do and a Simulation does not,
+Time runs backward by -t, and complex y is its real and imaginary parts. Unlike a Simulation, and like SciPy's solvers,
 they never step past the end of the interval or further than ``max_step``. An error is measured over the parts of y, so
-that of a complex y is smaller by up to sqrt(2) than SciPy has it.
+for a complex y it is up to sqrt(2) smaller than SciPy's.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from kickdrift.integrators.step_control import LEAST_RTOL
 
 
 class Adapter(OdeSolver):
-    """One of our methods where SciPy expects one of its own."""
+    """One of our methods in the form of SciPy's solvers."""
 
     method: str
     error_estimator_order: int
@@ -49,7 +49,7 @@ class Adapter(OdeSolver):
         if first_step is not None:
             validate_first_step(first_step, t0, t_bound)
         if self.n == 0:
-            return  # SciPy's base class takes it from here; a Problem has one unknown or more
+            return  # SciPy's base class does the rest; a Problem has at least one unknown
         self.complex = np.iscomplexobj(self.y)
         way = float(self.direction)
 
@@ -79,7 +79,7 @@ class Adapter(OdeSolver):
             clock[NEXT] = self.options.dt or stepper._first_step()
         left = self.direction * self.t_bound - stepper.time
         clock[NEXT] = min(clock[NEXT], left, self.max_step)
-        if stepper.steps_done == 0:  # SciPy's first step is no shorter, whatever max_step says
+        if stepper.steps_done == 0:  # SciPy's first step ignores max_step
             clock[NEXT] = max(clock[NEXT], min(left, 20 * np.spacing(abs(self.t))))
         if stepper.advance(1) != OK:
             if self.flow.raised is not None:
@@ -95,7 +95,7 @@ class Adapter(OdeSolver):
 
 
 class Dense(DenseOutput):
-    """The last step's interpolant."""
+    """Interpolant of the last step."""
 
     def __init__(self, solver: Adapter) -> None:
         super().__init__(solver.t_old, solver.t)
@@ -137,7 +137,7 @@ SOLVERS = (RK23, RK45, DOP853)
 
 
 def pytest_configure() -> None:
-    """As a plugin of pytest: in the slots of SciPy's methods, before its tests import them."""
+    """Put our methods into the places of SciPy's, before SciPy's tests import them. For use as a pytest plugin."""
     import scipy.integrate
     from scipy.integrate._ivp import ivp
 
@@ -147,6 +147,6 @@ def pytest_configure() -> None:
 
 
 def pytest_terminal_summary(terminalreporter: Any) -> None:
-    """Who took the steps."""
+    """Print which methods took the steps."""
     for solver in SOLVERS:
         terminalreporter.write_line(f"{solver.method} took {solver.steps_taken} steps")

@@ -1,4 +1,4 @@
-"""SciPy's own tests of solve_ivp, run on our adaptive methods in the places of RK23, RK45 and DOP853."""
+"""SciPy's own tests of solve_ivp, run on our adaptive methods in place of RK23, RK45 and DOP853."""
 
 import importlib.util
 import os
@@ -13,7 +13,7 @@ from tests.folders import TOP
 
 SUITE = "scipy.integrate._ivp.tests.test_ivp"
 RUN = ("--junitxml", "results.xml", "--pyargs", SUITE)
-# The tests that do not pass, and why.
+# Tests that do not pass, with the reason.
 EXCEPTIONS: dict[str, str] = {}
 
 
