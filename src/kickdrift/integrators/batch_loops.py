@@ -1,4 +1,4 @@
-"""Compiled fixed-step loops for eight small systems at once, a system a lane (see ``forces.batch_gravity``).
+"""Compiled fixed-step loops for eight small systems at once, one system in each lane (see ``forces.batch_gravity``).
 
 All take (bodies, y, work, weights, dt, counts, looks, watch, cursor): ``y`` (2, 3, rows, 8) positions and velocities,
 ``work`` the method's workspace, ``weights`` as in ``loops``, ``dt`` (8,), ``counts`` (k,) the steps before each of k
@@ -115,7 +115,7 @@ def batch_runge_kutta_loop(bodies, y, work, weights, dt, counts, looks, watch, c
     stages, trial = weights.shape[1], work[0]
     for k in range(counts.size):
         for _ in range(counts[k]):
-            for stage in range(stages + 1):  # the last row has the weights of the step itself
+            for stage in range(stages + 1):  # the last row has the weights of the whole step
                 target = trial if stage < stages else y
                 if stage < stages:
                     copy_in_lanes(trial, y)

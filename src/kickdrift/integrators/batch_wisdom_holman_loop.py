@@ -1,7 +1,7 @@
-"""Compiled loop of the Wisdom-Holman map for eight small systems at once, a system a lane.
+"""Compiled loop of the Wisdom-Holman map for eight small systems at once, one system in each lane.
 
-The map is the same as in ``wisdom_holman_loop``, whose formulas cite their sources. Sums across lanes there, over
-bodies side by side, are plain loops over the bodies here.
+The map is that of ``wisdom_holman_loop``, whose formulas cite their sources. That loop has bodies in lanes and sums
+over lanes; this loop sums over bodies with plain loops.
 """
 
 from __future__ import annotations

@@ -41,7 +41,7 @@ class LookTimes(Protocol):
 
 
 class ChosenSteps(Resumable):
-    """Steps that a compiled loop chooses by their error. Keeps the clock."""
+    """Integration whose compiled loop chooses steps by their error. Stores the clock."""
 
     saved: ClassVar[tuple[str, ...]] = ("_cursor", "_clock", "_extra_evaluations")
 

@@ -122,7 +122,7 @@ def lanes_g(beta, x):
 
 @jit
 def halved_lanes_g(beta, x):
-    """The same where x must be halved, each lane as often as it needs: its bits do not depend on its neighbours."""
+    """The same for large x, halved as often as each lane needs. A lane's bits do not depend on its neighbours."""
     part, z, halvings = x, beta * x * x, 0
     while any_lane(abs(z) > SERIES) and halvings < 12:
         large = abs(z) > SERIES

@@ -89,7 +89,7 @@ def _act(further, stage, start, first, dt, x, v, cursor):
 
 @driver
 def splitting_loop(forces, y, carry, work, word, dt, start, first, steps, cursor):
-    """Apply the flows of a ``Word`` in turn; ``work`` holds the accelerations until positions change."""
+    """Apply the flows of a ``Word`` in turn. ``work`` holds the accelerations until positions change."""
     bound = handle(forces)
     y, carry, work = unowned(y), unowned(carry), unowned(work)
     stages, cursor = unowned(word.stages), unowned(cursor)

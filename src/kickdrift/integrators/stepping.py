@@ -1,4 +1,4 @@
-"""What steppers share: their memory, and fixed steps by a compiled loop."""
+"""Common parts of steppers: checkpoints, and fixed steps by a compiled loop."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Resumable(Checkpointed):
     steps_done: int
     end: float = np.inf  # see Stepper
     clip: bool = False
-    _addresses: tuple[int, int] | None = None  # of the machine code of steps and samples, once known
+    _addresses: tuple[int, int] | None = None  # addresses of the machine code of steps and samples, once known
     fresh: bool = False  # whether the flow's forces were last evaluated at ``y``, so that their pair lists are valid
     _flow: Flow
 

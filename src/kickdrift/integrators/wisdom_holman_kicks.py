@@ -48,7 +48,7 @@ def note_near(bodies, place, b, t):
 
 @inlined
 def places(bodies):
-    """work[PLACE] <- positions from the central body, work[OFFSET] <- their difference from Jacobi's: the sum of m_j /
+    """work[PLACE] <- positions from the central body. work[OFFSET] <- their difference from Jacobi's: the sum of m_j /
     M_j times Jacobi's position over the massive bodies j before."""
     orbit, table, work, inside = bodies.orbit, bodies.table, bodies.work, bodies.inside
     n, before = orbit.shape[1], thrice(0.0)
