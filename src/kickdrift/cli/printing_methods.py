@@ -1,4 +1,4 @@
-"""What the command line shows of one integrator, on standard output."""
+"""Output of the command line for one integrator, on standard output."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ OPTION_COLUMNS = ["option", "type", "unit", "default", "choices", "what it does"
 
 
 def print_method(name: str) -> None:
-    """An integrator and its options."""
+    """Print an integrator and its options."""
     method = method_named(name)
     steps = "from the error" if method.adaptive else "by the method" if method.chooses_steps else "fixed"
     lines = [
@@ -32,6 +32,6 @@ def print_method(name: str) -> None:
 
 
 def option_row(option: Option, needs_dt: bool = False) -> list[str]:
-    """An option as a row of a table."""
+    """Row of an option in a table."""
     default = "required" if needs_dt and option is DT else option.fallback
     return [option.name, option.words, option.unit, default, option.known, option.help]
