@@ -87,7 +87,7 @@ def _flag(option: Option) -> Any:
 
 
 def _value(option: Option, given: Any) -> Any:
-    """Value of a flag. Raises InputError that names the flag."""
+    """Value of a flag. Raises an InputError that names the flag."""
     if option.name == PRECISION.name and given is not None:
         return MIXED if given else DOUBLE
     try:

@@ -60,7 +60,7 @@ def descriptor(path: str | os.PathLike[str], flags: int = os.O_RDONLY, what: str
 
 
 def opened(path: str | os.PathLike[str], what: str = "a file") -> BinaryIO:
-    """Open a regular file for reading. Raises InputError with the reason if it cannot be opened."""
+    """Open a regular file for reading. Raises an InputError with the reason if it cannot be opened."""
     try:
         return os.fdopen(descriptor(path, what=what), "rb")
     except (OSError, ValueError) as error:

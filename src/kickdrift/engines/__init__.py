@@ -158,7 +158,7 @@ ENGINES: dict[str, Engine] = {
 
 
 def engine(name: str) -> Engine:
-    """Engine of that name. Raises InputError that lists the known names for an unknown one."""
+    """Engine of that name. Raises an InputError that lists the known names for an unknown one."""
     if not isinstance(name, str) or name not in ENGINES:
         raise InputError(f"engine {shown(name)} is not one of {', '.join(ENGINES)}")
     return ENGINES[name]

@@ -107,8 +107,8 @@ class BoundForces:
     def table(self) -> Forces:
         """Table of forces for compiled code, compiled on first use.
 
-        A law that numba cannot compile raises InputError of one line. The table is valid until a list grows or changes
-        its skins."""
+        A law that numba cannot compile raises an InputError of one line. The table is valid until a list grows or
+        changes its skins."""
         if self._table is None or self._table[0] is not self.forces:
             few = few_of(self.forces)
             self.forces = tuple(force if force is few else _compiled(force) for force in self.forces)

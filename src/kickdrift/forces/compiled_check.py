@@ -33,7 +33,7 @@ SHIFTS = (0.37, 1e-3, 1e-7)  # relative distances of test states; smaller ones i
 
 
 def check_compiled(problem: Problem, address: int) -> None:
-    """Compare f at the start and at two states around the start. Raises InputError that shows both values if they
+    """Compare f at the start and at two states around the start. Raises an InputError that shows both values if they
     differ."""
     function = getattr(problem.f, "py_func", problem.f)
     compiled = _FUNCTION(address)

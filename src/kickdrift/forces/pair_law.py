@@ -170,7 +170,7 @@ class PairForce:
         return min(lengths, default=0.0)
 
     def check(self, system: Subject) -> None:
-        """Refuse a system that this force cannot run on."""
+        """Refuse a system that this force does not support."""
         assert self.cutoff is not None
         system.box.check_cutoff(self.name, self.cutoff)
         if self.tail and not math.isfinite(system.volume):

@@ -76,7 +76,7 @@ class Option:
             self.checked(self.default)
 
     def checked(self, value: Any) -> Any:
-        """Return the value as Python's own type. Raises InputError that names the option for a value that is not
+        """Return the value as Python's own type. Raises an InputError that names the option for a value that is not
         allowed."""
         if self.choices:
             same = [k for k in self.choices if isinstance(k, str) == isinstance(value, str) and np.all(k == value)]

@@ -103,7 +103,7 @@ class StepDensityStepper(Resumable):
         self._clock = np.zeros(6)
         self._clock[DT] = options.dt
         self._scaled = False
-        self._last: Floats | None = None  # the step point's y, which nobody else can change
+        self._last: Floats | None = None  # the step point's y, a private copy
         self.trouble = ""
 
     def reset(self, y: Floats, time: float, steps: int) -> None:

@@ -138,7 +138,7 @@ class Box:
 
     def cuboid(self, what: str) -> Vector | None:
         """Return the lengths for a method ``what`` that needs a rectangular box, periodic along all axes or none.
-        Raises InputError that names ``what`` for any other box."""
+        Raises an InputError that names ``what`` for any other box."""
         if self.vectors is None:
             return None
         if self.triclinic:

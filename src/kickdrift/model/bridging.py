@@ -12,7 +12,7 @@ BRIDGES: dict[str, Callable[[], Any]] = {}  # loader of each package's bridge; f
 
 
 def bridge(package: str, asked: str) -> Any:
-    """Return the bridge module for a package. If the package is missing, raises InputError that says how to install
+    """Return the bridge module for a package. If the package is missing, raises an InputError that says how to install
     it."""
     try:
         import_module(package)

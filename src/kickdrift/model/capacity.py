@@ -1,4 +1,4 @@
-"""Limits by this machine's memory, for every count that a small file or a command can ask for."""
+"""Limits by this machine's memory, for every count in a small file or a command."""
 
 from __future__ import annotations
 

@@ -115,7 +115,7 @@ def path_text(key: str, path: Any) -> str:
 
 @contextmanager
 def no_overflow() -> Iterator[None]:
-    """Context in which an overflow, a division by zero or a nan in NumPy raises InputError of one line."""
+    """Context in which an overflow, a division by zero or a nan in NumPy raises an InputError of one line."""
     try:
         with np.errstate(over="raise", divide="raise", invalid="raise"):
             yield

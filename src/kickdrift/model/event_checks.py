@@ -20,7 +20,7 @@ def binding(system: Subject) -> Any:
 
 
 def checked_events(system: Bodies, events: Iterable[Event]) -> tuple[Event, ...]:
-    """Return the events as a tuple. Raises InputError for events that a run of this System cannot watch for."""
+    """Return the events as a tuple. Raises InputError for events that a run of this System cannot detect."""
     found = _listed(events)
     for event in found:
         _check_kind(event)

@@ -165,7 +165,7 @@ class Problem:
 
 
 def finite_numbers(key: str, values: ArrayLike) -> Floats:
-    """Return the values as an array. Raises InputError that begins with ``key`` unless they are finite numbers."""
+    """Return the values as an array. Raises an InputError that begins with ``key`` unless they are finite numbers."""
     array = numbers(key, values)
     if not np.isfinite(array).all():
         bad = np.argwhere(~np.isfinite(array))[0]

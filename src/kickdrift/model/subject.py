@@ -71,7 +71,7 @@ class Bodies(Subject, Protocol):
 
 
 def index_of(system: Subject, body: str | int, key: str) -> int:
-    """Row of a body, by name or by id. Raises InputError that begins with ``key`` for an unknown body."""
+    """Row of a body, by name or by id. Raises an InputError that begins with ``key`` for an unknown body."""
     if isinstance(body, str) and body in system.names:
         return system.names.index(body)
     if isinstance(body, int | np.integer) and not isinstance(body, bool):

@@ -163,7 +163,7 @@ class System:
         return other
 
     def watched(self, events: Iterable[Event]) -> System:
-        """Return the system with other events to watch for."""
+        """Return the system with other events."""
         other = copy(self)
         object.__setattr__(other, "events", checked_events(self, events))
         return other

@@ -112,7 +112,7 @@ UNIT_SYSTEMS: dict[str, UnitSystem] = {
 
 
 def unit_system(name: str) -> UnitSystem:
-    """Unit system of this name. Raises InputError that lists the known names for an unknown one."""
+    """Unit system of this name. Raises an InputError that lists the known names for an unknown one."""
     try:
         return UNIT_SYSTEMS[name]
     except (KeyError, TypeError):

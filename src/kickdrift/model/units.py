@@ -109,7 +109,7 @@ def number_density(value: Any, units: UnitSystem, mass: float, key: str = "densi
 def unit_named(text: str, units: UnitSystem | None, key: str) -> str:
     """Unit that a text names: a dimension ("length") gives its unit in ``units``, and a unit gives itself.
 
-    "" means no unit. Raises InputError that begins with ``key``.
+    "" means no unit. Raises an InputError that begins with ``key``.
     """
     dimension = text.replace("_", " ")
     if dimension in DIMENSIONS and units is not None:
@@ -140,7 +140,7 @@ def _registry() -> Any:
 
 
 def _parsed(unit: str, text: str, prefix: str) -> Any:
-    """pint's unit of this name. Raises InputError that names the unknown part of the ``text``."""
+    """pint's unit of this name. Raises an InputError that names the unknown part of the ``text``."""
     import pint
 
     registry = _registry()

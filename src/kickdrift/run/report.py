@@ -1,4 +1,4 @@
-"""Report of a run: how well it conserved energy and momentum, and what it cost."""
+"""Report of a run: conservation of energy and momentum, and cost."""
 
 from __future__ import annotations
 

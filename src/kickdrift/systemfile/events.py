@@ -90,7 +90,7 @@ TABLES: dict[str, Any] = {
 
 
 def events_of(system: System, given: Sequence[dict[str, Any]]) -> list[Event]:
-    """Events of a file's tables, checked for the system. Raises InputError that names table and key."""
+    """Events of a file's tables, checked for the system. Raises an InputError that names table and key."""
     found: list[Event] = []
     for k, table in enumerate(given):
         path = f"event[{k}]"

@@ -56,7 +56,8 @@ def is_shipped(name_or_path: str | os.PathLike[str]) -> bool:
 
 
 def find(name_or_path: str | os.PathLike[str]) -> Path:
-    """Path of the file with this name or path. Raises InputError that suggests the nearest name for an unknown one."""
+    """Path of the file with this name or path. Raises an InputError that suggests the nearest name for an unknown
+    one."""
     given = path_text("system", name_or_path)
     bare = isinstance(name_or_path, str) and Path(given).name == given and not given.endswith(".toml")
     known = shipped()

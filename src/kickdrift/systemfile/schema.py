@@ -254,8 +254,8 @@ def force_parameters(cls: type, given: dict[str, Any], units: UnitSystem, path: 
 
 
 def checked(model: type[BaseModel], data: Any, units: UnitSystem | None, path: str = "") -> Any:
-    """Values of the table ``model`` from ``data``, in ``units``. Raises InputError of one line that starts with the key
-    path."""
+    """Values of the table ``model`` from ``data``, in ``units``. Raises an InputError of one line that starts with the
+    key path."""
     try:
         return model.model_validate(data, context={"units": units})
     except ValidationError as error:

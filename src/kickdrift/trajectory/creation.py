@@ -14,8 +14,8 @@ from kickdrift.trajectory.storage import refuse_in_use
 
 
 def create(path: Path, image: bytes, *, overwrite: bool) -> tuple[int, int]:
-    """Write ``image`` to a new file and return its device and inode. Raises InputError with the reason if that fails;
-    then nothing has changed."""
+    """Write ``image`` to a new file and return its device and inode. Raises an InputError with the reason if that
+    fails; then nothing has changed."""
     checked_target(path, kinds.RUN, overwrite)
     try:
         if overwrite:

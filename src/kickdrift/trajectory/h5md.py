@@ -289,7 +289,7 @@ class Writer:
         return found
 
     def _survivor(self, body: int) -> int:
-        """Return the id of the body that this body is now part of."""
+        """Return the id of the body that now contains this body."""
         while body in self.absorbed:
             body = self.absorbed[body]
         return body

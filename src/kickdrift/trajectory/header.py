@@ -57,7 +57,7 @@ class Committed(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class Outline:
-    """What a writer must know to add rows to a file."""
+    """Information that a writer needs to add rows to a file."""
 
     units: UnitSystem
     box: Box
@@ -113,7 +113,7 @@ def outline_of(system: System, options: FileOptions) -> Outline:
 
 
 def read(contents: Contents) -> Header:
-    """Read the header. Raises InputError that says what is wrong."""
+    """Read the header. Raises an InputError that says what is wrong."""
     own, particles = "kickdrift", TRAJECTORY
     record = stored.read(contents, f"{own}/system/record", stored.RecordText)
     species, index = _species(contents)

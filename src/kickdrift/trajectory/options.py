@@ -17,7 +17,7 @@ EXTRAS = ("forces", "images")
 
 @dataclass(frozen=True, init=False)
 class FileOptions:
-    """How `Simulation.run` writes its ``output``.
+    """Options for the file that `Simulation.run` writes.
 
     Parameters
     ----------

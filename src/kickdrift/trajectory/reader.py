@@ -151,7 +151,7 @@ class Run(Frames):
         return edges.boxes(self._contents, self.box, self._factors.length, as_slice(rows))
 
     def _checked(self, name: str, rows: range, particles: slice) -> NDArray:
-        """Stored vectors (f, k, 3) of frames. Raises InputError that names the first damaged frame."""
+        """Stored vectors (f, k, 3) of frames. Raises an InputError that names the first damaged frame."""
         self.check_clock(rows)
         block, n = self._checks.block, len(self.ids)
         low, high, step = particles.indices(n)
@@ -294,7 +294,7 @@ class Run(Frames):
         return system_of(self)
 
     def _sampled(self, name: str) -> NDArray:
-        """Series of the samples. Raises InputError that names the first damaged sample."""
+        """Series of the samples. Raises an InputError that names the first damaged sample."""
         wrong = self._checks.samples
         if wrong.any():
             raise self._damaged("sample", int(np.argmax(wrong)))
@@ -369,7 +369,7 @@ class Run(Frames):
 
     @property
     def initial_phase(self) -> Floats:
-        """Positions and velocities (2, 3, n) of the System that the run began with."""
+        """Positions and velocities (2, 3, n) of the System at the start of the run."""
         return self._contents.array("kickdrift/system/phase", "f8", (2, 3, len(self.ids)))
 
     def universe(self) -> Any:
@@ -392,5 +392,5 @@ class Run(Frames):
 
 
 def open(path: str | os.PathLike[str]) -> Run:
-    """Open a run's file as a Run. For another file, raises InputError that says what the file is instead."""
+    """Open a run's file as a Run. For another file, raises an InputError that says what the file is instead."""
     return Run(path_text("path", path))

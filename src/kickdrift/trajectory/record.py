@@ -122,8 +122,8 @@ def system_of(
     """System that a run began with, or the System at one of the run's frames and its time.
 
     A user's force is found if its class is registered (see ``register_force``); a file cannot name other parts of a
-    module. Raises InputError that says what the file does not hold, or which frame has bodies that have merged or left.
-    ``forces`` and ``events`` replace those of the file.
+    module. Raises an InputError that says what the file does not hold, or which frame has bodies that have merged or
+    left. ``forces`` and ``events`` replace those of the file.
     """
     record = checked_record(run)
     start = run.initial_phase

@@ -250,7 +250,7 @@ _TARGETS: dict[str, type[Target]] = {".dcd": Dcd, ".xtc": Xtc, ".trr": Trr, ".xy
 
 
 def _within(target: Target, frame: Placed, beyond: NDArray[np.bool_], limit: str) -> None:
-    """Raise InputError that names the first coordinate beyond a limit, if any."""
+    """Raise an InputError that names the first coordinate beyond a limit, if any."""
     if beyond.any():
         particle, axis = np.unravel_index(int(beyond.argmax()), beyond.shape)
         value = frame.positions[particle, axis]

@@ -26,7 +26,7 @@ _ATOMIC = {"u": 1.0, "kg": 1 / constants.ATOMIC_MASS}
 
 
 def mdanalysis(what: str) -> Any:
-    """Import MDAnalysis. Raises InputError that says how to install it."""
+    """Import MDAnalysis. Raises an InputError that says how to install it."""
     try:
         import MDAnalysis
     except ImportError:
