@@ -358,7 +358,7 @@ def refuse_in_use(path: Path) -> None:
 
 
 def in_use(path: Path) -> InputError:
-    return InputError(f"{path}: is open in another program or run; it cannot be written to until that lets go")
+    return InputError(f"{path}: is open in another program or run; close it there first")
 
 
 def write_error(path: Path, error: OSError) -> RunError:

@@ -61,4 +61,4 @@ class Log:
         """Restore waiting entries. Raises InputError for anything else."""
         self._waiting = [(due, row) for due, row in memory]
         if not all(isinstance(due, int | float) and is_row(row) for due, row in self._waiting):
-            raise InputError("checkpoint: what its events wait for are none")
+            raise InputError("checkpoint: its waiting events are invalid")
