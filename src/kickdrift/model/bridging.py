@@ -1,4 +1,4 @@
-"""Access to the bridges to other programs' Systems, which themselves import System."""
+"""What a System asks of later layers, which know Systems: other programs' systems, and system files."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ from typing import Any
 
 from kickdrift.errors import InputError
 
-BRIDGES: dict[str, Callable[[], Any]] = {}  # loader of each package's bridge; filled by the package's ``__init__``
+BRIDGES: dict[str, Callable[[], Any]] = {}  # by package, what loads its bridge; the package's ``__init__`` fills it
+SYSTEM_FILES: dict[str, Callable[..., Any]] = {}  # what system files can do for a System; filled likewise
 
 
 def bridge(package: str, asked: str) -> Any:
@@ -17,5 +18,5 @@ def bridge(package: str, asked: str) -> Any:
     try:
         import_module(package)
     except ImportError:
-        raise InputError(f"{asked} needs {package}: pip install kickdrift[{package}]") from None
+        raise InputError(f"{asked} needs {package}: pip install 'kickdrift[{package}]'") from None
     return BRIDGES[package]()
