@@ -1,6 +1,7 @@
-"""Runs a page of the documentation as a reader would who types in everything: files with a title are written, lines of
-``sh`` that begin with kickdrift are called, with "> FILE" at the end as in a shell, blocks of Python run one after the
-other in one module.
+"""Run a page of the documentation like a reader who types in everything.
+
+Files with a title are written, lines of ``sh`` that begin with kickdrift are called, with "> FILE" at the end as in a
+shell, and blocks of Python run one after the other in one module.
 
     python -m tests.pages PAGE.md
 

@@ -68,7 +68,8 @@ def counted(number: int, noun: str) -> str:
 
 
 def measured(number: str, unit: str) -> str:
-    """ "70 τ", or "70" where the unit has no name. Without a number, what to append to one: " τ" or ""."""
+    """A number with its unit, "70 τ", or "70" if the unit has no name. Without a number, the text to append: " τ" or
+    ""."""
     return f"{number} {unit}" if unit else number
 
 

@@ -232,7 +232,7 @@ class PairForce:
 
 
 def _example(name: Any) -> str:
-    """How to write a key of ``pairs``; with the user's names where these can be told from text such as "A-B"."""
+    """Example of a key of ``pairs``, with the user's names if a text such as "A-B" gives them."""
     parts = re.split(r"[-,:/ ]+", name.strip()) if isinstance(name, str) else []
     return repr(tuple(parts)) if len(parts) == 2 and all(parts) else "('A', 'B')"
 

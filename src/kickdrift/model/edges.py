@@ -41,7 +41,7 @@ def axes_of(periodic: Any) -> tuple[bool, bool, bool]:
 
 
 def rows_of(given: Any, needs_matrix: bool) -> tuple[Floats, bool]:
-    """The edge vectors (3, 3) that lengths or a matrix mean; whether they are a plane's."""
+    """Edge vectors (3, 3) from lengths or a matrix, and whether these are of a plane."""
     if is_number(given):
         raise InputError(
             f"box: expected three edge lengths, got {given:g}; a cube is box=({given:g}, {given:g}, {given:g})"

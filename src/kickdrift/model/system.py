@@ -26,7 +26,7 @@ from kickdrift.model.state import Floats, State
 from kickdrift.model.unit_systems import UnitSystem, unit_system
 from kickdrift.text import shown
 
-_KEPT = ("forces", "units", "name", "run", "seed", "names", "radii", "events", "dimensions")  # of a System made anew
+_KEPT = ("forces", "units", "name", "run", "seed", "names", "radii", "events", "dimensions")  # passed on by `remade`
 
 
 @checked_arguments
@@ -131,14 +131,15 @@ class System:
         return self.state.box
 
     def __getitem__(self, body: str | int) -> Body:
-        """The `Body` of that name or id. An InputError for an unknown name has the nearest one."""
+        """The `Body` of that name or id. Raises an InputError that suggests the nearest name for an unknown one."""
         return body_of(self, body)
 
     def __iter__(self) -> Iterator[Body]:
         return (body_of(self, int(each)) for each in self.state.ids)
 
     def body(self, i: int) -> str:
-        """Name of the particle in row i, or "particle 5" by its id; ``system["Jupiter"]`` is the body of a name."""
+        """Name of the particle in row i, or "particle 5" by its id; ``system["Jupiter"]`` is the body with that
+        name."""
         if isinstance(i, str):
             raise InputError(f"body: expected the number of a row, got {shown(i)}; system[{shown(i)}] is that body")
         return self.names[i] if self.names else f"particle {self.state.ids[i]}"
@@ -194,22 +195,22 @@ class System:
         seed: int | None = None,
         name: str = "system",
     ) -> System:
-        """The System of a central body and others on orbits, moved to its barycentre: the same as a system file's.
+        """System of a central body and others on orbits, moved to its barycentre, exactly as from a system file.
 
         Parameters
         ----------
         bodies : tables with the keys of ``elements`` in a system file; the first is the central body
             ``name``, ``mass`` or ``GM``, ``radius``; an orbit by ``a``, ``q`` or ``P``, by ``e``, ``inc``, ``Omega``,
-            ``omega``, and by one of ``f``, ``M``, ``E``, ``T``; ``primary``, an earlier body that it orbits instead
-            of the central one. Angles are in degrees. A text has its own unit, as in ``"4.2 yr"``.
+            ``omega``, and by one of ``f``, ``M``, ``E``, ``T``; ``primary``, an earlier body to orbit instead of the
+            central one. Angles are in degrees. A text has its own unit, as in ``"4.2 yr"``.
         forces : iterable of forces; default ``[kd.Gravity()]``
-        frame : what the elements are relative to: "heliocentric", "jacobi" or "barycentric"
+        frame : origin of the orbits: "heliocentric", "jacobi" or "barycentric"
         seed : for bodies with a ``count`` and ranges, such as ``a=[2.1, 3.3]``
 
         Raises
         ------
         InputError
-            With the body and the key, for unknown keys and for values that are no orbit.
+            For unknown keys and for values that are not an orbit; the message names the body and the key.
         """
         made: System = SYSTEM_FILES["from_elements"](cls, bodies, forces, units, frame, seed, name)
         return made
@@ -222,21 +223,21 @@ class System:
 
         Parameters
         ----------
-        name : of the body
-        body : its orbit, with the keys of `from_elements`, or its ``position`` and ``velocity`` (default 0); and
-            ``mass`` or ``GM``, ``radius``, ``species``. ``primary`` is the name or id of the body that it orbits,
-            default the body that dominates.
+        name : name of the body
+        body : orbit of the body, with the keys of `from_elements`, or its ``position`` and ``velocity`` (default 0);
+            and ``mass`` or ``GM``, ``radius``, ``species``. ``primary`` is the name or id of the body to orbit, default
+            the dominant body.
 
         Raises
         ------
         InputError
-            For an unknown key, a name that is taken, and a body at another's place.
+            For an unknown key, a name in use, and a body at another body's place.
         """
         made: System = SYSTEM_FILES["with_body"](self, name, barycentric, body)
         return made
 
     def add(self, name: str | None = None, *, barycentric: bool = False, **body: Any) -> System:
-        """Another name of `with_body`: returns a new System, where rebound's ``add`` changes a Simulation in place."""
+        """Another name of `with_body`, which returns a new System; rebound's ``add`` changes a Simulation in place."""
         return self.with_body(name, barycentric=barycentric, **body)
 
     def with_forces(self, *forces: Any) -> System:
@@ -263,8 +264,8 @@ class System:
         return self.remade(velocities=values, seed=seed)
 
     def remade(self, **changes: Any) -> System:
-        """The same system, made and checked anew with these arguments of ``System`` in place of its own; without the
-        invariants and the text of its file."""
+        """Return the same system, made and checked again with changed arguments of ``System``; without the invariants
+        and the text of its file."""
         state = self.state
         own: dict[str, Any] = {
             "positions": state.positions, "velocities": state.velocities, "masses": state.masses, "box": state.box,
@@ -275,16 +276,16 @@ class System:
         return made.at(made.state.phase, state.time, state.steps_done, ids)
 
     def to_toml(self) -> str:
-        """The text of a system file of this System: ``kd.load`` reads the same bits from it.
+        """Text of a system file of this System: ``kd.load`` reads the same bits from the text.
 
-        Positions and velocities stand as numbers. The text also holds species, names, radii, box, forces, events,
-        ``[run]``, ``[equilibrate]`` and ``[invariants]``. Particles count from 0 in their present order.
+        Positions and velocities are numbers. The text also holds species, names, radii, box, forces, events, ``[run]``,
+        ``[equilibrate]`` and ``[invariants]``. Particles count from 0 in their present order.
 
         Raises
         ------
         InputError
-            With the name of what a system file cannot say: forces that are not registered, events with a function of
-            your own, units of your own, a time other than 0.
+            For content that a system file cannot hold; the message names it: forces that are not registered, events
+            with the user's functions, the user's own units, a time other than 0.
         """
         text: str = SYSTEM_FILES["to_toml"](self)
         return text

@@ -232,7 +232,7 @@ class Simulation:
         return forces_at(self.integration)
 
     def elements(self, frame: str = "heliocentric", plane: str = "file") -> OrbitTable:
-        """The osculating elements of the bodies now, a table by name: ``sim.elements()["Jupiter"].a``.
+        """Osculating elements of the bodies now, a table by name: ``sim.elements()["Jupiter"].a``.
 
         Angles are in degrees, as in system files. ``frame`` is "heliocentric" (about the central body), "jacobi" (in
         the bodies' order) or "barycentric". ``plane`` is "file" (x-y) or "invariable". Raises InputError if no body

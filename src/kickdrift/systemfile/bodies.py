@@ -21,17 +21,17 @@ from kickdrift.text import shown, suggestion
 def on_orbits(
     table: BodiesTable, gravity: float | None, seed: int | None = None, key: str = "elements", first_at: int = 0
 ) -> Structure:
-    """The central body and the others of a system file's ``elements``, in the frame of their barycentre.
+    """Central body and other bodies from a system file's ``elements``, relative to their barycentre.
 
-    Each body's elements are about what its frame names: "heliocentric", the central body, G times the two masses;
-    "jacobi", the centre of mass of the bodies before it, G times their masses and its own; "barycentric", the centre of
-    mass of all, G times all masses. With a ``primary`` they are about that body, G times the two masses.
+    The frame sets the origin and the G M of each orbit. "heliocentric": the central body, G times the two masses.
+    "jacobi": the centre of mass of the bodies before it, G times their masses and its own. "barycentric": the centre of
+    mass of all, G times all masses. With a ``primary``: that body, G times the two masses.
 
     Parameters
     ----------
     gravity : G in the file's units
-    seed : replaces the table's
-    key, first_at : the list that errors name, and where the first body on an orbit stands in it
+    seed : replaces the table's seed
+    key, first_at : name of the list in errors, and index of the first body on an orbit in that list
     """
     if gravity is None:
         raise InputError("elements: these units do not set G; give G in [[force]] gravity")
@@ -55,7 +55,7 @@ def on_orbits(
             if about is not None:
                 mu = gravity * (masses[about] + masses[rows])
             x[rows], v[rows] = orbit_of(body, count, mu, rng)
-            if about:  # row 0 is the central body, which the others' rows count from
+            if about:  # row 0 is the central body, the origin of the other rows
                 x[rows] += x[about]
                 v[rows] += v[about]
         except InputError as error:
@@ -84,7 +84,7 @@ def _primary(name: str, names: list[str | None]) -> int:
 def orbit_of(
     body: BodyTable, count: int, mu: Floats | float, rng: np.random.Generator, time: float = 0.0
 ) -> tuple[Floats, Floats]:
-    """Positions and velocities (count, 3) on a body's orbit about its primary, at a time; mu is G times the masses."""
+    """Positions and velocities (count, 3) on a body's orbit about its primary at a time. mu is G times the masses."""
 
     def value(key: str) -> Any:
         given = getattr(body, key)

@@ -177,7 +177,7 @@ class SystemTable(Table):
 
     @classmethod
     def hint(cls, key: str) -> str:
-        """See Table; a key of one of the tables is shown with its table."""
+        """Suggest a key; for a key of one of the tables, also name its table."""
         run = [*RunDefaults().__dict__, *known_options()]
         within = {"velocities": VelocitiesTable.model_fields, "run": run, "box": BoxTable.model_fields}
         found = [f"{table}.{key}" for table, keys in within.items() if key in keys]

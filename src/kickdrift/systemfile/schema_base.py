@@ -43,7 +43,7 @@ class Table(BaseModel):
     @classmethod
     def _known_keys(cls, data: Any) -> Any:
         if isinstance(data, cls):
-            return data  # made and checked before
+            return data  # an instance was checked before
         if not isinstance(data, dict):
             raise PydanticCustomError("table", "{text}", {"text": f"expected a table, got {shown(data)}"})
         if key := cls.unknown(data):
@@ -52,12 +52,12 @@ class Table(BaseModel):
 
     @classmethod
     def unknown(cls, data: Any) -> str | None:
-        """The first key that the table does not have."""
+        """First key that the table does not have, or None."""
         return next((key for key in data if key not in cls.model_fields), None)
 
     @classmethod
     def unknown_text(cls, key: str) -> str:
-        """What is wrong with an unknown key."""
+        """Message about an unknown key."""
         return f"unknown key{cls.hint(key)} (known: {', '.join(cls.model_fields)})"
 
     @classmethod

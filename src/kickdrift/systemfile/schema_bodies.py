@@ -30,7 +30,7 @@ Number = Annotated[Any, BeforeValidator(Spread("dimensionless"))]
 
 class CentralTable(Table):
     name: str | None = None
-    body: str | None = None  # the name's older key
+    body: str | None = None  # older key of the name
     mass: Mass | None = None
     GM: GravitationalParameter | None = None
     radius: Radius | None = None
@@ -44,7 +44,7 @@ class CentralTable(Table):
 
     @property
     def called(self) -> str | None:
-        """The body's name, where it has one."""
+        """Name of the body, if any."""
         return self.body if self.name is None else self.name
 
 
@@ -85,7 +85,7 @@ class BodyTable(CentralTable):
 
 
 class BodiesTable(Table):
-    """A central body, and others on orbits, if any."""
+    """A central body and others on orbits, if any."""
 
     central: CentralTable
     elements: list[BodyTable]
@@ -108,7 +108,7 @@ class ElementsTable(BodiesTable):
 
 
 class AddedTable(BodyTable):
-    """One body that a System gets: on an orbit, or at a place."""
+    """A body to add to a System: on an orbit, or at a position."""
 
     primary: str | int | None = None  # type: ignore[assignment]
     species: str | None = None

@@ -19,9 +19,9 @@ SHOWN = 5  # most unregistered forces that are listed
 WIDTH = 60  # largest width of the column of keys
 
 _METHOD_FIRST = ("engine", "engine_version", "processes", "integrator", "dt", "threads", "seed")
-RANGES = 20  # of damaged rows that are listed
+RANGES = 20  # most stretches of damaged rows that are listed
 _SHOWN_UNITS = ("length", "time", "energy")
-_METHOD_SHOWN = (*_METHOD_FIRST, "options")  # which say what the others say
+_METHOD_SHOWN = (*_METHOD_FIRST, "options")  # all other keys repeat one of these
 
 
 def info(path: str | os.PathLike[str]) -> dict[str, Any]:

@@ -299,13 +299,13 @@ def test_the_command_draws_orbits_where_there_is_gravity(run, tmp_path, monkeypa
     assert isinstance(wrong.exception, InputError)
 
 
-# --- the present of a Simulation ---
+# --- elements of a Simulation ---
 
 
 @pytest.mark.parametrize("frame", ["heliocentric", "jacobi", "barycentric"])
 def test_the_table_of_the_present_is_what_a_file_of_it_gives(frame, tmp_path):
     sim, path = kd.Simulation(load("outer-solar-system"), "gauss-radau15"), tmp_path / "run.h5md"
-    tables = {"invariable": sim.elements(frame, "invariable")}  # whose plane is that of the file's first frame
+    tables = {"invariable": sim.elements(frame, "invariable")}  # its plane is that of the file's first frame
     sim.run(until=3.0, every=1_000_000, output=path)
     tables["file"] = sim.elements(frame)
     for plane, table in tables.items():

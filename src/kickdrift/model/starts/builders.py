@@ -221,7 +221,7 @@ def mixture(fractions: Mapping[str, float], count: int, seed: int) -> list[str]:
 
 
 def check_overlaps(system: Subject) -> None:
-    """Raise an InputError that names the closest pair and its distance, where two particles overlap.
+    """Raise an InputError that names the closest pair and its distance if two particles overlap.
 
     Particles overlap if they are nearer than ``OVERLAP`` times the smallest length in any force's ``shortest()``; if no
     force has such a length, only at the very same place. Distances are between nearest images. Without forces, and if
