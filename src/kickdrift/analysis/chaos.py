@@ -204,6 +204,6 @@ def _growth(
         sim.advance(steps - sim.steps_done, every=every, visit=visit)
         if exponent:
             state = sim.state
-            state.phase[:, :, n:] *= 2.0**-exponent  # a power of two: no digit changes
+            state.phase[:, :, n:] *= 2.0**-exponent  # scaling by a power of two changes no digit
             sim.state, exponent = state, 0
     return np.array(times), np.array(growth)

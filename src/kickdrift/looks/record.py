@@ -1,4 +1,4 @@
-"""The record of a run: its looks and its cost; and the looks as series."""
+"""Record of a run: its looks, its cost, and series of the looks."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ class Record:
     """The looks at a run since its record began, and the cost."""
 
     looks: Looks = field(default_factory=Looks, compare=False)
-    begun: bool = False  # whether the scales are known
+    begun: bool = False  # whether the momentum scales are set
     momentum_scale: float = 0.0  # sum of m |v| at the first sample
     angular_momentum_scale: float = 0.0  # sum of m |x × v| there
     steps: int = 0
@@ -122,7 +122,7 @@ class Record:
     def recalled(cls, memory: Memory) -> Record:
         """Return the record with this memory, without samples.
 
-        The memory may come from a file; an InputError if it does not hold a record."""
+        The memory may come from a file. Raises InputError if it does not hold a record."""
         kept, fresh = by_value(memory), cls()
         for key, value in kept.items():
             kind = type(getattr(fresh, key, None))

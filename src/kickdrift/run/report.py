@@ -1,4 +1,4 @@
-"""Report of a run: how well it conserved energy and momentum, and what it cost."""
+"""Report of a run: conservation of energy and momentum, and cost."""
 
 from __future__ import annotations
 
@@ -214,7 +214,7 @@ def report(sim: Reported) -> Report:
     record, system = sim.record, sim.system
     series = record.series()
     of_particles = isinstance(system, System)
-    counted = sim.engine == NATIVE or sim.method.evaluations > 0  # otherwise another program counted its evaluations
+    counted = sim.engine == NATIVE or sim.method.evaluations > 0  # another program has counted its own evaluations
     work = record.force_evaluations * (series.pairs or 0.0)
     options = sim.options.extras(sim.method.tunable)
     rtol, atol = options.pop("rtol", None), options.pop("atol", None)
@@ -272,7 +272,7 @@ def _energy(series: Series, even: bool, system: System | Problem) -> EnergyRepor
     def judged() -> tuple[float, float, str]:
         chosen = even_stretch(series.steps) if even else slice(None)
         times, errors = series.times[chosen], (total[chosen] - error.initial) / scale
-        if not even and len(times) > 2:  # an adaptive run samples at step points, only about evenly spaced
+        if not even and len(times) > 2:  # the step points of an adaptive run are only about evenly spaced
             grid = np.linspace(times[0], times[-1], len(times))
             times, errors = grid, np.interp(grid, times, errors)
         largest = max(abs(error.initial), 0.0 if np.isnan(kinetic) else kinetic)

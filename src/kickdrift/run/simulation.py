@@ -147,8 +147,8 @@ class Simulation(ShownSimulation):
     def state(self) -> Any:
         """The current State (positions, velocities, time) or ProblemState (y, time); a copy.
 
-        Assigning a state starts a new record of conserved quantities. An InputError if a run is in progress, or if the
-        state has other particles than the system.
+        Assigning a state starts a new record of conserved quantities. Raises InputError if a run is in progress, or if
+        the state has other particles than the system.
 
         The step point of an adaptive run may lie before or after ``time``. The run continues from that step point;
         reading the state does not change the run."""
@@ -163,7 +163,7 @@ class Simulation(ShownSimulation):
 
     @property
     def method_state(self) -> Any:
-        """The state of a method that moves more than positions and velocities; an InputError for other methods.
+        """State of a method that moves more than positions and velocities. Other methods raise InputError.
 
         For leapfrog-exact this is a `Lattice` of whole numbers, a copy; ``state`` shows these numbers rounded to
         floats. Assigning a method state resumes a run to the last bit. The assignment
@@ -188,7 +188,7 @@ class Simulation(ShownSimulation):
         self.method_state = value
 
     def checkpoint(self) -> Memory:
-        """Return everything that the rest of the run depends on, by value.
+        """Return everything that determines the rest of the run, by value.
 
         The checkpoint consists of arrays, numbers, texts, None, and lists and dicts (keyed by text) of these. After
         ``restore``, also in another process, the run continues with the same bits.
@@ -218,7 +218,7 @@ class Simulation(ShownSimulation):
 
     @property
     def steps_done(self) -> int:
-        """Number of steps since the start, including a step that the current time lies inside."""
+        """Number of steps since the start. If the current time lies inside a step, that step counts."""
         return self.integration.steps_done
 
     def energy(self) -> Energies:
@@ -226,15 +226,15 @@ class Simulation(ShownSimulation):
         return self.sample().energies
 
     def accelerations(self) -> Floats:
-        """(n, 3) accelerations of the particles now, in the system's units; a read-only copy."""
+        """Accelerations of the particles now, (n, 3), in the system's units; a read-only copy."""
         return accelerations_at(self.integration)
 
     def forces(self) -> Floats:
-        """(n, 3) forces on the particles now, in the system's energy unit per length; a read-only copy."""
+        """Forces on the particles now, (n, 3), in the system's energy unit per length; a read-only copy."""
         return forces_at(self.integration)
 
     def elements(self, frame: str = "heliocentric", plane: str = "file") -> OrbitTable:
-        """The osculating elements of the bodies now, a table by name: ``sim.elements()["Jupiter"].a``.
+        """Osculating elements of the bodies now, a table by name: ``sim.elements()["Jupiter"].a``.
 
         Angles are in degrees, as in system files. ``frame`` is "heliocentric" (about the central body), "jacobi" (in
         the bodies' order) or "barycentric". ``plane`` is "file" (x-y) or "invariable". Raises InputError if no body
@@ -392,7 +392,7 @@ class Simulation(ShownSimulation):
     def steps_to(self, steps: int | None = None, until: float | None = None) -> int:
         """Return the number of steps that ``run(steps)`` or ``run(until=…)`` would take now.
 
-        An InputError if the arguments make no sense, or if the number is unknown before the run (an adaptive method
+        Raises InputError if the arguments make no sense, or if the number is unknown before the run (an adaptive method
         with ``until``)."""
         return steps_to(self, steps, until)
 
