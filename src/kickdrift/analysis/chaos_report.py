@@ -16,10 +16,13 @@ from typing import Any, Literal
 
 import numpy as np
 
+from kickdrift.display.showing import Lines, Shown
 from kickdrift.errors import InputError
 from kickdrift.looks.observers import Energies
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
+from kickdrift.model.unit_systems import symbol_of
+from kickdrift.text import measured
 
 Verdict = Literal["regular", "chaotic", "undecided"]
 
@@ -30,8 +33,8 @@ KEPT = 500  # most samples in a report's JSON
 SETTLED = 0.2  # first part of the run, left out of the fit of the Lyapunov exponent (Cincotta & Simo 2000, section 3)
 
 
-@dataclass(frozen=True)
-class ChaosReport:
+@dataclass(frozen=True, repr=False)
+class ChaosReport(Shown):
     """Results from the growth of a deviation.
 
     Attributes
@@ -78,6 +81,26 @@ class ChaosReport:
     def bound(self) -> float:
         """Largest Lyapunov exponent that this run allows: the modulus of its estimate, and the error."""
         return abs(self.lyapunov) + self.lyapunov_error
+
+    def __repr__(self) -> str:
+        return str(self)
+
+    def _lines(self) -> Lines:
+        unit, longer = symbol_of(self.time_unit), self.time_to_decide
+        step = "" if self.dt is None else f", dt = {measured(f'{self.dt:g}', unit)}"
+        exponent = f"{self.lyapunov:.2e} ± {self.lyapunov_error:.1e}" if longer is None else f"below {self.bound:.1e}"
+        lines = [
+            ("system", self.system),
+            ("integrator", self.integrator + step),
+            ("length", f"{self.steps:,} steps, {measured(f'{self.time:g}', unit)}"),
+            ("MEGNO", f"{self.megno:.4g}: {self.verdict} over this length"),
+            ("Lyapunov", f"exponent {exponent} per {unit or 'unit of time'}"),
+            ("energy error", f"{self.energy_error:.2e} at the end"),
+        ]
+        if longer is not None:
+            times = longer / self.time
+            lines.append(("to decide", f"run about {times:.2g} times as long: --time {float(f'{longer:.2g}'):g}"))
+        return lines
 
     def as_json(self) -> dict[str, Any]:
         """The report as one JSON object, with series of at most some 500 points."""

@@ -13,12 +13,12 @@ from typing import Any
 import numpy as np
 
 from kickdrift.errors import InputError
-from kickdrift.forces.equation import backward_right_hand_side
 from kickdrift.integrators.particle_states import clocked
 from kickdrift.integrators.stepper import Counts
 from kickdrift.model.memory import Memory
+from kickdrift.model.partial import Partial
 from kickdrift.model.problem import Problem
-from kickdrift.model.state import Floats
+from kickdrift.model.state import Floats, read_only
 from kickdrift.model.system import System
 
 
@@ -44,15 +44,16 @@ def _mirrored_force(force: Any) -> Any:
 
 
 def _mirrored_problem(problem: Problem) -> Problem:
-    """The Problem y' = -f(-s, y); with separable=True the accelerations of f at -s."""
-    made, put, sign = copy(problem), object.__setattr__, 1.0 if problem.separable else -1.0
+    """The Problem y' = -f(-s, y); of positions and velocities, with velocities of the other sign."""
+    made, put, turned = copy(problem), object.__setattr__, problem.separable
     vars(made).pop("right_hand_side", None)
-    f, jacobian = problem.f, problem.jacobian
-    put(made, "f", lambda s, y: sign * np.asarray(f(-s, y), dtype=float))
+    put(made, "f", Partial(problem.f, flat=True, backward=True, turned=turned))
     put(made, "t0", -problem.t0)
-    if jacobian is not None:
+    half, y0 = len(problem) // 2, problem.y0
+    put(made, "y0", read_only(np.concatenate([y0[:half], -y0[half:]]) if turned else y0))
+    if (jacobian := problem.jacobian) is not None:
+        sign = 1.0 if turned else -1.0  # accelerations do not depend on velocities
         put(made, "jacobian", lambda s, y: sign * np.asarray(jacobian(-s, y), dtype=float))
-    vars(made)["right_hand_side"] = backward_right_hand_side(problem, made)
     return made
 
 

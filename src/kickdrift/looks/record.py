@@ -1,4 +1,4 @@
-"""The record of a run: its looks and its cost; and the looks as series."""
+"""Record of a run: its looks, its cost, and series of the looks."""
 
 from __future__ import annotations
 
@@ -32,7 +32,9 @@ class Series(NamedTuple):
     kinetic : the first kinetic energy; nan for a Problem
     momentum, angular_momentum : (k, 3), with the momentum that events took out; None for a Problem
     temperature, pressure, pairs : means; undefined ones are nan, and None for pairs
-    temperatures : (k,) the temperature at each look; None where looks have none
+    kinetics : (k,) kinetic energy; nan for a Problem
+    temperatures : (k,) temperature; None where it is undefined
+    taken : (k,) energy that events had taken out
     """
 
     steps: NDArray[np.int64]
@@ -45,7 +47,9 @@ class Series(NamedTuple):
     temperature: float = float("nan")
     pressure: float = float("nan")
     pairs: float | None = None
+    kinetics: Floats | float = float("nan")
     temperatures: Floats | None = None
+    taken: Floats | float = 0.0
 
 
 def even_stretch(steps: NDArray[np.int64]) -> slice:
@@ -57,6 +61,16 @@ def even_stretch(steps: NDArray[np.int64]) -> slice:
     starts, ends = np.concatenate([[0], edges]), np.concatenate([edges, [len(gaps)]])
     longest = int(np.argmax(ends - starts))
     return slice(int(starts[longest]), int(ends[longest]) + 1)
+
+
+def on_grid(steps: NDArray[np.int64], times: Floats) -> NDArray[np.bool_]:
+    """Tell of each look whether its time is in proportion to its step, unlike a look after a shortened step."""
+    counts, apart = steps - steps[0], np.abs(times - times[0])
+    if not counts.any():
+        return np.ones(len(steps), bool)
+    step = float(np.median(apart[counts > 0] / counts[counts > 0]))
+    rounding = 8.0 * float(np.finfo(float).eps) * float(np.abs(times).max() + apart.max())
+    return np.asarray(np.abs(apart - counts * step) <= 1e-6 * step + rounding)
 
 
 class Counted(Protocol):
@@ -72,7 +86,7 @@ class Record:
     """The looks at a run since its record began, and the cost."""
 
     looks: Looks = field(default_factory=Looks, compare=False)
-    begun: bool = False  # whether the scales are known
+    begun: bool = False  # whether the momentum scales are set
     momentum_scale: float = 0.0  # sum of m |v| at the first sample
     angular_momentum_scale: float = 0.0  # sum of m |x × v| there
     steps: int = 0
@@ -128,7 +142,7 @@ class Record:
     def recalled(cls, memory: Memory) -> Record:
         """Return the record with this memory, without samples.
 
-        The memory may come from a file; an InputError if it does not hold a record."""
+        The memory may come from a file. Raises InputError if it does not hold a record."""
         kept, fresh = by_value(memory), cls()
         for key, value in kept.items():
             kind = type(getattr(fresh, key, None))
@@ -144,6 +158,7 @@ class Record:
         """Return the looks so far as a Series; later looks do not change it."""
         steps, rows = self.looks.held()
         first, known = rows[0], ~np.isnan(rows[:, column.PAIRS])
+        temperatures = rows[:, column.TEMPERATURE]
         return Series(
             steps=steps,
             times=rows[:, column.TIME],
@@ -152,10 +167,12 @@ class Record:
             kinetic=float(first[column.KINETIC]),
             momentum=_vectors(rows, column.MOMENTUM, column.MOMENTUM_TAKEN),
             angular_momentum=_vectors(rows, column.ANGULAR, column.ANGULAR_TAKEN),
-            temperature=float(rows[:, column.TEMPERATURE].mean()),
+            temperature=float(temperatures.mean()),
             pressure=float(rows[:, column.PRESSURE].mean()),
             pairs=float(rows[known, column.PAIRS].mean()) if known.any() else None,
-            temperatures=rows[:, column.TEMPERATURE],
+            kinetics=rows[:, column.KINETIC],
+            temperatures=temperatures if np.isfinite(temperatures).all() else None,
+            taken=rows[:, column.ENERGY_TAKEN],
         )
 
 

@@ -24,10 +24,20 @@ if TYPE_CHECKING:
 # Default numbers of looks; ``looks_at`` chooses among them. They depend on the run alone, so every machine takes the
 # same looks at the same run.
 SAMPLES = 1000
-GLIMPSES = 10  # without an energy to sample: only the check for stiffness looks
-LEAST = 50  # the verdict on the drift needs 40
+GLIMPSES = 10  # for a run without an energy, in which only the check for stiffness looks
+LEAST = 50  # the verdict on the drift needs 40 looks
 EVALUATIONS = 100  # force evaluations for each look; a look costs as much as one to seven
-BODIES = 16_000  # looks times bodies that a run of any length may take: a few milliseconds in all
+BODIES = 16_000  # looks times bodies in a run of any length: a few milliseconds in all
+
+
+class Cadence(Protocol):
+    """Steps or time between the looks of the file that a run continues."""
+
+    @property
+    def every(self) -> int: ...
+
+    @property
+    def interval(self) -> float | None: ...
 
 
 class Clock(Protocol):
@@ -78,7 +88,7 @@ class Plan:
         return time <= goal if self.backward else time >= goal
 
     def over(self, run: Clock) -> bool:
-        """Whether the run has reached its end."""
+        """Tell whether the run has reached its end."""
         return run.steps_done >= self.end_step or self.reached(run.time, self.end_time)
 
     @property
@@ -139,16 +149,19 @@ def plan_of(
     until: float | None,
     every: int | None,
     interval: float | None,
-    known: int | None,
+    own: Cadence | None = None,
     seen: bool = True,
     exact: Exact = False,
 ) -> Plan:
     """Check the arguments of ``Simulation.run`` and return the Plan.
 
-    ``known`` is the cadence of the file that the run continues, if any. ``seen`` says whether there is anything to
+    ``own`` is the cadence of the file that the run continues, if any. ``seen`` says whether there is anything to
     sample."""
     check_exact(exact)
     begin = sim.steps_done, sim.time
+    known = own.every if own else None
+    if own and sim.method.chooses_steps and (steps, every, interval) == (None,) * 3:
+        interval = own.interval
     if interval is not None and not sim.method.chooses_steps:
         raise InputError(f"run: interval is for methods that choose their steps; with {sim.integrator}, use every")
     if interval is not None and not (np.isfinite(number(interval)) and interval > 0):

@@ -1,26 +1,29 @@
-"""Report of a run: how well it conserved energy and momentum, and what it cost."""
+"""Report of a run: conservation of energy and momentum, and cost."""
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
-from typing import Any, Protocol
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
 from kickdrift.disk.outputs import plain
+from kickdrift.display.showing import above
 from kickdrift.engines import NATIVE
 from kickdrift.forces.pair_law import PairForce
 from kickdrift.integrators.method import Method
 from kickdrift.integrators.options import Options
 from kickdrift.looks.observers import NOTHING
-from kickdrift.looks.record import BOTH, LOOKS, OBSERVING, STEPPING, WRITING, Record, Series, even_stretch
+from kickdrift.looks.record import BOTH, LOOKS, OBSERVING, STEPPING, WRITING, Record, Series, even_stretch, on_grid
 from kickdrift.model.checks import unwarned
 from kickdrift.model.problem import Problem
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
-from kickdrift.run.lengths import CLOSE
+from kickdrift.model.unit_systems import UnitSystem
 from kickdrift.run.melting import melting
+from kickdrift.run.shown import ShownReport
 from kickdrift.statistics.drift import ROUNDINGS, EnergyError, drift, energy_error, rounding_of
 
 
@@ -76,9 +79,31 @@ COMPILING = "compiling"
 _JUDGED = ("drift_per_unit_time", "drift_error", "verdict")
 
 
-@dataclass(frozen=True)
-class Report:
-    """A run's summary; ``--json`` writes ``as_json()``. Values that do not exist for a Problem are None.
+class About(NamedTuple):
+    """What a Report needs beside its own numbers, to print and draw itself.
+
+    Attributes
+    ----------
+    units : UnitSystem; None for a Problem
+    dimensions : of the particles' space
+    series : the samples
+    output : path of the run's file, "" if none was written
+    jumps : whether a pair force jumps at its cutoff
+    """
+
+    units: UnitSystem | None
+    dimensions: int
+    series: Series
+    output: str = ""
+    jumps: bool = False
+
+
+@dataclass(frozen=True, repr=False)
+class Report(ShownReport):
+    """A run's summary. Values that do not exist for a Problem are None.
+
+    ``print(report)`` shows the lines that the command line prints, ``as_json()`` returns what ``--json`` writes, and
+    ``plot()`` draws the energies, their error and the temperature.
 
     ``momentum_error`` is the largest |P(t) - P(0)| over the samples divided by the sum of m |v| at the start. It is
     None in an external field. ``angular_momentum_error`` is the same with m |x × v|. It is None also in a periodic box,
@@ -129,10 +154,23 @@ class Report:
     energy_taken: float | None
     stopped: str
     warnings: list[str]
+    about: About = field(compare=False)
+
+    def plot(self) -> Any:
+        """Draw energies, energy error and temperature at the samples; a matplotlib Figure.
+
+        A Problem has its energy error alone. Frames, for orbits and structure, are in the run's file: see
+        ``kd.open(path).plot()``. An InputError for a Problem without an energy function."""
+        return above("report figure")(self)
 
     def as_json(self) -> dict[str, Any]:
         """Return the report as plain numbers, texts and Nones; infinities and nan become None."""
-        return plain(asdict(self))
+        own = {key: value for key, value in vars(self).items() if key != "about"}
+        return plain(own | {"energy": self.energy and asdict(self.energy)})
+
+    def written_to(self, output: str | os.PathLike[str] | None) -> Report:
+        """Return the same report, with the file that the run wrote."""
+        return self if output is None else replace(self, about=self.about._replace(output=os.fspath(output)))
 
 
 class Reported(Protocol):
@@ -186,7 +224,7 @@ def report(sim: Reported) -> Report:
     record, system = sim.record, sim.system
     series = record.series()
     of_particles = isinstance(system, System)
-    counted = sim.engine == NATIVE or sim.method.evaluations > 0  # otherwise another program counted its evaluations
+    counted = sim.engine == NATIVE or sim.method.evaluations > 0  # another program has counted its own evaluations
     listed = isinstance(system, System) and any(isinstance(force, PairForce) for force in system.forces)
     work = record.force_evaluations * (series.pairs or 0.0) if listed else 0.0
     melted = melting(system, series.temperatures, sim) if listed and isinstance(system, System) else []
@@ -217,7 +255,7 @@ def report(sim: Reported) -> Report:
         seconds=seconds_of(record),
         steps_per_second=record.steps / record.wall_seconds if record.wall_seconds else 0.0,
         ns_per_pair=1e9 * record.wall_seconds / work if work else None,
-        energy=_energy(series, None if sim.method.chooses_steps else sim.dt, system),
+        energy=_energy(series, not sim.method.chooses_steps, system),
         momentum_error=None
         if isinstance(system, System) and system.acting("external")
         else _largest_change(series.momentum, record.momentum_scale),
@@ -231,7 +269,16 @@ def report(sim: Reported) -> Report:
         energy_taken=None if record.taken is NOTHING else record.taken.energy,
         stopped=sim.stopped,
         warnings=[*record.warnings, *melted],
+        about=_about(system, series),
     )
+
+
+def _about(system: System | Problem, series: Series) -> About:
+    if not isinstance(system, System):
+        return About(None, 0, series)
+    pairs = [force for force in system.forces if isinstance(force, PairForce)]
+    jumps = any(force.truncation in ("cut", "shift") for force in pairs)
+    return About(system.units, system.dimensions, series, jumps=jumps)
 
 
 def _length(record: Record, dt: float) -> float:
@@ -252,7 +299,7 @@ def seconds_of(record: Record) -> dict[str, float | None]:
     }
 
 
-def _energy(series: Series, dt: float | None, system: System | Problem) -> EnergyReport | None:
+def _energy(series: Series, even: bool, system: System | Problem) -> EnergyReport | None:
     total, kinetic = series.total, series.kinetic
     if np.isnan(total[0]):
         return None  # a Problem without an energy function
@@ -263,13 +310,13 @@ def _energy(series: Series, dt: float | None, system: System | Problem) -> Energ
     @unwarned
     def judged() -> tuple[float, float, str]:
         times, errors = series.times, (total - error.initial) / scale
-        if dt is not None:  # looks after shortened steps are off the grid
-            whole = np.abs(np.abs(times - times[0]) - (series.steps - series.steps[0]) * dt) < CLOSE * dt
+        if even:
+            whole = on_grid(series.steps, times)
             chosen = even_stretch(series.steps[whole])
             times, errors = times[whole][chosen], errors[whole][chosen]
         if times[-1] < times[0]:  # back in time
             times, errors = times[::-1], errors[::-1]
-        if dt is None and len(times) > 2:  # an adaptive run samples at step points, only about evenly spaced
+        if not even and len(times) > 2:  # the step points of an adaptive run are only about evenly spaced
             grid = np.linspace(times[0], times[-1], len(times))
             times, errors = grid, np.interp(grid, times, errors)
         largest = max(abs(error.initial), 0.0 if np.isnan(kinetic) else kinetic)

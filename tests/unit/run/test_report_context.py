@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import kickdrift as kd
-from kickdrift.cli.printing import drift_context, took_text
 from kickdrift.looks.columns import TOTAL
 from kickdrift.run.melting import has_melted, lattice_spacing, temperature_change
+from kickdrift.run.shown import drift_context, took_text
 from tests.systems import liquid
 
 
@@ -53,12 +53,13 @@ def test_nanoseconds_per_pair_need_a_pair_list():
     [("shift", "; the force jumps at the cutoff, see lj-1000-switch"), ("switch", "")],
 )
 def test_a_drift_names_its_size_over_the_run_and_its_cause(truncation, ending):
+    system = kd.System([[0.0, 0.0, 0.0], [1.1, 0.0, 0.0]], forces=[kd.LennardJones(truncation=truncation)])
+    report = kd.Simulation(system, dt=0.001).run(10)
     energy = SimpleNamespace(verdict="secular drift", drift_per_unit_time=-1.6e-7, relative_to="initial energy")
-    system = SimpleNamespace(forces=(kd.LennardJones(truncation=truncation),))
-    found = drift_context(SimpleNamespace(energy=energy, time=500.0), system)
-    assert found == f", 8e-05 of the energy over this run{ending}"
+    told = SimpleNamespace(energy=energy, time=500.0, about=report.about)
+    assert drift_context(told) == f", 8e-05 of the energy over this run{ending}"
     energy.verdict = "bounded"
-    assert drift_context(SimpleNamespace(energy=energy, time=500.0), system) == ""
+    assert drift_context(told) == ""
 
 
 def test_a_drift_below_a_hundred_roundings_is_round_off():
