@@ -10,7 +10,7 @@ from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 from kickdrift.text import measured
 
-LEAST_LOOKS = 20
+LEAST_LOOKS = 10
 CHANGE = 0.05  # of the temperature; a smaller change leaves averages as they are
 FLUCTUATIONS = 4.0  # standard deviations of the temperature in the second half
 PROBES = 8  # particles whose nearest neighbours are measured

@@ -57,8 +57,7 @@ class Simulation(ShownSimulation):
     system : System or Problem
     integrator : a name from ``kickdrift.integrators()``, or a value from ``kickdrift.integrator``; default the
         system file's, else "velocity-verlet" for particles and "dormand-prince45" for a Problem
-    dt : step in the system's unit of time, or a text such as "2 fs"; default the system file's. For an adaptive method
-        the first step, optional
+    dt : step in the system's unit of time, or "2 fs"; default the system file's. Adaptive methods: first step, optional
     threads : number of threads of the forces; the bits of the results do not depend on this number
     engine : name of the program that takes the steps: "native", or an installed one of ``kickdrift.engines()``
     processes : number of processes, for an engine that runs on several ("lammps")
@@ -95,8 +94,8 @@ class Simulation(ShownSimulation):
         named = name if name is not None else system.run.integrator
         self.integrator = default if named is None else self._engine.method_name(named)
         self.method = method_named(self.integrator)
-        units = system.units if isinstance(system, System) else None
-        self.options = settled(self.method, in_units(asked, self.method.options, units), system.run)
+        asked = in_units(asked, self.method.options, getattr(system, "units", None))
+        self.options = settled(self.method, asked, system.run)
         self.dt = self.options.dt
         if self.dt is None and self.method.needs_dt:
             raise InputError(f"dt is needed: system {system.name!r} has no dt in [run]")
@@ -313,7 +312,7 @@ class Simulation(ShownSimulation):
 
         ``every`` defaults to the system file's, or to that of the file that the run continues. Without any of these
         there are about 1000 looks. A run of fewer than 100,000 force evaluations has one look for each 100 evaluations,
-        but at least 16000 / bodies and at least 50, as far as there are steps. The number depends on the run alone.
+        but at least 16000 / bodies and at least 50, as far as there are steps.
 
         ``progress=True`` shows a bar, on a terminal or in a notebook; a function is called as ``progress(done, of)``
         now and then. Ctrl-C ends the run with a KeyboardInterrupt; the steps taken remain, and the file is complete.
@@ -322,9 +321,8 @@ class Simulation(ShownSimulation):
         state is then that of the last sample.
         """
         check_asked(observe, progress, overwrite)
-        units = self.system.units if isinstance(self.system, System) else None
         goal, apart = time_of(self, until, "until"), time_of(self, interval, "interval")
-        written = ColumnWatcher(checked_columns(columns, units), self.integration, self)
+        written = ColumnWatcher(checked_columns(columns, getattr(self.system, "units", None)), self.integration, self)
         output = self._outputs.chosen(None if output is None else path_text("run: output", output), overwrite)
         plan = self.plan
         if plan is None or (steps, goal, every, apart) != (None,) * 4:
