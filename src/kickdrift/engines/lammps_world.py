@@ -59,11 +59,8 @@ class World:
         box, axes = model.box, model.box.periodic_axes
         low = np.where(axes, 0.0, x.min(axis=0) - skin)
         high = np.where(axes, np.diag(box.matrix), x.max(axis=0) + skin)
-        edges = " ".join(f"{float(a)!r} {float(b)!r}" for a, b in zip(low, high, strict=True))
-        shape = f"block {edges}"
-        if box.triclinic:
-            _, (bx, _, _), (cx, cy, _) = box.matrix.tolist()
-            shape = f"prism {edges} {bx!r} {cx!r} {cy!r}"
+        edges = np.column_stack([low, high]).ravel().tolist()
+        shape = " ".join(["prism" if box.tilts else "block", *map(repr, [*edges, *box.tilts])])
         yes = {True: "yes", False: "no"}
         for line in (
             "units lj",  # no constants: the numbers are those of any coherent system of units

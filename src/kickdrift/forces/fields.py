@@ -266,10 +266,11 @@ class Springs(Field):
             )
         check_massive(self.name, system, ids.flat)
         lengths = np.broadcast_to(np.array(self.length), len(ids))
-        half = 0.5 * float(system.box.heights.min())
-        if lengths.max() >= half:
-            shortest = "smallest height of the box" if system.box.triclinic else "shortest box edge"
-            raise InputError(f"{self.name}: length {lengths.max():.6g} must be under half the {shortest}, {half:.6g}")
+        named, height = system.box.narrowest
+        if lengths.max() >= 0.5 * height:
+            raise InputError(
+                f"{self.name}: length {lengths.max():.6g} must be under half the {named}, {0.5 * height:.6g}"
+            )
         x = system.state.positions
         apart = system.box.minimum_image(x[ids[:, 0]] - x[ids[:, 1]])
         for k in np.flatnonzero((lengths > 0) & ~apart.any(axis=1)):
