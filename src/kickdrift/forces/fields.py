@@ -13,7 +13,16 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from kickdrift.errors import InputError
-from kickdrift.forces.arguments import Vector, check_in_plane, check_massive, is_one, items, number, vector
+from kickdrift.forces.arguments import (
+    Vector,
+    check_in_plane,
+    check_massive,
+    check_place_in_plane,
+    is_one,
+    items,
+    number,
+    vector,
+)
 from kickdrift.text import shown
 
 if TYPE_CHECKING:
@@ -70,9 +79,12 @@ class HarmonicTrap(Field):
         object.__setattr__(self, "centre", vector(self.name, "centre", self.centre))
 
     def check(self, system: Subject) -> None:
-        """Refuse a periodic box, and massless particles, which the trap would accelerate without limit."""
+        """Refuse a periodic box, a centre out of the plane of a two-dimensional system, and massless particles, which
+        the trap would accelerate without limit."""
         if system.box.periodic:
             raise InputError(f"{self.name}: a trap needs open space, but the box is periodic")
+        if np.broadcast_to(self.stiffness, 3)[2]:
+            check_place_in_plane(self.name, "centre", self.centre, system)
         check_massive(self.name, system, range(len(system)))
 
     def bind(self, system: Subject, threads: int = 1) -> Any:
