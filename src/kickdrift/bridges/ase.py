@@ -36,6 +36,7 @@ from kickdrift.text import shown
 
 NAMES, RADII = "names", "radii"  # arrays of Atoms for data without a place in ASE
 UNKNOWN = "X"  # ASE's symbol for no element; info["species"] then names the species, by the atoms' tags
+DIMENSIONS = "dimensions"  # 2 in info, for particles in a plane
 SQUARE = 1e-12  # tilt of a cell vector, relative to its length, that counts as rounding
 UPRIGHT = 1e-6  # least part of a vector, relative to its length, perpendicular to the other vectors
 LEAST = 0.3  # of three unit vectors, one has at least a third of its square perpendicular to two others
@@ -107,8 +108,15 @@ def _system(
         atoms.get_chemical_formula(),
         names=_names(atoms),
         radii=arrays[RADII] * scale.length if RADII in arrays else None,
+        dimensions=_dimensions(atoms),
     )
     return system, rotation
+
+
+def _dimensions(atoms: Any) -> int:
+    """Return 2 for atoms whose ``info`` says so, as `atoms_of` and exports write it; else 3."""
+    given = atoms.info.get(DIMENSIONS)
+    return 2 if isinstance(given, int | np.integer) and given == 2 else 3
 
 
 def _species(atoms: Any) -> list[str]:
@@ -235,6 +243,8 @@ def atoms_of(system: System, symbols: Mapping[str, str] | None = None, calculato
         atoms.set_array(NAMES, np.array(system.names))
     if system.radii is not None:
         atoms.set_array(RADII, system.radii / scale.length)
+    if system.dimensions == 2:
+        atoms.info[DIMENSIONS] = 2
     if calculator and system.forces:
         atoms.calc = Calculator(system.forces, system.units)
     return atoms
@@ -258,7 +268,8 @@ class Calculator(AseCalculator):
     Raises
     ------
     InputError
-        In a calculation, for atoms that `System.from_ase` refuses (constraints are allowed: ASE applies them).
+        In a calculation, for atoms that `System.from_ase` refuses (constraints are allowed: ASE applies them), and
+        for the stress in two dimensions.
     RunError
         If the forces are not finite.
     """
@@ -316,5 +327,7 @@ class Calculator(AseCalculator):
         """
         from kickdrift.looks.pressure import instantaneous_pressure
 
+        if system.dimensions == 2:
+            raise InputError("stress: ASE's is a force over an area, and in two dimensions it is a force over a length")
         pressure = turn.T @ instantaneous_pressure(system, x, np.zeros_like(x)) @ turn
         return -full_3x3_to_voigt_6_stress(pressure) / (self._scale.energy / self._scale.length**3)

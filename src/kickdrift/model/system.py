@@ -195,7 +195,8 @@ class System:
         atoms : ase.Atoms
             Open, or periodic along any of the cell's vectors. Where these do not have the form of a `Box`, atoms and
             velocities are turned with them (`Box.from_vectors`). Tags, charges and magnetic moments are not taken, but
-            for what `to_ase` and exported files say by them: species, and in the arrays "names" and "radii".
+            for what `to_ase` and exported files say by them: species, in the arrays "names" and "radii", and in
+            ``info`` 2 "dimensions".
         forces : iterable of forces, in ``units``; default those of the calculator that the atoms carry, if it is ASE's
             LennardJones (shifted at its rc; not smooth) or kickdrift's
         units : the name of a unit system
@@ -204,8 +205,8 @@ class System:
         Raises
         ------
         InputError
-            For a cell that leans, pbc along some axes only, constraints, another calculator, and numbers that are not
-            finite.
+            For periodic vectors of the cell that span no volume, constraints, another calculator, atoms with a momentum
+            but no mass, and numbers that are not finite.
         """
         return bridge("ase", "System.from_ase").system_of(atoms, forces, units, species)
 
