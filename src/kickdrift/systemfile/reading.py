@@ -211,4 +211,4 @@ def _start(table: SystemTable, units: UnitSystem, folder: Path, gravity: float |
         if "\0" in particles.file:
             raise InputError(f"file: expected the name of a file, got {shown(particles.file)}")
         with prefixed("file: "):
-            return read_structure(folder / particles.file, units)
+            return read_structure(folder / particles.file, units, table.box.periodic, box is not None)
