@@ -169,8 +169,8 @@ class System:
         return other
 
     def with_run(self, **defaults: Any) -> System:
-        """The same system with these in its `RunDefaults`, as ``dt`` and ``integrator``; steps replace a time, and a
-        time steps."""
+        """The same system with these in its `RunDefaults`, as ``dt`` and ``integrator``, which may be a value of
+        ``kickdrift.integrator``; steps replace a time, and a time steps."""
         made = copy(self)
         object.__setattr__(made, "run", self.run.changed(**defaults))
         return made
