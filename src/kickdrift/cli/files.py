@@ -99,8 +99,19 @@ def plot(
         orbits = kind is Figures.orbits or (kind is None and has_orbits(file))
         draw = plot_orbits if orbits else plot_run
         out(str(draw(file, target, overwrite=overwrite)))
+        if kind is None:
+            name_columns(file)
     else:
         raise InputError("give FILE, or --stability NAME to draw an integrator")
+
+
+def name_columns(file: Path) -> None:
+    """Name a run's own columns, which no figure but ``--column`` draws."""
+    from kickdrift.trajectory import reader
+
+    with reader.open(file) as run:
+        if run.columns:
+            say(f"{file}: --column NAME draws a column of this run: {', '.join(run.columns)}")
 
 
 def export(

@@ -191,6 +191,8 @@ def length_of(sim: Planned, name: str, steps: int | None = None, time: float | N
             steps, time = None, given.steps * given.dt  # as long as the fixed steps of the file
     if steps is None and time is None:
         raise InputError(f"{name}: [run] names neither steps nor time; give --steps or --time")
+    if time is not None and not np.isfinite(number(time)):
+        raise InputError(f"time must be a finite time, got {shown(time)}")
     if sim.method.chooses_steps and time is not None:
         return {"until": sim.time + time}
     return {"steps": steps_to(sim, steps, None if time is None else sim.time + time)}

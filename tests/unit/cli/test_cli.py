@@ -288,7 +288,7 @@ NOTHING = "no.folder/run"
         (["--steps", "1.5"], ["--steps"]),
         (["--steps", "10", "--time", "1"], ["--steps or --time, not both"]),
         (["--time", "-1"], ["time -1 lies before the current time"]),
-        (["--time", "nan"], ["must be a finite time, got nan"]),
+        (["--time", "nan"], ["kickdrift: time must be a finite time, got nan\n"]),
         (["--time", "0.0101"], ["not on the grid of steps of 0.004; nearest are 0.008 and 0.012"]),
         (["--every", "0"], ["--every"]),
         (["--every", "-5"], ["--every"]),
