@@ -16,5 +16,5 @@ def bridge(package: str, asked: str) -> Any:
     try:
         import_module(package)
     except ImportError:
-        raise InputError(f"{asked} needs {package}: pip install kickdrift[{package}]") from None
+        raise InputError(f"{asked} needs {package}: pip install 'kickdrift[{package}]'") from None
     return BRIDGES[package]()

@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, field
+from types import FunctionType
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kickdrift.errors import InputError
+from kickdrift.model.arguments import checked_arguments
 from kickdrift.model.body_checks import body_names, body_radii, names_of
 from kickdrift.model.box import Box
 from kickdrift.model.bridging import bridge
@@ -24,6 +26,7 @@ from kickdrift.model.unit_systems import UnitSystem, unit_system
 from kickdrift.text import shown
 
 
+@checked_arguments
 @dataclass(frozen=True, eq=False)
 class System:
     """State + box + forces + units; never changed by a Simulation, which copies it.
@@ -289,8 +292,19 @@ def _forces(forces: Iterable[Any]) -> tuple[Any, ...]:
     found = listed("forces", forces, "a list of forces, such as [kd.LennardJones(cutoff=2.5)]")
     for k, force in enumerate(found):
         if isinstance(force, type) or not callable(getattr(force, "check", None)):
-            raise InputError(f"forces[{k}]: expected a force, such as kd.LennardJones(cutoff=2.5), got {shown(force)}")
+            raise InputError(f"forces[{k}]: expected a force, such as kd.LennardJones(cutoff=2.5), {_instead(force)}")
     return tuple(found)
+
+
+def _instead(force: Any) -> str:
+    """What was given in place of a force, and what to write."""
+    if isinstance(force, str):
+        return f"got the name {shown(force)}"
+    if isinstance(force, type):
+        return f"got the class {force.__name__}; write {force.__name__}(…)"
+    if isinstance(force, FunctionType):
+        return "got a function; a formula U(r) becomes a force by @kd.pair_law, see docs/your-own-force.md"
+    return f"got {shown(force)}"
 
 
 def _names(species: Any) -> list[Any]:

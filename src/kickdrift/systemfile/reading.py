@@ -6,6 +6,7 @@ import os
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from warnings import warn
 
 import numpy as np
 
@@ -42,11 +43,14 @@ from kickdrift.systemfile.schema import (
 from kickdrift.systemfile.schema_run import run_defaults
 from kickdrift.text import shown, suggestion
 
+STRUCTURES = (".xyz", ".extxyz", ".pdb", ".cif", ".gro", ".vasp", ".traj", ".lammps-data")  # files that ASE reads
 _BESIDE_ODE = tuple(key for key in OdeFileTable.model_fields if key != "ode")
 
 
 def load(name_or_path: str | os.PathLike[str], seed: int | None = None) -> System | Problem:
     """Load the System of a TOML file, or of a shipped system's name (``lj-1000``); a file with [ode] gives a Problem.
+
+    Files of atoms such as .xyz, .extxyz, .pdb and .cif are read through ASE, in metal units and without forces.
 
     Parameters
     ----------
@@ -59,9 +63,23 @@ def load(name_or_path: str | os.PathLike[str], seed: int | None = None) -> Syste
         With the file, the key and the expected value, or with the particles that overlap.
     """
     path = find(name_or_path)
+    if path.suffix.lower() in STRUCTURES:
+        if seed is not None:
+            _note_unused_seed()
+        return structure_system(path)
     text, data = parsed(path)
     with prefixed(f"{path}: "):
         return _subject(data, path, text, seed)
+
+
+def structure_system(path: Path) -> System:
+    """Return the System of a structure file, in metal units and without forces."""
+    with prefixed(f"{path}: "):
+        found = read_structure(path, unit_system("metal"))
+        box = found.edges if found.periodic else None
+        return System(
+            found.positions, found.velocities, found.masses, box, units="metal", species=found.species, name=path.stem
+        )
 
 
 def loads(
@@ -103,7 +121,7 @@ def _problem(data: dict[str, Any], path: Path, text: str, seed: int | None) -> P
             raise InputError(f"{key}: not allowed in an ODE file; allowed beside ode: {', '.join(_BESIDE_ODE)}")
     table: OdeFileTable = checked(OdeFileTable, data, None)
     if seed is not None:
-        raise InputError("seed: an ode draws no velocities; expected a system with velocities.temperature")
+        _note_unused_seed()
     from kickdrift.odes import ODES
 
     if "problem" not in table.ode:
@@ -128,6 +146,8 @@ def _problem(data: dict[str, Any], path: Path, text: str, seed: int | None) -> P
 
 def _system(data: dict[str, Any], path: Path, text: str, seed: int | None) -> System:
     if "units" not in data:
+        if key := SystemTable.unknown(data):
+            raise InputError(f"{key}: {SystemTable.unknown_text(key)}")
         raise InputError(f"units: required key is missing; expected one of {', '.join(UNIT_SYSTEMS)}")
     units = unit_system(data["units"])
     table: SystemTable = checked(SystemTable, data, units)
@@ -138,7 +158,8 @@ def _system(data: dict[str, Any], path: Path, text: str, seed: int | None) -> Sy
     velocities = start.velocities
     drawn = table.velocities is not None and table.velocities.temperature is not None
     if seed is not None and not drawn and start.seed is None:
-        raise InputError("seed: this system draws no velocities; expected velocities.temperature")
+        _note_unused_seed()
+        seed = None
     seed = start.seed if start.seed is not None else seed
     if table.velocities is not None:
         velocities = None if drawn else np.array(table.velocities.values, dtype=float)
@@ -178,6 +199,10 @@ def _system(data: dict[str, Any], path: Path, text: str, seed: int | None) -> Sy
             made = system(drawn_at)
     check_overlaps(made)
     return made if not table.event else made.watched(events_of(made, table.event))
+
+
+def _note_unused_seed() -> None:
+    warn("seed: this system draws nothing at random, so the seed has no effect", stacklevel=5)
 
 
 def _force(given: dict[str, Any], units: UnitSystem, path: str) -> Any:

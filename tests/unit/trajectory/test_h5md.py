@@ -139,7 +139,7 @@ def test_universe_has_names_masses_and_time_step(path):
 def test_universe_without_mdanalysis_says_how_to_get_it(path, monkeypatch):
     write(path)
     monkeypatch.setitem(sys.modules, "MDAnalysis", None)
-    with reader.open(path) as run, pytest.raises(InputError, match=r"pip install kickdrift\[mdanalysis\]"):
+    with reader.open(path) as run, pytest.raises(InputError, match=r"pip install 'kickdrift\[mdanalysis\]'"):
         run.universe()
 
 

@@ -158,7 +158,7 @@ def read_structure(
     try:
         from ase.io import read
     except ImportError:
-        raise InputError("reading structure files needs ASE: pip install kickdrift[ase]") from None
+        raise InputError("reading structure files needs ASE: pip install 'kickdrift[ase]'") from None
     if path.suffix.lower() in (".xyz", ".extxyz"):
         _check_xyz(path)
     try:
