@@ -120,3 +120,21 @@ def test_cells_that_make_no_box(cell, pbc, more, message, tmp_path):
         loaded(tmp_path, "start.traj", more)
     assert message in str(refused.value)
     assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize("name", CELLS)
+def test_a_structure_file_alone_has_the_same_box(name, tmp_path):
+    suffix = name.replace(".traj", ".extxyz")
+    ase.io.write(tmp_path / suffix, atoms_in(*CELLS[name]))
+    alone, system = kd.load(tmp_path / suffix), loaded(tmp_path, suffix)
+    assert alone.box == system.box
+    np.testing.assert_array_equal(alone.state.phase, system.state.phase)
+
+
+def test_a_periodic_structure_without_a_cell_is_refused(tmp_path):
+    path = tmp_path / "start.extxyz"
+    path.write_text('1\nProperties=species:S:1:pos:R:3 pbc="T T T"\nAr 1.0 1.0 1.0\n')
+    with pytest.raises(kd.InputError, match=r"start\.extxyz: is periodic, but has no cell$"):
+        kd.load(path)
+    with pytest.raises(kd.InputError, match=r"box\.lengths: required key is missing"):
+        loaded(tmp_path, path.name)
