@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ from kickdrift.errors import InputError
 from kickdrift.forces import FORCES
 from kickdrift.model.box import Box
 from kickdrift.model.checks import no_overflow, whole_number
+from kickdrift.model.orbits import G_given
 from kickdrift.model.problem import Problem
 from kickdrift.model.run_defaults import Equilibration
 from kickdrift.model.starts.builders import (
@@ -30,6 +32,7 @@ from kickdrift.systemfile.bodies import cluster, on_orbits
 from kickdrift.systemfile.events import events_of
 from kickdrift.systemfile.files import find, parsed, prefixed, toml_table
 from kickdrift.systemfile.places import as_given, box_of, edges_given, on_lattice
+from kickdrift.systemfile.plain import plain
 from kickdrift.systemfile.schema import (
     ElementsTable,
     LatticeTable,
@@ -48,14 +51,15 @@ STRUCTURES = (".xyz", ".extxyz", ".pdb", ".cif", ".gro", ".vasp", ".traj", ".lam
 _BESIDE_ODE = tuple(key for key in OdeFileTable.model_fields if key != "ode")
 
 
-def load(name_or_path: str | os.PathLike[str], seed: int | None = None) -> System | Problem:
+def load(name_or_path: str | os.PathLike[str] | Mapping[str, Any], seed: int | None = None) -> System | Problem:
     """Load the System of a TOML file, or of a shipped system's name (``lj-1000``); a file with [ode] gives a Problem.
 
     Files of atoms such as .xyz, .extxyz, .pdb and .cif are read through ASE, in metal units and without forces.
 
     Parameters
     ----------
-    name_or_path : a path, or one of ``shipped()``
+    name_or_path : a path, one of ``shipped()``, or a dict with the tables of a system file
+        In a dict, arrays and tuples are lists, and structure files are searched in the current folder.
     seed : replaces the file's ``velocities.seed``
 
     Raises
@@ -63,6 +67,9 @@ def load(name_or_path: str | os.PathLike[str], seed: int | None = None) -> Syste
     InputError
         With the file, the key and the expected value, or with the particles that overlap.
     """
+    if isinstance(name_or_path, Mapping):
+        with prefixed("system: "):
+            return _subject(plain(name_or_path), Path("system.toml"), "", seed)
     path = find(name_or_path)
     if path.suffix.lower() in STRUCTURES:
         if seed is not None:
@@ -156,8 +163,7 @@ def _system(data: dict[str, Any], path: Path, text: str, seed: int | None) -> Sy
     table: SystemTable = checked(SystemTable, data, units)
     run = run_defaults(table.run, units)
     forces = [_force(force, units, f"force[{k}]") for k, force in enumerate(table.force)]
-    gravity = next((force.G for force in forces if getattr(force, "G", None) is not None), units.gravity)
-    start = _start(table, units, path.parent, gravity, seed)
+    start = _start(table, units, path.parent, G_given(forces, units), seed)
     velocities = start.velocities
     drawn = table.velocities is not None and table.velocities.temperature is not None
     if seed is not None and not drawn and start.seed is None:

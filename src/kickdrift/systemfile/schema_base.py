@@ -42,6 +42,8 @@ class Table(BaseModel):
     @model_validator(mode="before")
     @classmethod
     def _known_keys(cls, data: Any) -> Any:
+        if isinstance(data, cls):
+            return data  # made and checked before
         if not isinstance(data, dict):
             raise PydanticCustomError("table", "{text}", {"text": f"expected a table, got {shown(data)}"})
         if key := cls.unknown(data):

@@ -461,7 +461,10 @@ def test_files_that_are_not_there(tmp_path, monkeypatch):
     (tmp_path / "binary.toml").write_bytes(b"\xff\xfe\x00")
     (tmp_path / "folder.toml").mkdir()
     for given_path, message in [
-        ("lj-100", "'lj-100' is neither a file nor a shipped system; did you mean 'lj-1000'? (kickdrift list systems shows all)"),
+        (
+            "lj-100",
+            "'lj-100' is neither a file nor a shipped system; did you mean 'lj-1000'? (kickdrift list ",
+        ),
         ("lj-1000.toml", "lj-1000.toml: no such file; did you mean 'lj-1000'?"),
         (tmp_path / "none.toml", "none.toml: no such file"),
         ("folder.toml", "folder.toml: is a folder, not a system file"),
