@@ -1,4 +1,4 @@
-"""The compiled fields. Their cost is linear in the number of particles or springs.
+"""Compiled fields. Their cost is linear in the number of particles or springs.
 
 They run on one thread, so every sum has a fixed order."""
 
@@ -100,14 +100,14 @@ def spring_forces(force, t, x, v, a, sums):
             d[k] = x[k, i] - x[k, j]
         r = math.sqrt(nearest_image(force.cell, d))
         stretch = r - force.length[s]
-        pull = force.stiffness[s] * stretch
-        over_r = pull / r if r != 0.0 else 0.0  # no direction, so no force
+        tension = force.stiffness[s] * stretch
+        over_r = tension / r if r != 0.0 else 0.0  # a spring of length 0 has no direction, so no force
         for k in range(3):
             a[k, i] -= over_r * d[k] * inverse_masses[i]
             a[k, j] += over_r * d[k] * inverse_masses[j]
         if sums is not None:
-            energy += 0.5 * pull * stretch
-            virial -= pull * r
+            energy += 0.5 * tension * stretch
+            virial -= tension * r
     if sums is not None:
         sums[0] += energy
         sums[1] += virial
