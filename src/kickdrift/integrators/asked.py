@@ -88,6 +88,12 @@ def integrator(name: str, **options: Any) -> Integrator:
     return Integrator(name, options)
 
 
+def from_text(text: str) -> tuple[str, dict[str, Any]]:
+    """The name and the options that the text of an Integrator has, such as "wisdom-holman -o corrector=17"."""
+    name, *pairs = text.split(" -o ")
+    return name, parsed(pairs, {})
+
+
 def method_of(which: str | Integrator) -> Method:
     """Method with this name, or of this value."""
     return which.method if isinstance(which, Integrator) else method_named(which)
