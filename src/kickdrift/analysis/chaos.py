@@ -23,6 +23,7 @@ from kickdrift.looks.observers import Energies
 from kickdrift.model.limits import MOST_STEPS
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
+from kickdrift.model.units import time_in
 from kickdrift.run.simulation import Simulation
 
 if TYPE_CHECKING:
@@ -34,9 +35,9 @@ DEFAULT = "dop853"  # for a system file without an integrator, or with one that 
 
 def megno(
     system: System | Problem,
-    time: float | None = None,
+    time: float | str | None = None,
     integrator: str | Integrator | None = None,
-    dt: float | None = None,
+    dt: float | str | None = None,
     *,
     seed: int = 0,
     threads: int = 1,
@@ -152,9 +153,9 @@ def _checked_seed(seed: Any) -> int:
     return int(seed)
 
 
-def length_of(system: System, time: float | None) -> float:
+def length_of(system: System, time: float | str | None) -> float:
     """Length of the run."""
-    length = system.run.time if time is None else time
+    length = system.run.time if time is None else time_in(time, system.units, "time")
     if time is None and length is None and system.run.steps and system.run.dt:
         length = system.run.steps * system.run.dt
     if length is None:
@@ -204,6 +205,6 @@ def _growth(
         sim.advance(steps - sim.steps_done, every=every, visit=visit)
         if exponent:
             state = sim.state
-            state.phase[:, :, n:] *= 2.0**-exponent  # a power of two: no digit changes
+            state.phase[:, :, n:] *= 2.0**-exponent  # scaling by a power of two changes no digit
             sim.state, exponent = state, 0
     return np.array(times), np.array(growth)

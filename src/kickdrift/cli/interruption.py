@@ -43,12 +43,12 @@ class Interruption:
     def __init__(self, output: Path | None, writes: bool = True, resumed: bool = False) -> None:
         self.output, self.writes, self.resumed = output, writes, resumed
         self.sim: Simulation | None = None
-        self.end_step, self.end_time = NEVER, float("inf")
+        self.end_step, self.end_time, self._begin_time = NEVER, float("inf"), 0.0
         self._before = None if resumed else _identity(output)
 
     def begins(self, sim: Simulation, steps: int | None = None, until: float | None = None) -> None:
         """Note that the run begins, and its end."""
-        self.sim = sim
+        self.sim, self._begin_time = sim, sim.time
         self.end_step = NEVER if steps is None else steps
         self.end_time = float("inf") if until is None else until
 
@@ -67,6 +67,10 @@ class Interruption:
             return f"stopped at step {sim.steps_done:,} of {self.end_step:,}"
         return f"stopped at time {sim.time:.6g} of {self.end_time:.6g}, step {sim.steps_done:,}"
 
+    def _reached(self, time: float) -> bool:
+        """Whether the run, forward or back in time, has come to its end."""
+        return time >= self.end_time if self.end_time >= self._begin_time else time <= self.end_time
+
     def _kept(self) -> str:
         nothing = "nothing is kept"
         if self.output is None:
@@ -84,7 +88,7 @@ class Interruption:
         name = clean(str(self.output))
         text = f"{name} holds {counted(frames, 'frame', ',')}" + (f" up to step {last:,}" if frames else "")
         sim = self.sim
-        over = sim is not None and (sim.steps_done >= self.end_step or sim.time >= self.end_time)
+        over = sim is not None and (sim.steps_done >= self.end_step or self._reached(sim.time))
         return text + (f"; continue with: kickdrift resume {shlex.quote(name)}" if resumable and not over else "")
 
 

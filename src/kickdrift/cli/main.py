@@ -12,6 +12,7 @@ from typing import Annotated, Any
 import typer
 
 from kickdrift.cli.benchmarks import bench_lj_energy, bench_speed, validate
+from kickdrift.cli.compiling import telling
 from kickdrift.cli.console import open_streams, out, say, stopped_at
 from kickdrift.cli.ensemble import ensemble
 from kickdrift.cli.files import export, info, plot
@@ -43,10 +44,10 @@ BAD_NAMES = (errno.ENAMETOOLONG, errno.ELOOP, errno.EILSEQ, errno.ENOTDIR, errno
 TRACEBACK = "KICKDRIFT_TRACEBACK"  # the environment variable that shows the source of a bug
 
 for command in COMMANDS:
-    app.command(cls=Command)(command)
+    app.command(cls=Command)(telling(command))
 app.command("list", cls=Command)(list_)
-bench_app.command("lj-energy", cls=Command)(bench_lj_energy)
-bench_app.command("speed", cls=Command)(bench_speed)
+bench_app.command("lj-energy", cls=Command)(telling(bench_lj_energy))
+bench_app.command("speed", cls=Command)(telling(bench_speed))
 
 
 def _version(asked: bool) -> None:

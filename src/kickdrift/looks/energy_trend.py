@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
-from kickdrift.looks.record import even_stretch
+from kickdrift.looks.record import even_stretch, on_grid
 from kickdrift.model.checks import unwarned
 from kickdrift.model.state import Floats
-from kickdrift.statistics.drift import Drift, drift, energy_error, rounding_of
+from kickdrift.statistics.drift import ROUNDINGS, Drift, drift, energy_error, rounding_of
 
 
 @unwarned
@@ -29,9 +31,18 @@ def energy_trend(steps: NDArray[np.int64], times: Floats, total: Floats, kinetic
     first = 0.0 if np.isnan(kinetic) else kinetic
     error = energy_error(total, first)
     scale = {"initial energy": abs(error.initial), "kinetic energy": kinetic}.get(error.relative_to, 1.0)
-    chosen = even_stretch(steps) if even else slice(None)
-    at, errors = times[chosen], (total[chosen] - error.initial) / scale
-    if not even and len(at) > 2:  # an adaptive run samples at step points, only about evenly spaced
+    at, errors = times, (total - error.initial) / scale
+    if even:
+        whole = on_grid(steps, times)
+        chosen = even_stretch(steps[whole])
+        at, errors = at[whole][chosen], errors[whole][chosen]
+    if at[-1] < at[0]:  # back in time
+        at, errors = at[::-1], errors[::-1]
+    if not even and len(at) > 2:  # the step points of an adaptive run are only about evenly spaced
         grid = np.linspace(at[0], at[-1], len(at))
         at, errors = grid, np.interp(grid, at, errors)
-    return drift(at, errors, rounding_of(max(abs(error.initial), first), int(steps[-1] - steps[0])) / scale)
+    rounding = rounding_of(max(abs(error.initial), first), int(steps[-1] - steps[0])) / scale
+    trend = drift(at, errors, rounding)
+    over_run = abs(trend.slope * (times[-1] - times[0]))
+    tiny = trend.verdict == "secular drift" and over_run <= ROUNDINGS * rounding
+    return replace(trend, verdict="round-off") if tiny else trend

@@ -21,8 +21,12 @@ def method_text(name: str, options: Mapping[str, Any], time_unit: str = "") -> s
     return ", ".join([name, *said])
 
 
-def energy_lines(energy: Mapping[str, Any], energy_unit: str, time_unit: str) -> list[tuple[str, str]]:
-    """Lines of an EnergyReport, or of the same values in a dictionary. Values that are None are left out."""
+def energy_lines(
+    energy: Mapping[str, Any], energy_unit: str, time_unit: str, length: float, cause: str = ""
+) -> list[tuple[str, str]]:
+    """Lines of the values of an EnergyReport; values that are None are left out.
+
+    ``length`` is the time of the run. ``cause`` follows a secular drift."""
     unit = measured("", energy_unit)
     per = f" per {time_unit or 'unit of time'}"
     lines = []
@@ -33,7 +37,8 @@ def energy_lines(energy: Mapping[str, Any], energy_unit: str, time_unit: str) ->
         lines.append(("energy error", f"{rms:.2e} RMS, {largest:.2e} largest, of {energy.get('relative_to')}"))
     drift, verdict = drift_text(energy), energy.get("verdict")
     if isinstance(verdict, str):
-        lines.append(("energy drift", f"{drift}{per}: {verdict}" if drift else verdict))
+        context = _size(energy, length) + cause if drift and verdict == "secular drift" else ""
+        lines.append(("energy drift", f"{drift}{per}: {verdict}{context}" if drift else verdict))
     return lines
 
 
@@ -42,6 +47,13 @@ def drift_text(energy: Mapping[str, Any]) -> str:
     if not _are_numbers(energy, "drift_per_unit_time", "drift_error") or not math.isfinite(energy["drift_error"]):
         return ""
     return f"{energy['drift_per_unit_time']:+.1e} ± {energy['drift_error']:.1e}"
+
+
+def _size(energy: Mapping[str, Any], length: float) -> str:
+    """Size of a drift over the run."""
+    of = {"initial energy": " of the energy", "kinetic energy": " of the kinetic energy"}
+    size = abs(energy["drift_per_unit_time"] * length)
+    return f", {size:.0e}{of.get(energy.get('relative_to', ''), '')} over this run"
 
 
 def _are_numbers(values: Mapping[str, Any], *keys: str) -> bool:

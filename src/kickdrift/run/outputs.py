@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from kickdrift.disk.files import place
 from kickdrift.errors import InputError, RunError
 from kickdrift.jit.compile import features, processor
+from kickdrift.looks.record import WRITING
 from kickdrift.model.memory import Memory
 from kickdrift.model.system import System
 from kickdrift.run.forces import forces_at
@@ -31,11 +32,13 @@ class Own(NamedTuple):
     run_id: str
     every: int
     interval: float | None
+    backward: bool
 
     @classmethod
     def of(cls, run_id: str, every: int, plan: Plan | None) -> Own:
         """Return the entry of a run that began the file by a plan."""
-        return cls(run_id, every, plan.interval if plan and plan.exact and plan.interval else None)
+        interval = plan.interval if plan and plan.exact and plan.interval else None
+        return cls(run_id, every, interval, bool(plan and plan.backward))
 
 
 class Outputs:
@@ -54,11 +57,11 @@ class Outputs:
 
     def __init__(self, run: Integration, checkpoint: Callable[[], Memory]) -> None:
         self._run, self._checkpoint = run, checkpoint
-        self._files: dict[str, Own] = {}  # that this Simulation began or continues
+        self._files: dict[str, Own] = {}  # files that this Simulation began or continues
         self.default: str | None = None
 
     def chosen(self, output: str | None, overwrite: bool) -> str | None:
-        """Return the file to write; an InputError if this is the default file and cannot be continued."""
+        """Return the file to write. Raises InputError if this is the default file and cannot be continued."""
         if output is not None or self.default is None:
             return output
         if overwrite or not os.path.exists(self.default):
@@ -108,6 +111,11 @@ class Outputs:
         from kickdrift.trajectory.h5md import Writer
 
         run, path = self._run, os.path.realpath(output)
+        if plan.backward and plan.interval and plan.exact:
+            raise InputError(f"{output}: a file of a run back in time takes every, not interval")
+        if path in self._files and not overwrite and self._files[path].backward != plan.backward:
+            way = "back" if self._files[path].backward else "forwards"
+            raise InputError(f"{output}: the run in this file goes {way} in time; give another output")
         if path in self._files and not overwrite and os.path.exists(path):
             return Writer.append_to(
                 path, self._files[path].run_id, options=options, checkpoint=self._checkpoint, plan=plan.numbers,
@@ -150,6 +158,8 @@ class File(Watcher):
     going_on : returns the events that have begun but not ended
     """
 
+    part = WRITING
+
     def __init__(
         self, run: Integration, open: Callable[[], Writer], columns: Iterable[str], going_on: Callable[[], Any]
     ) -> None:
@@ -190,4 +200,4 @@ class File(Watcher):
             return
         with self._writer as writer:
             writer.report = report.as_json()
-            writer.report["events"] = self._going_on()  # the file already holds the others
+            writer.report["events"] = self._going_on()  # the file already holds all events that have ended

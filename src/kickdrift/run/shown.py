@@ -36,7 +36,8 @@ class ShownReport(Shown):
             lines.append(("y at the end", ", ".join(f"{value:.10g}" for value in self.y)))
         energy_unit = units.symbol("energy") if units else ""
         if self.energy is not None:
-            lines += energy_lines(asdict(self.energy), energy_unit, time_unit)
+            cause = "; the force jumps at the cutoff, see lj-1000-switch" if self.about.jumps else ""
+            lines += energy_lines(asdict(self.energy), energy_unit, time_unit, self.time, cause)
         if self.momentum_error is not None:
             lines.append(("momentum error", f"{self.momentum_error:.1e} of the sum of m |v|"))
         if self.angular_momentum_error is not None:
@@ -54,6 +55,7 @@ class ShownReport(Shown):
         rate = self.steps_per_second
         speed = f"{rate:,.0f}" if rate >= 10 or not rate else f"{rate:.2g}"
         lines.append(("speed", f"{evaluations}{speed} steps/s on {where}{per_pair}"))
+        lines.append(("took", took_text(self)))
         if self.energy_taken is not None:
             taken = measured(f"{self.energy_taken:.8g}", energy_unit)
             lines.append(("energy taken", f"{taken} by collisions and removed bodies"))
@@ -82,3 +84,15 @@ class ShownSimulation(Shown):
         lines.append(("integrator", method_text(self.integrator, chosen, unit)))
         lines.append(("done", f"{counted(self.steps_done, 'step')}, time {measured(f'{self.time:g}', unit)}"))
         return [*lines, *([("stopped", self.stopped)] if self.stopped else [])]
+
+
+def took_text(report: Any) -> str:
+    """Where the time of a run went: "1.4 s: stepping 0.9, 1001 looks 0.1, writing 0.3, compiling 0.1"."""
+    seconds = {part: spent or 0.0 for part, spent in report.seconds.items()}
+    total = sum(seconds.values())
+    decimals = 0 if total >= 100 else 1 if total >= 1 else 2 if total >= 0.1 else 4
+    looks = counted(report.samples, "look")
+    names = {"looks": looks} if report.seconds["looks"] is not None else {"stepping": f"stepping and {looks}"}
+    parts = [(names.get(part, part), f"{spent:.{decimals}f}") for part, spent in seconds.items()]
+    said = ", ".join(f"{name} {spent}" for name, spent in parts if float(spent))
+    return f"{total:.{decimals}f} s{f': {said}' if said else ''}"

@@ -46,7 +46,8 @@ def overview_of(run: Run) -> Lines:
         (first, last), (begin, end) = found["steps"], found["time"]
         lines.append(("length", f"{last - first:,} steps, {measured(f'{end - begin:g}', units['time'])}"))
     energy = report.get("energy")
-    lines += energy_lines(energy, units["energy"], units["time"]) if isinstance(energy, dict) else []
+    if isinstance(energy, dict) and found["time"]:
+        lines += energy_lines(energy, units["energy"], units["time"], found["time"][1] - found["time"][0])
     lines += _momentum(report)
     lines += _means(report, units, dimensions)
     lines.append(("frames", _state(found)))
