@@ -19,6 +19,7 @@ from kickdrift.forces.variations import varied
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators import integrator as method_named
 from kickdrift.integrators.asked import Integrator, unpacked
+from kickdrift.jit.notices import compiling_for
 from kickdrift.looks.observers import Energies
 from kickdrift.model.limits import MOST_STEPS
 from kickdrift.model.state import Floats
@@ -70,17 +71,17 @@ def megno(
     n, name, length = len(system), carrier(system, asked), length_of(system, time)
     sim = Simulation(varied(system, np.zeros_like(system.state.phase)), name, threads=threads, **given)
     state = sim.state
-    try:
-        accelerations = sim.accelerations()[:n].T
-    except RunError:  # not finite; the run gives the reason
-        accelerations = np.zeros((3, 1))
-    scale = scale_of(state.phase[:, :, :n], accelerations)
-    state.phase[:, :, n:] = first_deviation(n, seed) * scale
-    sim.state = state
-    begin = sim.energy()
-    with following(progress, "running") as told:
+    with compiling_for(sim.integration.purpose), following(progress, "running") as told:
+        try:
+            accelerations = sim.accelerations()[:n].T
+        except RunError:  # not finite; the run gives the reason
+            accelerations = np.zeros((3, 1))
+        scale = scale_of(state.phase[:, :, :n], accelerations)
+        state.phase[:, :, n:] = first_deviation(n, seed) * scale
+        sim.state = state
+        begin = sim.energy()
         times, growth = _growth(sim, length, scale, told)
-    end = sim.energy()
+        end = sim.energy()
     chosen = None if sim.method.chooses_steps else sim.dt
     return report_of(system, sim.integrator, chosen, sim.steps_done, seed, (begin, end.total), times, growth)
 
