@@ -43,8 +43,8 @@ if TYPE_CHECKING:
     from kickdrift.run.simulation import Simulation
     from kickdrift.systemfile.reading import load
     from kickdrift.trajectory.export import export
+    from kickdrift.trajectory.opened import open
     from kickdrift.trajectory.options import FileOptions
-    from kickdrift.trajectory.reader import open
 
 __version__ = version("kickdrift")
 
@@ -73,7 +73,7 @@ _HOMES = {
     "integrator": "integrators.asked",
     "load": "systemfile.reading",
     "megno": "analysis.chaos",
-    "open": "trajectory.reader",
+    "open": "trajectory.opened",
     "pair_law": "forces.pair_law",
     "register_force": "forces.registration",
     "register_splitting": "integrators.registration",

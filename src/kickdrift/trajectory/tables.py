@@ -21,7 +21,7 @@ AXES = ("x", "y", "z")
 
 def data_frame(run: RunHeader, steps: NDArray[np.int64], times: Floats, observables: Mapping[str, Floats]) -> Any:
     """A pandas DataFrame with a row for each time; an observable of several numbers takes a column for each."""
-    pandas = _library("pandas", "to_pandas()")
+    pandas = library("pandas", "to_pandas()")
     columns: dict[str, NDArray] = {"step": steps, "time": times}
     units = {"step": "", "time": run.units.unit("time")}
     for name, values in observables.items():
@@ -40,7 +40,7 @@ def dataset(
     samples: Mapping[str, NDArray] | None = None,
 ) -> Any:
     """An xarray Dataset of frames, with observables over the dimension that each names, and coordinates of samples."""
-    xarray = _library("xarray", "to_xarray()")
+    xarray = library("xarray", "to_xarray()")
     unit = run.units.unit
     per_particle = ("frame", "particle", "axis")
     data: dict[str, Any] = {
@@ -75,8 +75,10 @@ def dataset(
     return xarray.Dataset(data, coordinates, attributes)
 
 
-def _library(name: str, asked: str) -> Any:
+def library(name: str, asked: str, install: str = "") -> Any:
+    """A library that kickdrift can do without; an InputError says what needs it."""
     try:
         return import_module(name)
     except ImportError:
-        raise InputError(f"{asked} needs {name}: pip install kickdrift[tables]") from None
+        needs = install or f"{name}: pip install kickdrift[tables]"
+        raise InputError(f"{asked} needs {needs}") from None
