@@ -18,6 +18,7 @@ import numpy as np
 
 from kickdrift.errors import InputError
 from kickdrift.looks.observers import Energies
+from kickdrift.model.problem import Problem
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 
@@ -35,13 +36,14 @@ class ChaosReport:
 
     Attributes
     ----------
-    system, integrator, dt, time, time_unit, steps, seed : the run, and the seed of the first deviation
+    system, integrator, dt, time, time_unit, steps, seed : the run, and the seed of the first deviation; ``time_unit``
+        is "" for a Problem
     megno : running mean <Y> at the end
     verdict : "regular" for |megno - 2| < 0.1, "chaotic" for megno above 4, else "undecided"
     lyapunov : largest Lyapunov exponent, per the system's unit of time: twice the slope of <Y> over the last four
         fifths of the run (Cincotta & Simo 2000). A regular motion gives a small number of either sign.
     lyapunov_error : half the difference between the results of the two halves of this part
-    energy_error : relative, at the end
+    energy_error : relative, at the end; nan for a Problem without energy
     times, means, growth : (k,) times since the start, <Y> at these times, and ln d(t) / d(0)
     """
 
@@ -72,7 +74,7 @@ class ChaosReport:
 
 
 def report_of(
-    system: System,
+    system: System | Problem,
     integrator: str,
     dt: float | None,
     steps: int,
@@ -85,19 +87,20 @@ def report_of(
     means = mean_megno(times, growth)
     slope, error = _slope(times, means)
     found, (begin, end) = float(means[-1]), energies
+    kinetic = 0.0 if np.isnan(begin.kinetic) else begin.kinetic  # a Problem has none
     return ChaosReport(
         system=system.name,
         integrator=integrator,
         dt=dt,
         time=float(times[-1]),
-        time_unit=system.units.time,
+        time_unit=system.units.time if isinstance(system, System) else "",
         steps=steps,
         seed=seed,
         megno=found,
         verdict=verdict(found),
         lyapunov=2.0 * slope,
         lyapunov_error=2.0 * error,
-        energy_error=abs(end - begin.total) / (abs(begin.total) or abs(begin.kinetic) or 1.0),
+        energy_error=abs(end - begin.total) / (abs(begin.total) or abs(kinetic) or 1.0),
         times=times,
         means=means,
         growth=growth,

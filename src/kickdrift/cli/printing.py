@@ -168,16 +168,20 @@ def drift_text(energy: EnergyReport, ending: str = "") -> str:
 
 def print_chaos(report: ChaosReport) -> None:
     """Print MEGNO and the Lyapunov exponent on standard output."""
-    time_unit = report.time_unit
-    step = "" if report.dt is None else f", dt = {report.dt:g} {time_unit}"
+    time_unit = f" {report.time_unit}" if report.time_unit else ""
+    step = "" if report.dt is None else f", dt = {report.dt:g}{time_unit}"
     lines = [
         ("system", report.system),
         ("integrator", report.integrator + step),
-        ("length", f"{report.steps:,} steps, {report.time:g} {time_unit}"),
+        ("length", f"{report.steps:,} steps, {report.time:g}{time_unit}"),
         ("MEGNO", f"{report.megno:.4g}: {report.verdict} over this length"),
-        ("Lyapunov", f"exponent {report.lyapunov:.2e} ± {report.lyapunov_error:.1e} per {time_unit}"),
-        ("energy error", f"{report.energy_error:.2e} at the end"),
+        (
+            "Lyapunov",
+            f"exponent {report.lyapunov:.2e} ± {report.lyapunov_error:.1e} per{time_unit or ' unit of time'}",
+        ),
     ]
+    if not math.isnan(report.energy_error):
+        lines.append(("energy error", f"{report.energy_error:.2e} at the end"))
     print_lines(lines)
 
 

@@ -41,11 +41,8 @@ def refuse_outputs(
         if path is None:
             continue
         said = f"--{option} {shown_path(path)}"
-        if (
-            target := _checked(
-                path, KINDS.get(option) or kinds.of_run(path), overwrite, inputs, said, "give --overwrite"
-            )
-        ) is None:
+        kind = KINDS.get(option) or kinds.of_run(path)
+        if (target := _checked(path, kind, overwrite, inputs, said, "give --overwrite")) is None:
             continue
         for other, name in taken.items():
             if other == target or same_file(other, target):

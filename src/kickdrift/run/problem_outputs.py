@@ -65,8 +65,9 @@ def slopes_of(run: Integration) -> list[Floats]:
     """f at the states by which a file tells a Problem's f from another; nan where f is not defined."""
     from kickdrift.trajectory.problems.record import states_to_compare
 
-    problem, flow = run.system, run.flow
+    problem = run.system
     assert isinstance(problem, Problem)
+    flow: Any = run.flow
     found = []
     for y in states_to_compare(problem):
         slope = np.full(len(problem), np.nan)

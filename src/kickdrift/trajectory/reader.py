@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 CHANGED = "its system was changed after the run began (kickdrift/system, units, method, masses, ids or species)"
 
 
-class Run(Frames, Recorded):
+class Run(Recorded, Frames):
     """A run's file, open for reading: a context manager, and the sequence of all its frames.
 
     Everything is in the system's own units, whatever unit the file names for the sake of other programs. Observables
@@ -63,9 +63,6 @@ class Run(Frames, Recorded):
     report : dict or None
         What the run reported at its end; None if it did not reach it.
     """
-
-    def __init__(self, path: str | os.PathLike[str]) -> None:
-        Recorded.__init__(self, path)
 
     def _check_kind(self, file: h5py.File) -> None:
         check_kind(self.path, file)

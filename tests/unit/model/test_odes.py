@@ -36,6 +36,7 @@ TIGHT = {
     "robertson": (40.0, 1e-13),
     "hires": (10.0, 1e-12),
     "arenstorf": (17.0, 1e-9),
+    "henon-heiles": (100.0, 1e-11),
     "pleiades": (3.0, 1e-10),
 }
 
