@@ -46,7 +46,9 @@ def run(
         float | None,
         typer.Option(metavar="T", help="Time between samples and frames, for adaptive methods."),
     ] = None,
-    output: Annotated[Path | None, typer.Option(metavar="FILE.h5md", help="Write the trajectory.")] = None,
+    output: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write the trajectory: .h5md; of an ODE .h5, .csv or .parquet.")
+    ] = None,
     overwrite: OverwriteOption = False,
     flush: FlushOption = None,
     store: Annotated[
@@ -85,8 +87,11 @@ def run(
     chosen = load(system, seed)
 
     from kickdrift.run.plan import length_of
+    from kickdrift.run.problem_outputs import check_suffix
     from kickdrift.run.simulation import Simulation
 
+    if output is not None:
+        check_suffix(chosen, str(output))
     sim = Simulation(chosen, integrator, threads=threads, engine=engine, processes=processes, **options)
     length = length_of(sim, system, steps, time)
     warn_of_version(sim, quiet)
@@ -112,7 +117,7 @@ def file_options(output: Path | None, given: dict[str, Any]) -> FileOptions | No
 
 
 def resume(
-    file: Annotated[Path, typer.Argument(metavar="FILE.h5md", help="The file of a run, finished or not.")],
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="A run's .h5md, or the .h5 of an ODE, finished or not.")],
     steps: Annotated[
         int | None, typer.Option(metavar="N", min=0, help="Continue to this step, counted from the run's start.")
     ] = None,
@@ -134,7 +139,7 @@ def resume(
     refuse_outputs({"json": json_file}, overwrite, [file])
     from kickdrift.run.resuming import continued
     from kickdrift.run.resuming import resume as taken_up
-    from kickdrift.trajectory.reader import open as opened
+    from kickdrift.trajectory.opened import open as opened
 
     sim = taken_up(file, threads=threads)
     warn_of_version(sim, quiet)

@@ -6,6 +6,7 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from kickdrift.errors import InputError
 from kickdrift.model.checks import path_text
 from kickdrift.trajectory import reader
 from kickdrift.trajectory.problems import table
@@ -37,6 +38,17 @@ def open(path: str | os.PathLike[str]) -> Any:
     found = Path(path_text("path", path))
     problem = problem_of(found)
     return reader.open(found) if problem is None else problem
+
+
+def is_problem(path: str | os.PathLike[str]) -> bool:
+    """Whether a file is that of a Problem's run, or its table, by its content; False for what cannot be read."""
+    found = Path(path)
+    if found.suffix.lower() in table.SUFFIXES:
+        return table.is_series(found)
+    try:
+        return is_problem_run(found)
+    except InputError:
+        return False
 
 
 def problem_of(path: Path) -> ProblemRun | ProblemTable | None:
