@@ -95,7 +95,7 @@ def _product(problem: Problem, slope: Slope) -> Product:
     columns = n // 2 if problem.separable else n  # accelerations do not depend on velocities
     if jacobian is not None and not problem.compiled:
         return lambda t, y, d: np.asarray(jacobian(t, y), dtype=float)[:, :columns] @ d[:columns]
-    if jacobian is not None and _compiles(problem):
+    if jacobian is not None:
         inner = _compiled(jacobian)
 
         @njit(error_model="numpy")
@@ -107,7 +107,8 @@ def _product(problem: Problem, slope: Slope) -> Product:
                     out[i] += matrix[i * n + j] * d[j]
             return out
 
-        return by_jacobian
+        if _is_product(by_jacobian, problem, columns):
+            return by_jacobian
 
     def by_differences(t, y, d):
         size = np.sqrt(np.sum(d[:columns] ** 2))
@@ -127,21 +128,13 @@ def _compiled(function: Any) -> Any:
     return function if hasattr(function, "py_func") else njit(function, error_model="numpy")
 
 
-def _compiles(problem: Problem) -> bool:
-    """Whether the compiled Jacobian gives what plain Python gives at the start."""
-    n, jacobian = len(problem), problem.jacobian
-    assert jacobian is not None
-    inner = _compiled(jacobian)
-
-    @njit(error_model="numpy")
-    def matrix(t, y):
-        out = np.zeros(n * n)
-        write(out, inner(t, y))
-        return out
-
+def _is_product(product: Product, problem: Problem, columns: int) -> bool:
+    """Whether a compiled Jacobian gives what plain Python gives at the start."""
+    jacobian: Any = getattr(problem.jacobian, "py_func", problem.jacobian)
+    d = np.cos(np.arange(len(problem)))
     try:
-        found = matrix(problem.t0, problem.y0.copy()).reshape(n, n)
+        found = product(problem.t0, problem.y0.copy(), d)
     except NumbaError:
         return False
-    wanted = np.asarray(getattr(jacobian, "py_func", jacobian)(problem.t0, problem.y0.copy()), dtype=float)
+    wanted = np.asarray(jacobian(problem.t0, problem.y0.copy()), dtype=float)[:, :columns] @ d[:columns]
     return bool(np.abs(found - wanted).max() <= SAME * np.abs(wanted).max())

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from kickdrift.errors import InputError, RunError
+from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators.asked import Integrator, method_of, takers_text
 from kickdrift.integrators.option import DT
 from kickdrift.model.problem import Problem
@@ -131,9 +132,12 @@ def _solved(sim: Simulation, length: dict[str, Any]) -> Solution:
 
 
 def _label(method: Mapping[str, Any]) -> str:
-    name, dt = method.get("integrator"), method.get("dt")
-    step = f", dt = {dt:g}" if isinstance(dt, (int, float)) else ""
-    return f"{name}{step}" if name else ""
+    """Name of the method with its step, or with the tolerance that sets its steps."""
+    name = str(method.get("integrator") or "")
+    chooses = name in INTEGRATORS and INTEGRATORS[name].chooses_steps
+    key = "rtol" if chooses else "dt"
+    value = {**method, **method.get("options", {})}.get(key)
+    return f"{name}, {key} = {value:g}" if isinstance(value, (int, float)) else name
 
 
 def _figure(found: Sequence[Solution], panels: Sequence[Panel], target: Path, title: str, *, beside: bool) -> Path:

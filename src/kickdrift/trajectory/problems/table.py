@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import json
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -120,6 +119,8 @@ def read(path: str | os.PathLike[str]) -> ProblemTable:
     path = Path(path)
     try:
         columns, about = _read_parquet(path) if path.suffix.lower() == ".parquet" else (_read_csv(path), {})
+        if about is None or [*columns][:2] != [TIME, "y0"]:
+            raise InputError(f"{shown_path(path)}: is not the table of a Problem's run")
         return _table(path, columns, about)
     except InputError:
         raise
@@ -140,21 +141,20 @@ def _read_csv(path: Path) -> dict[str, Floats]:
     return dict(zip(names, values.T, strict=True))
 
 
-def _read_parquet(path: Path) -> tuple[dict[str, Floats], dict[str, Any]]:
+def _read_parquet(path: Path) -> tuple[dict[str, Floats], dict[str, Any] | None]:
     check(path)
     import pandas
 
     with opened(path) as file:
         table = pandas.read_parquet(file)
     about = table.attrs.get(kinds.SERIES_MARK)
-    columns = {name: table[name].to_numpy(dtype=float) for name in table.columns}
-    return columns, json.loads(json.dumps(about)) if isinstance(about, dict) else {}
+    if not isinstance(about, dict):
+        return {}, None
+    return {name: table[name].to_numpy(dtype=float) for name in table.columns}, about
 
 
 def _table(path: Path, columns: dict[str, Floats], about: dict[str, Any]) -> ProblemTable:
     n = next((k for k in range(len(columns)) if f"y{k}" not in columns), len(columns))
-    if TIME not in columns or not n:
-        raise InputError(f"{shown_path(path)}: is not the table of a Problem's run: it has no columns time and y0")
     known = {TIME, ENERGY, *(f"y{k}" for k in range(n))}
     return ProblemTable(
         path=path,
