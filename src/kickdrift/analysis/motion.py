@@ -107,14 +107,19 @@ class _Correlation:
 class MeanSquaredDisplacement(_Correlation):
     """<|r(t0 + t) - r(t0)|²> in length²; see ``mean_squared_displacement``."""
 
-    def diffusion(self, start: float, stop: float) -> Diffusion:
-        """D = slope / 6, the slope that of the least-squares line through the values from ``start`` to ``stop``; in two
-        dimensions slope / 4.
+    def diffusion(self, start: float | None = None, stop: float | None = None) -> Diffusion:
+        """D = slope / 6 of the least-squares line through the values from ``start`` to ``stop``; in two dimensions
+        slope / 4.
 
-        Einstein's relation (Allen & Tildesley 2017, eq. 2.117, doi:10.1093/oso/9780198803195.001.0001). It holds from
-        where the displacement has become linear in time; before that a slope is no diffusion coefficient. The error
-        is by block averages over time origins of the same slope.
+        Einstein's relation (Allen & Tildesley 2017, eq. 2.117, doi:10.1093/oso/9780198803195.001.0001) needs times at
+        which the displacement is linear in time. By default ``stop`` is the longest time with a known standard error,
+        or the last time if there is none, and ``start`` is half of it. Look at the curve before you trust the default.
+        The error is by block averages of the same slope over time origins.
         """
+        if stop is None:
+            known = np.flatnonzero(np.isfinite(self.error))
+            stop = float(self.times[known[-1] if len(known) and known[-1] > 1 else -1])
+        start = stop / 2 if start is None else start
         first, last = self._lag("start", start), self._lag("stop", stop)
         if last <= first:
             raise InputError(f"diffusion: expected two lags or more from {start:g} to {stop:g}")

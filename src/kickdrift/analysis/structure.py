@@ -99,7 +99,7 @@ def radial_distribution(
 
     from kickdrift.analysis.pair_counts import pair_counts
 
-    frames = map(_in_plane, found.each()) if plane else found.each()
+    frames = map(_in_plane if plane else _in_space, found.each())
     twice = 1 if unlike else 2  # a pair of one kind is seen from both ends
     counts = (twice * pair_counts(x[chosen], found.box, kinds, unlike, r_max, bins) for x in frames)
     g = mean_over_frames(len(found), (row / ideal for row in counts))
@@ -162,6 +162,16 @@ def _check_periodic(found: Vectors, name: str) -> None:
 def _in_plane(x: Floats) -> Floats:
     if np.any(x[:, 2] != x[0, 2]):
         raise InputError(f"radial_distribution: {CLOSED}")
+    return x
+
+
+def _in_space(x: Floats) -> Floats:
+    if len(x) > 2 and not np.ptp(x, axis=0).all():
+        axis = "xyz"[int(np.argmin(np.ptp(x, axis=0)))]
+        raise InputError(
+            f"radial_distribution: all particles have the same {axis}, and spheres around them have no uniform "
+            "density; run the layer with dimensions = 2 (z constant), or give a Box that is open along z"
+        )
     return x
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import os
 import sys
+import warnings
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -69,7 +70,8 @@ def main() -> None:
     usage_error: Any = typer.BadParameter.__base__  # from click, or from typer's own copy of click
     try:
         open_streams()
-        with heard_everywhere():
+        with heard_everywhere(), warnings.catch_warnings():
+            warnings.showwarning = _say_warning  # type: ignore[assignment]
             status = app(prog_name="kickdrift", standalone_mode=False)
     except KickdriftError as error:
         say(f"kickdrift: {error}")
@@ -101,6 +103,11 @@ def main() -> None:
         say("kickdrift: interrupted; all written files are whole")
     written = everything_written(quiet=bool(status))
     sys.exit(status or written)
+
+
+def _say_warning(message: Warning | str, *where: Any) -> None:
+    """Print a Python warning as one line, without the place in the code."""
+    say(f"warning: {message}")
 
 
 def everything_written(quiet: bool) -> int:

@@ -15,6 +15,9 @@ from kickdrift.model.checks import is_number
 from kickdrift.text import clean, shown
 
 PAIR = "energy and force over r"  # the values that a law returns
+DISTANCES = (0.35, 0.5, 0.65, 0.8, 0.95)  # of the cutoff, where a law's force is compared with its energy
+STEP = 1e-3  # of a distance, in the differences; their error is about 1e-8 of Lennard-Jones' slope
+SLOPE_TOLERANCE = 1e-4
 _COLOUR = re.compile(r"\x1b\[[0-9;]*m")  # numba colours its messages if colorama is installed
 _PLACE = re.compile(r'File "(?P<file>[^"]+)", line (?P<line>\d+)')
 
@@ -51,6 +54,35 @@ def check_law(name: str, law: Any, r: float) -> None:
         raise InputError(f"{name}: {at}, must return two numbers, {PAIR}; it returned {shown(found)}")
     if not np.isfinite(np.array(found, dtype=float)).all():
         raise InputError(f"{name}: {at}, must return finite numbers; it returned {shown(tuple(map(float, found)))}")
+
+
+def check_slope(name: str, law: Any, cutoff: float) -> None:
+    """Refuse a law whose force is not the slope of its energy, -U'(r) / r, at most of some distances to the cutoff.
+
+    A law may jump at one distance. Distances at which the law raises, or returns no finite numbers, do not count."""
+    wrong = [found for part in DISTANCES if (found := _wrong_slope(law, part * cutoff))]
+    if len(wrong) > 1:
+        r, given, slope = wrong[-1]
+        raise InputError(
+            f"{name}: law(p, r2) must return energy and force over r, -U'(r) / r; at r = {r:.6g} it returns "
+            f"{given:.6g}, and its energy's slope gives {slope:.6g}"
+        )
+
+
+def _wrong_slope(law: Any, r: float) -> tuple[float, float, float] | None:
+    """Return r, the force over r and the one from the energy's slope, if the two differ; else None."""
+    h = STEP * r
+    try:
+        with np.errstate(all="ignore"):
+            energy, force = map(float, law.law(r * r))
+            near, far = ([float(law.law((r + k * h) ** 2)[0]) for k in (-j, j)] for j in (1, 2))
+    except Exception:  # a law need not hold at every distance; the one at the cutoff is checked
+        return None
+    slope = (8 * (near[1] - near[0]) - (far[1] - far[0])) / (12 * h)  # central differences of order 4
+    scale = max(abs(force), abs(slope / r), abs(energy) / (r * r))
+    if not np.isfinite([energy, force, slope, scale]).all() or abs(force + slope / r) <= SLOPE_TOLERANCE * scale:
+        return None
+    return r, force, -slope / r
 
 
 def not_compiled(cls: Any, error: Exception) -> InputError:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from kickdrift.errors import InputError
-from kickdrift.forces.law_check import check_class, check_law
+from kickdrift.forces.law_check import check_class, check_law, check_slope
 from kickdrift.forces.law_state import check_stateless
 from kickdrift.forces.registration import register_force
 from kickdrift.model.checks import number
@@ -104,6 +104,9 @@ class PairForce:
             object.__setattr__(self, "switch_start", start)
         elif self.switch_start is not None:
             raise InputError(f'{self.name}: switch_start goes with truncation "switch", not "{self.truncation}"')
+        for where, law in self._laws_given():
+            check_law(f"{self.name}{where}", law, self.cutoff)
+            check_slope(f"{self.name}{where}", law, self.cutoff)
 
     @property
     def law(self) -> Any:

@@ -15,6 +15,7 @@ import numpy as np
 from kickdrift.disk.files import refuse_unfit
 from kickdrift.errors import InputError
 from kickdrift.integrators import INTEGRATORS
+from kickdrift.integrators.measured_order import check_order as refuse_lower_order
 from kickdrift.integrators.method import Method
 from kickdrift.integrators.option import Option, own_options
 from kickdrift.integrators.runge_kutta import Tableau
@@ -67,6 +68,7 @@ def register_splitting(
     order: int,
     source: str,
     use: str = "",
+    check_order: bool = False,
     overwrite: bool = False,
 ) -> None:
     """Add a splitting method: a word over flows, or kicks and drifts in turn.
@@ -83,11 +85,12 @@ def register_splitting(
     order : the power of dt in the global error
     source : author, year, DOI
     use : what it is good for, for ``kickdrift list integrators``
+    check_order : measure the order on a Kepler orbit, and refuse the method if the measured order is lower
 
     Raises
     ------
     InputError
-        Where the weights make no method, or the name is taken.
+        If the weights make no method, the name is taken, or the measured order is below ``order``.
     """
     if word is None:
         if kick is None or drift is None or weights is not None:
@@ -99,7 +102,7 @@ def register_splitting(
         if not (isinstance(word, str) and word):
             raise InputError(f"{name}: word must be letters of flows, got {word!r}")
         row = even_weights(word) if weights is None else _row(name, "weights", weights)
-    _register(Splitting(name, word, row, order, source, use), overwrite)
+    _register(Splitting(name, word, row, order, source, use), overwrite, check_order)
 
 
 def _kicks_and_drifts(
@@ -124,6 +127,7 @@ def register_tableau(
     use: str = "",
     errors: Sequence[Sequence[float]] = (),
     error_order: int = 0,
+    check_order: bool = False,
     overwrite: bool = False,
 ) -> None:
     """Add an explicit Runge-Kutta method: ``a`` the rows below the diagonal from the second stage on, ``b`` the
@@ -135,7 +139,8 @@ def register_tableau(
     """
     rows = tuple(_row(name, "a", row) for row in a)
     estimates = tuple(_row(name, "errors", row) for row in errors)
-    _register(Tableau(name, rows, _row(name, "b", b), order, source, use, estimates, error_order), overwrite)
+    made = Tableau(name, rows, _row(name, "b", b), order, source, use, estimates, error_order)
+    _register(made, overwrite, check_order)
 
 
 def register_step(
@@ -213,7 +218,7 @@ def _row(name: str, key: str, weights: Sequence[float]) -> tuple[float, ...]:
         raise InputError(f"{name}: {key} must be a row of numbers, got {weights!r}") from None
 
 
-def _register(method: Method, overwrite: bool) -> None:
+def _register(method: Method, overwrite: bool, measured: bool = False) -> None:
     name = method.name
     if not (isinstance(name, str) and name and name == name.strip()):
         raise InputError(f"an integrator's name must be one word, got {name!r}")
@@ -224,5 +229,7 @@ def _register(method: Method, overwrite: bool) -> None:
         raise InputError(f"{name}: order must be a whole number, one or more, got {method.order!r}")
     if not method.source:
         raise InputError(f"{name}: source must say where the method was published")
+    if measured:
+        refuse_lower_order(method)
     INTEGRATORS[name] = method
     REGISTERED.add(name)

@@ -7,10 +7,11 @@ from collections.abc import Callable
 from itertools import combinations_with_replacement
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
+from warnings import warn
 
 import numpy as np
 
-from kickdrift.analysis.motion import mean_squared_displacement, velocity_autocorrelation
+from kickdrift.analysis.motion import MeanSquaredDisplacement, mean_squared_displacement, velocity_autocorrelation
 from kickdrift.analysis.structure import radial_distribution, structure_factor
 from kickdrift.errors import InputError
 from kickdrift.model.state import Floats
@@ -23,6 +24,8 @@ if TYPE_CHECKING:
 
 WORK = 2e8  # n^2 times the frames averaged for g(r) and S(k): a few seconds
 FEWEST_FRAMES = 10  # least number of frames, if the run has them
+FEW_POINTS = 20  # most points of a line that is drawn with markers
+FEWEST_POINTS = 5  # fewer points show no curve
 FAINT = 0.02  # fraction of a velocity's square: smaller correlations look like zero
 MOST_SPECIES = 3  # most species with a line each, or a line for each pair; else all particles are taken together
 
@@ -56,7 +59,10 @@ def plot_observable(
         axes = new_axes(figure, (4, 1, (1, 3)))
         draw(axes, curves, run)
     _draw_errors(figure, axes, curves)
-    if len(curves) > 1:
+    if kind in ("msd", "vacf") and len(curves[0].x) < FEWEST_POINTS:
+        points = f"{len(curves[0].x)} point" + "s" * (len(curves[0].x) != 1)
+        warn(f"{kind}: the curve has {points}; write frames more often, or run longer", stacklevel=2)
+    if any(curve.label for curve in curves):
         axes.legend(loc="best", fontsize=9, frameon=True, framealpha=0.9, edgecolor=GRID)
     figure.suptitle(title, fontsize=11, color=INK)
     return save_figure(figure, target)
@@ -85,7 +91,18 @@ def _structure_factor(run: reader.Run) -> list[Curve]:
 
 def _displacements(run: reader.Run) -> list[Curve]:
     found = ((name, mean_squared_displacement(run, of=name)) for name in _each_species(run))
-    return [Curve(name or "", m.times[1:], m.values[1:], m.error[1:]) for name, m in found]
+    return [Curve(_with_diffusion(name, m, run), m.times[1:], m.values[1:], m.error[1:]) for name, m in found]
+
+
+def _with_diffusion(name: str | None, found: MeanSquaredDisplacement, run: reader.Run) -> str:
+    """Label of a curve: its species and its diffusion coefficient, with the window of the slope."""
+    if len(found.times) < 3:
+        return name or ""
+    d = found.diffusion()
+    unit = f"{_pretty(run.units.length)}²/{_pretty(run.units.time)}"
+    error = f" ± {d.error:.1g}" if np.isfinite(d.error) else ", error unknown"
+    window = f"slope from {d.window[0]:.3g} to {d.window[1]:.3g}"
+    return f"{name + ': ' if name else ''}D = {d.value:.3g}{error} {unit} ({window})"
 
 
 def _velocities(run: reader.Run) -> list[Curve]:
@@ -150,7 +167,8 @@ def _lines(axes: Axes, curves: list[Curve]) -> None:
         known = np.isfinite(curve.error)
         band = np.where(known, curve.error, 0.0)
         axes.fill_between(curve.x, curve.y - band, curve.y + band, where=known.tolist(), color=colour, alpha=0.3, lw=0)
-        axes.plot(curve.x, curve.y, color=colour, linewidth=1.2, label=curve.label)
+        marker = "o" if len(curve.x) <= FEW_POINTS else ""
+        axes.plot(curve.x, curve.y, color=colour, linewidth=1.2, label=curve.label, marker=marker, markersize=4.0)
 
 
 def _draw_errors(figure: Figure, above: Axes, curves: list[Curve]) -> None:

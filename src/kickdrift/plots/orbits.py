@@ -23,6 +23,7 @@ from kickdrift.plots.runs import (
     _time_axis,
     _title,
     checked_target,
+    energy_taken,
     new_axes,
     new_figure,
     save_figure,
@@ -64,7 +65,7 @@ def plot_orbits(path: str | os.PathLike[str], output: str | os.PathLike[str], *,
         found = paths(run, FRAMES)
         if len(run.ids) < 2:
             raise InputError(f"{run.path}: one body; orbits need two or more")
-        energies = run.energies if len(run.sample_times) else None
+        energies, taken = run.energies if len(run.sample_times) else None, energy_taken(run)
         units, title = run.units, _title(run, "bodies")
     axes = invariable_axes(found)
     flat = np.allclose(axes, np.eye(3), rtol=0, atol=1e-12)
@@ -91,7 +92,7 @@ def plot_orbits(path: str | os.PathLike[str], output: str | os.PathLike[str], *,
         if orbits is not None:
             _draw_elements(lower, many, orbits, units)
         if energies is not None:
-            _draw_error(energies, new_axes(lower, (1, many, many)), units)
+            _draw_error(energies, taken, new_axes(lower, (1, many, many)), units)
     figure.suptitle(title, fontsize=12, color=INK)
     return save_figure(figure, target)
 

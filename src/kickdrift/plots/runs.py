@@ -21,6 +21,7 @@ from kickdrift.errors import InputError
 from kickdrift.jit import folders
 from kickdrift.model.state import Floats
 from kickdrift.model.unit_systems import UnitSystem
+from kickdrift.statistics.drift import energy_error
 from kickdrift.trajectory import reader
 
 if TYPE_CHECKING:
@@ -42,18 +43,18 @@ def plot_run(path: str | os.PathLike[str], output: str | os.PathLike[str], *, ov
     """Draw a run's energies, energy error, temperature and radial distribution function. Return the figure's path.
 
     The error is (E(t) - E(0)) / |E(0)|, or relative to the kinetic energy at the start if |E(0)| is under a tenth of
-    it.
+    it. As in the report, E(t) includes the energy that collisions and removed bodies took out.
     """
     target = checked_target(output, overwrite, path)
     with reader.open(path) as run:
         if not len(run.sample_times):
             raise InputError(f"{run.path}: no sample to draw")
         energies = run.energies
-        temperature = run.observables.get("temperature")
+        temperature, taken = run.observables.get("temperature"), energy_taken(run)
         rdf = _rdf(run) if len(run.ids) > 1 and len(run) else None
         units, title = run.units, _title(run)
     figure = new_figure(10.0, 7.0 if temperature is not None or rdf is not None else 3.8)
-    panels = [partial(_draw_energies, energies), partial(_draw_error, energies)]
+    panels = [partial(_draw_energies, energies), partial(_draw_error, energies, taken)]
     panels += [partial(_draw_temperature, energies.time, temperature)] if temperature is not None else []
     panels += [partial(_draw_rdf, *rdf)] if rdf is not None else []
     rows = math.ceil(len(panels) / 2)
@@ -99,6 +100,11 @@ def plot_benchmark(
 # -- panels of a run
 
 
+def energy_taken(run: reader.Run) -> Floats | float:
+    """Energy that events had taken out of a run at each sample, or 0."""
+    return run.observables.get("energy_taken", 0.0)
+
+
 def _draw_energies(energies: reader.EnergySeries, axes: Axes, units: UnitSystem) -> None:
     names = ("kinetic", "potential", "total")
     for name, values, colour in zip(names, energies[1:], (COLOURS[1], COLOURS[0], INK), strict=True):
@@ -109,11 +115,12 @@ def _draw_energies(energies: reader.EnergySeries, axes: Axes, units: UnitSystem)
     axes.legend(loc="best", fontsize=8, frameon=True, framealpha=0.9, edgecolor=GRID)
 
 
-def _draw_error(energies: reader.EnergySeries, axes: Axes, units: UnitSystem) -> None:
-    total, kinetic = energies.total, energies.kinetic
-    by_total = abs(total[0]) >= 0.1 * kinetic[0]
-    scale = abs(total[0]) if by_total else kinetic[0]
-    error = (total - total[0]) / scale if scale > 0 else total - total[0]
+def _draw_error(energies: reader.EnergySeries, taken: Floats | float, axes: Axes, units: UnitSystem) -> None:
+    total, kinetic = energies.total + taken, float(energies.kinetic[0])
+    found = energy_error(total, kinetic)
+    by_total = found.relative_to == "initial energy"
+    scale = {"initial energy": abs(found.initial), "kinetic energy": kinetic}.get(found.relative_to, 1.0)
+    error = (total - total[0]) / scale
     power = math.floor(math.log10(np.max(np.abs(error)))) if np.any(error) else 0
     axes.axhline(0.0, color=GRID, linewidth=1.2)
     axes.plot(*_thin(energies.time, error / 10.0**power), color=COLOURS[0], linewidth=0.9)

@@ -18,6 +18,7 @@ from kickdrift.looks.columns import COLUMNS, TIME
 from kickdrift.looks.looking import Looking
 from kickdrift.looks.observers import NOTHING
 from kickdrift.run.advance import Integration
+from kickdrift.run.layer import layer_warning
 from kickdrift.run.plan import Plan
 from kickdrift.run.watch.stability import Stability
 
@@ -52,6 +53,8 @@ class Sampler:
                 run.fail(inside_step=False, stopped=run.foreign and bool(run.stepper.trouble))
         if not record.begun:
             flow.begin(record, y)
+            if warning := layer_warning(run.system, y):
+                record.warnings.append(warning)
         safe.time, safe.step = time, step
         if new:
             looks.keep(step, record.taken)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import namedtuple
+from typing import NamedTuple
 
 import pytest
 
@@ -143,3 +144,28 @@ def test_laws_of_one_name():
     with pytest.raises(InputError, match=r"^force 'lennard-jones' exists already: LennardJones of kickdrift\."):
         law("LennardJones", "mine")
     assert FORCES["lennard-jones"] is kd.LennardJones
+
+
+def test_a_law_whose_force_is_not_the_slope_of_its_energy_is_refused():
+    class Wrong(NamedTuple):
+        strength: float = 1.0
+
+        def law(p, r2):
+            return p.strength / r2, p.strength / (r2 * r2)  # the force lacks a factor 2
+
+    made = kd.pair_law(Wrong)
+    with pytest.raises(InputError, match=r"wrong: law\(p, r2\) must return energy and force over r.*at r = 2.85 "):
+        made(cutoff=3.0)
+    with pytest.raises(InputError, match="wrong of species A: law"):
+        made(cutoff=3.0, species={"A": {"strength": 2.0}})
+
+
+def test_a_law_may_jump():
+    class Step(NamedTuple):
+        height: float = 1.0
+
+        def law(p, r2):
+            inside = r2 < 3.8025  # the jump lies at one of the distances where laws are checked
+            return (p.height if inside else 0.0), 0.0
+
+    assert kd.pair_law(Step)(cutoff=3.0).height == 1.0

@@ -10,10 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import kickdrift as kd
 from kickdrift.errors import InputError
 from kickdrift.jit import folders
 from kickdrift.model.state import State
 from kickdrift.model.system import System
+from kickdrift.plots import orbits
 from kickdrift.plots import runs as plots
 from kickdrift.trajectory.h5md import Writer
 
@@ -164,6 +166,7 @@ def test_drawing_stays_out_of_the_home_folder_and_out_of_pyplot(tmp_path):
     code = """
 import os, sys
 before = dict(os.environ)
+from kickdrift.plots import orbits
 from kickdrift.plots import runs as plots
 assert "matplotlib" not in sys.modules
 row = {"method": "a", "dt": 1.0, "table": "t", "times": [1.0, 2.0], "relative_error": [1e-3, 1e-4]}
@@ -186,3 +189,25 @@ def test_the_cache_folder_is_writable_and_falls_back(tmp_path, monkeypatch):
     monkeypatch.setattr(folders, "__file__", str(blocked / "jit" / "folders.py"))
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "xdg"))
     assert folders.folder.__wrapped__() == tmp_path / "xdg" / "kickdrift"
+
+
+def test_the_energy_error_excludes_what_a_merger_takes_out(tmp_path, monkeypatch):
+    """The figure shows the report's number."""
+    system = kd.System(
+        [[0, 0, 0], [1.0, 0, 0], [9.0, 0, 0]], [[0.1, 0, 0], [-0.1, 0, 0], [0, 0.1, 0]], masses=[1, 1, 1e-3],
+        forces=[kd.Gravity(G=0.01)], units="nbody", radii=0.2, events=[kd.Collision(action="merge")],
+    )  # fmt: skip
+    path = tmp_path / "run.h5md"
+    report = kd.Simulation(system, "leapfrog", dt=0.01).run(500, every=5, output=path)
+    assert report.energy_taken
+    titles = []
+    for module, draw in ((plots, plots.plot_run), (orbits, orbits.plot_orbits)):
+        monkeypatch.setattr(
+            module, "save_figure",
+            lambda figure, target: titles.extend(
+                axes.get_title() for sub in (figure, *figure.subfigs) for axes in sub.axes
+            ),
+        )  # fmt: skip
+        draw(path, tmp_path / "figure.png")
+    wanted = f"Relative energy error (RMS {report.energy.rms_relative_error:.2g})"
+    assert titles.count(wanted) >= 2

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
+
 import numpy as np
 import pytest
 from typer.testing import CliRunner
@@ -81,7 +83,8 @@ def test_species_have_lines_of_their_own(tmp_path, drawn):
 def test_few_frames_have_no_errors(tmp_path, drawn):
     path = write(tmp_path / "run.h5md", frames=3)
     for kind in of.KINDS:
-        of.plot_observable(path, kind, tmp_path / f"{kind}.png")
+        with pytest.warns(UserWarning, match="points?; write") if kind in ("msd", "vacf") else nullcontext():
+            of.plot_observable(path, kind, tmp_path / f"{kind}.png")
     assert len(drawn) == len(of.KINDS)
 
 
@@ -107,3 +110,21 @@ def test_bad_input(tmp_path):
         of.plot_observable(path, "msd", tmp_path / "msd.gif")
     with pytest.raises(InputError, match="no frame to draw"):
         of.plot_observable(write(tmp_path / "empty.h5md", frames=0), "msd", tmp_path / "msd.png")
+
+
+def test_the_displacement_says_its_diffusion_coefficient(tmp_path, drawn):
+    path = write(tmp_path / "run.h5md")
+    of.plot_observable(path, "msd", tmp_path / "msd.png")
+    d = mean_squared_displacement(path).diffusion()
+    (label,) = [text.get_text() for text in drawn[0].axes[0].get_legend().get_texts()]
+    assert label.startswith(f"D = {d.value:.3g} ± {d.error:.1g} σ²/τ")
+    assert np.isfinite(d.error)
+    assert 0.4 < d.window[0] / d.window[1] < 0.6
+
+
+@pytest.mark.parametrize("kind", ["msd", "vacf"])
+def test_a_curve_of_two_points_has_markers_and_a_warning(tmp_path, drawn, kind):
+    path = write(tmp_path / "run.h5md", frames=8)
+    with pytest.warns(UserWarning, match=rf"{kind}: the curve has \d points?; write frames more often"):
+        of.plot_observable(path, kind, tmp_path / "figure.png")
+    assert drawn[0].axes[0].lines[-1].get_marker() == "o"
