@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import re
 import shutil
 from dataclasses import replace
 
@@ -15,6 +17,7 @@ from kickdrift.disk import kinds
 from kickdrift.errors import InputError, RunError
 from kickdrift.trajectory.info import described
 from kickdrift.trajectory.problems.info import describe, info
+from kickdrift.trajectory.problems.layout import problem_hash
 from kickdrift.trajectory.problems.reader import ProblemRun
 from kickdrift.trajectory.problems.table import ProblemTable
 
@@ -235,6 +238,32 @@ def test_events_are_given_again(path):
     for each in (sim, resumed):
         each.run(200)
     assert [each["time"] for each in resumed.events] == [each["time"] for each in sim.events]
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"equation": "os.system"}, "equation 'os.system' does not ship"),
+        ({"parameters": {"mass": 1.0}}, "ode.mass: unknown key"),
+        ({"parameters": {"omega": "1.0"}}, "ode.omega: "),
+        ({"parameters": {"omega": -1.0}}, "omega: expected a positive number"),
+        ({"run": {"integrator": "rk4", "dt": -1.0}}, "damaged: kickdrift/problem/record: run.dt"),
+        ({"unknowns": 3}, "damaged: kickdrift/samples: expected a series y of 3 numbers"),
+        ({"unknowns": 10**12}, "damaged: kickdrift/problem/record: unknowns"),
+        ({"t0": "now"}, "damaged: kickdrift/problem/record: t0"),
+    ],
+)
+def test_a_file_of_a_stranger_names_no_code(path, changes, message):
+    """The record is data: names are looked up in the table of equations, and values are checked."""
+    kd.Simulation(PENDULUM).run(10, output=path)
+    with h5py.File(path, "r+") as file:
+        own = file["kickdrift"]
+        record = json.loads(own["problem/record"].asstr()[()]) | changes
+        own["problem/record"][()] = json.dumps(record)
+        own.attrs["sha256"] = problem_hash(file)
+    with pytest.raises(InputError, match=re.escape(message)) as caught:
+        kd.resume(path)
+    assert str(caught.value).count("\n") == 0
 
 
 # --- tables ---
