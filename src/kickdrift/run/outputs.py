@@ -13,7 +13,7 @@ from kickdrift.model.memory import Memory
 from kickdrift.model.system import System
 from kickdrift.run.problem_outputs import (
     ProblemFile,
-    ProblemTable,
+    ProblemTableFile,
     check_columns,
     check_options,
     check_suffix,
@@ -108,7 +108,7 @@ class Outputs:
         if is_table(output):
             if options is not None:
                 raise InputError("file: sets how a .h5 file is written; a table has no options")
-            return ProblemTable(run, output, overwrite, self._method(), columns)
+            return ProblemTableFile(run, output, overwrite, self._method(), columns)
         check_options(options)
         return ProblemFile(run, lambda: self._writer(output, plan, overwrite, options, columns), columns, going_on)
 

@@ -86,7 +86,7 @@ class ProblemFile(File):
         self._writer.append_look(self._run.state, columns, energy)
 
 
-class ProblemTable(Watcher):
+class ProblemTableFile(Watcher):
     """Keeps a Problem's looks, and writes them as a table when the run ends.
 
     Parameters

@@ -17,10 +17,11 @@ from kickdrift.disk.outputs import written_whole
 from kickdrift.errors import InputError
 from kickdrift.looks.columns import parts
 from kickdrift.model.state import Floats
+from kickdrift.trajectory.problems.header import ENERGY
 from kickdrift.trajectory.tables import library
 
 SUFFIXES = kinds.SERIES.suffixes
-TIME, ENERGY = "time", "energy"
+TIME = "time"
 NEEDS = "pandas and pyarrow: pip install kickdrift[ensemble]"
 
 
