@@ -85,7 +85,8 @@ def _run(recipe: Recipe, member: Member, system: System | Problem) -> Row:
     if isinstance(system, System) and (wanted := system.equilibration):
         sim.equilibrate(wanted.temperature, wanted.time, wanted.interval)
     folder = recipe.trajectories
-    report = sim.run(**length, output=folder and folder / f"member-{member.number:06d}.h5md", overwrite=True)
+    suffix = ".h5" if isinstance(system, Problem) else ".h5md"
+    report = sim.run(**length, output=folder and folder / f"member-{member.number:06d}{suffix}", overwrite=True)
     measured = {} if isinstance(recipe.measure, str) else _measured(recipe.measure, sim)
     return run_columns(report, measured)
 

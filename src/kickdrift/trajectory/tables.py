@@ -80,5 +80,5 @@ def library(name: str, asked: str, install: str = "") -> Any:
     try:
         return import_module(name)
     except ImportError:
-        needs = install or f"{name}: pip install kickdrift[tables]"
+        needs = install or f"{name}: pip install 'kickdrift[tables]'"
         raise InputError(f"{asked} needs {needs}") from None

@@ -193,8 +193,8 @@ def test_run_says_how_it_went(kickdrift):
     assert (code, err) == (0, "")
     lines = dict(re.split(r"  +", line, maxsplit=1) for line in out.splitlines() if "  " in line)
     assert lines["system"] == "liquid: 216 particles, units lj"
-    assert lines["length"] == "50 steps, 0.2 tau"
-    assert re.fullmatch(r"-\d+\.\d+ at the start, -\d+\.\d+ epsilon at the end", lines["energy"])
+    assert lines["length"] == "50 steps, 0.2 τ"
+    assert re.fullmatch(r"-\d+\.\d+ at the start, -\d+\.\d+ ε at the end", lines["energy"])
     assert re.fullmatch(r"\S+ RMS, \S+ largest, of initial energy", lines["energy error"])
     assert "nan" not in out
     assert "inf" not in out

@@ -22,7 +22,7 @@ from kickdrift.trajectory.tables import library
 
 SUFFIXES = kinds.SERIES.suffixes
 TIME = "time"
-NEEDS = "pandas and pyarrow: pip install kickdrift[ensemble]"
+NEEDS = "pandas and pyarrow: pip install 'kickdrift[ensemble]'"
 
 
 @dataclass(frozen=True)
