@@ -98,7 +98,7 @@ def test_what_is_in_a_file_is_told(path):
     with kd.open(path) as run:
         found, text = info(run), describe(run)
     assert (found["problem"], found["unknowns"], found["samples"], found["steps"]) == ("ode-pendulum", 2, 7, [0, 60])
-    for line in ("pendulum: omega = 1.0", "velocity-verlet", "0 to 3, steps 0 to 60", "properly, with a report"):
+    for line in ("pendulum: omega = 1", "velocity-verlet", "0 to 3, steps 0 to 60", "properly, with a report"):
         assert line in text
     assert "was changed" not in text
     assert "problem" in described(found | {"unchanged": False}, [])

@@ -54,7 +54,7 @@ def info(run: ProblemRun) -> dict[str, Any]:
 def describe(run: ProblemRun) -> str:
     """What `info` finds, for a reader."""
     found = info(run)
-    given = ", ".join(f"{key} = {value}" for key, value in found["parameters"].items())
+    given = ", ".join(f"{key} = {short(value)}" for key, value in found["parameters"].items())
     equation = f"{found['equation']}{': ' * bool(given)}{given}" if found["equation"] else "made in Python"
     rows = [
         ("problem", f"{found['problem']}, {found['unknowns']} unknowns"),
