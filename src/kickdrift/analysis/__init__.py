@@ -48,4 +48,5 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return [*globals(), *_HOMES]
+    """Public names, and those of Python itself."""
+    return [*__all__, "__all__", "__doc__", "__file__", "__name__", "__path__", "__spec__"]

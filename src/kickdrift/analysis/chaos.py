@@ -13,6 +13,7 @@ import numpy as np
 
 from kickdrift.analysis.chaos_report import ChaosReport, report_of
 from kickdrift.analysis.deviations import LARGEST, LARGEST_OF_PROBLEM, cadence, direction, first_deviation, scale_of
+from kickdrift.display.showing import following
 from kickdrift.errors import InputError, RunError
 from kickdrift.forces.problem_variations import varied_problem
 from kickdrift.forces.variations import varied
@@ -37,7 +38,7 @@ def megno(
     *,
     seed: int = 0,
     threads: int = 1,
-    progress: Callable[[int, int], Any] | None = None,
+    progress: bool | Callable[[int, int], Any] | None = None,
     **options: Any,
 ) -> ChaosReport:
     """Run a System or a Problem with a deviation vector, and tell whether the motion is chaotic.
@@ -55,7 +56,7 @@ def megno(
         dop853. With fixed steps, particles move as without deviations, to the last bit. A Problem takes any method
     seed : seed of the first deviation, a random direction in phase space with positions in units of their scatter; of a
         Problem, a random direction of y
-    progress : called as ``progress(done, of)``
+    progress : True shows a bar; a function is called as ``progress(done, of)``
 
     Raises
     ------
@@ -124,7 +125,8 @@ def _measured(
 ) -> ChaosReport:
     """Run a varied System or Problem, and return the report."""
     begin = sim.energy()
-    times, growth = _growth(sim, length, deviation, progress)
+    with following(progress, "running") as told:
+        times, growth = _growth(sim, length, deviation, told)
     end = sim.energy()
     chosen = None if sim.method.chooses_steps else sim.dt
     return report_of(system, sim.integrator, chosen, sim.steps_done, seed, (begin, end.total), times, growth)

@@ -4,98 +4,22 @@ comparison cannot tell."""
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from math import ceil, exp, floor, isfinite, log, log10
 from statistics import median
-from typing import Any
 
+from kickdrift.analysis.choices import SAFETY as SAFETY
+from kickdrift.analysis.choices import Choice as Choice
+from kickdrift.analysis.choices import Recommendation as Recommendation
+from kickdrift.analysis.comparison import Comparison
 from kickdrift.analysis.ladder import Row
-from kickdrift.analysis.work_precision import Comparison
 from kickdrift.errors import InputError
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.statistics.growth import SURE
 
-SAFETY = 2.0  # the error foreseen is to stay below the wanted one by that factor
 FARTHEST = 1000.0  # times the pilot's length; errors that grow as a measured power are trusted no farther
 CYCLES = 5.0  # of the solution that a pilot must have seen, to say what later ones do
 UNRESOLVED = 0.5  # standard error of a growth exponent
 ASYMPTOTIC = 0.1  # relative errors above it do not follow their power of the step
-TIE = 1.2  # costs closer than that are the same, for all that timing can tell
-
-
-@dataclass(frozen=True)
-class Choice:
-    """A method with the step or tolerance that meets the wanted accuracy.
-
-    Attributes
-    ----------
-    method, dt, steps, rtol, atol : what to run (see `Row`); dt divides the length
-    error : foreseen at the end of the run, the safety factor not in it
-    evaluations, seconds : foreseen for the whole run
-    """
-
-    method: str
-    dt: float | None
-    steps: int | None
-    rtol: float | None
-    atol: float | None
-    error: float
-    evaluations: float
-    seconds: float
-
-    def options(self, length: float) -> str:
-        """As ``kickdrift run`` takes it."""
-        if self.dt is not None:
-            end = f"--steps {self.steps}" if self.steps else f"--time {length!r}"
-            return f"--integrator {self.method} --dt {self.dt!r} {end}"
-        absolute = "" if self.atol is None else f" --atol {self.atol:g}"
-        return f"--integrator {self.method} --rtol {self.rtol:g}{absolute} --time {length!r}"
-
-
-@dataclass(frozen=True)
-class Recommendation:
-    """What to run, or why nothing is recommended. Nothing switches by itself.
-
-    Attributes
-    ----------
-    accuracy, length : wanted
-    choice : the cheapest, None where nothing is recommended
-    others : the other methods that meet the accuracy, from cheap to dear
-    refusal : why there is no choice
-    margin : how many times the cheapest the next one costs; None where there is no other
-    pilot, extrapolation : length of the pilot, and how many times that the run is
-    evidence : one line on each method that is out, and what the choice rests on
-    """
-
-    accuracy: float
-    length: float
-    pilot: float
-    extrapolation: float
-    choice: Choice | None
-    others: tuple[Choice, ...]
-    refusal: str | None
-    evidence: tuple[str, ...]
-
-    @property
-    def margin(self) -> float | None:
-        if self.choice is None or not self.others:
-            return None
-        return self.others[0].seconds / self.choice.seconds
-
-    @property
-    def tie(self) -> bool:
-        """Whether timing cannot tell the first two apart."""
-        return self.margin is not None and self.margin < TIE
-
-    def as_json(self) -> dict[str, Any]:
-        """In plain numbers."""
-        return {
-            **vars(self),
-            "choice": vars(self.choice) if self.choice else None,
-            "others": [vars(other) for other in self.others],
-            "margin": self.margin,
-            "safety": SAFETY,
-        }
 
 
 def recommendation(comparison: Comparison, accuracy: float, length: float | None = None) -> Recommendation:

@@ -151,6 +151,7 @@ class Batch:
             kinetic=float(looks[0, 0]),
             momentum=looks[:, 2:5],
             angular_momentum=looks[:, 5:8],
+            kinetics=looks[:, 0],
             pairs=0.5 * massive * (massive - 1) + massive * (len(system) - massive),
         )
         return LaneRecord(

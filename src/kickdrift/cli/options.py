@@ -17,6 +17,14 @@ from kickdrift.integrators.option import DOUBLE, DT, MIXED, PRECISION, Option
 SystemArgument = Annotated[
     str, typer.Argument(metavar="SYSTEM.toml", help="A system file, or the name of a shipped system.")
 ]
+SubjectArgument = Annotated[
+    str,
+    typer.Argument(
+        metavar="SYSTEM",
+        help="A system file, the name of a shipped system, or a Python file, which is run: "
+        "it defines f and y0, or a System.",
+    ),
+]
 JsonOption = Annotated[
     Path | None, typer.Option("--json", metavar="FILE", help="Write the results as one JSON object.")
 ]

@@ -14,8 +14,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from kickdrift.forces.equation import write
-from kickdrift.jit.numba_private import NumbaError
+from kickdrift.errors import InputError
+from kickdrift.forces.equation import Callback, call_at, right_hand_side
 from kickdrift.model.problem import Problem
 from kickdrift.model.state import Floats
 
@@ -45,8 +45,9 @@ def varied_problem(problem: Problem, deviation: Floats) -> tuple[Problem, NDArra
     n, half = len(problem), len(problem) // 2
     own = np.arange(n) + (half * (np.arange(n) >= half) if problem.separable else 0)
     place = np.setdiff1d(np.arange(2 * n), own)
-    slope = _slope(problem.f, n, problem.compiled)
-    product = _product(problem, slope)
+    used: list[Callback] = []  # machine code that f calls by its address
+    slope = _slope(problem, used)
+    product = _product(problem, slope, used)
     first = half if problem.separable else 0  # of the rows that are not known
 
     def f(t, both):
@@ -58,6 +59,7 @@ def varied_problem(problem: Problem, deviation: Floats) -> tuple[Problem, NDArra
             out[place[i]] = dd[i] if i >= first else d[half + i]
         return out
 
+    f.used = used  # type: ignore[attr-defined]
     energy = problem.energy
     start = np.empty(2 * n)
     start[own], start[place] = problem.y0, deviation
@@ -65,6 +67,7 @@ def varied_problem(problem: Problem, deviation: Floats) -> tuple[Problem, NDArra
         problem,
         f=f,
         y0=start,
+        args=(),
         jacobian=None,
         energy=None if energy is None else lambda t, both: energy(t, both[own]),
         exact=None,
@@ -74,34 +77,39 @@ def varied_problem(problem: Problem, deviation: Floats) -> tuple[Problem, NDArra
     return made, place
 
 
-def _slope(function: Any, n: int, compiled: bool) -> Slope:
+def _slope(problem: Problem, used: list[Callback]) -> Slope:
     """A Problem's f as a function that returns an array."""
-    if not compiled:
+    n, function = len(problem), problem.f
+    if not problem.compiled:
         return lambda t, y: np.asarray(function(t, y), dtype=float).reshape(n)
-    inner = _compiled(function)
+    used.append(right_hand_side(problem).callback)
+    address = used[-1].address
 
     @njit(error_model="numpy")
     def slope(t, y):
         out = np.zeros(n)
-        write(out, inner(t, y))
+        if call_at(address, t, y, out) != 0:
+            raise ValueError("the Problem's f raised an exception")
         return out
 
     return slope
 
 
-def _product(problem: Problem, slope: Slope) -> Product:
+def _product(problem: Problem, slope: Slope, used: list[Callback]) -> Product:
     """The product of the Jacobian and a vector."""
     n, jacobian = len(problem), problem.jacobian
     columns = n // 2 if problem.separable else n  # accelerations do not depend on velocities
     if jacobian is not None and not problem.compiled:
         return lambda t, y, d: np.asarray(jacobian(t, y), dtype=float)[:, :columns] @ d[:columns]
-    if jacobian is not None:
-        inner = _compiled(jacobian)
+    if jacobian is not None and (code := _jacobian_code(problem)):
+        used.append(code)
+        address = code.address
 
         @njit(error_model="numpy")
         def by_jacobian(t, y, d):
             matrix, out = np.zeros(n * n), np.zeros(n)
-            write(matrix, inner(t, y))
+            if call_at(address, t, y, matrix) != 0:
+                raise ValueError("the Problem's jacobian raised an exception")
             for i in range(n):
                 for j in range(columns):
                     out[i] += matrix[i * n + j] * d[j]
@@ -124,17 +132,20 @@ def _product(problem: Problem, slope: Slope) -> Product:
     return njit(error_model="numpy")(by_differences) if problem.compiled else by_differences
 
 
-def _compiled(function: Any) -> Any:
-    return function if hasattr(function, "py_func") else njit(function, error_model="numpy")
+def _jacobian_code(problem: Problem) -> Callback | None:
+    """Machine code of the Jacobian; None where it does not compile."""
+    n, jacobian = len(problem), problem.jacobian
+    assert jacobian is not None
+    try:
+        return Callback(jacobian, n, n * n, True, f"{problem.name}: jacobian")
+    except InputError:
+        return None
 
 
 def _is_product(product: Product, problem: Problem, columns: int) -> bool:
     """Whether a compiled Jacobian gives what plain Python gives at the start."""
     jacobian: Any = getattr(problem.jacobian, "py_func", problem.jacobian)
     d = np.cos(np.arange(len(problem)))
-    try:
-        found = product(problem.t0, problem.y0.copy(), d)
-    except NumbaError:
-        return False
+    found = product(problem.t0, problem.y0.copy(), d)
     wanted = np.asarray(jacobian(problem.t0, problem.y0.copy()), dtype=float)[:, :columns] @ d[:columns]
     return bool(np.abs(found - wanted).max() <= SAME * np.abs(wanted).max())

@@ -52,6 +52,21 @@ class Integrator:
         """The row of the registry."""
         return method_named(self.name)
 
+    @property
+    def stability(self) -> dict[str, float]:
+        """The longest stable step, from the coefficients; infinite without a bound.
+
+        A splitting has "omega dt" on an oscillator. A one-step method has "real lambda dt" and "imaginary lambda dt" on
+        y' = lambda y. An InputError for a method without a stability function."""
+        from kickdrift.integrators import stability
+        from kickdrift.integrators.splitting import Splitting
+
+        method = self.method
+        if isinstance(method, Splitting):
+            return {"omega dt": stability.stability_interval(method)}
+        real, imaginary = stability.real_interval(method), stability.imaginary_interval(method)
+        return {"real lambda dt": real, "imaginary lambda dt": imaginary}
+
 
 def integrator(name: str, **options: Any) -> Integrator:
     """An integrator with options, as one value: ``kd.integrator("wisdom-holman", corrector=17)``.

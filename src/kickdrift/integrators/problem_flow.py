@@ -78,7 +78,7 @@ class ProblemFlow:
 
     def forget_errors(self) -> None:
         """Forget earlier errors of f, which do not concern the coming steps."""
-        self._callback.error = None
+        self._callback.forget_error()
 
     def prepare(self, y: Floats, time: float) -> None:
         """Do nothing: the right-hand side is compiled already."""

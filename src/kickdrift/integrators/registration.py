@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
+from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -197,6 +198,11 @@ def unregister(name: str) -> None:
 
 def load_file(path: Path) -> None:
     """Run a Python file that registers methods or forces. Raises an InputError of one line if the file fails."""
+    executed(path)
+
+
+def executed(path: Path) -> ModuleType:
+    """Run a Python file and return its module. Raises an InputError of one line if the file fails."""
     refuse_unfit(path)
     spec = spec_from_file_location(path.stem, path)
     if spec is None or spec.loader is None:
@@ -209,6 +215,7 @@ def load_file(path: Path) -> None:
         raise InputError(f"{path}: {error}") from None
     except (Exception, SystemExit) as error:
         raise InputError(f"{path}: {type(error).__name__}: {' '.join(str(error).split())}") from error
+    return module
 
 
 def _row(name: str, key: str, weights: Sequence[float]) -> tuple[float, ...]:

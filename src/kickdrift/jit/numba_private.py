@@ -36,6 +36,7 @@ if not OLDEST <= _version() <= NEWEST:
     raise InputError(f"numba {numba.__version__} is not supported; {_works()}")
 
 NumbaError = private("core.errors", "NumbaError")
+NumbaWarning = private("core.errors", "NumbaWarning")
 TypingError = private("core.errors", "TypingError")
 make_function = private("_dynfunc", "make_function")
 FunctionIdentity = private("core.bytecode", "FunctionIdentity")

@@ -164,7 +164,7 @@ class Between:
 @checked_arguments
 @dataclass(frozen=True)
 class Crossing:
-    """Zeros of g(t, x, v), with x and v (n, 3) of the present particles in their order; for a Problem zeros of g(t, y).
+    """Zeros of g(t, x, v), with x and v (n, 3) of the present particles in their order; of a Problem's g(t, y, *args).
 
     g is evaluated at the ends of steps. Where its sign has changed, Brent's method (1973) finds the zero on the
     solution inside the step. Two zeros in one step go unseen, and so does a zero at the very start.

@@ -17,6 +17,7 @@ from kickdrift.model.body_checks import body_names, body_radii, check_kinds, for
 from kickdrift.model.box import Box
 from kickdrift.model.bridging import SYSTEM_FILES, bridge
 from kickdrift.model.checks import no_overflow, per_particle, whole_number
+from kickdrift.model.described import ShownSystem
 from kickdrift.model.event_checks import checked_events
 from kickdrift.model.events import Event
 from kickdrift.model.run_defaults import Equilibration, RunDefaults
@@ -30,8 +31,8 @@ _KEPT = ("forces", "units", "name", "run", "seed", "names", "radii", "events", "
 
 
 @checked_arguments
-@dataclass(frozen=True, eq=False)
-class System:
+@dataclass(frozen=True, eq=False, repr=False)
+class System(ShownSystem):
     """State + box + forces + units; never changed by a Simulation, which copies it.
 
     Parameters

@@ -139,7 +139,7 @@ class Integration:
     @property
     def steps_done(self) -> int:
         """Number of steps since the start, including a step that the current time lies inside."""
-        return self.stepper.steps_done + (self.at is not None and self.at > self.stepper.time)
+        return self.stepper.steps_done + int(self.at is not None and self.at > self.stepper.time)
 
     @property
     def y(self) -> Floats:

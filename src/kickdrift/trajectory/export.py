@@ -5,10 +5,11 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from kickdrift.disk import kinds
 from kickdrift.disk.outputs import checked_target, written_whole
+from kickdrift.display.showing import following
 from kickdrift.trajectory import reader, to_ase, to_mdanalysis
 from kickdrift.trajectory.chosen import Chosen
 from kickdrift.trajectory.formats import FORMATS, losses
@@ -35,7 +36,7 @@ def export(
     stop: int | None = None,
     step: int | None = None,
     overwrite: bool = False,
-    progress: Callable[[int, int], None] | None = None,
+    progress: bool | Callable[[int, int], Any] | None = None,
 ) -> Exported:
     """Write frames of a run's file in another format, which the suffix names: .dcd, .xtc, .trr, .xyz, .pdb, .extxyz, …
 
@@ -50,7 +51,7 @@ def export(
     unwrapped : positions as the run has them; else inside the box, as most programs want them
     start, stop, step : of the frames, as in a slice
     overwrite : replace a file of that name
-    progress : called with the frames done and their number
+    progress : True shows a bar; a function is called with the frames done and their number
 
     Raises
     ------
@@ -61,9 +62,13 @@ def export(
     kind = kinds.export(Path(output).suffix, tuple(FORMATS))
     target = checked_target(output, kind, overwrite, [path])
     format = FORMATS[target.suffix.lower()]
-    with reader.open(path) as run, written_whole(target, kind, overwrite=overwrite) as part:
+    with (
+        reader.open(path) as run,
+        following(progress, "exporting") as told,
+        written_whole(target, kind, overwrite=overwrite) as part,
+    ):
         frames = Chosen(run, start, stop, step, unwrapped)
-        notes = _WRITERS[format.package](frames, part, format, progress or (lambda done, of: None))
+        notes = _WRITERS[format.package](frames, part, format, told or (lambda done, of: None))
         if run.box.periodic and not unwrapped:
             notes = ["positions are inside the box", *notes]
         return Exported(target, len(frames), len(run.ids), losses(format, run.nominal_units), tuple(notes))

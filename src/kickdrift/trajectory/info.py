@@ -90,6 +90,28 @@ def _unregistered(run: Run) -> list[str]:
 
 def describe(found: dict[str, Any]) -> str:
     """What `info` found, for a reader."""
+    return laid_out(found, _rows(found))
+
+
+def laid_out(found: dict[str, Any], rows: list[tuple[str, str]]) -> str:
+    """Rows of key and text as lines below the file's name."""
+    width = min(WIDTH, max(len(key) for key, _ in rows))
+    lines = [found["file"], *(f"  {key:<{width}}  {value}".rstrip() for key, value in rows)]
+    return "\n".join(clean(line) for line in lines)
+
+
+def run_lines(run: Run) -> list[tuple[str, str]]:
+    """What `info` finds in an open run's file: the file's name and lines of key and text."""
+    found = _summary(run)
+    return [("file", found["file"]), *_rows(found)]
+
+
+def run_text(run: Run) -> str:
+    """What ``kickdrift info`` prints of an open run's file."""
+    return describe(_summary(run))
+
+
+def _rows(found: dict[str, Any]) -> list[tuple[str, str]]:
     units = found["units"]
     length, time, energy = (symbol_of(units[key]) for key in ("length", "time", "energy"))
     named = [f"{key} {symbol}" for key, symbol in zip(_SHOWN_UNITS, (length, time, energy), strict=True) if symbol]
@@ -126,8 +148,8 @@ def method_rows(method: dict[str, Any]) -> list[tuple[str, str]]:
     return rows + [(k, short(value)) for k, value in method.items() if k not in _METHOD_SHOWN and value is not None]
 
 
-def described(found: dict[str, Any], rows: list[tuple[str, str]]) -> str:
-    """Rows of key and text, and those that are the same for every run, as lines below the file's name."""
+def described(found: dict[str, Any], rows: list[tuple[str, str]]) -> list[tuple[str, str]]:
+    """Rows of key and text, and the rows that every run has."""
     rows.append(("written by", f"kickdrift {found['kickdrift']}, {found['bytes']:,} bytes"))
     rows.append(("closed", _ending(found)))
     if goal := _goal(found):
@@ -140,10 +162,7 @@ def described(found: dict[str, Any], rows: list[tuple[str, str]]) -> str:
     report = found["report"] or {}
     report = {key: value for key, value in report.items() if key != "events"}
     rows += [(f"report: {key.replace('_', ' ')}", short(value)) for key, value in _flat(report)]
-    rows += event_lines(found["events"])
-    width = min(WIDTH, max(len(key) for key, _ in rows))
-    lines = [found["file"], *(f"  {key:<{width}}  {value}".rstrip() for key, value in rows)]
-    return "\n".join(clean(line) for line in lines)
+    return rows + event_lines(found["events"])
 
 
 def _box(shape: list[Any] | None, periodic: list[bool], unit: str) -> str:

@@ -22,6 +22,7 @@ from kickdrift.trajectory.kind import check_kind
 from kickdrift.trajectory.layout import TRAJECTORY, run_hash, system_hash
 from kickdrift.trajectory.recorded import Recorded
 from kickdrift.trajectory.rows import behind
+from kickdrift.trajectory.shown import ShownRun
 
 if TYPE_CHECKING:
     from kickdrift.model.system import System
@@ -30,7 +31,7 @@ if TYPE_CHECKING:
 CHANGED = "its system was changed after the run began (kickdrift/system, units, method, masses, ids or species)"
 
 
-class Run(Recorded, Frames):
+class Run(Recorded, Frames, ShownRun):
     """A run's file, open for reading: a context manager, and the sequence of all its frames.
 
     Everything is in the system's own units, whatever unit the file names for the sake of other programs. Observables

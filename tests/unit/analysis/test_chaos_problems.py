@@ -124,3 +124,11 @@ def test_the_command_prints_and_writes(kickdrift, tmp_path):
     assert "chaotic over this length" in out
     assert "per unit of time" in out
     assert '"verdict": "chaotic"' in (tmp_path / "chaos.json").read_text(encoding="utf-8")
+
+
+def test_further_arguments_belong_to_the_equation():
+    def f(t, y, rate):
+        return rate * y[0], -y[1]
+
+    problem = kd.Problem(f, [0.0, 1.0], lambda t, y, rate: [[rate, 0.0], [0.0, -1.0]], args=(0.2,))
+    assert megno(problem, 100.0, "rk4", 0.1).lyapunov == pytest.approx(0.2, rel=0.02)

@@ -17,6 +17,7 @@ from kickdrift.model.orbits import invariable_axes
 from kickdrift.model.starts.elements import Elements, states
 from kickdrift.model.state import State
 from kickdrift.model.system import System
+from kickdrift.plots import figures
 from kickdrift.plots import orbits as plots_orbits
 from kickdrift.plots import runs as plots
 from kickdrift.systemfile.reading import load, loads
@@ -187,13 +188,13 @@ def test_bad_input(run, tmp_path):
 def drawn(monkeypatch) -> list:
     """The figures that were saved."""
     figures = []
-    save = plots_orbits.save_figure
+    save = plots.save_figure
 
     def keep(figure, target):
         figures.append(figure)
         return save(figure, target)
 
-    monkeypatch.setattr(plots_orbits, "save_figure", keep)
+    monkeypatch.setattr(plots, "save_figure", keep)
     return figures
 
 
@@ -291,10 +292,11 @@ seed = 1
 
 def test_the_command_draws_orbits_where_there_is_gravity(run, tmp_path, monkeypatch):
     asked = []
-    monkeypatch.setattr(plots_orbits, "plot_orbits", lambda *a, **k: asked.append("orbits"))
-    monkeypatch.setattr(plots, "plot_run", lambda *a, **k: asked.append("energies"))
+    for kind in ("orbits", "energies"):
+        draw = figures.KINDS[kind]
+        monkeypatch.setitem(figures.KINDS, kind, lambda run, kind=kind, draw=draw: asked.append(kind) or draw(run))
     for flags in ((), ("--kind", "energies"), ("--kind", "orbits")):
-        assert CliRunner().invoke(app, ["plot", str(run), *flags]).exit_code == 0
+        assert CliRunner().invoke(app, ["plot", str(run), "--overwrite", *flags]).exit_code == 0
     assert asked == ["orbits", "energies", "orbits"]
     wrong = CliRunner().invoke(app, ["plot", "--stability", "rk4", "--kind", "orbits"])
     assert isinstance(wrong.exception, InputError)

@@ -201,9 +201,9 @@ def test_the_energy_error_excludes_what_a_merger_takes_out(tmp_path, monkeypatch
     report = kd.Simulation(system, "leapfrog", dt=0.01).run(500, every=5, output=path)
     assert report.energy_taken
     titles = []
-    for module, draw in ((plots, plots.plot_run), (orbits, orbits.plot_orbits)):
+    for draw in (plots.plot_run, orbits.plot_orbits):
         monkeypatch.setattr(
-            module, "save_figure",
+            plots, "save_figure",
             lambda figure, target: titles.extend(
                 axes.get_title() for sub in (figure, *figure.subfigs) for axes in sub.axes
             ),

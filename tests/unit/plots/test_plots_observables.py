@@ -14,6 +14,7 @@ from kickdrift.cli.main import app
 from kickdrift.errors import InputError
 from kickdrift.model.state import State
 from kickdrift.plots import observables as of
+from kickdrift.plots import runs
 from kickdrift.trajectory.h5md import Writer
 
 
@@ -35,13 +36,13 @@ def write(path, frames=200, species=None, box=(6.0, 6.0, 6.0)):
 def drawn(monkeypatch):
     """The figures that were saved."""
     figures = []
-    save = of.save_figure
+    save = runs.save_figure
 
     def keep(figure, target):
         figures.append(figure)
         return save(figure, target)
 
-    monkeypatch.setattr(of, "save_figure", keep)
+    monkeypatch.setattr(runs, "save_figure", keep)
     return figures
 
 

@@ -280,7 +280,7 @@ def test_numbers_of_numpy_and_of_python_are_taken():
         (lambda s: kd.load(3), "system: expected the path of a file, got 3"),
         (lambda s: kd.load("plummer-1000", seed=-1), "seed must be a whole number, zero or more, got -1"),
         (lambda s: kd.open(None), "path: expected the path of a file, got None"),
-        (lambda s: kd.resume(s), "path: expected the path of a file, got System"),
+        (lambda s: kd.resume(s), "path: expected the path of a file, got <System "),
         (lambda s: kd.resume("x.h5md", system=3), "system: expected a System, got 3"),
     ],
 )  # fmt: skip

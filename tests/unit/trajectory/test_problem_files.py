@@ -101,7 +101,9 @@ def test_what_is_in_a_file_is_told(path):
     for line in ("pendulum: omega = 1", "velocity-verlet", "0 to 3, steps 0 to 60", "properly, with a report"):
         assert line in text
     assert "was changed" not in text
-    assert "problem" in described(found | {"unchanged": False}, [])
+    assert ("problem", "was changed after the run began, by its hash: the run cannot go on") in described(
+        found | {"unchanged": False}, []
+    )
 
 
 # --- resuming ---

@@ -106,10 +106,13 @@ class Crossings(Remembering):
         if rows is not None:
             quantity = event.function.quantity  # type: ignore[union-attr]
             return approach(y, *rows) if quantity == "approach" else float(y[0, 2, rows[0]] - y[0, 2, rows[1]])
-        copies = (y[0].T.copy(), y[1].T.copy()) if isinstance(self._subject, System) else (y.reshape(-1).copy(),)
+        if isinstance(self._subject, System):
+            arguments = (y[0].T.copy(), y[1].T.copy())
+        else:
+            arguments = (y.reshape(-1).copy(), *self._subject.args)
         where = f"event {event.name!r}: step {step} (t = {time:.9g})"
         try:
-            given = event.function(time, *copies)  # type: ignore[operator]
+            given = event.function(time, *arguments)  # type: ignore[operator]
         except Exception as error:  # a user's function may raise anything
             raise RunError(" ".join(f"{where}: raised {type(error).__name__}: {error}".split())) from error
         try:

@@ -12,6 +12,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from kickdrift.errors import InputError
+from kickdrift.model.partial import Partial
 from kickdrift.model.problem import Problem
 from kickdrift.model.state import Floats
 from kickdrift.odes import ODES
@@ -94,7 +95,8 @@ def _same(one: Any, other: Any) -> bool:
 def _source_hash(function: Any) -> str:
     """SHA-256 of a function's source; "" where Python has none."""
     try:
-        return hashlib.sha256(inspect.getsource(getattr(function, "py_func", function)).encode()).hexdigest()
+        own = function.function if isinstance(function, Partial) else function
+        return hashlib.sha256(inspect.getsource(getattr(own, "py_func", own)).encode()).hexdigest()
     except (OSError, TypeError):
         return ""
 
