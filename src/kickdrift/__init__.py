@@ -1,6 +1,6 @@
 """kickdrift: molecular dynamics and N-body simulation in which the integrator is a swappable, measured choice.
 
-The names below are all that is public; each is imported when it is first used, so that ``import kickdrift`` is quick.
+The names below are the whole public interface. Each is imported at its first use, so ``import kickdrift`` is quick.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from warnings import warn
 
 from kickdrift.display.showing import ABOVE
 
-# Not lazy: loading the rooms of those names later would put the modules in the functions' places.
+# Not lazy: loading these packages later would replace the functions of the same names.
 from kickdrift.engines import engines
 from kickdrift.integrators import integrators
 from kickdrift.model.bridging import BRIDGES, SYSTEM_FILES
@@ -159,11 +159,11 @@ __all__ = [
     "stability",
 ]
 
-# A public name that stands in no other table is a force.
+# A public name in no other table is a force.
 _HOMES |= dict.fromkeys(set(__all__) - {*_HOMES, "analysis", "engines", "integrators"}, "forces")
 
 
-# Modules that had these names in 0.1.0; the old names go in 0.3.
+# Names of modules in 0.1.0; removed in 0.3.
 _MOVED = {
     "builders": "model.starts.builders",
     "constants": "model.constants",
@@ -226,7 +226,7 @@ ABOVE.update(
 
 
 class _OldNames:
-    """What Python asks for a module of an old name: it gives the module of today, with a warning."""
+    """Module finder for old names: it returns the present module, with a warning."""
 
     def find_spec(self, name: str, path: Any = None, target: Any = None) -> ModuleSpec | None:
         package, _, old = name.partition(".")
@@ -240,7 +240,7 @@ class _OldNames:
         return module
 
     def exec_module(self, module: ModuleType) -> None:
-        module.__spec__ = self._own  # which Python has put the old name into
+        module.__spec__ = self._own  # Python has put the old name into it
 
 
 sys.meta_path.append(_OldNames())

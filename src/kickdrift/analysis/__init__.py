@@ -1,6 +1,6 @@
-"""What can be learned from a run: observables of its frames, with error bars.
+"""Results from runs: observables of a run's frames, with error bars.
 
-The names below are public; each is imported when it is first used, so that this package costs nothing to import.
+The names below are public. Each is imported at its first use, so importing this package costs nothing.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from kickdrift.analysis.structure import radial_distribution, structure_factor
     from kickdrift.statistics.blocks import block_average
 
-# No name here may be that of a module beside it: loading that module would put it in the function's place.
+# No name here may be a module's name in this folder: loading that module would replace the function.
 _HOMES = {
     "Diffusion": "analysis.motion",
     "block_average": "statistics.blocks",

@@ -25,6 +25,7 @@ from kickdrift.model.limits import MOST_STEPS
 from kickdrift.model.problem import Problem
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
+from kickdrift.model.units import time_in
 from kickdrift.run.simulation import Simulation
 
 DEFAULT = "dop853"  # for a system file without an integrator, or with one that carries no variations
@@ -32,9 +33,9 @@ DEFAULT = "dop853"  # for a system file without an integrator, or with one that 
 
 def megno(
     system: System | Problem,
-    time: float | None = None,
+    time: float | str | None = None,
     integrator: str | Integrator | None = None,
-    dt: float | None = None,
+    dt: float | str | None = None,
     *,
     seed: int = 0,
     threads: int = 1,
@@ -200,9 +201,9 @@ def _checked_seed(seed: Any) -> int:
     return int(seed)
 
 
-def length_of(system: System | Problem, time: float | None) -> float:
+def length_of(system: System | Problem, time: float | str | None) -> float:
     """Length of the run."""
-    length = system.run.time if time is None else time
+    length = system.run.time if time is None else time_in(time, getattr(system, "units", None), "time")
     if time is None and length is None and system.run.steps and system.run.dt:
         length = system.run.steps * system.run.dt
     if length is None:
@@ -250,6 +251,6 @@ def _growth(
     while not over():
         sim.advance(steps - sim.steps_done, every=every, visit=visit)
         if exponent:
-            deviation.shrink(2.0**-exponent)  # a power of two: no digit changes
+            deviation.shrink(2.0**-exponent)  # scaling by a power of two changes no digit
             exponent = 0
     return np.array(times), np.array(growth)

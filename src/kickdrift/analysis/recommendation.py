@@ -1,4 +1,4 @@
-"""Which integrator and step are cheapest for a wanted accuracy and length, by the evidence of a comparison; or why the
+"""Cheapest integrator and step for a wanted accuracy and length, by the evidence of a comparison; or the reason why the
 comparison cannot tell."""
 
 from __future__ import annotations
@@ -23,19 +23,20 @@ ASYMPTOTIC = 0.1  # relative errors above it do not follow their power of the st
 
 
 def recommendation(comparison: Comparison, accuracy: float, length: float | None = None) -> Recommendation:
-    """The cheapest method and step whose error, measured in the pilot and carried on to ``length`` by the growth
-    measured there, stays below ``accuracy`` by a factor of two.
+    """Cheapest method and step whose error stays below half the ``accuracy`` at ``length``.
+
+    The error is measured in the pilot and extrapolated to ``length`` by its measured growth.
 
     Parameters
     ----------
-    comparison : of ``work_precision``
-    accuracy : relative error wanted, in the comparison's measure
-    length : of the run; default what the comparison has in mind
+    comparison : result of ``work_precision``
+    accuracy : wanted relative error, in the comparison's measure
+    length : length of the run; default the comparison's intended length
 
     Raises
     ------
     InputError
-        Where accuracy or length are not positive finite numbers.
+        If accuracy or length are not positive finite numbers.
     """
     length = comparison.whole if length is None else length
     for key, value in (("accuracy", accuracy), ("length", length)):
@@ -62,7 +63,7 @@ def recommendation(comparison: Comparison, accuracy: float, length: float | None
 
 
 def _refusal(comparison: Comparison, accuracy: float, ratio: float) -> str | None:
-    """Why no method at all can be recommended."""
+    """Reason why no method at all can be recommended, or None."""
     pilot = f"the pilot of {comparison.length:.4g}"
     if accuracy < SAFETY * comparison.reference_error:
         return (
@@ -95,10 +96,10 @@ def _none_left(said: Sequence[str]) -> str:
 
 
 def _choice(rows: list[Row], accuracy: float, length: float, ratio: float, hidden: float) -> Choice | str:
-    """The coarsest step or tolerance of a method that will do; else why there is none.
+    """Coarsest step or tolerance of a method that meets the accuracy; else the reason why there is none.
 
-    An error that the reference hides is off by ``hidden``, the reference's own, at most, and goes on as the last one
-    seen does."""
+    An error below the reference's own is uncertain by at most ``hidden``, the reference's own error. It is assumed to
+    grow like the last error that was measured."""
     foreseen: list[tuple[Row, float]] = []
     unknown = 0
     growth = 1.0 if ratio <= 1.0 else None
@@ -119,12 +120,12 @@ def _choice(rows: list[Row], accuracy: float, length: float, ratio: float, hidde
             return "the pilot is too short to measure the growth of its error"
         return "no run with an error above the reference's own and below 0.1"
     target = accuracy / SAFETY
-    best = min(range(len(foreseen)), key=lambda k: foreseen[k][1])  # finer rows may show rounding alone
+    best = min(range(len(foreseen)), key=lambda k: foreseen[k][1])  # finer rows may show only rounding
     if foreseen[best][1] > target:
         return f"reaches {foreseen[best][1]:.2g} at that length, not {target:.2g}" + (
             "; the pilot is too short to predict finer runs" if unknown else ""
         )
-    good = best  # the coarsest of the rows from here on that all meet the target
+    good = best  # all rows from the coarsest good row on meet the target
     while good and foreseen[good - 1][1] <= target:
         good -= 1
     row, error = foreseen[good]
@@ -139,7 +140,7 @@ def _choice(rows: list[Row], accuracy: float, length: float, ratio: float, hidde
     cost *= ratio
     if row.dt is not None:
         method = INTEGRATORS.get(row.method.split()[0])
-        if method and method.chooses_steps:  # dt is its first step
+        if method and method.chooses_steps:  # dt is the first step
             return Choice(row.method, float(f"{knob:.3g}"), None, None, None, error, cost, cost * seconds)
         steps = ceil(length / knob * (1 - 1e-12))
         return Choice(row.method, length / steps, steps, None, None, error, cost, cost * seconds)
@@ -157,7 +158,7 @@ def _knob(row: Row) -> float:
 
 
 def _factor(row: Row, ratio: float, length: float) -> float | None:
-    """What the error grows by; None where its growth is not resolved."""
+    """Factor by which the error grows; None if its growth is not resolved."""
     if row.growth is None or row.error is None:
         return None
     if ratio > 1.0 and (row.growth.exponent_error or 0.0) > UNRESOLVED:

@@ -1,4 +1,4 @@
-"""Work against precision: the error of each integrator over a ladder of steps or tolerances, and what it cost."""
+"""Work against precision: the error of each integrator over a ladder of steps or tolerances, and its cost."""
 
 from __future__ import annotations
 

@@ -62,7 +62,7 @@ def out(text: str) -> None:
 
 
 def verbatim(text: str) -> None:
-    """Print a file's text on standard output as it is; on a terminal without control characters."""
+    """Print a file's text on standard output unchanged; on a terminal, without control characters."""
     if sys.stdout.isatty():
         text = "".join(f"{clean(line, len(line) + 1)}\n" for line in text.splitlines())
     sys.stdout.write(text)

@@ -1,7 +1,7 @@
 """OpenMM: a CustomNonbondedForce with velocity Verlet as a CustomIntegrator, on the Reference platform.
 
-That platform computes in float64; the others round forces to float32 and are not used. OpenMM's units (nm, ps, u,
-kJ/mol) are coherent, and the given formulas have only the system's own constants. So the system's numbers stand
+The Reference platform computes in float64; the others round forces to float32 and are not used. OpenMM's units (nm, ps,
+u, kJ/mol) are coherent, and the formulas here have only the system's own constants. So the system's numbers stand
 unchanged: 1 sigma is 1 nm, 1 epsilon is 1 kJ/mol.
 
 OpenMM gives no virial, but the derivative of its energy with respect to a parameter. With U(s r) for U(r), -dU/ds at s
@@ -17,6 +17,7 @@ import numpy as np
 from kickdrift.engines.job import Job
 from kickdrift.engines.lennard_jones import only_lennard_jones, small_units
 from kickdrift.engines.session import Session, Trouble
+from kickdrift.errors import InputError
 from kickdrift.forces import Gravity
 from kickdrift.forces.bound import Measured
 from kickdrift.forces.central import gravitational_constant
@@ -32,11 +33,10 @@ GRAVITY = "-G*m1*m2/sqrt((s*r)^2 + softening^2)"
 def refusal(job: Job) -> str | None:
     """See Engine."""
     system, masses = job.system, job.system.state.masses
-    if system.box.triclinic:
-        return "box: it leans, and OpenMM's lists miss pairs near the cutoff in boxes that lean"
-    if system.box.periodic and not all(system.box.periodic_axes):
-        found = system.box.described(system.units.symbol("length"))
-        return f"box: OpenMM's is periodic along all axes or none, and this one is {found}"
+    try:
+        system.box.cuboid("box: OpenMM")  # whose lists miss pairs near the cutoff in boxes of other shapes
+    except InputError as error:
+        return str(error)
     if not all(masses):
         still = system.body(int(np.argmin(masses)))
         return f"masses: {still} has no mass, and OpenMM fixes massless particles"

@@ -44,13 +44,13 @@ class Session:
 
     time: float = 0.0
     last_step: float = 0.0
-    hint: float = 0.0  # length of the next step; 0 lets the program decide
+    hint: float = 0.0  # length of the next step; 0 leaves it to the program
 
     def __init__(self, job: Job) -> None:
         self.job = job
 
     def reset(self, phase: Floats, time: float) -> None:
-        """Start anew at positions and velocities ``phase`` (2, 3, n)."""
+        """Start anew at positions and velocities ``phase`` (2, 3, n). In two dimensions z is zero."""
         raise NotImplementedError
 
     def advance(self, steps: int, until: float) -> int:
@@ -78,7 +78,7 @@ class Session:
 
 
 class Program(Protocol):
-    """Another program, as a run on it needs it; see ``Engine``."""
+    """Another program, as a run needs it; see ``Engine``."""
 
     @property
     def name(self) -> str: ...
@@ -98,7 +98,7 @@ class EngineFlow(ParticleStates):
         self.stepper: EngineStepper  # the stepper in use
 
     def look(self, looks: Looks, y: Floats, time: float, step: int, last: Floats, fresh: bool = False) -> int:
-        """Sample as ParticleFlow does, with the program's own energies."""
+        """Sample in ParticleFlow's way, with the program's own energies."""
         looks.fill(take_sample(self.subject, self.stepper, step, time, y))
         last[...] = y
         return OK
@@ -126,9 +126,9 @@ RunFlow = Flow | EngineFlow  # what a run advances
 class EngineStepper:
     """Integration by another program.
 
-    The program gets a new state at the next request. A checkpoint holds positions, velocities and, if the method
-    chooses its steps, the length of the next step. The program may have more state (such as the order of its particles,
-    half a step or a polynomial), so a resumed run need not have the same bits.
+    The program gets a new state at the next request. A checkpoint holds positions, velocities and, for an adaptive
+    method, the length of the next step. The program may have more state (the order of its particles, half a step, a
+    polynomial), so a resumed run may have other bits.
     """
 
     _known: Floats | None  # y, if requested since the last step
@@ -149,7 +149,7 @@ class EngineStepper:
         if self._known is None:
             try:
                 with self._one_line():
-                    self._known = self._last = self._session.phase()
+                    self._known = self._last = self._raised(self._session.phase())
             except Trouble as trouble:
                 raise self._stopped(trouble) from None
         return self._known
@@ -172,6 +172,7 @@ class EngineStepper:
     def reset(self, y: Floats, time: float, steps: int) -> None:
         self._known = y
         self._last = y
+        self._z = float(y[0, 2, 0]) if self._job.system.dimensions == 2 else 0.0  # of the plane; the program has zero
         self.trouble = ""
         self.steps_done = steps
         self._begin = time - steps * self._dt
@@ -196,8 +197,10 @@ class EngineStepper:
     def _told(self) -> Session:
         """The session, set to y."""
         if self._waiting:
+            phase = self.y.copy()
+            phase[0, 2] -= self._z
             with self._one_line():
-                self._session.reset(self.y.copy(), self.time)
+                self._session.reset(phase, self.time)
             self._waiting = False
         return self._session
 
@@ -222,7 +225,13 @@ class EngineStepper:
         if time == self.time:
             return self.y.copy()
         with self._one_line():
-            return self._told().at(time)
+            return self._raised(self._told().at(time))
+
+    def _raised(self, phase: Floats) -> Floats:
+        """The program's phase in the plane of the System."""
+        if self._z:
+            phase[0, 2] += self._z
+        return phase
 
     def measure(self, time: float, phase: Floats) -> Measured | None:
         """Measurement at ``time``, at present or inside the last step; None if it is not finite."""

@@ -24,7 +24,7 @@ def is_one(value: Any) -> bool:
 
 
 def number(name: str, key: str, value: Any) -> float:
-    """Return the value as a finite float; an InputError names the force and the key."""
+    """Return the value as a finite float. Raises an InputError that names the force and the key."""
     if isinstance(value, np.ndarray) and value.ndim == 0:
         value = value[()]
     found = real(value)
@@ -34,14 +34,14 @@ def number(name: str, key: str, value: Any) -> float:
 
 
 def items(name: str, key: str, values: Any) -> list[Any]:
-    """Return the values as a list; an InputError names the force and the key."""
+    """Return the values as a list. Raises an InputError that names the force and the key."""
     if isinstance(values, str) or not isinstance(values, Iterable):
         raise InputError(f"{name}: {key}: expected a list, got {shown(values)}")
     return list(values)
 
 
 def vector(name: str, key: str, values: Any) -> Vector:
-    """Return three finite floats; an InputError names the force and the key."""
+    """Return three finite floats. Raises an InputError that names the force and the key."""
     given = [] if isinstance(values, str) or not isinstance(values, Iterable) else list(values)
     if len(given) != 3:
         raise InputError(f"{name}: {key}: expected three numbers, got {shown(values)}")
@@ -53,6 +53,15 @@ def check_in_plane(name: str, key: str, along: Vector, system: Subject) -> None:
     """Refuse a vector out of the plane of a two-dimensional system."""
     if system.dimensions == 2 and along[2] != 0:
         raise InputError(f"{name}: {key} has a z component of {along[2]:.6g}, but the system has two dimensions")
+
+
+def check_place_in_plane(name: str, key: str, place: Vector, system: Subject) -> None:
+    """Refuse a place out of the plane of a two-dimensional system."""
+    z = float(system.state.positions[0, 2])
+    if system.dimensions == 2 and place[2] != z:
+        raise InputError(
+            f"{name}: {key} has z = {place[2]:.6g}, but the particles of this two-dimensional system have z = {z:.6g}"
+        )
 
 
 def check_massive(name: str, system: Subject, ids: Iterable[int]) -> None:

@@ -114,9 +114,9 @@ class Callback:
 
 
 class Unknowns(Protocol):
-    """What a right-hand side is bound to: so many unknowns."""
+    """Unknowns of a right-hand side."""
 
-    separable: bool  # whether they are positions and then velocities
+    separable: bool  # whether y holds positions and then velocities
 
     def __len__(self) -> int: ...
 

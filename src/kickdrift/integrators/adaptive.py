@@ -156,7 +156,7 @@ class AdaptiveStepper(ChosenSteps):
     """Integration with an embedded pair. A checkpoint holds its clock with the last errors, and the start and the
     stages of the last step."""
 
-    keeps = (*ChosenSteps.keeps, "_before", "_stages")
+    saved = (*ChosenSteps.saved, "_before", "_stages")
 
     def __init__(self, flow: Flow, tableau: EmbeddedPair, options: Options) -> None:
         super().__init__(flow, options)
@@ -191,7 +191,7 @@ class AdaptiveStepper(ChosenSteps):
     def _first_step(self) -> float | None:
         f, order, limits = self._flow.derivative(self.time, self.y), self._tableau.error_order, (self.end, self.clip)
         h = first_step(self._flow.derivative, self.time, self.y, f, order, self.rtol, self.atol, *limits)
-        self._extra_evaluations += 2 if h is not None else 0  # else all this is repeated
+        self._extra_evaluations += 2 if h is not None else 0  # else every later step would repeat this
         return h
 
     def at(self, time: float) -> Floats:

@@ -41,9 +41,9 @@ class LookTimes(Protocol):
 
 
 class ChosenSteps(Resumable):
-    """Steps that a compiled loop chooses by their error. Keeps the clock."""
+    """Integration whose compiled loop chooses steps by their error. Stores the clock."""
 
-    keeps: ClassVar[tuple[str, ...]] = ("_cursor", "_clock", "_extra_evaluations")
+    saved: ClassVar[tuple[str, ...]] = ("_cursor", "_clock", "_extra_evaluations")
     _record_address: int | None = None  # of the machine code of steps, once known
 
     def __init__(self, flow: Flow, options: Options) -> None:

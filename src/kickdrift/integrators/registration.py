@@ -1,4 +1,4 @@
-"""User's own integrators: rows of numbers, or a Python step that is compiled into the loop."""
+"""The user's own integrators: rows of numbers, or a Python step that is compiled into the loop."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ REGISTERED: set[str] = set()  # names of the user's integrators
 
 @dataclass(frozen=True)
 class CompiledStep(Method):
-    """User's step function, compiled into its own loop; see ``register_step``."""
+    """A user's step function, compiled into its own loop; see ``register_step``."""
 
     name: str
     function: Callable[..., None]
@@ -175,7 +175,7 @@ def register_step(
     def register(function: Callable[..., None]) -> Callable[..., None]:
         fields = ["options" if declared else "unused"]
         kind = namedtuple("Step_" + "".join(c if c.isalnum() else "_" for c in name), fields)  # type: ignore[misc]
-        kind.__module__ = function.__module__  # code compiled around it is kept apart by its source
+        kind.__module__ = function.__module__  # the cache is kept by the source of this module
         kind.kernel_sources = (function,)  # type: ignore[attr-defined]
         _register(
             CompiledStep(

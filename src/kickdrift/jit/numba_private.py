@@ -25,7 +25,7 @@ def _works() -> str:
 
 
 def private(module: str, name: str) -> Any:
-    """Return the object of that name. Raises InputError if this numba has none."""
+    """Return the object of that name. Raises InputError if this version of numba does not have it."""
     try:
         return getattr(import_module(f"numba.{module}"), name)
     except (ImportError, AttributeError):

@@ -1,6 +1,6 @@
 """Events that a run can watch for, as plain data: close approaches, collisions, escapes and zeros of any function.
 
-``Simulation(system, events=[…])`` and a system file's ``[[event]]`` take them, and `kickdrift.run.watch` finds them.
+``Simulation(system, events=[…])`` and a system file's ``[[event]]`` take events, and `kickdrift.run.watch` finds them.
 A body is given by its name in the system or by its number, counted from 0.
 """
 

@@ -51,18 +51,18 @@ class Problem(ShownProblem):
         alone; needed by the splitting methods
     energy : energy(t, y, *args), a quantity that the exact solution conserves, to be watched
     exact : exact(t) -> (n,), the solution in closed form
-    compiled : False runs f as plain Python, slowly. Compiled code counts whole numbers in 64 bits, keeps lists of whole
-        numbers whole, and keeps the values that names outside f had when it was compiled. Its values are therefore
-        compared with plain Python's before a run, at the start and at states around it
-    name, run, invariants, source : as a System has them
-    equation, parameters : the name in ``kickdrift.odes.ODES`` that a system file gave, and what its factory took
+    compiled : False runs f as plain Python, slowly. Compiled code uses 64-bit integers, keeps a list of integers as
+        integers, and fixes the values of names outside f when f is compiled. Before a run, compiled values are
+        therefore compared with plain Python's, at the start and at states around it
+    name, run, invariants, source : as in a System
+    equation, parameters : name in ``kickdrift.odes.ODES`` from a system file, and the parameters of its factory
 
     With args, the attributes f, jacobian and energy are functions of t and y alone.
 
     Raises
     ------
     InputError
-        Where y0 or what f returns is not n finite numbers.
+        If y0 or the values of f are not n finite numbers.
     """
 
     f: Function
@@ -132,11 +132,11 @@ class Problem(ShownProblem):
             self._checked("energy", energy, ())
 
     def __getstate__(self) -> dict[str, Any]:
-        """What another process needs: all but the machine code."""
+        """Return all but the machine code, so that another process can load the problem."""
         return {key: value for key, value in vars(self).items() if key != "right_hand_side"}
 
     def with_run(self, **defaults: Any) -> Problem:
-        """The same problem with these in its `RunDefaults`, as ``System.with_run``."""
+        """Return the same problem with changed `RunDefaults`, as ``System.with_run`` does."""
         made = copy(self)
         object.__setattr__(made, "run", self.run.changed(**defaults))
         return made
@@ -157,15 +157,15 @@ class Problem(ShownProblem):
 
     @property
     def state(self) -> ProblemState:
-        """Where it starts."""
+        """State at the start."""
         return ProblemState(self.y0, self.t0)
 
     def _checked(self, key: str, function: Function, shape: tuple[int, ...]) -> Floats:
-        """What the function gives at the start."""
+        """Values of the function at the start, checked."""
         given = self.y0.copy()
         try:
             value = function(self.t0, given)
-        except Exception as error:  # whatever a user's function raises
+        except Exception as error:  # a user's function may raise anything
             line = " ".join(f"{type(error).__name__}: {error}".split())
             raise InputError(f"{self.name}: {key}(t0, y0) raised {line}") from error
         if not np.array_equal(given, self.y0):
@@ -177,7 +177,7 @@ class Problem(ShownProblem):
 
 
 def finite_numbers(key: str, values: ArrayLike) -> Floats:
-    """The values as an array; an InputError that begins with ``key`` where they are not finite numbers."""
+    """Return the values as an array. Raises an InputError that begins with ``key`` unless they are finite numbers."""
     array = numbers(key, values)
     if not np.isfinite(array).all():
         bad = np.argwhere(~np.isfinite(array))[0]

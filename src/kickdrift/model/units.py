@@ -96,6 +96,21 @@ def quantity(value: Any, dimension: str, units: UnitSystem, key: str = "") -> fl
     return result
 
 
+def has_unit(text: str) -> bool:
+    """Whether a text is a number and what may be a unit."""
+    match = _QUANTITY.fullmatch(text.strip()) if len(text) <= LONGEST else None
+    return match is not None and bool(match[2])
+
+
+def time_in(value: Any, units: UnitSystem | None, key: str) -> Any:
+    """Return a time in ``units`` from a text such as "5 ps"; other values as they are. A Problem has no units."""
+    if not (isinstance(value, str) and has_unit(value)):
+        return value
+    if units is None:
+        raise InputError(f"{key}: times of a Problem are plain numbers, got {shown(value)}")
+    return quantity(value, "time", units, key)
+
+
 def number_density(value: Any, units: UnitSystem, mass: float, key: str = "density") -> float:
     """Return particles per volume, from a number, or from text: a number density, or a mass density over ``mass``."""
     if not isinstance(value, str) or units.reduced:
@@ -109,7 +124,7 @@ def number_density(value: Any, units: UnitSystem, mass: float, key: str = "densi
 def unit_named(text: str, units: UnitSystem | None, key: str) -> str:
     """Unit that a text names: a dimension ("length") gives its unit in ``units``, and a unit gives itself.
 
-    "" is no unit. An InputError begins with ``key``.
+    "" means no unit. Raises an InputError that begins with ``key``.
     """
     dimension = text.replace("_", " ")
     if dimension in DIMENSIONS and units is not None:
@@ -140,7 +155,7 @@ def _registry() -> Any:
 
 
 def _parsed(unit: str, text: str, prefix: str) -> Any:
-    """pint's unit of this name. An InputError names the unknown part of the ``text``."""
+    """pint's unit of this name. Raises an InputError that names the unknown part of the ``text``."""
     import pint
 
     registry = _registry()
@@ -181,10 +196,8 @@ def _convert(number: float, unit: str, dimension: str, units: UnitSystem, wrong:
 
 
 def _is_pure(registry: Any, unit: Any, dimension: str) -> bool:
-    """Whether the unit is free of units that pint takes for the number 1, such as percent, bit or rad.
-
-    An angle must be in radians, degrees, turns, … and nothing else.
-    """
+    """Tell whether the unit is free of units that pint takes for the number 1, such as percent, bit or rad. An angle
+    must be in radians, degrees, turns, … and nothing else."""
     root = registry.get_root_units(unit)[1]
     if dimension == "angle":
         return len(unit._units) == 1 and bool(root == registry.Unit("radian"))

@@ -1,4 +1,4 @@
-"""A figure of one column of a run's samples against time."""
+"""Figure of one column of a run's samples against time."""
 
 from __future__ import annotations
 

@@ -42,7 +42,7 @@ TURNS = 8  # ellipses drawn for a body, spread over the run
 INNER = 8.0  # ratio of distances across the widest gap from which the inner bodies get their own panel
 CROWD = 0.97  # share of many bodies inside the panel
 CLOSE = 0.8  # share of a few bodies' places, without a dominant one, inside the close-up
-# Seven of Okabe & Ito's colours and five of Paul Tol's muted ones, distinguishable for colour-blind readers.
+# Seven colours of Okabe & Ito and five muted ones of Paul Tol, distinguishable for colour-blind readers.
 BODY_COLOURS = (*COLOURS, "#882255", "#44AA99", "#999933", "#332288", "#AA4499")
 
 

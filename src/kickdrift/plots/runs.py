@@ -109,7 +109,7 @@ def plot_benchmark(
     Faint: every sample; strong: the root mean square over each fiftieth of the run.
 
     A row has ``method``, ``dt``, ``table``, ``times`` (k,), ``relative_error`` (k,) and, optionally, ``verdict``.
-    What is not finite, as after a blow-up, is left out.
+    Values that are not finite, as after a blow-up, are left out.
     """
     target = checked_target(output, overwrite)
     if not rows:
@@ -199,7 +199,7 @@ def _draw_method(axes: Axes, row: Mapping[str, Any], colour: str) -> None:
 
 
 def _rdf(run: reader.Run) -> tuple[Floats, Floats, int] | None:
-    """r, g(r) and the number of frames; None where the box leaves an axis open that particles move along."""
+    """r, g(r) and the number of frames; None if particles move along an open axis of the box."""
     n, plane = len(run.ids), run.system_record.get("dimensions") == 2
     size = run.box.area if plane else run.box.volume
     if not math.isfinite(size):

@@ -38,11 +38,13 @@ class Own(NamedTuple):
     run_id: str
     every: int
     interval: float | None
+    backward: bool
 
     @classmethod
     def of(cls, run_id: str, every: int, plan: Plan | None) -> Own:
         """Return the entry of a run that began the file by a plan."""
-        return cls(run_id, every, plan.interval if plan and plan.exact and plan.interval else None)
+        interval = plan.interval if plan and plan.exact and plan.interval else None
+        return cls(run_id, every, interval, bool(plan and plan.backward))
 
 
 class Outputs:
@@ -61,11 +63,11 @@ class Outputs:
 
     def __init__(self, run: Integration, checkpoint: Callable[[], Memory]) -> None:
         self._run, self._checkpoint = run, checkpoint
-        self._files: dict[str, Own] = {}  # that this Simulation began or continues
+        self._files: dict[str, Own] = {}  # files that this Simulation began or continues
         self.default: str | None = None
 
     def chosen(self, output: str | None, overwrite: bool) -> str | None:
-        """Return the file to write; an InputError if this is the default file and cannot be continued."""
+        """Return the file to write. Raises InputError if this is the default file and cannot be continued."""
         if output is not None or self.default is None:
             return output
         if overwrite or not os.path.exists(self.default):
@@ -124,6 +126,11 @@ class Outputs:
         from kickdrift.trajectory.problems.writer import ProblemWriter
 
         run, path = self._run, os.path.realpath(output)
+        if plan.backward and plan.interval and plan.exact:
+            raise InputError(f"{output}: a file of a run back in time takes every, not interval")
+        if path in self._files and not overwrite and self._files[path].backward != plan.backward:
+            way = "back" if self._files[path].backward else "forwards"
+            raise InputError(f"{output}: the run in this file goes {way} in time; give another output")
         system: Any = run.events.first if run.events else run.system  # including the bodies that have left
         if path in self._files and not overwrite and os.path.exists(path):
             kind = Writer if isinstance(system, System) else ProblemWriter

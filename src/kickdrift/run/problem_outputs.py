@@ -14,6 +14,7 @@ import numpy as np
 from kickdrift.disk import kinds
 from kickdrift.disk.outputs import checked_target, plain
 from kickdrift.errors import InputError, KickdriftError
+from kickdrift.looks.record import WRITING
 from kickdrift.model.problem import Problem, ProblemState
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
@@ -97,6 +98,8 @@ class ProblemTableFile(Watcher):
     method : what the Simulation says of itself
     columns : names of the user's columns to write
     """
+
+    part = WRITING
 
     def __init__(
         self, run: Integration, output: str, overwrite: bool, method: Mapping[str, Any], columns: Iterable[str]

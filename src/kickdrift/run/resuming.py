@@ -1,6 +1,6 @@
 """Resuming a run from its file, bit for bit.
 
-A checkpoint holds everything that the next step depends on. The run continues from the last checkpoint before the
+A checkpoint holds everything that determines the next step. The run continues from the last checkpoint before the
 requested step. The steps in between are run again without a look, which changes no bits. The length of the run so far
 does not matter.
 """
@@ -63,8 +63,8 @@ def resume(
     ----------
     path : path of a file that `Simulation.run` wrote, also for a run that was killed
     step : a step from the file's first to its last, with or without a frame; default the file's end
-    system : the run's system, if a force's class is not registered; a different system is an InputError
-    problem : the run's Problem, if it is made of functions of the user; another Problem is an InputError
+    system : the run's system, if a force's class is not registered; a different system raises InputError
+    problem : the run's Problem, if it is made of functions of the user; another Problem raises InputError
     events : the run's events, if they have functions of the user
     threads : default the run's number, or as many as the machine has; the bits do not depend on it
 
@@ -93,7 +93,7 @@ def resume(
         end = step is None
         goal = _goal(run, step, run.last_point)
         damaged = _restore(sim, run, goal)
-        go_to(sim.integration, *goal, end=Plan.of(run.plan).end_time if run.plan else np.inf)
+        go_to(sim.integration, *goal, end=_end(run, sim))
         at, when = goal
         if when is not None and not same((at, when), sim.steps_done, sim.time):
             raise InputError(f"{run.path}: damaged: no step matches its last sample, step {at} at time {when:g}")
@@ -105,6 +105,13 @@ def resume(
     return sim
 
 
+def _end(run: Run | ProblemRun, sim: Simulation) -> float:
+    """Return the time beyond which f is not evaluated: the end of the file's plan, in the direction of the run."""
+    backward = sim.integration.backward
+    end = Plan.of(run.plan).end_time if run.plan and Plan.of(run.plan).backward == backward else np.inf
+    return -np.inf if backward and end == np.inf else end
+
+
 def continued(sim: Simulation, steps: int | None, time: float | None) -> Plan:
     """Return the plan of a resumed run with another end, ``steps`` or ``time`` counted from step 0."""
     plan = sim.plan
@@ -114,6 +121,8 @@ def continued(sim: Simulation, steps: int | None, time: float | None) -> Plan:
         begin = sim.time - sim.steps_done * sim.dt
     if time is not None and not np.isfinite(time):
         raise InputError(f"time must be finite, got {time!r}")
+    if time is not None and plan.backward:
+        raise InputError(f"{sim.output}: the run goes back in time; give --steps")
     if time is not None and sim.method.chooses_steps:
         if plan.interval:
             check_samples((begin + time - sim.time) / plan.interval, "interval")
@@ -131,7 +140,7 @@ def continued(sim: Simulation, steps: int | None, time: float | None) -> Plan:
         raise InputError(f"{sim.output}: is already past step {steps}, at step {sim.steps_done}")
     if plan.every:
         check_samples((steps - sim.steps_done) / plan.every, "every")
-    return replace(plan, end_step=steps, end_time=np.inf)
+    return replace(plan, end_step=steps, end_time=-np.inf if plan.backward else np.inf)
 
 
 def _opened(path: str | os.PathLike[str]) -> Run | ProblemRun:
@@ -211,7 +220,7 @@ def _restore(sim: Simulation, run: Run | ProblemRun, goal: tuple[int, float | No
 
 
 def _behind(at: int, when: float, step: int, time: float | None) -> bool:
-    """Whether a point of the run lies after the goal."""
+    """Tell whether a point of the run is later than the goal."""
     return at > step or (at == step and time is not None and before(time, when))
 
 

@@ -1,4 +1,4 @@
-"""What the tables [particles] and [box] of a system file give: positions, masses, species, and the box."""
+"""Positions, masses, species and box from the tables [particles] and [box] of a system file."""
 
 from __future__ import annotations
 
@@ -20,20 +20,21 @@ from kickdrift.text import shown
 
 
 def edges_given(table: SystemTable) -> Box | None:
-    """The box whose lengths or matrix the file gives; None where it gives neither."""
+    """Box with the lengths or the matrix in the file; None if it has neither."""
     for key, given in (("lengths", table.box.lengths), ("matrix", table.box.matrix)):
         if given is not None:
             if not table.dimensions <= len(given) <= 3:
                 raise InputError(f"box.{key}: expected {table.dimensions} items, got {len(given)}")
-            return Box(given, periodic=_along(table))
+            return Box(given, periodic=_along(table.box.periodic, table.dimensions))
     return None
 
 
 def box_of(table: SystemTable, start: Structure) -> Box | None:
-    """The box that the file gives, or that its particles fill; None for open space."""
+    """Box from the file, or filled by its particles; None for open space."""
     given, edges = edges_given(table), start.edges
     if given is not None:
-        for axis, (length, edge) in enumerate(zip(table.box.lengths or (), edges or (0.0,) * 3, strict=False)):
+        extents = (0.0,) * 3 if edges is None else edges
+        for axis, (length, edge) in enumerate(zip(table.box.lengths or (), extents, strict=False)):
             if length < edge * (1 - 1e-9):
                 raise InputError(
                     f"box.lengths[{axis}]: expected at least {edge:.9g}, the extent of the particles, got {length:g}"
@@ -44,15 +45,16 @@ def box_of(table: SystemTable, start: Structure) -> Box | None:
         return None
     if edges is None:
         raise InputError("box.lengths: required key is missing; nothing else sets the edges of this periodic box")
-    return Box(edges, periodic=_along(table))
+    return Box(edges, periodic=_along(periodic, table.dimensions))
 
 
-def _along(table: SystemTable) -> Sequence[bool]:
-    return table.box.periodic if isinstance(table.box.periodic, list) else (True, True, table.dimensions == 3)
+def _along(periodic: bool | Sequence[bool] | None, dimensions: int) -> Sequence[bool]:
+    """The axes of a periodic box, from three values or one."""
+    return periodic if isinstance(periodic, Sequence) else (True, True, dimensions == 3)
 
 
 def on_lattice(particles: LatticeTable, table: SystemTable, box: Box | None, units: UnitSystem) -> Structure:
-    """Particles on a lattice, which fills a box that is given by its matrix."""
+    """Particles on a lattice. A box with a matrix is filled by the lattice."""
     count, lengths, plane = particles.count, table.box.lengths, table.dimensions == 2
     kinds = PLANE_LATTICES if plane else LATTICES
     if particles.lattice not in kinds:
@@ -89,7 +91,7 @@ def on_lattice(particles: LatticeTable, table: SystemTable, box: Box | None, uni
 
 
 def as_given(particles: PositionsTable, units: UnitSystem, gravity: float | None) -> Structure:
-    """Particles at positions that the file lists."""
+    """Particles at the positions in the file."""
     n = len(particles.positions)
     if isinstance(particles.species, dict) and len(particles.species) > 1:
         raise InputError(f"species: expected one name or a list of {n}; fractions need a lattice")

@@ -1,4 +1,4 @@
-"""A run's file in the formats of other programs, through the writers of MDAnalysis and ASE."""
+"""Export of a run's file to formats of other programs, through the writers of MDAnalysis and ASE."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _WRITERS = {"MDAnalysis": to_mdanalysis.write, "ASE": to_ase.write}
 
 
 class Exported(NamedTuple):
-    """What came of an export; ``losses`` is one line, ``notes`` are what this very run had to give up besides."""
+    """Result of an export. ``losses`` is one line; ``notes`` say what was lost from this run in particular."""
 
     path: Path
     frames: int
@@ -40,9 +40,9 @@ def export(
 ) -> Exported:
     """Write frames of a run's file in another format, which the suffix names: .dcd, .xtc, .trr, .xyz, .pdb, .extxyz, …
 
-    Through MDAnalysis lengths are in angstrom and times in ps, and where the file's units are nominal, numbers are the
-    run's; through ASE they are in ASE's units, as `System.to_ase` has them, with times in the run's. XTC is read back:
-    no position is off by more than 1e-4 in nominal units, or 0.01 angstrom.
+    Through MDAnalysis lengths are in angstrom and times in ps; if the file's units are nominal, numbers are the run's.
+    Through ASE numbers are in ASE's units, as in `System.to_ase`, and times in the run's. An XTC file is read back to
+    check that no position is off by more than 1e-4 in nominal units, or 0.01 angstrom.
 
     Parameters
     ----------
@@ -56,8 +56,8 @@ def export(
     Raises
     ------
     InputError
-        Where the format cannot hold the run (it names the frame and the particle), MDAnalysis or ASE is missing, or a
-        name is wrong. There is no new file then.
+        The format cannot hold the run (the error names the frame and the particle), MDAnalysis or ASE is missing, or a
+        name is wrong. Then no new file is left.
     """
     kind = kinds.export(Path(output).suffix, tuple(FORMATS))
     target = checked_target(output, kind, overwrite, [path])

@@ -1,4 +1,4 @@
-"""Reading a run's file: `open` gives a Run, the sequence of its frames."""
+"""Reader of a run's file: `open` returns a Run, the sequence of its frames."""
 
 from __future__ import annotations
 
@@ -34,8 +34,8 @@ CHANGED = "its system was changed after the run began (kickdrift/system, units, 
 class Run(Recorded, Frames, ShownRun):
     """A run's file, open for reading: a context manager, and the sequence of all its frames.
 
-    Everything is in the system's own units, whatever unit the file names for the sake of other programs. Observables
-    are those of the samples, which are at least as dense as the frames; ``run[:]`` has them at the frames.
+    All values are in the system's own units, although the file may name other units for other programs. Observables are
+    those of the samples, which are at least as dense as the frames; ``run[:]`` has the observables at the frames.
 
     Attributes
     ----------
@@ -45,24 +45,24 @@ class Run(Recorded, Frames, ShownRun):
         Steps between samples.
     units : UnitSystem
     nominal_units : bool
-        Whether the file's angstrom and ps stand for a length and time unit that other programs do not know.
+        Whether the file uses angstrom and ps as stand-ins for units that other programs do not know.
     box : Box
-        That the run began with; every run so far keeps it.
+        Box at the start of the run.
     species : tuple of str
     species_index : (n,) int32 into `species`
     names : tuple of str
-        Of the bodies, where they have any.
+        Names of the bodies, if any.
     masses : (n,) float64
     ids : (n,) int64
     system_source : str
-        The text of the system file, empty where there was none.
+        Text of the system file; empty if there was none.
     system_record, method, versions : dict
     options : FileOptions
-        How the file is written; of ``flush`` it says nothing.
+        How the file is written, without ``flush``.
     packed : bool
-        Whether frames are compressed, as they are once a run that was asked for it has ended.
+        Whether frames are compressed. Compression happens at the end of a run.
     report : dict or None
-        What the run reported at its end; None if it did not reach it.
+        The run's report; None if the run did not finish.
     """
 
     def _check_kind(self, file: h5py.File) -> None:
@@ -83,7 +83,7 @@ class Run(Recorded, Frames, ShownRun):
         self.method, self.versions = found.method, found.versions
         self.options, self.packed = found.options, found.packed
         self.report, self.half_written = found.report, found.half_written
-        # What a kill left behind the last commit may be part of a row; it does not count.
+        # Rows after the last commit may be incomplete after a kill; they do not count.
         Frames.__init__(self, None, range(found.committed.frames))
         self._read_rows(found)
         self._written = found.vectors
@@ -97,8 +97,8 @@ class Run(Recorded, Frames, ShownRun):
         return f"<Run {self.path}: {len(self)} frames of {len(self.ids)} particles>"
 
     def vectors(self, what: str, frames: slice, particles: slice = slice(None)) -> Floats:
-        """(f, n, 3) unwrapped "positions", "velocities" or "forces" of some frames and particles, read at once; an
-        InputError for forces that the run did not write."""
+        """Unwrapped "positions", "velocities" or "forces" of some frames and particles, shape (f, n, 3), in one read.
+        Raises InputError if the run did not write forces."""
         name, factor = {
             "positions": ("position", self._factors.length),
             "velocities": ("velocity", self._factors.velocity),
@@ -116,14 +116,14 @@ class Run(Recorded, Frames, ShownRun):
         return values
 
     def boxes_of(self, rows: range) -> list[Box]:
-        """The box of each of some frames, in ascending order: `box`, unless the Writer was given another."""
+        """Box of each of these frames, in ascending order: `box`, unless the Writer was given another box."""
         if not rows or not self.box.periodic:
             return [self.box] * len(rows)
         self.check_clock(rows)
         return edges.boxes(self._contents, self.box, self._factors.length, as_slice(rows))
 
     def _checked(self, name: str, rows: range, particles: slice) -> NDArray:
-        """(f, k, 3) of what frames hold, as it is stored; an InputError names the first that is damaged."""
+        """Stored vectors (f, k, 3) of frames. Raises an InputError that names the first damaged frame."""
         self.check_clock(rows)
         block, n = self._checks.block, len(self.ids)
         low, high, step = particles.indices(n)
@@ -136,7 +136,7 @@ class Run(Recorded, Frames, ShownRun):
             if len(rows) == 1:
                 raise self._damaged("frame", rows[0], self.all_steps) from None
             for row in rows:
-                self._checked(name, range(row, row + 1), particles)  # which says which one it is
+                self._checked(name, range(row, row + 1), particles)  # raises an error that names the frame
             raise
         wrong = self._checks.vectors(name, rows, found, begin // block)
         if wrong.any():
@@ -144,7 +144,7 @@ class Run(Recorded, Frames, ShownRun):
         return found[:, low - begin : high - begin : step]
 
     def framed(self, frames: slice) -> dict[str, Floats]:
-        """Every observable as an array (f,) or (f, …) at some frames."""
+        """Every observable at some frames, shape (f,) or (f, …)."""
         rows = range(*frames.indices(len(self)))
         wrong = self._checks.observables(rows)
         if wrong.any():
@@ -153,49 +153,48 @@ class Run(Recorded, Frames, ShownRun):
         return {name: self._contents.read(data, frames) for name, data in series.items()}
 
     def check_clock(self, rows: range) -> None:
-        """An InputError where the step or time of one of these frames is damaged."""
+        """Raise InputError if the step or time of one of these frames is damaged."""
         wrong = self._wrong_clock[as_slice(rows)]
         if wrong.any():
             raise self._damaged("frame", rows[int(np.argmax(wrong))])
 
     def refuse_changed(self) -> None:
-        """An InputError where what gives the numbers their meaning is not what it was, in a file that has a hash of it
-        all."""
+        """Raise InputError if anything that gives the numbers their meaning has changed, by the file's hash."""
         if not self._as_given:
             raise InputError(f"{self.path}: damaged: {CHANGED}")
 
     @property
     def unchanged(self) -> bool:
-        """Whether the system in the file is the one that its run began with, by its hash."""
+        """Whether the system in the file is unchanged since the run began, by its hash."""
         with self._contents.guarded("kickdrift/system"):
             then = self._file["kickdrift/system"].attrs.get("sha256")
             return bool(self._as_given and then == system_hash(self._file))
 
     @property
     def exact(self) -> bool:
-        """Whether positions and velocities are those of the run to the last bit."""
+        """Whether stored positions and velocities are exact to the last bit."""
         real = self._factors.length == self._factors.time == 1.0
         return real and self.options.store == "float64" and "images" not in self.options.write
 
     @property
     def energies(self) -> EnergySeries:
-        """Kinetic, potential and total energy at `sample_times`; an InputError if they were not written."""
+        """Kinetic, potential and total energy at `sample_times`. Raises InputError if they were not written."""
         return energies_of(self, self.sample_times, self.observables)
 
     def to_pandas(self) -> Any:
-        """A pandas DataFrame: a row for each sample, with step, time and every observable (``momentum_x``, …).
+        """A pandas DataFrame with a row for each sample: step, time and every observable (``momentum_x``, …).
 
-        Units are in ``attrs["units"]``, by column. An InputError where pandas is not installed.
+        The unit of each column is in ``attrs["units"]``. Raises InputError if pandas is not installed.
         """
         from kickdrift.trajectory.tables import data_frame
 
         return data_frame(self, self.sample_steps, self.sample_times, self.observables)
 
     def to_xarray(self) -> Any:
-        """An xarray Dataset of all that was written over time, with units as attributes.
+        """An xarray Dataset of everything that was written over time, with units as attributes.
 
-        Positions and velocities (frame, particle, axis), masses and species (particle), and every observable
-        (sample, …) at the coordinates sample_step and sample_time. An InputError where xarray is not installed.
+        Positions and velocities have dimensions (frame, particle, axis), masses and species (particle), and observables
+        (sample, …). Samples have coordinates sample_step and sample_time. Raises InputError if xarray is not installed.
         """
         from kickdrift.trajectory.tables import dataset
 
@@ -204,7 +203,7 @@ class Run(Recorded, Frames, ShownRun):
         return dataset(self, self, series, clock)
 
     def system(self) -> System:
-        """The System that the run was given, from the file alone; ``run[k].system()`` is that at a frame."""
+        """The System that the run began with, from the file alone. ``run[k].system()`` is the System at a frame."""
         from kickdrift.trajectory.record import system_of
 
         self.refuse_changed()
@@ -212,7 +211,7 @@ class Run(Recorded, Frames, ShownRun):
 
     @cached_property
     def kept(self) -> Committed:
-        """The rows that a run which is resumed goes on after: all but those of a damaged end."""
+        """Rows after which a resumed run continues: all but those of a damaged end."""
         frames, samples, events = self.committed
         while frames and (self._checks.clock[frames - 1] or self._checks.frame(frames - 1)):
             frames -= 1
@@ -222,7 +221,7 @@ class Run(Recorded, Frames, ShownRun):
             return self.committed
         at = list(zip(self._series("step").tolist(), self._series("time").tolist(), strict=True))
         there = list(zip(self.all_steps.tolist(), self.all_times.tolist(), strict=True))
-        if frames < len(self):  # a damaged frame comes after the last whole one
+        if frames < len(self):  # a damaged frame comes after the last whole frame
             last = there[frames - 1] if frames else (-1, 0.0)
             while samples and behind(last, at[samples - 1]):
                 samples -= 1
@@ -232,16 +231,17 @@ class Run(Recorded, Frames, ShownRun):
 
     @property
     def initial_phase(self) -> Floats:
-        """(2, 3, n) positions and velocities of the System that the run was given."""
+        """Positions and velocities (2, 3, n) of the System at the start of the run."""
         return self._contents.array("kickdrift/system/phase", "f8", (2, 3, len(self.ids)))
 
     def universe(self) -> Any:
-        """An MDAnalysis Universe of this file, with names, types and masses; nominal units where the file's are."""
+        """An MDAnalysis Universe of this file, with names, types and masses; its units are nominal if the file's
+        are."""
         from kickdrift.trajectory.universe import universe
 
         return universe(self)
 
 
 def open(path: str | os.PathLike[str]) -> Run:
-    """A run's file as a Run; the InputError of a file that is none says what it is instead."""
+    """Open a run's file as a Run. For another file, raises an InputError that says what the file is instead."""
     return Run(path_text("path", path))

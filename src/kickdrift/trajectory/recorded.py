@@ -26,7 +26,7 @@ from kickdrift.trajectory.options import FileOptions
 
 
 class Samples(NamedTuple):
-    """Some samples: their numbers, steps, times and observables."""
+    """Numbers, steps, times and observables of some samples."""
 
     rows: NDArray[np.int64]
     steps: NDArray[np.int64]
@@ -97,21 +97,21 @@ class Recorded:
 
     @property
     def plan(self) -> list[float]:
-        """The numbers of the `run.plan.Plan` of the last run into this file; empty where it is not known."""
+        """Numbers of the `run.plan.Plan` of the last run into this file; empty if unknown."""
         return header.plan_numbers(self._contents)
 
     @property
     def checkpoints(self) -> Table | None:
-        """What the run can be taken up again from; None in a file that has none."""
+        """Checkpoints for a restart; None if the file has none."""
         if not self._contents.has(CHECKPOINTS):
             return None
         return Table(self._file, self.path)
 
     @property
     def events(self) -> list[dict[str, Any]]:
-        """What `Simulation.events` of the run had: kind, time, step, bodies, ids, distance, energy, done.
+        """Events of the run, as in `Simulation.events`: kind, time, step, bodies, ids, distance, energy, done.
 
-        Close approaches that had not ended with the run come last."""
+        Close approaches that were still going on at the run's end come last."""
         wrong = self._checks.events
         if wrong.any():
             raise self._damaged("event", int(np.argmax(wrong)))
@@ -127,17 +127,17 @@ class Recorded:
 
     @property
     def observables(self) -> dict[str, Floats]:
-        """Every observable as an array (s,) or (s, …), at `sample_steps` and `sample_times`."""
+        """Every observable at `sample_steps` and `sample_times`, shape (s,) or (s, …)."""
         return {name: self._sampled(name) for name in self._observables if self._samples}
 
     @property
     def columns(self) -> dict[str, tuple[tuple[int, ...], str]]:
-        """Shape and unit of each column of the user's own, by name; ``observables`` has the values."""
+        """Shape and unit of each of the user's columns, by name; ``observables`` has the values."""
         own = [name for name in self._observables if name not in self.own_names]
         return {name: (header.shape_of(self._contents, name), self.unit_of(name)) for name in own}
 
     def unit_of(self, observable: str) -> str:
-        """The unit of an observable, in words; "" for a plain number."""
+        """Unit of an observable as text; "" for a plain number."""
         return header.unit_of(self._contents, observable, self.units)
 
     @property
@@ -149,13 +149,13 @@ class Recorded:
         return self._sampled("time")
 
     def whole_samples(self) -> Samples:
-        """The samples that are not damaged."""
+        """Samples that are not damaged."""
         kept = np.flatnonzero(~self._checks.samples)
         observables = {name: self._series(name)[kept] for name in self._observables}
         return Samples(kept, self._series("step")[kept], self._series("time")[kept], observables)
 
     def _sampled(self, name: str) -> NDArray:
-        """A series of the samples; an InputError names the first sample that is damaged."""
+        """Series of the samples. Raises an InputError that names the first damaged sample."""
         wrong = self._checks.samples
         if wrong.any():
             raise self._damaged("sample", int(np.argmax(wrong)))
@@ -168,7 +168,7 @@ class Recorded:
 
     @cached_property
     def _as_given(self) -> bool:
-        """Whether all that was written once is as it was, as far as the file can tell."""
+        """Whether everything that was written once is unchanged, by the file's hash. True without a hash."""
         with self._contents.guarded("kickdrift"):
             return bool(self._file["kickdrift"].attrs.get("sha256") in (None, self._hash(self._file)))
 
@@ -178,7 +178,7 @@ class Recorded:
         return self._as_given
 
     def damage(self) -> Damage:
-        """Which frames, samples, events and checkpoints are damaged. It reads the whole file."""
+        """Damaged frames, samples, events and checkpoints. Reads the whole file."""
         table = self.checkpoints
         checks = self._checks
         rows = [np.flatnonzero(wrong).tolist() for wrong in (checks.frames, checks.samples, checks.events)]
@@ -191,7 +191,7 @@ class Recorded:
 
     @cached_property
     def kept(self) -> Committed:
-        """The rows that a run which is resumed goes on after: all but those of a damaged end."""
+        """Rows after which a resumed run continues: all but those of a damaged end."""
         frames, samples, events = self.committed
         while samples and self._checks.samples[samples - 1]:
             samples -= 1
@@ -199,12 +199,12 @@ class Recorded:
 
     @property
     def last_point(self) -> tuple[int, float] | None:
-        """Step and time of the last sample of those `kept`."""
+        """Step and time of the last sample among those `kept`."""
         row = self.kept.samples - 1
         return None if row < 0 else (int(self._series("step")[row]), float(self._series("time")[row]))
 
     def check_growing(self) -> None:
-        """An InputError where no rows can be added to the file, since another program has written it anew."""
+        """Raise InputError if rows cannot be added because another program has rewritten the file."""
         contents, (frames, samples, events) = self._contents, self.committed
         for name in self._observables:
             if self._growing["frame"]:

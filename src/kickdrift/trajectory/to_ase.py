@@ -16,7 +16,7 @@ from kickdrift.trajectory.universe import species
 
 
 def write(chosen: Chosen, path: Path, format: Format, progress: Callable[[int, int], None]) -> list[str]:
-    """Write the frames; returns what had to be given up."""
+    """Write the frames and return notes about what was lost."""
     try:
         from ase.io.extxyz import write_extxyz
         from ase.io.trajectory import TrajectoryWriter
@@ -30,7 +30,7 @@ def write(chosen: Chosen, path: Path, format: Format, progress: Callable[[int, i
             file = stack.enter_context(path.open("w", encoding="utf-8"))
 
             def put(atoms: Any) -> None:
-                atoms.arrays["velocities"] = atoms_of.velocities  # 8 decimals of a small mass's momentum tell little
+                atoms.arrays["velocities"] = atoms_of.velocities  # 8 decimals of a small momentum would lose digits
                 write_extxyz(file, [atoms])
 
         for done, frame in enumerate(chosen, 1):
@@ -40,21 +40,21 @@ def write(chosen: Chosen, path: Path, format: Format, progress: Callable[[int, i
 
 
 class AtomsOf:
-    """Makes Atoms of frames, in ASE's units, as `System.to_ase` does.
+    """Converter from frames to Atoms in ASE's units, as in `System.to_ase`.
 
-    Species are the tags, and chemical symbols where they are some, else X. ``info`` has step, time and time_unit (the
-    run's), species, names where there are any, and the ids where bodies are missing.
+    Tags are the species. Chemical symbols are the species if these are elements, else X. ``info`` has step, time and
+    time_unit (the run's), species, names if there are any, ids if bodies are missing, and dimensions if they are two.
 
     Attributes
     ----------
     velocities : (n, 3) of the last frame, in ASE's units
-    notes : what had to be given up
+    notes : what was lost
     """
 
     def __init__(self, chosen: Chosen) -> None:
         from ase.data import atomic_numbers
 
-        from kickdrift.bridges.ase import UNKNOWN, Scale
+        from kickdrift.bridges.ase import DIMENSIONS, UNKNOWN, Scale
 
         run = chosen.run
         self.run, self.scale, self.notes = run, Scale.of(run.units), list[str]()
@@ -63,6 +63,7 @@ class AtomsOf:
             self.notes.append(f"{units.length}, {units.mass} and {units.energy} stand as angstrom, u and eV")
         self.symbols = np.array([kind if kind in atomic_numbers else UNKNOWN for kind in species(run)])
         self.masses = run.masses / self.scale.mass
+        self.plane = {DIMENSIONS: 2} if run.system_record.get("dimensions") == 2 else {}
 
     def __call__(self, frame: Placed) -> Any:
         from ase import Atoms
@@ -84,6 +85,7 @@ class AtomsOf:
             "time": frame.time,
             "time_unit": run.units.time,
             "species": list(run.species),
+            **self.plane,
         }
         if run.names:
             atoms.info["names"] = np.array(run.names)[there].tolist()

@@ -1,4 +1,4 @@
-"""Integrators as values, options of a user's own step, the command line, and what a run's file keeps of options."""
+"""Integrators as values, options of a user's own step, the command line, and options in a run's file."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def system() -> kd.System:
 
 @pytest.fixture
 def damped():
-    """A registered step with options of its own."""
+    """A registered step with its own options."""
 
     @kd.register_step(
         "damped",
@@ -60,7 +60,7 @@ def damped():
 
 
 def kickdrift(monkeypatch, capsys, *arguments: str) -> tuple[int, str, str]:
-    """The status, and what a command wrote to standard output and standard error."""
+    """Exit status, standard output and standard error of a command."""
     monkeypatch.setattr("sys.argv", ["kickdrift", *arguments])
     with pytest.raises(SystemExit) as ended:
         cli.main()
@@ -101,6 +101,19 @@ def test_an_argument_replaces_a_values_option_and_that_one_the_files(system):
 def test_a_value_that_makes_no_sense_is_refused_when_it_is_made(name, options, message):
     with pytest.raises(InputError, match=re.escape(message)):
         kd.integrator(name, **options)
+
+
+def test_a_system_takes_a_value_as_its_default(system):
+    file = system.with_run(corrector=3, coordinates="democratic-heliocentric")
+    made = file.with_run(integrator=VALUE)
+    assert (made.run.integrator, made.run.options["corrector"]) == ("wisdom-holman", 17)
+    assert made.run.options["coordinates"] == "democratic-heliocentric"
+    assert kd.Simulation(made).options.corrector == 17
+    assert system.with_run(integrator=VALUE, corrector=11).run.options["corrector"] == 11
+    assert system.with_run(integrator=kd.integrator("saba", dt=0.25, order="8,4")).run.dt == 0.25
+    assert file.with_run(integrator="saba").run.options == file.run.options
+    problem = kd.load("ode-kepler").with_run(integrator=kd.integrator("rk4", dt=0.01))
+    assert (problem.run.integrator, problem.run.dt) == ("rk4", 0.01)
 
 
 def test_batches_chaos_and_ensembles_take_values(system):
@@ -144,7 +157,7 @@ class Drag(NamedTuple):
 
 @subflow_body(Drag)
 def drag(parts, t, x, v, span, step, stage):
-    """Velocities decay at a rate."""
+    """Velocities decay at this rate."""
     v *= np.exp(-parts.rate * span)
     return OK
 

@@ -1,4 +1,4 @@
-"""Problems: what f may be and return, what is refused, and how adaptive methods go along their steps."""
+"""Problems: allowed forms of f and its results, refused input, and adaptive methods along their steps."""
 
 import math
 import pickle
@@ -73,7 +73,7 @@ def end(problem, integrator="dormand-prince45", time=3.0, **given):
     return sim.state.y
 
 
-# --- what f may be ---
+# --- allowed forms of f ---
 
 
 @pytest.fixture(scope="module")
@@ -414,15 +414,15 @@ def test_rejected_steps_and_evaluations_are_counted():
     sim.run(0)
     calls.clear()
     seen = []
-    report = sim.run(150, observe=lambda sim: seen.append(len(calls)))  # at its end a run is looked at for stiffness
+    report = sim.run(150, observe=lambda sim: seen.append(len(calls)))  # the final check for stiffness also calls f
     assert report.rejected_steps == sim.record.rejected_steps > 10
     assert report.force_evaluations == 1 + 6 * (150 + report.rejected_steps)
     assert seen[-1] == report.force_evaluations
 
 
 def test_hairers_counts():
-    # scipy.integrate.ode("dopri5"), Hairer's Fortran, beta = 0.04: 1442 evaluations, 216 accepted steps. Ours makes
-    # one more, since it measures f at the end of the last step
+    # scipy.integrate.ode("dopri5"), Hairer's Fortran, beta = 0.04: 1442 evaluations, 216 accepted steps. Ours makes one
+    # more evaluation, at the end of the last step
     sim = kd.Simulation(ODES["arenstorf"](), "dormand-prince45", rtol=1e-7, atol=1e-7)
     sim.run(until=17.0652165601579625588917206249)
     assert sim.steps_done == 216
@@ -490,7 +490,7 @@ def orbits():
     problem = ODES["kepler"](0.3)
     return problem, {
         name: kd.Simulation(problem, name, rtol=rtol, atol=rtol) for name, rtol in DENSE.items()
-    }  # one for all examples: compiling is what takes long
+    }  # one dictionary for all examples, since compiling takes longest
 
 
 @given(st.sampled_from(list(DENSE)), st.lists(st.floats(0.0, 6.0), min_size=1, max_size=20))

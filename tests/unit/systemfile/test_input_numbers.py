@@ -1,4 +1,4 @@
-"""What Python code and small files may give as numbers, counts, laws and steps; every refusal is one clear line."""
+"""Numbers, counts, laws and steps from Python code and small files; every refusal is one clear line."""
 
 import math
 import resource
@@ -403,7 +403,7 @@ def test_laws_that_cannot_be_tried_or_mixed_are_refused():
 
 
 def circle(**changes):
-    """Two bodies of period 2 pi."""
+    """Two bodies with period 2 pi."""
     v = [[0, 0, 0], [0, 1.0, 0]]
     return kd.System([[0, 0, 0], [1.0, 0, 0]], v, [1.0, 0.0], forces=[kd.Gravity(G=1.0)], **changes)
 

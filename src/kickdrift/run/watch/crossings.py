@@ -11,7 +11,7 @@ import numpy as np
 from kickdrift.errors import RunError
 from kickdrift.model.event_log import Row, entry
 from kickdrift.model.events import Between, Crossing
-from kickdrift.model.memory import Remembering
+from kickdrift.model.memory import Checkpointed
 from kickdrift.model.state import Floats
 from kickdrift.model.subject import index_of
 from kickdrift.model.system import System
@@ -22,10 +22,10 @@ if TYPE_CHECKING:
     from kickdrift.model.problem import Problem
 
 
-class Crossings(Remembering):
+class Crossings(Checkpointed):
     """Zeros of scalars."""
 
-    keeps = ("_signs", "_last", "_fresh")
+    saved = ("_signs", "_last", "_fresh")
 
     def __init__(self, events: Sequence[Crossing], subject: System | Problem) -> None:
         self._events = events
@@ -59,7 +59,7 @@ class Crossings(Remembering):
         self._indices = np.array([self._rows[m] for m in self._built], dtype=np.int64).reshape(-1, 2).T.copy()
         functions = [self._events[self._live[m]].function for m in self._built]
         self._approach = np.array([f.quantity == "approach" for f in functions if isinstance(f, Between)], dtype=bool)
-        # Scalars of two bodies come first, then functions. Each has its value and its last sign other than zero.
+        # Scalars of two bodies come first, then functions. Each has its value and its last nonzero sign.
         self._order = [*self._built, *self._own]
         self._values, self._signs = np.zeros(len(self._order)), np.zeros(len(self._order))
         self._last: Floats | None = None

@@ -7,6 +7,7 @@ from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 from kickdrift.errors import RunError
+from kickdrift.looks.record import WRITING
 from kickdrift.run.forces import forces_at
 from kickdrift.run.watch.watcher import Watcher
 
@@ -27,6 +28,8 @@ class File(Watcher):
     columns : names of the user's columns to write
     going_on : returns the events that have begun but not ended
     """
+
+    part = WRITING
 
     def __init__(
         self, run: Integration, open: Callable[[], Writer], columns: Iterable[str], going_on: Callable[[], Any]
@@ -72,4 +75,4 @@ class File(Watcher):
             return
         with self._writer as writer:
             writer.report = report.as_json()
-            writer.report["events"] = self._going_on()  # the file already holds the others
+            writer.report["events"] = self._going_on()  # the file already holds all events that have ended
