@@ -220,10 +220,11 @@ class Simulation(Present):
 
         The run looks at the start, after every ``every`` steps (counted from step 0) and at the end. Each look samples
         the energies, writes a frame to ``output`` (a new .h5md file, or one that this Simulation began) and calls
-        ``observe(sim)``. An adaptive run may look at every ``interval`` of time instead, which does not change its
-        steps. ``file`` sets how the output is written: seconds between flushes, precision, compression, forces and
-        images. The values of ``columns`` go to the file beside the energies, and to ``record.samples``. A run that
-        continues a file takes the same columns as the file.
+        ``observe(sim)``. A Problem writes y and its energy to a .h5 file, or at the end to a table (.csv, .parquet). An
+        adaptive run may look at every ``interval`` of time instead, which does not change its steps. ``file`` sets how
+        the output is written: seconds between flushes, precision, compression, forces and images. The values of
+        ``columns`` go to the file beside the energies, and to ``record.samples``. A run that continues a file takes the
+        same columns as the file.
 
         ``every`` defaults to the system file's, or to that of the file that the run continues. Without any of these
         there are about 1000 looks. A run of fewer than 100,000 force evaluations has one look for each 100 evaluations,
@@ -241,7 +242,7 @@ class Simulation(Present):
         output = self._outputs.chosen(None if output is None else path_text("run: output", output), overwrite)
         plan = self.plan
         if plan is None or (steps, goal, every, apart) != (None,) * 4:
-            seen = isinstance(self.system, System) or self.system.energy is not None or bool(observe or written.columns)
+            seen = isinstance(self.system, System) or bool(self.system.energy or observe or written.columns or output)
             plan = plan_of(self, steps, goal, every, apart, self._outputs.own(output), seen, exact)
         check_columns_fit(written.columns, plan)
         run, self.plan = self.integration, None

@@ -12,11 +12,17 @@ from kickdrift.errors import InputError
 from kickdrift.looks.energy_trend import energy_trend
 from kickdrift.looks.report_lines import energy_lines, method_text
 from kickdrift.model.checks import unwarned
+from kickdrift.model.state import Floats
 from kickdrift.model.unit_systems import symbol_of
 from kickdrift.statistics.drift import energy_error
 from kickdrift.text import counted, measured
 from kickdrift.trajectory.info import alarms, goal, info_of
-from kickdrift.trajectory.reader import Run, Samples, open
+from kickdrift.trajectory.problems.header import ENERGY, Y
+from kickdrift.trajectory.problems.info import MOST
+from kickdrift.trajectory.problems.info import info as info_of_problem
+from kickdrift.trajectory.problems.reader import ProblemRun
+from kickdrift.trajectory.reader import Run, open
+from kickdrift.trajectory.recorded import Samples
 
 Lines = list[tuple[str, str]]
 _CHOICES = ("dt", "rtol", "atol")
@@ -52,6 +58,29 @@ def overview_of(run: Run) -> Lines:
     lines += _means(report, units, dimensions)
     lines.append(("frames", _state(found)))
     return lines + alarms(found)
+
+
+def overview_of_problem(run: ProblemRun) -> Lines:
+    """The same of the file of a Problem's run, with y at the end."""
+    found, samples = info_of_problem(run), run.whole_samples()
+    report: dict[str, Any] = run.report if isinstance(run.report, dict) else {}
+    lines = [
+        ("problem", f"{found['problem']}: {counted(found['unknowns'], 'unknown')}"),
+        ("integrator", _method(found["method"], report, "")),
+    ]
+    seen = samples.observables
+    if found["steps"]:
+        (first, last), (begin, end) = found["steps"], found["time"]
+        lines.append(("length", f"{last - first:,} steps, {end - begin:g}"))
+        lines.append(("y at the end", ", ".join(f"{value:.10g}" for value in seen[Y][-1][:MOST]) + _more(seen[Y][-1])))
+        energy = report.get("energy") if report else _energy(run, samples, seen[ENERGY]) if ENERGY in seen else None
+        lines += energy_lines(energy, "", "", end - begin) if isinstance(energy, dict) else []
+    lines.append(("samples", _state(found)))
+    return lines + alarms(found)
+
+
+def _more(y: Floats) -> str:
+    return f" and {len(y) - MOST:,} more" if len(y) > MOST else ""
 
 
 def _method(method: Mapping[str, Any], report: Mapping[str, Any], time_unit: str) -> str:
@@ -92,7 +121,9 @@ def _means(report: Mapping[str, Any], units: Mapping[str, str], dimensions: Any)
 def _state(found: dict[str, Any]) -> str:
     """Number of frames, and whether the run is finished."""
     ahead = goal(found)
-    text = f"{found['frames']:,} and {counted(found['samples'], 'sample', ',')}"
+    text = f"{found['samples']:,}"
+    if "problem" not in found:
+        text = f"{found['frames']:,} and {counted(found['samples'], 'sample', ',')}"
     if found["closed"] and not ahead:
         return f"{text}; " + (f"stopped by {found['stopped']}" if found["stopped"] else "the run is finished")
     text += f"; the run did not finish{f': {ahead}' if ahead else ''}"
@@ -105,7 +136,7 @@ def _so_far(run: Run, samples: Samples) -> dict[str, Any]:
     seen = samples.observables
     found: dict[str, Any] = {}
     if len(samples.steps) and {"total_energy", "kinetic_energy"} <= seen.keys():
-        found["energy"] = _energy(run, samples)
+        found["energy"] = _energy(run, samples, seen["total_energy"], float(seen["kinetic_energy"][0]))
     for key in ("temperature", "pressure"):
         if key in seen and len(seen[key]):
             found[key] = float(np.mean(seen[key]))
@@ -119,8 +150,7 @@ def _so_far(run: Run, samples: Samples) -> dict[str, Any]:
     return found
 
 
-def _energy(run: Run, samples: Samples) -> dict[str, Any]:
-    total, kinetic = samples.observables["total_energy"], float(samples.observables["kinetic_energy"][0])
+def _energy(run: Run | ProblemRun, samples: Samples, total: Floats, kinetic: float = 0.0) -> dict[str, Any]:
     try:
         error = energy_error(total, kinetic)
         trend = energy_trend(samples.steps, samples.times, total, kinetic, run.method.get("dt") is not None)
