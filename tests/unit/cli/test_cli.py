@@ -550,7 +550,7 @@ def test_plot(kickdrift, folder):
     assert_refused(kickdrift("plot", "run.h5md", "--output", "run.gif"), "must end in .png")
     assert_refused(kickdrift("plot", "run.h5md", "--output", f"{NOTHING}.png"), "there is no folder")
     assert_refused(kickdrift("plot", "nothing.h5md"), "nothing.h5md: no such file")
-    assert_refused(kickdrift("plot", "liquid.toml"), "is a system file, not the file of a run")
+    assert_refused(kickdrift("plot", "liquid.toml"), "is a system of particles")
 
 
 # --- bench ---
