@@ -217,6 +217,8 @@ ABOVE.update(
     {
         "comparison figure": _loader("plots.compare", "comparison_figure"),
         "ensemble figure": _loader("plots.ensemble", "ensemble_figure"),
+        "methods figure": _loader("plots.problems", "methods_figure"),
+        "problem figure": _loader("plots.problems", "problem_figure"),
         "report figure": _loader("plots.runs", "report_figure"),
         "run figure": _loader("plots.figures", "figure_of"),
         "run content": _loader("trajectory.info", "info_of"),
