@@ -232,14 +232,14 @@ def info(
         check_run(system)
         print_system(system)
         return
-    from kickdrift.trajectory.info import WIDTH, rows_of
+    from kickdrift.trajectory.info import WIDTH, described
     from kickdrift.trajectory.info import info as found
     from kickdrift.trajectory.overview import overview
 
     if all_ or json_file is not None:
         content = found(file)
     if all_:
-        rows = rows_of(content)
+        rows = described(content)
         out(content["file"])
         print_lines(rows, min(WIDTH, max(len(key) for key, _ in rows)))
     else:

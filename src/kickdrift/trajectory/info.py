@@ -92,7 +92,7 @@ def _unregistered(run: Run) -> list[str]:
 
 def describe(found: dict[str, Any]) -> str:
     """Text for a reader from the result of `info`."""
-    return laid_out(found, rows_of(found))
+    return laid_out(found, described(found))
 
 
 def laid_out(found: dict[str, Any], rows: list[tuple[str, str]]) -> str:
@@ -102,7 +102,7 @@ def laid_out(found: dict[str, Any], rows: list[tuple[str, str]]) -> str:
     return "\n".join(clean(line) for line in lines)
 
 
-def rows_of(found: dict[str, Any]) -> list[tuple[str, str]]:
+def described(found: dict[str, Any]) -> list[tuple[str, str]]:
     """Rows of key and text from the result of `info`."""
     units = found["units"]
     length, time, energy = (symbol_of(units[key]) for key in ("length", "time", "energy"))
@@ -129,7 +129,7 @@ def rows_of(found: dict[str, Any]) -> list[tuple[str, str]]:
         shown_name = name if name in found["columns"] else name.replace("_", " ")
         rows.append((shown_name, f"{short(ends['first'])} → {measured(short(ends['last']), unit)}"))
     rows.append(("", _form(found)))
-    return described(found, rows)
+    return with_end(found, rows)
 
 
 def method_rows(method: dict[str, Any]) -> list[tuple[str, str]]:
@@ -138,7 +138,7 @@ def method_rows(method: dict[str, Any]) -> list[tuple[str, str]]:
     return rows + [(k, short(value)) for k, value in method.items() if k not in _METHOD_SHOWN and value is not None]
 
 
-def described(found: dict[str, Any], rows: list[tuple[str, str]]) -> list[tuple[str, str]]:
+def with_end(found: dict[str, Any], rows: list[tuple[str, str]]) -> list[tuple[str, str]]:
     """Rows of key and text, and the rows that every run has."""
     rows.append(("written by", f"kickdrift {found['kickdrift']}, {found['bytes']:,} bytes"))
     rows.append(("closed", _ending(found)))
