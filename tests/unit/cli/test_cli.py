@@ -100,7 +100,7 @@ def test_a_run_says_what_it_compiles_and_where_the_time_went(monkeypatch, capfd)
         out, found = capfd.readouterr()
         assert ended.value.code == 0
         assert found == err
-        assert re.search(r"^took +[\d.]+ s: stepping and 11 looks [\d.]+", out, re.MULTILINE)
+        assert re.search(r"^took +[\d.]+ s: (stepping and 11 looks|compiling) [\d.]+", out, re.MULTILINE)
         assert re.search(r"^length +10 steps, 0.04 τ$", out, re.MULTILINE)
 
 
