@@ -372,6 +372,8 @@ def test_the_commands(kickdrift, tmp_path):
     assert (status, f"{run}: continues from step 100" in err) == (0, True)
     assert "200 steps" in out
     status, out, _ = kickdrift("info", run)
+    assert (status, "200 steps, 10\n" in out, "the run is finished" in out) == (0, True, True)
+    status, out, _ = kickdrift("info", run, "--all")
     assert (status, "steps 0 to 200" in out) == (0, True)
     assert kickdrift("run", "ode-pendulum", "--steps", "100", "--output", table)[0] == 0
     status, out, _ = kickdrift("info", table)
