@@ -19,10 +19,12 @@ from kickdrift.forces.variations import varied
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators import integrator as method_named
 from kickdrift.integrators.asked import Integrator, unpacked
+from kickdrift.jit.notices import compiling_for
 from kickdrift.looks.observers import Energies
 from kickdrift.model.limits import MOST_STEPS
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
+from kickdrift.model.units import time_in
 from kickdrift.run.simulation import Simulation
 
 if TYPE_CHECKING:
@@ -34,9 +36,9 @@ DEFAULT = "dop853"  # for a system file without an integrator, or with one that 
 
 def megno(
     system: System | Problem,
-    time: float | None = None,
+    time: float | str | None = None,
     integrator: str | Integrator | None = None,
-    dt: float | None = None,
+    dt: float | str | None = None,
     *,
     seed: int = 0,
     threads: int = 1,
@@ -69,17 +71,17 @@ def megno(
     n, name, length = len(system), carrier(system, asked), length_of(system, time)
     sim = Simulation(varied(system, np.zeros_like(system.state.phase)), name, threads=threads, **given)
     state = sim.state
-    try:
-        accelerations = sim.accelerations()[:n].T
-    except RunError:  # not finite; the run gives the reason
-        accelerations = np.zeros((3, 1))
-    scale = scale_of(state.phase[:, :, :n], accelerations)
-    state.phase[:, :, n:] = first_deviation(n, seed) * scale
-    sim.state = state
-    begin = sim.energy()
-    with following(progress, "running") as told:
+    with compiling_for(sim.integration.purpose), following(progress, "running") as told:
+        try:
+            accelerations = sim.accelerations()[:n].T
+        except RunError:  # not finite; the run gives the reason
+            accelerations = np.zeros((3, 1))
+        scale = scale_of(state.phase[:, :, :n], accelerations)
+        state.phase[:, :, n:] = first_deviation(n, seed) * scale
+        sim.state = state
+        begin = sim.energy()
         times, growth = _growth(sim, length, scale, told)
-    end = sim.energy()
+        end = sim.energy()
     chosen = None if sim.method.chooses_steps else sim.dt
     return report_of(system, sim.integrator, chosen, sim.steps_done, seed, (begin, end.total), times, growth)
 
@@ -152,9 +154,9 @@ def _checked_seed(seed: Any) -> int:
     return int(seed)
 
 
-def length_of(system: System, time: float | None) -> float:
+def length_of(system: System, time: float | str | None) -> float:
     """Length of the run."""
-    length = system.run.time if time is None else time
+    length = system.run.time if time is None else time_in(time, system.units, "time")
     if time is None and length is None and system.run.steps and system.run.dt:
         length = system.run.steps * system.run.dt
     if length is None:

@@ -28,6 +28,7 @@ Verdict = Literal["regular", "chaotic", "undecided"]
 
 REGULAR = 0.1  # largest |<Y> - 2| of a regular motion
 CHAOTIC = 4.0  # least <Y> of a chaotic motion
+MARGIN = 1.5  # of the time that an undecided run should have had
 KEPT = 500  # most samples in a report's JSON
 SETTLED = 0.2  # first part of the run, left out of the fit of the Lyapunov exponent (Cincotta & Simo 2000, section 3)
 
@@ -64,29 +65,52 @@ class ChaosReport(Shown):
     means: Floats = field(repr=False)
     growth: Floats = field(repr=False)
 
+    @property
+    def time_to_decide(self) -> float | None:
+        """Length of a run that should decide, an estimate from this run; None if this run decides.
+
+        A regular motion has <Y> - 2 fall about as 1 / t, and a chaotic one has <Y> grow as t (Cincotta & Simo 2000). A
+        <Y> above 3 is nearer to chaos. Half as much again covers the logarithm of t in the first law, and the
+        oscillations about both."""
+        if self.verdict != "undecided":
+            return None
+        nearer_chaos = self.megno > 0.5 * (2.0 + CHAOTIC)
+        return MARGIN * self.time * (CHAOTIC / self.megno if nearer_chaos else abs(self.megno - 2.0) / REGULAR)
+
+    @property
+    def bound(self) -> float:
+        """Largest Lyapunov exponent that this run allows: the modulus of its estimate, and the error."""
+        return abs(self.lyapunov) + self.lyapunov_error
+
     def __repr__(self) -> str:
         return str(self)
 
     def _lines(self) -> Lines:
-        unit = symbol_of(self.time_unit)
+        unit, longer = symbol_of(self.time_unit), self.time_to_decide
         step = "" if self.dt is None else f", dt = {measured(f'{self.dt:g}', unit)}"
-        return [
+        exponent = f"{self.lyapunov:.2e} ± {self.lyapunov_error:.1e}" if longer is None else f"below {self.bound:.1e}"
+        lines = [
             ("system", self.system),
             ("integrator", self.integrator + step),
             ("length", f"{self.steps:,} steps, {measured(f'{self.time:g}', unit)}"),
             ("MEGNO", f"{self.megno:.4g}: {self.verdict} over this length"),
-            ("Lyapunov", f"exponent {self.lyapunov:.2e} ± {self.lyapunov_error:.1e} per {unit or 'unit of time'}"),
+            ("Lyapunov", f"exponent {exponent} per {unit or 'unit of time'}"),
             ("energy error", f"{self.energy_error:.2e} at the end"),
         ]
+        if longer is not None:
+            times = longer / self.time
+            lines.append(("to decide", f"run about {times:.2g} times as long: --time {float(f'{longer:.2g}'):g}"))
+        return lines
 
     def as_json(self) -> dict[str, Any]:
         """The report as one JSON object, with series of at most some 500 points."""
         every = -(-len(self.times) // KEPT)
         series = ("times", "means", "growth")
-        return {
+        kept = {
             name: value[::-every][::-1].tolist() if name in series else value
             for name, value in ((f.name, getattr(self, f.name)) for f in fields(self))
         }
+        return kept | {"time_to_decide": self.time_to_decide}
 
 
 def report_of(

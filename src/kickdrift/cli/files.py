@@ -86,8 +86,19 @@ def plot(
 
         target = output or file.with_suffix(".png")
         out(str(plot_file(file, target, kind and str(kind), column, overwrite=overwrite)))
+        if not kind and not column:
+            name_columns(file)
     else:
         raise InputError("give FILE, or --stability NAME to draw an integrator")
+
+
+def name_columns(file: Path) -> None:
+    """Name a run's own columns, which no figure but ``--column`` draws."""
+    from kickdrift.trajectory import reader
+
+    with reader.open(file) as run:
+        if run.columns:
+            say(f"{file}: --column NAME draws a column of this run: {', '.join(run.columns)}")
 
 
 def export(

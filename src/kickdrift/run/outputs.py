@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from kickdrift.disk.files import place
 from kickdrift.errors import InputError, RunError
 from kickdrift.jit.compile import features, processor
+from kickdrift.looks.record import WRITING
 from kickdrift.model.memory import Memory
 from kickdrift.model.system import System
 from kickdrift.run.forces import forces_at
@@ -31,11 +32,13 @@ class Own(NamedTuple):
     run_id: str
     every: int
     interval: float | None
+    backward: bool
 
     @classmethod
     def of(cls, run_id: str, every: int, plan: Plan | None) -> Own:
         """Return the entry of a run that began the file by a plan."""
-        return cls(run_id, every, plan.interval if plan and plan.exact and plan.interval else None)
+        interval = plan.interval if plan and plan.exact and plan.interval else None
+        return cls(run_id, every, interval, bool(plan and plan.backward))
 
 
 class Outputs:
@@ -108,6 +111,11 @@ class Outputs:
         from kickdrift.trajectory.h5md import Writer
 
         run, path = self._run, os.path.realpath(output)
+        if plan.backward and plan.interval and plan.exact:
+            raise InputError(f"{output}: a file of a run back in time takes every, not interval")
+        if path in self._files and not overwrite and self._files[path].backward != plan.backward:
+            way = "back" if self._files[path].backward else "forwards"
+            raise InputError(f"{output}: the run in this file goes {way} in time; give another output")
         if path in self._files and not overwrite and os.path.exists(path):
             return Writer.append_to(
                 path, self._files[path].run_id, options=options, checkpoint=self._checkpoint, plan=plan.numbers,
@@ -149,6 +157,8 @@ class File(Watcher):
     columns : names of the user's columns to write
     going_on : returns the events that have begun but not ended
     """
+
+    part = WRITING
 
     def __init__(
         self, run: Integration, open: Callable[[], Writer], columns: Iterable[str], going_on: Callable[[], Any]

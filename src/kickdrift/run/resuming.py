@@ -75,7 +75,7 @@ def resume(
         end = step is None
         goal = _goal(run, step, run.last_point)
         damaged = _restore(sim, run, goal)
-        go_to(sim.integration, *goal, end=Plan.of(run.plan).end_time if run.plan else np.inf)
+        go_to(sim.integration, *goal, end=_end(run, sim))
         at, when = goal
         if when is not None and not same((at, when), sim.steps_done, sim.time):
             raise InputError(f"{run.path}: damaged: no step matches its last sample, step {at} at time {when:g}")
@@ -87,6 +87,13 @@ def resume(
     return sim
 
 
+def _end(run: Run, sim: Simulation) -> float:
+    """Return the time beyond which f is not evaluated: the end of the file's plan, in the direction of the run."""
+    backward = sim.integration.backward
+    end = Plan.of(run.plan).end_time if run.plan and Plan.of(run.plan).backward == backward else np.inf
+    return -np.inf if backward and end == np.inf else end
+
+
 def continued(sim: Simulation, steps: int | None, time: float | None) -> Plan:
     """Return the plan of a resumed run with another end, ``steps`` or ``time`` counted from step 0."""
     plan = sim.plan
@@ -96,6 +103,8 @@ def continued(sim: Simulation, steps: int | None, time: float | None) -> Plan:
         begin = sim.time - sim.steps_done * sim.dt
     if time is not None and not np.isfinite(time):
         raise InputError(f"time must be finite, got {time!r}")
+    if time is not None and plan.backward:
+        raise InputError(f"{sim.output}: the run goes back in time; give --steps")
     if time is not None and sim.method.chooses_steps:
         if plan.interval:
             check_samples((begin + time - sim.time) / plan.interval, "interval")
@@ -113,7 +122,7 @@ def continued(sim: Simulation, steps: int | None, time: float | None) -> Plan:
         raise InputError(f"{sim.output}: is already past step {steps}, at step {sim.steps_done}")
     if plan.every:
         check_samples((steps - sim.steps_done) / plan.every, "every")
-    return replace(plan, end_step=steps, end_time=np.inf)
+    return replace(plan, end_step=steps, end_time=-np.inf if plan.backward else np.inf)
 
 
 def _simulation(run: Run, system: System | None, events: Iterable[Event] | None, threads: int | None) -> Simulation:

@@ -13,7 +13,7 @@ from kickdrift.engines.job import Job
 from kickdrift.errors import InputError
 from kickdrift.forces.bound import check_threads
 from kickdrift.integrators import integrator as method_named
-from kickdrift.integrators.asked import Integrator, settled, unpacked
+from kickdrift.integrators.asked import Integrator, in_units, settled, unpacked
 from kickdrift.looks.observers import Energies, Sample
 from kickdrift.looks.record import Record
 from kickdrift.model.capacity import PROCESS_BYTES, check_room
@@ -30,10 +30,11 @@ from kickdrift.run.checkpoint import checkpoint_of, restore
 from kickdrift.run.columns import ColumnWatcher, check_columns_fit, checked_columns
 from kickdrift.run.equilibration import equilibrate
 from kickdrift.run.forces import accelerations_at, forces_at
+from kickdrift.run.lengths import Exact, begin, steps_to, time_of
 from kickdrift.run.looks import Sampler
 from kickdrift.run.loop import go_on, run_through
 from kickdrift.run.outputs import Outputs
-from kickdrift.run.plan import Plan, plan_of, steps_to
+from kickdrift.run.plan import Plan, plan_of
 from kickdrift.run.report import Report, report
 from kickdrift.run.shown import ShownSimulation
 from kickdrift.run.watch.stability import Stability
@@ -56,7 +57,7 @@ class Simulation(ShownSimulation):
     system : System or Problem
     integrator : a name from ``kickdrift.integrators()``, or a value from ``kickdrift.integrator``; default the
         system file's, else "velocity-verlet" for particles and "dormand-prince45" for a Problem
-    dt : step in the system's unit of time; default the system file's. For an adaptive method the first step, optional
+    dt : step in the system's unit of time, or "2 fs"; default the system file's. Adaptive methods: first step, optional
     threads : number of threads of the forces; the bits of the results do not depend on this number
     engine : name of the program that takes the steps: "native", or an installed one of ``kickdrift.engines()``
     processes : number of processes, for an engine that runs on several ("lammps")
@@ -77,7 +78,7 @@ class Simulation(ShownSimulation):
         self,
         system: System | Problem,
         integrator: str | Integrator | None = None,
-        dt: float | None = None,
+        dt: float | str | None = None,
         threads: int = 1,
         *,
         engine: str = "native",
@@ -93,6 +94,7 @@ class Simulation(ShownSimulation):
         named = name if name is not None else system.run.integrator
         self.integrator = default if named is None else self._engine.method_name(named)
         self.method = method_named(self.integrator)
+        asked = in_units(asked, self.method.options, getattr(system, "units", None))
         self.options = settled(self.method, asked, system.run)
         self.dt = self.options.dt
         if self.dt is None and self.method.needs_dt:
@@ -283,9 +285,10 @@ class Simulation(ShownSimulation):
         self,
         steps: int | None = None,
         *,
-        until: float | None = None,
+        until: float | str | None = None,
+        exact: Exact = False,
         every: int | None = None,
-        interval: float | None = None,
+        interval: float | str | None = None,
         output: str | os.PathLike[str] | None = None,
         overwrite: bool = False,
         file: FileOptions | None = None,
@@ -293,7 +296,12 @@ class Simulation(ShownSimulation):
         columns: Iterable[Column] = (),
         progress: bool | Callable[[int, int], Any] | None = None,
     ) -> Report:
-        """Take ``steps`` steps, or run ``until`` a time: a whole number of steps, or any time for an adaptive method.
+        """Take ``steps`` steps, or run ``until`` a time, a number or a text with a unit such as "5 ps".
+
+        An adaptive method reaches any time. Fixed steps run to the nearest whole step, and the report says so. With
+        ``exact=True`` a time between two steps is an InputError. With ``exact="shorten"`` a copy takes a shortened last
+        step: the last look, ``time`` and ``state`` are there, and a longer run goes on from the last whole step. A time
+        before now is a run back in time, for reversible and adaptive methods. A turn begins a new record.
 
         The run looks at the start, after every ``every`` steps (counted from step 0) and at the end. Each look samples
         the energies, writes a frame to ``output`` (a new .h5md file, or one that this Simulation began) and calls
@@ -304,30 +312,25 @@ class Simulation(ShownSimulation):
 
         ``every`` defaults to the system file's, or to that of the file that the run continues. Without any of these
         there are about 1000 looks. A run of fewer than 100,000 force evaluations has one look for each 100 evaluations,
-        but at least 16000 / bodies and at least 50, as far as there are steps. The number depends on the run alone.
+        but at least 16000 / bodies and at least 50, as far as there are steps.
 
         ``progress=True`` shows a bar, on a terminal or in a notebook; a function is called as ``progress(done, of)``
-        now and then. Ctrl-C ends the run with a KeyboardInterrupt; the steps taken
-        remain, and the file is complete.
+        now and then. Ctrl-C ends the run with a KeyboardInterrupt; the steps taken remain, and the file is complete.
 
         Returns the Report. Raises InputError for arguments that make no sense, and RunError if the run blows up; the
         state is then that of the last sample.
         """
         check_asked(observe, progress, overwrite)
-        units = self.system.units if isinstance(self.system, System) else None
-        written = ColumnWatcher(checked_columns(columns, units), self.integration, self)
+        goal, apart = time_of(self, until, "until"), time_of(self, interval, "interval")
+        written = ColumnWatcher(checked_columns(columns, getattr(self.system, "units", None)), self.integration, self)
         output = self._outputs.chosen(None if output is None else path_text("run: output", output), overwrite)
-        if self.plan is not None and (steps, until, every, interval) == (None,) * 4:
-            plan = self.plan
-        else:
-            own = self._outputs.own(output)
+        plan = self.plan
+        if plan is None or (steps, goal, every, apart) != (None,) * 4:
             seen = isinstance(self.system, System) or self.system.energy is not None or bool(observe or written.columns)
-            if own and self.method.chooses_steps and (steps, every, interval) == (None,) * 3:
-                interval = own.interval
-            plan = plan_of(self, steps, until, every, interval, own.every if own else None, seen)
+            plan = plan_of(self, steps, goal, every, apart, self._outputs.own(output), seen, exact)
         check_columns_fit(written.columns, plan)
-        self.plan = None
-        run = self.integration
+        run, self.plan = self.integration, None
+        begin(self, plan.backward, goal, exact)
         watching: list[Watcher | None] = [
             Events(run.events) if run.events else None,
             self._stability,
@@ -369,7 +372,7 @@ class Simulation(ShownSimulation):
     def equilibrate(
         self,
         temperature: float,
-        time: float,
+        time: float | str,
         interval: int = 10,
         progress: bool | Callable[[int, int], Any] | None = None,
     ) -> None:
@@ -389,12 +392,12 @@ class Simulation(ShownSimulation):
                 lambda: Simulation(self.system, "velocity-verlet", self.system.run.dt, self.threads, **more),  # type: ignore[arg-type]
             )  # fmt: skip
 
-    def steps_to(self, steps: int | None = None, until: float | None = None) -> int:
-        """Return the number of steps that ``run(steps)`` or ``run(until=…)`` would take now.
+    def steps_to(self, steps: int | None = None, until: float | str | None = None, exact: Exact = False) -> int:
+        """Return the number of steps that ``run(steps)`` or ``run(until=…, exact=…)`` would take now.
 
         Raises InputError if the arguments make no sense, or if the number is unknown before the run (an adaptive method
         with ``until``)."""
-        return steps_to(self, steps, until)
+        return steps_to(self, steps, time_of(self, until, "until"), exact)
 
 
 def _warn_of_lattice() -> None:

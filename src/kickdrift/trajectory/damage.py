@@ -210,5 +210,7 @@ class Checks:
             rises[:-1] = steps[:-1] > np.minimum.accumulate(steps[::-1])[::-1][1:]
             wrong |= min(falls, rises, key=np.count_nonzero)
         if last and (plan := plan_numbers(self._contents)):
-            wrong |= (steps > plan[2]) | (times > plan[3] + 1e-9 * abs(plan[3]))
+            _, begin, end_step, end, *_ = plan
+            ahead = times - end if end >= begin else end - times  # beyond the end, also of a run back in time
+            wrong |= (steps > end_step) | (ahead > 1e-9 * abs(end))
         return wrong

@@ -304,7 +304,7 @@ def plan_numbers(contents: Contents) -> list[float]:
     begin_step, begin_time, end_step, end_time, every, interval, exact = numbers
     whole = all(0 <= number < 2**63 and number == round(number) for number in (begin_step, end_step, every))
     whole = whole and begin_step <= end_step
-    timely = np.isfinite(begin_time) and begin_time <= end_time
+    timely = np.isfinite(begin_time) and not np.isnan(end_time)
     ends = [abs(time) for time in (begin_time, end_time) if np.isfinite(time)]
     even = interval == 0.0 or (np.isfinite(interval) and interval > 1e-15 * max(ends))
     if not (whole and timely and even and exact in (0.0, 1.0)):

@@ -206,9 +206,10 @@ def _goal(found: dict[str, Any]) -> str:
     """Planned length of a run that has not reached it."""
     if not found["plan"] or not found["steps"]:
         return ""
-    _, _, end_step, end_time, *_ = found["plan"]
+    _, begin_time, end_step, end_time, *_ = found["plan"]
     step, time = found["steps"][1], found["time"][1]
-    if step >= end_step or time >= end_time or found["stopped"]:
+    there = time >= end_time if end_time >= begin_time else time <= end_time
+    if step >= end_step or there or found["stopped"]:
         return ""
     if end_step < NEVER:
         return f"step {step} of {int(end_step)}"
