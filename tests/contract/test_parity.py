@@ -52,6 +52,18 @@ OPTIONS: dict[str, dict[str, str]] = {
         "--overwrite": "Simulation.run(overwrite)",
         "--quiet": "Simulation.run(progress)",
     },
+    "relax": {
+        "system": "Simulation(system)",
+        "--output": "Minimum.system",
+        "--force": "Simulation.minimize(force)",
+        "--steps": "Simulation.minimize(steps)",
+        "--method": "Simulation.minimize(method)",
+        "--max-displacement": "Simulation.minimize(max_displacement)",
+        "--seed": "load(seed)",
+        "--threads": "Simulation(threads)",
+        "--json": "Minimum.as_json",
+        "--quiet": "Simulation.minimize(progress)",
+    },
     "compare": {
         "system": "compare(subject)",
         "--integrator": "compare(integrators)",
@@ -114,7 +126,7 @@ OPTIONS: dict[str, dict[str, str]] = {
 }
 
 # Options that need no twin: a figure in Python is saved by the user, who names the file and may replace it.
-OF_FILES = {"plot": {"--output", "--overwrite"}, "compare": {"--overwrite"}, "chaos": {"--overwrite"}}
+OF_FILES = {"plot": {"--output", "--overwrite"}, "compare": {"--overwrite"}, "chaos": {"--overwrite"}, "relax": {"--overwrite"}}
 OLD = {"--precision"}  # hidden: the old name of --store
 
 # Commands for kickdrift's developers, whose twins are not public.

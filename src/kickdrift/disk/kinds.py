@@ -14,6 +14,7 @@ HEAD = TAIL = 256 * 1024  # bytes at each end of a file that are examined
 FIGURES = (".png", ".pdf", ".svg")
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _PDB = re.compile(rb"(HEADER|TITLE |REMARK|CRYST1|MODEL |ATOM  |HETATM)")
+_SYSTEM = re.compile(rb'(title = "[^\n]*"\n)?units = "[a-z]+"\n(dimensions = 2\n)?\n\[particles\]\n')
 _EXPORTS: dict[str, Callable[[bytes], bool]] = {
     ".dcd": lambda head: head[4:8] == b"CORD",
     ".xtc": lambda head: int.from_bytes(head[:4], "big") in (1995, 2023),
@@ -39,6 +40,11 @@ class Kind(NamedTuple):
     streams: bool = True
 
 
+def _system(head: bytes, tail: bytes) -> bool:
+    """Recognise a System's text (``System.to_toml``), which begins with these keys in this order."""
+    return bool(_SYSTEM.match(head))
+
+
 def _run(head: bytes, tail: bytes) -> bool:
     return head.startswith(_HDF5) and b"kickdrift\0" in head and b"h5md\0" in head and b"particles\0" in head
 
@@ -60,6 +66,7 @@ def _table(head: bytes, tail: bytes) -> bool:
 
 
 RUN = Kind("a run's file", (".h5md",), _run, streams=False)
+SYSTEM = Kind("a system file", (".toml",), _system)
 JSON = Kind("a JSON object", (), _json)
 FIGURE = Kind("a figure", FIGURES, _figure)
 TABLE = Kind("the table of an ensemble", (".parquet", ".h5"), _table, streams=False)

@@ -45,12 +45,12 @@ class Point(NamedTuple):
 
 
 class EnergySurface:
-    """The potential energy and the forces of a System over the positions of its particles, at one time.
+    """The potential energy and the forces of a System over the positions of its particles, at rest and at its time.
 
     ``evaluations`` counts the evaluations of the forces. ``cap`` is the largest displacement in one step."""
 
-    def __init__(self, system: System, threads: int, time: float, cap: float | None) -> None:
-        self.system, self.time, self.evaluations = system, time, 0
+    def __init__(self, system: System, threads: int, cap: float | None) -> None:
+        self.system, self.evaluations = system, 0
         self.cap = default_cap(system) if cap is None else cap
         self._forces = BoundForces(system, threads)
         self._phase = np.zeros((2, 3, len(system)))
@@ -60,7 +60,7 @@ class EnergySurface:
         """The surface at positions x; None if the forces are not finite there."""
         self.evaluations += 1
         self._phase[0] = x
-        found = self._forces.measure(self.time, self._phase)
+        found = self._forces.measure(self.system.state.time, self._phase)
         return None if found is None else Point(x.copy(), found.potential, found.accelerations * self._masses)
 
     def near(self, x: Floats) -> Point:
@@ -107,16 +107,16 @@ class EnergySurface:
 
 
 def default_cap(system: System) -> float:
-    """A tenth of the shortest sigma of the pair forces. Without a sigma, a tenth of the mean spacing of the particles.
-    Without pair forces, no cap (infinity)."""
-    pairs = [force for force in system.forces if isinstance(force, PairForce)]
-    if not pairs:
-        return np.inf
-    if sigmas := [length for force in pairs if (length := force.shortest()) > 0]:
+    """A tenth of the shortest sigma. Without a sigma, a tenth of the mean spacing of the particles. No cap (infinity) if
+    all forces allow particles at one place, as springs and traps do."""
+    forces = system.forces
+    if sigmas := [length for force in forces if isinstance(force, PairForce) and (length := force.shortest()) > 0]:
         return CAP * min(sigmas)
     spans = np.ptp(system.state.phase[0], axis=1)
-    volume = system.volume if np.isfinite(system.volume) else float(np.prod(spans[spans > 0]))
-    return CAP * (volume / len(system)) ** (1 / system.dimensions) if volume > 0 else np.inf
+    spans = spans[spans > 0]
+    if len(spans) == 0 or all(getattr(force, "may_overlap", False) for force in forces):
+        return np.inf
+    return CAP * float(np.exp(np.log(spans).mean())) / float(len(system)) ** (1 / len(spans))
 
 
 def lengths(vectors: Floats) -> Floats:
@@ -131,16 +131,18 @@ def limited(vectors: Floats, most: float) -> Floats:
     return vectors * (most / np.maximum(sizes, most)) if sizes.max() > most else vectors
 
 
-def untangled(surface: EnergySurface, here: Point, steps: int) -> Iterator[Point]:
-    """Points of a descent from overlapping particles, each lower than the last.
+def untangled(surface: EnergySurface, here: Point, steps: int, force: float) -> Iterator[Point]:
+    """Points of a descent from overlapping particles, none higher than the last, until the forces are even.
 
     Each particle moves along its force. The step of a particle is proportional to its force up to the median force and
     constant above. So one overlap does not hold up the others. A step that raises the energy is halved (the rule of
-    GROMACS' steepest descent). The descent ends when the forces are even."""
+    GROMACS' steepest descent)."""
     step = surface.cap
+    if not np.isfinite(step):
+        return
     for _ in range(min(steps, DESCENT_STEPS)):
         sizes = lengths(here.forces)
-        if not sizes.max() > 0 or step < 1e-6 * surface.cap:
+        if sizes.max() <= force or step < 1e-6 * surface.cap:
             return
         median = float(np.median(sizes[sizes > 0]))
         if sizes.max() <= UNEVEN * median:

@@ -9,10 +9,13 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from kickdrift.display.showing import Lines, Shown
 from kickdrift.errors import InputError
-from kickdrift.model.checks import positive, whole_number
+from kickdrift.jit.notices import compiling_for
+from kickdrift.model.checks import positive, unwarned, whole_number
 from kickdrift.model.state import State
 from kickdrift.model.system import System
+from kickdrift.model.units import quantity
 from kickdrift.run.descent import METHODS, EnergySurface, untangled
+from kickdrift.run.purpose import purpose_of
 from kickdrift.text import counted, measured, shown, suggestion
 
 if TYPE_CHECKING:
@@ -21,6 +24,7 @@ if TYPE_CHECKING:
 Progress = Callable[[int, int], Any]
 
 FORCE, STEPS, METHOD = 1e-6, 10_000, "fire"  # defaults
+RISE = 1e-9  # relative rise of the energy that may be rounding
 
 
 @dataclass(frozen=True, repr=False)
@@ -30,8 +34,8 @@ class Minimum(Shown):
     Attributes
     ----------
     method : "fire" or "l-bfgs"
-    converged : whether the largest force is at most the tolerance
-    energy, energy_at_start : potential energy now and before; the latter is infinite for particles at one place
+    converged : whether the largest force is at most the tolerance, and the energy no higher than at the start
+    energy, energy_at_start : potential energy now and before
     largest_force, force : largest force on a particle, and its tolerance
     max_displacement : longest step of a particle; infinite without a cap
     steps, evaluations : number of steps, and of evaluations of the forces
@@ -57,10 +61,10 @@ class Minimum(Shown):
         return str(self)
 
     def _lines(self) -> Lines:
-        sign = "at most" if self.converged else "more than"
+        sign = "at most" if self.largest_force <= self.force else "more than"
         largest = measured(f"{self.largest_force:.2g}", self.force_unit)
         steps = f"{counted(self.steps, 'step')}, {counted(self.evaluations, 'force evaluation')}"
-        found = f"yes, in {steps}" if self.converged else f"no, after {steps}"
+        found = f"yes, in {steps}" if self.converged else f"no, {self.trouble}, after {steps}"
         return [
             ("system", self.system.name),
             ("energy", f"{measured(f'{self.energy:.10g}', self.energy_unit)} (start: {self.energy_at_start:.10g})"),
@@ -68,6 +72,15 @@ class Minimum(Shown):
             ("method", self.method),
             ("converged", found),
         ]
+
+    @property
+    def trouble(self) -> str:
+        """Reason why the minimization did not converge, as text; "" if it did."""
+        if self.converged:
+            return ""
+        if self.largest_force > self.force:
+            return f"the largest force is more than {self.force:g}"
+        return "the energy rose, so the particles flew apart"
 
     def as_json(self) -> dict[str, Any]:
         """The result as one JSON object, without the System."""
@@ -102,34 +115,33 @@ def minimize(sim: Moved, *given: Any) -> Minimum:
     return found
 
 
+@unwarned
 def minimum(
     system: System,
     threads: int = 1,
-    force: float = FORCE,
+    force: float | str = FORCE,
     steps: int = STEPS,
     method: str = METHOD,
-    max_displacement: float | None = None,
+    max_displacement: float | str | None = None,
     progress: Progress | None = None,
 ) -> Minimum:
     """Minimum of the potential energy near the positions of a System; see ``Simulation.minimize``."""
     if not system.forces:
         raise InputError(f"minimize: {system.name!r} has no forces")
-    force = positive("minimize: force", force, "positive")
+    least = _amount("force", force, system)
     steps = whole_number("minimize: steps", steps, 0)
     if not isinstance(method, str) or method not in METHODS:
         known = ", ".join(METHODS)
         raise InputError(f"minimize: method: expected one of {known}, got {shown(method)}{suggestion(method, METHODS)}")
-    if max_displacement is not None:
-        max_displacement = positive("minimize: max_displacement", max_displacement, "positive")
-    surface = EnergySurface(system, threads, system.state.time, max_displacement)
-    here = surface.near(system.state.phase[0].copy())
-    first, done = here.energy, 0
-    if here.largest > force:
-        for here in untangled(surface, here, steps):
-            done += 1
-            if progress:
-                progress(done, steps)
-        for here in METHODS[method](surface, here, steps - done, force):
+    cap = None if max_displacement is None else _amount("length", max_displacement, system, "max_displacement")
+    with compiling_for(purpose_of(method, system)):
+        surface = EnergySurface(system, threads, cap)
+        here = surface.near(system.state.phase[0].copy())
+    first, done = here, 0
+    for walk in (untangled, METHODS[method]):
+        if here.largest <= least:
+            break
+        for here in walk(surface, here, steps - done, least):
             done += 1
             if progress:
                 progress(done, steps)
@@ -140,11 +152,11 @@ def minimum(
     units = system.units
     return Minimum(
         method=method,
-        converged=here.largest <= force,
+        converged=here.largest <= least and not here.energy > first.energy + RISE * abs(first.energy),
         energy=here.energy,
-        energy_at_start=first,
+        energy_at_start=first.energy,
         largest_force=here.largest,
-        force=force,
+        force=least,
         max_displacement=surface.cap,
         steps=done,
         evaluations=surface.evaluations,
@@ -152,3 +164,10 @@ def minimum(
         force_unit=units.symbol("force"),
         system=system.remade(positions=here.x.T).at(phase, 0.0),
     )
+
+
+def _amount(dimension: str, value: float | str, system: System, key: str = "") -> float:
+    """A positive number in the system's units, from a number or a text with a unit."""
+    key = f"minimize: {key or dimension}"
+    found = quantity(value, dimension, system.units, key) if isinstance(value, str) else value
+    return positive(key, found, "positive")

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, Any
-from warnings import warn
 
 from kickdrift.display.showing import following
 from kickdrift.engines import engine as engine_named
@@ -20,7 +19,7 @@ from kickdrift.model.capacity import PROCESS_BYTES, check_room
 from kickdrift.model.checks import path_text, whole_number
 from kickdrift.model.event_checks import checked_crossings
 from kickdrift.model.memory import Memory
-from kickdrift.model.orbit_table import OrbitTable, orbit_table
+from kickdrift.model.orbit_table import OrbitTable
 from kickdrift.model.problem import Problem
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
@@ -29,10 +28,12 @@ from kickdrift.run.asked import check_asked, kind_of
 from kickdrift.run.checkpoint import checkpoint_of, restore
 from kickdrift.run.columns import ColumnWatcher, check_columns_fit, checked_columns
 from kickdrift.run.equilibration import equilibrate
-from kickdrift.run.forces import accelerations_at, forces_at
+from kickdrift.run.forces import accelerations_at, elements_of, forces_at
 from kickdrift.run.lengths import Exact, begin, steps_to, time_of
 from kickdrift.run.looks import Sampler
 from kickdrift.run.loop import go_on, run_through
+from kickdrift.run.minimization import FORCE, METHOD, STEPS, Minimum, minimize
+from kickdrift.run.old_names import OldNames
 from kickdrift.run.outputs import Outputs
 from kickdrift.run.plan import Plan, plan_of
 from kickdrift.run.report import Report, report
@@ -49,7 +50,7 @@ if TYPE_CHECKING:
 Observer = Callable[["Simulation"], Any]
 
 
-class Simulation(ShownSimulation):
+class Simulation(ShownSimulation, OldNames):
     """Runs a copy of a System, or a Problem, with an integrator.
 
     Parameters
@@ -178,17 +179,6 @@ class Simulation(ShownSimulation):
             raise InputError("method_state: is read-only while the Simulation runs")
         self.integration.begin_with(value)
 
-    @property
-    def lattice(self) -> Any:
-        """Old name of ``method_state``, to be removed after version 0.2."""
-        _warn_of_lattice()
-        return self.method_state
-
-    @lattice.setter
-    def lattice(self, value: Any) -> None:
-        _warn_of_lattice()
-        self.method_state = value
-
     def checkpoint(self) -> Memory:
         """Return everything that determines the rest of the run, by value.
 
@@ -242,10 +232,7 @@ class Simulation(ShownSimulation):
         the bodies' order) or "barycentric". ``plane`` is "file" (x-y) or "invariable". Raises InputError if no body
         has half of all mass, and for a Problem.
         """
-        if not isinstance(self.system, System):
-            raise InputError("elements: a Problem has no bodies")
-        now = self.state
-        return orbit_table(self.system.at(now.phase, now.time, ids=now.ids), frame, plane)
+        return elements_of(self.system, self.state, frame, plane)
 
     def sample(self) -> Sample:
         """Return a sample of the current state."""
@@ -385,12 +372,26 @@ class Simulation(ShownSimulation):
         ``run``.
         """
         check_asked(None, progress, False, "equilibrate")
-        more = {"engine": self.engine, "processes": self.processes}
         with following(progress, "equilibrating") as told:
-            equilibrate(
-                self, temperature, time, interval, told,
-                lambda: Simulation(self.system, "velocity-verlet", self.system.run.dt, self.threads, **more),  # type: ignore[arg-type]
-            )  # fmt: skip
+            equilibrate(self, temperature, time, interval, told)
+
+    def minimize(
+        self,
+        force: float | str = FORCE,
+        steps: int = STEPS,
+        method: str = METHOD,
+        max_displacement: float | str | None = None,
+        progress: bool | Callable[[int, int], Any] | None = None,
+    ) -> Minimum:
+        """Move the particles to a minimum of their potential energy; the start may be random.
+
+        It ends when the largest force on a particle is at most ``force``, or after ``steps`` steps of ``method``, "fire"
+        or "l-bfgs". No particle moves further than ``max_displacement`` in a step (default a tenth of the shortest
+        sigma). The velocities become zero, time and number of steps stay, and a new record starts. Returns a `Minimum`.
+        Raises InputError for bad arguments, and RunError if the forces at the start are not finite."""
+        check_asked(None, progress, False, "minimize")
+        with following(progress, "minimizing") as told:
+            return minimize(self, force, steps, method, max_displacement, told)
 
     def steps_to(self, steps: int | None = None, until: float | str | None = None, exact: Exact = False) -> int:
         """Return the number of steps that ``run(steps)`` or ``run(until=…, exact=…)`` would take now.
@@ -398,7 +399,3 @@ class Simulation(ShownSimulation):
         Raises InputError if the arguments make no sense, or if the number is unknown before the run (an adaptive method
         with ``until``)."""
         return steps_to(self, steps, time_of(self, until, "until"), exact)
-
-
-def _warn_of_lattice() -> None:
-    warn("Simulation.lattice is deprecated since 0.2; use Simulation.method_state", DeprecationWarning, stacklevel=3)
