@@ -54,7 +54,7 @@ OPTIONS: dict[str, dict[str, str]] = {
     },
     "relax": {
         "system": "Simulation(system)",
-        "--output": "Minimum.system",
+        "--output": "System.to_toml",
         "--force": "Simulation.minimize(force)",
         "--steps": "Simulation.minimize(steps)",
         "--method": "Simulation.minimize(method)",
@@ -126,7 +126,12 @@ OPTIONS: dict[str, dict[str, str]] = {
 }
 
 # Options that need no twin: a figure in Python is saved by the user, who names the file and may replace it.
-OF_FILES = {"plot": {"--output", "--overwrite"}, "compare": {"--overwrite"}, "chaos": {"--overwrite"}, "relax": {"--overwrite"}}
+OF_FILES = {
+    "plot": {"--output", "--overwrite"},
+    "compare": {"--overwrite"},
+    "chaos": {"--overwrite"},
+    "relax": {"--overwrite"},
+}
 OLD = {"--precision"}  # hidden: the old name of --store
 
 # Commands for kickdrift's developers, whose twins are not public.

@@ -107,8 +107,8 @@ class EnergySurface:
 
 
 def default_cap(system: System) -> float:
-    """A tenth of the shortest sigma. Without a sigma, a tenth of the mean spacing of the particles. No cap (infinity) if
-    all forces allow particles at one place, as springs and traps do."""
+    """A tenth of the shortest sigma. Without a sigma, a tenth of the mean spacing of the particles. If all forces allow
+    particles at one place, as springs and traps do, there is no cap (infinity)."""
     forces = system.forces
     if sigmas := [length for force in forces if isinstance(force, PairForce) and (length := force.shortest()) > 0]:
         return CAP * min(sigmas)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields
-from itertools import chain
 from typing import TYPE_CHECKING, Any, Protocol
 
 from kickdrift.display.showing import Lines, Shown
@@ -141,8 +140,8 @@ def minimum(
     for walk in (untangled, METHODS[method]):
         if here.largest <= least:
             break
-        for here in walk(surface, here, steps - done, least):
-            done += 1
+        for point in walk(surface, here, steps - done, least):
+            here, done = point, done + 1
             if progress:
                 progress(done, steps)
     if progress:

@@ -385,10 +385,10 @@ class Simulation(ShownSimulation, OldNames):
     ) -> Minimum:
         """Move the particles to a minimum of their potential energy; the start may be random.
 
-        It ends when the largest force on a particle is at most ``force``, or after ``steps`` steps of ``method``, "fire"
-        or "l-bfgs". No particle moves further than ``max_displacement`` in a step (default a tenth of the shortest
-        sigma). The velocities become zero, time and number of steps stay, and a new record starts. Returns a `Minimum`.
-        Raises InputError for bad arguments, and RunError if the forces at the start are not finite."""
+        The end is where the largest force on a particle is at most ``force``, or after ``steps`` steps of ``method``,
+        "fire" or "l-bfgs". ``max_displacement`` is a particle's longest step (default a tenth of the shortest sigma).
+        Velocities become zero, time and number of steps stay, and a new record starts. Returns a `Minimum`. Raises
+        InputError for bad arguments, and RunError if the forces at the start are not finite."""
         check_asked(None, progress, False, "minimize")
         with following(progress, "minimizing") as told:
             return minimize(self, force, steps, method, max_displacement, told)

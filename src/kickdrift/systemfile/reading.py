@@ -121,9 +121,7 @@ def draws(data: dict[str, Any]) -> bool:
     return drawn
 
 
-def _subject(
-    data: dict[str, Any], path: Path, text: str, seed: int | None, overlaps: bool = False
-) -> System | Problem:
+def _subject(data: dict[str, Any], path: Path, text: str, seed: int | None, overlaps: bool = False) -> System | Problem:
     if seed is not None:
         seed = whole_number("seed", seed, 0)
     with no_overflow():

@@ -274,5 +274,6 @@ def check_overlaps(system: Subject, near: bool = True) -> None:
     unit = "" if system.units.reduced else f" {system.units.length}"
     raise InputError(
         f"positions: particles {first} and {second} overlap: distance {distance:.6g}{unit}, "
-        f"less than {OVERLAP} of the shortest sigma, {min(lengths):.6g}{unit}; kickdrift relax (sim.minimize) moves them apart"
+        f"less than {OVERLAP} of the shortest sigma, {min(lengths):.6g}{unit}; "
+        "kickdrift relax (sim.minimize) moves them apart"
     )
