@@ -11,7 +11,7 @@ from kickdrift.cli.amounts import amount, whole
 from kickdrift.cli.console import print_lines, progress_bar, say
 from kickdrift.cli.options import JsonOption, OverwriteOption, QuietOption, SubjectArgument, ThreadsOption
 from kickdrift.disk import kinds
-from kickdrift.disk.outputs import KINDS, refuse_outputs, write_json, write_system
+from kickdrift.disk.outputs import refuse_outputs, write_json, write_system
 from kickdrift.display.showing import lines_of
 from kickdrift.errors import InputError
 
@@ -47,7 +47,7 @@ def relax(
 ) -> None:
     """Move particles to a minimum of their potential energy, also from a random start with overlaps. The relaxed system
     keeps the velocities of the file."""
-    refuse_outputs({"output": output, "json": json_file}, overwrite, [system], {**KINDS, "output": kinds.SYSTEM})
+    refuse_outputs({"output": output, "json": json_file}, overwrite, [system], kinds.SYSTEM)
     from kickdrift.forces.bound import check_threads
     from kickdrift.model.system import System
     from kickdrift.run.minimization import minimum

@@ -29,15 +29,10 @@ class Heated(Protocol):
     state: Any
     method: Method
     dt: float | None
-    threads: int
-    processes: int
     integration: Integration
 
     @property
     def system(self) -> Any: ...
-
-    @property
-    def engine(self) -> str: ...
 
     @property
     def running(self) -> bool: ...
@@ -60,10 +55,12 @@ def equilibrate(
     time: float | str,
     interval: int,
     progress: Progress | None,
+    with_verlet: Callable[[], Heated],
 ) -> None:
     """Bring the system to a temperature; see ``Simulation.equilibrate``.
 
-    Velocity Verlet replaces a method that cannot rescale velocities."""
+    ``with_verlet`` makes a velocity Verlet Simulation. This replaces a Simulation whose method cannot rescale
+    velocities."""
     if not isinstance(sim.system, System):
         raise InputError("equilibrate: a Problem has no temperature")
     temperature = positive("equilibrate: temperature", temperature, "positive")
@@ -74,10 +71,7 @@ def equilibrate(
     if sim.running:
         raise InputError("equilibrate: the Simulation is already running")
     if not sim.method.rescalable:
-        remade: Any = type(sim)
-        other = remade(
-            sim.system, "velocity-verlet", sim.system.run.dt, sim.threads, engine=sim.engine, processes=sim.processes
-        )
+        other = with_verlet()
         other.equilibrate(temperature, time, interval, progress)
         sim.state = other.state
         return

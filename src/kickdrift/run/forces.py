@@ -1,13 +1,11 @@
-"""Forces, accelerations and orbits of the particles at the current time of a run."""
+"""Forces and accelerations of the particles at the current time of a run."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
 from kickdrift.errors import InputError, RunError
-from kickdrift.model.orbit_table import OrbitTable, orbit_table
-from kickdrift.model.state import Floats, State, read_only
-from kickdrift.model.system import System
+from kickdrift.model.state import Floats, read_only
 
 if TYPE_CHECKING:
     from kickdrift.run.advance import Integration
@@ -22,13 +20,6 @@ def forces_at(run: Integration) -> Floats:
     """Forces on the particles now, (n, 3), in the system's energy unit per length; a read-only copy."""
     flow: Any = run.flow
     return read_only((_accelerations(run, "forces") * flow.subject.coherent_masses).T.copy())
-
-
-def elements_of(system: Any, now: State, frame: str, plane: str) -> OrbitTable:
-    """Osculating elements of the bodies now; see ``Simulation.elements``."""
-    if not isinstance(system, System):
-        raise InputError("elements: a Problem has no bodies")
-    return orbit_table(system.at(now.phase, now.time, ids=now.ids), frame, plane)
 
 
 def _accelerations(run: Integration, key: str) -> Any:

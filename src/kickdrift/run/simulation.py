@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, Any
+from warnings import warn
 
 from kickdrift.display.showing import following
 from kickdrift.engines import engine as engine_named
@@ -13,31 +14,25 @@ from kickdrift.errors import InputError
 from kickdrift.forces.bound import check_threads
 from kickdrift.integrators import integrator as method_named
 from kickdrift.integrators.asked import Integrator, in_units, settled, unpacked
-from kickdrift.looks.observers import Energies, Sample
-from kickdrift.looks.record import Record
 from kickdrift.model.capacity import PROCESS_BYTES, check_room
 from kickdrift.model.checks import path_text, whole_number
 from kickdrift.model.event_checks import checked_crossings
 from kickdrift.model.memory import Memory
-from kickdrift.model.orbit_table import OrbitTable
 from kickdrift.model.problem import Problem
-from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 from kickdrift.run.advance import Integration
 from kickdrift.run.asked import check_asked, kind_of
 from kickdrift.run.checkpoint import checkpoint_of, restore
 from kickdrift.run.columns import ColumnWatcher, check_columns_fit, checked_columns
 from kickdrift.run.equilibration import equilibrate
-from kickdrift.run.forces import accelerations_at, elements_of, forces_at
 from kickdrift.run.lengths import Exact, begin, steps_to, time_of
 from kickdrift.run.looks import Sampler
 from kickdrift.run.loop import go_on, run_through
 from kickdrift.run.minimization import FORCE, METHOD, STEPS, Minimum, minimize
-from kickdrift.run.old_names import OldNames
 from kickdrift.run.outputs import Outputs
 from kickdrift.run.plan import Plan, plan_of
+from kickdrift.run.present import Present
 from kickdrift.run.report import Report, report
-from kickdrift.run.shown import ShownSimulation
 from kickdrift.run.watch.stability import Stability
 from kickdrift.run.watch.watched_stepper import Events
 from kickdrift.run.watch.watcher import Observe, Watcher
@@ -50,7 +45,7 @@ if TYPE_CHECKING:
 Observer = Callable[["Simulation"], Any]
 
 
-class Simulation(ShownSimulation, OldNames):
+class Simulation(Present):
     """Runs a copy of a System, or a Problem, with an integrator.
 
     Parameters
@@ -122,31 +117,6 @@ class Simulation(ShownSimulation, OldNames):
     # --- state ---
 
     @property
-    def system(self) -> Any:
-        """The System or Problem that runs, without bodies that an event removed."""
-        return self.integration.system
-
-    @property
-    def engine(self) -> str:
-        """The name of the program that takes the steps."""
-        return self._engine.name
-
-    @property
-    def engine_version(self) -> str | None:
-        """The version of the engine."""
-        return self._engine.version
-
-    @property
-    def running(self) -> bool:
-        """Whether a run is in progress; the state is read-only then."""
-        return self.integration.running
-
-    @property
-    def record(self) -> Record:
-        """The run's samples and cost."""
-        return self.integration.record
-
-    @property
     def state(self) -> Any:
         """The current State (positions, velocities, time) or ProblemState (y, time); a copy.
 
@@ -179,6 +149,17 @@ class Simulation(ShownSimulation, OldNames):
             raise InputError("method_state: is read-only while the Simulation runs")
         self.integration.begin_with(value)
 
+    @property
+    def lattice(self) -> Any:
+        """Old name of ``method_state``, to be removed after version 0.2."""
+        _warn_of_lattice()
+        return self.method_state
+
+    @lattice.setter
+    def lattice(self, value: Any) -> None:
+        _warn_of_lattice()
+        self.method_state = value
+
     def checkpoint(self) -> Memory:
         """Return everything that determines the rest of the run, by value.
 
@@ -202,58 +183,6 @@ class Simulation(ShownSimulation, OldNames):
             raise InputError("restore: the Simulation is already running")
         restore(self.integration, checkpoint)
         self._stability.begin_anew(check_at=2 * self.record.steps)
-
-    @property
-    def time(self) -> float:
-        """The current time, in the system's unit."""
-        return self.integration.time
-
-    @property
-    def steps_done(self) -> int:
-        """Number of steps since the start. If the current time lies inside a step, that step counts."""
-        return self.integration.steps_done
-
-    def energy(self) -> Energies:
-        """Kinetic, potential and total energy now, in the system's units."""
-        return self.sample().energies
-
-    def accelerations(self) -> Floats:
-        """Accelerations of the particles now, (n, 3), in the system's units; a read-only copy."""
-        return accelerations_at(self.integration)
-
-    def forces(self) -> Floats:
-        """Forces on the particles now, (n, 3), in the system's energy unit per length; a read-only copy."""
-        return forces_at(self.integration)
-
-    def elements(self, frame: str = "heliocentric", plane: str = "file") -> OrbitTable:
-        """Osculating elements of the bodies now, a table by name: ``sim.elements()["Jupiter"].a``.
-
-        Angles are in degrees, as in system files. ``frame`` is "heliocentric" (about the central body), "jacobi" (in
-        the bodies' order) or "barycentric". ``plane`` is "file" (x-y) or "invariable". Raises InputError if no body
-        has half of all mass, and for a Problem.
-        """
-        return elements_of(self.system, self.state, frame, plane)
-
-    def sample(self) -> Sample:
-        """Return a sample of the current state."""
-        return self.integration.sample()
-
-    @property
-    def events(self) -> list[dict[str, Any]]:
-        """Events found so far, in the order in which they were found; a copy.
-
-        Each entry has the kind, time, step that contains the event, bodies, ids, distance, energy taken out, and the
-        action."""
-        return [dict(row) for row in self.record.events]
-
-    @property
-    def stopped(self) -> str:
-        """Description of the event that ended the last run; "" if none did."""
-        return self.integration.events.stopped if self.integration.events else ""
-
-    def going_on(self) -> list[dict[str, Any]]:
-        """Return the close approaches that have not ended, as entries like those in ``events``."""
-        return self.integration.events.going_on() if self.integration.events else []
 
     def report(self) -> Report:
         """Return the report so far: conservation of energy and momentum, and cost."""
@@ -292,10 +221,11 @@ class Simulation(ShownSimulation, OldNames):
 
         The run looks at the start, after every ``every`` steps (counted from step 0) and at the end. Each look samples
         the energies, writes a frame to ``output`` (a new .h5md file, or one that this Simulation began) and calls
-        ``observe(sim)``. An adaptive run may look at every ``interval`` of time instead, which does not change its
-        steps. ``file`` sets how the output is written: seconds between flushes, precision, compression, forces and
-        images. The values of ``columns`` go to the file beside the energies, and to ``record.samples``. A run that
-        continues a file takes the same columns as the file.
+        ``observe(sim)``. A Problem writes y and its energy to a .h5 file, or at the end to a table (.csv, .parquet). An
+        adaptive run may look at every ``interval`` of time instead, which does not change its steps. ``file`` sets how
+        the output is written: seconds between flushes, precision, compression, forces and images. The values of
+        ``columns`` go to the file beside the energies, and to ``record.samples``. A run that continues a file takes the
+        same columns as the file.
 
         ``every`` defaults to the system file's, or to that of the file that the run continues. Without any of these
         there are about 1000 looks. A run of fewer than 100,000 force evaluations has one look for each 100 evaluations,
@@ -313,7 +243,7 @@ class Simulation(ShownSimulation, OldNames):
         output = self._outputs.chosen(None if output is None else path_text("run: output", output), overwrite)
         plan = self.plan
         if plan is None or (steps, goal, every, apart) != (None,) * 4:
-            seen = isinstance(self.system, System) or self.system.energy is not None or bool(observe or written.columns)
+            seen = isinstance(self.system, System) or bool(self.system.energy or observe or written.columns or output)
             plan = plan_of(self, steps, goal, every, apart, self._outputs.own(output), seen, exact)
         check_columns_fit(written.columns, plan)
         run, self.plan = self.integration, None
@@ -372,8 +302,12 @@ class Simulation(ShownSimulation, OldNames):
         ``run``.
         """
         check_asked(None, progress, False, "equilibrate")
+        more = {"engine": self.engine, "processes": self.processes}
         with following(progress, "equilibrating") as told:
-            equilibrate(self, temperature, time, interval, told)
+            equilibrate(
+                self, temperature, time, interval, told,
+                lambda: Simulation(self.system, "velocity-verlet", self.system.run.dt, self.threads, **more),  # type: ignore[arg-type]
+            )  # fmt: skip
 
     def minimize(
         self,
@@ -385,10 +319,15 @@ class Simulation(ShownSimulation, OldNames):
     ) -> Minimum:
         """Move the particles to a minimum of their potential energy; the start may be random.
 
-        The end is where the largest force on a particle is at most ``force``, or after ``steps`` steps of ``method``,
-        "fire" or "l-bfgs". ``max_displacement`` is a particle's longest step (default a tenth of the shortest sigma).
-        Velocities become zero, time and number of steps stay, and a new record starts. Returns a `Minimum`. Raises
-        InputError for bad arguments, and RunError if the forces at the start are not finite."""
+        The minimization ends when the largest force on a particle is at most ``force``, or after ``steps`` steps of
+        ``method``, "fire" or "l-bfgs" (see docs/relax.md). No particle moves further than ``max_displacement`` in one
+        step; default a tenth of the shortest sigma. Both may be texts with units. The forces are kickdrift's own, in
+        float64, whatever the engine and the precision. ``progress`` is as in ``run``.
+
+        The velocities become zero, time and number of steps stay, and a new record starts. Returns the `Minimum`, which
+        says whether the minimization converged. Raises InputError for a Problem and for arguments that make no sense,
+        and RunError if the forces at the start are not finite.
+        """
         check_asked(None, progress, False, "minimize")
         with following(progress, "minimizing") as told:
             return minimize(self, force, steps, method, max_displacement, told)
@@ -399,3 +338,7 @@ class Simulation(ShownSimulation, OldNames):
         Raises InputError if the arguments make no sense, or if the number is unknown before the run (an adaptive method
         with ``until``)."""
         return steps_to(self, steps, time_of(self, until, "until"), exact)
+
+
+def _warn_of_lattice() -> None:
+    warn("Simulation.lattice is deprecated since 0.2; use Simulation.method_state", DeprecationWarning, stacklevel=3)
