@@ -53,8 +53,8 @@ if TYPE_CHECKING:
     from kickdrift.run.solve import Solution, solve
     from kickdrift.systemfile.reading import load
     from kickdrift.trajectory.export import export
+    from kickdrift.trajectory.opened import open
     from kickdrift.trajectory.options import FileOptions
-    from kickdrift.trajectory.reader import open
 
 __version__ = version("kickdrift")
 
@@ -91,7 +91,7 @@ _HOMES = {
     "listing": "run.listing",
     "load": "systemfile.reading",
     "megno": "analysis.chaos",
-    "open": "trajectory.reader",
+    "open": "trajectory.opened",
     "pair_law": "forces.pair_law",
     "register_force": "forces.registration",
     "register_splitting": "integrators.registration",

@@ -29,6 +29,7 @@ OPTIONS: dict[str, dict[str, str]] = {
         "--time": "Simulation.run(until)",
         "--every": "Simulation.run(every)",
         "--interval": "Simulation.run(interval)",
+        "--exact": "Simulation.run(exact)",
         "--output": "Simulation.run(output)",
         "--overwrite": "Simulation.run(overwrite)",
         "--flush": "FileOptions(flush)",

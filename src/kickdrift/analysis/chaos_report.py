@@ -11,6 +11,7 @@ doi:10.1016/S0167-2789(03)00103-9).
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, fields
 from typing import Any, Literal
 
@@ -19,6 +20,7 @@ import numpy as np
 from kickdrift.display.showing import Lines, Shown
 from kickdrift.errors import InputError
 from kickdrift.looks.observers import Energies
+from kickdrift.model.problem import Problem
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 from kickdrift.model.unit_systems import symbol_of
@@ -39,13 +41,14 @@ class ChaosReport(Shown):
 
     Attributes
     ----------
-    system, integrator, dt, time, time_unit, steps, seed : the run, and the seed of the first deviation
+    system, integrator, dt, time, time_unit, steps, seed : the run, and the seed of the first deviation; ``time_unit``
+        is "" for a Problem
     megno : running mean <Y> at the end
     verdict : "regular" for |megno - 2| < 0.1, "chaotic" for megno above 4, else "undecided"
     lyapunov : largest Lyapunov exponent, per the system's unit of time: twice the slope of <Y> over the last four
         fifths of the run (Cincotta & Simo 2000). A regular motion gives a small number of either sign.
     lyapunov_error : half the difference between the results of the two halves of this part
-    energy_error : relative, at the end
+    energy_error : relative, at the end; nan for a Problem without energy
     times, means, growth : (k,) times since the start, <Y> at these times, and ln d(t) / d(0)
     """
 
@@ -95,8 +98,9 @@ class ChaosReport(Shown):
             ("length", f"{self.steps:,} steps, {measured(f'{self.time:g}', unit)}"),
             ("MEGNO", f"{self.megno:.4g}: {self.verdict} over this length"),
             ("Lyapunov", f"exponent {exponent} per {unit or 'unit of time'}"),
-            ("energy error", f"{self.energy_error:.2e} at the end"),
         ]
+        if not math.isnan(self.energy_error):
+            lines.append(("energy error", f"{self.energy_error:.2e} at the end"))
         if longer is not None:
             times = longer / self.time
             lines.append(("to decide", f"run about {times:.2g} times as long: --time {float(f'{longer:.2g}'):g}"))
@@ -114,7 +118,7 @@ class ChaosReport(Shown):
 
 
 def report_of(
-    system: System,
+    system: System | Problem,
     integrator: str,
     dt: float | None,
     steps: int,
@@ -127,19 +131,20 @@ def report_of(
     means = mean_megno(times, growth)
     slope, error = _slope(times, means)
     found, (begin, end) = float(means[-1]), energies
+    kinetic = 0.0 if np.isnan(begin.kinetic) else begin.kinetic  # a Problem has none
     return ChaosReport(
         system=system.name,
         integrator=integrator,
         dt=dt,
         time=float(times[-1]),
-        time_unit=system.units.time,
+        time_unit=system.units.time if isinstance(system, System) else "",
         steps=steps,
         seed=seed,
         megno=found,
         verdict=verdict(found),
         lyapunov=2.0 * slope,
         lyapunov_error=2.0 * error,
-        energy_error=abs(end - begin.total) / (abs(begin.total) or abs(begin.kinetic) or 1.0),
+        energy_error=abs(end - begin.total) / (abs(begin.total) or abs(kinetic) or 1.0),
         times=times,
         means=means,
         growth=growth,

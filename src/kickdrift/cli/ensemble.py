@@ -58,7 +58,7 @@ def ensemble(
     ] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the table of another ensemble.")] = False,
     trajectories: Annotated[
-        Path | None, typer.Option(metavar="FOLDER", help="Write a .h5md file for each member.")
+        Path | None, typer.Option(metavar="FOLDER", help="Write a .h5md file for each member, .h5 for an ODE.")
     ] = None,
     quiet: QuietOption = False,
 ) -> None:

@@ -64,7 +64,9 @@ def run(
         Any,
         typer.Option(metavar="T", parser=length, help="Time between samples and frames, for adaptive methods."),
     ] = None,
-    output: Annotated[Path | None, typer.Option(metavar="FILE.h5md", help="Write the trajectory.")] = None,
+    output: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write the trajectory: .h5md; of an ODE .h5, .csv or .parquet.")
+    ] = None,
     overwrite: OverwriteOption = False,
     flush: FlushOption = None,
     store: Annotated[
@@ -103,11 +105,14 @@ def run(
     chosen = load_or_run(system, seed)
 
     from kickdrift.run.lengths import SHORTEN, length_of
+    from kickdrift.run.problem_outputs import check_suffix
     from kickdrift.run.simulation import Simulation
 
     choices: dict[str, Any] = {"true": True, "false": False, SHORTEN: SHORTEN}
     if exact is not None and exact not in choices:
         raise InputError(f"--exact {shown(exact)} is unknown; known are {', '.join(choices)}")
+    if output is not None:
+        check_suffix(chosen, str(output))
     ending = choices[exact or "false"]
     time, interval = in_units(time, chosen, "--time"), in_units(interval, chosen, "--interval")
 
@@ -137,7 +142,7 @@ def file_options(output: Path | None, given: dict[str, Any]) -> FileOptions | No
 
 
 def resume(
-    file: Annotated[Path, typer.Argument(metavar="FILE.h5md", help="The file of a run, finished or not.")],
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="A run's .h5md, or the .h5 of an ODE, finished or not.")],
     steps: Annotated[
         int | None,
         typer.Option(metavar="N", parser=whole(0), help="Continue to this step, counted from the run's start."),
@@ -163,7 +168,7 @@ def resume(
     refuse_outputs({"json": json_file}, overwrite, [file])
     from kickdrift.run.resuming import continued
     from kickdrift.run.resuming import resume as taken_up
-    from kickdrift.trajectory.reader import open as opened
+    from kickdrift.trajectory.opened import open as opened
 
     sim = taken_up(file, threads=threads)
     warn_of_version(sim, quiet)

@@ -135,7 +135,7 @@ class Ensemble:
         output : a ``.parquet`` or ``.h5`` file for the table. A journal beside it keeps the rows until all are done.
             After Ctrl-C or a kill the same call continues; so does a call with more replicas
         overwrite : start anew, whatever the file or the folder of trajectories holds
-        trajectories : a folder for a ``.h5md`` file of each member
+        trajectories : a folder for a ``.h5md`` file of each member, ``.h5`` for an ODE
         progress : True shows a bar; a function is called as ``progress(done, of, failed)``
 
         Raises InputError if output holds another ensemble or a package is missing, and RunError if the scheduler is

@@ -179,7 +179,7 @@ class Recipe:
 
     def refuse_frames(self, overwrite: bool) -> None:
         """Refuse frames of other members in the folder of trajectories."""
-        there = sorted(self.trajectories.glob("member-*.h5md")) if self.trajectories and not overwrite else []
+        there = sorted(self.trajectories.glob("member-*.h5*")) if self.trajectories and not overwrite else []
         if there:
             raise InputError(f"trajectories: {there[0]} exists already; give another folder, or --overwrite")
 

@@ -104,8 +104,9 @@ def _run(recipe: Recipe, member: Member, system: System | Problem) -> Row:
     if isinstance(system, System) and (wanted := system.equilibration):
         sim.equilibrate(wanted.temperature, wanted.time, wanted.interval)
     folder = recipe.trajectories
+    suffix = ".h5" if isinstance(system, Problem) else ".h5md"
     report = sim.run(
-        **length_of(sim, system.name), output=folder and folder / f"member-{member.number:06d}.h5md", overwrite=True
+        **length_of(sim, system.name), output=folder and folder / f"member-{member.number:06d}{suffix}", overwrite=True
     )
     measured = {} if isinstance(recipe.measure, str) else _measured(recipe.measure, sim)
     return run_columns(report, measured)

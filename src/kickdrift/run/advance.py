@@ -64,6 +64,8 @@ class Integration:
         The method's stepper; with events, the `WatchedStepper` around it.
     events : WatchedStepper or None
         The stepper, if there are events.
+    watched : tuple of Event
+        What the stepper searches for.
     record : Record
         The run's cost and samples.
     at : float or None
@@ -87,6 +89,7 @@ class Integration:
         with compiling_for(self.purpose):
             self.stepper: Stepper | WatchedStepper = self.stepper_for(job.system)
         self.events: WatchedStepper | None = None
+        self.watched = tuple(events)
         if events:
             self.stepper = self.events = WatchedStepper(self, self.stepper, events)
         self.chunk, self.changes = 1, 0

@@ -14,29 +14,24 @@ from kickdrift.errors import InputError
 from kickdrift.forces.bound import check_threads
 from kickdrift.integrators import integrator as method_named
 from kickdrift.integrators.asked import Integrator, in_units, settled, unpacked
-from kickdrift.looks.observers import Energies, Sample
-from kickdrift.looks.record import Record
 from kickdrift.model.capacity import PROCESS_BYTES, check_room
 from kickdrift.model.checks import path_text, whole_number
 from kickdrift.model.event_checks import checked_crossings
 from kickdrift.model.memory import Memory
-from kickdrift.model.orbit_table import OrbitTable, orbit_table
 from kickdrift.model.problem import Problem
-from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 from kickdrift.run.advance import Integration
 from kickdrift.run.asked import check_asked, kind_of
 from kickdrift.run.checkpoint import checkpoint_of, restore
 from kickdrift.run.columns import ColumnWatcher, check_columns_fit, checked_columns
 from kickdrift.run.equilibration import equilibrate
-from kickdrift.run.forces import accelerations_at, forces_at
 from kickdrift.run.lengths import Exact, begin, steps_to, time_of
 from kickdrift.run.looks import Sampler
 from kickdrift.run.loop import go_on, run_through
 from kickdrift.run.outputs import Outputs
 from kickdrift.run.plan import Plan, plan_of
+from kickdrift.run.present import Present
 from kickdrift.run.report import Report, report
-from kickdrift.run.shown import ShownSimulation
 from kickdrift.run.watch.stability import Stability
 from kickdrift.run.watch.watched_stepper import Events
 from kickdrift.run.watch.watcher import Observe, Watcher
@@ -49,7 +44,7 @@ if TYPE_CHECKING:
 Observer = Callable[["Simulation"], Any]
 
 
-class Simulation(ShownSimulation):
+class Simulation(Present):
     """Runs a copy of a System, or a Problem, with an integrator.
 
     Parameters
@@ -121,31 +116,6 @@ class Simulation(ShownSimulation):
     # --- state ---
 
     @property
-    def system(self) -> Any:
-        """The System or Problem that runs, without bodies that an event removed."""
-        return self.integration.system
-
-    @property
-    def engine(self) -> str:
-        """The name of the program that takes the steps."""
-        return self._engine.name
-
-    @property
-    def engine_version(self) -> str | None:
-        """The version of the engine."""
-        return self._engine.version
-
-    @property
-    def running(self) -> bool:
-        """Whether a run is in progress; the state is read-only then."""
-        return self.integration.running
-
-    @property
-    def record(self) -> Record:
-        """The run's samples and cost."""
-        return self.integration.record
-
-    @property
     def state(self) -> Any:
         """The current State (positions, velocities, time) or ProblemState (y, time); a copy.
 
@@ -213,61 +183,6 @@ class Simulation(ShownSimulation):
         restore(self.integration, checkpoint)
         self._stability.begin_anew(check_at=2 * self.record.steps)
 
-    @property
-    def time(self) -> float:
-        """The current time, in the system's unit."""
-        return self.integration.time
-
-    @property
-    def steps_done(self) -> int:
-        """Number of steps since the start. If the current time lies inside a step, that step counts."""
-        return self.integration.steps_done
-
-    def energy(self) -> Energies:
-        """Kinetic, potential and total energy now, in the system's units."""
-        return self.sample().energies
-
-    def accelerations(self) -> Floats:
-        """Accelerations of the particles now, (n, 3), in the system's units; a read-only copy."""
-        return accelerations_at(self.integration)
-
-    def forces(self) -> Floats:
-        """Forces on the particles now, (n, 3), in the system's energy unit per length; a read-only copy."""
-        return forces_at(self.integration)
-
-    def elements(self, frame: str = "heliocentric", plane: str = "file") -> OrbitTable:
-        """Osculating elements of the bodies now, a table by name: ``sim.elements()["Jupiter"].a``.
-
-        Angles are in degrees, as in system files. ``frame`` is "heliocentric" (about the central body), "jacobi" (in
-        the bodies' order) or "barycentric". ``plane`` is "file" (x-y) or "invariable". Raises InputError if no body
-        has half of all mass, and for a Problem.
-        """
-        if not isinstance(self.system, System):
-            raise InputError("elements: a Problem has no bodies")
-        now = self.state
-        return orbit_table(self.system.at(now.phase, now.time, ids=now.ids), frame, plane)
-
-    def sample(self) -> Sample:
-        """Return a sample of the current state."""
-        return self.integration.sample()
-
-    @property
-    def events(self) -> list[dict[str, Any]]:
-        """Events found so far, in the order in which they were found; a copy.
-
-        Each entry has the kind, time, step that contains the event, bodies, ids, distance, energy taken out, and the
-        action."""
-        return [dict(row) for row in self.record.events]
-
-    @property
-    def stopped(self) -> str:
-        """Description of the event that ended the last run; "" if none did."""
-        return self.integration.events.stopped if self.integration.events else ""
-
-    def going_on(self) -> list[dict[str, Any]]:
-        """Return the close approaches that have not ended, as entries like those in ``events``."""
-        return self.integration.events.going_on() if self.integration.events else []
-
     def report(self) -> Report:
         """Return the report so far: conservation of energy and momentum, and cost."""
         if not self.record.looks:
@@ -305,10 +220,11 @@ class Simulation(ShownSimulation):
 
         The run looks at the start, after every ``every`` steps (counted from step 0) and at the end. Each look samples
         the energies, writes a frame to ``output`` (a new .h5md file, or one that this Simulation began) and calls
-        ``observe(sim)``. An adaptive run may look at every ``interval`` of time instead, which does not change its
-        steps. ``file`` sets how the output is written: seconds between flushes, precision, compression, forces and
-        images. The values of ``columns`` go to the file beside the energies, and to ``record.samples``. A run that
-        continues a file takes the same columns as the file.
+        ``observe(sim)``. A Problem writes y and its energy to a .h5 file, or at the end to a table (.csv, .parquet). An
+        adaptive run may look at every ``interval`` of time instead, which does not change its steps. ``file`` sets how
+        the output is written: seconds between flushes, precision, compression, forces and images. The values of
+        ``columns`` go to the file beside the energies, and to ``record.samples``. A run that continues a file takes the
+        same columns as the file.
 
         ``every`` defaults to the system file's, or to that of the file that the run continues. Without any of these
         there are about 1000 looks. A run of fewer than 100,000 force evaluations has one look for each 100 evaluations,
@@ -326,7 +242,7 @@ class Simulation(ShownSimulation):
         output = self._outputs.chosen(None if output is None else path_text("run: output", output), overwrite)
         plan = self.plan
         if plan is None or (steps, goal, every, apart) != (None,) * 4:
-            seen = isinstance(self.system, System) or self.system.energy is not None or bool(observe or written.columns)
+            seen = isinstance(self.system, System) or bool(self.system.energy or observe or written.columns or output)
             plan = plan_of(self, steps, goal, every, apart, self._outputs.own(output), seen, exact)
         check_columns_fit(written.columns, plan)
         run, self.plan = self.integration, None

@@ -101,7 +101,7 @@ def test_a_run_says_what_it_compiles_and_where_the_time_went(monkeypatch, capfd)
         assert ended.value.code == 0
         assert found == err
         assert re.search(r"^took +[\d.]+ s: .*compiling [\d.]+$", out, re.MULTILINE)
-        assert re.search(r"^length +10 steps, 0.04 tau$", out, re.MULTILINE)
+        assert re.search(r"^length +10 steps, 0.04 τ$", out, re.MULTILINE)
 
 
 @pytest.mark.parametrize(
@@ -550,7 +550,7 @@ def test_plot(kickdrift, folder):
     assert_refused(kickdrift("plot", "run.h5md", "--output", "run.gif"), "must end in .png")
     assert_refused(kickdrift("plot", "run.h5md", "--output", f"{NOTHING}.png"), "there is no folder")
     assert_refused(kickdrift("plot", "nothing.h5md"), "nothing.h5md: no such file")
-    assert_refused(kickdrift("plot", "liquid.toml"), "is a system file, not the file of a run")
+    assert_refused(kickdrift("plot", "liquid.toml"), "is a system of particles")
 
 
 # --- bench ---
