@@ -24,11 +24,12 @@ from kickdrift.disk.interrupt import heard_everywhere
 from kickdrift.disk.outputs import reason
 from kickdrift.errors import KickdriftError
 
-COMMANDS = (ensemble, run, resume, compare, chaos, plot, export, info, show, validate)  # in the order of --help
+COMMANDS = (run, resume, compare, chaos, ensemble, plot, export, info, show, validate)  # in the order of --help
 
 app = typer.Typer(
     name="kickdrift",
     help="Molecular dynamics and N-body simulation in which you choose and measure the integrator.",
+    epilog="Begin with: kickdrift run lj-1000 --steps 1000. Then: kickdrift list systems, kickdrift list integrators.",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,

@@ -510,6 +510,23 @@ def test_list(what, kickdrift):
         assert re.search(rf"^ *{name} ", out, re.MULTILINE)
 
 
+def test_a_list_on_a_terminal_says_what_to_do_next(kickdrift, monkeypatch):
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
+    code, out, err = kickdrift("list", "systems")
+    assert (code, err.count("\n")) == (0, 1)
+    assert "kickdrift run NAME" in err
+    assert "kickdrift run" not in out
+    assert kickdrift("list", "forces")[2] == ""
+    assert kickdrift("list", "integrators", "rk4")[2] == ""
+
+
+def test_help_begins_with_the_first_command_of_a_new_user(kickdrift):
+    _, out, err = kickdrift()
+    text = out + err
+    assert text.index(" run ") < text.index(" ensemble ")
+    assert "Begin with: kickdrift run lj-1000" in text
+
+
 def test_list_of_nothing_known(kickdrift):
     assert_refused(kickdrift("list", "things"), "'integrators'", "'forces'", "'systems'", "'engines'")
     assert_refused(kickdrift("list"), "integrators, forces, systems, engines")
