@@ -47,5 +47,5 @@ def list_(
     print_lines(lines_of(found))
     for title, columns, rows in tables_of(found):
         print_table(title, columns, rows)
-    if what in HINTS and name is None and sys.stderr.isatty():
+    if what in HINTS and name is None and sys.stderr is not None and sys.stderr.isatty():
         say(HINTS[what])
