@@ -144,7 +144,7 @@ def test_controllers_are_the_choices():
 def test_every_option_of_the_table_is_taken_by_a_method_and_is_a_key_of_run():
     assert list(known_options()) == list(OPTIONS)
     assert all(takers(name) for name in OPTIONS)
-    assert run_keys() == ["integrator", "dt", "steps", "time", "every", *OPTIONS]
+    assert run_keys() == ["integrator", "dt", "steps", "time", "every", "interval", *OPTIONS]
     assert takers(PRECISION.name) == list(METHODS)
 
 

@@ -23,6 +23,7 @@ from kickdrift.trajectory import opened
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 LOOKS = 2000  # of each run that is drawn
 MOST_LINES = 6  # of y against time
@@ -49,17 +50,21 @@ def plot_problem(
     """Draw a Problem's run from its file or table; with ``column`` that column alone. Return the figure's path."""
     target = checked_target(output, overwrite, path)
     with opened.open(path) as run:
-        if not len(run):
-            raise InputError(f"{run.path}: no sample to draw")
-        series = run.series()
-        found = Solution(_label(run.method), run.times, run.y, run.energies, run.separable)
-        title = str(run.name or Path(run.path).stem)
+        return save_figure(problem_figure(run, column), target)
+
+
+def problem_figure(run: Any, column: str | None = None) -> Figure:
+    """Draw a Problem's open run: y against time, the phase portrait and the energy error; or one column."""
+    if not len(run):
+        raise InputError(f"{run.path}: no sample to draw")
+    series = run.series()
+    found = Solution(_label(run.method), run.times, run.y, run.energies, run.separable)
     if column is not None and column not in series:
         raise InputError(
-            f"{path}: column {shown(column)}: its columns are {', '.join(series)}{suggestion(column, series)}"
+            f"{run.path}: column {shown(column)}: its columns are {', '.join(series)}{suggestion(column, series)}"
         )
     panels = _panels([found]) if column is None else [_column(column, series[column])]
-    return _figure([found], panels, target, title, beside=True)
+    return _figure([found], panels, str(run.name or Path(run.path).stem), beside=True)
 
 
 def plot_methods(
@@ -72,7 +77,20 @@ def plot_methods(
     overwrite: bool = False,
     progress: Callable[[int, int], Any] | None = None,
 ) -> Path:
-    """Run a Problem with each method, and draw the runs side by side. Return the figure's path.
+    """Draw a Problem's runs with several methods as ``methods_figure`` does. Return the figure's path."""
+    target = checked_target(output, overwrite)
+    return save_figure(methods_figure(problem, integrators, time=time, options=options, progress=progress), target)
+
+
+def methods_figure(
+    problem: Problem,
+    integrators: Sequence[str | Integrator],
+    *,
+    time: float | None = None,
+    options: Mapping[str, Any] | None = None,
+    progress: Callable[[int, int], Any] | None = None,
+) -> Figure:
+    """Run a Problem with each method, and draw the runs side by side.
 
     Parameters
     ----------
@@ -86,7 +104,6 @@ def plot_methods(
         For arguments that make no sense, and for an option that none of the methods takes. A run that blows up is drawn
         as far as it came.
     """
-    target = checked_target(output, overwrite)
     sims = _simulations(problem, list(integrators), dict(options or {}))
     lengths = [length_of(sim, problem.name, None, time) for sim in sims]
     found = []
@@ -94,7 +111,7 @@ def plot_methods(
         found.append(_solved(sim, length))
         if progress:
             progress(done + 1, len(sims))
-    return _figure(found, _panels(found), target, problem.name, beside=False)
+    return _figure(found, _panels(found), problem.name, beside=False)
 
 
 def _simulations(problem: Problem, integrators: list[str | Integrator], options: dict[str, Any]) -> list[Simulation]:
@@ -140,7 +157,7 @@ def _label(method: Mapping[str, Any]) -> str:
     return f"{name}, {key} = {value:g}" if isinstance(value, (int, float)) else name
 
 
-def _figure(found: Sequence[Solution], panels: Sequence[Panel], target: Path, title: str, *, beside: bool) -> Path:
+def _figure(found: Sequence[Solution], panels: Sequence[Panel], title: str, *, beside: bool) -> Figure:
     """Panels of one run ``beside`` one another; or a column for each run, with a row for each kind of panel."""
     rows, columns = (1, len(panels)) if beside else (len(panels), len(found))
     figure = new_figure(max(5.0, WIDTH * columns), HEIGHT * rows + 0.6)
@@ -156,7 +173,7 @@ def _figure(found: Sequence[Solution], panels: Sequence[Panel], target: Path, ti
                 axes.set_title(solution.label, fontsize=10)
     labels = [title, found[0].label] if beside and found[0].label else [title]
     figure.suptitle("  ·  ".join(labels), fontsize=12, color=INK)
-    return save_figure(figure, target)
+    return figure
 
 
 # --- panels ---

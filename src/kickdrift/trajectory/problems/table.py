@@ -18,6 +18,7 @@ from kickdrift.errors import InputError
 from kickdrift.looks.columns import parts
 from kickdrift.model.state import Floats
 from kickdrift.trajectory.problems.header import ENERGY
+from kickdrift.trajectory.shown import DrawnProblem
 from kickdrift.trajectory.tables import library
 
 SUFFIXES = kinds.SERIES.suffixes
@@ -26,7 +27,7 @@ NEEDS = "pandas and pyarrow: pip install 'kickdrift[ensemble]'"
 
 
 @dataclass(frozen=True)
-class ProblemTable:
+class ProblemTable(DrawnProblem):
     """The table of a Problem's run, read from a CSV or Parquet file. A run cannot be resumed from it.
 
     Attributes
