@@ -574,6 +574,16 @@ def test_list(what, kickdrift):
         assert re.search(rf"^ *{name} ", out, re.MULTILINE)
 
 
+def test_a_list_on_a_terminal_says_what_to_do_next(kickdrift, monkeypatch):
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
+    code, out, err = kickdrift("list", "systems")
+    assert (code, err.count("\n")) == (0, 1)
+    assert "kickdrift run NAME" in err
+    assert "kickdrift run" not in out
+    assert kickdrift("list", "forces")[2] == ""
+    assert kickdrift("list", "integrators", "rk4")[2] == ""
+
+
 def test_list_of_nothing_known(kickdrift):
     assert_refused(kickdrift("list", "things"), "'integrators'", "'forces'", "'systems'", "'engines'")
     assert_refused(kickdrift("list"), "integrators, forces, systems, engines")
