@@ -19,10 +19,14 @@ from kickdrift.text import shown
 
 DOUBLE, MIXED = "double", "mixed"  # of pair forces
 _WORDS = {float: "a number", int: "a whole number", str: "a name", bool: "true or false"}
+DIMENSIONS = {
+    "": "", "time": "the system's unit of time", "frequency": "one over the system's unit of time",
+    "temperature": "the system's unit of temperature",
+}  # fmt: skip
 _SWITCH = {"true": True, "yes": True, "on": True, "false": False, "no": False, "off": False}
 _TAKEN = (
     "system", "integrator", "steps", "time", "every", "interval", "threads", "engine", "engine_version", "processes",
-    "events", "seed", "options", "processor", "features", "seeds", "progress",
+    "events", "options", "processor", "features", "seeds", "progress",
 )  # fmt: skip
 
 
@@ -37,7 +41,7 @@ class Option:
     help : what it does, in a line
     default : the value where none is given; None where there is no single one
     choices : the values that it may have; () where there are no names for them
-    dimension : "time" for a number in the system's unit of time, "" for a pure number
+    dimension : "time", "frequency" or "temperature" for a number in the system's units, "" for a pure number
     above, most : a number is greater than ``above``, and ``most`` at most
     several : whether a Problem may have one number for each component of y
     written : whether the default is recorded where no value was given; files leave it open otherwise
@@ -67,8 +71,10 @@ class Option:
             raise InputError(f"option {name}: type must be float, int, str or bool, got {shown(self.type)}")
         if not (isinstance(self.help, str) and self.help.strip()):
             raise InputError(f"option {name}: help must say what it does")
-        if self.dimension not in ("", "time"):
-            raise InputError(f"option {name}: dimension must be 'time' or '', got {shown(self.dimension)}")
+        if self.dimension not in DIMENSIONS:
+            raise InputError(
+                f"option {name}: dimension must be one of {', '.join(map(repr, DIMENSIONS))}, got {shown(self.dimension)}"
+            )
         for choice in self.choices:
             if not isinstance(choice, self.type) or (isinstance(choice, str) and choice.split() != [choice]):
                 raise InputError(f"option {name}: expected {_WORDS[self.type]} among choices, got {shown(choice)}")
@@ -129,7 +135,7 @@ class Option:
         """The numbers that it may be, in words."""
         whole = "whole " if self.type is int else ""
         if (self.above, self.most) == (0.0, inf):
-            return "a positive finite time" if self.dimension else f"a positive {whole}number"
+            return f"a positive finite {self.dimension}" if self.dimension else f"a positive {whole}number"
         if self.above == -inf and self.most == inf:
             return f"a {whole}number" if whole else "a finite number"
         limits = {"above": self.above, "at most": self.most}
@@ -148,13 +154,13 @@ class Option:
         limits = self.type in (float, int) and (self.above > -inf or self.most < inf) and not self.choices
         if not limits or self.several:
             return words
-        text = self.expected.replace("finite time", "number")
+        text = self.expected.replace(f"finite {self.dimension}", "number")
         return text if text.startswith("a ") else f"a number {text}"
 
     @property
     def unit(self) -> str:
         """Its unit in words; "" for a pure number."""
-        return "the system's unit of time" if self.dimension else ""
+        return DIMENSIONS[self.dimension]
 
     @property
     def fallback(self) -> str:
@@ -210,12 +216,18 @@ PRECISION = Option(
     (DOUBLE, MIXED), written=False,
 )  # fmt: skip
 MAX_STEP = Option("max_step", float, "Longest step.", dimension="time", above=0.0)
+TEMPERATURE = Option("temperature", float, "Temperature of the heat bath.", dimension="temperature", above=0.0)
+FRICTION = Option(
+    "friction", float, "Rate at which the heat bath damps velocities.", dimension="frequency", above=0.0
+)  # fmt: skip
+SEED = Option("seed", int, "Seed of the noise; by default the seed of the starting velocities, or 0.", above=-1.0, most=2.0**53)
 
 # In the order in which files of runs name them.
 OPTIONS: dict[str, Option] = {
     each.name: each
     for each in (
-        RTOL, ATOL, CONTROLLER, COMPENSATED, ITERATION, COORDINATES, CORRECTOR, ORDER, ETA, SCHEME, PRECISION, MAX_STEP
+        RTOL, ATOL, CONTROLLER, COMPENSATED, ITERATION, COORDINATES, CORRECTOR, ORDER, ETA, SCHEME, PRECISION, MAX_STEP,
+        TEMPERATURE, FRICTION, SEED,
     )
 }  # fmt: skip
 

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from kickdrift.integrators.option import Option
+from kickdrift.integrators.option import FRICTION, SEED, TEMPERATURE, Option
 
 if TYPE_CHECKING:
     from kickdrift.integrators.flow import Flow
@@ -30,6 +30,7 @@ class Subflow:
     name : what the flow is called
     moves : whether it changes positions, so that forces must be evaluated anew
     symplectic, reversible : whether the flow keeps the symplectic form; whether -dt undoes dt
+    random : whether the flow exchanges heat and momentum with a bath
     options : what the flow takes; every method whose word has the letter takes it
     bind : makes the BoundSubflow of a run from its Flow and Options; None for kick and drift, which loops have built in
     """
@@ -38,8 +39,22 @@ class Subflow:
     moves: bool
     symplectic: bool = True
     reversible: bool = True
+    random: bool = False
     options: tuple[Option, ...] = ()
     bind: Callable[[Flow, Options], BoundSubflow] | None = None
 
 
-FLOWS = {DRIFT: Subflow("drift", moves=True), KICK: Subflow("kick", moves=False)}
+def _bath(flow: Flow, options: Options) -> BoundSubflow:
+    from kickdrift.integrators.ornstein_uhlenbeck import bind
+
+    return bind(flow, options)
+
+
+FLOWS = {
+    DRIFT: Subflow("drift", moves=True),
+    KICK: Subflow("kick", moves=False),
+    "O": Subflow(
+        "Ornstein-Uhlenbeck", moves=False, symplectic=False, reversible=False, random=True,
+        options=(TEMPERATURE, FRICTION, SEED), bind=_bath,
+    ),
+}  # fmt: skip
