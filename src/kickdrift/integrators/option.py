@@ -220,7 +220,9 @@ TEMPERATURE = Option("temperature", float, "Temperature of the heat bath.", dime
 FRICTION = Option(
     "friction", float, "Rate at which the heat bath damps velocities.", dimension="frequency", above=0.0
 )  # fmt: skip
-SEED = Option("seed", int, "Seed of the noise; by default the seed of the starting velocities, or 0.", above=-1.0, most=2.0**53)
+SEED = Option(
+    "seed", int, "Seed of the noise; by default the seed of the starting velocities, or 0.", above=-1.0, most=2.0**53
+)
 
 # In the order in which files of runs name them.
 OPTIONS: dict[str, Option] = {

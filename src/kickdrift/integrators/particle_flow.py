@@ -12,7 +12,7 @@ from kickdrift.forces.pair_law import PairForce
 from kickdrift.integrators.jacobian import difference_jacobian
 from kickdrift.integrators.particle_states import ParticleStates
 from kickdrift.looks.blow_up import nearest_pair
-from kickdrift.looks.looking import HEAD, NO_ENERGY, Looking, desk_of, look
+from kickdrift.looks.looking import FREEDOM, HEAD, NO_ENERGY, Looking, desk_of, look
 from kickdrift.looks.table import Looks
 from kickdrift.model.checks import unwarned
 from kickdrift.model.state import Floats
@@ -44,6 +44,12 @@ class ParticleFlow(ParticleStates):
             raise InputError(
                 f"dimensions: the forces push {self.subject.body(int(off[0]))} out of the system's two dimensions"
             )
+
+    def count_all_freedom(self) -> None:
+        """Count the degrees of freedom of the centre of mass too, for a method that does not conserve momentum."""
+        if np.isfinite(self._desk[FREEDOM]):
+            moving = np.count_nonzero(self.subject.state.masses)
+            self._desk[FREEDOM] = self.subject.dimensions * moving * self.subject.units.boltzmann
 
     @unwarned
     def tune(self, y: Floats, between: float) -> None:

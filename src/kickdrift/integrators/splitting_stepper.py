@@ -50,13 +50,30 @@ class Composition(Protocol):
 class SplittingStepper(FixedStepper):
     """Steps of a word over flows. The workspace keeps the accelerations of the last kick while positions rest."""
 
+    keeps = (*FixedStepper.keeps, "heat")
+
     def __init__(self, flow: Flow, method: Composition, options: Options) -> None:
         rows = [FLOWS[letter] for letter in method.further]
         self._bound = [row.bind(flow, options).ready() for row in rows if row.bind]
+        self._baths = [bound for bound, row in zip(self._bound, rows, strict=True) if row.random]
         table = [(bound.address, bound.work, row.moves) for bound, row in zip(self._bound, rows, strict=True)]
         word = Word(method.stages, Further(method.further_stages, np.array(table, np.int64)) if table else None)
         super().__init__(flow, splitting_loop, word, lambda shape: np.zeros(shape[1:]), options, kept=True)
         self.ends_fresh = method.ends_fresh
+
+    @property
+    def heat(self) -> Floats:
+        """(baths,) kinetic energy that each bath of the word has given since the state was set."""
+        return np.array([bound.parts.heat[0] for bound in self._baths])
+
+    @heat.setter
+    def heat(self, given: Floats) -> None:
+        for bound, heat in zip(self._baths, given, strict=True):
+            bound.parts.heat[0] = heat
+
+    def reset(self, y: Floats, time: float, steps: int) -> None:
+        super().reset(y, time, steps)
+        self.heat = np.zeros(len(self._baths))
 
     @property
     def fresh(self) -> bool:  # type: ignore[override]

@@ -79,7 +79,9 @@ def _type(option: Option, units: bool) -> Any:
     if option.choices:
         return Literal[option.choices]
     if option.dimension and units:
-        return Time if option.dimension == "time" else Annotated[float, BeforeValidator(In(option.dimension, "positive"))]
+        return (
+            Time if option.dimension == "time" else Annotated[float, BeforeValidator(In(option.dimension, "positive"))]
+        )
     one: Any = option.type
     if option.type in (float, int):
         bounds: dict[str, Any] = {"gt": option.above, "le": option.most}
