@@ -47,7 +47,8 @@ class Method:
         of their own, and the others not notice, but for the steps that an error estimate sets
     separable : whether it needs accelerations that depend on positions and time alone
     trial_steps : whether it may evaluate the force far from the solution
-    random : whether it exchanges heat and momentum with a bath, by random numbers
+    bath : whether it exchanges heat with a bath
+    drags : whether its bath changes the total momentum
     particles_only : whether it runs Systems alone, no Problems
     rescalable : whether velocities may be changed between two steps without telling it
     declared : the options of a Simulation, beside dt and precision, that it takes; see `Option`
@@ -90,7 +91,11 @@ class Method:
         return False
 
     @property
-    def random(self) -> bool:
+    def bath(self) -> bool:
+        return False
+
+    @property
+    def drags(self) -> bool:
         return False
 
     @property

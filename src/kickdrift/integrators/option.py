@@ -220,6 +220,11 @@ TEMPERATURE = Option("temperature", float, "Temperature of the heat bath.", dime
 FRICTION = Option(
     "friction", float, "Rate at which the heat bath damps velocities.", dimension="frequency", above=0.0
 )  # fmt: skip
+TAU = Option("tau", float, "Time in which the heat bath relaxes the temperature.", dimension="time", above=0.0)
+RATE = Option(
+    "collision_rate", float, "Rate at which a particle gets a new velocity.", dimension="frequency", above=0.0
+)  # fmt: skip
+CHAIN = Option("chain", int, "Number of thermostats in the chain.", 3, above=0.0, most=20.0)
 SEED = Option(
     "seed", int, "Seed of the noise; by default the seed of the starting velocities, or 0.", above=-1.0, most=2.0**53
 )
@@ -229,7 +234,7 @@ OPTIONS: dict[str, Option] = {
     each.name: each
     for each in (
         RTOL, ATOL, CONTROLLER, COMPENSATED, ITERATION, COORDINATES, CORRECTOR, ORDER, ETA, SCHEME, PRECISION, MAX_STEP,
-        TEMPERATURE, FRICTION, SEED,
+        TEMPERATURE, FRICTION, TAU, RATE, CHAIN, SEED,
     )
 }  # fmt: skip
 

@@ -90,9 +90,12 @@ class Splitting(Method):
         return same and all(FLOWS[letter].reversible for letter in self.word)
 
     @property
-    def random(self) -> bool:
-        """Whether a flow exchanges heat and momentum with a bath."""
-        return any(FLOWS[letter].random for letter in self.word)
+    def bath(self) -> bool:
+        return any(FLOWS[letter].bath for letter in self.word)
+
+    @property
+    def drags(self) -> bool:
+        return any(FLOWS[letter].drags for letter in self.word)
 
     @property
     def evaluations(self) -> int:
@@ -294,5 +297,19 @@ ROWS = (
     Splitting("baoa", "BAOA", even_weights("BAOA"), 1, "Fass et al. 2018, Entropy 20, 318, doi:10.3390/e20050318; "
         "Kieninger & Keller 2022, J. Chem. Theory Comput. 18, 7295, doi:10.1021/acs.jctc.2c00585",
         "constant temperature; both averages of a harmonic well are exact"),
+    Splitting(
+        "csvr", "CBABC", even_weights("CBABC"), 2,
+        "Bussi, Donadio & Parrinello 2007, J. Chem. Phys. 126, 014101, doi:10.1063/1.2408420",
+        "constant temperature; hardly disturbs motion",
+    ),
+    Splitting(
+        "nose-hoover", "NBABN", even_weights("NBABN"), 2,
+        "Martyna, Klein & Tuckerman 1992, J. Chem. Phys. 97, 2635, doi:10.1063/1.463940; "
+        "Martyna et al. 1996, doi:10.1080/00268979600100761", "constant temperature without random numbers",
+    ),
+    Splitting(
+        "andersen", "BABD", even_weights("BABD"), 2,
+        "Andersen 1980, J. Chem. Phys. 72, 2384, doi:10.1063/1.439486", "constant temperature; no diffusion",
+    ),
 )  # fmt: skip
 ALIASES = {"leapfrog": "velocity-verlet", "langevin": "baoab"}

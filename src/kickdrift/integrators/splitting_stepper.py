@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from kickdrift.errors import InputError
 from kickdrift.integrators.loops import FRESH, splitting_loop
 from kickdrift.integrators.stepping import FixedStepper
 from kickdrift.integrators.subflows import FLOWS
@@ -50,30 +51,40 @@ class Composition(Protocol):
 class SplittingStepper(FixedStepper):
     """Steps of a word over flows. The workspace keeps the accelerations of the last kick while positions rest."""
 
-    keeps = (*FixedStepper.keeps, "heat")
+    keeps = (*FixedStepper.keeps, "baths")
 
     def __init__(self, flow: Flow, method: Composition, options: Options) -> None:
         rows = [FLOWS[letter] for letter in method.further]
         self._bound = [row.bind(flow, options).ready() for row in rows if row.bind]
-        self._baths = [bound for bound, row in zip(self._bound, rows, strict=True) if row.random]
+        self._baths = [bound for bound, row in zip(self._bound, rows, strict=True) if row.bath]
         table = [(bound.address, bound.work, row.moves) for bound, row in zip(self._bound, rows, strict=True)]
         word = Word(method.stages, Further(method.further_stages, np.array(table, np.int64)) if table else None)
         super().__init__(flow, splitting_loop, word, lambda shape: np.zeros(shape[1:]), options, kept=True)
         self.ends_fresh = method.ends_fresh
 
     @property
-    def heat(self) -> Floats:
-        """(baths,) kinetic energy that each bath of the word has given since the state was set."""
-        return np.array([bound.parts.heat[0] for bound in self._baths])
+    def heat(self) -> float:
+        """Energy that baths have given since the state was set."""
+        return float(sum(bound.parts.bath.heat[0] for bound in self._baths))
 
-    @heat.setter
-    def heat(self, given: Floats) -> None:
-        for bound, heat in zip(self._baths, given, strict=True):
-            bound.parts.heat[0] = heat
+    @property
+    def baths(self) -> list[Floats]:
+        """The memory of all baths: heat, and the state of those that have one."""
+        found = [bound.parts.bath.heat for bound in self._baths]
+        return found + [bound.parts.state for bound in self._baths if hasattr(bound.parts, "state")]
+
+    @baths.setter
+    def baths(self, given: list[Floats]) -> None:
+        there = self.baths
+        if [np.shape(each) for each in given] != [each.shape for each in there]:
+            raise InputError("checkpoint: baths do not fit a run of this system")
+        for array, values in zip(there, given, strict=True):
+            array[...] = values
 
     def reset(self, y: Floats, time: float, steps: int) -> None:
         super().reset(y, time, steps)
-        self.heat = np.zeros(len(self._baths))
+        for array in self.baths:
+            array[...] = 0.0
 
     @property
     def fresh(self) -> bool:  # type: ignore[override]

@@ -9,9 +9,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from importlib import import_module
 from typing import TYPE_CHECKING
 
-from kickdrift.integrators.option import FRICTION, SEED, TEMPERATURE, Option
+from kickdrift.integrators.option import CHAIN, FRICTION, RATE, SEED, TAU, TEMPERATURE, Option
 
 if TYPE_CHECKING:
     from kickdrift.integrators.flow import Flow
@@ -30,7 +31,8 @@ class Subflow:
     name : what the flow is called
     moves : whether it changes positions, so that forces must be evaluated anew
     symplectic, reversible : whether the flow keeps the symplectic form; whether -dt undoes dt
-    random : whether the flow exchanges heat and momentum with a bath
+    bath : whether the flow exchanges heat with a bath
+    drags : whether the bath changes the total momentum
     options : what the flow takes; every method whose word has the letter takes it
     bind : makes the BoundSubflow of a run from its Flow and Options; None for kick and drift, which loops have built in
     """
@@ -39,22 +41,32 @@ class Subflow:
     moves: bool
     symplectic: bool = True
     reversible: bool = True
-    random: bool = False
+    bath: bool = False
+    drags: bool = False
     options: tuple[Option, ...] = ()
     bind: Callable[[Flow, Options], BoundSubflow] | None = None
 
 
-def _bath(flow: Flow, options: Options) -> BoundSubflow:
-    from kickdrift.integrators.ornstein_uhlenbeck import bind
+def _bind(module: str) -> Callable[[Flow, Options], BoundSubflow]:
+    """Return what binds the flow of a module, which is loaded when a run begins."""
 
-    return bind(flow, options)
+    def bind(flow: Flow, options: Options) -> BoundSubflow:
+        bound: BoundSubflow = import_module(f"kickdrift.integrators.{module}").bind(flow, options)
+        return bound
+
+    return bind
+
+
+def _bath(name: str, module: str, *options: Option, drags: bool) -> Subflow:
+    """Return the row of a heat bath."""
+    return Subflow(name, False, False, False, True, drags, (TEMPERATURE, *options), _bind(module))
 
 
 FLOWS = {
     DRIFT: Subflow("drift", moves=True),
     KICK: Subflow("kick", moves=False),
-    "O": Subflow(
-        "Ornstein-Uhlenbeck", moves=False, symplectic=False, reversible=False, random=True,
-        options=(TEMPERATURE, FRICTION, SEED), bind=_bath,
-    ),
-}  # fmt: skip
+    "O": _bath("Ornstein-Uhlenbeck", "ornstein_uhlenbeck", FRICTION, SEED, drags=True),
+    "C": _bath("stochastic rescaling", "csvr", TAU, SEED, drags=False),
+    "D": _bath("Andersen's collisions", "andersen", RATE, SEED, drags=True),
+    "N": _bath("Nosé-Hoover chain", "nose_hoover", TAU, CHAIN, drags=False),
+}

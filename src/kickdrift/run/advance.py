@@ -104,7 +104,7 @@ class Integration:
                 f"{self.integrator}: needs accelerations that depend on positions and time alone, and "
                 f"{flow.not_separable}; Runge-Kutta methods do not"
             )
-        if self.method.random and isinstance(flow, ParticleFlow):
+        if self.method.drags and isinstance(flow, ParticleFlow):
             flow.count_all_freedom()
         return self.method.stepper(flow, self.options)
 

@@ -40,8 +40,8 @@ class Sampler:
         record, flow, y, safe = run.record, run.flow, run.y, run.safe
         looks, step, time = record.looks, run.steps_done, run.time
         new = again or not looks.at(step, time)
-        if run.method.random:
-            record.taken = Taken(-float(np.sum(run.stepper.heat)), 0.0, 0.0)  # type: ignore[union-attr]
+        if run.method.bath:
+            record.taken = Taken(-run.stepper.heat, 0.0, 0.0)  # type: ignore[union-attr]
         if not new:
             if record.taken is not NOTHING:
                 looks.retake(record.taken)
@@ -72,7 +72,7 @@ class Sampler:
         if (
             run.at is not None
             or run.record.taken is not NOTHING
-            or run.method.random
+            or run.method.bath
             or not getattr(stepper, "steady", False)
         ):
             return 0
