@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.errors import InputError
-from kickdrift.integrators.option import SEED, Option
+from kickdrift.integrators.option import SEED, TEMPERATURE, Option
 from kickdrift.jit.compile import as_written
 from kickdrift.jit.lanes import lane_sum, splat
 from kickdrift.jit.memory import flat, load, load_first, store_first
@@ -37,18 +37,20 @@ class Bathed(NamedTuple):
 def bathed(flow: Flow, options: Options, needed: Sequence[Option], conserving: bool) -> Bathed:
     """Return the particles of a run with their bath. A ``conserving`` bath leaves the total momentum alone.
 
-    Raises InputError for an option that is missing, and for particles without mass."""
+    Raises InputError for an option that is missing, for gravity, and for particles without mass."""
     system: Any = flow.subject
+    if (binding := next((force.name for force in system.forces if hasattr(force, "G") and hasattr(force, "softening")), None)) is not None:
+        raise InputError(f"a heat bath makes no sense under {binding}: gravity has no equilibrium; use an integrator without one")
     for option in needed:
-        if options[option.name] is None:
+        if options.get(option.name) is None:
             raise InputError(f"{option.name} is needed: a heat bath has no default {option.name}")
-    masses, thermal = system.coherent_masses, system.units.boltzmann * options.temperature
+    masses, thermal = system.coherent_masses, system.units.boltzmann * options[TEMPERATURE.name]
     if not np.all(masses > 0):
         raise InputError(f"a heat bath needs masses, and {system.body(int(np.argmin(masses)))} has none")
     freedom = system.degrees_of_freedom if conserving else system.dimensions * len(system)
     if not freedom:
         raise InputError("a heat bath that conserves momentum needs two particles or more")
-    seed = options[SEED.name]
+    seed = options.get(SEED.name)
     return Bathed(
         filled(system.state.ids), filled(masses), filled(np.sqrt(thermal / masses)), system.dimensions,
         float(freedom), float(thermal), int((system.seed or 0) if seed is None else seed), np.zeros(1),

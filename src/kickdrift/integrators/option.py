@@ -234,7 +234,6 @@ OPTIONS: dict[str, Option] = {
     each.name: each
     for each in (
         RTOL, ATOL, CONTROLLER, COMPENSATED, ITERATION, COORDINATES, CORRECTOR, ORDER, ETA, SCHEME, PRECISION, MAX_STEP,
-        TEMPERATURE, FRICTION, TAU, RATE, CHAIN, SEED,
     )
 }  # fmt: skip
 

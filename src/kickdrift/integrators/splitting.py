@@ -209,7 +209,6 @@ def composed(weights: tuple[float, ...]) -> tuple[tuple[float, ...], tuple[float
     return (row[0] / 2, *((p + q) / 2 for p, q in pairwise(row)), row[-1] / 2), row
 
 
-_LANGEVIN = "Leimkuhler & Matthews 2013, Appl. Math. Res. Express 2013, 34, doi:10.1093/amrx/abs010"
 _EULER = "de Vogelaere 1956; Hairer, Lubich & Wanner 2006, I.1.2, doi:10.1007/3-540-30666-8"
 _VERLET = "Verlet 1967, Phys. Rev. 159, 98, doi:10.1103/PhysRev.159.98; Swope et al. 1982, doi:10.1063/1.442716"
 _YOSHIDA = "Yoshida 1990, Phys. Lett. A 150, 262, doi:10.1016/0375-9601(90)90092-3"
@@ -287,29 +286,5 @@ ROWS = (
     Splitting(
         "yoshida8", *in_turn("BA", *_YOSHIDA8_D), 8, f"{_YOSHIDA}, table 2, solution D", "smooth forces, round-off",
     ),
-    Splitting("baoab", "BAOAB", even_weights("BAOAB"), 2, _LANGEVIN, "constant temperature; exact averages of a harmonic well"),
-    Splitting(
-        "obabo", "OBABO", even_weights("OBABO"), 2, "Bussi & Parrinello 2007, Phys. Rev. E 75, 056707, "
-        "doi:10.1103/PhysRevE.75.056707", "constant temperature; comparisons",
-    ),
-    Splitting("aboba", "ABOBA", even_weights("ABOBA"), 2, _LANGEVIN, "constant temperature; comparisons"),
-    Splitting("oabao", "OABAO", even_weights("OABAO"), 2, _LANGEVIN, "constant temperature; comparisons"),
-    Splitting("baoa", "BAOA", even_weights("BAOA"), 1, "Fass et al. 2018, Entropy 20, 318, doi:10.3390/e20050318; "
-        "Kieninger & Keller 2022, J. Chem. Theory Comput. 18, 7295, doi:10.1021/acs.jctc.2c00585",
-        "constant temperature; both averages of a harmonic well are exact"),
-    Splitting(
-        "csvr", "CBABC", even_weights("CBABC"), 2,
-        "Bussi, Donadio & Parrinello 2007, J. Chem. Phys. 126, 014101, doi:10.1063/1.2408420",
-        "constant temperature; hardly disturbs motion",
-    ),
-    Splitting(
-        "nose-hoover", "NBABN", even_weights("NBABN"), 2,
-        "Martyna, Klein & Tuckerman 1992, J. Chem. Phys. 97, 2635, doi:10.1063/1.463940; "
-        "Martyna et al. 1996, doi:10.1080/00268979600100761", "constant temperature without random numbers",
-    ),
-    Splitting(
-        "andersen", "BABD", even_weights("BABD"), 2,
-        "Andersen 1980, J. Chem. Phys. 72, 2384, doi:10.1063/1.439486", "constant temperature; no diffusion",
-    ),
 )  # fmt: skip
-ALIASES = {"leapfrog": "velocity-verlet", "langevin": "baoab"}
+ALIASES = {"leapfrog": "velocity-verlet"}
