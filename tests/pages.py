@@ -1,5 +1,6 @@
 """Runs a page of the documentation as a reader would who types in everything: files with a title are written, lines of
-``sh`` that begin with kickdrift are called, blocks of Python run one after the other in one module.
+``sh`` that begin with kickdrift are called, with "> FILE" at the end as in a shell, blocks of Python run one after the
+other in one module.
 
     python -m tests.pages PAGE.md
 
@@ -11,6 +12,7 @@ from __future__ import annotations
 import re
 import shlex
 import sys
+from contextlib import redirect_stdout
 from pathlib import Path
 from typing import NamedTuple
 from unittest import mock
@@ -57,6 +59,10 @@ def exit_status(words: list[str]) -> int:
     """What kickdrift with these arguments ends with."""
     from kickdrift.cli.main import main
 
+    if ">" in words:
+        *words, _, name = words
+        with open(name, "w", encoding="utf-8") as file, redirect_stdout(file):
+            return exit_status(words)
     with mock.patch.object(sys, "argv", ["kickdrift", *words]):
         try:
             main()

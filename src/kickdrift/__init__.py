@@ -16,7 +16,7 @@ from warnings import warn
 # Not lazy: loading the rooms of those names later would put the modules in the functions' places.
 from kickdrift.engines import engines
 from kickdrift.integrators import integrators
-from kickdrift.model.bridging import BRIDGES
+from kickdrift.model.bridging import BRIDGES, SYSTEM_FILES
 
 if TYPE_CHECKING:
     from kickdrift import analysis
@@ -33,8 +33,10 @@ if TYPE_CHECKING:
     from kickdrift.integrators.registration import register_splitting, register_step, register_tableau
     from kickdrift.looks.columns import Column
     from kickdrift.looks.observers import Energies
+    from kickdrift.model.bodies import Body
     from kickdrift.model.box import Box
     from kickdrift.model.events import CloseApproach, Collision, Crossing, Escape
+    from kickdrift.model.orbit_table import Orbit, OrbitTable
     from kickdrift.model.problem import Problem
     from kickdrift.model.state import State
     from kickdrift.model.system import System
@@ -50,6 +52,7 @@ __version__ = version("kickdrift")
 
 _HOMES = {
     "accelerations": "integrators.custom",
+    "Body": "model.bodies",
     "Box": "model.box",
     "ChaosReport": "analysis.chaos_report",
     "CloseApproach": "model.events",
@@ -63,6 +66,8 @@ _HOMES = {
     "InputError": "errors",
     "KickdriftError": "errors",
     "Option": "integrators.option",
+    "Orbit": "model.orbit_table",
+    "OrbitTable": "model.orbit_table",
     "Problem": "model.problem",
     "Report": "run.report",
     "RunError": "errors",
@@ -83,6 +88,7 @@ _HOMES = {
 }
 
 __all__ = [
+    "Body",
     "Box",
     "ChaosReport",
     "CloseApproach",
@@ -103,6 +109,8 @@ __all__ = [
     "LinearDrag",
     "Oblateness",
     "Option",
+    "Orbit",
+    "OrbitTable",
     "PostNewtonian",
     "Problem",
     "Report",
@@ -157,7 +165,26 @@ def _rebound() -> ModuleType:
     return rebound
 
 
+def _from_elements(*given: Any, **more: Any) -> Any:
+    from kickdrift.systemfile.composing import from_elements
+
+    return from_elements(*given, **more)
+
+
+def _with_body(*given: Any, **more: Any) -> Any:
+    from kickdrift.systemfile.composing import with_body
+
+    return with_body(*given, **more)
+
+
+def _to_toml(*given: Any) -> Any:
+    from kickdrift.systemfile.writing import to_toml
+
+    return to_toml(*given)
+
+
 BRIDGES.update(ase=_ase, rebound=_rebound)
+SYSTEM_FILES.update(from_elements=_from_elements, with_body=_with_body, to_toml=_to_toml)
 
 
 class _OldNames:

@@ -67,6 +67,11 @@ def counted(number: int, noun: str) -> str:
     return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
 
 
+def measured(number: str, unit: str) -> str:
+    """ "70 τ", or "70" where the unit has no name. Without a number, what to append to one: " τ" or ""."""
+    return f"{number} {unit}" if unit else number
+
+
 def with_error(mean: float, error: float) -> str:
     """A mean and its standard error, to two digits of that."""
     if not error > 0:

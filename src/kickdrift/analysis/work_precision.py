@@ -189,7 +189,7 @@ def work_precision(
         whole=whole,
         cycles=bench.cycles(),
         samples=samples,
-        time_unit=subject.units.time if isinstance(subject, System) and subject.units.time != "time" else "",
+        time_unit=subject.units.time if isinstance(subject, System) and subject.units.symbol("time") else "",
         threads=threads,
         rows=tuple(rows),
         slopes={name: bench.slopes([row for row in rows if row.method == name], plan.error) for name in names},

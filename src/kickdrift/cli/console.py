@@ -20,6 +20,9 @@ PLAIN = {
     "…": "...",
     "–": "-",
     "ω": "omega",
+    "σ": "sigma",
+    "τ": "tau",
+    "ε": "epsilon",
     "∞": "inf",
 }  # replacements for streams that cannot encode these
 PLAINLY = "kickdrift-plain"  # name of the error handler
@@ -54,6 +57,13 @@ def _plainly(error: UnicodeError) -> tuple[str, int]:
 def out(text: str) -> None:
     """Print a line on standard output."""
     print(clean(text))
+
+
+def verbatim(text: str) -> None:
+    """Print a file's text on standard output as it is; on a terminal without control characters."""
+    if sys.stdout.isatty():
+        text = "".join(f"{clean(line, len(line) + 1)}\n" for line in text.splitlines())
+    sys.stdout.write(text)
 
 
 def print_lines(lines: Iterable[tuple[str, str]]) -> None:

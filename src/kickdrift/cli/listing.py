@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from kickdrift.cli.console import print_table
+from kickdrift.cli.console import print_table, verbatim
 from kickdrift.cli.printing import (
     LISTINGS,
 )
@@ -22,6 +22,15 @@ class Lists(StrEnum):
     forces = "forces"
     systems = "systems"
     engines = "engines"
+
+
+def show(
+    system: Annotated[str, typer.Argument(metavar="SYSTEM", help="A shipped system's name, or a system file.")],
+) -> None:
+    """Print a system file's text, to save and edit: kickdrift show lj-1000 > mine.toml."""
+    from kickdrift.systemfile.files import find, parsed
+
+    verbatim(parsed(find(system))[0])
 
 
 def list_(

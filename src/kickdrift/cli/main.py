@@ -15,14 +15,15 @@ from kickdrift.cli.benchmarks import bench_lj_energy, bench_speed, validate
 from kickdrift.cli.console import open_streams, say
 from kickdrift.cli.ensemble import ensemble
 from kickdrift.cli.files import export, info, plot
-from kickdrift.cli.listing import list_
+from kickdrift.cli.listing import list_, show
 from kickdrift.cli.measuring import chaos, compare
 from kickdrift.cli.running import resume, run
+from kickdrift.cli.usage import plain
 from kickdrift.disk.interrupt import heard_everywhere
 from kickdrift.disk.outputs import reason
 from kickdrift.errors import KickdriftError
 
-COMMANDS = (ensemble, run, resume, compare, chaos, plot, export, info, validate)  # in the order of --help
+COMMANDS = (ensemble, run, resume, compare, chaos, plot, export, info, show, validate)  # in the order of --help
 
 app = typer.Typer(
     name="kickdrift",
@@ -77,9 +78,9 @@ def main() -> None:
         say(f"kickdrift: {error}")
         status = error.exit_status
     except usage_error as error:
-        if text := " ".join(error.format_message().split()):  # empty without arguments, when help was shown
+        if text := plain(error.format_message()):  # empty without arguments, when help was shown
             command = error.ctx.command_path if error.ctx else "kickdrift"
-            say(f"kickdrift: {text.rstrip('.')} (see {command} --help)")
+            say(f"kickdrift: {text} (see {command} --help)")
         status = 2
     except (KeyboardInterrupt, typer.Abort):
         status = INTERRUPTED

@@ -12,7 +12,8 @@ from kickdrift.cli.console import out, print_lines
 from kickdrift.cli.console import print_table as print_table
 from kickdrift.cli.console import progress_bar as progress_bar
 from kickdrift.cli.console import say as say
-from kickdrift.text import counted, duration
+from kickdrift.model.unit_systems import symbol_of
+from kickdrift.text import counted, duration, measured
 
 if TYPE_CHECKING:
     from kickdrift.analysis.chaos_report import ChaosReport
@@ -105,7 +106,7 @@ def print_report(report: Report, sim: Simulation, output: Path | None) -> None:
 
     system = sim.system
     units = system.units if isinstance(system, System) else None
-    time_unit = f" {units.time}" if units else ""
+    time_unit = measured("", units.symbol("time")) if units else ""
     if units:
         lines = [("system", f"{report.system}: {report.particles:,} particles, units {report.units}")]
     else:
@@ -124,10 +125,10 @@ def print_report(report: Report, sim: Simulation, output: Path | None) -> None:
     lines.append(("length", f"{report.steps:,} steps{rejected}, {report.time:g}{time_unit}"))
     if report.y is not None:
         lines.append(("y at the end", ", ".join(f"{value:.10g}" for value in report.y)))
-    energy, unit = report.energy, f" {units.energy}" if units else ""
+    energy, unit = report.energy, measured("", units.symbol("energy")) if units else ""
     if energy is not None:
         errors = f"{energy.rms_relative_error:.2e} RMS, {energy.max_relative_error:.2e} largest"
-        drift = drift_text(energy, f" per {units.time if units else 'unit of time'}: {energy.verdict}")
+        drift = drift_text(energy, f" per {time_unit.strip() or 'unit of time'}: {energy.verdict}")
         lines += [
             ("energy", f"{energy.initial:.8g} at the start, {energy.final:.8g}{unit} at the end"),
             ("energy error", f"{errors}, of {energy.relative_to}"),
@@ -138,10 +139,10 @@ def print_report(report: Report, sim: Simulation, output: Path | None) -> None:
     if report.angular_momentum_error is not None:
         lines.append(("angular momentum", f"error {report.angular_momentum_error:.1e} of the sum of m |x × v|"))
     if units and report.temperature is not None:
-        lines.append(("temperature", f"{report.temperature:.5g} {units.temperature} (mean)"))
+        lines.append(("temperature", f"{measured(f'{report.temperature:.5g}', units.symbol('temperature'))} (mean)"))
     if isinstance(system, System) and report.pressure is not None:
-        unit = f"{system.units.energy}/{system.units.length}^{system.dimensions}"
-        lines.append(("pressure", f"{report.pressure:.5g} {unit} (mean)"))
+        force_over = symbol_of(f"{system.units.energy}/{system.units.length}^{system.dimensions}")
+        lines.append(("pressure", f"{measured(f'{report.pressure:.5g}', force_over)} (mean)"))
     shown = report.force_evaluations is not None and (not units or report.dt is None)
     evaluations = f"{report.force_evaluations:,} evaluations, " if shown else ""
     per_pair = f", {report.ns_per_pair:.1f} ns per pair" if report.ns_per_pair else ""
@@ -168,14 +169,14 @@ def drift_text(energy: EnergyReport, ending: str = "") -> str:
 
 def print_chaos(report: ChaosReport) -> None:
     """Print MEGNO and the Lyapunov exponent on standard output."""
-    time_unit = report.time_unit
-    step = "" if report.dt is None else f", dt = {report.dt:g} {time_unit}"
+    unit = symbol_of(report.time_unit)
+    step = "" if report.dt is None else f", dt = {measured(f'{report.dt:g}', unit)}"
     lines = [
         ("system", report.system),
         ("integrator", report.integrator + step),
-        ("length", f"{report.steps:,} steps, {report.time:g} {time_unit}"),
+        ("length", f"{report.steps:,} steps, {measured(f'{report.time:g}', unit)}"),
         ("MEGNO", f"{report.megno:.4g}: {report.verdict} over this length"),
-        ("Lyapunov", f"exponent {report.lyapunov:.2e} ± {report.lyapunov_error:.1e} per {time_unit}"),
+        ("Lyapunov", f"exponent {report.lyapunov:.2e} ± {report.lyapunov_error:.1e} per {unit or 'unit of time'}"),
         ("energy error", f"{report.energy_error:.2e} at the end"),
     ]
     print_lines(lines)
@@ -233,12 +234,9 @@ def print_system(system: System | Problem) -> None:
         units = system.units
         lines += [
             ("particles", f"{len(system):,} ({', '.join(system.species)})"),
-            ("box", system.box.described(units.length)),
+            ("box", system.box.described(units.symbol("length"))),
             *([("dimensions", "2")] if system.dimensions == 2 else []),
-            (
-                "units",
-                f"{units.name}: length {units.length}, time {units.time}, mass {units.mass}, energy {units.energy}",
-            ),
+            ("units", f"{units.name}: {units.described(('length', 'time', 'mass', 'energy'))}"),
             *(("force", str(force)) for force in system.forces),
         ]
     else:

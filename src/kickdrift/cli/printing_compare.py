@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from kickdrift.cli.console import out, print_lines, print_table
-from kickdrift.text import counted, duration
+from kickdrift.model.unit_systems import symbol_of
+from kickdrift.text import counted, duration, measured
 
 if TYPE_CHECKING:
     from kickdrift.analysis.ladder import Row
@@ -16,7 +17,7 @@ if TYPE_CHECKING:
 def print_comparison(comparison: Comparison) -> None:
     """Print the rows, the slopes and the reference."""
     energy = comparison.measure == "energy"
-    unit = f" {comparison.time_unit}" if comparison.time_unit else ""
+    unit = measured("", symbol_of(comparison.time_unit))
     columns = ["method", "dt or rtol", "evaluations", "seconds", "error"]
     columns += [] if energy else ["energy error"]
     columns += ["error of a step"]
@@ -38,7 +39,7 @@ def print_comparison(comparison: Comparison) -> None:
 
 def print_recommendation(found: Recommendation, system: str, unit: str) -> None:
     """Print the recommended method with its evidence, or the reason for a refusal."""
-    unit = f" {unit}" if unit else ""
+    unit = measured("", symbol_of(unit))
     lines = [("wanted", f"error {found.accuracy:g} over {found.length:.6g}{unit}")]
     pilot = f"{found.pilot:.6g}{unit}; the run is {found.extrapolation:.3g} times as long"
     lines.append(("pilot", pilot))

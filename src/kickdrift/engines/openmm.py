@@ -35,7 +35,7 @@ def refusal(job: Job) -> str | None:
     if system.box.triclinic:
         return "box: it leans, and OpenMM's lists miss pairs near the cutoff in boxes that lean"
     if system.box.periodic and not all(system.box.periodic_axes):
-        found = system.box.described(system.units.length)
+        found = system.box.described(system.units.symbol("length"))
         return f"box: OpenMM's is periodic along all axes or none, and this one is {found}"
     if not all(masses):
         still = system.body(int(np.argmin(masses)))

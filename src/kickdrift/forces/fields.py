@@ -14,6 +14,7 @@ import numpy as np
 
 from kickdrift.errors import InputError
 from kickdrift.forces.arguments import Vector, check_in_plane, check_massive, is_one, items, number, vector
+from kickdrift.model.arguments import checked_arguments
 from kickdrift.text import shown
 
 if TYPE_CHECKING:
@@ -43,6 +44,7 @@ class Field:
         raise NotImplementedError
 
 
+@checked_arguments
 @dataclass(frozen=True)
 class HarmonicTrap(Field):
     """Harmonic trap, U = k |x - c|^2 / 2 for each particle.
@@ -83,6 +85,7 @@ class HarmonicTrap(Field):
         return TrapKernel(stiffness, np.array(self.centre), 1.0 / system.coherent_masses)
 
 
+@checked_arguments
 @dataclass(frozen=True)
 class UniformField(Field):
     """The same acceleration g for every particle, including massless ones: U = -m g . x.
@@ -114,6 +117,7 @@ class UniformField(Field):
         return UniformKernel(np.array(self.acceleration), 0.0, 0.0, system.coherent_masses)
 
 
+@checked_arguments
 @dataclass(frozen=True)
 class DrivenField(Field):
     """The acceleration a cos(2 pi f t + phase) for every particle, with t the time of the run.
@@ -162,6 +166,7 @@ class DrivenField(Field):
         return UniformKernel(np.array(self.amplitude), omega, self.phase, system.coherent_masses)
 
 
+@checked_arguments
 @dataclass(frozen=True)
 class LinearDrag(Field):
     """The acceleration -rate v for any mass (Stokes' drag with rate = friction / mass).
@@ -201,6 +206,7 @@ class LinearDrag(Field):
         return DragKernel(self.rate)
 
 
+@checked_arguments
 @dataclass(frozen=True)
 class Springs(Field):
     """Springs: U = k (r - l)^2 / 2 for each given pair of particles, with r the distance between nearest images.

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from kickdrift.errors import InputError
 from kickdrift.forces.central import check_masses, gravitational_constant
+from kickdrift.model.arguments import checked_arguments
 from kickdrift.model.checks import number, positive
 from kickdrift.text import shown
 
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
     from kickdrift.model.subject import Subject
 
 
+@checked_arguments
 @dataclass(frozen=True)
 class Gravity:
     """Newtonian gravity, every pair summed: U = -G sum m_i m_j / sqrt(r^2 + softening^2).

@@ -19,11 +19,13 @@ from kickdrift.forces.central import (
     check_positive,
     gravitational_constant,
 )
+from kickdrift.model.arguments import checked_arguments
 
 if TYPE_CHECKING:
     from kickdrift.model.subject import Subject
 
 
+@checked_arguments
 @dataclass(frozen=True)
 class Oblateness:
     """The zonal harmonics J2 and J4 of a flattened central body's field, on top of ``gravity``.

@@ -17,6 +17,7 @@ from kickdrift.errors import InputError
 from kickdrift.forces.law_check import check_class, check_law, check_slope
 from kickdrift.forces.law_state import check_stateless
 from kickdrift.forces.registration import register_force
+from kickdrift.model.arguments import checked_arguments
 from kickdrift.model.checks import number
 from kickdrift.text import shown
 
@@ -122,7 +123,9 @@ class PairForce:
                 raise InputError(f"{self.name}: {key}: expected a table, got {shown(given)}")
             for name, values in given.items():
                 if key == "pairs" and not (isinstance(name, tuple) and len(name) == 2):
-                    raise InputError(f"{self.name}: pairs: expected two names such as ('A', 'B'), got {shown(name)}")
+                    raise InputError(
+                        f"{self.name}: pairs: expected two names such as {_example(name)}, got {shown(name)}"
+                    )
                 if not isinstance(values, Mapping):
                     raise InputError(f"{self.name}: {key}[{shown(name)}]: expected a table, got {shown(values)}")
 
@@ -229,6 +232,12 @@ class PairForce:
         return bind(self, system, threads, mixed)
 
 
+def _example(name: Any) -> str:
+    """How to write a key of ``pairs``; with the user's names where these can be told from text such as "A-B"."""
+    parts = re.split(r"[-,:/ ]+", name.strip()) if isinstance(name, str) else []
+    return repr(tuple(parts)) if len(parts) == 2 and all(parts) else "('A', 'B')"
+
+
 def pair_law(cls: type) -> Any:
     """Make a force of a NamedTuple class whose ``law(p, r2)`` returns energy and force over r, -U'(r) / r.
 
@@ -250,16 +259,21 @@ def pair_law(cls: type) -> Any:
     check_stateless(cls.__name__, cls.law)  # type: ignore[attr-defined]
     fields: Any = cls._fields  # type: ignore[attr-defined]
     defaults: dict[str, float] = cls._field_defaults  # type: ignore[attr-defined]
-    force = dataclasses.make_dataclass(
-        cls.__name__,
-        [(key, float, dataclasses.field(default=defaults[key])) if key in defaults else (key, float) for key in fields],
-        bases=(PairForce,),
-        frozen=True,
-        namespace={
-            "__doc__": cls.__doc__,
-            "name": re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "-", cls.__name__).lower(),
-            "dimensions": {"cutoff": "length", "switch_start": "length", **getattr(cls, "dimensions", {})},
-        },
+    force = checked_arguments(
+        dataclasses.make_dataclass(
+            cls.__name__,
+            [
+                (key, float, dataclasses.field(default=defaults[key])) if key in defaults else (key, float)
+                for key in fields
+            ],
+            bases=(PairForce,),
+            frozen=True,
+            namespace={
+                "__doc__": cls.__doc__,
+                "name": re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "-", cls.__name__).lower(),
+                "dimensions": {"cutoff": "length", "switch_start": "length", **getattr(cls, "dimensions", {})},
+            },
+        )
     )
     force.__module__ = cls.__module__
     force.__qualname__ = cls.__qualname__

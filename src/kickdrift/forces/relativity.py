@@ -15,6 +15,7 @@ from kickdrift.forces.central import (
     check_positive,
     gravitational_constant,
 )
+from kickdrift.model.arguments import checked_arguments
 from kickdrift.text import shown
 
 if TYPE_CHECKING:
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
 FORMS = ("full", "potential")
 
 
+@checked_arguments
 @dataclass(frozen=True)
 class PostNewtonian:
     """First post-Newtonian (1PN) force of the central body on every other body, in addition to ``gravity``.

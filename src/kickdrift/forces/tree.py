@@ -8,11 +8,13 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from kickdrift.errors import InputError
 from kickdrift.forces.arguments import number
 from kickdrift.forces.central import check_masses, check_open, check_positive, gravitational_constant
+from kickdrift.model.arguments import checked_arguments
 
 if TYPE_CHECKING:
     from kickdrift.model.subject import Subject
 
 
+@checked_arguments
 @dataclass(frozen=True)
 class GravityTree:
     """Newtonian gravity of many particles to a chosen accuracy, in a time that grows as n log n.

@@ -22,6 +22,7 @@ from kickdrift.integrators.options import Options
 from kickdrift.integrators.stepping import Regular
 from kickdrift.model.memory import Memory
 from kickdrift.model.state import Floats
+from kickdrift.text import measured
 
 if TYPE_CHECKING:
     from kickdrift.model.system import System
@@ -254,10 +255,10 @@ class ExactStepper(Regular):
     def _reach(self, i: int) -> str:
         particles, units = self._particles, self._flow.subject.units
         speeds = FAR * self._momentum[i] / self._weights[i]
-        fast = f"speeds to {speeds:.3g} {units.unit('velocity')}"
+        fast = f"speeds to {measured(f'{speeds:.3g}', units.symbol('velocity'))}"
         if particles.periodic:
             return fast
-        return f"positions to {FAR * particles.spacing[0]:.3g} {units.unit('length')} and {fast}"
+        return f"positions to {measured(f'{FAR * particles.spacing[0]:.3g}', units.symbol('length'))} and {fast}"
 
     def reached(self, inside_step: bool) -> tuple[Floats, Floats]:
         return self.y, self.y[0] - self.dt * self.y[1]

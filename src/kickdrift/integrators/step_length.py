@@ -22,6 +22,7 @@ from kickdrift.integrators.stability import imaginary_interval, real_interval, s
 from kickdrift.model.checks import unwarned
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
+from kickdrift.text import measured
 
 Slope = Callable[[Floats], Floats]
 
@@ -64,7 +65,7 @@ def step_warning(flow: ParticleFlow, method: Method, dt: float, time: float, y: 
     limit, omega = longest_step(method), fastest(flow, time, y)
     if limit is None or not omega * dt > limit:
         return None
-    unit = "" if flow.subject.units.reduced else f" {flow.subject.units.time}"
+    unit = measured("", flow.subject.units.symbol("time"))
     period = 2 * math.pi / omega
     return (
         f"dt = {dt:g}{unit} {TOO_LONG}: at t = {time:.6g} the fastest orbit or spring has a period of "

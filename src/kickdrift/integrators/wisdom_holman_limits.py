@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from kickdrift.model.state import Floats
+from kickdrift.text import measured
 
 if TYPE_CHECKING:
     from kickdrift.model.system import System
@@ -48,7 +49,7 @@ def warning_lines(
     ``shortest`` is the shortest passage and its body, ``least`` the time between two kicks, ``unbound`` the first
     unbound bodies with their times, ``near`` the first near pairs with their times.
     """
-    unit = "" if system.units.reduced else f" {system.units.time}"
+    unit = measured("", system.units.symbol("time"))
     found = []
     if shortest is not None and least > shortest[0] / STEPS_PER_PERIOD:
         passage, i = shortest

@@ -10,6 +10,7 @@ from kickdrift.model.state import Floats
 
 if TYPE_CHECKING:
     from kickdrift.model.system import System
+from kickdrift.text import measured
 
 FAR = 1e11  # times the size of the system; beyond, rounding (2e-16 relative) hides where a particle came from
 MOST = 10_000  # particles at most in a search for the nearest pair
@@ -25,7 +26,8 @@ def explain(system: System, phase: Floats, before: Floats, good: Floats, step: i
     if finite.all():
         speeds = np.linalg.norm(phase[1], axis=0)
         particle = int(np.argmax(speeds))
-        what = f"{system.body(particle)} moves at {speeds[particle]:.3g} {system.units.unit('velocity')}"
+        speed = measured(f"{speeds[particle]:.3g}", system.units.symbol("velocity"))
+        what = f"{system.body(particle)} moves at {speed}"
     else:
         particle = int(np.flatnonzero(~finite)[0])
         what = f"{system.body(particle)} has no finite position or velocity"
@@ -36,9 +38,9 @@ def explain(system: System, phase: Floats, before: Floats, good: Floats, step: i
     neighbour = ""
     if len(distances) > 1:
         other = int(np.argmin(distances))
-        length = system.units.unit("length")
+        apart = measured(f"{distances[other]:.4g}", system.units.symbol("length"))
         which = system.names[other] if system.names else system.state.ids[other]
-        neighbour = f", its nearest neighbour was {which} at {distances[other]:.4g} {length} {when}"
+        neighbour = f", its nearest neighbour was {which} at {apart} {when}"
     return f"blew up at step {step} (t = {time:.6g}): {what}{neighbour}; the last good frame is step {good_step}"
 
 
@@ -56,4 +58,4 @@ def nearest_pair(system: System, x: Floats) -> str:
         if distances.min() < best:
             best, pair = float(distances.min()), (int(i), int(np.argmin(distances)))
     first, second = (system.body(k) for k in sorted(pair))
-    return f"; {first} and {second} are nearest, {best:.3g} {system.units.unit('length')} apart"
+    return f"; {first} and {second} are nearest, {measured(f'{best:.3g}', system.units.symbol('length'))} apart"

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from kickdrift.errors import InputError
+from kickdrift.model.arguments import checked_arguments
 from kickdrift.text import shown
 
 # Potential energy, virial and pairs are adjacent, since the forces add to all three.
@@ -28,6 +29,7 @@ MOST_NUMBERS = 10_000  # in a user's column at one look
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,59}")
 
 
+@checked_arguments
 @dataclass(frozen=True)
 class Column:
     """A number, or an array of numbers, that each look at a run records.

@@ -1,8 +1,9 @@
-"""What Python code gives for each body, checked: names and radii."""
+"""What Python code gives a System, checked: names, radii, species and forces."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from types import FunctionType
 from typing import Any
 
 import numpy as np
@@ -41,3 +42,36 @@ def body_names(names: Sequence[str], n: int) -> tuple[str, ...]:
             raise InputError(f"names: particle {k} is called {name!r}; expected unique names")
         seen.add(name)
     return given
+
+
+def forces_of(forces: Iterable[Any]) -> tuple[Any, ...]:
+    """The forces as a tuple, checked: each an object with ``check``, such as ``kd.Gravity()``."""
+    found = listed("forces", forces, "a list of forces, such as [kd.LennardJones(cutoff=2.5)]")
+    for k, force in enumerate(found):
+        if isinstance(force, type) or not callable(getattr(force, "check", None)):
+            raise InputError(f"forces[{k}]: expected a force, such as kd.LennardJones(cutoff=2.5), {_instead(force)}")
+    return tuple(found)
+
+
+def _instead(force: Any) -> str:
+    """What was given in place of a force, and what to write."""
+    if isinstance(force, str):
+        return f"got the name {shown(force)}"
+    if isinstance(force, type):
+        return f"got the class {force.__name__}; write {force.__name__}(…)"
+    if isinstance(force, FunctionType):
+        return "got a function; a formula U(r) becomes a force by @kd.pair_law, see docs/your-own-force.md"
+    return f"got {shown(force)}"
+
+
+def listed_species(species: Any) -> list[Any]:
+    """The species as a list; text is a list of letters."""
+    return list(species) if isinstance(species, str) else listed("species", species, "a list of names")
+
+
+def check_kinds(**given: tuple[Any, type]) -> None:
+    """Refuse a value that is not of its type; None will do for all but text."""
+    for key, (value, kind) in given.items():
+        if not (isinstance(value, kind) or (value is None and kind is not str)):
+            expected = "text" if kind is str else f"a {kind.__name__}"
+            raise InputError(f"{key}: expected {expected}, got {shown(value)}")

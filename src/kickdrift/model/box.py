@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from kickdrift.errors import InputError
 from kickdrift.model.edges import Floats, Vector, axes_of, checked_rows, rows_of, turned, written
 from kickdrift.model.reduction import lower, neighbours, shortest
+from kickdrift.text import measured
 
 
 class Oriented(NamedTuple):
@@ -101,7 +102,8 @@ class Box:
             return "open"
         edges = np.diag(self.matrix)
         shape = written(self.matrix) if self.triclinic else " x ".join(f"{edge:.6g}" for edge in edges[edges > 0])
-        return f"{shape} {unit}" if all(self.periodic_axes) else f"{shape} {unit}, periodic along {self._along}"
+        edges_in = measured(shape, unit)
+        return edges_in if all(self.periodic_axes) else f"{edges_in}, periodic along {self._along}"
 
     # --- its shape ---
 

@@ -1,4 +1,4 @@
-"""Systems of other programs: the seam to the room ``bridges``, which knows Systems."""
+"""What a System asks of later layers, which know Systems: other programs' systems, and system files."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import Any
 from kickdrift.errors import InputError
 
 BRIDGES: dict[str, Callable[[], Any]] = {}  # by package, what loads its bridge; the package's ``__init__`` fills it
+SYSTEM_FILES: dict[str, Callable[..., Any]] = {}  # what system files can do for a System; filled likewise
 
 
 def bridge(package: str, asked: str) -> Any:
@@ -16,5 +17,5 @@ def bridge(package: str, asked: str) -> Any:
     try:
         import_module(package)
     except ImportError:
-        raise InputError(f"{asked} needs {package}: pip install kickdrift[{package}]") from None
+        raise InputError(f"{asked} needs {package}: pip install 'kickdrift[{package}]'") from None
     return BRIDGES[package]()

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.errors import InputError
-from kickdrift.model.checks import listed, number
+from kickdrift.model.checks import is_number, listed, number
 from kickdrift.model.reduction import lower
 from kickdrift.text import shown
 
@@ -42,6 +42,10 @@ def axes_of(periodic: Any) -> tuple[bool, bool, bool]:
 
 def rows_of(given: Any, needs_matrix: bool) -> tuple[Floats, bool]:
     """The edge vectors (3, 3) that lengths or a matrix mean; whether they are a plane's."""
+    if is_number(given):
+        raise InputError(
+            f"box: expected three edge lengths, got {given:g}; a cube is box=({given:g}, {given:g}, {given:g})"
+        )
     items = listed("box", given, EXPECTED)
     size, rows = len(items), np.zeros((3, 3))
     if needs_matrix or any(isinstance(item, Iterable) and not isinstance(item, str) for item in items):

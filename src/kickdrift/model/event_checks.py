@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Iterable
 from typing import Any
 
@@ -43,6 +44,8 @@ def checked_events(system: Bodies, events: Iterable[Event]) -> tuple[Event, ...]
             pair = [index_of(system, body, event.name) for body in (event.function.body, event.function.about)]
             if pair[0] == pair[1]:
                 raise InputError(f"{event.name}: expected two bodies, got {shown(event.function.body)} twice")
+        elif isinstance(event, Crossing):
+            _check_signature(event, ("t", "x", "v"))
         if getattr(event, "action", "") in ("merge", "remove") and system.acting("joins"):
             raise InputError(f"{event.kind}: action {event.action!r} cannot act on bodies joined by springs")  # type: ignore[union-attr]
     return found
@@ -55,7 +58,22 @@ def checked_crossings(events: Iterable[Event]) -> tuple[Event, ...]:
         _check_kind(event)
         if not (isinstance(event, Crossing) and callable(event.function)):
             raise InputError(f"{event.kind}: needs particles; for a Problem use a Crossing with a function of y")
+        _check_signature(event, ("t", "y"))
     return found
+
+
+def _check_signature(event: Crossing, names: tuple[str, ...]) -> None:
+    """Refuse a function that cannot be called with these arguments."""
+    try:
+        signature = inspect.signature(event.function)  # type: ignore[arg-type]
+    except ValueError:  # a builtin without a signature
+        return
+    try:
+        signature.bind(*names)
+    except TypeError:
+        raise InputError(
+            f"crossing {event.name!r}: function must take ({', '.join(names)}); it takes {signature}"
+        ) from None
 
 
 def _listed(events: Iterable[Event]) -> tuple[Event, ...]:

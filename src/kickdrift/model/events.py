@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from kickdrift.errors import InputError
+from kickdrift.model.arguments import checked_arguments
 from kickdrift.model.checks import is_number, number, positive
 from kickdrift.model.subject import Bodies, index_of
 from kickdrift.text import shown, suggestion
@@ -26,6 +27,7 @@ Radii = float | Sequence[float] | Mapping[str, float]
 NAME_BYTES = 64  # size of an event's name in a run's file
 
 
+@checked_arguments
 @dataclass(frozen=True)
 class CloseApproach:
     """Pairs of bodies that come nearer than a distance: one entry for each passage, with its closest point.
@@ -55,6 +57,7 @@ class CloseApproach:
             object.__setattr__(self, "bodies", _several(self.kind, self.bodies))
 
 
+@checked_arguments
 @dataclass(frozen=True)
 class Collision:
     """Bodies that touch: their separation falls to the sum of their radii.
@@ -113,6 +116,7 @@ class Collision:
         return np.array(given, dtype=float)
 
 
+@checked_arguments
 @dataclass(frozen=True)
 class Escape:
     """A body beyond a distance from the centre of mass of the others, or from a body, and unbound.
@@ -157,6 +161,7 @@ class Between:
         _one_of("crossing", "quantity", self.quantity, ("approach", "height"))
 
 
+@checked_arguments
 @dataclass(frozen=True)
 class Crossing:
     """Zeros of g(t, x, v), with x and v (n, 3) of the present particles in their order; for a Problem zeros of g(t, y).

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from kickdrift.errors import InputError
+from kickdrift.model.arguments import checked_arguments
 from kickdrift.model.checks import numbers
 from kickdrift.model.run_defaults import RunDefaults
 from kickdrift.model.state import Floats, read_only
@@ -31,6 +32,7 @@ class ProblemState:
         return len(self.y)
 
 
+@checked_arguments
 @dataclass(frozen=True, eq=False)
 class Problem:
     """y' = f(t, y), y(t0) = y0.

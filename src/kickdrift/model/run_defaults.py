@@ -13,7 +13,7 @@ class RunDefaults:
 
     Attributes
     ----------
-    integrator, dt, steps, time, every : as in ``[run]``; None for a missing key
+    integrator, dt, steps, time, every, interval : as in ``[run]``; None for a missing key
     options : the integrator's options in ``[run]``, by name
     """
 
@@ -22,6 +22,7 @@ class RunDefaults:
     steps: int | None = None
     time: float | None = None
     every: int | None = None
+    interval: float | None = None
     options: Mapping[str, Any] = field(default_factory=dict)
 
     def __init__(
@@ -31,15 +32,20 @@ class RunDefaults:
         steps: int | None = None,
         time: float | None = None,
         every: int | None = None,
+        interval: float | None = None,
         **options: Any,
     ) -> None:
-        own = {"integrator": integrator, "dt": dt, "steps": steps, "time": time, "every": every}
+        own = {
+            "integrator": integrator, "dt": dt, "steps": steps, "time": time, "every": every, "interval": interval,
+        }  # fmt: skip
         given = {key: value for key, value in options.items() if value is not None}
         for key, value in (own | {"options": given}).items():
             object.__setattr__(self, key, value)
 
     def __hash__(self) -> int:
-        return hash((self.integrator, self.dt, self.steps, self.time, self.every, frozenset(self.options)))
+        return hash(
+            (self.integrator, self.dt, self.steps, self.time, self.every, self.interval, frozenset(self.options))
+        )
 
     def said(self) -> dict[str, Any]:
         """Values by key, with the options among them. As arguments they make an equal RunDefaults."""
@@ -47,8 +53,8 @@ class RunDefaults:
         return own | dict(self.options)
 
     def changed(self, **defaults: Any) -> RunDefaults:
-        """Return a copy with these values; steps replace a time, and a time replaces steps."""
-        for one, other in (("steps", "time"), ("time", "steps")):
+        """Return a copy with these values. Steps and time replace each other, and so do every and interval."""
+        for one, other in (("steps", "time"), ("time", "steps"), ("every", "interval"), ("interval", "every")):
             if one in defaults:
                 defaults.setdefault(other, None)
         return RunDefaults(**self.said() | defaults)

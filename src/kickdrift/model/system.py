@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, field
 from typing import Any
@@ -11,19 +11,25 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kickdrift.errors import InputError
-from kickdrift.model.body_checks import body_names, body_radii, names_of
+from kickdrift.model.arguments import checked_arguments
+from kickdrift.model.bodies import Body, body_of
+from kickdrift.model.body_checks import body_names, body_radii, check_kinds, forces_of, listed_species, names_of
 from kickdrift.model.box import Box
-from kickdrift.model.bridging import bridge
-from kickdrift.model.checks import listed, no_overflow, per_particle, whole_number
+from kickdrift.model.bridging import SYSTEM_FILES, bridge
+from kickdrift.model.checks import no_overflow, per_particle, whole_number
 from kickdrift.model.event_checks import checked_events
 from kickdrift.model.events import Event
 from kickdrift.model.run_defaults import Equilibration, RunDefaults
 from kickdrift.model.space import box_for, check_plane, vectors_of
+from kickdrift.model.starts.builders import drawn_velocities
 from kickdrift.model.state import Floats, State
 from kickdrift.model.unit_systems import UnitSystem, unit_system
 from kickdrift.text import shown
 
+_KEPT = ("forces", "units", "name", "run", "seed", "names", "radii", "events", "dimensions")  # of a System made anew
 
+
+@checked_arguments
 @dataclass(frozen=True, eq=False)
 class System:
     """State + box + forces + units; never changed by a Simulation, which copies it.
@@ -88,7 +94,7 @@ class System:
         if v.shape != x.shape:
             raise InputError(f"velocities: expected shape {x.shape} like the positions, got {v.shape}")
         m = per_particle("masses", masses, n, "mass", "a finite number")
-        kind_of = ["A"] * n if species is None else names_of("species", _names(species))
+        kind_of = ["A"] * n if species is None else names_of("species", listed_species(species))
         if len(kind_of) != n:
             raise InputError(f"species: expected {n} names, got {len(kind_of)}")
         kinds = tuple(dict.fromkeys(kind_of))
@@ -98,21 +104,13 @@ class System:
         put(self, "dimensions", dimensions)
         if dimensions == 2:
             check_plane(self.state.phase)
-        put(self, "forces", _forces(forces))
+        put(self, "forces", forces_of(forces))
         put(self, "units", units if isinstance(units, UnitSystem) else unit_system(units))
         put(self, "species", kinds)
         put(self, "species_index", np.fromiter(map(number.__getitem__, kind_of), np.int32, n))
         put(self, "names", body_names(names, n))
-        for key, value, kind in (
-            ("name", name, str),
-            ("run", run, RunDefaults),
-            ("source", source, str),
-            ("equilibration", equilibration, Equilibration),
-            ("invariants", invariants, Mapping),
-        ):
-            if not (isinstance(value, kind) or (value is None and kind is not str)):
-                expected = "text" if kind is str else f"a {kind.__name__}"
-                raise InputError(f"{key}: expected {expected}, got {shown(value)}")
+        check_kinds(name=(name, str), run=(run, RunDefaults), source=(source, str))
+        check_kinds(equilibration=(equilibration, Equilibration), invariants=(invariants, Mapping))
         put(self, "name", name)
         put(self, "run", run or RunDefaults())
         put(self, "equilibration", equilibration)
@@ -132,8 +130,17 @@ class System:
     def box(self) -> Box:
         return self.state.box
 
+    def __getitem__(self, body: str | int) -> Body:
+        """The `Body` of that name or id. An InputError for an unknown name has the nearest one."""
+        return body_of(self, body)
+
+    def __iter__(self) -> Iterator[Body]:
+        return (body_of(self, int(each)) for each in self.state.ids)
+
     def body(self, i: int) -> str:
-        """Name of a particle, or "particle 5" by its id."""
+        """Name of the particle in row i, or "particle 5" by its id; ``system["Jupiter"]`` is the body of a name."""
+        if isinstance(i, str):
+            raise InputError(f"body: expected the number of a row, got {shown(i)}; system[{shown(i)}] is that body")
         return self.names[i] if self.names else f"particle {self.state.ids[i]}"
 
     def remaining(self, keep: NDArray[np.bool_], phase: Floats, masses: Floats, radii: Floats | None) -> System:
@@ -159,7 +166,7 @@ class System:
     def under(self, forces: Iterable[Any]) -> System:
         """The same system, its bodies under their names and numbers, with these forces in place of its own."""
         other = copy(self)
-        object.__setattr__(other, "forces", _forces(forces))
+        object.__setattr__(other, "forces", forces_of(forces))
         return other
 
     def watched(self, events: Iterable[Event]) -> System:
@@ -174,6 +181,113 @@ class System:
         made = copy(self)
         object.__setattr__(made, "run", self.run.changed(**defaults))
         return made
+
+    # --- new systems from old ones ---
+
+    @classmethod
+    def from_elements(
+        cls,
+        bodies: Sequence[Mapping[str, Any]],
+        forces: Iterable[Any] | None = None,
+        units: str | UnitSystem = "astro",
+        frame: str = "heliocentric",
+        seed: int | None = None,
+        name: str = "system",
+    ) -> System:
+        """The System of a central body and others on orbits, moved to its barycentre: the same as a system file's.
+
+        Parameters
+        ----------
+        bodies : tables with the keys of ``elements`` in a system file; the first is the central body
+            ``name``, ``mass`` or ``GM``, ``radius``; an orbit by ``a``, ``q`` or ``P``, by ``e``, ``inc``, ``Omega``,
+            ``omega``, and by one of ``f``, ``M``, ``E``, ``T``; ``primary``, an earlier body that it orbits instead
+            of the central one. Angles are in degrees. A text has its own unit, as in ``"4.2 yr"``.
+        forces : iterable of forces; default ``[kd.Gravity()]``
+        frame : what the elements are relative to: "heliocentric", "jacobi" or "barycentric"
+        seed : for bodies with a ``count`` and ranges, such as ``a=[2.1, 3.3]``
+
+        Raises
+        ------
+        InputError
+            With the body and the key, for unknown keys and for values that are no orbit.
+        """
+        made: System = SYSTEM_FILES["from_elements"](cls, bodies, forces, units, frame, seed, name)
+        return made
+
+    def with_body(self, name: str | None = None, *, barycentric: bool = False, **body: Any) -> System:
+        """A new System with one more body, at the end. This System stays as it is.
+
+        The other bodies stay where they are, unless ``barycentric`` moves all to the new barycentre. The new System
+        has no ``invariants``.
+
+        Parameters
+        ----------
+        name : of the body
+        body : its orbit, with the keys of `from_elements`, or its ``position`` and ``velocity`` (default 0); and
+            ``mass`` or ``GM``, ``radius``, ``species``. ``primary`` is the name or id of the body that it orbits,
+            default the body that dominates.
+
+        Raises
+        ------
+        InputError
+            For an unknown key, a name that is taken, and a body at another's place.
+        """
+        made: System = SYSTEM_FILES["with_body"](self, name, barycentric, body)
+        return made
+
+    def add(self, name: str | None = None, *, barycentric: bool = False, **body: Any) -> System:
+        """Another name of `with_body`: returns a new System, where rebound's ``add`` changes a Simulation in place."""
+        return self.with_body(name, barycentric=barycentric, **body)
+
+    def with_forces(self, *forces: Any) -> System:
+        """A new System with these forces, or this list of forces, in place of its own. It has no ``invariants``."""
+        one_list = len(forces) == 1 and isinstance(forces[0], Iterable) and not hasattr(forces[0], "check")
+        return self.remade(forces=forces_of(forces[0] if one_list else forces))
+
+    def with_velocities(
+        self, values: ArrayLike | None = None, *, temperature: float | str | None = None, seed: int | None = None
+    ) -> System:
+        """A new System with other velocities, given or drawn. It has no ``invariants``.
+
+        Parameters
+        ----------
+        values : (n, 3) velocities
+        temperature, seed : draw them from the Maxwell-Boltzmann distribution with this seed. The total momentum is
+            zero and the temperature exact: the bits are those of ``[velocities]`` in a system file. The temperature
+            may be text with a unit, such as "94.4 K".
+        """
+        if values is None:
+            values = drawn_velocities(self, temperature, seed)
+        elif temperature is not None or seed is not None:
+            raise InputError("with_velocities: expected values, or a temperature with a seed, got both")
+        return self.remade(velocities=values, seed=seed)
+
+    def remade(self, **changes: Any) -> System:
+        """The same system, made and checked anew with these arguments of ``System`` in place of its own; without the
+        invariants and the text of its file."""
+        state = self.state
+        own: dict[str, Any] = {
+            "positions": state.positions, "velocities": state.velocities, "masses": state.masses, "box": state.box,
+            "species": [self.species[k] for k in self.species_index], "equilibration": self.equilibration,
+        } | {key: getattr(self, key) for key in _KEPT}  # fmt: skip
+        ids = changes.pop("ids", state.ids)
+        made = System(**own | changes)
+        return made.at(made.state.phase, state.time, state.steps_done, ids)
+
+    def to_toml(self) -> str:
+        """The text of a system file of this System: ``kd.load`` reads the same bits from it.
+
+        Positions and velocities stand as numbers. The text also holds species, names, radii, box, forces, events,
+        ``[run]``, ``[equilibrate]`` and ``[invariants]``. Particles count from 0 in their present order.
+
+        Raises
+        ------
+        InputError
+            With the name of what a system file cannot say: forces that are not registered, events with a function of
+            your own, units of your own, a time other than 0.
+        """
+        text: str = SYSTEM_FILES["to_toml"](self)
+        return text
 
     # --- to and from other programs ---
 
@@ -281,16 +395,3 @@ class System:
     def volume(self) -> float:
         """The volume of the box, in two dimensions its area; infinite where the box is open along any of its axes."""
         return self.box.volume if self.dimensions == 3 else self.box.area
-
-
-def _forces(forces: Iterable[Any]) -> tuple[Any, ...]:
-    """The forces as a tuple, checked: each an object with ``check``, such as ``kd.Gravity()``."""
-    found = listed("forces", forces, "a list of forces, such as [kd.LennardJones(cutoff=2.5)]")
-    for k, force in enumerate(found):
-        if isinstance(force, type) or not callable(getattr(force, "check", None)):
-            raise InputError(f"forces[{k}]: expected a force, such as kd.LennardJones(cutoff=2.5), got {shown(force)}")
-    return tuple(found)
-
-
-def _names(species: Any) -> list[Any]:
-    return list(species) if isinstance(species, str) else listed("species", species, "a list of names")

@@ -7,6 +7,7 @@ Sun in JPL's ephemeris DE421: the product is known to twelve digits, G alone to 
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 from kickdrift.errors import InputError
@@ -17,6 +18,9 @@ GM_SUN = 1.32712440040944e20  # m^3/s^2, DE421 (Folkner, Williams & Boggs 2009, 
 AU = constants.AU  # m, exact since IAU 2012; DE421's own is 0.37 m shorter, 7.5e-12 of G
 YEAR = 365.25 * constants.DAY  # s, the Julian year
 MSUN = GM_SUN / constants.GRAVITY  # kg; no better known than CODATA's G, and needed only for input in kilograms
+
+GREEK = {"sigma": "σ", "tau": "τ", "epsilon": "ε"}
+NAMELESS = {"length", "time", "mass", "energy"}  # names of units that only repeat the dimension
 
 # Each dimension as a product of powers of length L, time T, mass M, energy E, temperature K and angle A.
 DIMENSIONS: dict[str, dict[str, int]] = {
@@ -79,6 +83,15 @@ class UnitSystem:
         top = " ".join(over) or ("1" if under else "")
         return top if not under else f"{top}/{under[0]}" if len(under) == 1 else f"{top}/({' '.join(under)})"
 
+    def symbol(self, dimension: str) -> str:
+        """Unit of a dimension as people see it: ``σ/τ`` in lj, ``AU/yr`` in astro, "" in nbody."""
+        return symbol_of(self.unit(dimension))
+
+    def described(self, dimensions: Iterable[str]) -> str:
+        """The units of these dimensions in words: "length σ, time τ"."""
+        named = [f"{dimension} {symbol}" for dimension in dimensions if (symbol := self.symbol(dimension))]
+        return ", ".join(named) or "plain numbers" + (f", G = {self.gravity:g}" if self.gravity else "")
+
 
 UNIT_SYSTEMS: dict[str, UnitSystem] = {
     "lj": UnitSystem("lj", "sigma", "tau", "m", "epsilon", "epsilon/k_B", 1.0),
@@ -109,6 +122,12 @@ UNIT_SYSTEMS: dict[str, UnitSystem] = {
     ),
     "nbody": UnitSystem("nbody", "length", "time", "mass", "energy", "energy/k_B", 1.0, gravity=1.0),
 }
+
+
+def symbol_of(unit: str) -> str:
+    """A unit's name as people see it: lj's units are Greek letters, and units without a name of their own are ""."""
+    words = set(re.findall(r"\w+", unit))
+    return "" if words & NAMELESS else re.sub(r"\b(?:sigma|tau|epsilon)\b", lambda word: GREEK[word[0]], unit)
 
 
 def unit_system(name: str) -> UnitSystem:

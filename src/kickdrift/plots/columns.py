@@ -52,7 +52,7 @@ def plot_column(
         finite = np.isfinite(line)
         axes.plot(*_thin(times[finite], line[finite]), label=label, color=COLOURS[k % len(COLOURS)], linewidth=1.2)
     axes.set_title(name.replace("_", " "))
-    axes.set_ylabel(with_unit(name.replace("_", " "), unit) if unit else name.replace("_", " "))
+    axes.set_ylabel(with_unit(name.replace("_", " "), unit))
     _time_axis(axes, units)
     if len(labels) > 1:
         axes.legend(loc="best", fontsize=8, frameon=True, framealpha=0.9, edgecolor=GRID)

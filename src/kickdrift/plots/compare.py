@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from kickdrift.errors import InputError
-from kickdrift.plots.runs import COLOURS, INK, _pretty, checked_target, new_axes, new_figure, save_figure
+from kickdrift.plots.runs import COLOURS, INK, checked_target, new_axes, new_figure, printed, save_figure
+from kickdrift.text import measured
 
 if TYPE_CHECKING:
     from kickdrift.analysis.work_precision import Comparison
@@ -53,7 +54,7 @@ def plot_comparison(comparison: Comparison, output: str | os.PathLike[str], *, o
         "relative energy error (RMS)" if comparison.measure == "energy" else "largest relative error of the positions"
     )
     figure.legend(*left.get_legend_handles_labels(), loc="outside lower center", ncols=6, fontsize=8, frameon=False)
-    unit = f" {_pretty(comparison.time_unit)}" if comparison.time_unit else ""
+    unit = measured("", printed(comparison.time_unit))
     figure.suptitle(
         f"{comparison.system}  ·  {comparison.length:.4g}{unit}  ·  {comparison.reference}", fontsize=12, color=INK
     )

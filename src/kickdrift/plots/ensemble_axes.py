@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -11,7 +10,8 @@ import numpy as np
 from kickdrift.ensemble.rows import DONE
 from kickdrift.ensemble.table import PROVENANCE
 from kickdrift.model.unit_systems import UNIT_SYSTEMS
-from kickdrift.plots.runs import INK, _pretty
+from kickdrift.plots import runs
+from kickdrift.plots.runs import INK
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -154,7 +154,6 @@ def key_label(table: DataFrame, key: str) -> str:
 def with_unit(table: DataFrame, name: str, dimension: str | None) -> str:
     """Name with the unit of its dimension, if the system's units have names."""
     units = UNIT_SYSTEMS.get(table.attrs[PROVENANCE].get("units", ""))
-    if dimension is None or units is None or (units.name == "nbody" and dimension != "angle"):
+    if dimension is None or units is None:
         return name
-    unit = re.sub(r"[a-z_]+(?:/k_B)?", lambda word: _pretty(word[0]), units.unit(dimension))
-    return f"{name} ({unit.replace('^2', '²').replace('^3', '³')})"
+    return runs.with_unit(name, units.unit(dimension))

@@ -15,7 +15,19 @@ from kickdrift.analysis.motion import MeanSquaredDisplacement, mean_squared_disp
 from kickdrift.analysis.structure import radial_distribution, structure_factor
 from kickdrift.errors import InputError
 from kickdrift.model.state import Floats
-from kickdrift.plots.runs import COLOURS, GRID, INK, _pretty, _title, checked_target, new_axes, new_figure, save_figure
+from kickdrift.plots.runs import (
+    COLOURS,
+    GRID,
+    INK,
+    _title,
+    checked_target,
+    new_axes,
+    new_figure,
+    printed,
+    save_figure,
+    with_unit,
+)
+from kickdrift.text import measured
 from kickdrift.trajectory import reader
 
 if TYPE_CHECKING:
@@ -99,10 +111,10 @@ def _with_diffusion(name: str | None, found: MeanSquaredDisplacement, run: reade
     if len(found.times) < 3:
         return name or ""
     d = found.diffusion()
-    unit = f"{_pretty(run.units.length)}²/{_pretty(run.units.time)}"
+    unit = measured("", printed(f"{run.units.length}^2/{run.units.time}"))
     error = f" ± {d.error:.1g}" if np.isfinite(d.error) else ", error unknown"
     window = f"slope from {d.window[0]:.3g} to {d.window[1]:.3g}"
-    return f"{name + ': ' if name else ''}D = {d.value:.3g}{error} {unit} ({window})"
+    return f"{name + ': ' if name else ''}D = {d.value:.3g}{error}{unit} ({window})"
 
 
 def _velocities(run: reader.Run) -> list[Curve]:
@@ -130,7 +142,7 @@ def _spread(run: reader.Run) -> slice:
 def _draw_rdf(axes: Axes, curves: list[Curve], run: reader.Run) -> None:
     axes.axhline(1.0, color=GRID, linewidth=1.2)
     _lines(axes, curves)
-    _name(axes, "Radial distribution function", f"r ({_pretty(run.units.length)})", "g(r)")
+    _name(axes, "Radial distribution function", with_unit("r", run.units.length), "g(r)")
     axes.set_xlim(0.0, None)
     axes.set_ylim(bottom=0.0)
 
@@ -141,7 +153,7 @@ def _draw_structure_factor(axes: Axes, curves: list[Curve], run: reader.Run) -> 
         axes.plot(curve.x, curve.y, color=colour, linewidth=0.8, alpha=0.5)
         bars = np.where(np.isfinite(curve.error), curve.error, 0.0)
         axes.errorbar(curve.x, curve.y, bars, fmt="o", markersize=3.5, color=colour, elinewidth=1.0, capsize=2.0)
-    _name(axes, "Static structure factor", f"k (1/{_pretty(run.units.length)})", "S(k)")
+    _name(axes, "Static structure factor", with_unit("k", f"1/{run.units.length}"), "S(k)")
     axes.set_xlim(0.0, None)
     axes.set_ylim(bottom=0.0)
 
@@ -150,14 +162,14 @@ def _draw_displacements(axes: Axes, curves: list[Curve], run: reader.Run) -> Non
     _lines(axes, curves)
     axes.set_xscale("log")
     axes.set_yscale("log")
-    length = _pretty(run.units.length)
-    _name(axes, "Mean squared displacement", f"time ({_pretty(run.units.time)})", f"⟨|r(t) − r(0)|²⟩ ({length}²)")
+    squared = with_unit("⟨|r(t) − r(0)|²⟩", f"{run.units.length}^2")
+    _name(axes, "Mean squared displacement", with_unit("time", run.units.time), squared)
 
 
 def _draw_velocities(axes: Axes, curves: list[Curve], run: reader.Run) -> None:
     axes.axhline(0.0, color=GRID, linewidth=1.2)
     _lines(axes, curves)
-    _name(axes, "Velocity autocorrelation", f"time ({_pretty(run.units.time)})", "⟨v(t) · v(0)⟩ / ⟨v²⟩")
+    _name(axes, "Velocity autocorrelation", with_unit("time", run.units.time), "⟨v(t) · v(0)⟩ / ⟨v²⟩")
     axes.set_xlim(0.0, None)
 
 

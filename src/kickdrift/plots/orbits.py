@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from kickdrift.analysis.orbits import Orbits, Paths, gravity_of, invariable_axes, orbits_of, paths
+from kickdrift.analysis.orbits import gravity_of, paths
 from kickdrift.errors import InputError
+from kickdrift.model.orbits import Orbits, Paths, invariable_axes, orbits_of
 from kickdrift.model.starts.elements import Elements, states
 from kickdrift.model.starts.universal import TAU
 from kickdrift.model.state import Floats

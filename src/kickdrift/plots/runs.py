@@ -20,8 +20,9 @@ from kickdrift.disk.kinds import FIGURE
 from kickdrift.errors import InputError
 from kickdrift.jit import folders
 from kickdrift.model.state import Floats
-from kickdrift.model.unit_systems import UnitSystem
+from kickdrift.model.unit_systems import UnitSystem, symbol_of
 from kickdrift.statistics.drift import energy_error
+from kickdrift.text import measured
 from kickdrift.trajectory import reader
 
 if TYPE_CHECKING:
@@ -135,8 +136,8 @@ def _draw_temperature(times: Floats, temperature: Floats, axes: Axes, units: Uni
     axes.plot(*_thin(times, temperature), color=COLOURS[1], linewidth=0.9)
     mean = float(np.mean(temperature))
     axes.axhline(mean, color=INK, linewidth=0.9, linestyle=(0, (4, 3)))
-    axes.set_title(f"Temperature (mean {mean:.4g} {_pretty(units.temperature)})")
-    axes.set_ylabel(f"temperature ({_pretty(units.temperature)})")
+    axes.set_title(f"Temperature (mean {measured(f'{mean:.4g}', printed(units.temperature))})")
+    axes.set_ylabel(with_unit("temperature", units.temperature))
     _time_axis(axes, units)
 
 
@@ -144,7 +145,7 @@ def _draw_rdf(r: Floats, g: Floats, frames: int, axes: Axes, units: UnitSystem) 
     axes.axhline(1.0, color=GRID, linewidth=1.2)
     axes.plot(r, g, color=COLOURS[2], linewidth=1.3)
     axes.set_title(f"Radial distribution function ({frames} frame{'s' if frames > 1 else ''})")
-    axes.set_xlabel(f"r ({_pretty(units.length)})")
+    axes.set_xlabel(with_unit("r", units.length))
     axes.set_ylabel("g(r)")
     axes.set_xlim(0.0, r[-1])
     axes.set_ylim(bottom=0.0)
@@ -186,19 +187,18 @@ def _title(run: reader.Run, what: str = "particles") -> str:
     if run.method.get("integrator"):
         parts.append(str(run.method["integrator"]))
     if isinstance(run.method.get("dt"), (int, float)):
-        parts.append(f"dt = {run.method['dt']:g} {_pretty(run.units.time)}")
+        parts.append(measured(f"dt = {run.method['dt']:g}", printed(run.units.time)))
     return "  ·  ".join(parts)
 
 
-def _pretty(unit: str) -> str:
-    """Name of a unit in print."""
-    greek = {"sigma": "σ", "tau": "τ", "epsilon": "ε", "epsilon/k_B": "ε/k$_B$", "angstrom": "Å"}
-    return greek.get(unit, unit)
+def printed(unit: str) -> str:
+    """Name of a unit in a figure; "" for a unit without a name, such as those of nbody."""
+    return symbol_of(unit).replace("angstrom", "Å").replace("k_B", "k$_B$").replace("^2", "²").replace("^3", "³")
 
 
 def with_unit(name: str, unit: str) -> str:
-    """Label with its unit, if the unit has a name; N-body units have none."""
-    return name if unit in ("length", "time", "mass", "energy") else f"{name} ({_pretty(unit)})"
+    """Label with its unit, if the unit has a name."""
+    return f"{name} ({text})" if (text := printed(unit)) else name
 
 
 def _time_axis(axes: Axes, units: UnitSystem) -> None:

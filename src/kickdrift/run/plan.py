@@ -147,6 +147,11 @@ def plan_of(
         raise InputError(f"run: interval must be a positive time, got {shown(interval)}")
     if interval is not None and every is not None:
         raise InputError("run: give every or interval, not both")
+    given = sim.system.run.interval if (every, interval, known) == (None, None, None) else None
+    if given is not None and sim.method.chooses_steps:
+        interval = given
+    elif given is not None and sim.dt:
+        every = max(1, round(given / sim.dt))
     cadence = whole_number("every", every, 1) if every is not None else known or sim.system.run.every
     if not sim.method.chooses_steps or until is None:
         count = steps_to(sim, steps, until)

@@ -19,6 +19,7 @@ from kickdrift.model.capacity import PROCESS_BYTES, check_room
 from kickdrift.model.checks import path_text, whole_number
 from kickdrift.model.event_checks import checked_crossings
 from kickdrift.model.memory import Memory
+from kickdrift.model.orbit_table import OrbitTable, orbit_table
 from kickdrift.model.problem import Problem
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
@@ -229,6 +230,18 @@ class Simulation:
     def forces(self) -> Floats:
         """(n, 3) forces on the particles now, in the system's energy unit per length; a read-only copy."""
         return forces_at(self.integration)
+
+    def elements(self, frame: str = "heliocentric", plane: str = "file") -> OrbitTable:
+        """The osculating elements of the bodies now, a table by name: ``sim.elements()["Jupiter"].a``.
+
+        Angles are in degrees, as in system files. ``frame`` is "heliocentric" (about the central body), "jacobi" (in
+        the bodies' order) or "barycentric". ``plane`` is "file" (x-y) or "invariable". Raises InputError if no body
+        has half of all mass, and for a Problem.
+        """
+        if not isinstance(self.system, System):
+            raise InputError("elements: a Problem has no bodies")
+        now = self.state
+        return orbit_table(self.system.at(now.phase, now.time, ids=now.ids), frame, plane)
 
     def sample(self) -> Sample:
         """Return a sample of the current state."""

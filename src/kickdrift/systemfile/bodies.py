@@ -14,20 +14,24 @@ from kickdrift.model.starts.coordinates import at_barycentre, attracting_masses
 from kickdrift.model.starts.plummer import plummer
 from kickdrift.model.state import Floats
 from kickdrift.model.unit_systems import UnitSystem
-from kickdrift.systemfile.schema_bodies import BodyTable, ElementsTable, PlummerTable
+from kickdrift.systemfile.schema_bodies import ORBIT, BodiesTable, BodyTable, PlummerTable
+from kickdrift.text import shown, suggestion
 
 
-def on_orbits(table: ElementsTable, gravity: float | None, seed: int | None = None) -> Structure:
+def on_orbits(
+    table: BodiesTable, gravity: float | None, seed: int | None = None, key: str = "elements", first_at: int = 0
+) -> Structure:
     """The central body and the others of a system file's ``elements``, in the frame of their barycentre.
 
     Each body's elements are about what its frame names: "heliocentric", the central body, G times the two masses;
     "jacobi", the centre of mass of the bodies before it, G times their masses and its own; "barycentric", the centre of
-    mass of all, G times all masses.
+    mass of all, G times all masses. With a ``primary`` they are about that body, G times the two masses.
 
     Parameters
     ----------
     gravity : G in the file's units
     seed : replaces the table's
+    key, first_at : the list that errors name, and where the first body on an orbit stands in it
     """
     if gravity is None:
         raise InputError("elements: these units do not set G; give G in [[force]] gravity")
@@ -41,15 +45,21 @@ def on_orbits(table: ElementsTable, gravity: float | None, seed: int | None = No
     rng = generator(seed or 0)
     pull = gravity * attracting_masses(masses, table.frame)
     x, v = np.zeros((len(masses), 3)), np.zeros((len(masses), 3))
-    names, first = [table.central.body], 1
-    for k, (body, count) in enumerate(zip(table.elements, counts[1:], strict=True)):
-        rows = slice(first, first + count)
-        called = body.body
+    names, first = [table.central.called], 1
+    for k, (body, count) in enumerate(zip(table.elements, counts[1:], strict=True), first_at):
+        rows, mu = slice(first, first + count), pull[first - 1 : first - 1 + count]
+        called = body.called
         names += [called] if body.count is None else [called and f"{called} {i + 1}" for i in range(count)]
         try:
-            x[rows], v[rows] = _orbit(body, count, pull[first - 1 : first - 1 + count], rng)
+            about = None if body.primary is None else _primary(body.primary, names[:first])
+            if about is not None:
+                mu = gravity * (masses[about] + masses[rows])
+            x[rows], v[rows] = orbit_of(body, count, mu, rng)
+            if about:  # row 0 is the central body, which the others' rows count from
+                x[rows] += x[about]
+                v[rows] += v[about]
         except InputError as error:
-            raise InputError(f"elements[{k}]{f' ({called})' if called else ''}.{error}") from None
+            raise InputError(f"{key}[{k}]{f' ({called})' if called else ''}.{error}") from None
         first += count
     named = [name or f"particle {i}" for i, name in enumerate(names)] if any(names) else []
     x, v = (at_barycentre(y, masses, table.frame) for y in (x, v))
@@ -62,14 +72,27 @@ def on_orbits(table: ElementsTable, gravity: float | None, seed: int | None = No
     )
 
 
-def _orbit(body: BodyTable, count: int, mu: Floats, rng: np.random.Generator) -> tuple[Floats, Floats]:
+def _primary(name: str, names: list[str | None]) -> int:
+    if name not in names:
+        known = [each for each in names if each]
+        raise InputError(
+            f"primary: no earlier body is called {shown(name)}{suggestion(name, known)} (earlier: {', '.join(known)})"
+        )
+    return names.index(name)
+
+
+def orbit_of(
+    body: BodyTable, count: int, mu: Floats | float, rng: np.random.Generator, time: float = 0.0
+) -> tuple[Floats, Floats]:
+    """Positions and velocities (count, 3) on a body's orbit about its primary, at a time; mu is G times the masses."""
+
     def value(key: str) -> Any:
         given = getattr(body, key)
         if isinstance(given, list):
             given = given[0] + (given[1] - given[0]) * rng.random(count)
         return np.radians(given) if key in elements.ANGLES and given is not None else given
 
-    values = {key: value(key) for key in ("a", "q", "P", "e", "inc", "Omega", "omega", "f", "M", "E", "T")}
+    values = {key: value(key) for key in ORBIT}
     period = values.pop("P")
     if period is not None:
         if np.any(np.asarray(values["e"]) >= 1):
@@ -77,7 +100,7 @@ def _orbit(body: BodyTable, count: int, mu: Floats, rng: np.random.Generator) ->
         if not np.all(np.asarray(period) > 0):
             raise InputError("P: expected a positive period")
         values["a"] = np.cbrt(mu * (np.asarray(period) / elements.TAU) ** 2)
-    return elements.states(mu, **values)
+    return elements.states(mu, t=time, **values)
 
 
 def cluster(table: PlummerTable, units: UnitSystem, seed: int | None = None) -> Structure:

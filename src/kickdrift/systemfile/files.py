@@ -63,11 +63,17 @@ def find(name_or_path: str | os.PathLike[str]) -> Path:
     if is_shipped(name_or_path):
         return known[given]
     path = Path(given)
-    if (what := unfit(path, "a system file")) is None:
+    if (what := unfit(path, "a system file")) is None and path.suffix.lower() != ".h5md":
         return path
+    if path.suffix.lower() == ".h5md":
+        raise InputError(
+            f"{shown(given)} is the file of a run: use kd.open, or kickdrift info, plot, resume and export"
+        )
     if bare and not os.path.lexists(given):
-        listed = f"{suggestion(given, known)} (shipped: {', '.join(known)})"
-        raise InputError(f"{shown(given)} is neither a file nor a shipped system{listed}")
+        raise InputError(
+            f"{shown(given)} is neither a file nor a shipped system{suggestion(given, known)} "
+            "(kickdrift list systems shows all)"
+        )
     raise InputError(f"{' '.join(given.split())}: {what}{suggestion(path.stem, known)}")
 
 

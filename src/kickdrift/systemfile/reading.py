@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from warnings import warn
 
 import numpy as np
 
 from kickdrift.errors import InputError
 from kickdrift.forces import FORCES
 from kickdrift.model.checks import no_overflow, whole_number
+from kickdrift.model.orbits import G_given
 from kickdrift.model.problem import Problem
 from kickdrift.model.run_defaults import Equilibration
 from kickdrift.model.starts.builders import (
@@ -28,6 +31,7 @@ from kickdrift.systemfile.bodies import cluster, on_orbits
 from kickdrift.systemfile.events import events_of
 from kickdrift.systemfile.files import find, parsed, prefixed, toml_table
 from kickdrift.systemfile.places import as_given, box_of, edges_given, on_lattice
+from kickdrift.systemfile.plain import plain
 from kickdrift.systemfile.schema import (
     ElementsTable,
     LatticeTable,
@@ -42,15 +46,19 @@ from kickdrift.systemfile.schema import (
 from kickdrift.systemfile.schema_run import run_defaults
 from kickdrift.text import shown, suggestion
 
+STRUCTURES = (".xyz", ".extxyz", ".pdb", ".cif", ".gro", ".vasp", ".traj", ".lammps-data")  # files that ASE reads
 _BESIDE_ODE = tuple(key for key in OdeFileTable.model_fields if key != "ode")
 
 
-def load(name_or_path: str | os.PathLike[str], seed: int | None = None) -> System | Problem:
+def load(name_or_path: str | os.PathLike[str] | Mapping[str, Any], seed: int | None = None) -> System | Problem:
     """Load the System of a TOML file, or of a shipped system's name (``lj-1000``); a file with [ode] gives a Problem.
+
+    Files of atoms such as .xyz, .extxyz, .pdb and .cif are read through ASE, in metal units and without forces.
 
     Parameters
     ----------
-    name_or_path : a path, or one of ``shipped()``
+    name_or_path : a path, one of ``shipped()``, or a dict with the tables of a system file
+        In a dict, arrays and tuples are lists, and structure files are searched in the current folder.
     seed : replaces the file's ``velocities.seed``
 
     Raises
@@ -58,10 +66,27 @@ def load(name_or_path: str | os.PathLike[str], seed: int | None = None) -> Syste
     InputError
         With the file, the key and the expected value, or with the particles that overlap.
     """
+    if isinstance(name_or_path, Mapping):
+        with prefixed("system: "):
+            return _subject(plain(name_or_path), Path("system.toml"), "", seed)
     path = find(name_or_path)
+    if path.suffix.lower() in STRUCTURES:
+        if seed is not None:
+            _note_unused_seed()
+        return structure_system(path)
     text, data = parsed(path)
     with prefixed(f"{path}: "):
         return _subject(data, path, text, seed)
+
+
+def structure_system(path: Path) -> System:
+    """Return the System of a structure file, in metal units and without forces."""
+    with prefixed(f"{path}: "):
+        found = read_structure(path, unit_system("metal"))
+        box = found.edges if found.periodic else None
+        return System(
+            found.positions, found.velocities, found.masses, box, units="metal", species=found.species, name=path.stem
+        )
 
 
 def loads(
@@ -103,7 +128,7 @@ def _problem(data: dict[str, Any], path: Path, text: str, seed: int | None) -> P
             raise InputError(f"{key}: not allowed in an ODE file; allowed beside ode: {', '.join(_BESIDE_ODE)}")
     table: OdeFileTable = checked(OdeFileTable, data, None)
     if seed is not None:
-        raise InputError("seed: an ode draws no velocities; expected a system with velocities.temperature")
+        _note_unused_seed()
     from kickdrift.odes import ODES
 
     if "problem" not in table.ode:
@@ -128,17 +153,19 @@ def _problem(data: dict[str, Any], path: Path, text: str, seed: int | None) -> P
 
 def _system(data: dict[str, Any], path: Path, text: str, seed: int | None) -> System:
     if "units" not in data:
+        if key := SystemTable.unknown(data):
+            raise InputError(f"{key}: {SystemTable.unknown_text(key)}")
         raise InputError(f"units: required key is missing; expected one of {', '.join(UNIT_SYSTEMS)}")
     units = unit_system(data["units"])
     table: SystemTable = checked(SystemTable, data, units)
     run = run_defaults(table.run, units)
     forces = [_force(force, units, f"force[{k}]") for k, force in enumerate(table.force)]
-    gravity = next((force.G for force in forces if getattr(force, "G", None) is not None), units.gravity)
-    start = _start(table, units, path.parent, gravity, seed)
+    start = _start(table, units, path.parent, G_given(forces, units), seed)
     velocities = start.velocities
     drawn = table.velocities is not None and table.velocities.temperature is not None
     if seed is not None and not drawn and start.seed is None:
-        raise InputError("seed: this system draws no velocities; expected velocities.temperature")
+        _note_unused_seed()
+        seed = None
     seed = start.seed if start.seed is not None else seed
     if table.velocities is not None:
         velocities = None if drawn else np.array(table.velocities.values, dtype=float)
@@ -178,6 +205,10 @@ def _system(data: dict[str, Any], path: Path, text: str, seed: int | None) -> Sy
             made = system(drawn_at)
     check_overlaps(made)
     return made if not table.event else made.watched(events_of(made, table.event))
+
+
+def _note_unused_seed() -> None:
+    warn("seed: this system draws nothing at random, so the seed has no effect", stacklevel=5)
 
 
 def _force(given: dict[str, Any], units: UnitSystem, path: str) -> Any:

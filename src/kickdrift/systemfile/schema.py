@@ -27,7 +27,9 @@ from pydantic_core import ErrorDetails
 
 from kickdrift.errors import InputError
 from kickdrift.forces.pair_law import PairForce
+from kickdrift.integrators.asked import known_options
 from kickdrift.model import checks
+from kickdrift.model.run_defaults import RunDefaults
 from kickdrift.model.unit_systems import UnitSystem
 from kickdrift.systemfile.schema_base import (
     Edge,
@@ -172,6 +174,14 @@ class SystemTable(Table):
     run: dict[str, Any] = {}  # checked against the options that methods declare
     equilibrate: EquilibrateTable | None = None
     invariants: dict[str, Any] = {}
+
+    @classmethod
+    def hint(cls, key: str) -> str:
+        """See Table; a key of one of the tables is shown with its table."""
+        run = [*RunDefaults().__dict__, *known_options()]
+        within = {"velocities": VelocitiesTable.model_fields, "run": run, "box": BoxTable.model_fields}
+        found = [f"{table}.{key}" for table, keys in within.items() if key in keys]
+        return f"; did you mean {found[0]}?" if found else super().hint(key)
 
 
 class OdeFileTable(Table):

@@ -42,13 +42,23 @@ class Table(BaseModel):
     @model_validator(mode="before")
     @classmethod
     def _known_keys(cls, data: Any) -> Any:
+        if isinstance(data, cls):
+            return data  # made and checked before
         if not isinstance(data, dict):
             raise PydanticCustomError("table", "{text}", {"text": f"expected a table, got {shown(data)}"})
-        for key in data:
-            if key not in cls.model_fields:
-                text = f"unknown key{cls.hint(key)} (known: {', '.join(cls.model_fields)})"
-                raise PydanticCustomError("unknown_key", "{text}", {"text": text, "key": key})
+        if key := cls.unknown(data):
+            raise PydanticCustomError("unknown_key", "{text}", {"text": cls.unknown_text(key), "key": key})
         return data
+
+    @classmethod
+    def unknown(cls, data: Any) -> str | None:
+        """The first key that the table does not have."""
+        return next((key for key in data if key not in cls.model_fields), None)
+
+    @classmethod
+    def unknown_text(cls, key: str) -> str:
+        """What is wrong with an unknown key."""
+        return f"unknown key{cls.hint(key)} (known: {', '.join(cls.model_fields)})"
 
     @classmethod
     def hint(cls, key: str) -> str:

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, NonNegativeInt, PositiveInt, ValidationInfo, model_validator
 
 from kickdrift.errors import InputError
-from kickdrift.systemfile.schema_base import In, Mass, Pull, Radius, Table
+from kickdrift.systemfile.schema_base import In, Length, Mass, Pull, Radius, Table, Velocity
 
 
 class Spread(In):
@@ -29,7 +29,8 @@ Number = Annotated[Any, BeforeValidator(Spread("dimensionless"))]
 
 
 class CentralTable(Table):
-    body: str | None = None
+    name: str | None = None
+    body: str | None = None  # the name's older key
     mass: Mass | None = None
     GM: Pull | None = None
     radius: Radius | None = None
@@ -37,12 +38,23 @@ class CentralTable(Table):
     @model_validator(mode="after")
     def _one_mass(self) -> CentralTable:
         self.one_of("mass", "GM")
+        if self.name is not None and self.body is not None:
+            raise InputError("name: expected name or body, its older key, got both")
         return self
+
+    @property
+    def called(self) -> str | None:
+        """The body's name, where it has one."""
+        return self.body if self.name is None else self.name
+
+
+ORBIT = ("a", "q", "P", "e", "inc", "Omega", "omega", "f", "M", "E", "T")  # keys of an orbit
 
 
 class BodyTable(CentralTable):
     """One body on an orbit, or ``count`` of them; angles in degrees."""
 
+    primary: str | None = None
     count: PositiveInt | None = None
     a: Distance = None
     q: Distance = None
@@ -72,18 +84,47 @@ class BodyTable(CentralTable):
         return [key for key, value in self if isinstance(value, list)]
 
 
-class ElementsTable(Table):
+class BodiesTable(Table):
+    """A central body, and others on orbits, if any."""
+
     central: CentralTable
-    elements: Annotated[list[BodyTable], Field(min_length=1)]
+    elements: list[BodyTable]
     frame: Literal["heliocentric", "jacobi", "barycentric"] = "heliocentric"
     seed: NonNegativeInt | None = None
 
     @model_validator(mode="after")
-    def _seeded(self) -> ElementsTable:
+    def _seeded(self) -> BodiesTable:
+        if self.frame != "heliocentric" and any(body.primary is not None for body in self.elements):
+            raise InputError(f'primary: goes with frame = "heliocentric", not "{self.frame}"')
         drawn = any(body.spread for body in self.elements)
         if drawn != (self.seed is not None):
             what = "is missing; bodies are drawn with a seed" if drawn else "needs ranges, but there are none"
             raise InputError(f"seed {what}, such as a = [2.1, 3.3] and seed = 1")
+        return self
+
+
+class ElementsTable(BodiesTable):
+    elements: Annotated[list[BodyTable], Field(min_length=1)]
+
+
+class AddedTable(BodyTable):
+    """One body that a System gets: on an orbit, or at a place."""
+
+    primary: str | int | None = None  # type: ignore[assignment]
+    species: str | None = None
+    position: Annotated[list[Length], Field(min_length=3, max_length=3)] | None = None
+    velocity: Annotated[list[Velocity], Field(min_length=3, max_length=3)] | None = None
+
+    @model_validator(mode="after")
+    def _an_orbit(self) -> AddedTable:
+        if self.count is not None:
+            raise InputError("count: one body is added at a time")
+        if self.position is None:
+            if self.velocity is not None:
+                raise InputError("velocity: goes with position, and orbits have their own")
+            super()._an_orbit()  # type: ignore[operator]
+        elif orbit := self.model_fields_set & {*ORBIT, "primary"}:
+            raise InputError(f"position: excludes the elements of an orbit, got {min(orbit)}")
         return self
 
 

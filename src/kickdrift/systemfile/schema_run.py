@@ -29,11 +29,14 @@ class RunTable(Table):
     steps: Steps | None = None
     time: Time | None = None
     every: Steps | None = None
+    interval: Time | None = None
 
     @model_validator(mode="after")
     def _steps_or_time(self) -> RunTable:
         if self.steps is not None and self.time is not None:
             raise InputError("expected steps or time, got both")
+        if self.every is not None and self.interval is not None:
+            raise InputError("expected every or interval, got both")
         return self
 
     @classmethod
@@ -48,6 +51,7 @@ class OdeRunTable(RunTable):
 
     dt: PositiveFloat | None = None
     time: PositiveFloat | None = None
+    interval: PositiveFloat | None = None
 
 
 def is_run_key(name: str) -> bool:

@@ -11,7 +11,8 @@ from kickdrift.forces import force_class
 from kickdrift.model.box import Box
 from kickdrift.model.event_log import event_lines
 from kickdrift.model.limits import NEVER
-from kickdrift.text import clean, counted, shown
+from kickdrift.model.unit_systems import symbol_of
+from kickdrift.text import clean, counted, measured, shown
 from kickdrift.trajectory.reader import Run, open
 
 SHOWN = 5  # of the forces that nobody here has registered
@@ -19,6 +20,7 @@ WIDTH = 60  # of the column of keys, at most
 
 _METHOD_FIRST = ("engine", "engine_version", "processes", "integrator", "dt", "threads", "seed")
 RANGES = 20  # of damaged rows that are listed
+_SHOWN_UNITS = ("length", "time", "energy")
 _METHOD_SHOWN = (*_METHOD_FIRST, "options")  # which say what the others say
 
 
@@ -89,15 +91,18 @@ def _unregistered(run: Run) -> list[str]:
 def describe(found: dict[str, Any]) -> str:
     """What `info` found, for a reader."""
     units = found["units"]
+    length, time, energy = (symbol_of(units[key]) for key in ("length", "time", "energy"))
+    named = [f"{key} {symbol}" for key, symbol in zip(_SHOWN_UNITS, (length, time, energy), strict=True) if symbol]
     species = ", ".join(f"{count:,} {name}" for name, count in found["species"].items())
     rows = [
         ("system", found["system"]),
         ("particles", f"{found['particles']:,} ({species})"),
-        ("box", _box(found["box"], found["periodic"], units["length"])),
-        ("units", f"{units['name']}: length {units['length']}, time {units['time']}, energy {units['energy']}"),
+        ("box", _box(found["box"], found["periodic"], length)),
+        ("units", f"{units['name']}: {', '.join(named) or 'plain numbers'}"),
     ]
     if units["nominal"]:
-        rows.append(("", f"other programs see 1 {units['length']} as 1 angstrom and 1 {units['time']} as 1 ps"))
+        one = (f"1 {length or 'unit of length'}", f"1 {time or 'unit of time'}")
+        rows.append(("", f"other programs see {one[0]} as 1 angstrom and {one[1]} as 1 ps"))
     for force in found["unregistered"]:
         rows.append(("force", f"{force} is registered nowhere: resume needs a program that registers the class"))
     method = found["method"]
@@ -107,12 +112,12 @@ def describe(found: dict[str, Any]) -> str:
     if found["time"]:
         first, last = found["time"]
         rows.append(
-            ("time", f"{first:g} to {last:g} {units['time']}, steps {found['steps'][0]} to {found['steps'][1]}")
+            ("time", f"{first:g} to {measured(f'{last:g}', time)}, steps {found['steps'][0]} to {found['steps'][1]}")
         )
     for name, ends in found["observables"].items():
-        unit = found["columns"].get(name, {}).get("unit", "")
+        unit = symbol_of(found["columns"].get(name, {}).get("unit", ""))
         shown_name = name if name in found["columns"] else name.replace("_", " ")
-        rows.append((shown_name, f"{_short(ends['first'])} → {_short(ends['last'])} {unit}"))
+        rows.append((shown_name, f"{_short(ends['first'])} → {measured(_short(ends['last']), unit)}"))
     rows.append(("", _form(found)))
     rows.append(("written by", f"kickdrift {found['kickdrift']}, {found['bytes']:,} bytes"))
     rows.append(("closed", _ending(found)))
@@ -192,7 +197,7 @@ def _goal(found: dict[str, Any]) -> str:
         return ""
     if end_step < NEVER:
         return f"step {step} of {int(end_step)}"
-    return f"time {time:.9g} of {end_time:.9g} {found['units']['time']}"
+    return f"time {time:.9g} of {measured(f'{end_time:.9g}', symbol_of(found['units']['time']))}"
 
 
 def _checkpoints(steps: list[int]) -> str:

@@ -19,6 +19,7 @@ from h5py import h5a, h5d, h5g, h5l, h5o, h5t
 
 from kickdrift.disk.files import descriptor, reason, shown_path
 from kickdrift.errors import InputError
+from kickdrift.systemfile.files import is_shipped
 from kickdrift.trajectory.heaps import Heaps
 
 DEEPEST = 32  # groups within groups
@@ -33,6 +34,8 @@ _LINKS = {h5l.TYPE_SOFT: "a soft link", h5l.TYPE_EXTERNAL: "an external link"}
 def open_to_read(path: str | os.PathLike[str]) -> h5py.File:
     """An HDF5 file open for reading; an InputError where it cannot be read, is being written to or leads out of
     itself."""
+    if (text := shown_path(path)).endswith(".toml") or is_shipped(text):
+        raise InputError(f"{text}: is a system file, not the file of a run: use kd.load")
     number = _descriptor(path)
     try:
         status = os.fstat(number)

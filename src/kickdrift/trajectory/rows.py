@@ -256,7 +256,7 @@ class Rows:
     def check_box(self, box: Box) -> None:
         """An InputError for a box that the file's edges have no form for."""
         if (box.periodic_axes, shape_of(box)) != (self._box.periodic_axes, shape_of(self._box)):
-            unit = self._units.length
+            unit = self._units.symbol("length")
             raise InputError(
                 f"{self._out.path}: its frames have a box like {self._box.described(unit)}, but this state's is "
                 f"{box.described(unit)}"

@@ -79,4 +79,4 @@ def _library(name: str, asked: str) -> Any:
     try:
         return import_module(name)
     except ImportError:
-        raise InputError(f"{asked} needs {name}: pip install kickdrift[tables]") from None
+        raise InputError(f"{asked} needs {name}: pip install 'kickdrift[tables]'") from None

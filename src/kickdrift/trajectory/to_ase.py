@@ -21,7 +21,7 @@ def write(chosen: Chosen, path: Path, format: Format, progress: Callable[[int, i
         from ase.io.extxyz import write_extxyz
         from ase.io.trajectory import TrajectoryWriter
     except ImportError:
-        raise InputError(f"{format.suffix} needs ASE: pip install kickdrift[ase]") from None
+        raise InputError(f"{format.suffix} needs ASE: pip install 'kickdrift[ase]'") from None
     atoms_of = AtomsOf(chosen)
     with ExitStack() as stack:
         if format.suffix == ".traj":

@@ -63,7 +63,7 @@ class Target:
         if self.units.nominal:
             self.notes.append(f"{run.units.length} and {run.units.time} stand as angstrom and ps")
         if format.box and run.box.periodic and not self.cell:
-            whole = run.box.described(run.units.length)
+            whole = run.box.described(run.units.symbol("length"))
             self.notes.append(f"frames have no box, since {format.suffix} has none like {whole}")
 
     def rename(self, atoms: Any) -> None:

@@ -30,7 +30,7 @@ def mdanalysis(what: str) -> Any:
     try:
         import MDAnalysis
     except ImportError:
-        raise InputError(f"{what} needs MDAnalysis: pip install kickdrift[mdanalysis]") from None
+        raise InputError(f"{what} needs MDAnalysis: pip install 'kickdrift[mdanalysis]'") from None
     return MDAnalysis
 
 

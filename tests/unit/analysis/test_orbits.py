@@ -8,11 +8,13 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+import kickdrift as kd
 from kickdrift.analysis import orbits as of
 from kickdrift.cli.main import app
 from kickdrift.errors import InputError
 from kickdrift.forces import Gravity
-from kickdrift.model.starts.elements import states
+from kickdrift.model.orbits import invariable_axes
+from kickdrift.model.starts.elements import Elements, states
 from kickdrift.model.state import State
 from kickdrift.model.system import System
 from kickdrift.plots import orbits as plots_orbits
@@ -91,7 +93,7 @@ def test_the_invariable_plane_is_that_of_the_angular_momentum(tmp_path):
     assert tilt == pytest.approx(23.44, abs=0.01)  # the obliquity, since the axes are the equator's
     level = of.orbits(path, plane="invariable").elements
     assert level.a[0] == pytest.approx(ecliptic.elements.a[0], rel=1e-12)
-    turn = of.invariable_axes(of.paths(path))
+    turn = invariable_axes(of.paths(path))
     assert np.allclose(turn @ turn.T, np.eye(3), atol=1e-15)
     assert np.linalg.det(turn) == pytest.approx(1.0)
     # Souami & Souchay 2012, Astron. Astrophys. 543, A133, doi:10.1051/0004-6361/201219011: the invariable plane is
@@ -296,3 +298,62 @@ def test_the_command_draws_orbits_where_there_is_gravity(run, tmp_path, monkeypa
     assert asked == ["orbits", "energies", "orbits"]
     wrong = CliRunner().invoke(app, ["plot", "--stability", "rk4", "--kind", "orbits"])
     assert isinstance(wrong.exception, InputError)
+
+
+# --- the present of a Simulation ---
+
+
+@pytest.mark.parametrize("frame", ["heliocentric", "jacobi", "barycentric"])
+def test_the_table_of_the_present_is_what_a_file_of_it_gives(frame, tmp_path):
+    sim, path = kd.Simulation(load("outer-solar-system"), "gauss-radau15"), tmp_path / "run.h5md"
+    tables = {"invariable": sim.elements(frame, "invariable")}  # whose plane is that of the file's first frame
+    sim.run(until=3.0, every=1_000_000, output=path)
+    tables["file"] = sim.elements(frame)
+    for plane, table in tables.items():
+        found, row = of.orbits(path, frame, plane), {"invariable": 0, "file": -1}[plane]
+        assert (table.names, table.central, table.frame, table.plane) == (sim.system.names[1:], "Sun", frame, plane)
+        assert table.time == found.times[row]
+        for key in Elements._fields:
+            expected = getattr(found.elements, key)[row]
+            expected = expected if key in ("q", "e") else np.degrees(expected)
+            np.testing.assert_allclose(getattr(table, key), expected, rtol=1e-11, atol=1e-11)
+        np.testing.assert_allclose(table.P, found.elements.period(found.mu)[row], rtol=1e-12)
+
+
+def test_the_table_reads_by_name_and_prints():
+    sim = kd.Simulation(load("trappist-1"))
+    table = sim.elements()
+    assert list(table) == list("bcdefgh")
+    assert table["c"].a == table.a[1]
+    lines = repr(table).splitlines()
+    headings = [each.split()[0] for each in lines[0].split("  ") if each]
+    assert headings == ["a", "e", "inc", "Omega", "omega", "f", "M", "P"]
+    assert ("a (AU)" in lines[0], "inc (deg)" in lines[0], "P (yr)" in lines[0]) == (True, True, True)
+    assert lines[2].split()[:2] == ["c", f"{table.a[1]:.8g}"]
+    assert "(AU)" not in repr(kd.Simulation(load("kepler-e09")).elements())  # no unit has a name there
+    with pytest.raises(InputError, match=r"elements: no body 'k' in the table \(known: b, c, d"):
+        table["k"]
+
+
+def test_bodies_that_left_are_not_in_the_table():
+    bodies = [{"name": "star", "mass": 1.0}, {"name": "a", "mass": 1e-3, "a": 1.0}]
+    system = System.from_elements([*bodies, {"name": "b", "mass": 1e-3, "q": 1.0, "e": 2.0, "f": 90.0}], units="nbody")
+    sim = kd.Simulation(system.watched([kd.Escape(5.0, action="remove")]), "velocity-verlet", dt=0.01)
+    sim.run(1000)
+    assert sim.elements().names == ("a",)
+    assert sim.elements()["a"].a == pytest.approx(1.0, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "expected"),
+    [
+        ("ode-lorenz", {}, "elements: a Problem has no bodies"),
+        ("lj-1000", {}, "elements: units 'lj' define no G"),
+        ("figure-eight", {}, "orbits: no body has 0.5 of all mass"),
+        ("sun-jupiter", {"frame": "jacobian"}, "frame: expected one of heliocentric, jacobi, barycentric"),
+        ("sun-jupiter", {"plane": "ecliptic"}, "plane: expected one of file, invariable"),
+    ],
+)
+def test_no_table_where_there_are_no_orbits(name, options, expected):
+    with pytest.raises(InputError, match=expected):
+        kd.Simulation(load(name)).elements(**options)

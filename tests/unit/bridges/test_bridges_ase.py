@@ -360,5 +360,5 @@ def test_a_calculation_that_fails_says_why():
 
 def test_ase_that_is_not_installed_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "ase", None)
-    with pytest.raises(kd.InputError, match=r"System.from_ase needs ase: pip install kickdrift\[ase\]"):
+    with pytest.raises(kd.InputError, match=r"System.from_ase needs ase: pip install 'kickdrift\[ase\]'"):
         bridge("ase", "System.from_ase")

@@ -328,5 +328,5 @@ def test_systems_that_rebound_cannot_run_are_refused(options, message):
 
 def test_rebound_that_is_not_installed_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "rebound", None)
-    with pytest.raises(kd.InputError, match=r"System.to_rebound needs rebound: pip install kickdrift\[rebound\]"):
+    with pytest.raises(kd.InputError, match=r"System.to_rebound needs rebound: pip install 'kickdrift\[rebound\]'"):
         bridge("rebound", "System.to_rebound")

@@ -193,8 +193,8 @@ def test_run_says_how_it_went(kickdrift):
     assert (code, err) == (0, "")
     lines = dict(re.split(r"  +", line, maxsplit=1) for line in out.splitlines() if "  " in line)
     assert lines["system"] == "liquid: 216 particles, units lj"
-    assert lines["length"] == "50 steps, 0.2 tau"
-    assert re.fullmatch(r"-\d+\.\d+ at the start, -\d+\.\d+ epsilon at the end", lines["energy"])
+    assert lines["length"] == "50 steps, 0.2 τ"
+    assert re.fullmatch(r"-\d+\.\d+ at the start, -\d+\.\d+ ε at the end", lines["energy"])
     assert re.fullmatch(r"\S+ RMS, \S+ largest, of initial energy", lines["energy error"])
     assert "nan" not in out
     assert "inf" not in out
@@ -518,7 +518,7 @@ def test_plot(kickdrift, folder):
     assert_refused(kickdrift("plot", "run.h5md", "--output", "run.gif"), "must end in .png")
     assert_refused(kickdrift("plot", "run.h5md", "--output", f"{NOTHING}.png"), "there is no folder")
     assert_refused(kickdrift("plot", "nothing.h5md"), "nothing.h5md: no such file")
-    assert_refused(kickdrift("plot", "liquid.toml"), "is not an HDF5 file")
+    assert_refused(kickdrift("plot", "liquid.toml"), "is a system file, not the file of a run")
 
 
 # --- bench ---

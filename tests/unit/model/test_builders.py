@@ -194,7 +194,7 @@ def test_bad_structure_files(tmp_path, monkeypatch):
     with pytest.raises(InputError, match='expected units = "metal", got "lj"'):
         read_structure(path, UNIT_SYSTEMS["lj"])
     monkeypatch.setitem(sys.modules, "ase.io", None)
-    with pytest.raises(InputError, match=r"pip install kickdrift\[ase\]"):
+    with pytest.raises(InputError, match=r"pip install 'kickdrift\[ase\]'"):
         read_structure(path, METAL)
 
 

@@ -77,7 +77,7 @@ def test_a_time_zone_is_refused():
 
 def test_without_the_packages_one_line_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "de421", None)
-    with pytest.raises(InputError, match=r"needs two packages: pip install kickdrift\[ephemeris\]"):
+    with pytest.raises(InputError, match=r"needs two packages: pip install 'kickdrift\[ephemeris\]'"):
         ephemeris_states("2000-01-01")
 
 

@@ -66,7 +66,7 @@ def test_they_are_written_and_read_back(tmp_path):
     assert [sample.columns["radius_of_gyration"] for sample in sim.record.samples] == radii.tolist()
     assert info(tmp_path / "a.h5md")["columns"]["fastest"] == {"shape": [2], "unit": "sigma/tau"}
     lines = describe(info(tmp_path / "a.h5md")).splitlines()
-    assert any(line.split()[0] == "radius_of_gyration" and line.endswith(" sigma") for line in lines)
+    assert any(line.split()[0] == "radius_of_gyration" and line.endswith(" σ") for line in lines)
 
 
 def test_they_change_no_bits_and_no_file_without_them(tmp_path):

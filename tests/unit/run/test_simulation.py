@@ -376,8 +376,8 @@ def test_blow_up_names_step_particle_neighbour_and_frame(tmp_path):
     message = str(caught.value)
     assert "\n" not in message
     found = re.fullmatch(
-        r"velocity-verlet, dt = 0\.0497: blew up at step (\d+) \(t = ([\d.]+)\): particle (\d) moves at \S+ sigma/tau, "
-        r"its nearest neighbour was (\d) at (\S+) sigma the step before; the last good frame is step (\d+)",
+        r"velocity-verlet, dt = 0\.0497: blew up at step (\d+) \(t = ([\d.]+)\): particle (\d) moves at \S+ σ/τ, "
+        r"its nearest neighbour was (\d) at (\S+) σ the step before; the last good frame is step (\d+)",
         message,
     )
     assert found, message
@@ -418,7 +418,7 @@ def test_blow_up_inside_a_runge_kutta_step_blames_the_stage():
     fastest = np.linalg.norm(sim.state.velocities, axis=1).max()
     with pytest.raises(RunError) as caught:
         sim.run(10)
-    speed = float(re.search(r"moves at (\S+) sigma", str(caught.value))[1])
+    speed = float(re.search(r"moves at (\S+) σ", str(caught.value))[1])
     assert speed > 10 * fastest
 
 

@@ -217,7 +217,7 @@ def test_an_xyz_that_claims_more_than_it_holds_is_refused(tmp_path: Path, text, 
         ({"masses": None}, "masses: expected one number or 2: got None"),
         ({"radii": [1j, 1]}, "radii: .* complex"),
         ({"box": "abc"}, "box: expected three edge lengths, a matrix of edge vectors, or None, got 'abc'"),
-        ({"box": 3}, "box: expected three edge lengths, a matrix of edge vectors, or None, got 3"),
+        ({"box": 3}, "box: expected three edge lengths, got 3; a cube is box=\\(3, 3, 3\\)"),
         ({"box": [None] * 3}, "box: edge x must be a positive finite length, got None"),
         ({"box": [True] * 3}, "box: edge x"),
         ({"box": [1e-300] * 3}, "box: edges of 1e-300, 1e-300 and 1e-300 have a volume beyond the range of numbers"),
@@ -334,7 +334,7 @@ class Loops(NamedTuple):
         total = 0.0
         for factor in [1.0, 2.0]:
             total = total + factor / r2
-        return total, total
+        return total, 2.0 * total / r2
 
 
 @pytest.mark.parametrize(

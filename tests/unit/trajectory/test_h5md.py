@@ -139,7 +139,7 @@ def test_universe_has_names_masses_and_time_step(path):
 def test_universe_without_mdanalysis_says_how_to_get_it(path, monkeypatch):
     write(path)
     monkeypatch.setitem(sys.modules, "MDAnalysis", None)
-    with reader.open(path) as run, pytest.raises(InputError, match=r"pip install kickdrift\[mdanalysis\]"):
+    with reader.open(path) as run, pytest.raises(InputError, match=r"pip install 'kickdrift\[mdanalysis\]'"):
         run.universe()
 
 
@@ -295,7 +295,7 @@ def test_info_tells_what_is_there(path):
     assert found["observables"]["total_energy"] == {"first": -2.0, "last": sample(40)["total_energy"]}
     assert found["closed"]
     text = describe(found)
-    for part in ("1 sigma as 1 angstrom", "velocity-verlet", "0 to 0.2 tau", "bounded", "5 × 6 × 7", "20 A, 10 Bb"):
+    for part in ("1 σ as 1 angstrom", "velocity-verlet", "0 to 0.2 τ", "bounded", "5 × 6 × 7", "20 A, 10 Bb"):
         assert part in text
     json.dumps(found)
 

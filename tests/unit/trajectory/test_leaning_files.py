@@ -94,9 +94,9 @@ def test_a_leaning_run_is_resumed_to_the_same_bits(tmp_path, options):
 @pytest.mark.parametrize(
     ("name", "text"),
     [
-        ("leaning", "[[10, 0, 0], [4, 9, 0], [-3, 2, 8]] sigma, periodic"),
-        ("a slab", "10 × 9 × 7 sigma, periodic along x and y"),
-        ("a plane", "10 × 9 sigma, periodic along x and y"),
+        ("leaning", "[[10, 0, 0], [4, 9, 0], [-3, 2, 8]] σ, periodic"),
+        ("a slab", "10 × 9 × 7 σ, periodic along x and y"),
+        ("a plane", "10 × 9 σ, periodic along x and y"),
     ],
 )
 def test_info_shows_the_box(tmp_path, name, text):
@@ -125,7 +125,7 @@ def test_frames_may_have_boxes_of_their_own(tmp_path):
 def test_a_box_that_the_edges_cannot_hold_is_refused(tmp_path):
     system = falling(kd.Box((10.0, 9.0, 8.0)))
     s = system.state
-    refused = pytest.raises(InputError, match=r"a box like 10 x 9 x 8 sigma, but this state's is \[\[10, 0, 0\]")
+    refused = pytest.raises(InputError, match=r"a box like 10 x 9 x 8 σ, but this state's is \[\[10, 0, 0\]")
     with Writer(tmp_path / "run.h5md", system, method={"dt": 1.0}, every=1) as writer, refused:
         writer.append(State(s.phase, s.masses, s.ids, LEANING, 0.0, 0), {})
 

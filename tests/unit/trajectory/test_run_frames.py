@@ -225,7 +225,7 @@ def test_xarray_has_frames_and_samples(run, file):
 def test_what_is_not_installed_is_named(run, monkeypatch, call, package):
     monkeypatch.setitem(sys.modules, package, None)
     for frames in (run, run[2:]):
-        with pytest.raises(kd.InputError, match=rf"{call}\(\) needs {package}: pip install kickdrift\[tables\]"):
+        with pytest.raises(kd.InputError, match=rf"{call}\(\) needs {package}: pip install 'kickdrift\[tables\]'"):
             getattr(frames, call)()
 
 

@@ -539,6 +539,6 @@ def test_a_law_of_constants_is_none(monkeypatch):
 
         def law(p, r2, half=0.5):
             r = weights[0] * TABLE[1] + float(np.sqrt(r2))
-            return half * p.k * r, r
+            return half * p.k * r, -half * p.k / float(np.sqrt(r2))
 
-    assert Law(cutoff=1.0).law.law(4.0) == (1.0, 2.0)
+    assert Law(cutoff=1.0).law.law(4.0) == (1.0, -0.25)

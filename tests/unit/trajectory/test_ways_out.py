@@ -336,7 +336,7 @@ def test_what_is_no_regular_file_is_refused_at_once(tmp_path, monkeypatch, capfd
         kind(Path(name))
     cases = [(RUNS[name], "run.h5md") for name in ("info", "resume", "export", "plot", "open", "kd.resume")]
     cases += [(TABLES[name], suffix) for name in ("info", "plot", "read") for suffix in ("table.h5", "table.parquet")]
-    cases += [(command(word, None), "system.toml") for word in ("run", "info", "compare", "chaos", "ensemble")]
+    cases += [(command(word, None), "system.toml") for word in ("run", "info", "show", "compare", "chaos", "ensemble")]
     cases += [(python(kd.load), "system.toml"), (command("--load", None, "list", "forces"), "extra.py")]
     for entry, name in cases:
         entry(name)

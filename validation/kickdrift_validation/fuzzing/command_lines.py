@@ -22,7 +22,7 @@ OUTPUTS = ("new{0}", "old{0}", "folder{0}", "folder", "loop", "pipe", "/dev/null
 SUFFIXES = {"output": (".h5md", ".png", ".parquet", ".dcd", ".xyz"), "json_file": (".json",), "plot": (".png", ".svg")}
 NAMES = ("velocity-verlet", "rk4", "leapfrog", "dop853", "wisdom-holman", "yoshida4", "no-such-method", "rk45")
 SHARES = {"run": 30, "resume": 14, "info": 10, "export": 14, "plot": 8, "chaos": 4, "compare": 4, "ensemble": 8,
-          "list": 3,
+          "list": 3, "show": 3,
           "bench lj-energy": 2, "bench speed": 1, "validate": 2}  # fmt: skip
 OURS = frozenset({"bodies.h5md", "liquid.h5md", "unfinished.h5md", "old.h5md", "old.json", "old.png"})
 

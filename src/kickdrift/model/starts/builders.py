@@ -19,10 +19,11 @@ from kickdrift.model.checks import number, numbers
 from kickdrift.model.nearness import any_nearer, nearest_pair
 from kickdrift.model.state import Floats
 from kickdrift.model.unit_systems import UnitSystem
+from kickdrift.model.units import quantity
 from kickdrift.text import shown, suggestion
 
 if TYPE_CHECKING:
-    from kickdrift.model.system import System
+    from kickdrift.model.subject import Subject
 
 # Sites of one cubic cell in units of its edge, moved off the cell's faces so that rounding cannot wrap a particle.
 LATTICES: dict[str, tuple[tuple[float, float, float], ...]] = {
@@ -120,6 +121,14 @@ def maxwell_boltzmann(
     return velocities
 
 
+def drawn_velocities(system: Subject, temperature: float | str | None, seed: int | None) -> Floats:
+    """Velocities (n, 3) of a System at a temperature, in its units or as text with a unit; see `maxwell_boltzmann`."""
+    if temperature is None or seed is None:
+        raise InputError("seed and temperature need each other: velocities are drawn with a seed, such as seed = 1")
+    value = quantity(temperature, "temperature", system.units, "temperature")
+    return maxwell_boltzmann(system.coherent_masses, value, system.units.boltzmann, seed, system.dimensions)
+
+
 class Structure(NamedTuple):
     """Particles to start from: masses are one number or each their own; edges and velocities where they are known,
     and the seed where they were drawn; ``barycentric`` ones are to be moved there."""
@@ -148,7 +157,7 @@ def read_structure(path: Path, units: UnitSystem) -> Structure:
     try:
         from ase.io import read
     except ImportError:
-        raise InputError("reading structure files needs ASE: pip install kickdrift[ase]") from None
+        raise InputError("reading structure files needs ASE: pip install 'kickdrift[ase]'") from None
     if path.suffix.lower() in (".xyz", ".extxyz"):
         _check_xyz(path)
     try:
@@ -210,7 +219,7 @@ def mixture(fractions: Mapping[str, float], count: int, seed: int) -> list[str]:
     return [names[k] for k in order]
 
 
-def check_overlaps(system: System) -> None:
+def check_overlaps(system: Subject) -> None:
     """Raise an InputError that names the closest pair and its distance, where two particles overlap.
 
     Overlapping means: nearer than ``OVERLAP`` times the smallest length that any force names in its ``shortest()``;

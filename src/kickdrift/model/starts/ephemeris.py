@@ -1,7 +1,7 @@
 """The Sun and the planets as JPL's ephemeris DE421 has them, to make system files from; no run needs it.
 
 Folkner, Williams & Boggs 2009, The Planetary and Lunar Ephemeris DE421, IPN Progress Report 42-178. Read with the
-packages jplephem and de421: pip install kickdrift[ephemeris].
+packages jplephem and de421: pip install 'kickdrift[ephemeris]'.
 """
 
 from __future__ import annotations
@@ -111,7 +111,7 @@ def _de421() -> Any:
         import de421
         from jplephem.ephem import Ephemeris
     except ImportError:
-        raise InputError("reading JPL's ephemeris needs two packages: pip install kickdrift[ephemeris]") from None
+        raise InputError("reading JPL's ephemeris needs two packages: pip install 'kickdrift[ephemeris]'") from None
     return Ephemeris(de421)
 
 

@@ -1,0 +1,131 @@
+"""A System as the text of a system file, which gives the same bits when it is read."""
+
+from __future__ import annotations
+
+from dataclasses import is_dataclass
+from inspect import Parameter, signature
+from typing import Any
+
+import numpy as np
+
+from kickdrift.disk.files import SYSTEM_FILE_BYTES
+from kickdrift.errors import InputError
+from kickdrift.forces import FORCES
+from kickdrift.forces.pair_law import PairForce
+from kickdrift.model.box import Box
+from kickdrift.model.events import Between, CloseApproach, Collision, Crossing, Escape, Event
+from kickdrift.model.subject import index_of
+from kickdrift.model.system import System
+from kickdrift.model.unit_systems import UNIT_SYSTEMS
+from kickdrift.systemfile.events import PASSAGES
+from kickdrift.systemfile.files import toml_table
+from kickdrift.systemfile.plain import plain
+from kickdrift.systemfile.toml import toml_text
+from kickdrift.text import shown
+
+
+def to_toml(system: System) -> str:
+    """See ``System.to_toml``."""
+    text = toml_text(plain(tables_of(system)))
+    if len(text.encode()) > SYSTEM_FILE_BYTES:
+        raise InputError(
+            f"to_toml: {len(system):,} particles make a text of {len(text) >> 20} MiB, and a system file has at most "
+            f"{SYSTEM_FILE_BYTES >> 20} MiB"
+        )
+    return text
+
+
+def tables_of(system: System) -> dict[str, Any]:
+    """The tables of a system file that is this System."""
+    state, units = system.state, system.units
+    if UNIT_SYSTEMS.get(units.name) != units:
+        raise InputError(f"to_toml: units: a system file has no units of {units.length}, {units.time} and {units.mass}")
+    if state.time != 0:
+        raise InputError(
+            f"to_toml: a system file begins at time 0, and this system is at time {state.time:g}; "
+            "system.at(system.state.phase, 0.0) is the same at time 0"
+        )
+    species = [system.species[k] for k in system.species_index]
+    one_mass = np.all(state.masses == state.masses[0])
+    particles: dict[str, Any] = {"mass": state.masses[0]} if one_mass else {"masses": state.masses}
+    particles["positions"] = state.positions
+    particles["species"] = species[0] if len(set(species)) == 1 else species
+    if system.names:
+        particles["names"] = system.names
+    if system.radii is not None:
+        particles["radii"] = system.radii
+    title = toml_table(system.source).get("title") if system.source else None
+    tables: dict[str, Any] = {"units": units.name} if title is None else {"title": title, "units": units.name}
+    if system.dimensions != 3:
+        tables["dimensions"] = system.dimensions
+    tables |= {"particles": particles, "velocities": {"values": state.velocities}}
+    if system.box.periodic:
+        tables["box"] = _box(system.box)
+    tables["force"] = [_force(system, force) for force in system.forces]
+    if system.events:
+        tables["event"] = [_event(system, event) for event in system.events]
+    if said := system.run.said():
+        tables["run"] = said
+    if system.equilibration is not None:
+        tables["equilibrate"] = vars(system.equilibration)
+    if system.invariants:
+        tables["invariants"] = dict(system.invariants)
+    return tables
+
+
+def _box(box: Box) -> dict[str, Any]:
+    """``[box]``: lengths where the edges stand at right angles and none is zero, else the matrix."""
+    upright = not box.triclinic and all(edge > 0 for edge in box.matrix.diagonal())
+    edges = {"lengths": box.lengths} if upright else {"matrix": box.matrix}
+    return edges if all(box.periodic_axes) else {**edges, "periodic": box.periodic_axes}
+
+
+def _force(system: System, force: Any) -> dict[str, Any]:
+    """``[[force]]``: the name, and the parameters that are not the constructor's defaults."""
+    cls = type(force)
+    name = getattr(cls, "name", "")
+    if FORCES.get(name) is not cls or not (is_dataclass(cls) or issubclass(cls, tuple)):
+        raise InputError(
+            f"to_toml: a system file cannot name the force {cls.__module__}.{cls.__qualname__}; "
+            "kd.register_force gives a class of forces a name"
+        )
+    table: dict[str, Any] = {"type": name}
+    for key, parameter in signature(cls).parameters.items():
+        value = getattr(force, key)
+        if value is None or (parameter.default is not Parameter.empty and _same(value, parameter.default)):
+            continue
+        if key == "pairs" and isinstance(force, PairForce):
+            value = [{"species": pair, **parameters} for pair, parameters in value.items()]
+        if key == "central" and not isinstance(value, str):
+            value = index_of(system, value, name)
+        table[key] = value
+    return table
+
+
+def _same(value: Any, default: Any) -> bool:
+    return type(value) is type(default) and not hasattr(value, "__array__") and bool(value == default)
+
+
+def _event(system: System, event: Event) -> dict[str, Any]:
+    """``[[event]]``: bodies by name, or by their row."""
+
+    def body(given: Any) -> Any:
+        return given if isinstance(given, str) else index_of(system, given, event.kind)
+
+    table: dict[str, Any] = {"type": event.kind}
+    if isinstance(event, CloseApproach):
+        table |= {"distance": event.distance, "hill": event.hill}
+        return table if event.bodies is None else {**table, "bodies": [body(each) for each in event.bodies]}
+    if isinstance(event, Collision):
+        table |= {"action": event.action, "restitution": event.restitution}
+        return table if event.radii is None else {**table, "radii": event.radii}
+    if isinstance(event, Escape):
+        table |= {"distance": event.distance, "action": event.action}
+        return table if event.about is None else {**table, "about": body(event.about)}
+    assert isinstance(event, Crossing)
+    between, passage = event.function, PASSAGES.get(event.kind)
+    if not (isinstance(between, Between) and passage and passage(between.body, between.about) == event):
+        raise InputError(
+            f"to_toml: a system file cannot say the crossing {shown(event.name)}; expected one of {', '.join(PASSAGES)}"
+        )
+    return table | {"body": body(between.body), "about": body(between.about)}
