@@ -1,4 +1,4 @@
-"""What heat baths share: their particles in compiled code, kinetic energy, and the numbers that a bath must be given."""
+"""Shared parts of heat baths: particles in compiled code, kinetic energy, and checks of options."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from kickdrift.jit.lanes import lane_sum, splat
 from kickdrift.jit.memory import flat, load, load_first, store_first
 from kickdrift.jit.vectors import WIDTH
 from kickdrift.model.state import Floats
+from kickdrift.model.system import System
 
 if TYPE_CHECKING:
     from kickdrift.integrators.flow import Flow
@@ -39,8 +40,16 @@ def bathed(flow: Flow, options: Options, needed: Sequence[Option], conserving: b
 
     Raises InputError for an option that is missing, for gravity, and for particles without mass."""
     system: Any = flow.subject
-    if (binding := next((force.name for force in system.forces if hasattr(force, "G") and hasattr(force, "softening")), None)) is not None:
-        raise InputError(f"a heat bath makes no sense under {binding}: gravity has no equilibrium; use an integrator without one")
+    if not isinstance(system, System):
+        raise InputError(f"a heat bath needs particles, and {system.name!r} is an ODE")
+    if (
+        binding := next(
+            (force.name for force in system.forces if hasattr(force, "G") and hasattr(force, "softening")), None
+        )
+    ) is not None:
+        raise InputError(
+            f"a heat bath makes no sense under {binding}: gravity has no equilibrium; use an integrator without one"
+        )
     for option in needed:
         if options.get(option.name) is None:
             raise InputError(f"{option.name} is needed: a heat bath has no default {option.name}")

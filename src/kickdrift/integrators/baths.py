@@ -7,7 +7,10 @@ from kickdrift.integrators.splitting import Splitting, even_weights
 _LANGEVIN = "Leimkuhler & Matthews 2013, Appl. Math. Res. Express 2013, 34, doi:10.1093/amrx/abs010"
 
 ROWS = (
-    Splitting("baoab", "BAOAB", even_weights("BAOAB"), 2, _LANGEVIN, "constant temperature; exact averages of a harmonic well"),
+    Splitting(
+        "baoab", "BAOAB", even_weights("BAOAB"), 2, _LANGEVIN,
+        "constant temperature; exact positions in a harmonic well",
+    ),
     Splitting(
         "obabo", "OBABO", even_weights("OBABO"), 2, "Bussi & Parrinello 2007, Phys. Rev. E 75, 056707, "
         "doi:10.1103/PhysRevE.75.056707", "constant temperature; comparisons",

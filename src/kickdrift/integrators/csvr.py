@@ -1,7 +1,7 @@
 """The flow C: canonical sampling through velocity rescaling. All velocities get one factor, whose noise is exact.
 
-Bussi, Donadio & Parrinello 2007, J. Chem. Phys. 126, 014101, doi:10.1063/1.2408420, eq. A7. With K the kinetic energy of f
-degrees of freedom and c = exp(-h / tau), the new one is
+Bussi, Donadio & Parrinello 2007, J. Chem. Phys. 126, 014101, doi:10.1063/1.2408420, eq. A7. With K the kinetic energy
+of f degrees of freedom and c = exp(-h / tau), the new one is
 
 K' = c K + (1 - c) (k_B T / 2) (R_1^2 + ... + R_f^2) + 2 R_1 sqrt(c (1 - c) K k_B T / 2).
 """

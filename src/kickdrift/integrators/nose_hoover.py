@@ -1,7 +1,7 @@
 """The flow N: a chain of Nosé-Hoover thermostats, deterministic, with a conserved quantity.
 
-Martyna, Klein & Tuckerman 1992, J. Chem. Phys. 97, 2635, doi:10.1063/1.463940; integrated by Suzuki and Yoshida's fourth
-order (Martyna, Tuckerman, Tobias & Klein 1996, Mol. Phys. 87, 1117, doi:10.1080/00268979600100761). The masses are
+Martyna, Klein & Tuckerman 1992, J. Chem. Phys. 97, 2635, doi:10.1063/1.463940; integrated by Suzuki and Yoshida's
+fourth order (Martyna, Tuckerman, Tobias & Klein 1996, Mol. Phys. 87, 1117, doi:10.1080/00268979600100761). Masses are
 f k_B T tau^2 and k_B T tau^2. The conserved quantity is the total energy and the energy of the chain.
 """
 
@@ -14,7 +14,7 @@ import numpy as np
 
 from kickdrift.forces.kernel import OK
 from kickdrift.integrators.bath import Bathed, bathed, kinetic, scale
-from kickdrift.integrators.option import CHAIN, TAU, TEMPERATURE
+from kickdrift.integrators.option import TAU, TEMPERATURE
 from kickdrift.integrators.subflow_code import BoundSubflow, subflow_body
 from kickdrift.jit.compile import strict
 from kickdrift.model.state import Floats

@@ -73,7 +73,8 @@ class Option:
             raise InputError(f"option {name}: help must say what it does")
         if self.dimension not in DIMENSIONS:
             raise InputError(
-                f"option {name}: dimension must be one of {', '.join(map(repr, DIMENSIONS))}, got {shown(self.dimension)}"
+                f"option {name}: dimension must be one of {', '.join(map(repr, DIMENSIONS))}, "
+                f"got {shown(self.dimension)}"
             )
         for choice in self.choices:
             if not isinstance(choice, self.type) or (isinstance(choice, str) and choice.split() != [choice]):

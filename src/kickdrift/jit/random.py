@@ -1,7 +1,7 @@
 """Random numbers that need no state: Philox 4x32-10 in eight lanes, and normal numbers from it.
 
-A number is a function of its key and counter (Salmon et al. 2011, doi:10.1145/2063384.2063405). So it does not depend on
-threads, on how a run is cut, or on the order of particles.
+A number is a function of its key and counter (Salmon et al. 2011, doi:10.1145/2063384.2063405). So it does not depend
+on threads, on how a run is cut, or on the order of particles.
 """
 
 from __future__ import annotations
@@ -53,8 +53,8 @@ def _philox(builder: ir.IRBuilder, counter: list[ir.Value], key: list[ir.Value])
 def uniforms(typingctx, ids, index, stage, step, seed):
     """Return four times eight numbers (k + 1/2) / 2^32 between 0 and 1, for the eight ``ids`` from ``index`` on.
 
-    The counter is (id, stage, low half of step, high half of step), the key is (low half of seed, high half). ``ids`` is a
-    contiguous array of int64; the upper half of an id is added to the stage, shifted by 16 bits."""
+    The counter is (id, stage, low half of step, high half of step), the key is (low half of seed, high half). ``ids``
+    is a contiguous array of int64. The upper half of an id is shifted by 16 bits and added to the stage."""
 
     def codegen(context, builder, sig, args):
         data = context.make_array(sig.args[0])(context, builder, args[0]).data

@@ -210,7 +210,7 @@ def report(sim: Reported) -> Report:
         if sim.method.drags or (isinstance(system, System) and system.acting("external"))
         else _largest_change(series.momentum, record.momentum_scale),
         angular_momentum_error=None
-        if sim.method.drags or isinstance(system, System) and (system.box.periodic or system.acting("external"))
+        if sim.method.drags or (isinstance(system, System) and (system.box.periodic or system.acting("external")))
         else _largest_change(series.angular_momentum, record.angular_momentum_scale),
         temperature=_finite(series.temperature) if of_particles else None,
         pressure=_finite(series.pressure) if of_particles else None,
