@@ -77,6 +77,9 @@ def from_file(name: str, line: str) -> kd.System:
     return system
 
 
+BATHS = ("temperature", "friction", "seed", "tau", "chain", "collision_rate")  # options of heat baths
+
+
 def step(name: str, but: str = "") -> dict[str, float]:
     given = needed(name) | ({"dt": 0.1} if METHODS[name].needs_dt else {})
     return {key: value for key, value in given.items() if key != but}
@@ -156,9 +159,9 @@ def test_controllers_are_the_choices():
 
 
 def test_every_option_of_the_table_is_taken_by_a_method_and_is_a_key_of_run():
-    assert list(known_options()) == list(OPTIONS)
-    assert all(takers(name) for name in OPTIONS)
-    assert run_keys() == ["integrator", "dt", "steps", "time", "every", *OPTIONS]
+    assert list(known_options()) == [*OPTIONS, *BATHS]
+    assert all(takers(name) for name in known_options())
+    assert run_keys() == ["integrator", "dt", "steps", "time", "every", "interval", *OPTIONS, *BATHS]
     assert takers(PRECISION.name) == list(METHODS)
 
 
@@ -226,7 +229,7 @@ def test_options_are_values():
     ({"name": "threads"}, "that means nothing else"),
     ({"type": list}, "option friction: type must be float, int, str or bool"),
     ({"help": " "}, "option friction: help must say what it does"),
-    ({"dimension": "length"}, "option friction: dimension must be 'time' or ''"),
+    ({"dimension": "length"}, "option friction: dimension must be one of '', 'time', 'frequency', 'temperature', got 'length'"),
     ({"choices": ("a",)}, "option friction: expected a number among choices, got 'a'"),
     ({"type": str, "choices": ("a b",)}, "option friction: expected a name among choices, got 'a b'"),
     ({"above": 0.0, "default": -1.0}, "friction must be a positive number, got -1.0"),
