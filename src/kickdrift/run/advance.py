@@ -82,6 +82,11 @@ class Integration:
         self.record = Record()
         self.stepper: Stepper | WatchedStepper = self.stepper_for(job.system)
         self.events: WatchedStepper | None = None
+        if events and self.method.bath:
+            raise InputError(
+                f"events: {self.integrator} has a heat bath, which changes velocities inside steps; "
+                "take a method without one"
+            )
         if events:
             self.stepper = self.events = WatchedStepper(self, self.stepper, events)
         self.chunk, self.changes = 1, 0

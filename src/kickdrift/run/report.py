@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field, fields, replace
+from functools import cached_property
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -13,6 +14,7 @@ from kickdrift.disk.outputs import plain
 from kickdrift.display.showing import above
 from kickdrift.engines import NATIVE
 from kickdrift.integrators.method import Method
+from kickdrift.integrators.option import TEMPERATURE
 from kickdrift.integrators.options import Options
 from kickdrift.looks.observers import NOTHING
 from kickdrift.looks.record import Record, Series, even_stretch
@@ -22,12 +24,15 @@ from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 from kickdrift.model.unit_systems import UnitSystem
 from kickdrift.run.shown import ShownReport
+from kickdrift.statistics.blocks import block_average
 from kickdrift.statistics.drift import EnergyError, drift, energy_error, rounding_of
 
 
 @dataclass(frozen=True)
 class EnergyReport:
     """Errors and drift of the total energy; ``statistics.drift`` has definitions and sources.
+
+    With a heat bath, errors and drift are those of the total energy less the heat, which is conserved.
 
     Attributes
     ----------
@@ -74,6 +79,7 @@ class EnergyReport:
 
 
 _JUDGED = ("drift_per_unit_time", "drift_error", "verdict")
+AGREES = 3.0  # standard errors
 
 
 class About(NamedTuple):
@@ -84,12 +90,16 @@ class About(NamedTuple):
     units : UnitSystem; None for a Problem
     dimensions : of the particles' space
     series : the samples
+    even : whether the samples are equally many steps apart, except perhaps at the ends
+    bath : whether a heat bath acted
     output : path of the run's file, "" if none was written
     """
 
     units: UnitSystem | None
     dimensions: int
     series: Series
+    even: bool = True
+    bath: bool = False
     output: str = ""
 
 
@@ -103,7 +113,11 @@ class Report(ShownReport):
     ``momentum_error`` is the largest |P(t) - P(0)| over the samples divided by the sum of m |v| at the start. It is
     None in an external field. ``angular_momentum_error`` is the same with m |x × v|. It is None also in a periodic box,
     which does not conserve angular momentum. ``temperature`` and ``pressure`` are means over the samples, in the
-    system's units; None where they are undefined. ``options`` holds the options except dt and tolerances.
+    system's units; None where they are undefined. ``temperature_error`` and ``pressure_error`` are their standard
+    errors, see ``statistics.blocks``; None if the run is too short for its correlations. ``temperature_verdict``
+    compares the mean temperature with the temperature of a heat bath: "agrees" within three standard errors, else
+    "differs by 4.1 standard errors", or "too short to judge"; None without a heat bath. ``heat`` is the energy that the
+    bath gave, None without a bath. ``options`` holds the options except dt and tolerances.
     ``ns_per_pair`` is the wall time per force evaluation and pair within range.
 
     ``events`` holds `Simulation.events` and the close approaches that have not ended. ``energy_taken`` is the energy
@@ -143,8 +157,36 @@ class Report(ShownReport):
     events: list[dict[str, Any]]
     energy_taken: float | None
     stopped: str
+    heat: float | None
     warnings: list[str]
     about: About = field(compare=False)
+
+    @cached_property
+    def temperature_error(self) -> float | None:
+        """Standard error of the mean temperature; None if it is undefined or the run is too short."""
+        return self._error(self.about.series.temperatures)
+
+    @cached_property
+    def pressure_error(self) -> float | None:
+        """Standard error of the mean pressure; None if it is undefined or the run is too short."""
+        return self._error(self.about.series.pressures)
+
+    @property
+    def temperature_verdict(self) -> str | None:
+        """The mean temperature beside the temperature of the heat bath, in words; None without a bath."""
+        if not self.about.bath or self.temperature is None:
+            return None
+        if not self.temperature_error:
+            return "too short to judge"
+        off = abs(self.temperature - self.options[TEMPERATURE.name]) / self.temperature_error
+        return "agrees" if off <= AGREES else f"differs by {off:.1f} standard errors"
+
+    def _error(self, values: Floats | None) -> float | None:
+        if values is None:
+            return None
+        series = self.about.series
+        error = float(block_average(values[even_stretch(series.steps)] if self.about.even else values).error)
+        return error if np.isfinite(error) else None
 
     def plot(self) -> Any:
         """Draw energies, energy error and temperature at the samples; a matplotlib Figure.
@@ -155,7 +197,8 @@ class Report(ShownReport):
 
     def as_json(self) -> dict[str, Any]:
         """Return the report as plain numbers, texts and Nones; infinities and nan become None."""
-        own = {key: value for key, value in vars(self).items() if key != "about"}
+        own = {each.name: getattr(self, each.name) for each in fields(self) if each.name != "about"}
+        own |= {name: getattr(self, name) for name in ("temperature_error", "pressure_error", "temperature_verdict")}
         return plain(own | {"energy": self.energy and asdict(self.energy)})
 
     def written_to(self, output: str | os.PathLike[str] | None) -> Report:
@@ -213,7 +256,7 @@ def report(sim: Reported) -> Report:
     """Return the report of a Simulation, or of one system in a Batch, so far."""
     record, system = sim.record, sim.system
     series = record.series()
-    of_particles = isinstance(system, System)
+    of_particles, bath, even = isinstance(system, System), sim.method.bath, not sim.method.chooses_steps
     counted = sim.engine == NATIVE or sim.method.evaluations > 0  # another program has counted its own evaluations
     work = record.force_evaluations * (series.pairs or 0.0)
     options = sim.options.extras(sim.method.tunable)
@@ -242,7 +285,7 @@ def report(sim: Reported) -> Report:
         compile_seconds=record.compile_seconds,
         steps_per_second=record.steps / record.wall_seconds if record.wall_seconds else 0.0,
         ns_per_pair=1e9 * record.wall_seconds / work if work else None,
-        energy=_energy(series, not sim.method.chooses_steps, system),
+        energy=_energy(series, even, system),
         momentum_error=None
         if sim.method.drags or (isinstance(system, System) and system.acting("external"))
         else _largest_change(series.momentum, record.momentum_scale),
@@ -253,10 +296,13 @@ def report(sim: Reported) -> Report:
         pressure=_finite(series.pressure) if of_particles else None,
         y=None if of_particles else sim.state.y.tolist(),
         events=[*sim.events, *sim.going_on()],
-        energy_taken=None if record.taken is NOTHING else record.taken.energy,
+        energy_taken=None if record.taken is NOTHING or bath else record.taken.energy,
         stopped=sim.stopped,
+        heat=-record.taken.energy if bath else None,
         warnings=list(record.warnings),
-        about=About(system.units, system.dimensions, series) if isinstance(system, System) else About(None, 0, series),
+        about=About(system.units, system.dimensions, series, even, bath)
+        if isinstance(system, System)
+        else About(None, 0, series),
     )
 
 

@@ -8,7 +8,7 @@ from typing import Any
 from kickdrift.display.showing import Lines, Shown, lines_of
 from kickdrift.model.event_log import event_lines
 from kickdrift.model.unit_systems import symbol_of
-from kickdrift.text import counted, measured
+from kickdrift.text import counted, measured, with_error
 
 
 class ShownReport(Shown):
@@ -35,23 +35,31 @@ class ShownReport(Shown):
             lines.append(("y at the end", ", ".join(f"{value:.10g}" for value in self.y)))
         energy, unit = self.energy, measured("", units.symbol("energy")) if units else ""
         if energy is not None:
+            less_heat = " (energy less heat)" if self.heat is not None else ""
             errors = f"{energy.rms_relative_error:.2e} RMS, {energy.max_relative_error:.2e} largest"
             drift = drift_text(energy, f" per {time_unit.strip() or 'unit of time'}: {energy.verdict}")
+            lines.append(("energy", f"{energy.initial:.8g} at the start, {energy.final:.8g}{unit} at the end"))
+            if self.heat is not None:
+                lines.append(("heat", f"{self.heat:.8g}{unit} from the heat bath"))
             lines += [
-                ("energy", f"{energy.initial:.8g} at the start, {energy.final:.8g}{unit} at the end"),
-                ("energy error", f"{errors}, of {energy.relative_to}"),
-                ("energy drift", drift or energy.verdict),
+                ("energy error", f"{errors}, of {energy.relative_to}{less_heat}"),
+                ("energy drift", (drift or energy.verdict) + less_heat),
             ]
         if self.momentum_error is not None:
             lines.append(("momentum error", f"{self.momentum_error:.1e} of the sum of m |v|"))
         if self.angular_momentum_error is not None:
             lines.append(("angular momentum", f"error {self.angular_momentum_error:.1e} of the sum of m |x × v|"))
         if units and self.temperature is not None:
-            mean = measured(f"{self.temperature:.5g}", units.symbol("temperature"))
-            lines.append(("temperature", f"{mean} (mean)"))
+            symbol = units.symbol("temperature")
+            mean = mean_text(self.temperature, self.temperature_error, symbol)
+            verdict = self.temperature_verdict
+            asked = (
+                f", asked {measured(format(self.options['temperature'], 'g'), symbol)}: {verdict}" if verdict else ""
+            )
+            lines.append(("temperature", f"{mean} (mean){asked}"))
         if units and self.pressure is not None:
             per = symbol_of(f"{units.energy}/{units.length}^{self.about.dimensions}")
-            lines.append(("pressure", f"{measured(f'{self.pressure:.5g}', per)} (mean)"))
+            lines.append(("pressure", f"{mean_text(self.pressure, self.pressure_error, per)} (mean)"))
         shown = self.force_evaluations is not None and (not units or self.dt is None)
         evaluations = f"{self.force_evaluations:,} evaluations, " if shown else ""
         per_pair = f", {self.ns_per_pair:.1f} ns per pair" if self.ns_per_pair else ""
@@ -96,6 +104,11 @@ def method_text(name: str, options: dict[str, Any], time_unit: str = "") -> str:
         if value is not None
     ]
     return ", ".join([name, *said])
+
+
+def mean_text(mean: float, error: float | None, unit: str) -> str:
+    """A mean with its standard error, if there is one, and its unit."""
+    return measured(with_error(mean, error) if error else f"{mean:.5g}", unit)
 
 
 def drift_text(energy: Any, ending: str = "") -> str:
