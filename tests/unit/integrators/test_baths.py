@@ -117,7 +117,7 @@ def test_noise_depends_on_the_seed_and_the_particle():
             {"temperature": -1.0, "friction": 1.0},
             "temperature must be a positive finite temperature, got -1.0",
         ),
-        ("baoab", {"temperature": 1.0, "friction": 0}, "friction must be a positive finite frequency, got 0"),
+        ("baoab", {"temperature": 1.0, "friction": 0}, "friction must be a positive finite rate, got 0"),
         ("nose-hoover", BATH | {"chain": 0}, "friction: nose-hoover does not take it; it takes dt, compensated"),
         ("velocity-verlet", {"temperature": 1.0}, "temperature: velocity-verlet does not take it"),
     ],
