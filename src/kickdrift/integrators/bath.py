@@ -59,7 +59,7 @@ def bathed(flow: Flow, options: Options, needed: Sequence[Option], conserving: b
     masses, thermal = system.coherent_masses, system.units.boltzmann * options[TEMPERATURE.name]
     if not np.all(masses > 0):
         raise InputError(f"a heat bath needs masses, and {system.body(int(np.argmin(masses)))} has none")
-    freedom = system.degrees_of_freedom if conserving else system.dimensions * len(system)
+    freedom = freedom_of(system, drags=not conserving)
     if not freedom:
         raise InputError("a heat bath that conserves momentum needs two particles or more")
     seed = options.get(SEED.name)
@@ -67,6 +67,11 @@ def bathed(flow: Flow, options: Options, needed: Sequence[Option], conserving: b
         filled(system.state.ids), filled(masses), filled(np.sqrt(thermal / masses)), system.dimensions,
         float(freedom), float(thermal), int((system.seed or 0) if seed is None else seed), np.zeros(1),
     )  # fmt: skip
+
+
+def freedom_of(system: System, drags: bool) -> int:
+    """Degrees of freedom of a system in a bath: all, unless neither the bath nor a force changes the total momentum."""
+    return system.dimensions * len(system) if drags or system.acting("external") else system.degrees_of_freedom
 
 
 def bath_warnings(dt: float, options: Options) -> list[str]:

@@ -15,6 +15,7 @@ from kickdrift.engines.job import Job
 from kickdrift.engines.session import RunFlow, begin
 from kickdrift.errors import InputError
 from kickdrift.forces.kernel import OK
+from kickdrift.integrators.bath import freedom_of
 from kickdrift.integrators.flow import flow_of
 from kickdrift.integrators.option import MIXED
 from kickdrift.integrators.particle_flow import ParticleFlow
@@ -109,8 +110,8 @@ class Integration:
                 f"{self.integrator}: needs accelerations that depend on positions and time alone, and "
                 f"{flow.not_separable}; Runge-Kutta methods do not"
             )
-        if self.method.drags and isinstance(flow, ParticleFlow):
-            flow.count_all_freedom()
+        if self.method.bath and isinstance(flow, ParticleFlow):
+            flow.count_freedom(freedom_of(flow.subject, self.method.drags))
         return self.method.stepper(flow, self.options)
 
     @property
