@@ -142,7 +142,7 @@ def test_what_has_no_bath_refuses_in_one_line():
         Batch([kd.load("sun-jupiter")], "baoab", dt=1.0, temperature=1.0, friction=1.0)
     trap = kd.System(np.eye(3), np.zeros((3, 3)), radii=0.1, forces=[kd.HarmonicTrap(1.0)], units="lj")
     with pytest.raises(InputError, match=r"^events: baoab has a heat bath"):
-        kd.Simulation(trap, "baoab", 0.004, events=[kd.Escape(50.0)], temperature=1.0, friction=1.0)
+        kd.Simulation(trap, "baoab", 0.004, events=[kd.CloseApproach(0.5)], temperature=1.0, friction=1.0)
 
 
 def test_every_member_of_an_ensemble_has_its_own_noise():
