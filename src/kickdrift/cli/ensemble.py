@@ -7,6 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
+from kickdrift.cli.amounts import length, whole
 from kickdrift.cli.console import members_bar, say
 from kickdrift.cli.options import QuietOption, SystemArgument, with_options
 from kickdrift.disk.files import unfit
@@ -37,9 +38,13 @@ def ensemble(
     ] = "run",
     integrator: Annotated[str | None, typer.Option(metavar="NAME", help="See: kickdrift list integrators.")] = None,
     options: Any = None,
-    steps: Annotated[int | None, typer.Option(metavar="N", min=1, help="Steps of each member.")] = None,
-    time: Annotated[float | None, typer.Option(metavar="T", help="Time of each member, instead of --steps.")] = None,
-    every: Annotated[int | None, typer.Option(metavar="K", min=1, help="Steps between samples.")] = None,
+    steps: Annotated[
+        int | None, typer.Option(metavar="N", parser=whole(1), help="Steps of each member, such as 1e6.")
+    ] = None,
+    time: Annotated[
+        Any, typer.Option(metavar="T", parser=length, help="Time of each member, such as '5 ps', instead of --steps.")
+    ] = None,
+    every: Annotated[int | None, typer.Option(metavar="K", parser=whole(1), help="Steps between samples.")] = None,
     workers: Annotated[
         int | None, typer.Option(metavar="K", min=1, help="Processes on this machine (default: one for each core).")
     ] = None,
@@ -53,7 +58,7 @@ def ensemble(
     ] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the table of another ensemble.")] = False,
     trajectories: Annotated[
-        Path | None, typer.Option(metavar="FOLDER", help="Write a .h5md file for each member.")
+        Path | None, typer.Option(metavar="FOLDER", help="Write a .h5md file for each member, .h5 for an ODE.")
     ] = None,
     quiet: QuietOption = False,
 ) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -13,6 +13,7 @@ from kickdrift.cli.console import out, progress_bar, say
 from kickdrift.cli.options import (
     OverwriteOption,
     QuietOption,
+    with_options,
 )
 from kickdrift.cli.printing import (
     print_stability,
@@ -40,9 +41,14 @@ class Figures(StrEnum):
     structure_factor = "structure-factor"
 
 
+@with_options("dt", "rtol", "atol")
 def plot(
     file: Annotated[
-        Path | None, typer.Argument(metavar="[FILE]", help="A run's .h5md, or the .parquet or .h5 of an ensemble.")
+        Path | None,
+        typer.Argument(
+            metavar="[FILE]",
+            help="A run's .h5md; a .h5, .csv or .parquet of an ODE or an ensemble; or an ODE's system file or name.",
+        ),
     ] = None,
     output: Annotated[
         Path | None, typer.Option(metavar="FILE.png", help="Default: FILE.png beside the file, or stability.png.")
@@ -60,13 +66,37 @@ def plot(
             metavar="NAME", help="Column of a run, or of an ensemble's table (default: the most informative)."
         ),
     ] = None,
+    integrator: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME", help="Run an ODE's system file with this method and draw it; repeat for several."),
+    ] = None,
+    options: Any = None,
+    time: Annotated[
+        float | None, typer.Option(metavar="T", help="Length of these runs (default: the system file's).")
+    ] = None,
     overwrite: OverwriteOption = False,
+    quiet: QuietOption = False,
 ) -> None:
     """Draw a run, an ensemble or stability regions. A run gives orbits and elements; or energies, error, temperature
-    and radial distribution function; or one observable with error bars; or one column against time. An ensemble gives
-    a map, a curve, points or a histogram."""
+    and radial distribution function; or one observable with error bars; or one column against time. The run of an ODE
+    gives y against time, the phase portrait and the energy error. The name of an ODE's system file gives these of
+    several methods side by side. An ensemble gives a map, a curve, points or a histogram."""
     if stability and (file or kind or column):
         raise InputError("give FILE or --stability, not both")
+    if file and _is_system(file):
+        if kind or column:
+            raise InputError(f"--{'kind' if kind else 'column'} is for a run's file, and FILE is a system file")
+        out(str(_plot_methods(file, output, integrator, options, time, overwrite, quiet)))
+        return
+    if integrator or options or time is not None:
+        raise InputError("--integrator, --time and options of a method are for an ODE's system file or name")
+    if file and _is_problem(file):
+        from kickdrift.plots.problems import plot_problem
+
+        if kind:
+            raise InputError("--kind is for a run's .h5md, and FILE is the run of an ODE")
+        out(str(plot_problem(file, output or file.with_suffix(".png"), column, overwrite=overwrite)))
+        return
     of_ensemble = file is not None and file.suffix.lower() in TABLES
     if of_ensemble and kind:
         raise InputError("--kind is for a run's .h5md, and FILE is the table of an ensemble")
@@ -86,8 +116,57 @@ def plot(
 
         target = output or file.with_suffix(".png")
         out(str(plot_file(file, target, kind and str(kind), column, overwrite=overwrite)))
+        if not kind and not column:
+            name_columns(file)
     else:
         raise InputError("give FILE, or --stability NAME to draw an integrator")
+
+
+def _is_system(file: Path) -> bool:
+    """Whether FILE names a system file rather than a run."""
+    from kickdrift.systemfile.files import is_shipped
+
+    return file.suffix == ".toml" or is_shipped(str(file))
+
+
+def _is_problem(file: Path) -> bool:
+    """Whether FILE is the run of a Problem, or its table."""
+    from kickdrift.trajectory.opened import is_problem
+
+    return file.suffix.lower() in (*TABLES, ".csv") and is_problem(file)
+
+
+def _plot_methods(
+    file: Path,
+    output: Path | None,
+    integrators: list[str] | None,
+    options: dict[str, Any],
+    time: float | None,
+    overwrite: bool,
+    quiet: bool,
+) -> Path:
+    """Run the Problem of a system file with each method, and draw them."""
+    from kickdrift.model.problem import Problem
+    from kickdrift.plots.problems import plot_methods
+    from kickdrift.systemfile.reading import load
+
+    problem = load(str(file))
+    if not isinstance(problem, Problem):
+        raise InputError(f"{file}: is a system of particles; run it with --output run.h5md and plot that file")
+    with progress_bar(quiet) as bar:
+        return plot_methods(
+            problem, integrators or (), output or file.with_suffix(".png"), time=time, options=options,
+            overwrite=overwrite, progress=bar("running"),
+        )  # fmt: skip
+
+
+def name_columns(file: Path) -> None:
+    """Name a run's own columns, which no figure but ``--column`` draws."""
+    from kickdrift.trajectory import reader
+
+    with reader.open(file) as run:
+        if run.columns:
+            say(f"{file}: --column NAME draws a column of this run: {', '.join(run.columns)}")
 
 
 def export(
@@ -129,6 +208,14 @@ def info(
 
     if Path(file).suffix == ".h5md" and not os.path.lexists(file):
         raise InputError(f"{file}: no such file")
+    if _is_problem(Path(file)):
+        from kickdrift.trajectory.opened import open as opened
+        from kickdrift.trajectory.problems.info import describe_any
+
+        with opened(file) as run:
+            for line in describe_any(run).split("\n"):
+                out(line)
+        return
     if Path(file).suffix.lower() in TABLES:
         from kickdrift.cli.printing_ensemble import print_ensemble
         from kickdrift.ensemble import Ensemble

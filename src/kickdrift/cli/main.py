@@ -12,6 +12,7 @@ from typing import Annotated, Any
 import typer
 
 from kickdrift.cli.benchmarks import bench_lj_energy, bench_speed, validate
+from kickdrift.cli.compiling import telling
 from kickdrift.cli.console import open_streams, say
 from kickdrift.cli.ensemble import ensemble
 from kickdrift.cli.files import export, info, plot
@@ -41,10 +42,10 @@ BAD_NAMES = (errno.ENAMETOOLONG, errno.ELOOP, errno.EILSEQ, errno.ENOTDIR, errno
 TRACEBACK = "KICKDRIFT_TRACEBACK"  # the environment variable that shows the source of a bug
 
 for command in COMMANDS:
-    app.command()(command)
+    app.command()(telling(command))
 app.command("list")(list_)
-bench_app.command("lj-energy")(bench_lj_energy)
-bench_app.command("speed")(bench_speed)
+bench_app.command("lj-energy")(telling(bench_lj_energy))
+bench_app.command("speed")(telling(bench_speed))
 
 
 @app.callback()

@@ -26,7 +26,7 @@ from kickdrift.disk.kinds import Kind, is_ours
 from kickdrift.disk.parts import private_place
 from kickdrift.errors import InputError, RunError
 
-KINDS = {"output": kinds.RUN, "json": kinds.JSON, "plot": kinds.FIGURE}  # by option
+KINDS = {"json": kinds.JSON, "plot": kinds.FIGURE}  # by option
 _OWN = re.compile(r"/(?:dev|proc/self)/(?:fd/(\d{1,9})|(stdin|stdout|stderr))")
 _CLOSED = (errno.EACCES, errno.EPERM, errno.EROFS)  # places without write permission
 _pipes: dict[tuple[int, int], int] = {}  # pipes by device and inode, open since the check, so that no reader leaves
@@ -41,7 +41,8 @@ def refuse_outputs(
         if path is None:
             continue
         said = f"--{option} {shown_path(path)}"
-        if (target := _checked(path, KINDS[option], overwrite, inputs, said, "give --overwrite")) is None:
+        kind = KINDS.get(option) or kinds.of_run(path)
+        if (target := _checked(path, kind, overwrite, inputs, said, "give --overwrite")) is None:
             continue
         for other, name in taken.items():
             if other == target or same_file(other, target):

@@ -17,7 +17,7 @@ from kickdrift.ensemble.keys import path_of, with_values
 from kickdrift.ensemble.members import Member
 from kickdrift.errors import InputError
 from kickdrift.integrators import INTEGRATORS
-from kickdrift.integrators.asked import draws_noise
+from kickdrift.integrators.asked import draws_noise, from_text
 from kickdrift.integrators.method import Method
 from kickdrift.integrators.registration import load_file
 from kickdrift.model.problem import Problem
@@ -27,6 +27,7 @@ from kickdrift.systemfile.reading import built, draws
 
 Measure = Callable[..., Any]
 RUN, MEGNO = "run", "megno"
+INTEGRATOR = ("run", "integrator")  # path of the key
 VERSION = version("kickdrift")
 _LOADING = Lock()  # a worker may have threads
 _LOADED: set[Path] = set()  # files of integrators, in this process
@@ -113,12 +114,22 @@ class Recipe:
     def system(self, member: Member) -> System | Problem:
         """System of a member."""
         with_source = self.trajectories is not None or callable(self.measure)
-        return self.subject.system({**self.settings, **member.values}, member.seed, with_source)
+        return self.subject.system(self._values(member), member.seed, with_source)
+
+    def _values(self, member: Member) -> dict[str, Any]:
+        """Values by key, of all members and of this one; options of an integrator stand beside its name."""
+        found = dict(self.settings)
+        for key in sorted(member.values, key=lambda key: path_of(key) != INTEGRATOR):  # an option beside it wins
+            value = member.values[key]
+            if path_of(key) == INTEGRATOR and isinstance(value, str):
+                value, options = from_text(value)
+                found |= options
+            found[key] = value
+        return found
 
     def carrier(self, member: Member) -> str | None:
         """Integrator for `megno`; None if only the system's own file names one, which may carry no variations."""
-        asked = {path_of(key): value for key, value in {**self.settings, **member.values}.items()}
-        return asked.get(("run", "integrator"))
+        return {path_of(key): value for key, value in self._values(member).items()}.get(INTEGRATOR)
 
     @property
     def drawn(self) -> bool:
@@ -178,7 +189,7 @@ class Recipe:
 
     def refuse_frames(self, overwrite: bool) -> None:
         """Refuse frames of other members in the folder of trajectories."""
-        there = sorted(self.trajectories.glob("member-*.h5md")) if self.trajectories and not overwrite else []
+        there = sorted(self.trajectories.glob("member-*.h5*")) if self.trajectories and not overwrite else []
         if there:
             raise InputError(f"trajectories: {there[0]} exists already; give another folder, or --overwrite")
 

@@ -14,6 +14,7 @@ from kickdrift.integrators.method import Method
 from kickdrift.integrators.option import DT, OPTIONS, PRECISION, SEED, Option, merged
 from kickdrift.integrators.options import Options
 from kickdrift.model.run_defaults import RunDefaults
+from kickdrift.model.units import UnitSystem, time_in
 from kickdrift.text import VALUE, clean, shown
 
 FEW = 4  # most methods that a message names
@@ -87,6 +88,12 @@ def integrator(name: str, **options: Any) -> Integrator:
     return Integrator(name, options)
 
 
+def from_text(text: str) -> tuple[str, dict[str, Any]]:
+    """The name and the options that the text of an Integrator has, such as "wisdom-holman -o corrector=17"."""
+    name, *pairs = text.split(" -o ")
+    return name, parsed(pairs, {})
+
+
 def method_of(which: str | Integrator) -> Method:
     """Method with this name, or of this value."""
     return which.method if isinstance(which, Integrator) else method_named(which)
@@ -145,6 +152,12 @@ def refuse_unknown(names: Iterable[str], method: Method | None = None) -> None:
             raise InputError(
                 f"{clean(str(name), VALUE)}: no integrator takes such an option{hint}{between + takes if takes else ''}"
             )
+
+
+def in_units(asked: Mapping[str, Any], options: Iterable[Option], units: UnitSystem | None) -> dict[str, Any]:
+    """The options asked for, with times in ``units`` where they are text such as "2 fs"; a Problem has no units."""
+    times = {each.name for each in options if each.dimension == "time"}
+    return {key: time_in(value, units, key) if key in times else value for key, value in asked.items()}
 
 
 def settled(method: Method, asked: Mapping[str, Any], run: RunDefaults) -> Options:

@@ -15,6 +15,7 @@ import numpy as np
 
 from kickdrift.errors import InputError
 from kickdrift.model.checks import number
+from kickdrift.model.units import has_unit
 from kickdrift.text import shown
 
 DOUBLE, MIXED = "double", "mixed"  # precision of pair forces
@@ -109,7 +110,11 @@ class Option:
         return int(found) if self.type is int else found
 
     def parsed(self, text: str) -> Any:
-        """Return the value of a text on the command line. Raises InputError if the text has no allowed value."""
+        """Return the value of a text on the command line. Raises InputError if the text has no allowed value.
+
+        A time with a unit stays text: only a System has the units that it is to be converted to."""
+        if self.dimension == "time" and has_unit(text):
+            return text
         try:
             if self.type is bool:
                 return _SWITCH[text.lower()]

@@ -96,6 +96,21 @@ def quantity(value: Any, dimension: str, units: UnitSystem, key: str = "") -> fl
     return result
 
 
+def has_unit(text: str) -> bool:
+    """Whether a text is a number and what may be a unit."""
+    match = _QUANTITY.fullmatch(text.strip()) if len(text) <= LONGEST else None
+    return match is not None and bool(match[2])
+
+
+def time_in(value: Any, units: UnitSystem | None, key: str) -> Any:
+    """Return a time in ``units`` from a text such as "5 ps"; other values as they are. A Problem has no units."""
+    if not (isinstance(value, str) and has_unit(value)):
+        return value
+    if units is None:
+        raise InputError(f"{key}: times of a Problem are plain numbers, got {shown(value)}")
+    return quantity(value, "time", units, key)
+
+
 def number_density(value: Any, units: UnitSystem, mass: float, key: str = "density") -> float:
     """Return particles per volume, from a number, or from text: a number density, or a mass density over ``mass``."""
     if not isinstance(value, str) or units.reduced:

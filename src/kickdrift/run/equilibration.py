@@ -13,6 +13,7 @@ from kickdrift.model.checks import positive, unwarned, whole_number
 from kickdrift.model.limits import steps_in
 from kickdrift.model.state import State
 from kickdrift.model.system import System
+from kickdrift.model.units import time_in
 
 if TYPE_CHECKING:
     from kickdrift.integrators.method import Method
@@ -44,14 +45,14 @@ class Heated(Protocol):
     def advance(self, steps: int) -> None: ...
 
     def equilibrate(
-        self, temperature: float, time: float, interval: int = 10, progress: Progress | None = None
+        self, temperature: float, time: float | str, interval: int = 10, progress: Progress | None = None
     ) -> None: ...
 
 
 def equilibrate(
     sim: Heated,
     temperature: float,
-    time: float,
+    time: float | str,
     interval: int,
     progress: Progress | None,
     with_verlet: Callable[[], Heated],
@@ -63,7 +64,7 @@ def equilibrate(
     if not isinstance(sim.system, System):
         raise InputError("equilibrate: a Problem has no temperature")
     temperature = positive("equilibrate: temperature", temperature, "positive")
-    time = positive("equilibrate: time", time, "positive")
+    time = positive("equilibrate: time", time_in(time, sim.system.units, "equilibrate: time"), "positive")
     interval = whole_number("equilibrate: interval", interval, 1)
     if sim.system.degrees_of_freedom == 0:
         raise InputError("equilibrate: a system of one particle has no temperature")

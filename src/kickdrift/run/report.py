@@ -13,19 +13,21 @@ import numpy as np
 from kickdrift.disk.outputs import plain
 from kickdrift.display.showing import above
 from kickdrift.engines import NATIVE
+from kickdrift.forces.pair_law import PairForce
 from kickdrift.integrators.method import Method
 from kickdrift.integrators.option import TEMPERATURE
 from kickdrift.integrators.options import Options
 from kickdrift.looks.observers import NOTHING
-from kickdrift.looks.record import Record, Series, even_stretch
+from kickdrift.looks.record import BOTH, LOOKS, OBSERVING, STEPPING, WRITING, Record, Series, even_stretch, on_grid
 from kickdrift.model.checks import unwarned
 from kickdrift.model.problem import Problem
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 from kickdrift.model.unit_systems import UnitSystem
+from kickdrift.run.melting import melting
 from kickdrift.run.shown import ShownReport
 from kickdrift.statistics.blocks import block_average
-from kickdrift.statistics.drift import EnergyError, drift, energy_error, rounding_of
+from kickdrift.statistics.drift import ROUNDINGS, EnergyError, drift, energy_error, rounding_of
 
 
 @dataclass(frozen=True)
@@ -78,6 +80,7 @@ class EnergyReport:
         return asdict(self)
 
 
+COMPILING = "compiling"
 _JUDGED = ("drift_per_unit_time", "drift_error", "verdict")
 AGREES = 3.0  # standard errors
 
@@ -93,6 +96,7 @@ class About(NamedTuple):
     even : whether the samples are equally many steps apart, except perhaps at the ends
     bath : whether a heat bath acted
     output : path of the run's file, "" if none was written
+    jumps : whether a pair force jumps at its cutoff
     """
 
     units: UnitSystem | None
@@ -101,6 +105,7 @@ class About(NamedTuple):
     even: bool = True
     bath: bool = False
     output: str = ""
+    jumps: bool = False
 
 
 @dataclass(frozen=True, repr=False)
@@ -118,7 +123,11 @@ class Report(ShownReport):
     compares the mean temperature with the temperature of a heat bath: "agrees" within three standard errors, else
     "differs by 4.1 standard errors", or "too short to judge"; None without a heat bath. ``heat`` is the energy that the
     bath gave, None without a bath. ``options`` holds the options except dt and tolerances.
-    ``ns_per_pair`` is the wall time per force evaluation and pair within range.
+    ``wall_seconds`` is the time of steps and looks, ``compile_seconds`` that of compiling, or of loading compiled code
+    from the disk. ``seconds`` tells where the time went: "stepping", "looks", "writing", "observing" (``observe`` and
+    the user's columns) and "compiling". "looks" is None if compiled code takes looks between its steps: "stepping"
+    includes them then. ``ns_per_pair`` is the wall time per force evaluation and pair within range; None without a pair
+    list.
 
     ``events`` holds `Simulation.events` and the close approaches that have not ended. ``energy_taken`` is the energy
     that collisions and removed bodies took out, None without such events; the energy's error excludes it. ``stopped``
@@ -146,6 +155,7 @@ class Report(ShownReport):
     jacobian_evaluations: int
     wall_seconds: float
     compile_seconds: float
+    seconds: dict[str, float | None]
     steps_per_second: float
     ns_per_pair: float | None
     energy: EnergyReport | None
@@ -184,8 +194,11 @@ class Report(ShownReport):
     def _error(self, values: Floats | None) -> float | None:
         if values is None:
             return None
-        series = self.about.series
-        error = float(block_average(values[even_stretch(series.steps)] if self.about.even else values).error)
+        if self.about.even:
+            series = self.about.series
+            whole = on_grid(series.steps, series.times)
+            values = values[whole][even_stretch(series.steps[whole])]
+        error = float(block_average(values).error)
         return error if np.isfinite(error) else None
 
     def plot(self) -> Any:
@@ -258,7 +271,9 @@ def report(sim: Reported) -> Report:
     series = record.series()
     of_particles, bath, even = isinstance(system, System), sim.method.bath, not sim.method.chooses_steps
     counted = sim.engine == NATIVE or sim.method.evaluations > 0  # another program has counted its own evaluations
-    work = record.force_evaluations * (series.pairs or 0.0)
+    listed = isinstance(system, System) and any(isinstance(force, PairForce) for force in system.forces)
+    work = record.force_evaluations * (series.pairs or 0.0) if listed else 0.0
+    melted = melting(system, series.temperatures, sim) if listed and isinstance(system, System) else []
     options = sim.options.extras(sim.method.tunable)
     rtol, atol = options.pop("rtol", None), options.pop("atol", None)
     return Report(
@@ -274,7 +289,7 @@ def report(sim: Reported) -> Report:
         options=options,
         steps=record.steps,
         rejected_steps=record.rejected_steps,
-        time=float(series.times[-1] - series.times[0]) if sim.method.chooses_steps else record.steps * (sim.dt or 0.0),
+        time=float(series.times[-1] - series.times[0]) if sim.method.chooses_steps else _length(record, sim.dt or 0.0),
         seed=system.seed if isinstance(system, System) else None,
         threads=sim.threads,
         processes=sim.processes,
@@ -283,6 +298,7 @@ def report(sim: Reported) -> Report:
         jacobian_evaluations=record.jacobian_evaluations,
         wall_seconds=record.wall_seconds,
         compile_seconds=record.compile_seconds,
+        seconds=seconds_of(record),
         steps_per_second=record.steps / record.wall_seconds if record.wall_seconds else 0.0,
         ns_per_pair=1e9 * record.wall_seconds / work if work else None,
         energy=_energy(series, even, system),
@@ -299,11 +315,35 @@ def report(sim: Reported) -> Report:
         energy_taken=None if record.taken is NOTHING or bath else record.taken.energy,
         stopped=sim.stopped,
         heat=-record.taken.energy if bath else None,
-        warnings=list(record.warnings),
-        about=About(system.units, system.dimensions, series, even, bath)
-        if isinstance(system, System)
-        else About(None, 0, series),
+        warnings=[*record.warnings, *melted],
+        about=_about(system, series, even, bath),
     )
+
+
+def _about(system: System | Problem, series: Series, even: bool, bath: bool) -> About:
+    if not isinstance(system, System):
+        return About(None, 0, series, even)
+    pairs = [force for force in system.forces if isinstance(force, PairForce)]
+    jumps = any(force.truncation in ("cut", "shift") for force in pairs)
+    return About(system.units, system.dimensions, series, even, bath, jumps=jumps)
+
+
+def _length(record: Record, dt: float) -> float:
+    """Length of the record in time, of fixed steps; negative for a run back in time."""
+    length = record.steps * dt - record.unfinished
+    return -length if record.backward else length
+
+
+def seconds_of(record: Record) -> dict[str, float | None]:
+    """Return the seconds of each part of the work; see `Report`."""
+    stepping, looks, both = (record.spent.get(part, 0.0) for part in (STEPPING, LOOKS, BOTH))
+    return {
+        STEPPING: stepping + looks + both if both else stepping,
+        LOOKS: None if both else looks,
+        WRITING: record.spent.get(WRITING, 0.0),
+        OBSERVING: record.spent.get(OBSERVING, 0.0),
+        COMPILING: record.compile_seconds,
+    }
 
 
 def _energy(series: Series, even: bool, system: System | Problem) -> EnergyReport | None:
@@ -316,14 +356,23 @@ def _energy(series: Series, even: bool, system: System | Problem) -> EnergyRepor
 
     @unwarned
     def judged() -> tuple[float, float, str]:
-        chosen = even_stretch(series.steps) if even else slice(None)
-        times, errors = series.times[chosen], (total[chosen] - error.initial) / scale
+        times, errors = series.times, (total - error.initial) / scale
+        if even:
+            whole = on_grid(series.steps, times)
+            chosen = even_stretch(series.steps[whole])
+            times, errors = times[whole][chosen], errors[whole][chosen]
+        if times[-1] < times[0]:  # back in time
+            times, errors = times[::-1], errors[::-1]
         if not even and len(times) > 2:  # the step points of an adaptive run are only about evenly spaced
             grid = np.linspace(times[0], times[-1], len(times))
             times, errors = grid, np.interp(grid, times, errors)
         largest = max(abs(error.initial), 0.0 if np.isnan(kinetic) else kinetic)
-        trend = drift(times, errors, rounding_of(largest, int(series.steps[-1] - series.steps[0])) / scale)
-        return trend.slope, trend.error, f"not conserved: {', '.join(working)}" if working else trend.verdict
+        rounding = rounding_of(largest, int(series.steps[-1] - series.steps[0])) / scale
+        trend = drift(times, errors, rounding)
+        over_run = abs(trend.slope * (series.times[-1] - series.times[0]))
+        tiny = trend.verdict == "secular drift" and over_run <= ROUNDINGS * rounding
+        verdict = f"not conserved: {', '.join(working)}" if working else "round-off" if tiny else trend.verdict
+        return trend.slope, trend.error, verdict
 
     return EnergyReport.later(error, series.final, judged)
 

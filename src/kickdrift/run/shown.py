@@ -37,10 +37,11 @@ class ShownReport(Shown):
         if energy is not None:
             less_heat = " (energy less heat)" if self.heat is not None else ""
             errors = f"{energy.rms_relative_error:.2e} RMS, {energy.max_relative_error:.2e} largest"
-            drift = drift_text(energy, f" per {time_unit.strip() or 'unit of time'}: {energy.verdict}")
             lines.append(("energy", f"{energy.initial:.8g} at the start, {energy.final:.8g}{unit} at the end"))
             if self.heat is not None:
                 lines.append(("heat", f"{self.heat:.8g}{unit} from the heat bath"))
+            verdict = energy.verdict + drift_context(self)
+            drift = drift_text(energy, f" per {time_unit.strip() or 'unit of time'}: {verdict}")
             lines += [
                 ("energy error", f"{errors}, of {energy.relative_to}{less_heat}"),
                 ("energy drift", (drift or energy.verdict) + less_heat),
@@ -67,6 +68,7 @@ class ShownReport(Shown):
         rate = self.steps_per_second
         speed = f"{rate:,.0f}" if rate >= 10 or not rate else f"{rate:.2g}"
         lines.append(("speed", f"{evaluations}{speed} steps/s on {where}{per_pair}"))
+        lines.append(("took", took_text(self)))
         if self.energy_taken is not None:
             lines.append(("energy taken", f"{self.energy_taken:.8g}{unit} by collisions and removed bodies"))
         if self.stopped:
@@ -116,3 +118,26 @@ def drift_text(energy: Any, ending: str = "") -> str:
     if not math.isfinite(energy.drift_error):
         return ""
     return f"{energy.drift_per_unit_time:+.1e} ± {energy.drift_error:.1e}{ending}"
+
+
+def drift_context(report: Any) -> str:
+    """What a drift means: its size over the run, and its cause where the forces show one; else nothing."""
+    energy = report.energy
+    if energy.verdict != "secular drift":
+        return ""
+    size = abs(energy.drift_per_unit_time * report.time)
+    whole = {"initial energy": "of the energy", "kinetic energy": "of the kinetic energy"}.get(energy.relative_to, "")
+    cause = "; the force jumps at the cutoff, see lj-1000-switch" if report.about.jumps else ""
+    return f", {f'{size:.0e} {whole}'.strip()} over this run{cause}"
+
+
+def took_text(report: Any) -> str:
+    """Where the time of a run went: "1.4 s: stepping 0.9, 1001 looks 0.1, writing 0.3, compiling 0.1"."""
+    seconds = {part: spent or 0.0 for part, spent in report.seconds.items()}
+    total = sum(seconds.values())
+    decimals = 0 if total >= 100 else 1 if total >= 1 else 2 if total >= 0.1 else 4
+    looks = counted(report.samples, "look")
+    names = {"looks": looks} if report.seconds["looks"] is not None else {"stepping": f"stepping and {looks}"}
+    parts = [(names.get(part, part), f"{spent:.{decimals}f}") for part, spent in seconds.items()]
+    said = ", ".join(f"{name} {spent}" for name, spent in parts if float(spent))
+    return f"{total:.{decimals}f} s{f': {said}' if said else ''}"

@@ -14,6 +14,7 @@ import numpy as np
 from kickdrift.errors import InputError
 from kickdrift.forces import FORCES
 from kickdrift.integrators.asked import draws_noise
+from kickdrift.model.box import Box
 from kickdrift.model.checks import no_overflow, whole_number
 from kickdrift.model.orbits import G_given
 from kickdrift.model.problem import Problem
@@ -84,7 +85,9 @@ def structure_system(path: Path) -> System:
     """Return the System of a structure file, in metal units and without forces."""
     with prefixed(f"{path}: "):
         found = read_structure(path, unit_system("metal"))
-        box = found.edges if found.periodic else None
+        if found.periodic and found.edges is None:
+            raise InputError("is periodic, but has no cell")
+        box = Box(found.edges, periodic=found.periodic) if found.periodic else None
         return System(
             found.positions, found.velocities, found.masses, box, units="metal", species=found.species, name=path.stem
         )
@@ -243,4 +246,4 @@ def _start(table: SystemTable, units: UnitSystem, folder: Path, gravity: float |
         if "\0" in particles.file:
             raise InputError(f"file: expected the name of a file, got {shown(particles.file)}")
         with prefixed("file: "):
-            return read_structure(folder / particles.file, units)
+            return read_structure(folder / particles.file, units, table.box.periodic, box is not None)

@@ -90,7 +90,11 @@ def _unregistered(run: Run) -> list[str]:
 
 def describe(found: dict[str, Any]) -> str:
     """What `info` found, for a reader."""
-    rows = _rows(found)
+    return laid_out(found, _rows(found))
+
+
+def laid_out(found: dict[str, Any], rows: list[tuple[str, str]]) -> str:
+    """Rows of key and text as lines below the file's name."""
     width = min(WIDTH, max(len(key) for key, _ in rows))
     lines = [found["file"], *(f"  {key:<{width}}  {value}".rstrip() for key, value in rows)]
     return "\n".join(clean(line) for line in lines)
@@ -123,9 +127,7 @@ def _rows(found: dict[str, Any]) -> list[tuple[str, str]]:
         rows.append(("", f"other programs see {one[0]} as 1 angstrom and {one[1]} as 1 ps"))
     for force in found["unregistered"]:
         rows.append(("force", f"{force} is registered nowhere: resume needs a program that registers the class"))
-    method = found["method"]
-    rows += [(key, _short(method[key])) for key in _METHOD_FIRST if method.get(key) is not None]
-    rows += [(k, _short(value)) for k, value in method.items() if k not in _METHOD_SHOWN and value is not None]
+    rows += method_rows(found["method"])
     rows.append(("frames", f"{found['frames']:,}, and {found['samples']:,} samples of the observables"))
     if found["time"]:
         first, last = found["time"]
@@ -135,19 +137,31 @@ def _rows(found: dict[str, Any]) -> list[tuple[str, str]]:
     for name, ends in found["observables"].items():
         unit = symbol_of(found["columns"].get(name, {}).get("unit", ""))
         shown_name = name if name in found["columns"] else name.replace("_", " ")
-        rows.append((shown_name, f"{_short(ends['first'])} → {measured(_short(ends['last']), unit)}"))
+        rows.append((shown_name, f"{short(ends['first'])} → {measured(short(ends['last']), unit)}"))
     rows.append(("", _form(found)))
+    return described(found, rows)
+
+
+def method_rows(method: dict[str, Any]) -> list[tuple[str, str]]:
+    """What a file says of its Simulation, by key."""
+    rows = [(key, short(method[key])) for key in _METHOD_FIRST if method.get(key) is not None]
+    return rows + [(k, short(value)) for k, value in method.items() if k not in _METHOD_SHOWN and value is not None]
+
+
+def described(found: dict[str, Any], rows: list[tuple[str, str]]) -> list[tuple[str, str]]:
+    """Rows of key and text, and the rows that every run has."""
     rows.append(("written by", f"kickdrift {found['kickdrift']}, {found['bytes']:,} bytes"))
     rows.append(("closed", _ending(found)))
     if goal := _goal(found):
         rows.append(("", f"{goal}; kickdrift resume goes on"))
     if not found["unchanged"]:
-        rows.append(("system", "was changed after the run began, by its hash: the run cannot go on"))
+        what = "problem" if "problem" in found else "system"
+        rows.append((what, "was changed after the run began, by its hash: the run cannot go on"))
     rows += _damaged(found["damaged"], found["frames"])
     rows.append(("checkpoints", _checkpoints(found["checkpoints"])))
     report = found["report"] or {}
     report = {key: value for key, value in report.items() if key != "events"}
-    rows += [(f"report: {key.replace('_', ' ')}", _short(value)) for key, value in _flat(report)]
+    rows += [(f"report: {key.replace('_', ' ')}", short(value)) for key, value in _flat(report)]
     return rows + event_lines(found["events"])
 
 
@@ -206,9 +220,10 @@ def _goal(found: dict[str, Any]) -> str:
     """Planned length of a run that has not reached it."""
     if not found["plan"] or not found["steps"]:
         return ""
-    _, _, end_step, end_time, *_ = found["plan"]
+    _, begin_time, end_step, end_time, *_ = found["plan"]
     step, time = found["steps"][1], found["time"][1]
-    if step >= end_step or time >= end_time or found["stopped"]:
+    there = time >= end_time if end_time >= begin_time else time <= end_time
+    if step >= end_step or there or found["stopped"]:
         return ""
     if end_step < NEVER:
         return f"step {step} of {int(end_step)}"
@@ -228,9 +243,10 @@ def _flat(report: dict[str, Any], prefix: str = "") -> list[tuple[str, Any]]:
     return rows
 
 
-def _short(value: Any) -> str:
+def short(value: Any) -> str:
+    """A value as text, a list in brackets."""
     if isinstance(value, float):
         return f"{value:.8g}"
     if isinstance(value, list):
-        return "(" + ", ".join(_short(item) for item in value) + ")"
+        return "(" + ", ".join(short(item) for item in value) + ")"
     return str(value)

@@ -31,3 +31,13 @@ class ShownRun(Shown):
             For an unknown name, and a run without what the figure shows.
         """
         return above("run figure")(self, kind, column)
+
+
+class DrawnProblem:
+    """The run of a Problem, open, that draws what ``kickdrift plot`` draws."""
+
+    def plot(self, *, column: str | None = None) -> Any:
+        """Draw y against time, the phase portrait and the energy error, or one ``column``; a matplotlib Figure.
+
+        Raises InputError for an unknown column, and for a run without samples."""
+        return above("problem figure")(self, column)

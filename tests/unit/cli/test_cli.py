@@ -18,8 +18,12 @@ import kickdrift as kd
 from kickdrift.analysis import bench
 from kickdrift.cli import main as cli
 from kickdrift.cli import printing
+from kickdrift.cli.main import main
 from kickdrift.errors import InputError, RunError
 from kickdrift.integrators import INTEGRATORS
+from kickdrift.integrators.particle_flow import ParticleFlow
+from kickdrift.jit.notices import announce
+from tests.compiled import without_compiling
 from tests.refusals import assert_refused
 
 SYSTEM = """
@@ -65,9 +69,11 @@ def folder(tmp_path, monkeypatch):
 def program(*arguments, **options) -> subprocess.CompletedProcess:
     """The program in its own process."""
     code = "from kickdrift.cli.main import main; main()"
-    return subprocess.run(
+    done = subprocess.run(
         [sys.executable, "-W", "error", "-c", code, *map(str, arguments)], capture_output=True, text=True, **options
     )
+    done.stderr = without_compiling(done.stderr)
+    return done
 
 
 def files() -> set[str]:
@@ -82,6 +88,20 @@ def test_a_run_in_a_process():
     assert (done.returncode, done.stderr) == (0, "")
     assert re.search(r"^system +liquid: 216 particles, units lj$", done.stdout, re.MULTILINE)
     assert files() == {"liquid.toml", "run.h5md", "run.json"}
+
+
+def test_a_run_says_what_it_compiles_and_where_the_time_went(monkeypatch, capfd):
+    """As if the disk had no code for samples of this liquid; with --quiet nothing is said."""
+    monkeypatch.setattr(ParticleFlow, "prepare", lambda *_: announce(kept=True))
+    for quiet, err in (([], "compiling velocity-verlet for lennard-jones (once on this machine)\n"), (["--quiet"], "")):
+        monkeypatch.setattr(sys, "argv", ["kickdrift", "run", "liquid.toml", "--steps", "1e1", *quiet])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        out, found = capfd.readouterr()
+        assert ended.value.code == 0
+        assert found == err
+        assert re.search(r"^took +[\d.]+ s: stepping and 11 looks [\d.]+", out, re.MULTILINE)
+        assert re.search(r"^length +10 steps, 0.04 τ$", out, re.MULTILINE)
 
 
 @pytest.mark.parametrize(
@@ -114,7 +134,11 @@ def test_ctrl_c_leaves_a_whole_file():
         out, err = running.communicate(timeout=30)
     finally:
         running.kill()
-    assert (running.returncode, out, err) == (130, "", "kickdrift: interrupted; all written files are whole\n")
+    assert (running.returncode, out, without_compiling(err)) == (
+        130,
+        "",
+        "kickdrift: interrupted; all written files are whole\n",
+    )
     with kd.open("run.h5md") as run:
         assert len(run) >= 2
         assert run[-1].step > 0
@@ -287,9 +311,12 @@ NOTHING = "no.folder/run"
         (["--steps", "-1"], ["--steps"]),
         (["--steps", "1.5"], ["--steps"]),
         (["--steps", "10", "--time", "1"], ["--steps or --time, not both"]),
-        (["--time", "-1"], ["time -1 lies before the current time"]),
         (["--time", "nan"], ["must be a finite time, got nan"]),
-        (["--time", "0.0101"], ["not on the grid of steps of 0.004; nearest are 0.008 and 0.012"]),
+        (["--time", "0.0101", "--exact", "true"], ["not on the grid of steps of 0.004; nearest are 0.008 and 0.012"]),
+        (["--time", "5 ps"], ["--time: lj quantities are plain numbers, got '5 ps'"]),
+        (["--time", "soon"], ["'soon' is not a time such as 10, or '10 fs'"]),
+        (["--exact", "maybe"], ["--exact 'maybe' is unknown; known are true, false, shorten"]),
+        (["--steps", "1.5e0"], ["'1.5e0' is not a whole number, 0 or more"]),
         (["--every", "0"], ["--every"]),
         (["--every", "-5"], ["--every"]),
         (["--threads", "0"], ["--threads"]),
@@ -327,7 +354,12 @@ def test_bad_arguments_are_found_before_the_equilibration(kickdrift, folder, mon
     (folder / "liquid.toml").write_text(text, encoding="utf-8")
     monkeypatch.setattr(kd.Simulation, "equilibrate", lambda *_: pytest.fail("too late"))
     (folder / "run.h5md").write_bytes(b"")
-    for arguments in (["--every", 0], ["--time", 0.0101], ["--output", "run.h5md"], ["--json", "/no/run.json"]):
+    for arguments in (
+        ["--every", 0],
+        ["--time", 0.0101, "--exact", "true"],
+        ["--output", "run.h5md"],
+        ["--json", "/no/run.json"],
+    ):
         assert_refused(kickdrift("run", "liquid.toml", *arguments))
 
 
@@ -518,7 +550,7 @@ def test_plot(kickdrift, folder):
     assert_refused(kickdrift("plot", "run.h5md", "--output", "run.gif"), "must end in .png")
     assert_refused(kickdrift("plot", "run.h5md", "--output", f"{NOTHING}.png"), "there is no folder")
     assert_refused(kickdrift("plot", "nothing.h5md"), "nothing.h5md: no such file")
-    assert_refused(kickdrift("plot", "liquid.toml"), "is a system file, not the file of a run")
+    assert_refused(kickdrift("plot", "liquid.toml"), "is a system of particles")
 
 
 # --- bench ---
