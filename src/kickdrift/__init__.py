@@ -221,8 +221,8 @@ ABOVE.update(
         "problem figure": _loader("plots.problems", "problem_figure"),
         "report figure": _loader("plots.runs", "report_figure"),
         "run figure": _loader("plots.figures", "figure_of"),
-        "run lines": _loader("trajectory.info", "run_lines"),
-        "run text": _loader("trajectory.info", "run_text"),
+        "run content": _loader("trajectory.info", "info_of"),
+        "run lines": _loader("trajectory.overview", "overview_of"),
     }
 )
 

@@ -113,13 +113,17 @@ OPTIONS: dict[str, dict[str, str]] = {
         "--overwrite": "export(overwrite)",
         "--quiet": "export(progress)",
     },
-    "info": {"file": "open(path)"},
+    "info": {"file": "open(path)", "--all": "open().as_json", "--json": "open().as_json"},
     "show": {"system": "load(name_or_path)"},
-    "list": {"what": "listing(what)", "name": "listing(name)"},
+    "list": {"what": "listing(what)", "name": "listing(name)", "--json": "Listing.as_json"},
 }
 
-# Options that need no twin: a figure in Python is saved by the user, who names the file and may replace it.
-OF_FILES = {"plot": {"--output", "--overwrite"}, "compare": {"--overwrite"}, "chaos": {"--overwrite"}}
+# Options that need no twin: a figure in Python is saved by the user, who names the file and may replace it, and a list
+# has all its columns.
+OF_FILES = {
+    "plot": {"--output", "--overwrite"}, "compare": {"--overwrite"}, "chaos": {"--overwrite"}, "info": {"--overwrite"},
+    "list": {"--all", "--overwrite"},
+}  # fmt: skip
 OLD = {"--precision"}  # hidden: the old name of --store
 
 # Commands for kickdrift's developers, whose twins are not public.
@@ -140,7 +144,7 @@ ELSEWHERE = {
         "accelerations", "pair_law", "register_force", "register_splitting", "register_step", "register_tableau",
     ),
     "FILE.py in a system's place": ("Solution", "solve"),
-    "list": ("Listing", "engines", "integrators"),
+    "list": ("engines", "integrators"),
     "exit status": ("InputError", "KickdriftError", "RunError"),
     "only in Python: values of a running Simulation, orbits of the present, and analysis of frames": (
         "Column", "Energies", "Orbit", "OrbitTable", "State", "analysis",

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shlex
+import sys
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -9,6 +11,7 @@ import typer
 
 from kickdrift.cli.amounts import length, whole
 from kickdrift.cli.console import members_bar, say
+from kickdrift.cli.interruption import Interrupted
 from kickdrift.cli.options import QuietOption, SystemArgument, with_options
 from kickdrift.disk.files import unfit
 from kickdrift.errors import InputError, RunError
@@ -94,11 +97,17 @@ def ensemble(
                     if not client.nthreads():
                         say(f"{scheduler}: no workers yet; waiting", quiet)
                     table = planned.run(client, progress=progress, **where)
-        except (KeyboardInterrupt, RunError):
+        except (KeyboardInterrupt, RunError) as error:
             journal = output and journal_of(output)
             if journal and journal.exists():
-                again = "the same command without --overwrite" if overwrite else "the same command"
-                say(f"{journal}: {max(done, 0)} of {counted(len(planned), 'member')} done; {again} continues")
+                again = shlex.join(["kickdrift", *(each for each in sys.argv[1:] if each != "--overwrite")])
+                kept = f"{journal} holds {max(done, 0)} of {counted(len(planned), 'member')}; continue with: {again}"
+                if isinstance(error, KeyboardInterrupt):
+                    raise Interrupted(f"stopped; {kept}") from None
+                say(kept)
+            elif isinstance(error, KeyboardInterrupt):
+                why = "no member is done" if output else "nothing is kept; --output FILE.parquet keeps members"
+                raise Interrupted(f"stopped; {why}") from None
             raise
     print_ensemble(table, output)
     if not (table["status"] == "done").any():

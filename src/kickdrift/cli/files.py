@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from kickdrift.cli.console import out, progress_bar, say
+from kickdrift.cli.console import out, print_lines, progress_bar, say
 from kickdrift.cli.options import (
+    JsonOption,
     OverwriteOption,
     QuietOption,
     with_options,
@@ -19,6 +20,7 @@ from kickdrift.cli.printing import (
     print_stability,
     print_system,
 )
+from kickdrift.disk.outputs import refuse_outputs, write_json
 from kickdrift.errors import InputError
 from kickdrift.text import counted
 
@@ -54,7 +56,8 @@ def plot(
         Path | None, typer.Option(metavar="FILE.png", help="Default: FILE.png beside the file, or stability.png.")
     ] = None,
     kind: Annotated[
-        Figures | None, typer.Option(help="Figure of a run (default: orbits under gravity, else energies).")
+        Figures | None,
+        typer.Option(metavar="NAME", help=f"{', '.join(Figures)} (default: orbits under gravity, else energies)."),
     ] = None,
     stability: Annotated[
         list[str] | None,
@@ -201,14 +204,22 @@ def info(
     file: Annotated[
         str, typer.Argument(metavar="FILE", help="A run's file, an ensemble's table, or a system file or name.")
     ],
+    all_: Annotated[bool, typer.Option("--all", help="Everything that a run's file holds.")] = False,
+    json_file: JsonOption = None,
+    overwrite: OverwriteOption = False,
 ) -> None:
     """Describe a run's file or an ensemble's table, or check a system file without running it."""
+    refuse_outputs({"json": json_file}, overwrite, [file])
     from kickdrift.systemfile.files import is_shipped
     from kickdrift.systemfile.reading import load
 
     if Path(file).suffix == ".h5md" and not os.path.lexists(file):
         raise InputError(f"{file}: no such file")
-    if _is_problem(Path(file)):
+    of_problem = _is_problem(Path(file))
+    of_run = os.path.lexists(file) and Path(file).suffix.lower() not in (*TABLES, ".toml") and not is_shipped(file)
+    if (all_ or json_file is not None) and (of_problem or not of_run):
+        raise InputError(f"{file}: {'--all' if all_ else '--json'} is for the file of a run of particles")
+    if of_problem:
         from kickdrift.trajectory.opened import open as opened
         from kickdrift.trajectory.problems.info import describe_any
 
@@ -222,16 +233,25 @@ def info(
 
         print_ensemble(Ensemble.read(file), Path(file))
         return
-    if Path(file).suffix == ".toml" or is_shipped(file) or not os.path.lexists(file):
+    if not of_run:
         system = load(file)
         check_run(system)
         print_system(system)
         return
-    from kickdrift.trajectory.info import describe
+    from kickdrift.trajectory.info import WIDTH, described
     from kickdrift.trajectory.info import info as found
+    from kickdrift.trajectory.overview import overview
 
-    for line in describe(found(file)).split("\n"):
-        out(line)
+    if all_ or json_file is not None:
+        content = found(file)
+    if all_:
+        rows = described(content)
+        out(content["file"])
+        print_lines(rows, min(WIDTH, max(len(key) for key, _ in rows)))
+    else:
+        print_lines(overview(file))
+    if json_file is not None:
+        write_json(json_file, content, overwrite=overwrite)
 
 
 def check_run(system: System | Problem) -> None:

@@ -11,6 +11,7 @@ import typer
 
 from kickdrift.cli.amounts import in_units, length, whole
 from kickdrift.cli.console import print_lines, progress_bar, say
+from kickdrift.cli.interruption import Interruption
 from kickdrift.cli.options import (
     FlushOption,
     JsonOption,
@@ -120,12 +121,14 @@ def run(
     wanted_length = partial(length_of, sim, system, steps, time, ending)
     wanted_length()  # or its error, before anything runs
     warn_of_version(sim, quiet)
-    with progress_bar(quiet) as bar:
+    with Interruption(output, writes=isinstance(chosen, System)) as stopped, progress_bar(quiet) as bar:
         if isinstance(chosen, System) and chosen.equilibration:
             wanted = chosen.equilibration
             sim.equilibrate(wanted.temperature, wanted.time, wanted.interval, bar("equilibrating"))
+        ahead = wanted_length()
+        stopped.begins(sim, ahead.get("steps"), ahead.get("until"))
         report = sim.run(
-            **wanted_length(), every=every, interval=interval, output=output, overwrite=overwrite, file=file,
+            **ahead, every=every, interval=interval, output=output, overwrite=overwrite, file=file,
             progress=bar("running"),
         )  # fmt: skip
     show(report, sim, output, json_file, quiet, overwrite)
@@ -170,20 +173,22 @@ def resume(
     from kickdrift.run.resuming import resume as taken_up
     from kickdrift.trajectory.opened import open as opened
 
-    sim = taken_up(file, threads=threads)
-    warn_of_version(sim, quiet)
-    with opened(file) as run:
-        options, closed = None if flush is None else replace(run.options, flush=flush), run.closed
-    if sim.plan is None:
-        raise InputError(f"{file}: the length of the run is not known; give --steps or --time")
-    sim.plan = continued(sim, steps, in_units(time, sim.system, "--time"))
-    if sim.plan.over(sim) and closed:
-        say(f"{file}: the run is finished at step {sim.steps_done}; --steps or --time extend it", quiet)
-        report = sim.report()
-    else:
-        with progress_bar(quiet) as bar:
-            say(f"{file}: continues from step {sim.steps_done}", quiet)
-            report = sim.run(progress=bar("running"), file=options)
+    with Interruption(file, resumed=True) as stopped:
+        sim = taken_up(file, threads=threads)
+        warn_of_version(sim, quiet)
+        with opened(file) as run:
+            options, closed = None if flush is None else replace(run.options, flush=flush), run.closed
+        if sim.plan is None:
+            raise InputError(f"{file}: the length of the run is not known; give --steps or --time")
+        sim.plan = continued(sim, steps, in_units(time, sim.system, "--time"))
+        if sim.plan.over(sim) and closed:
+            say(f"{file}: the run is finished at step {sim.steps_done}; --steps or --time extend it", quiet)
+            report = sim.report()
+        else:
+            with progress_bar(quiet) as bar:
+                say(f"{file}: continues from step {sim.steps_done}", quiet)
+                stopped.begins(sim, sim.plan.end_step, sim.plan.end_time)
+                report = sim.run(progress=bar("running"), file=options)
     show(report, sim, file, json_file, quiet, overwrite)
 
 

@@ -13,6 +13,7 @@ from kickdrift.integrators import integrator as method_named
 from kickdrift.integrators.method import Method
 from kickdrift.integrators.option import DT, OPTIONS, PRECISION, SEED, Option, merged
 from kickdrift.integrators.options import Options
+from kickdrift.model.other_names import other_name
 from kickdrift.model.run_defaults import RunDefaults
 from kickdrift.model.units import UnitSystem, time_in
 from kickdrift.text import VALUE, clean, shown
@@ -135,7 +136,11 @@ def takers_text(name: str) -> str:
 
 
 def meant(name: object) -> str:
-    """Text ``; did you mean 'corrector', which wisdom-holman takes?`` if an option's name is near, else ""."""
+    """Text ``; did you mean 'corrector', which wisdom-holman takes?`` if an option's name is near, else "".
+
+    An option of another program, such as timestep, has the text of `other_name`."""
+    if hint := other_name("option", name):
+        return hint
     near = get_close_matches(str(name)[:VALUE].lower(), [*known_options()], 1, 0.6)
     return f"; did you mean {near[0]!r}, which {takers_text(near[0])}?" if near else ""
 
@@ -148,7 +153,7 @@ def refuse_unknown(names: Iterable[str], method: Method | None = None) -> None:
         if name not in known:
             hint = meant(name)
             takes = f"{method.name} takes {', '.join((DT.name, *method.tunable))}" if method else ""
-            between = " " if hint else "; "  # a hint ends with a question mark
+            between = " " if hint.endswith("?") else "; "
             raise InputError(
                 f"{clean(str(name), VALUE)}: no integrator takes such an option{hint}{between + takes if takes else ''}"
             )

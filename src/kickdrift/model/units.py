@@ -12,6 +12,7 @@ from typing import Any
 
 from kickdrift.errors import InputError
 from kickdrift.model import constants
+from kickdrift.model.other_names import other_name
 from kickdrift.model.unit_systems import DIMENSIONS, MSUN, powers
 from kickdrift.model.unit_systems import UNIT_SYSTEMS as UNIT_SYSTEMS  # users import these names from here
 from kickdrift.model.unit_systems import UnitSystem as UnitSystem
@@ -167,6 +168,8 @@ def _parsed(unit: str, text: str, prefix: str) -> Any:
     except pint.UndefinedUnitError as error:
         names = error.unit_names
         name = names if isinstance(names, str) else next(iter(names))
+        if hint := other_name("unit", name):
+            raise InputError(f"{prefix}unknown unit {name!r} in {shown(text)}{hint}") from None
         raise InputError(f"{prefix}unknown unit {name!r}{suggestion(name, _COMMON.split())} in {shown(text)}") from None
     except Exception:  # pint's parser raises whatever Python's tokenizer and evaluator raise
         raise InputError(f"{prefix}cannot read the unit {shown(unit)}") from None

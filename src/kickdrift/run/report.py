@@ -17,6 +17,7 @@ from kickdrift.forces.pair_law import PairForce
 from kickdrift.integrators.method import Method
 from kickdrift.integrators.option import TEMPERATURE
 from kickdrift.integrators.options import Options
+from kickdrift.looks.energy_trend import energy_trend
 from kickdrift.looks.observers import NOTHING
 from kickdrift.looks.record import BOTH, LOOKS, OBSERVING, STEPPING, WRITING, Record, Series, even_stretch, on_grid
 from kickdrift.model.checks import unwarned
@@ -27,7 +28,7 @@ from kickdrift.model.unit_systems import UnitSystem
 from kickdrift.run.melting import melting
 from kickdrift.run.shown import ShownReport
 from kickdrift.statistics.blocks import block_average
-from kickdrift.statistics.drift import ROUNDINGS, EnergyError, drift, energy_error, rounding_of
+from kickdrift.statistics.drift import EnergyError, energy_error
 
 
 @dataclass(frozen=True)
@@ -351,28 +352,11 @@ def _energy(series: Series, even: bool, system: System | Problem) -> EnergyRepor
     if np.isnan(total[0]):
         return None  # a Problem without an energy function
     error = energy_error(total, 0.0 if np.isnan(kinetic) else kinetic)
-    scale = {"initial energy": abs(error.initial), "kinetic energy": kinetic}.get(error.relative_to, 1.0)
     working = system.acting("works") if isinstance(system, System) else []
 
-    @unwarned
     def judged() -> tuple[float, float, str]:
-        times, errors = series.times, (total - error.initial) / scale
-        if even:
-            whole = on_grid(series.steps, times)
-            chosen = even_stretch(series.steps[whole])
-            times, errors = times[whole][chosen], errors[whole][chosen]
-        if times[-1] < times[0]:  # back in time
-            times, errors = times[::-1], errors[::-1]
-        if not even and len(times) > 2:  # the step points of an adaptive run are only about evenly spaced
-            grid = np.linspace(times[0], times[-1], len(times))
-            times, errors = grid, np.interp(grid, times, errors)
-        largest = max(abs(error.initial), 0.0 if np.isnan(kinetic) else kinetic)
-        rounding = rounding_of(largest, int(series.steps[-1] - series.steps[0])) / scale
-        trend = drift(times, errors, rounding)
-        over_run = abs(trend.slope * (series.times[-1] - series.times[0]))
-        tiny = trend.verdict == "secular drift" and over_run <= ROUNDINGS * rounding
-        verdict = f"not conserved: {', '.join(working)}" if working else "round-off" if tiny else trend.verdict
-        return trend.slope, trend.error, verdict
+        trend = energy_trend(series.steps, series.times, total, kinetic, even)
+        return trend.slope, trend.error, f"not conserved: {', '.join(working)}" if working else trend.verdict
 
     return EnergyReport.later(error, series.final, judged)
 

@@ -17,6 +17,7 @@ from kickdrift.integrators.asked import draws_noise
 from kickdrift.model.box import Box
 from kickdrift.model.checks import no_overflow, whole_number
 from kickdrift.model.orbits import G_given
+from kickdrift.model.other_names import other_name
 from kickdrift.model.problem import Problem
 from kickdrift.model.run_defaults import Equilibration
 from kickdrift.model.starts.builders import (
@@ -220,7 +221,9 @@ def _force(given: dict[str, Any], units: UnitSystem, path: str) -> Any:
         raise InputError(f"{path}.type: required key is missing; expected one of {', '.join(FORCES)}")
     name = given["type"]
     if not isinstance(name, str) or name not in FORCES:
-        hint = suggestion(name, FORCES) or "; a force of your own comes with --load FILE.py"
+        hint = (
+            other_name("force", name) or suggestion(name, FORCES) or "; a force of your own comes with --load FILE.py"
+        )
         raise InputError(f"{path}.type: expected one of {', '.join(FORCES)}, got {shown(name)}{hint}")
     cls: Any = FORCES[name]
     parameters = force_parameters(cls, given, units, path)

@@ -134,14 +134,78 @@ def test_ctrl_c_leaves_a_whole_file():
         out, err = running.communicate(timeout=30)
     finally:
         running.kill()
-    assert (running.returncode, out, without_compiling(err)) == (
-        130,
-        "",
-        "kickdrift: interrupted; all written files are whole\n",
-    )
+    assert (running.returncode, out) == (130, "")
     with kd.open("run.h5md") as run:
         assert len(run) >= 2
         assert run[-1].step > 0
+        frames, step = len(run), run[-1].step
+    assert without_compiling(err) == (
+        f"kickdrift: stopped at step {step:,} of 20,000,000; run.h5md holds {frames:,} frames up to step {step:,}; "
+        "continue with: kickdrift resume run.h5md\n"
+    )
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (["run", "liquid.toml"], "stopped at step 30 of 50; nothing is kept; --output FILE.h5md keeps a run"),
+        (
+            ["run", "liquid.toml", "--output", "run.h5md"],
+            "run.h5md holds 4 frames up to step 30; continue with: kickdrift",
+        ),
+        (["run", "ode-harmonic", "--steps", "50", "--dt", "0.1"], "stopped at step 30 of 50; nothing is kept"),
+        (["resume", "begun.h5md"], "stopped at step 30 of 50; begun.h5md holds 4 frames up to step 30; continue with:"),
+    ],
+)
+def test_ctrl_c_says_what_is_kept(arguments, told, kickdrift, monkeypatch):
+    """Ctrl-C at step 30: a callback of the program presses it."""
+    if "begun.h5md" in arguments:
+        sim = kd.Simulation(kd.load("liquid.toml"))
+        with pytest.raises(KeyboardInterrupt):
+            sim.run(50, every=10, output="begun.h5md", observe=lambda sim: sim.steps_done == 20 and pressed())
+    begin = kd.Simulation.run
+
+    def run(sim, *given, **options):
+        return begin(sim, *given, **{**options, "observe": lambda sim: sim.steps_done == 30 and pressed()})
+
+    monkeypatch.setattr(kd.Simulation, "run", run)
+    every = [] if arguments[0] == "resume" else ["--every", 10]
+    code, out, err = kickdrift(*arguments, *every, "--quiet")
+    assert (code, out) == (130, "")
+    assert told in err
+    assert err.count("\n") == 1
+    if "run.h5md" in arguments:
+        assert kickdrift("info", "run.h5md")[1].splitlines()[-1].endswith("continue with: kickdrift resume run.h5md")
+        monkeypatch.setattr(kd.Simulation, "run", begin)
+        assert kickdrift("resume", "run.h5md", "--quiet")[0] == 0
+        assert kickdrift("info", "run.h5md")[1].splitlines()[-1].endswith("; the run is finished")
+
+
+def pressed():
+    signal.raise_signal(signal.SIGINT)
+
+
+def test_ctrl_c_before_the_first_step(kickdrift, monkeypatch):
+    monkeypatch.setattr(kd.Simulation, "equilibrate", lambda *_: pressed())
+    text = SYSTEM + "[equilibrate]\ntemperature = 0.9\ntime = 0.4\n"
+    cli.Path("liquid.toml").write_text(text, encoding="utf-8")
+    found = kickdrift("run", "liquid.toml", "--output", "run.h5md")
+    assert found == (130, "", "kickdrift: stopped before the first step; nothing is kept\n")
+    assert files() == {"liquid.toml"}
+
+
+def test_ctrl_c_in_a_command_that_writes_at_its_end(kickdrift, monkeypatch):
+    def chaos(*_, progress, **__):
+        progress(420, 1000)
+        pressed()
+
+    monkeypatch.setattr("kickdrift.analysis.chaos.megno", chaos)
+    told = "kickdrift: stopped at 42 % of running; nothing is kept, and the same command begins again\n"
+    assert kickdrift("chaos", "two-body") == (130, "", told)
+
+
+def test_the_version(kickdrift):
+    assert kickdrift("--version") == (0, f"kickdrift {kd.__version__}\n", "")
 
 
 def test_a_reader_that_goes_away_is_no_traceback():

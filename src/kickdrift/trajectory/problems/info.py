@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from kickdrift.text import shown
-from kickdrift.trajectory.info import described, laid_out, method_rows, short
+from kickdrift.trajectory.info import laid_out, method_rows, short, with_end
 from kickdrift.trajectory.problems.reader import ProblemRun
 from kickdrift.trajectory.problems.table import ProblemTable
 
@@ -66,7 +66,7 @@ def describe(run: ProblemRun) -> str:
         first, last = found["time"]
         rows.append(("time", f"{first:g} to {last:g}, steps {found['steps'][0]} to {found['steps'][1]}"))
     rows += [(name, f"{_short(ends['first'])} → {_short(ends['last'])}") for name, ends in found["observables"].items()]
-    return laid_out(found, described(found, rows))
+    return laid_out(found, with_end(found, rows))
 
 
 def describe_any(run: ProblemRun | ProblemTable) -> str:
