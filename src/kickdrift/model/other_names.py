@@ -10,7 +10,7 @@ from functools import cache
 
 from kickdrift.text import VALUE, clean
 
-TEMPERATURE = "methods of constant temperature are 'baoab', 'csvr' and 'nose-hoover'"
+TEMPERATURE = "methods of constant temperature are baoab, csvr and nose-hoover"
 PRESSURE = "constant pressure is not there yet; the box keeps its size"
 MINIMISATION = "energy minimisation is not there yet"
 CLOSE = (
@@ -102,7 +102,7 @@ ROWS: dict[str, tuple[tuple[str, str], ...]] = {
         ("trap spring/self harmonic-well", "{word} is 'harmonic-trap' here"),
         ("field external constant-force addforce efield uniform gravity-uniform", "{word} is 'uniform-field' here"),
         ("drag friction stokes viscous", "{word} is 'linear-drag' here"),
-        ("langevin", "friction with noise belongs to the integrator 'baoab'"),
+        ("langevin", "friction with noise belongs to the integrator baoab"),
         (
             "radiation radiation-pressure tides tides-constant-time-lag yarkovsky",
             "{word} is not shipped; a force of your own comes with --load FILE.py",

@@ -162,8 +162,6 @@ class Integration:
         """Go on from the current state in this direction of time. A change of direction begins a new record."""
         if backward == self.backward:
             return
-        if self.method.bath:
-            raise InputError(f"run: {self.integrator} has a heat bath, so the run cannot go back in time")
         y, time, steps = self.y.copy(), self.time, self.steps_done
         old: Any = self.stepper
         with compiling_for(self.purpose):

@@ -162,3 +162,37 @@ def test_units_of_options():
     data["run"] = {"integrator": "langevin", "temperature": "0.3 K", "friction": "2/ns", "dt": "5 fs"}
     options = kd.load(data).run.options
     assert options == {"temperature": pytest.approx(0.3), "friction": pytest.approx(2e-3)}
+
+
+def test_files_tell_the_heat(tmp_path):
+    """A file's overview shows the heat and the verdict; without a report, the heat comes from the samples."""
+    sim = kd.Simulation(liquid(64, 2.0), "baoab", 0.004, temperature=1.5, friction=10.0)
+    report = sim.run(2000, every=5, output=tmp_path / "whole.h5md")
+    with kd.open(tmp_path / "whole.h5md") as run:
+        lines = lines_of(run)
+        assert run.observables["energy_taken"][-1] == -report.heat
+        assert np.ptp(run.observables["total_energy"] + run.observables["energy_taken"]) < 1.0
+    assert lines["heat"] == f"{report.heat:.8g} ε from the heat bath"
+    assert lines["energy drift"].endswith("(energy less heat)")
+    assert lines["temperature"] == lines_of(report)["temperature"]
+
+    def stop(sim):
+        if sim.steps_done == 1000:
+            raise RuntimeError("stopped")
+
+    sim = kd.Simulation(liquid(64, 2.0), "baoab", 0.004, temperature=1.5, friction=10.0)
+    with pytest.raises(RuntimeError, match="stopped"):
+        sim.run(2000, every=5, output=tmp_path / "part.h5md", observe=stop)
+    with kd.open(tmp_path / "part.h5md") as run:
+        lines = lines_of(run)
+        heat = -run.observables["energy_taken"][-1]
+        first, last = run.observables["total_energy"][[0, -1]]
+    assert lines["heat"] == f"{heat:.8g} ε from the heat bath"
+    assert lines["energy"] == f"{first:.8g} at the start, {last:.8g} ε at the end"
+    assert "momentum error" not in lines
+
+
+def test_a_bath_does_not_run_back_in_time():
+    sim = kd.Simulation(liquid(64, 2.0), "csvr", 0.004, temperature=1.5, tau=0.1)
+    with pytest.raises(InputError, match="csvr is neither reversible nor adaptive, so the run cannot go back"):
+        sim.run(until=-0.04)
