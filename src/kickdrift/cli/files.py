@@ -215,18 +215,12 @@ def info(
 
     if Path(file).suffix == ".h5md" and not os.path.lexists(file):
         raise InputError(f"{file}: no such file")
-    of_problem = _is_problem(Path(file))
-    of_run = os.path.lexists(file) and Path(file).suffix.lower() not in (*TABLES, ".toml") and not is_shipped(file)
-    if (all_ or json_file is not None) and (of_problem or not of_run):
-        raise InputError(f"{file}: {'--all' if all_ else '--json'} is for the file of a run of particles")
-    if of_problem:
-        from kickdrift.trajectory.opened import open as opened
-        from kickdrift.trajectory.problems.info import describe_any
-
-        with opened(file) as run:
-            for line in describe_any(run).split("\n"):
-                out(line)
+    if _is_problem(Path(file)):
+        _info_of_problem(file, all_, json_file, overwrite)
         return
+    of_run = os.path.lexists(file) and Path(file).suffix.lower() not in (*TABLES, ".toml") and not is_shipped(file)
+    if (all_ or json_file is not None) and not of_run:
+        raise InputError(f"{file}: {'--all' if all_ else '--json'} is for the file of a run")
     if Path(file).suffix.lower() in TABLES:
         from kickdrift.cli.printing_ensemble import print_ensemble
         from kickdrift.ensemble import Ensemble
@@ -252,6 +246,27 @@ def info(
         print_lines(overview(file))
     if json_file is not None:
         write_json(json_file, content, overwrite=overwrite)
+
+
+def _info_of_problem(file: str, whole: bool, json_file: Path | None, overwrite: bool) -> None:
+    """Describe the file of a Problem's run, or its table."""
+    from kickdrift.trajectory.opened import open as opened
+    from kickdrift.trajectory.overview import overview_of_problem
+    from kickdrift.trajectory.problems.info import describe_any
+    from kickdrift.trajectory.problems.info import info as found
+    from kickdrift.trajectory.problems.reader import ProblemRun
+
+    with opened(file) as run:
+        table = not isinstance(run, ProblemRun)
+        if table and json_file is not None:
+            raise InputError(f"{file}: --json is for the file of a run, and FILE is a table")
+        if whole or table:
+            for line in describe_any(run).split("\n"):
+                out(line)
+        else:
+            print_lines(overview_of_problem(run))
+        if json_file is not None:
+            write_json(json_file, found(run), overwrite=overwrite)
 
 
 def check_run(system: System | Problem) -> None:

@@ -19,7 +19,7 @@ from kickdrift.integrators.option import DT, MIXED
 INTEGRATOR, REST = "Integrator", "Options"
 # Options by name; an option of an integrator is in the group INTEGRATOR, and every other option in the last group.
 GROUPS: dict[str, tuple[str, ...]] = {
-    "How long": ("steps", "time", "length"),
+    "How long": ("steps", "time", "exact", "length"),
     INTEGRATOR: ("integrator", "accuracy", DT.name, MIXED, "o"),
     "Start": ("seed", "vary", "replicas", "measure"),
     "Output": (

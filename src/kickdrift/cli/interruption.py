@@ -30,7 +30,7 @@ class Interruption:
     Parameters
     ----------
     output : the run's file, if the run writes one
-    writes : whether ``--output`` could have kept the run
+    particles : whether the run is of particles, not of a Problem
     resumed : whether the file holds the run's earlier frames
 
     Attributes
@@ -40,8 +40,8 @@ class Interruption:
     end_step, end_time : planned end of the run
     """
 
-    def __init__(self, output: Path | None, writes: bool = True, resumed: bool = False) -> None:
-        self.output, self.writes, self.resumed = output, writes, resumed
+    def __init__(self, output: Path | None, particles: bool = True, resumed: bool = False) -> None:
+        self.output, self.particles, self.resumed = output, particles, resumed
         self.sim: Simulation | None = None
         self.end_step, self.end_time, self._begin_time = NEVER, float("inf"), 0.0
         self._before = None if resumed else _identity(output)
@@ -74,19 +74,22 @@ class Interruption:
     def _kept(self) -> str:
         nothing = "nothing is kept"
         if self.output is None:
-            return f"{nothing}; --output FILE.h5md keeps a run" if self.writes else nothing
+            return f"{nothing}; --output FILE{'.h5md' if self.particles else '.h5'} keeps a run"
         if not self.resumed and (self.sim is None or _identity(self.output) in (None, self._before)):
             return nothing
-        from kickdrift.trajectory.reader import open as opened
+        from kickdrift.trajectory.opened import open as opened
 
         try:
             with opened(self.output) as run:
-                frames, last = len(run), int(run.all_steps[-1]) if len(run) else 0
-                resumable = run.checkpoints is not None and len(run.checkpoints.steps) > 0
+                steps = getattr(run, "all_steps", getattr(run, "steps", None))  # of frames, of samples; none in a table
+                what = counted(len(run), "frame" if hasattr(run, "all_steps") else "sample", ",")
+                until = f" up to step {int(steps[-1]):,}" if steps is not None and len(steps) else ""
+                checkpoints = getattr(run, "checkpoints", None)
+                resumable = checkpoints is not None and len(checkpoints.steps) > 0
         except (KickdriftError, OSError):
             return nothing
         name = clean(str(self.output))
-        text = f"{name} holds {counted(frames, 'frame', ',')}" + (f" up to step {last:,}" if frames else "")
+        text = f"{name} holds {what}{until}"
         sim = self.sim
         over = sim is not None and (sim.steps_done >= self.end_step or self._reached(sim.time))
         return text + (f"; continue with: kickdrift resume {shlex.quote(name)}" if resumable and not over else "")

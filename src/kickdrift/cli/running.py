@@ -121,7 +121,7 @@ def run(
     wanted_length = partial(length_of, sim, system, steps, time, ending)
     wanted_length()  # or its error, before anything runs
     warn_of_version(sim, quiet)
-    with Interruption(output, writes=isinstance(chosen, System)) as stopped, progress_bar(quiet) as bar:
+    with Interruption(output, isinstance(chosen, System)) as stopped, progress_bar(quiet) as bar:
         if isinstance(chosen, System) and chosen.equilibration:
             wanted = chosen.equilibration
             sim.equilibrate(wanted.temperature, wanted.time, wanted.interval, bar("equilibrating"))

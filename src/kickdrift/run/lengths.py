@@ -192,6 +192,8 @@ def length_of(
         raise InputError(f"{name}: [run] names neither steps nor time; give --steps or --time")
     if time is None:
         return {"steps": steps_to(sim, steps, None)}
+    if not np.isfinite(number(time)):
+        raise InputError(f"time must be a finite time, got {shown(time)}")
     until = sim.time + time
     if not sim.method.chooses_steps:
         steps_to(sim, steps, until, exact)  # or its error

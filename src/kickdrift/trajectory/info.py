@@ -91,7 +91,7 @@ def _unregistered(run: Run) -> list[str]:
 
 
 def describe(found: dict[str, Any]) -> str:
-    """What `info` found, as text."""
+    """Text for a reader from the result of `info`."""
     return laid_out(found, described(found))
 
 
@@ -103,7 +103,7 @@ def laid_out(found: dict[str, Any], rows: list[tuple[str, str]]) -> str:
 
 
 def described(found: dict[str, Any]) -> list[tuple[str, str]]:
-    """What `info` found, as keys and texts."""
+    """Rows of key and text from the result of `info`."""
     units = found["units"]
     length, time, energy = (symbol_of(units[key]) for key in ("length", "time", "energy"))
     named = [f"{key} {symbol}" for key, symbol in zip(_SHOWN_UNITS, (length, time, energy), strict=True) if symbol]
@@ -153,7 +153,7 @@ def with_end(found: dict[str, Any], rows: list[tuple[str, str]]) -> list[tuple[s
 
 
 def alarms(found: dict[str, Any]) -> list[tuple[str, str]]:
-    """What is wrong with a file, and what a run needs before it can go on, as keys and texts."""
+    """Rows of key and text about what is wrong with a file, and what a run needs before it can go on."""
     rows = [
         ("force", f"{force} is registered nowhere: resume needs a program that registers the class")
         for force in found.get("unregistered", ())

@@ -8,21 +8,28 @@ from typing import Any
 
 import numpy as np
 
+from kickdrift.display.showing import KEY
 from kickdrift.errors import InputError
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators.method import Method
 from kickdrift.looks.energy_trend import energy_trend
 from kickdrift.looks.report_lines import energy_lines, mean_text, method_text, verdict_text
 from kickdrift.model.checks import unwarned
+from kickdrift.model.state import Floats
 from kickdrift.model.unit_systems import symbol_of
 from kickdrift.statistics.drift import energy_error
 from kickdrift.text import counted, measured
 from kickdrift.trajectory.info import alarms, goal, info_of
+from kickdrift.trajectory.problems.header import ENERGY, Y
+from kickdrift.trajectory.problems.info import MOST
+from kickdrift.trajectory.problems.info import info as info_of_problem
+from kickdrift.trajectory.problems.reader import ProblemRun
 from kickdrift.trajectory.reader import Run, open
 from kickdrift.trajectory.recorded import Samples
 
 Lines = list[tuple[str, str]]
 _CHOICES = ("dt", "rtol", "atol")
+FITS = 80 - KEY - 1  # characters of a line
 
 
 def overview(path: str | os.PathLike[str]) -> Lines:
@@ -61,6 +68,29 @@ def overview_of(run: Run) -> Lines:
     return lines + alarms(found)
 
 
+def overview_of_problem(run: ProblemRun) -> Lines:
+    """The same of the file of a Problem's run, with y at the end."""
+    found, samples = info_of_problem(run), run.whole_samples()
+    report: dict[str, Any] = run.report if isinstance(run.report, dict) else {}
+    lines = [
+        ("problem", f"{found['problem']}: {counted(found['unknowns'], 'unknown')}"),
+        ("integrator", _method(found["method"], report, "")),
+    ]
+    seen = samples.observables
+    if found["steps"]:
+        (first, last), (begin, end) = found["steps"], found["time"]
+        lines.append(("length", f"{last - first:,} steps, {end - begin:g}"))
+        lines.append(("y at the end", ", ".join(f"{value:.10g}" for value in seen[Y][-1][:MOST]) + _more(seen[Y][-1])))
+        energy = report.get("energy") if report else _energy(run, samples, seen[ENERGY]) if ENERGY in seen else None
+        lines += energy_lines(energy, "", "", end - begin) if isinstance(energy, dict) else []
+    lines.append(("samples", _state(found)))
+    return lines + alarms(found)
+
+
+def _more(y: Floats) -> str:
+    return f" and {len(y) - MOST:,} more" if len(y) > MOST else ""
+
+
 def _method(method: Mapping[str, Any], report: Mapping[str, Any], time_unit: str) -> str:
     """Name and options of the integrator, and the engine if another program made the run."""
     source = report if "options" in report else method
@@ -83,7 +113,8 @@ def _momentum(report: Mapping[str, Any]) -> Lines:
 
 
 def _means(report: Mapping[str, Any], units: Mapping[str, str], dimensions: Any) -> Lines:
-    temperature, pressure = report.get("temperature"), report.get("pressure")
+    temperature: Any = report.get("temperature")
+    pressure: Any = report.get("pressure")
     lines, said = [], ""
     if _is_number(temperature):
         options, verdict = report.get("options"), report.get("temperature_verdict")
@@ -95,8 +126,9 @@ def _means(report: Mapping[str, Any], units: Mapping[str, str], dimensions: Any)
     if _is_number(pressure):
         unit = f"{units['energy']}/{units['length']}^{dimensions}" if units["energy"] else ""
         text = mean_text(pressure, _error(report, "pressure"), unit)
-        if lines and not said:
-            return [("temperature", f"{lines[0][1]}, pressure {text}")]
+        joined = f"{lines[0][1]}, pressure {text}" if lines else ""
+        if joined and not said and len(joined) <= FITS:
+            return [("temperature", joined)]
         lines.append(("pressure", text))
     return lines
 
@@ -110,7 +142,9 @@ def _error(report: Mapping[str, Any], key: str) -> float | None:
 def _state(found: dict[str, Any]) -> str:
     """Number of frames, and whether the run is finished."""
     ahead = goal(found)
-    text = f"{found['frames']:,} and {counted(found['samples'], 'sample', ',')}"
+    text = f"{found['samples']:,}"
+    if "problem" not in found:
+        text = f"{found['frames']:,} and {counted(found['samples'], 'sample', ',')}"
     if found["closed"] and not ahead:
         return f"{text}; " + (f"stopped by {found['stopped']}" if found["stopped"] else "the run is finished")
     text += f"; the run did not finish{f': {ahead}' if ahead else ''}"
@@ -123,14 +157,16 @@ def _so_far(run: Run, samples: Samples) -> dict[str, Any]:
     seen = samples.observables
     found: dict[str, Any] = {}
     if len(samples.steps) and {"total_energy", "kinetic_energy"} <= seen.keys():
-        found["energy"] = _energy(run, samples)
-    method = _method_of(run)
-    if method and method.bath and len(taken := seen.get("energy_taken", ())):
-        found["heat"] = -float(taken[-1])
+        method, total = _method_of(run), seen["total_energy"]
+        if method and method.bath and "energy_taken" in seen:
+            found["heat"] = -float(seen["energy_taken"][-1])
+            total = total + seen["energy_taken"]
+        found["energy"] = _energy(run, samples, total, float(seen["kinetic_energy"][0]))
+        found["energy"] |= {"final": float(seen["total_energy"][-1])} if found["energy"] else {}
     for key in ("temperature", "pressure"):
         if key in seen and len(seen[key]):
             found[key] = float(np.mean(seen[key]))
-    if "momentum" in seen and len(seen["momentum"]) and len(run) and not (method and method.drags):
+    if "momentum" in seen and len(seen["momentum"]) and len(run) and not _drags(run):
         try:
             scale = float(run.masses @ np.linalg.norm(run[0].velocities, axis=1))
         except InputError:  # the first frame is damaged
@@ -140,23 +176,25 @@ def _so_far(run: Run, samples: Samples) -> dict[str, Any]:
     return found
 
 
-def _energy(run: Run, samples: Samples) -> dict[str, Any]:
-    total, kinetic = samples.observables["total_energy"], float(samples.observables["kinetic_energy"][0])
-    final = float(total[-1])
-    if (method := _method_of(run)) and method.bath:
-        total = total + samples.observables.get("energy_taken", 0.0)
+def _energy(run: Run | ProblemRun, samples: Samples, total: Floats, kinetic: float = 0.0) -> dict[str, Any]:
     try:
         error = energy_error(total, kinetic)
         trend = energy_trend(samples.steps, samples.times, total, kinetic, run.method.get("dt") is not None)
     except InputError:  # energies that are not finite
         return {}
     said = {"drift_per_unit_time": trend.slope, "drift_error": trend.error, "verdict": trend.verdict}
-    return vars(error) | said | {"final": final}
+    return vars(error) | said
 
 
 def _method_of(run: Run) -> Method | None:
     """Row of the run's integrator; None if it is unknown here."""
     return INTEGRATORS.get(str(run.method.get("integrator")))
+
+
+def _drags(run: Run) -> bool:
+    """Whether the run's integrator changes the total momentum."""
+    method = _method_of(run)
+    return method is not None and method.drags
 
 
 def _is_number(value: object) -> bool:

@@ -375,7 +375,7 @@ NOTHING = "no.folder/run"
         (["--steps", "-1"], ["--steps"]),
         (["--steps", "1.5"], ["--steps"]),
         (["--steps", "10", "--time", "1"], ["--steps or --time, not both"]),
-        (["--time", "nan"], ["must be a finite time, got nan"]),
+        (["--time", "nan"], ["kickdrift: time must be a finite time, got nan\n"]),
         (["--time", "0.0101", "--exact", "true"], ["not on the grid of steps of 0.004; nearest are 0.008 and 0.012"]),
         (["--time", "5 ps"], ["--time: lj quantities are plain numbers, got '5 ps'"]),
         (["--time", "soon"], ["'soon' is not a time such as 10, or '10 fs'"]),

@@ -45,11 +45,19 @@ LISTS = [f"list {what}{more}" for what in NAMES for more in ("", " --all")]
 METHODS = [f"list integrators {name}" for name in NAMES["integrators"]]
 TABLES = [f"list {what} --json -" for what in NAMES]
 SYSTEMS = [f"info {name}" for name in ("lj-1000", "solar-system", "ode-robertson", "spring-net", "test-particles-1000")]
-RUNS = ["info run.h5md", "info run.h5md --all", "info orbit.h5md", "info orbit.h5md --all"]
-# What these print depends on the clock; the first two write the files that other commands read.
+RUNS = [
+    "info run.h5md",
+    "info run.h5md --all",
+    "info orbit.h5md",
+    "info orbit.h5md --all",
+    "info ode.h5",
+    "info ode.h5 --all",
+]
+# What these print depends on the clock; the first three write the files that other commands read.
 MEASURED = [
     "run two-body --steps 10 --output run.h5md --overwrite",
     "run sun-jupiter --steps 10 --output orbit.h5md --overwrite",
+    "run ode-kepler --steps 20 --output ode.h5 --overwrite",
     "resume run.h5md",
     "compare ode-harmonic --time 40 --length 40 --integrator velocity-verlet --integrator rk4 --accuracy 0.1",
     "chaos figure-eight --time 5",

@@ -273,7 +273,8 @@ def test_a_figure_without_a_column_names_the_columns(tmp_path):
     sim.run(20, every=5, output=path, columns=[RADIUS, INERTIA])
     drawn = kickdrift("plot", path)
     assert (drawn.exit_code, drawn.stdout) == (0, f"{path.with_suffix('.png')}\n")
-    assert drawn.stderr == f"{path}: --column NAME draws a column of this run: radius_of_gyration, inertia\n"
-    assert kickdrift("plot", path, "--kind", "energies", "--overwrite").stderr == ""
+    said = drawn.stderr.splitlines()[-1]  # after what is compiled, if anything is
+    assert said == f"{path}: --column NAME draws a column of this run: radius_of_gyration, inertia"
+    assert "--column" not in kickdrift("plot", path, "--kind", "energies", "--overwrite").stderr
     make().run(20, every=5, output=tmp_path / "b.h5md")
-    assert kickdrift("plot", tmp_path / "b.h5md").stderr == ""
+    assert "--column" not in kickdrift("plot", tmp_path / "b.h5md").stderr
