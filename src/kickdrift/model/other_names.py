@@ -12,7 +12,7 @@ from kickdrift.text import VALUE, clean
 
 TEMPERATURE = "methods of constant temperature are baoab, csvr and nose-hoover"
 PRESSURE = "constant pressure is not there yet; the box keeps its size"
-MINIMISATION = "energy minimisation is not there yet"
+MINIMISATION = "energy minimisation is no run: kickdrift relax SYSTEM, or Simulation.minimize"
 CLOSE = (
     "a switch to another method at close encounters is not there yet; 'gauss-radau15' follows close encounters, and "
     "events record them"
