@@ -8,12 +8,21 @@ import numpy as np
 
 import kickdrift as kd
 from kickdrift.forces import LennardJones
+from kickdrift.integrators import integrator
 from kickdrift.model.system import System
 
 CUTOFF = 2.5
 GRID = 2.0**-24  # grid for positions and edges: differences and subtracted edges are then exact in both implementations
 SPECIES = {"A": {}, "B": {"epsilon": 0.5, "sigma": 0.8}, "C": {"epsilon": 1.5, "sigma": 1.1}}
 PAIRS = {("C", "A"): {"epsilon": 0.25, "sigma": 0.9}, ("B", "B"): {"sigma": 0.7}}
+
+
+BATH = {"temperature": 1.0, "friction": 1.0, "tau": 0.5, "collision_rate": 1.0}
+
+
+def needed(name):
+    """Values of the options that a method cannot do without, beside dt: those of its heat bath."""
+    return {each.name: BATH[each.name] for each in integrator(name).declared if each.name in BATH}
 
 
 def liquid(count=64, cutoff=2.0, seed=3) -> kd.System:

@@ -17,6 +17,7 @@ from kickdrift.integrators.step_control import CONTROLLERS
 from kickdrift.model.run_defaults import RunDefaults
 from kickdrift.systemfile.reading import loads
 from kickdrift.systemfile.schema_run import run_keys
+from tests.systems import needed
 
 METHODS = {method.name: method for method in INTEGRATORS.values()}
 CASES = [(name, each.name) for name, method in METHODS.items() for each in method.options if each is not DT]
@@ -27,6 +28,18 @@ central = {{ body = "Sun", mass = 1.0 }}
 elements = [{{ body = "Jupiter", mass = 9.55e-4, a = 5.2, e = 0.048 }}]
 [[force]]
 type = "gravity"
+[run]
+integrator = "{name}"
+{option}
+"""
+
+
+LIQUID = """
+units = "lj"
+[particles]
+positions = [[0, 0, 0], [1.2, 0, 0], [0, 1.3, 0]]
+[[force]]
+type = "lennard-jones"
 [run]
 integrator = "{name}"
 {option}
@@ -45,7 +58,7 @@ def value_of(option: Option) -> Any:
         return next((choice for choice in reversed(option.choices) if choice != option.default), option.default)
     if option.type is bool:
         return not option.default
-    return 0.5 * (option.default or 0.5)
+    return (option.default or 3) - 1 if option.type is int else 0.5 * (option.default or 0.5)
 
 
 def wrong_value_of(option: Option) -> Any:
@@ -59,13 +72,17 @@ def toml(value: Any) -> str:
 
 
 def from_file(name: str, line: str) -> kd.System:
-    system = loads(FILE.format(name=name, option=line))
+    system = loads((LIQUID if METHODS[name].bath else FILE).format(name=name, option=line))
     assert isinstance(system, kd.System)
     return system
 
 
-def step(name: str) -> dict[str, float]:
-    return {"dt": 0.1} if METHODS[name].needs_dt else {}
+BATHS = ("temperature", "friction", "seed", "tau", "chain", "collision_rate")  # options of heat baths
+
+
+def step(name: str, but: str = "") -> dict[str, float]:
+    given = needed(name) | ({"dt": 0.1} if METHODS[name].needs_dt else {})
+    return {key: value for key, value in given.items() if key != but}
 
 
 @pytest.mark.parametrize(("name", "key"), CASES)
@@ -73,10 +90,10 @@ def test_an_option_is_a_keyword_a_key_of_run_and_a_text(name, key):
     option = declared(name, key)
     value, plain = value_of(option), from_file(name, "")
     ways = {
-        "keyword": kd.Simulation(plain, name, **step(name), **{key: value}),
-        "file": kd.Simulation(from_file(name, f"{key} = {toml(value)}"), **step(name)),
-        "text": kd.Simulation(plain, name, **step(name), **parsed([f"{key}={as_text(value)}"], {})),
-        "value": kd.Simulation(plain, kd.integrator(name, **{key: value}), **step(name)),
+        "keyword": kd.Simulation(plain, name, **step(name, key), **{key: value}),
+        "file": kd.Simulation(from_file(name, f"{key} = {toml(value)}"), **step(name, key)),
+        "text": kd.Simulation(plain, name, **step(name, key), **parsed([f"{key}={as_text(value)}"], {})),
+        "value": kd.Simulation(plain, kd.integrator(name, **{key: value}), **step(name, key)),
     }
     for way, sim in ways.items():
         assert sim.options[key] == value, way
@@ -90,11 +107,11 @@ def test_a_value_that_an_option_cannot_have_is_refused_by_its_name(name, key):
     option = declared(name, key)
     wrong, plain = wrong_value_of(option), from_file(name, "")
     with pytest.raises(InputError, match=rf"^{key}\b"):
-        kd.Simulation(plain, name, **step(name), **{key: wrong})
+        kd.Simulation(plain, name, **step(name, key), **{key: wrong})
     with pytest.raises(InputError, match=rf"run\.{key}: |^{key} "):
-        kd.Simulation(from_file(name, f"{key} = {toml(wrong)}"), **step(name))
+        kd.Simulation(from_file(name, f"{key} = {toml(wrong)}"), **step(name, key))
     with pytest.raises(InputError, match=rf"^{key}\b"):
-        kd.Simulation(plain, name, **step(name), **parsed([f"{key}={as_text(wrong)}"], {}))
+        kd.Simulation(plain, name, **step(name, key), **parsed([f"{key}={as_text(wrong)}"], {}))
     with pytest.raises(InputError, match=rf"^{key}\b"):
         kd.integrator(name, **{key: wrong})
 
@@ -116,7 +133,7 @@ def test_defaults_are_those_declared():
         options = kd.Simulation(from_file(name, ""), name, **step(name)).options
         for each in method.declared:
             expected = each.default if each.written or each.name == "eta" else None
-            assert options[each.name] == expected, (name, each.name)
+            assert options.get(each.name) == needed(name).get(each.name, expected), (name, each.name)
         assert options.precision is None
     options = kd.Simulation(from_file("dop853", ""), "dop853").options
     assert options.tolerances == (OPTIONS["rtol"].default, OPTIONS["atol"].default)
@@ -142,9 +159,9 @@ def test_controllers_are_the_choices():
 
 
 def test_every_option_of_the_table_is_taken_by_a_method_and_is_a_key_of_run():
-    assert list(known_options()) == list(OPTIONS)
-    assert all(takers(name) for name in OPTIONS)
-    assert run_keys() == ["integrator", "dt", "steps", "time", "every", "interval", *OPTIONS]
+    assert list(known_options()) == [*OPTIONS, *BATHS]
+    assert all(takers(name) for name in known_options())
+    assert run_keys() == ["integrator", "dt", "steps", "time", "every", "interval", *OPTIONS, *BATHS]
     assert takers(PRECISION.name) == list(METHODS)
 
 
@@ -212,7 +229,7 @@ def test_options_are_values():
     ({"name": "threads"}, "that means nothing else"),
     ({"type": list}, "option friction: type must be float, int, str or bool"),
     ({"help": " "}, "option friction: help must say what it does"),
-    ({"dimension": "length"}, "option friction: dimension must be 'time' or ''"),
+    ({"dimension": "length"}, "option friction: dimension must be one of '', 'time', 'rate', 'temperature', got"),
     ({"choices": ("a",)}, "option friction: expected a number among choices, got 'a'"),
     ({"type": str, "choices": ("a b",)}, "option friction: expected a name among choices, got 'a b'"),
     ({"above": 0.0, "default": -1.0}, "friction must be a positive number, got -1.0"),

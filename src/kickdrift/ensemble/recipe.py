@@ -17,10 +17,11 @@ from kickdrift.ensemble.keys import path_of, with_values
 from kickdrift.ensemble.members import Member
 from kickdrift.errors import InputError
 from kickdrift.integrators import INTEGRATORS
-from kickdrift.integrators.asked import from_text
+from kickdrift.integrators.asked import draws_noise, from_text
 from kickdrift.integrators.method import Method
 from kickdrift.integrators.registration import load_file
 from kickdrift.model.problem import Problem
+from kickdrift.model.run_defaults import RunDefaults
 from kickdrift.model.system import System
 from kickdrift.systemfile.reading import built, draws
 
@@ -51,7 +52,7 @@ class SystemText:
 
         data = with_values(self.data, dict(values))
         text = tomli_w.dumps(data) if with_source else ""
-        return built(data, self.name, None if seeded(values) else seed, self.folder, text)
+        return with_noise(built(data, self.name, None if seeded(values) else seed, self.folder, text), seed)
 
 
 @dataclass(frozen=True)
@@ -86,7 +87,7 @@ class SystemMaker:
             made = made(**own, **({"seed": seed} if "seed" in taken and "seed" not in own else {}))
             if not isinstance(made, System | Problem):
                 raise InputError(f"{self.name}(): returned a {type(made).__name__}, expected a System")
-        return made.with_run(**run)
+        return with_noise(made.with_run(**run), seed)
 
 
 @dataclass(frozen=True)
@@ -134,6 +135,15 @@ class Recipe:
     def drawn(self) -> bool:
         """Tell whether members with the same values differ by their seeds, as far as this is known."""
         if self.measure == MEGNO:
+            return True
+        if isinstance(self.subject, SystemText):
+            run = self.subject.data.get("run")
+        else:
+            run = None if callable(self.subject.made) else self.subject.made.run.said()
+        named = (run if isinstance(run, dict) else {}) | {
+            path_of(key)[-1]: value for key, value in self.settings.items() if path_of(key)[0] == "run"
+        }
+        if draws_noise(RunDefaults(**named)):
             return True
         if isinstance(self.subject, SystemText):
             return draws(self.subject.data)
@@ -193,6 +203,11 @@ class Recipe:
             "integrator": identity.digest(*map(repr, self.methods), *files) if self.methods or files else "",
             "trajectories": "yes" if self.trajectories else "no",
         }
+
+
+def with_noise(system: System | Problem, seed: int) -> System | Problem:
+    """The system with this seed in ``[run]``, if its integrator draws random numbers and has no seed there."""
+    return system.with_run(seed=seed) if draws_noise(system.run) else system
 
 
 def seeded(values: Iterable[str]) -> bool:

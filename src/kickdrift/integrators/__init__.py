@@ -6,6 +6,7 @@ from difflib import get_close_matches
 
 from kickdrift.errors import InputError
 from kickdrift.integrators import (
+    baths,
     exact,
     gauss_radau,
     hermite,
@@ -26,6 +27,7 @@ INTEGRATORS: dict[str, Method] = {
     row.name: row
     for row in (
         *splitting.ROWS,
+        *baths.ROWS,
         *stormer.ROWS,
         *exact.ROWS,
         *reversible.ROWS,
@@ -38,7 +40,7 @@ INTEGRATORS: dict[str, Method] = {
         *scipy_methods.ROWS,
     )
 }
-INTEGRATORS |= {alias: INTEGRATORS[name] for alias, name in splitting.ALIASES.items()}
+INTEGRATORS |= {alias: INTEGRATORS[name] for alias, name in (splitting.ALIASES | baths.ALIASES).items()}
 
 
 def integrator(name: str) -> Method:

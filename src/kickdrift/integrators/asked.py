@@ -11,7 +11,7 @@ from kickdrift.errors import InputError
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators import integrator as method_named
 from kickdrift.integrators.method import Method
-from kickdrift.integrators.option import DT, OPTIONS, PRECISION, Option, merged
+from kickdrift.integrators.option import DT, OPTIONS, PRECISION, SEED, Option, merged
 from kickdrift.integrators.options import Options
 from kickdrift.model.other_names import other_name
 from kickdrift.model.run_defaults import RunDefaults
@@ -173,6 +173,12 @@ def settled(method: Method, asked: Mapping[str, Any], run: RunDefaults) -> Optio
     said = {key: value for key, value in asked.items() if value is not None}
     refuse_unknown([*asked, *run.options], method)
     return method.checked(Options(**{"dt": run.dt, **run.options, **said}), Options(**said))
+
+
+def draws_noise(run: RunDefaults) -> bool:
+    """Tell whether the integrator of ``[run]`` draws random numbers with a seed that is not given there."""
+    method = INTEGRATORS.get(run.integrator) if isinstance(run.integrator, str) else None
+    return method is not None and SEED.name in method.tunable and SEED.name not in run.options
 
 
 def parsed(pairs: Iterable[str], flags: Mapping[str, Any]) -> dict[str, Any]:

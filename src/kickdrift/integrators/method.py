@@ -16,12 +16,14 @@ from kickdrift.integrators.option import (
     MIXED,
     PRECISION,
     RTOL,
+    TEMPERATURE,
     Option,
 )
 from kickdrift.integrators.options import Options
 
 PRECISIONS = PRECISION.choices  # precisions of pair forces
 OWN_FORCES = "adds up forces of its own"  # reason against mixed precision
+WITH_BATH = "baoab, csvr and nose-hoover"  # the recommended ones
 SOLVES = "solves equations to the rounding of float64"
 
 if TYPE_CHECKING:
@@ -47,6 +49,8 @@ class Method:
         effect on the others, except for steps set by an error estimate
     separable : whether accelerations must depend on positions and time alone
     trial_steps : whether the method may evaluate the force far from the solution
+    bath : whether the method exchanges heat with a bath
+    drags : whether the bath changes the total momentum
     particles_only : whether the method runs Systems only, no Problems
     rescalable : whether velocities may change between two steps without a restart
     declared : options of a Simulation that the method takes, besides dt and precision; see `Option`
@@ -86,6 +90,14 @@ class Method:
 
     @property
     def particles_only(self) -> bool:
+        return False
+
+    @property
+    def bath(self) -> bool:
+        return False
+
+    @property
+    def drags(self) -> bool:
         return False
 
     @property
@@ -159,7 +171,8 @@ class Method:
         for key, value in asked.items():
             if key not in ("dt", PRECISION.name, *self.tunable) and value is not None and value is not False:
                 takes = ", ".join(("dt", *self.tunable))
-                raise InputError(f"{key}: {self.name} does not take it; it takes {takes}")
+                hint = f"; methods with a heat bath are {WITH_BATH}" if key == TEMPERATURE.name else ""
+                raise InputError(f"{key}: {self.name} does not take it; it takes {takes}{hint}")
         kept = {each.name: each.filled(given.get(each.name)) for each in self.declared}
         dt = asked.dt if self.adaptive else given.dt  # a file's dt is not the first step of an adaptive method
         precision = PRECISION.filled(given.precision)

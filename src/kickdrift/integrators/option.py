@@ -20,10 +20,14 @@ from kickdrift.text import shown
 
 DOUBLE, MIXED = "double", "mixed"  # precision of pair forces
 _WORDS = {float: "a number", int: "a whole number", str: "a name", bool: "true or false"}
+DIMENSIONS = {
+    "": "", "time": "the system's unit of time", "rate": "one over the system's unit of time",
+    "temperature": "the system's unit of temperature",
+}  # fmt: skip
 _SWITCH = {"true": True, "yes": True, "on": True, "false": False, "no": False, "off": False}
 _TAKEN = (
     "system", "integrator", "steps", "time", "every", "interval", "threads", "engine", "engine_version", "processes",
-    "events", "seed", "options", "processor", "features", "seeds", "progress",
+    "events", "options", "processor", "features", "seeds", "progress",
 )  # fmt: skip
 
 
@@ -38,7 +42,7 @@ class Option:
     help : one line about the effect
     default : value if none is given; None if there is no single default
     choices : allowed values; () if they cannot be listed
-    dimension : "time" for a number in the system's unit of time, "" for a pure number
+    dimension : "time", "rate" or "temperature" for a number in the system's units, "" for a pure number
     above, most : a number is greater than ``above``, and ``most`` at most
     several : whether a Problem may have one number for each component of y
     written : whether run files record the default if no value was given
@@ -68,8 +72,11 @@ class Option:
             raise InputError(f"option {name}: type must be float, int, str or bool, got {shown(self.type)}")
         if not (isinstance(self.help, str) and self.help.strip()):
             raise InputError(f"option {name}: help must say what it does")
-        if self.dimension not in ("", "time"):
-            raise InputError(f"option {name}: dimension must be 'time' or '', got {shown(self.dimension)}")
+        if self.dimension not in DIMENSIONS:
+            raise InputError(
+                f"option {name}: dimension must be one of {', '.join(map(repr, DIMENSIONS))}, "
+                f"got {shown(self.dimension)}"
+            )
         for choice in self.choices:
             if not isinstance(choice, self.type) or (isinstance(choice, str) and choice.split() != [choice]):
                 raise InputError(f"option {name}: expected {_WORDS[self.type]} among choices, got {shown(choice)}")
@@ -135,7 +142,7 @@ class Option:
         """Allowed numbers as text."""
         whole = "whole " if self.type is int else ""
         if (self.above, self.most) == (0.0, inf):
-            return "a positive finite time" if self.dimension else f"a positive {whole}number"
+            return f"a positive finite {self.dimension}" if self.dimension else f"a positive {whole}number"
         if self.above == -inf and self.most == inf:
             return f"a {whole}number" if whole else "a finite number"
         limits = {"above": self.above, "at most": self.most}
@@ -154,13 +161,13 @@ class Option:
         limits = self.type in (float, int) and (self.above > -inf or self.most < inf) and not self.choices
         if not limits or self.several:
             return words
-        text = self.expected.replace("finite time", "number")
+        text = self.expected.replace(f"finite {self.dimension}", "number")
         return text if text.startswith("a ") else f"a number {text}"
 
     @property
     def unit(self) -> str:
         """Unit of the option as text; "" for a pure number."""
-        return "the system's unit of time" if self.dimension else ""
+        return DIMENSIONS[self.dimension]
 
     @property
     def fallback(self) -> str:
@@ -216,12 +223,24 @@ PRECISION = Option(
     (DOUBLE, MIXED), written=False,
 )  # fmt: skip
 MAX_STEP = Option("max_step", float, "Longest step.", dimension="time", above=0.0)
+TEMPERATURE = Option("temperature", float, "Temperature of the heat bath.", dimension="temperature", above=0.0)
+FRICTION = Option(
+    "friction", float, "Rate at which the heat bath damps velocities.", dimension="rate", above=0.0
+)  # fmt: skip
+TAU = Option("tau", float, "Time in which the heat bath relaxes the temperature.", dimension="time", above=0.0)
+RATE = Option(
+    "collision_rate", float, "Rate at which a particle gets a new velocity.", dimension="rate", above=0.0
+)  # fmt: skip
+CHAIN = Option("chain", int, "Number of thermostats in the chain.", 3, above=0.0, most=20.0)
+SEED = Option(
+    "seed", int, "Seed of the noise; by default the seed of the starting velocities, or 0.", above=-1.0, most=2.0**53
+)
 
 # In the order of run files.
 OPTIONS: dict[str, Option] = {
     each.name: each
     for each in (
-        RTOL, ATOL, CONTROLLER, COMPENSATED, ITERATION, COORDINATES, CORRECTOR, ORDER, ETA, SCHEME, PRECISION, MAX_STEP
+        RTOL, ATOL, CONTROLLER, COMPENSATED, ITERATION, COORDINATES, CORRECTOR, ORDER, ETA, SCHEME, PRECISION, MAX_STEP,
     )
 }  # fmt: skip
 

@@ -12,7 +12,7 @@ from kickdrift.forces.pair_law import PairForce
 from kickdrift.integrators.jacobian import difference_jacobian
 from kickdrift.integrators.particle_states import ParticleStates
 from kickdrift.looks.blow_up import nearest_pair
-from kickdrift.looks.looking import HEAD, NO_ENERGY, Looking, desk_of, look
+from kickdrift.looks.looking import FREEDOM, HEAD, NO_ENERGY, Looking, desk_of, look
 from kickdrift.looks.table import Looks
 from kickdrift.model.checks import unwarned
 from kickdrift.model.state import Floats
@@ -44,6 +44,10 @@ class ParticleFlow(ParticleStates):
             raise InputError(
                 f"dimensions: the forces push {self.subject.body(int(off[0]))} out of the system's two dimensions"
             )
+
+    def count_freedom(self, number: int) -> None:
+        """Set the degrees of freedom by which samples compute the temperature."""
+        self._desk[FREEDOM] = number * self.subject.units.boltzmann
 
     @unwarned
     def tune(self, y: Floats, between: float) -> None:

@@ -88,6 +88,14 @@ class Splitting(Method):
         return same and all(FLOWS[letter].reversible for letter in self.word)
 
     @property
+    def bath(self) -> bool:
+        return any(FLOWS[letter].bath for letter in self.word)
+
+    @property
+    def drags(self) -> bool:
+        return any(FLOWS[letter].drags for letter in self.word)
+
+    @property
     def evaluations(self) -> int:
         """Force evaluations per step; a last kick shares its force with the first kick of the next step."""
         count, known = 0, self.ends_fresh

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from kickdrift.errors import InputError
+from kickdrift.integrators.bath import bath_warnings
 from kickdrift.integrators.loops import FRESH, splitting_loop
 from kickdrift.integrators.stepping import FixedStepper
 from kickdrift.integrators.subflows import FLOWS
@@ -50,13 +52,41 @@ class Composition(Protocol):
 class SplittingStepper(FixedStepper):
     """Steps of a word over flows. The workspace keeps the accelerations of the last kick while positions stay fixed."""
 
+    saved = (*FixedStepper.saved, "baths")
+
     def __init__(self, flow: Flow, method: Composition, options: Options) -> None:
         rows = [FLOWS[letter] for letter in method.further]
         self._bound = [row.bind(flow, options).ready() for row in rows if row.bind]
+        self._baths = [bound for bound, row in zip(self._bound, rows, strict=True) if row.bath]
+        self.warnings = bath_warnings(options.dt, options) if self._baths else []
         table = [(bound.address, bound.work, row.moves) for bound, row in zip(self._bound, rows, strict=True)]
         word = Word(method.stages, Further(method.further_stages, np.array(table, np.int64)) if table else None)
         super().__init__(flow, splitting_loop, word, lambda shape: np.zeros(shape[1:]), options, kept=True)
         self.ends_fresh = method.ends_fresh
+
+    @property
+    def heat(self) -> float:
+        """Energy that baths have given since the state was set."""
+        return float(sum(bound.parts.bath.heat[0] for bound in self._baths))
+
+    @property
+    def baths(self) -> list[Floats]:
+        """The memory of all baths: heat, and the state of those that have one."""
+        found = [bound.parts.bath.heat for bound in self._baths]
+        return found + [bound.parts.state for bound in self._baths if hasattr(bound.parts, "state")]
+
+    @baths.setter
+    def baths(self, given: list[Floats]) -> None:
+        there = self.baths
+        if [np.shape(each) for each in given] != [each.shape for each in there]:
+            raise InputError("checkpoint: baths do not fit a run of this system")
+        for array, values in zip(there, given, strict=True):
+            array[...] = values
+
+    def reset(self, y: Floats, time: float, steps: int) -> None:
+        super().reset(y, time, steps)
+        for array in self.baths:
+            array[...] = 0.0
 
     @property
     def fresh(self) -> bool:  # type: ignore[override]

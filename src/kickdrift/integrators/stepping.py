@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -164,7 +164,7 @@ class FixedStepper(Regular):
     """
 
     trouble = ""
-    saved = ("_start", "_cursor", "_carry", "_carried")
+    saved: ClassVar[tuple[str, ...]] = ("_start", "_cursor", "_carry", "_carried")
 
     def __init__(
         self, flow: Flow, loop: Any, stages: Any, room: Callable[..., Floats], options: Options, kept: bool

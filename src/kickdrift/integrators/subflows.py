@@ -11,7 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from kickdrift.integrators.option import Option
+from kickdrift.integrators.option import CHAIN, FRICTION, RATE, SEED, TAU, TEMPERATURE, Option
 
 if TYPE_CHECKING:
     from kickdrift.integrators.flow import Flow
@@ -30,6 +30,8 @@ class Subflow:
     name : what the flow is called
     moves : whether it changes positions, so that forces must be evaluated anew
     symplectic, reversible : whether the flow keeps the symplectic form; whether -dt undoes dt
+    bath : whether the flow exchanges heat with a bath
+    drags : whether the bath changes the total momentum
     options : what the flow takes; every method whose word has the letter takes it
     bind : makes the BoundSubflow of a run from its Flow and Options; None for kick and drift, which loops have built in
     """
@@ -38,8 +40,30 @@ class Subflow:
     moves: bool
     symplectic: bool = True
     reversible: bool = True
+    bath: bool = False
+    drags: bool = False
     options: tuple[Option, ...] = ()
     bind: Callable[[Flow, Options], BoundSubflow] | None = None
 
 
-FLOWS = {DRIFT: Subflow("drift", moves=True), KICK: Subflow("kick", moves=False)}
+def _bath(letter: str, name: str, *options: Option, drags: bool) -> Subflow:
+    """Return the row of a heat bath. Its module, which needs the compiler, is loaded when a run begins."""
+
+    def bind(flow: Flow, options: Options) -> BoundSubflow:
+        from kickdrift.integrators import andersen, csvr, nose_hoover, ornstein_uhlenbeck
+
+        modules = {"O": ornstein_uhlenbeck, "C": csvr, "D": andersen, "N": nose_hoover}
+        bound: BoundSubflow = modules[letter].bind(flow, options)
+        return bound
+
+    return Subflow(name, False, False, False, True, drags, (TEMPERATURE, *options), bind)
+
+
+FLOWS = {
+    DRIFT: Subflow("drift", moves=True),
+    KICK: Subflow("kick", moves=False),
+    "O": _bath("O", "Ornstein-Uhlenbeck", FRICTION, SEED, drags=True),
+    "C": _bath("C", "stochastic rescaling", TAU, SEED, drags=False),
+    "D": _bath("D", "Andersen's collisions", RATE, SEED, drags=True),
+    "N": _bath("N", "Nosé-Hoover chain", TAU, CHAIN, drags=False),
+}

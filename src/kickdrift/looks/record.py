@@ -33,8 +33,8 @@ class Series(NamedTuple):
     momentum, angular_momentum : (k, 3), with the momentum that events took out; None for a Problem
     temperature, pressure, pairs : means; undefined ones are nan, and None for pairs
     kinetics : (k,) kinetic energy; nan for a Problem
-    temperatures : (k,) temperature; None where it is undefined
-    taken : (k,) energy that events had taken out
+    temperatures, pressures : (k,) temperature and pressure; None if a sample has none
+    taken : (k,) energy that events had taken out, or minus the heat that a bath had given
     """
 
     steps: NDArray[np.int64]
@@ -50,6 +50,7 @@ class Series(NamedTuple):
     kinetics: Floats | float = float("nan")
     temperatures: Floats | None = None
     taken: Floats | float = 0.0
+    pressures: Floats | None = None
 
 
 def even_stretch(steps: NDArray[np.int64]) -> slice:
@@ -158,7 +159,7 @@ class Record:
         """Return the looks so far as a Series; later looks do not change it."""
         steps, rows = self.looks.held()
         first, known = rows[0], ~np.isnan(rows[:, column.PAIRS])
-        temperatures = rows[:, column.TEMPERATURE]
+        temperatures, pressures = rows[:, column.TEMPERATURE], rows[:, column.PRESSURE]
         return Series(
             steps=steps,
             times=rows[:, column.TIME],
@@ -168,11 +169,12 @@ class Record:
             momentum=_vectors(rows, column.MOMENTUM, column.MOMENTUM_TAKEN),
             angular_momentum=_vectors(rows, column.ANGULAR, column.ANGULAR_TAKEN),
             temperature=float(temperatures.mean()),
-            pressure=float(rows[:, column.PRESSURE].mean()),
+            pressure=float(pressures.mean()),
             pairs=float(rows[known, column.PAIRS].mean()) if known.any() else None,
             kinetics=rows[:, column.KINETIC],
             temperatures=temperatures if np.isfinite(temperatures).all() else None,
             taken=rows[:, column.ENERGY_TAKEN],
+            pressures=pressures if np.isfinite(pressures).all() else None,
         )
 
 

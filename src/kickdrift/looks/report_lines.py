@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from kickdrift.text import measured
+from kickdrift.text import measured, with_error
 
 
 def method_text(name: str, options: Mapping[str, Any], time_unit: str = "") -> str:
@@ -22,24 +22,45 @@ def method_text(name: str, options: Mapping[str, Any], time_unit: str = "") -> s
 
 
 def energy_lines(
-    energy: Mapping[str, Any], energy_unit: str, time_unit: str, length: float, cause: str = ""
+    energy: Mapping[str, Any],
+    energy_unit: str,
+    time_unit: str,
+    length: float,
+    cause: str = "",
+    heat: float | None = None,
 ) -> list[tuple[str, str]]:
     """Lines of the values of an EnergyReport; values that are None are left out.
 
-    ``length`` is the time of the run. ``cause`` follows a secular drift."""
+    ``length`` is the time of the run. ``cause`` follows a secular drift. ``heat`` is the energy from a heat bath, None
+    without a bath; error and drift are then those of the energy less the heat."""
+    less_heat = "" if heat is None else " (energy less heat)"
     unit = measured("", energy_unit)
     per = f" per {time_unit or 'unit of time'}"
     lines = []
     if _are_numbers(energy, "initial", "final"):
         lines.append(("energy", f"{energy['initial']:.8g} at the start, {energy['final']:.8g}{unit} at the end"))
+    if heat is not None:
+        lines.append(("heat", f"{heat:.8g}{unit} from the heat bath"))
     if _are_numbers(energy, "rms_relative_error", "max_relative_error"):
         rms, largest = energy["rms_relative_error"], energy["max_relative_error"]
-        lines.append(("energy error", f"{rms:.2e} RMS, {largest:.2e} largest, of {energy.get('relative_to')}"))
+        lines.append(
+            ("energy error", f"{rms:.2e} RMS, {largest:.2e} largest, of {energy.get('relative_to')}{less_heat}")
+        )
     drift, verdict = drift_text(energy), energy.get("verdict")
     if isinstance(verdict, str):
         context = _size(energy, length) + cause if drift and verdict == "secular drift" else ""
-        lines.append(("energy drift", f"{drift}{per}: {verdict}{context}" if drift else verdict))
+        lines.append(("energy drift", (f"{drift}{per}: {verdict}{context}" if drift else verdict) + less_heat))
     return lines
+
+
+def mean_text(mean: float, error: float | None, unit: str) -> str:
+    """A mean over the samples with its standard error, if there is one, and its unit."""
+    return f"{measured(with_error(mean, error) if error else f'{mean:.5g}', unit)} (mean)"
+
+
+def verdict_text(asked: float | None, verdict: str | None, unit: str) -> str:
+    """The temperature of a heat bath beside the mean; empty without a verdict."""
+    return "" if verdict is None or asked is None else f", asked {measured(f'{asked:g}', unit)}: {verdict}"
 
 
 def drift_text(energy: Mapping[str, Any]) -> str:

@@ -10,9 +10,7 @@ from functools import cache
 
 from kickdrift.text import VALUE, clean
 
-TEMPERATURE = (
-    "constant temperature is not there yet; Simulation.equilibrate and [equilibrate] rescale velocities before a run"
-)
+TEMPERATURE = "methods of constant temperature are baoab, csvr and nose-hoover"
 PRESSURE = "constant pressure is not there yet; the box keeps its size"
 MINIMISATION = "energy minimisation is not there yet"
 CLOSE = (
@@ -63,15 +61,15 @@ ROWS: dict[str, tuple[tuple[str, str], ...]] = {
         ("omelyan", "{word} is 'pefrl' here"),
         ("respa r-respa rrespa mts multiple-time-step", "multiple time steps are not there yet"),
         ("rattle shake settle lincs", "constraints are not there yet; 'springs' are harmonic bonds"),
-        (
-            "nvt nose-hoover nosehoover nosehooverintegrator nose langevin langevinintegrator langevinmiddleintegrator "
-            "langevin-middle andersen berendsen bussi csvr v-rescale svr baoab brownian bd sd nvtberendsen gjf "
-            "thermostat constantnvt fix-nvt fix-langevin",
-            TEMPERATURE,
-        ),
+        ("nvt berendsen nvtberendsen thermostat constantnvt fix-nvt", TEMPERATURE),
+        ("nosehoover nosehooverintegrator nose nose-hoover-chain", "{word} is 'nose-hoover' here"),
+        ("langevinintegrator gjf fix-langevin", "{word} is 'baoab' here"),
+        ("langevinmiddleintegrator langevin-middle sd", "{word} is 'baoa' here"),
+        ("bussi v-rescale svr", "{word} is 'csvr' here"),
+        ("brownian bd", "motion without inertia is not there yet; 'baoab' is Langevin dynamics"),
         (
             "npt nph parrinello-rahman mttk monte-carlo-barostat barostat c-rescale fix-npt nptberendsen",
-            f"{PRESSURE}, and {TEMPERATURE}",
+            f"{PRESSURE}; {TEMPERATURE}",
         ),
         ("minimize minimise cg steep steepest-descent fire l-bfgs lbfgs", MINIMISATION),
     ),
@@ -104,7 +102,7 @@ ROWS: dict[str, tuple[tuple[str, str], ...]] = {
         ("trap spring/self harmonic-well", "{word} is 'harmonic-trap' here"),
         ("field external constant-force addforce efield uniform gravity-uniform", "{word} is 'uniform-field' here"),
         ("drag friction stokes viscous", "{word} is 'linear-drag' here"),
-        ("langevin", TEMPERATURE),
+        ("langevin", "friction with noise belongs to the integrator baoab"),
         (
             "radiation radiation-pressure tides tides-constant-time-lag yarkovsky",
             "{word} is not shipped; a force of your own comes with --load FILE.py",
@@ -192,7 +190,10 @@ ROWS: dict[str, tuple[tuple[str, str], ...]] = {
         ("cutoff rc rcut r-cut rcutoff", "cutoff is a parameter of the pair force"),
         ("g grav big-g gravitational-constant", "G is a parameter of the force 'gravity'"),
         ("box boxsize box-size periodic", "the box belongs to the system"),
-        ("temperature temp thermostat kt nvt langevin nose-hoover", TEMPERATURE),
+        ("temp t-target", "{word} is 'temperature' here, of methods with a heat bath"),
+        ("thermostat nvt langevin nose-hoover", TEMPERATURE),
+        ("gamma damping damping-rate friction-coefficient", "{word} is 'friction' here"),
+        ("tau-t taut tdamp t-damp", "{word} is 'tau' here"),
         ("pressure barostat npt", PRESSURE),
         ("random-seed rng-seed", "{word} is 'seed' here: kd.load(name, seed), --seed, or seed in [velocities]"),
         ("nthreads n-threads num-threads ncores cores cpus nproc n-jobs njobs omp", "{word} is 'threads' here"),

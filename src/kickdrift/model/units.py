@@ -86,7 +86,7 @@ def quantity(value: Any, dimension: str, units: UnitSystem, key: str = "") -> fl
     match = _QUANTITY.fullmatch(value.strip()) if len(value) <= LONGEST else None
     if match is None:
         raise InputError(f"{prefix}{expected}{_example(dimension, units)}, got {shown(value)}")
-    number, unit = float(match[1]), match[2]
+    number, unit = float(match[1]), re.sub("^/", "1/", match[2])  # "5/ps" is 5 times 1/ps
     if not unit:
         raise InputError(f"{prefix}missing unit in {shown(value)}; {expected}{_example(dimension, units)}")
     result = _convert(

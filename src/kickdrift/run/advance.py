@@ -16,6 +16,7 @@ from kickdrift.engines.session import RunFlow, begin
 from kickdrift.errors import InputError
 from kickdrift.forces.kernel import OK
 from kickdrift.integrators.backward import BackwardStepper, mirrored
+from kickdrift.integrators.bath import freedom_of
 from kickdrift.integrators.flow import flow_of
 from kickdrift.integrators.option import MIXED
 from kickdrift.integrators.options import Options
@@ -90,6 +91,11 @@ class Integration:
         with compiling_for(self.purpose):
             self.stepper: Stepper | WatchedStepper = self.stepper_for(job.system)
         self.events: WatchedStepper | None = None
+        if events and self.method.bath:
+            raise InputError(
+                f"events: {self.integrator} has a heat bath, which changes velocities inside steps; "
+                "take a method without one"
+            )
         self.watched = tuple(events)
         if events:
             self.stepper = self.events = WatchedStepper(self, self.stepper, events)
@@ -118,6 +124,8 @@ class Integration:
                 f"{self.integrator}: needs accelerations that depend on positions and time alone, and "
                 f"{flow.not_separable}; Runge-Kutta methods do not"
             )
+        if self.method.bath and isinstance(flow, ParticleFlow):
+            flow.count_freedom(freedom_of(flow.subject, self.method.drags))
         return flow, self.method.stepper(flow, options)
 
     @property

@@ -17,7 +17,7 @@ from kickdrift.integrators.stepping import Regular
 from kickdrift.jit.notices import compiling_for
 from kickdrift.looks.columns import COLUMNS, TIME
 from kickdrift.looks.looking import Looking
-from kickdrift.looks.observers import NOTHING
+from kickdrift.looks.observers import NOTHING, Taken
 from kickdrift.looks.record import BOTH, LOOKS, STEPPING
 from kickdrift.run.advance import Integration
 from kickdrift.run.layer import layer_warning
@@ -42,6 +42,8 @@ class Sampler:
         record, flow, y, safe = run.record, run.flow, run.y, run.safe
         looks, step, time = record.looks, run.steps_done, run.time
         new = again or not looks.at(step, time)
+        if run.method.bath:
+            record.taken = Taken(-run.stepper.heat, 0.0, 0.0)  # type: ignore[union-attr]
         if not new:
             if record.taken is not NOTHING:
                 looks.retake(record.taken)
@@ -69,7 +71,12 @@ class Sampler:
         The number is 0 if a series is impossible or does not pay."""
         run = self._run
         stepper: Any = run.stepper
-        if run.at is not None or run.record.taken is not NOTHING or not getattr(stepper, "steady", False):
+        if (
+            run.at is not None
+            or run.record.taken is not NOTHING
+            or run.method.bath
+            or not getattr(stepper, "steady", False)
+        ):
             return 0
         if isinstance(stepper, Regular) and plan.every:
             done = stepper.steps_done

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field, fields, replace
+from functools import cached_property
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -14,10 +15,11 @@ from kickdrift.display.showing import above
 from kickdrift.engines import NATIVE
 from kickdrift.forces.pair_law import PairForce
 from kickdrift.integrators.method import Method
+from kickdrift.integrators.option import TEMPERATURE
 from kickdrift.integrators.options import Options
 from kickdrift.looks.energy_trend import energy_trend
 from kickdrift.looks.observers import NOTHING
-from kickdrift.looks.record import BOTH, LOOKS, OBSERVING, STEPPING, WRITING, Record, Series
+from kickdrift.looks.record import BOTH, LOOKS, OBSERVING, STEPPING, WRITING, Record, Series, even_stretch, on_grid
 from kickdrift.model.checks import unwarned
 from kickdrift.model.problem import Problem
 from kickdrift.model.state import Floats
@@ -25,12 +27,15 @@ from kickdrift.model.system import System
 from kickdrift.model.unit_systems import UnitSystem
 from kickdrift.run.melting import melting
 from kickdrift.run.shown import ShownReport
+from kickdrift.statistics.blocks import block_average
 from kickdrift.statistics.drift import EnergyError, energy_error
 
 
 @dataclass(frozen=True)
 class EnergyReport:
     """Errors and drift of the total energy; ``statistics.drift`` has definitions and sources.
+
+    With a heat bath, errors and drift are those of the total energy less the heat, which is conserved.
 
     Attributes
     ----------
@@ -78,6 +83,7 @@ class EnergyReport:
 
 COMPILING = "compiling"
 _JUDGED = ("drift_per_unit_time", "drift_error", "verdict")
+AGREES = 3.0  # standard errors
 
 
 class About(NamedTuple):
@@ -88,6 +94,8 @@ class About(NamedTuple):
     units : UnitSystem; None for a Problem
     dimensions : of the particles' space
     series : the samples
+    even : whether the samples are equally many steps apart, except perhaps at the ends
+    bath : whether a heat bath acted
     output : path of the run's file, "" if none was written
     jumps : whether a pair force jumps at its cutoff
     """
@@ -95,6 +103,8 @@ class About(NamedTuple):
     units: UnitSystem | None
     dimensions: int
     series: Series
+    even: bool = True
+    bath: bool = False
     output: str = ""
     jumps: bool = False
 
@@ -109,7 +119,11 @@ class Report(ShownReport):
     ``momentum_error`` is the largest |P(t) - P(0)| over the samples divided by the sum of m |v| at the start. It is
     None in an external field. ``angular_momentum_error`` is the same with m |x × v|. It is None also in a periodic box,
     which does not conserve angular momentum. ``temperature`` and ``pressure`` are means over the samples, in the
-    system's units; None where they are undefined. ``options`` holds the options except dt and tolerances.
+    system's units; None where they are undefined. ``temperature_error`` and ``pressure_error`` are their standard
+    errors, see ``statistics.blocks``; None if the run is too short for its correlations. ``temperature_verdict``
+    compares the mean temperature with the temperature of a heat bath: "agrees" within three standard errors, else
+    "differs by 4.1 standard errors", or "too short to judge"; None without a heat bath. ``heat`` is the energy that the
+    bath gave, None without a bath. ``options`` holds the options except dt and tolerances.
     ``wall_seconds`` is the time of steps and looks, ``compile_seconds`` that of compiling, or of loading compiled code
     from the disk. ``seconds`` tells where the time went: "stepping", "looks", "writing", "observing" (``observe`` and
     the user's columns) and "compiling". "looks" is None if compiled code takes looks between its steps: "stepping"
@@ -154,8 +168,39 @@ class Report(ShownReport):
     events: list[dict[str, Any]]
     energy_taken: float | None
     stopped: str
+    heat: float | None
     warnings: list[str]
     about: About = field(compare=False)
+
+    @cached_property
+    def temperature_error(self) -> float | None:
+        """Standard error of the mean temperature; None if it is undefined or the run is too short."""
+        return self._error(self.about.series.temperatures)
+
+    @cached_property
+    def pressure_error(self) -> float | None:
+        """Standard error of the mean pressure; None if it is undefined or the run is too short."""
+        return self._error(self.about.series.pressures)
+
+    @property
+    def temperature_verdict(self) -> str | None:
+        """The mean temperature beside the temperature of the heat bath, in words; None without a bath."""
+        if not self.about.bath or self.temperature is None:
+            return None
+        if not self.temperature_error:
+            return "too short to judge"
+        off = abs(self.temperature - self.options[TEMPERATURE.name]) / self.temperature_error
+        return "agrees" if off <= AGREES else f"differs by {off:.1f} standard errors"
+
+    def _error(self, values: Floats | None) -> float | None:
+        if values is None:
+            return None
+        if self.about.even:
+            series = self.about.series
+            whole = on_grid(series.steps, series.times)
+            values = values[whole][even_stretch(series.steps[whole])]
+        error = float(block_average(values).error)
+        return error if np.isfinite(error) else None
 
     def plot(self) -> Any:
         """Draw energies, energy error and temperature at the samples; a matplotlib Figure.
@@ -166,7 +211,8 @@ class Report(ShownReport):
 
     def as_json(self) -> dict[str, Any]:
         """Return the report as plain numbers, texts and Nones; infinities and nan become None."""
-        own = {key: value for key, value in vars(self).items() if key != "about"}
+        own = {each.name: getattr(self, each.name) for each in fields(self) if each.name != "about"}
+        own |= {name: getattr(self, name) for name in ("temperature_error", "pressure_error", "temperature_verdict")}
         return plain(own | {"energy": self.energy and asdict(self.energy)})
 
     def written_to(self, output: str | os.PathLike[str] | None) -> Report:
@@ -224,7 +270,7 @@ def report(sim: Reported) -> Report:
     """Return the report of a Simulation, or of one system in a Batch, so far."""
     record, system = sim.record, sim.system
     series = record.series()
-    of_particles = isinstance(system, System)
+    of_particles, bath, even = isinstance(system, System), sim.method.bath, not sim.method.chooses_steps
     counted = sim.engine == NATIVE or sim.method.evaluations > 0  # another program has counted its own evaluations
     listed = isinstance(system, System) and any(isinstance(force, PairForce) for force in system.forces)
     work = record.force_evaluations * (series.pairs or 0.0) if listed else 0.0
@@ -256,30 +302,31 @@ def report(sim: Reported) -> Report:
         seconds=seconds_of(record),
         steps_per_second=record.steps / record.wall_seconds if record.wall_seconds else 0.0,
         ns_per_pair=1e9 * record.wall_seconds / work if work else None,
-        energy=_energy(series, not sim.method.chooses_steps, system),
+        energy=_energy(series, even, system),
         momentum_error=None
-        if isinstance(system, System) and system.acting("external")
+        if sim.method.drags or (isinstance(system, System) and system.acting("external"))
         else _largest_change(series.momentum, record.momentum_scale),
         angular_momentum_error=None
-        if isinstance(system, System) and (system.box.periodic or system.acting("external"))
+        if sim.method.drags or (isinstance(system, System) and (system.box.periodic or system.acting("external")))
         else _largest_change(series.angular_momentum, record.angular_momentum_scale),
         temperature=_finite(series.temperature) if of_particles else None,
         pressure=_finite(series.pressure) if of_particles else None,
         y=None if of_particles else sim.state.y.tolist(),
         events=[*sim.events, *sim.going_on()],
-        energy_taken=None if record.taken is NOTHING else record.taken.energy,
+        energy_taken=None if record.taken is NOTHING or bath else record.taken.energy,
         stopped=sim.stopped,
+        heat=-record.taken.energy if bath else None,
         warnings=[*record.warnings, *melted],
-        about=_about(system, series),
+        about=_about(system, series, even, bath),
     )
 
 
-def _about(system: System | Problem, series: Series) -> About:
+def _about(system: System | Problem, series: Series, even: bool, bath: bool) -> About:
     if not isinstance(system, System):
-        return About(None, 0, series)
+        return About(None, 0, series, even)
     pairs = [force for force in system.forces if isinstance(force, PairForce)]
     jumps = any(force.truncation in ("cut", "shift") for force in pairs)
-    return About(system.units, system.dimensions, series, jumps=jumps)
+    return About(system.units, system.dimensions, series, even, bath, jumps=jumps)
 
 
 def _length(record: Record, dt: float) -> float:

@@ -6,7 +6,7 @@ from dataclasses import asdict
 from typing import Any
 
 from kickdrift.display.showing import Lines, Shown, lines_of
-from kickdrift.looks.report_lines import energy_lines, method_text
+from kickdrift.looks.report_lines import energy_lines, mean_text, method_text, verdict_text
 from kickdrift.model.event_log import event_lines
 from kickdrift.model.unit_systems import symbol_of
 from kickdrift.text import counted, measured
@@ -37,17 +37,18 @@ class ShownReport(Shown):
         energy_unit = units.symbol("energy") if units else ""
         if self.energy is not None:
             cause = "; the force jumps at the cutoff, see lj-1000-switch" if self.about.jumps else ""
-            lines += energy_lines(asdict(self.energy), energy_unit, time_unit, self.time, cause)
+            lines += energy_lines(asdict(self.energy), energy_unit, time_unit, self.time, cause, self.heat)
         if self.momentum_error is not None:
             lines.append(("momentum error", f"{self.momentum_error:.1e} of the sum of m |v|"))
         if self.angular_momentum_error is not None:
             lines.append(("angular momentum", f"error {self.angular_momentum_error:.1e} of the sum of m |x × v|"))
         if units and self.temperature is not None:
-            mean = measured(f"{self.temperature:.5g}", units.symbol("temperature"))
-            lines.append(("temperature", f"{mean} (mean)"))
+            symbol, asked = units.symbol("temperature"), self.options.get("temperature")
+            verdict = verdict_text(asked, self.temperature_verdict, symbol)
+            lines.append(("temperature", f"{mean_text(self.temperature, self.temperature_error, symbol)}{verdict}"))
         if units and self.pressure is not None:
             per = symbol_of(f"{units.energy}/{units.length}^{self.about.dimensions}")
-            lines.append(("pressure", f"{measured(f'{self.pressure:.5g}', per)} (mean)"))
+            lines.append(("pressure", f"{mean_text(self.pressure, self.pressure_error, per)}"))
         shown = self.force_evaluations is not None and (not units or self.dt is None)
         evaluations = f"{self.force_evaluations:,} evaluations, " if shown else ""
         per_pair = f", {self.ns_per_pair:.1f} ns per pair" if self.ns_per_pair else ""

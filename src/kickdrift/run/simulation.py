@@ -297,8 +297,11 @@ class Simulation(Present):
 
         Velocities are rescaled to the temperature every ``interval`` steps (Woodcock 1971,
         doi:10.1016/0009-2614(71)80281-6). A last rescaling sets the total energy to the mean over the second half,
-        K(T) + <U>. A following run at constant energy then has ``temperature`` as its mean, not only at its start. For
-        an adaptive method, velocity Verlet with the system file's dt does the equilibration. ``progress`` is as in
+        K(T) + <U>. A following run at constant energy then has ``temperature`` as its mean, not only at its start.
+
+        A method with a heat bath rescales nothing. The bath acts for ``time`` with other random numbers than in the
+        run, and its memory and heat begin anew at zero. An InputError if ``temperature`` is not the bath's. For an
+        adaptive method, velocity Verlet with the system file's dt does the equilibration. ``progress`` is as in
         ``run``.
         """
         check_asked(None, progress, False, "equilibrate")

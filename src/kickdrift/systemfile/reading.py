@@ -13,6 +13,7 @@ import numpy as np
 
 from kickdrift.errors import InputError
 from kickdrift.forces import FORCES
+from kickdrift.integrators.asked import draws_noise
 from kickdrift.model.box import Box
 from kickdrift.model.checks import no_overflow, whole_number
 from kickdrift.model.orbits import G_given
@@ -170,7 +171,7 @@ def _system(data: dict[str, Any], path: Path, text: str, seed: int | None, overl
     start = _start(table, units, path.parent, G_given(forces, units), seed)
     velocities = start.velocities
     drawn = table.velocities is not None and table.velocities.temperature is not None
-    if seed is not None and not drawn and start.seed is None:
+    if seed is not None and not drawn and start.seed is None and not draws_noise(run):
         _note_unused_seed()
         seed = None
     seed = start.seed if start.seed is not None else seed

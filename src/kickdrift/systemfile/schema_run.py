@@ -7,7 +7,7 @@ from functools import cache
 from math import isfinite
 from typing import Annotated, Any, Literal
 
-from pydantic import Discriminator, Field, PositiveFloat, Tag, create_model, model_validator
+from pydantic import BeforeValidator, Discriminator, Field, PositiveFloat, Tag, create_model, model_validator
 
 from kickdrift.errors import InputError
 from kickdrift.integrators.asked import known_options, meant
@@ -17,7 +17,7 @@ from kickdrift.model.other_names import other_name
 from kickdrift.model.run_defaults import RunDefaults
 from kickdrift.model.unit_systems import UnitSystem
 from kickdrift.systemfile.schema import checked
-from kickdrift.systemfile.schema_base import Table, Time
+from kickdrift.systemfile.schema_base import In, Table, Time
 
 Steps = Annotated[int, Field(gt=0, le=MOST_STEPS)]
 
@@ -85,8 +85,10 @@ def _type(option: Option, units: bool) -> Any:
     """Type of an option's values in a system file."""
     if option.choices:
         return Literal[option.choices]
-    if option.dimension == "time" and units:
-        return Time
+    if option.dimension and units:
+        return (
+            Time if option.dimension == "time" else Annotated[float, BeforeValidator(In(option.dimension, "positive"))]
+        )
     one: Any = option.type
     if option.type in (float, int):
         bounds: dict[str, Any] = {"gt": option.above, "le": option.most}

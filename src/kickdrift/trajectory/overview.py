@@ -8,9 +8,12 @@ from typing import Any
 
 import numpy as np
 
+from kickdrift.display.showing import KEY
 from kickdrift.errors import InputError
+from kickdrift.integrators import INTEGRATORS
+from kickdrift.integrators.method import Method
 from kickdrift.looks.energy_trend import energy_trend
-from kickdrift.looks.report_lines import energy_lines, method_text
+from kickdrift.looks.report_lines import energy_lines, mean_text, method_text, verdict_text
 from kickdrift.model.checks import unwarned
 from kickdrift.model.state import Floats
 from kickdrift.model.unit_systems import symbol_of
@@ -26,6 +29,7 @@ from kickdrift.trajectory.recorded import Samples
 
 Lines = list[tuple[str, str]]
 _CHOICES = ("dt", "rtol", "atol")
+FITS = 80 - KEY - 1  # characters of a line
 
 
 def overview(path: str | os.PathLike[str]) -> Lines:
@@ -53,7 +57,11 @@ def overview_of(run: Run) -> Lines:
         lines.append(("length", f"{last - first:,} steps, {measured(f'{end - begin:g}', units['time'])}"))
     energy = report.get("energy")
     if isinstance(energy, dict) and found["time"]:
-        lines += energy_lines(energy, units["energy"], units["time"], found["time"][1] - found["time"][0])
+        heat = report.get("heat")
+        lines += energy_lines(
+            energy, units["energy"], units["time"], found["time"][1] - found["time"][0],
+            heat=heat if _is_number(heat) else None,
+        )  # fmt: skip
     lines += _momentum(report)
     lines += _means(report, units, dimensions)
     lines.append(("frames", _state(found)))
@@ -105,17 +113,30 @@ def _momentum(report: Mapping[str, Any]) -> Lines:
 
 
 def _means(report: Mapping[str, Any], units: Mapping[str, str], dimensions: Any) -> Lines:
-    temperature, pressure = report.get("temperature"), report.get("pressure")
-    lines = []
+    temperature: Any = report.get("temperature")
+    pressure: Any = report.get("pressure")
+    lines, said = [], ""
     if _is_number(temperature):
-        lines.append(("temperature", f"{measured(f'{temperature:.5g}', units['temperature'])} (mean)"))
+        options, verdict = report.get("options"), report.get("temperature_verdict")
+        asked = options.get("temperature") if isinstance(options, dict) and isinstance(verdict, str) else None
+        said = verdict_text(asked if _is_number(asked) else None, verdict, units["temperature"])
+        lines.append(
+            ("temperature", mean_text(temperature, _error(report, "temperature"), units["temperature"]) + said)
+        )
     if _is_number(pressure):
         unit = f"{units['energy']}/{units['length']}^{dimensions}" if units["energy"] else ""
-        text = f"{measured(f'{pressure:.5g}', unit)} (mean)"
-        if lines:
-            return [("temperature", f"{lines[0][1]}, pressure {text}")]
+        text = mean_text(pressure, _error(report, "pressure"), unit)
+        joined = f"{lines[0][1]}, pressure {text}" if lines else ""
+        if joined and not said and len(joined) <= FITS:
+            return [("temperature", joined)]
         lines.append(("pressure", text))
     return lines
+
+
+def _error(report: Mapping[str, Any], key: str) -> float | None:
+    """The standard error of a mean in a report; None without a number."""
+    error = report.get(f"{key}_error")
+    return error if _is_number(error) else None
 
 
 def _state(found: dict[str, Any]) -> str:
@@ -136,11 +157,16 @@ def _so_far(run: Run, samples: Samples) -> dict[str, Any]:
     seen = samples.observables
     found: dict[str, Any] = {}
     if len(samples.steps) and {"total_energy", "kinetic_energy"} <= seen.keys():
-        found["energy"] = _energy(run, samples, seen["total_energy"], float(seen["kinetic_energy"][0]))
+        method, total = _method_of(run), seen["total_energy"]
+        if method and method.bath and "energy_taken" in seen:
+            found["heat"] = -float(seen["energy_taken"][-1])
+            total = total + seen["energy_taken"]
+        found["energy"] = _energy(run, samples, total, float(seen["kinetic_energy"][0]))
+        found["energy"] |= {"final": float(seen["total_energy"][-1])} if found["energy"] else {}
     for key in ("temperature", "pressure"):
         if key in seen and len(seen[key]):
             found[key] = float(np.mean(seen[key]))
-    if "momentum" in seen and len(seen["momentum"]) and len(run):
+    if "momentum" in seen and len(seen["momentum"]) and len(run) and not _drags(run):
         try:
             scale = float(run.masses @ np.linalg.norm(run[0].velocities, axis=1))
         except InputError:  # the first frame is damaged
@@ -158,6 +184,17 @@ def _energy(run: Run | ProblemRun, samples: Samples, total: Floats, kinetic: flo
         return {}
     said = {"drift_per_unit_time": trend.slope, "drift_error": trend.error, "verdict": trend.verdict}
     return vars(error) | said
+
+
+def _method_of(run: Run) -> Method | None:
+    """Row of the run's integrator; None if it is unknown here."""
+    return INTEGRATORS.get(str(run.method.get("integrator")))
+
+
+def _drags(run: Run) -> bool:
+    """Whether the run's integrator changes the total momentum."""
+    method = _method_of(run)
+    return method is not None and method.drags
 
 
 def _is_number(value: object) -> bool:

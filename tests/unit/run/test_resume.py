@@ -21,7 +21,7 @@ from kickdrift.trajectory.checkpoints import decoded, encoded
 from kickdrift.trajectory.h5md import Writer
 from kickdrift.trajectory.info import describe, info
 from kickdrift.trajectory.record import changed_sources, system_of
-from tests.systems import liquid
+from tests.systems import liquid, needed
 
 
 class Stopped(Exception):
@@ -109,7 +109,7 @@ def taken_by(name, given):
     """A Simulation with a method, of planets, or of a liquid if the method refuses planets."""
     method = METHODS[name]
     options = given | ({"dt": 0.002} if method.needs_dt else {})
-    options |= {"rtol": 1e-6} if "rtol" in method.tunable else {}
+    options |= needed(name) | ({"rtol": 1e-6} if "rtol" in method.tunable else {})
     try:
         return kd.Simulation(trio().watched(()), name, **options)
     except InputError:
