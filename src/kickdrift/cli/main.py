@@ -20,6 +20,7 @@ from kickdrift.cli.help import Command, Group
 from kickdrift.cli.interruption import INTERRUPTED, Interrupted
 from kickdrift.cli.listing import list_, show
 from kickdrift.cli.measuring import chaos, compare
+from kickdrift.cli.relaxing import relax
 from kickdrift.cli.running import resume, run
 from kickdrift.cli.usage import plain
 from kickdrift.disk.interrupt import heard_everywhere
@@ -27,7 +28,7 @@ from kickdrift.disk.outputs import reason
 from kickdrift.errors import KickdriftError
 from kickdrift.model.other_names import other_name
 
-COMMANDS = (run, resume, ensemble, compare, chaos, plot, export, info, show, validate)  # in the order of --help
+COMMANDS = (run, resume, relax, ensemble, compare, chaos, plot, export, info, show, validate)  # in the order of --help
 
 app = typer.Typer(
     name="kickdrift",
