@@ -42,3 +42,16 @@ def checked_arguments(cls: Class) -> Class:
 
     made.__init__ = init
     return cls
+
+
+def misfit(function: Any, *arguments: Any) -> str:
+    """The signature of a function that cannot be called with these arguments, as text; "" if it can."""
+    try:
+        signature = inspect.signature(function)
+    except (TypeError, ValueError):  # a builtin without a signature
+        return ""
+    try:
+        signature.bind(*arguments)
+    except TypeError:
+        return str(signature)
+    return ""
