@@ -1,4 +1,4 @@
-"""The command ``kickdrift``. It lies outside the package so that Ctrl-C is heard while the package is imported."""
+"""The command ``kickdrift``, outside the package so that Ctrl-C works during the package's import."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ INTERRUPTED = 130
 
 def main() -> None:
     """Import the program and run it; Ctrl-C ends it with exit status 130 at any time."""
-    heard = signal.getsignal(signal.SIGINT) is signal.default_int_handler  # not in a shell's background
+    heard = signal.getsignal(signal.SIGINT) is signal.default_int_handler  # false in a shell's background
     if heard:
         signal.signal(signal.SIGINT, _end)
     from kickdrift.cli.main import main as program
@@ -22,11 +22,11 @@ def main() -> None:
         program()
     finally:
         if heard:
-            signal.signal(signal.SIGINT, signal.SIG_IGN)  # what is left is Python's own end
+            signal.signal(signal.SIGINT, signal.SIG_IGN)  # only Python's own shutdown is left
 
 
 def _end(number: int, frame: FrameType | None) -> None:
-    """End at once: nothing was begun."""
+    """End at once: nothing has started."""
     try:
         os.write(2, b"kickdrift: interrupted\n")
     finally:

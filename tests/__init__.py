@@ -1,1 +1,2 @@
-"""Tests: of each room, over the registries, slow ones, and those beside other implementations."""
+"""Tests: unit tests by layer, contract tests over the registries, slow tests, and tests against other
+implementations."""

@@ -1,4 +1,4 @@
-"""Before tests are collected: the methods of the docs' page are registered, so that every contract test is theirs."""
+"""Set-up of the tests: registers the methods of the docs' page, so that the contract tests run on them too."""
 
 from __future__ import annotations
 
@@ -10,16 +10,15 @@ import pytest
 from tests import own_methods
 from tests.folders import TOP
 
-# Before NumPy is loaded: two test processes whose BLAS threads wait for each other take many times as long.
+# Before NumPy is loaded: two test processes whose BLAS threads wait for each other are many times slower.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-# Likewise numba's threads: those that spin for a thread that has no core make a force on two threads 30 times as slow.
+# Likewise numba's threads: threads that spin while waiting for a core make a force on two threads 30 times as slow.
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
-own_methods.register()  # before tests are collected, so that every contract test is theirs too
+own_methods.register()  # before tests are collected, so that the contract tests run on these methods too
 
-# The files that take longest, which a run in two processes begins with, so that neither waits for the other at the end.
-# While the first compiles every loop, the next four, and the processes that they start, compile other things; what
-# comes after them finds on the disk what it needs.
+# The longest files, which run first, so that no process waits for another at the end. The first file compiles every
+# loop. Meanwhile the next four and their child processes compile other code. Later files find all this code on disk.
 LONGEST = (
     "test_same_bits", "test_wisdom_holman", "test_pair_forces", "test_mixed_precision", "test_compile_cache",
     "test_docs", "test_compare", "test_ensemble", "test_batch", "test_engines", "test_integrators",
@@ -33,7 +32,7 @@ def pytest_configure(config: pytest.Config) -> None:
     absent = {*LONGEST} - {path.stem for path in (TOP / "tests").rglob("test_*.py")}
     if absent:
         raise pytest.UsageError(f"tests/conftest.py: LONGEST names files that are not there: {absent}")
-    if hasattr(config.option, "loadscopereorder"):  # xdist is there, and would order files by their number of tests
+    if hasattr(config.option, "loadscopereorder"):  # with xdist, which would order files by their number of tests
         config.option.loadscopereorder = False
 
 
@@ -44,7 +43,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 @pytest.fixture
 def kickdrift(monkeypatch, capfd):
-    """The program in this process: ``kickdrift("run", "x.toml")`` gives exit status, standard output and error."""
+    """The program in this process: ``kickdrift("run", "x.toml")`` returns exit status, standard output and error."""
 
     def call(*arguments) -> tuple[int, str, str]:
         monkeypatch.setattr(sys, "argv", ["kickdrift", *map(str, arguments)])

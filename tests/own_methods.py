@@ -1,4 +1,4 @@
-"""The methods of the documentation's page on integrators of one's own, which the contract tests run too."""
+"""Methods of the documentation's page on the user's own integrators, for the contract tests."""
 
 import re
 import sys
@@ -11,17 +11,17 @@ NAMES = ("mclachlan-atela2", "heun", "my-verlet")
 
 
 def page_code() -> str:
-    """The page's Python."""
+    """Python code of the page."""
     return "\n".join(re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL))
 
 
 def registrations() -> str:
-    """The part that registers, without the run."""
+    """Part of the page's code that registers methods, without the run."""
     return page_code().split("\nif __name__")[0]
 
 
 def register() -> None:
-    """Register the page's methods, in a module that numba can name in its cache."""
+    """Register the page's methods in a module with a name, which numba's cache needs."""
     page = ModuleType("page")
     sys.modules["page"] = page
     exec(compile(registrations(), str(PAGE), "exec"), vars(page))

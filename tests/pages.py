@@ -1,10 +1,11 @@
-"""Runs a page of the documentation as a reader would who types in everything: files with a title are written, lines of
-``sh`` that begin with kickdrift are called, with "> FILE" at the end as in a shell, blocks of Python run one after the
-other in one module.
+"""Run a page of the documentation like a reader who types in everything.
+
+Files with a title are written, lines of ``sh`` that begin with kickdrift are called, with "> FILE" at the end as in a
+shell, and blocks of Python run one after the other in one module.
 
     python -m tests.pages PAGE.md
 
-in an empty folder, where Python finds the modules that the page writes. Blocks without a language are not run.
+Use an empty folder; Python finds the page's modules there. Blocks without a language are not run.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ BLOCK = re.compile(r'^```(\w+)(?: title="([^"]+)")?\n(.*?)^```', flags=re.DOTALL
 
 
 class Block(NamedTuple):
-    """What a page shows as code."""
+    """A block of code on a page."""
 
     language: str
     title: str
@@ -29,18 +30,18 @@ class Block(NamedTuple):
 
 
 def blocks(page: Path) -> list[Block]:
-    """The blocks of a page that name their language, in their order."""
+    """Blocks of a page that name their language, in order."""
     return [Block(*found) for found in BLOCK.findall(page.read_text(encoding="utf-8"))]
 
 
 def commands(block: Block) -> list[list[str]]:
-    """The words of each kickdrift command of an ``sh`` block."""
+    """Words of each kickdrift command in an ``sh`` block."""
     lines = [shlex.split(line, comments=True) for line in block.code.splitlines()]
     return [words[1:] for words in lines if words and words[0] == "kickdrift"]
 
 
 def run(page: Path) -> dict[str, object]:
-    """Run a page in the folder one is in; the names that its Python leaves."""
+    """Run a page in the current folder and return the names that its Python defines."""
     names: dict[str, object] = {"__name__": page.stem.replace("-", "_")}
     for block in blocks(page):
         if block.title:
@@ -56,7 +57,7 @@ def run(page: Path) -> dict[str, object]:
 
 
 def exit_status(words: list[str]) -> int:
-    """What kickdrift with these arguments ends with."""
+    """Exit status of kickdrift with these arguments."""
     from kickdrift.cli.main import main
 
     if ">" in words:

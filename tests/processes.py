@@ -1,4 +1,4 @@
-"""Python in a process of its own, which finds the tests and both packages."""
+"""Python in a separate process that finds the tests and both packages."""
 
 import os
 import subprocess

@@ -1,4 +1,4 @@
-"""What every refused command looks like."""
+"""Check of refused commands."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from kickdrift.text import LINE
 
 
 def assert_refused(result, *parts, status=2):
-    """One line on standard error that holds the parts, nothing on standard output, and the exit status."""
+    """Check for one line on standard error with these parts, nothing on standard output, and the exit status."""
     code, out, err = result
     assert code == status, err
     assert out == ""

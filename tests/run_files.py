@@ -14,14 +14,14 @@ from kickdrift.trajectory.options import FileOptions
 
 METHOD = {"integrator": "velocity-verlet", "dt": 0.005}
 EVERY, FRAMES, N = 20, 5, 12
-ANGSTROM = {"si": 1e10}  # of a unit of length, as the file's other units say; 1 for the rest
+ANGSTROM = {"si": 1e10}  # angstroms per unit of length; 1 in all other units
 PS = {"si": 1e12}
 ATOMIC = {"si": 1 / constants.atomic_mass}
 UNITS = ("lj", "nbody", "astro", "metal", "si")
 
 
 def make_system(units: str, n: int = N, spread: float = 20.0) -> System:
-    """Of argon's size in real units, and with bodies that have names where there are stars."""
+    """Particles of argon's size in real units; bodies with names in units of stars."""
     rng = np.random.default_rng(3)
     length, time = 1 / ANGSTROM.get(units, 1.0), 1 / PS.get(units, 1.0)
     stars = units in ("nbody", "astro")
@@ -37,7 +37,7 @@ def make_system(units: str, n: int = N, spread: float = 20.0) -> System:
 
 
 def states(system: System, steps=range(0, EVERY * FRAMES, EVERY)) -> list[State]:
-    """Of free particles, at 0.005 of the run's own (or of a ps, in si) a step."""
+    """States of free particles, at steps of 0.005 of the run's unit of time (or of a ps, in si)."""
     s, dt = system.state, 0.005 / PS.get(system.units.name, 1.0)
     return [
         State(np.array([s.phase[0] + s.phase[1] * k * dt, s.phase[1]]), s.masses, s.ids, s.box, k * dt, k)
@@ -48,7 +48,7 @@ def states(system: System, steps=range(0, EVERY * FRAMES, EVERY)) -> list[State]
 def write(
     path: Path, system: System, of: list[State] | None = None, absorbed: dict[int, int] | None = None, **options
 ) -> list[State]:
-    """Write the states (by default those of `states`) with those FileOptions, and return them."""
+    """Write the states (default: those of `states`) with these FileOptions, and return them."""
     of = states(system) if of is None else of
     method = METHOD | {"dt": METHOD["dt"] / PS.get(system.units.name, 1.0)}
     with Writer(path, system, method=method, every=EVERY, overwrite=True, options=FileOptions(**options)) as writer:
@@ -59,6 +59,6 @@ def write(
 
 
 def without(state: State, particle: int) -> State:
-    """The state after a body was removed."""
+    """The state without one body."""
     keep = np.arange(len(state)) != particle
     return State(state.phase[:, :, keep], state.masses[keep], state.ids[keep], state.box, state.time, state.steps_done)

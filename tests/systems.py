@@ -1,4 +1,4 @@
-"""Systems that several test modules use."""
+"""Systems for several test modules."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from kickdrift.integrators import integrator
 from kickdrift.model.system import System
 
 CUTOFF = 2.5
-GRID = 2.0**-24  # positions and edges on a grid: differences and whole edges taken off are then exact in both codes
+GRID = 2.0**-24  # grid for positions and edges: differences and subtracted edges are then exact in both implementations
 SPECIES = {"A": {}, "B": {"epsilon": 0.5, "sigma": 0.8}, "C": {"epsilon": 1.5, "sigma": 1.1}}
 PAIRS = {("C", "A"): {"epsilon": 0.25, "sigma": 0.9}, ("B", "B"): {"sigma": 0.7}}
 
@@ -53,11 +53,11 @@ def fluid(rng, n):
 
 
 def make_system(x, box=None, truncation="shift", mixed=False, seed=0, **options):
-    """Lennard-Jones particles of random masses at x, of one species or of three."""
+    """Lennard-Jones particles with random masses at x, of one species or of three."""
     rng = np.random.default_rng(seed)
     n = len(x)
     species = None
-    if mixed:  # two species at least, so that it is the same compiled code
+    if mixed:  # always two species or more, so that the compiled code is the same
         options = {"species": SPECIES, "pairs": PAIRS, **options}
         species = [*"AB", *rng.choice(list("ABC"), max(n - 2, 0))][:n]
     force = LennardJones(**{"cutoff": CUTOFF, "truncation": truncation, **options})
@@ -65,6 +65,6 @@ def make_system(x, box=None, truncation="shift", mixed=False, seed=0, **options)
 
 
 def moved(system, x):
-    """The same system with its particles at x (n, 3)."""
+    """The same system with its particles moved to x (n, 3)."""
     names = [system.species[k] for k in system.species_index]
     return System(x, masses=system.state.masses, box=system.box, forces=system.forces, species=names)

@@ -1,11 +1,12 @@
 """kickdrift: molecular dynamics and N-body simulation in which the integrator is a swappable, measured choice.
 
-The names below are all that is public; each is imported when it is first used, so that ``import kickdrift`` is quick.
+The names below are the whole public interface. Each is imported at its first use, so ``import kickdrift`` is quick.
 """
 
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from importlib import import_module
 from importlib.machinery import ModuleSpec
 from importlib.metadata import version
@@ -13,7 +14,9 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Any
 from warnings import warn
 
-# Not lazy: loading the rooms of those names later would put the modules in the functions' places.
+from kickdrift.display.showing import ABOVE
+
+# Not lazy: loading these packages later would replace the functions of the same names.
 from kickdrift.engines import engines
 from kickdrift.integrators import integrators
 from kickdrift.model.bridging import BRIDGES, SYSTEM_FILES
@@ -22,6 +25,8 @@ if TYPE_CHECKING:
     from kickdrift import analysis
     from kickdrift.analysis.chaos import megno
     from kickdrift.analysis.chaos_report import ChaosReport
+    from kickdrift.analysis.comparing import compare
+    from kickdrift.analysis.comparison import Comparison
     from kickdrift.ensemble import Ensemble
     from kickdrift.errors import InputError, KickdriftError, RunError
     from kickdrift.forces import *
@@ -40,9 +45,12 @@ if TYPE_CHECKING:
     from kickdrift.model.problem import Problem
     from kickdrift.model.state import State
     from kickdrift.model.system import System
+    from kickdrift.plots.figures import stability
+    from kickdrift.run.listing import Listing, listing
     from kickdrift.run.report import Report
     from kickdrift.run.resuming import resume
     from kickdrift.run.simulation import Simulation
+    from kickdrift.run.solve import Solution, solve
     from kickdrift.systemfile.reading import load
     from kickdrift.trajectory.export import export
     from kickdrift.trajectory.options import FileOptions
@@ -58,6 +66,7 @@ _HOMES = {
     "CloseApproach": "model.events",
     "Collision": "model.events",
     "Column": "looks.columns",
+    "Comparison": "analysis.comparison",
     "Crossing": "model.events",
     "Energies": "looks.observers",
     "Ensemble": "ensemble",
@@ -65,6 +74,7 @@ _HOMES = {
     "FileOptions": "trajectory.options",
     "InputError": "errors",
     "KickdriftError": "errors",
+    "Listing": "run.listing",
     "Option": "integrators.option",
     "Orbit": "model.orbit_table",
     "OrbitTable": "model.orbit_table",
@@ -72,10 +82,13 @@ _HOMES = {
     "Report": "run.report",
     "RunError": "errors",
     "Simulation": "run.simulation",
+    "Solution": "run.solve",
     "State": "model.state",
     "System": "model.system",
+    "compare": "analysis.comparing",
     "export": "trajectory.export",
     "integrator": "integrators.asked",
+    "listing": "run.listing",
     "load": "systemfile.reading",
     "megno": "analysis.chaos",
     "open": "trajectory.reader",
@@ -85,6 +98,8 @@ _HOMES = {
     "register_step": "integrators.registration",
     "register_tableau": "integrators.registration",
     "resume": "run.resuming",
+    "solve": "run.solve",
+    "stability": "plots.figures",
 }
 
 __all__ = [
@@ -94,6 +109,7 @@ __all__ = [
     "CloseApproach",
     "Collision",
     "Column",
+    "Comparison",
     "Crossing",
     "DrivenField",
     "Energies",
@@ -107,6 +123,7 @@ __all__ = [
     "KickdriftError",
     "LennardJones",
     "LinearDrag",
+    "Listing",
     "Oblateness",
     "Option",
     "Orbit",
@@ -116,16 +133,19 @@ __all__ = [
     "Report",
     "RunError",
     "Simulation",
+    "Solution",
     "Springs",
     "State",
     "System",
     "UniformField",
     "accelerations",
     "analysis",
+    "compare",
     "engines",
     "export",
     "integrator",
     "integrators",
+    "listing",
     "load",
     "megno",
     "open",
@@ -135,13 +155,15 @@ __all__ = [
     "register_step",
     "register_tableau",
     "resume",
+    "solve",
+    "stability",
 ]
 
-# A public name that stands in no other table is a force.
+# A public name in no other table is a force.
 _HOMES |= dict.fromkeys(set(__all__) - {*_HOMES, "analysis", "engines", "integrators"}, "forces")
 
 
-# Modules that had these names in 0.1.0; the old names go in 0.3.
+# Names of modules in 0.1.0; removed in 0.3.
 _MOVED = {
     "builders": "model.starts.builders",
     "constants": "model.constants",
@@ -187,8 +209,24 @@ BRIDGES.update(ase=_ase, rebound=_rebound)
 SYSTEM_FILES.update(from_elements=_from_elements, with_body=_with_body, to_toml=_to_toml)
 
 
+def _loader(module: str, name: str) -> Callable[[], Any]:
+    return lambda: getattr(import_module(f"kickdrift.{module}"), name)
+
+
+ABOVE.update(
+    {
+        "comparison figure": _loader("plots.compare", "comparison_figure"),
+        "ensemble figure": _loader("plots.ensemble", "ensemble_figure"),
+        "report figure": _loader("plots.runs", "report_figure"),
+        "run figure": _loader("plots.figures", "figure_of"),
+        "run lines": _loader("trajectory.info", "run_lines"),
+        "run text": _loader("trajectory.info", "run_text"),
+    }
+)
+
+
 class _OldNames:
-    """What Python asks for a module of an old name: it gives the module of today, with a warning."""
+    """Module finder for old names: it returns the present module, with a warning."""
 
     def find_spec(self, name: str, path: Any = None, target: Any = None) -> ModuleSpec | None:
         package, _, old = name.partition(".")
@@ -202,7 +240,7 @@ class _OldNames:
         return module
 
     def exec_module(self, module: ModuleType) -> None:
-        module.__spec__ = self._own  # which Python has put the old name into
+        module.__spec__ = self._own  # Python has put the old name into it
 
 
 sys.meta_path.append(_OldNames())
@@ -220,5 +258,9 @@ def __getattr__(name: str) -> Any:
     return value
 
 
+_PYTHONS = ("__all__", "__doc__", "__file__", "__name__", "__path__", "__spec__", "__version__")
+
+
 def __dir__() -> list[str]:
-    return [*globals(), *_HOMES, "analysis"]
+    """Public names, and those of Python itself."""
+    return [*__all__, *_PYTHONS]

@@ -1,4 +1,4 @@
-"""The two ways in which a user's run can end badly; the command line turns each into one line and an exit status."""
+"""The two kinds of error in a user's run; the command line turns each into one line and an exit status."""
 
 from __future__ import annotations
 
@@ -8,10 +8,8 @@ from kickdrift.text import clean
 
 
 class KickdriftError(Exception):
-    """Base of every error that kickdrift raises on purpose.
-
-    The message is one line without control characters, whatever it quotes.
-    """
+    """Base of every error that kickdrift raises on purpose. The message is one line without control characters, even if
+    it quotes the user's text."""
 
     exit_status = 1
 
@@ -20,15 +18,15 @@ class KickdriftError(Exception):
 
 
 class InputError(KickdriftError, ValueError):
-    """What the user gave cannot be run; the message names the key, particle or pair and what was expected (exit 2)."""
+    """Input that cannot be run. The message names the key, particle or pair and the expected value (exit status 2)."""
 
     exit_status = 2
 
 
 class RunError(KickdriftError, RuntimeError):
-    """A run failed on the way; the message names the step and the cause (exit 1).
+    """Failure of a run. The message names the step and the cause (exit status 1).
 
-    ``state`` is the last good one, of a run that blew up: a State or a ProblemState.
+    For a run that blew up, ``state`` is the last good State or ProblemState.
     """
 
     exit_status = 1

@@ -1,4 +1,4 @@
-"""Text for people: what came from a file or the command line, on one line, without control characters, cut short."""
+"""Text for people: text from files and from the command line, on one line, without control characters, shortened."""
 
 from __future__ import annotations
 
@@ -7,17 +7,17 @@ import unicodedata
 from collections.abc import Iterable
 from typing import Any
 
-LINE = 2000  # characters of a message or a line of a report
-CELL = 200  # characters of a table's cell
-VALUE = 60  # characters of a key or a value that a message quotes
+LINE = 2000  # most characters of a message or a line of a report
+CELL = 200  # most characters of a table's cell
+VALUE = 60  # most characters of a key or a value in a message
 UNSEEN = ("Cc", "Cf", "Cs", "Zl", "Zp")  # Unicode's control, format, surrogate and separator characters
 
 
 def clean(text: str, most: int = LINE) -> str:
-    """The text on one line: control characters are escaped, and the middle of a long text is left out.
+    """Return the text on one line, with control characters escaped and the middle of a long text left out.
 
-    Letters of any script stay. Escaped are terminal codes, line ends, zero-width and direction marks, and the bytes of
-    a file's name that are no UTF-8. Text that is clean already stays as it is.
+    Letters of any script stay. Terminal codes, line ends, zero-width and direction marks are escaped, and so are bytes
+    of a file's name that are not UTF-8. Clean text is returned unchanged.
     """
     text = _cut(text, most)
     if text.isascii() and text.isprintable():
@@ -35,25 +35,25 @@ def _cut(text: str, most: int) -> str:
 
 
 def escaped(character: str) -> str:
-    """A character as Python would write it; of a byte that is no UTF-8 the byte."""
+    """A character in Python's escaped form; for a byte that is not UTF-8, the byte."""
     code = ord(character)
-    if 0xDC80 <= code <= 0xDCFF:  # what Python makes of such a byte
+    if 0xDC80 <= code <= 0xDCFF:  # Python's form of such a byte
         return f"\\x{code - 0xDC00:02x}"
     return character.encode("unicode_escape").decode("ascii")
 
 
 def shown(value: object) -> str:
-    """The value as one short line, for a message."""
+    """A value as one short line, for a message."""
     try:
         text = repr(value)
-    except (RecursionError, ValueError):  # nested without end, or of more digits than Python writes
+    except (RecursionError, ValueError):  # nested without end, or with more digits than Python writes
         text = f"a {type(value).__name__} too large to show"
     text = " ".join(text.split())
     return _cut(text, VALUE)
 
 
 def suggestion(word: object, known: Iterable[Any]) -> str:
-    """``; did you mean 'x'?`` if a known word is near, else nothing."""
+    """Text ``; did you mean 'x'?`` if a known word is near, else ""."""
     import difflib
 
     if len(str(word)) > VALUE:
@@ -63,17 +63,18 @@ def suggestion(word: object, known: Iterable[Any]) -> str:
 
 
 def counted(number: int, noun: str) -> str:
-    """ "1 thread", "2 threads"."""
+    """A number with its noun: "1 thread", "2 threads"."""
     return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
 
 
 def measured(number: str, unit: str) -> str:
-    """ "70 τ", or "70" where the unit has no name. Without a number, what to append to one: " τ" or ""."""
+    """A number with its unit, "70 τ", or "70" if the unit has no name. Without a number, the text to append: " τ" or
+    ""."""
     return f"{number} {unit}" if unit else number
 
 
 def with_error(mean: float, error: float) -> str:
-    """A mean and its standard error, to two digits of that."""
+    """A mean and its standard error, to two digits of the error."""
     if not error > 0:
         return f"{mean:.6g}"
     decimals = 1 - math.floor(math.log10(error))
@@ -83,7 +84,7 @@ def with_error(mean: float, error: float) -> str:
 
 
 def duration(seconds: float) -> str:
-    """Seconds as a person says them."""
+    """A duration in seconds as text for people."""
     if seconds < 90:
         return f"{seconds:.0f} s"
     return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"

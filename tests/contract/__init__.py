@@ -1,1 +1,1 @@
-"""Tests over the registries: what every method, force, system and engine keeps."""
+"""Tests over the registries: rules for every method, force, system and engine."""

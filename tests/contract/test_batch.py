@@ -1,5 +1,5 @@
-"""Many systems at once against one by one: every method that batches, to round-off; and bits that depend on no
-company."""
+"""Batches of systems against single runs: every method that batches, to round-off; and bits that do not depend on the
+other members."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def ids(choice):
 
 
 def planets(seed: int, n: int = 4, moving: float = 1.0, **changes) -> kd.System:
-    """A star, not always first in the list, and bodies on ellipses, of which the third has no mass."""
+    """A star, not always first in the list, and bodies on ellipses; the third body has no mass."""
     rng = np.random.default_rng(seed)
     G, star = rng.uniform(0.5, 2.0, 2)
     masses = np.concatenate([[star], star * 10 ** rng.uniform(-6, -3, n - 1)])
@@ -52,7 +52,7 @@ def planets(seed: int, n: int = 4, moving: float = 1.0, **changes) -> kd.System:
 
 
 def steps_for(systems, part: float = 60.0):
-    """A step of each: so many to the innermost body's period, one more or less."""
+    """A step for each system: about ``part`` steps in the innermost body's period, with small differences."""
     found = []
     for k, system in enumerate(systems):
         gm = system.forces[0].G * system.state.masses.max()
@@ -61,18 +61,18 @@ def steps_for(systems, part: float = 60.0):
 
 
 def apart(phase, other) -> float:
-    """The largest difference, in units of the largest position and velocity."""
+    """Largest difference, in units of the largest position and velocity."""
     size = np.abs(other).max(axis=(1, 2), keepdims=True)
     return float((np.abs(phase - other) / size).max())
 
 
 def bound(steps: int, stages: int) -> float:
-    """What round-off may do: each stage rounds, a rounding of the velocity moves a body in proportion to the time
-    since, and the sum of many is as the square root of their number."""
+    """Bound of round-off. Each stage rounds. A rounding error of a velocity moves a body in proportion to the time
+    since then, and the sum of many errors grows as the square root of their number."""
     return 4 * EPSILON * (steps * stages) ** 1.5
 
 
-# --- the same as one by one ---
+# --- the same as single runs ---
 
 
 @pytest.mark.parametrize("choice", CHOICES, ids=ids)
@@ -129,7 +129,7 @@ def test_any_systems(seeds, bodies, softening, choice, part):
     for i, (system, dt) in enumerate(zip(systems, dts, strict=True)):
         alone = kd.Simulation(system, name, dt, **options)
         alone.run(30)
-        # bodies of neighbouring orbits may come near each other, where differences grow
+        # bodies on neighbouring orbits may meet, and then differences grow
         assert apart(together.phase[i], alone.state.phase) < 100 * bound(30, 40)
 
 
@@ -145,6 +145,7 @@ def test_reports_are_those_of_one_by_one(choice):
         sim = kd.Simulation(systems[i], name, dts[i], **options)
         alone, mine = asdict(sim.run(2000, every=4)), asdict(together.report(i))
         assert alone.keys() == mine.keys()
+        assert alone.pop("about").units == mine.pop("about").units
         for key in costs:
             assert (alone.pop(key) is None) == (mine.pop(key) is None)
         energy, own = alone.pop("energy"), mine.pop("energy")
@@ -170,7 +171,7 @@ def test_looks_are_those_of_a_simulation():
     assert together._steps == [sample.step for sample in alone.record.samples]
     long = Batch([system], "leapfrog", 0.01)
     long.run(2500)
-    assert len(long.record(0).series().steps) == 1251  # as SAMPLES says
+    assert len(long.record(0).series().steps) == 1251  # as SAMPLES requires
     assert long.report(0).samples == kd.Simulation(system, "leapfrog", 0.01).run(2500).samples
 
 
@@ -187,8 +188,8 @@ def test_a_start_at_another_time():
 
 
 def odd_company() -> list[kd.System]:
-    """Systems that have Kepler's equation solved in every other way: nearly parabolic, hyperbolic, one that blows up,
-    one with two bodies at one place, one with a step of several periods."""
+    """Systems with unusual solutions of Kepler's equation: nearly parabolic, hyperbolic, one that blows up, one with
+    two bodies at one place, one with a step of several periods."""
     systems = []
     for seed, (factor, distance) in enumerate([(0.2, 1.0), (3.0, 1.0), (1e200, 1.0), (1.0, 0.0), (1.0, 0.01)]):
         system = planets(3 * seed + 1)
@@ -221,7 +222,7 @@ def test_bits_depend_on_no_company(choice):
         for mine, other in zip(together.record(k).series(), series, strict=True):
             np.testing.assert_array_equal(mine, other)
     assert together.finite[list(places)].all()
-    assert not together.finite[[2, 4]].any()  # at 1e200 the energy overflows; two at one place
+    assert not together.finite[[2, 4]].any()  # at 1e200 the energy overflows; two bodies at one place
     assert [report is None for report in together.reports()] == (~together.finite).tolist()
 
 

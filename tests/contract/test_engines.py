@@ -1,6 +1,6 @@
-"""Engines: each against the native one on the same system, what each refuses, and what becomes of their runs.
+"""Engines: each against the native one on the same system, their refusals, and their runs.
 
-The engines' own codes are the reference: energies, forces and pressure of a common start must agree to round-off.
+The engines' own codes are the reference: energies, forces and pressure at a common start must agree to round-off.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ from kickdrift.model.starts.builders import lattice, maxwell_boltzmann
 from kickdrift.run.advance import Integration
 from kickdrift.trajectory.info import info
 
-registry = sys.modules["kickdrift.engines"]  # kd.engines is the function
+registry = sys.modules["kickdrift.engines"]  # kd.engines is a function, so take the module here
 FOREIGN = [name for name in ENGINES if name != "native"]
 ROUND_OFF = 1e-12
 SPECIES = {"A": {"sigma": 1.0}, "B": {"sigma": 0.9, "epsilon": 1.5}, "C": {"sigma": 0.8}}
 
 
 def liquid(seed: int = 1, scale: float = 1.0, open_space: bool = False, **arguments) -> kd.System:
-    """216 particles near a simple cubic lattice, some of them boxes away."""
+    """216 particles near a simple cubic lattice, some of them several boxes away."""
     positions, edges = lattice("sc", 216, 0.8442)
     rng = np.random.default_rng(seed)
     positions += rng.uniform(-0.05, 0.05, positions.shape)
@@ -59,7 +59,7 @@ PLANE, TUBE = (True, True, False), (False, False, True)
 
 
 def boxed(matrix, periodic=True, **arguments) -> kd.System:
-    """512 particles near a lattice in a box of any shape, some of them boxes away."""
+    """512 particles near a lattice in a box of any shape, some of them several boxes away."""
     rng = np.random.default_rng(3)
     box = kd.Box(matrix=matrix, periodic=periodic)
     sites = (np.indices((8, 8, 8)).reshape(3, -1).T + rng.uniform(0.45, 0.55, (512, 3))) / 8
@@ -207,7 +207,7 @@ def test_rebounds_names(name):
         kd.Simulation(planets(), name, 0.1)
 
 
-# --- what surrounds them ---
+# --- files, looks and interrupts of their runs ---
 
 
 @pytest.mark.parametrize("engine", FOREIGN)
@@ -285,7 +285,7 @@ def test_a_run_that_blows_up_says_so():
 
 
 def workers(sim: kd.Simulation) -> list[int]:
-    """Of LAMMPS, by the folder that they were told."""
+    """LAMMPS' processes, found by their folder."""
     told = str(sim.integration.stepper._session._world.folder)
     found = []
     for process in Path("/proc").glob("[0-9]*"):
@@ -307,7 +307,7 @@ def test_a_process_that_dies_ends_the_run_and_no_more():
     with pytest.raises(kd.RunError, match=r"stopped at step \d+ .*: LAMMPS: process \d of 2 died"):
         sim.run(1000)
     assert not any(Path(f"/proc/{worker}").exists() for worker in there)
-    assert sim.run(10).steps  # with others
+    assert sim.run(10).steps  # works with new processes
     last = workers(sim)
     sim.integration.stepper._session.close()
     assert len(last) == 2
@@ -323,7 +323,7 @@ def test_processes_that_do_not_come_up(monkeypatch):
 
 
 def test_processes_that_connect_and_say_nothing(monkeypatch, tmp_path):
-    """As where MPI hangs before a worker has begun LAMMPS."""
+    """As if MPI hangs before a worker has started LAMMPS."""
     from kickdrift.engines import lammps_processes
 
     mute = tmp_path / "mpiexec"
@@ -446,7 +446,7 @@ def test_what_another_version_stumbles_over_is_one_line(monkeypatch, capsys):
     from kickdrift.engines.rebound import ReboundSession
 
     monkeypatch.setattr(ReboundSession, "reset", lambda *of: "text".safe_mode)
-    with pytest.raises(AttributeError):  # of a version that was tested it is a fault of ours
+    with pytest.raises(AttributeError):  # for a tested version, the error is a fault of ours
         kd.Simulation(planets(), "whfast", 0.1, engine="rebound").run(1)
     version = registry._version
     monkeypatch.setattr(registry, "_version", lambda package: "4.4.3" if package == "rebound" else version(package))

@@ -1,7 +1,7 @@
-"""Contract tests: every force of the registry is the gradient of its energy, and is found under its public name.
+"""Contract tests: every registered force is the gradient of its energy, and is found under its public name.
 
-A force that is registered is tested by that. A pair law's compiled sums are held against the law in plain Python; the
-oracle of tests/oracle, written from the literature, is Lennard-Jones' alone.
+A newly registered force is tested without further code. A pair law's compiled sums are compared with the law in plain
+Python; the oracle of tests/oracle, written from the literature, covers Lennard-Jones only.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ def test_a_compiled_pair_law_is_the_law(name):
 
 @pytest.mark.parametrize("name", PAIR_LAWS)
 def test_a_pair_law_is_the_slope_of_its_energy(name):
-    """Central differences, their error of h^2 taken away by Richardson's extrapolation."""
+    """Central differences, with Richardson's extrapolation to remove the error of h^2."""
     law, h = FORCES[name](cutoff=CUTOFF).law, 1e-3
     for r in (0.9, 1.0, 1.3, 2.0):
         slopes = [(law.law((r + d) ** 2)[0] - law.law((r - d) ** 2)[0]) / (2 * d) for d in (h, h / 2)]

@@ -1,6 +1,6 @@
-"""Contract tests: every integrator in the registry does what its row says: order, symplecticity, reversibility, cost.
+"""Contract tests: every registered integrator has the order, symplecticity, reversibility and cost of its row.
 
-A method that is registered is tested by that; tests/conftest.py registers those of the docs' page.
+A newly registered method is tested without further code; tests/conftest.py registers the methods of the docs' page.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from tests.systems import liquid
 METHODS = [name for name, method in INTEGRATORS.items() if method.name == name]
 FIXED = fixed()
 SPLITTINGS = [row.name for row in ROWS]
-# Those that the oracle reads: rows of numbers, and the two positions of Stormer.
+# Methods that the oracle reads: rows of numbers, and the two positions of Stormer.
 ROWS_OF_NUMBERS = [name for name in FIXED if isinstance(integrator(name), (Splitting, Tableau, Stormer))]
 
 
@@ -43,7 +43,7 @@ def two_bodies(t: float = 0.0) -> kd.System:
 
 
 def test_keplers_problem_is_solved_in_closed_form():
-    """The reference of the order test: it fulfils the equation of motion, and the constants of the ellipse."""
+    """Check the reference of the order test against the equation of motion and the constants of the ellipse."""
     times, h = np.linspace(0.0, 7.0, 15), 1e-4
     for t in times:
         r, v = kepler(t, ECCENTRICITY)
@@ -54,7 +54,8 @@ def test_keplers_problem_is_solved_in_closed_form():
 
 @pytest.mark.parametrize("name", FIXED)
 def test_order_is_the_slope_of_the_error(name):
-    """On every problem no lower than stated, on two at least as stated; some converge faster than that on some."""
+    """The order is at least the stated one on every problem, and equal to it on two or more; some problems converge
+    faster."""
     order = integrator(name).order
     slopes = {problem: slope(name, problem) for problem in measured()}
     assert min(slopes.values()) >= order - 0.15, slopes
@@ -88,7 +89,7 @@ def test_methods_that_are_not_reversible_do_not_come_back(name):
 
 @pytest.mark.parametrize("name", [n for n in ROWS_OF_NUMBERS if integrator(n).reversible])
 def test_reversible_methods_come_back_in_a_liquid(name):
-    """One unit of time there and back: chaos multiplies rounding by some 20 in it."""
+    """One unit of time there and back: chaos multiplies rounding errors by some 20."""
     assert reversal_error(name, liquid(), 0.005, 200) < 1e-9
 
 
@@ -110,12 +111,12 @@ def test_symplectic_methods_keep_the_symplectic_form(name):
 # --- cost ---
 
 
-@pytest.mark.parametrize("name", [name for name in FIXED if integrator(name).evaluations])  # others iterate
+@pytest.mark.parametrize("name", [name for name in FIXED if integrator(name).evaluations])  # other methods iterate
 def test_force_evaluations_are_those_stated(name):
     method = integrator(name)
     sim = kd.Simulation(pendulum(), name, dt=0.01)
     start_up = sim.run(10).force_evaluations - 10 * method.evaluations
-    assert start_up in (0, 1)  # a first kick's force, once
+    assert start_up in (0, 1)  # the force of the first kick, once
     assert sim.run(10).force_evaluations == 20 * method.evaluations + start_up
 
 
@@ -124,7 +125,7 @@ def test_force_evaluations_are_those_stated(name):
 
 @pytest.mark.parametrize("name", [n for n in FIXED if "compensated" in integrator(n).tunable])
 def test_compensated_summation_loses_less(name):
-    """x' = v without a force, in 10^5 steps: rounding of sums is all that is wrong."""
+    """x' = v without a force, in 10^5 steps: the only error is the rounding of sums."""
     free = kd.Problem(lambda t, y: [y[1], 0.0], [0.1, 0.3], separable=True, name="free")
     errors = {}
     for compensated in (False, True):
@@ -157,8 +158,8 @@ def test_compiled_loops_agree_with_the_oracle(name):
 
 @pytest.mark.parametrize(("name", "rounding"), [("velocity-verlet", 1e-13), ("stormer-verlet", 1e-11)])
 def test_leapfrog_with_velocities_at_half_steps_has_the_same_positions(name, rounding):
-    """At every one of 500 steps, a turn and a half of an ellipse; stormer-verlet's digits go in the difference of two
-    positions."""
+    """Compare each of 500 steps, over one and a half turns of an ellipse. stormer-verlet loses digits in the difference
+    of two positions."""
     system, dt, steps = two_bodies(), 0.02, 500
 
     def acceleration(t, x):
@@ -175,7 +176,7 @@ def test_leapfrog_with_velocities_at_half_steps_has_the_same_positions(name, rou
 
 
 class Shaken(NamedTuple):
-    """The bound form of a force per mass of amplitude x sin(7 t)."""
+    """Bound form of a force per mass of amplitude x sin(7 t)."""
 
     amplitude: float
     direction: np.ndarray  # (3,)
@@ -190,7 +191,7 @@ def shaken(force, t, x, v, a, sums):
 
 
 class Shaking:
-    """A force that depends on time alone: what an integrator makes of its clock."""
+    """A force that depends on time alone, as a test of an integrator's clock."""
 
     name: ClassVar[str] = "shaking"
 

@@ -1,6 +1,6 @@
-"""Run files of version 0.1.0 open, go on as version 0.1.0 went on, and are exported.
+"""Run files of version 0.1.0 open, continue as version 0.1.0 did, and can be exported.
 
-`tests/data/v0.1.0/make.py` made them.
+`tests/data/v0.1.0/make.py` made these files.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from kickdrift.jit.compile import processor
 OLD = Path(__file__).parents[1] / "data" / "v0.1.0"
 ENDS = np.load(OLD / "ends.npz")
 STEPS = {"adaptive": 30, "liquid": 40, "liquid-mixed": 40, "meeting": 150, "planets": 50}
-# Version 0.2.0 rounds the forces of a mixture in another way, so that threads change no bit. The others keep theirs.
+# Version 0.2.0 rounds the forces of a mixture differently, so that threads change no bit. Other files keep their bits.
 ROUNDED = {"liquid": 1e-12, "liquid-mixed": 5e-6}
 
 

@@ -1,4 +1,4 @@
-"""Options of integrators: each that a method declares is a keyword, a key of [run] and -o KEY=VALUE, and recorded."""
+"""Options of integrators: each declared option is a keyword, a key of [run], an argument -o KEY=VALUE, and recorded."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def declared(name: str, key: str) -> Option:
 
 
 def value_of(option: Option) -> Any:
-    """A value that is not the default, where there is another; mixed precision is for pair forces."""
+    """A value other than the default, if there is one; mixed precision needs pair forces."""
     if option.name == PRECISION.name:
         return DOUBLE
     if option.choices:
@@ -244,7 +244,7 @@ def test_a_declaration_that_makes_no_sense_is_refused(given, message):
 def test_methods_that_declare_a_name_differently_are_told_apart():
     rtol = known_options()["rtol"]
     assert rtol.several
-    assert rtol.default is None  # 1e-9 of gauss-radau15, 1e-8 of the others
+    assert rtol.default is None  # the default is 1e-9 for gauss-radau15, 1e-8 for the others
     assert not declared("gauss-radau15", "rtol").several
     one = Option("way", str, "Way.", "a", ("a", "b"))
     assert merged([one, replace(one, choices=("c", "a"))]).choices == ("a", "b", "c")

@@ -1,4 +1,5 @@
-"""Every row of the splitting table fulfils the order conditions of its order to the last digits, and no more."""
+"""Every row of the splitting table satisfies the order conditions of its order to the last digits, and not those of the
+next."""
 
 from dataclasses import replace
 from fractions import Fraction
@@ -14,7 +15,7 @@ from tests.oracle.order_conditions import Tree, conditions, gamma, rho, trees
 
 NAMES = [row.name for row in splitting.ROWS]
 EPS = Fraction(1, 2**52)
-# The fifteen digits that are in print: Yoshida 1990, tables 1 (solution A) and 2 (solution D).
+# The fifteen printed digits: Yoshida 1990, tables 1 (solution A) and 2 (solution D).
 PRINTED = {
     "yoshida6": (-1.17767998417887, 0.235573213359357, 0.784513610477560),
     "yoshida8": (
@@ -25,7 +26,7 @@ PRINTED = {
 
 
 def excess(kick, drift, first, order) -> float:
-    """The largest residual of the order conditions, in eps times the terms it is left of."""
+    """Largest residual of the order conditions, in eps times the size of its terms."""
     return max(float(one.residual / (EPS * one.size)) for one in conditions(kick, drift, first, order))
 
 
@@ -48,8 +49,9 @@ def test_conditions_of_order_four_written_out():
 
 @pytest.mark.parametrize("name", NAMES)
 def test_conditions_are_what_a_step_does(name):
-    """A step, run in fractions, of the equation that has one tree for each of its components, from rest at time 0:
-    the component of a tree is pulled by t^leaves times the product of its branches, which is its Phi.
+    """Run a step in fractions, from rest at time 0, on an equation with one tree for each component.
+
+    The acceleration of a tree's component is t^leaves times the product of its branches, which is its Phi.
     """
     row, order = integrator(name), 6
     forest = list(chain.from_iterable(map(trees, range(1, order + 1))))

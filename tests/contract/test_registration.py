@@ -1,4 +1,4 @@
-"""Integrators of the user's own: the docs' page runs as it stands, and what makes no sense is refused in one line."""
+"""The user's own integrators: the docs' page runs as it stands, and bad definitions are refused in one line."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The rooms of ARCHITECTURE.md: imports run one way between them, deferred ones and those for types too."""
+"""The layers of ARCHITECTURE.md: imports run one way, including deferred imports and imports for types."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ PAGE = TOP / "ARCHITECTURE.md"
 
 
 def rooms() -> list[str]:
-    """The page's table, from what knows least to what knows most."""
+    """Layers in the page's table, from the lowest to the highest."""
     names = re.findall(r"^\| `(\w+)` \|", PAGE.read_text(encoding="utf-8"), flags=re.MULTILINE)
     return ["text", "errors", *names]
 
 
 def named(text: str) -> set[str]:
-    """The modules, or names in them, that a source imports anywhere."""
+    """Modules, or names in them, that a source imports anywhere."""
     found: set[str] = set()
     for node in ast.walk(ast.parse(text)):
         if isinstance(node, ast.Import):
@@ -36,12 +36,12 @@ def named(text: str) -> set[str]:
 
 
 def imported(text: str) -> set[str]:
-    """The modules of kickdrift, or names in them, that a source imports anywhere."""
+    """Modules of kickdrift, or names in them, that a source imports anywhere."""
     return {name for name in named(text) if name.split(".")[0] == "kickdrift"}
 
 
 def by_name(text: str) -> set[str]:
-    """What stands before the first gap in the names of kickdrift's modules that a source imports as text."""
+    """Names of kickdrift's modules that a source imports as text, up to the first gap for a variable."""
     found: set[str] = set()
     for node in ast.walk(ast.parse(text)):
         if isinstance(node, ast.Call) and ast.unparse(node.func).split(".")[-1] in ("import_module", "__import__"):
@@ -53,14 +53,14 @@ def by_name(text: str) -> set[str]:
 
 
 def module_of(path: str) -> str:
-    """The name under which a file of the package is imported."""
+    """Import name of a file of the package."""
     return "kickdrift." + path.removesuffix(".py").removesuffix("/__init__").replace("/", ".")
 
 
 def arrows(sources: dict[str, str]) -> dict[str, set[str]]:
-    """The modules that each module imports, of sources by their path in the package.
+    """Modules that each module imports; sources are given by their path in the package.
 
-    A name in a module counts as the module. A name that is put together counts as every module that it may mean.
+    A name in a module counts as the module. A name with gaps counts as every module that it may mean.
     """
     modules = {module_of(path): text for path, text in sources.items()}
     found: dict[str, set[str]] = {}
@@ -73,9 +73,9 @@ def arrows(sources: dict[str, str]) -> dict[str, set[str]]:
 
 
 def circles(sources: dict[str, str]) -> list[list[str]]:
-    """The sets of modules that import one another, each in the order of the alphabet."""
+    """Sets of modules that import one another, each in alphabetical order."""
     left = arrows(sources)
-    while free := [module for module, there in left.items() if not there & left.keys()]:  # they lead nowhere
+    while free := [module for module, there in left.items() if not there & left.keys()]:  # these lead nowhere
         for module in free:
             del left[module]
     reached: dict[str, set[str]] = {}
@@ -90,12 +90,12 @@ def circles(sources: dict[str, str]) -> list[list[str]]:
 
 
 def from_test_modules(text: str) -> set[str]:
-    """What a source imports from test modules."""
+    """Test modules that a source imports."""
     return {name for name in named(text) if any(part.startswith("test_") for part in name.split("."))}
 
 
 def backwards(sources: dict[str, str]) -> list[str]:
-    """The imports that run against the order, of sources by their path in the package."""
+    """Imports against the order of the layers; sources are given by their path in the package."""
     order = {room: place for place, room in enumerate(rooms())}
     found = []
     for path, text in sources.items():
@@ -108,7 +108,7 @@ def backwards(sources: dict[str, str]) -> list[str]:
 
 
 def sources() -> dict[str, str]:
-    """All of the package but what stands at its door."""
+    """All sources of the package except those at its top."""
     paths = {path.relative_to(PACKAGE).as_posix(): path for path in PACKAGE.rglob("*.py")}
     mine = {name: path for name, path in paths.items() if name.split("/")[0] != "systems"}
     return {name: path.read_text(encoding="utf-8") for name, path in mine.items() if not name.startswith("__")}

@@ -1,5 +1,5 @@
-"""The end of a run, of every method that chooses its steps: f is evaluated at no later time, and no bit depends on the
-pieces. Longest steps, and tolerances for each component of y."""
+"""End of a run for every adaptive method: f is evaluated at no later time, and the division of a run changes no bit.
+Longest steps, and tolerances for each component of y."""
 
 import json
 import math
@@ -20,7 +20,7 @@ ARRAYS = [name for name in ADAPTIVE if "atol" in integrator(name).tunable]
 
 
 class Seen:
-    """A right-hand side in plain Python that remembers its latest time; separable, and without a value beyond 1."""
+    """A right-hand side in plain Python that records its latest time; separable, and undefined beyond time 1."""
 
     def __init__(self) -> None:
         self.latest = -np.inf
@@ -47,7 +47,7 @@ def test_the_closed_form():
 
 @pytest.mark.parametrize("name", METHODS)
 def test_f_is_evaluated_at_no_time_beyond_the_end(name):
-    """At the very end of where f has values, at once, in pieces, with looks, after steps, and with an event."""
+    """Run to the last time at which f is defined: at once, in pieces, with looks, after steps, and with an event."""
     event = kd.Crossing(lambda t, y: y[1] - 0.3, "rise")
     for until, interval, events in ((1.0, 1.0, ()), (1.0, 0.13, ()), (1.0, None, [event]), (1.0, 0.21, [event])):
         f = Seen()
@@ -93,7 +93,7 @@ def test_the_pieces_of_a_run_change_no_bit(name):
 
 
 def test_a_force_of_the_users_own_that_depends_on_time():
-    """A force class of the user's own may depend on time; the engine's do not, and their runs go on as they did."""
+    """A user's force class may depend on time. The engine's forces do not, and their runs are unchanged."""
     system = load("two-body")
     assert not kd.Simulation(system, "dop853").integration.flow.clocked
     assert kd.Simulation(kd.Problem(lambda t, y: -y, [1.0])).integration.flow.clocked
@@ -121,7 +121,8 @@ def test_no_step_is_longer_than_max_step(name):
 
 @pytest.mark.parametrize("name", ARRAYS)
 def test_a_tolerance_for_each_component(name):
-    """Loose for a component that does not matter, the steps are those of the other; one number and its row agree."""
+    """With a loose tolerance for one component, the other one sets the steps. One number and a row of that number
+    agree."""
 
     def f(t, y):
         return [math.cos(t), 30.0 * math.cos(30.0 * t)]
@@ -142,7 +143,7 @@ def test_a_tolerance_for_each_component(name):
     assert steps["rtol too"] < steps["row"]
     other = kd.Simulation(kd.Problem(f, [0.0, 0.0], compiled=False), name, rtol=rtol, atol=atol)
     checkpoint = sim.checkpoint()
-    other.restore(checkpoint | {"options": json.loads(json.dumps(checkpoint["options"]))})  # as a file gives it back
+    other.restore(checkpoint | {"options": json.loads(json.dumps(checkpoint["options"]))})  # as a file returns it
     assert other.state.y.tolist() == sim.state.y.tolist()
 
 

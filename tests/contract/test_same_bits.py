@@ -1,7 +1,7 @@
-"""Contract tests over the registries: a run goes on from a checkpoint, and in pieces, and looked at, to the same bits.
+"""Contract tests over the registries: restarts, pieces and looks leave a run's bits unchanged.
 
-A method or a force that is registered is tested by that. A checkpoint goes through bytes before it is put back, as
-through a file, and into a Simulation that has never run.
+A newly registered method or force is tested without further code. A checkpoint is turned into bytes and back, as in a
+file, and restored in a Simulation that has never run.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from tests.processes import python
 from tests.systems import liquid, needed
 
 METHODS = [name for name, method in INTEGRATORS.items() if method.name == name]
-CLOCKS = {"wall_seconds": 0.0, "compile_seconds": 0.0}  # of a record: what no two runs share
+CLOCKS = {"wall_seconds": 0.0, "compile_seconds": 0.0}  # values of a record in which any two runs differ
 
 
 def planets() -> kd.System:
@@ -44,12 +44,13 @@ def planets() -> kd.System:
 
 
 def small_liquid() -> kd.System:
-    """The force jumps at the cutoff, and a fixed-point iteration fails where a stage comes to lie there; none does."""
+    """A liquid whose force jumps at the cutoff. A fixed-point iteration would fail with a stage there; in these runs,
+    none does."""
     return liquid(27, 1.5, seed=8)
 
 
 def choices(name: str) -> list[dict[str, Any]]:
-    """The method as it comes, and with each value of each of its options that has names."""
+    """The method with default options, and with each value of each of its options that has names."""
     method = integrator(name)
     known: dict[str, tuple[Any, ...]] = dict(method.choices)
     known |= {"compensated": (True,)} if "compensated" in method.tunable else {}
@@ -58,7 +59,7 @@ def choices(name: str) -> list[dict[str, Any]]:
 
 
 def subjects(name: str, **options: Any) -> list[Callable[..., kd.Simulation]]:
-    """What makes Simulations with a method: of each kind of subject, those that it takes."""
+    """Functions that make Simulations with a method, one for each kind of subject that the method takes."""
     found = []
     for subject, dt in ((small_liquid, 0.002), (planets, 0.02), (pendulum, 0.05)):
 
@@ -78,12 +79,12 @@ def subjects(name: str, **options: Any) -> list[Callable[..., kd.Simulation]]:
 
 
 def through_bytes(value: Any) -> Any:
-    """What a file gives back of (a part of) a checkpoint."""
+    """A checkpoint, or a part of it, as a file returns it."""
     return decoded(encoded({"value": value}))["value"]
 
 
 def differences(one: Any, other: Any, path: str = "") -> list[str]:
-    """Where two checkpoints differ in a bit."""
+    """Parts of two checkpoints that differ in a bit."""
     if type(one) is not type(other):
         return [f"{path}: {one!r:.60} and {other!r:.60}"]
     if isinstance(one, dict):
@@ -100,7 +101,7 @@ def differences(one: Any, other: Any, path: str = "") -> list[str]:
 
 
 def kept(sim: kd.Simulation) -> dict[str, Any]:
-    """The checkpoint, as a file holds it."""
+    """The checkpoint as a file holds it."""
     return through_bytes(sim.checkpoint())
 
 
@@ -114,8 +115,8 @@ def bits(sim: kd.Simulation) -> bytes:
 
 
 def assert_goes_on(make: Callable[..., kd.Simulation], first: Callable, then: Callable) -> kd.Simulation:
-    """A run with a checkpoint between ``first`` and ``then`` goes on from that in a new Simulation as it does itself,
-    and as it would have without one; the run."""
+    """Check that a run with a checkpoint between ``first`` and ``then`` has the same bits when it continues, when a new
+    Simulation continues it, and without a checkpoint. Returns the run."""
     whole, other, alone = make(), make(), make()
     first(whole)
     checkpoint = kept(whole)
@@ -138,8 +139,8 @@ def assert_goes_on(make: Callable[..., kd.Simulation], first: Callable, then: Ca
 
 @pytest.mark.parametrize("name", METHODS)
 def test_a_run_goes_on_from_a_checkpoint(name):
-    """Steps of one length with a pair list that is pruned before and after, and not there; a method that chooses its
-    steps also from within one."""
+    """Fixed steps, with and without a pair list that is pruned before and after the checkpoint. An adaptive method is
+    also stopped inside a step."""
     for options in choices(name):
         for make in subjects(name, **options):
             builds = []
@@ -152,7 +153,7 @@ def test_a_run_goes_on_from_a_checkpoint(name):
                 builds.append(sim.integration.flow.forces.list_builds)
 
             whole = assert_goes_on(make, first, lambda sim: sim.run(47, every=7))
-            if builds[0][1] > 1 and not whole.method.chooses_steps:  # which crawl where the force jumps
+            if builds[0][1] > 1 and not whole.method.chooses_steps:  # adaptive steps become tiny where the force jumps
                 assert whole.integration.flow.forces.list_builds[1] > builds[0][1]
 
 
@@ -186,7 +187,7 @@ def test_pieces_and_looks_change_no_bit(name):
 
 @pytest.mark.parametrize("name", [name for name, cls in FORCES.items() if cls.__module__.startswith("kickdrift.")])
 def test_forces_remember_what_their_sums_depend_on(name):
-    """Along a given path: what a force gives after its memory was put back is what it gives without that."""
+    """Along a given path, a force gives the same sums with its memory restored as without the interruption."""
     rng = np.random.default_rng(8)
     x = 1.2 * np.indices((8, 8, 8)).reshape(3, -1) + rng.uniform(-0.1, 0.1, (3, 512))
     force = example(FORCES[name], cutoff=2.5, species={"A": {}, "B": {"sigma": 0.9}}, softening=0.1, G=1e-4)
@@ -212,7 +213,7 @@ def test_forces_remember_what_their_sums_depend_on(name):
 
 
 def test_the_order_of_sums_is_what_a_state_alone_does_not_hold():
-    """The test of the tests: without the pair lists, a run from the same state has other bits."""
+    """A check of this file's tests: without the pair lists, a run from the same state has other bits."""
     whole, anew = (kd.Simulation(liquid(512, 2.5), "velocity-verlet", dt=0.004) for _ in range(2))
     whole.run(30)
     anew.state = whole.state
@@ -223,7 +224,7 @@ def test_the_order_of_sums_is_what_a_state_alone_does_not_hold():
 
 
 def test_lists_that_have_grown():
-    """Room that a list had to be given is there again: to grow takes an evaluation."""
+    """A restored list has the room that it had grown to, because growing takes an evaluation."""
 
     def make() -> kd.Simulation:
         sim = kd.Simulation(liquid(512, 2.5), "velocity-verlet", dt=0.004)
@@ -277,7 +278,8 @@ dt = 0.004
 
 
 def meeting() -> kd.System:
-    """Three balls on a line towards a heavy one, the second slower; one that passes by, and one that leaves."""
+    """Three balls on a line that move towards a heavy one, the second slower; a fourth passes by, and a fifth
+    leaves."""
     x = [[0, 0, 0], [1.0, 0, 0], [4.0, 0, 0], [-1.2, -2.5, 0.3], [9.0, 0, 0]]
     v = [[0, 0, 0], [-1.0, 0, 0], [-1.0, 0, 0], [-0.1, 1.0, 0], [1.2, 0, 0]]
     masses = [1.0, 0.01, 0.02, 1e-3, 1e-4]
@@ -294,7 +296,8 @@ EVENTS = [
 
 @pytest.mark.parametrize("name", METHODS)
 def test_events_go_on_from_a_checkpoint(name):
-    """After a merger, in a passage, before another merger and an escape; with and without looks inside steps."""
+    """Checkpoints after a merger, during a passage, before another merger and an escape; with and without looks inside
+    steps."""
     method = integrator(name)
     if method.bath:
         pytest.skip("a heat bath refuses gravity")
@@ -320,7 +323,8 @@ def test_events_go_on_from_a_checkpoint(name):
 
 
 def test_a_collision_that_the_present_has_not_come_to():
-    """An adaptive step that holds a bounce, looked at before it: the checkpoint has it waiting."""
+    """An adaptive step contains a bounce, and a look comes before the bounce: the checkpoint holds the waiting
+    event."""
 
     def make() -> kd.Simulation:
         system = kd.System(
@@ -341,7 +345,7 @@ def test_a_collision_that_the_present_has_not_come_to():
 
 
 def disc() -> kd.System:
-    """A star and light planets on circles, each its own."""
+    """A star and light planets on circular orbits."""
     r = np.linspace(1.0, 4.0, 199)[:, None]
     angle = 2.4 * np.arange(199)[:, None]
     x = r * np.hstack([np.cos(angle), np.sin(angle), 0.05 * np.sin(7 * angle)])
@@ -355,7 +359,7 @@ THREADS = (1, 2, 4)
 
 
 def fingerprints() -> list[list[str]]:
-    """Of every method, of runs that go on with each number of threads from where one thread has come."""
+    """Fingerprints of runs with every method, continued on each number of threads after a start on one thread."""
     found = []
     for name in METHODS:
         for subject, dt in ((lambda: liquid(343, 2.5), 0.002), (disc, 0.02)):
@@ -377,7 +381,7 @@ def fingerprints() -> list[list[str]]:
 
 
 def test_threads_change_no_bit():
-    """In a process that may have four of them, whatever the machine has."""
+    """In a process that may use four threads, whatever the machine has."""
     code = f"import json, {__name__} as t; print(json.dumps(t.fingerprints()))"
     run = python(code, timeout=900, NUMBA_NUM_THREADS="4")
     assert run.returncode == 0, run.stderr
@@ -388,14 +392,14 @@ def test_threads_change_no_bit():
 
 
 def compiles_alone(case: same_bits.Case) -> bool:
-    """Whether a case takes machine code that no other test takes, and that takes seconds to compile."""
+    """Whether a case needs its own machine code, which no other test compiles and which takes seconds."""
     return case.precision == MIXED and case.system.startswith("lennard-jones") and " shift " not in case.system
 
 
 @pytest.mark.parametrize("alone", [False, pytest.param(True, marks=pytest.mark.long)])
 def test_forces_give_the_same_bits_however_they_run(alone):
     """Every registered force, each truncation, mixtures and both precisions: threads, pieces, looks, file, restart."""
-    velocities = {"relativity-1pn", "linear-drag"}  # forces of velocities, which velocity-verlet refuses
+    velocities = {"relativity-1pn", "linear-drag"}  # forces that depend on velocity, which velocity-verlet refuses
     method = {name: "rk4" if name in velocities else "velocity-verlet" for name in same_bits.systems()}
     listed = [case for case in same_bits.cases(long=False) if case.method == method[case.system]]
     taken, apart = same_bits.compared([case for case in listed if compiles_alone(case) == alone])
@@ -404,7 +408,7 @@ def test_forces_give_the_same_bits_however_they_run(alone):
     assert alone or {case.system for case in taken} == set(same_bits.systems())
 
 
-# --- what a checkpoint is of ---
+# --- checkpoints of other runs ---
 
 
 def test_a_checkpoint_of_another_run_is_refused():

@@ -1,4 +1,5 @@
-"""Bounds on the step, from coefficients: against the literature, and against steps that blow up or do not."""
+"""Stable step lengths computed from coefficients: against the literature, and against runs that blow up or stay
+bounded."""
 
 from __future__ import annotations
 
@@ -64,7 +65,7 @@ def test_stability_function_is_the_exponential_to_the_order(name):
 @pytest.mark.parametrize("name", RUNGE_KUTTA)
 @pytest.mark.parametrize("z", [-0.5, 0.3 + 0.4j, -1.5 - 2.0j, 1j])
 def test_stability_function_is_the_amplification_of_a_step(name, z):
-    """A step of y' = lambda y with the stages of the tableau, as they are defined."""
+    """A step of y' = lambda y with the tableau's stages, from their definition."""
     method = integrator(name)
     k: list[complex] = []
     for row in ((), *method.a):
@@ -121,7 +122,7 @@ def test_implicit_methods_have_pade_approximants():
 def test_intervals_in_closed_form():
     """rk4: |R(iy)|^2 - 1 = -y^6/72 + y^8/576; third order: -y^4/12 + y^6/36; second: y^4/4; Euler: y^2.
 
-    To the left R(-x) = -1 ends it for odd orders, R(-x) = 1 for even ones.
+    On the negative axis R(-x) = -1 ends the interval for odd orders, R(-x) = 1 for even ones.
     """
     third = 2.512745326618329
     fourth = 2.785293563405282
@@ -140,17 +141,18 @@ def test_intervals_in_closed_form():
 
 
 def test_intervals_of_the_literature():
-    """dormand-prince45: 3.31, Hairer & Wanner 1996, figure IV.2.1 (DOPRI5); dop853 beyond 6 there as well."""
+    """dormand-prince45: 3.31, Hairer & Wanner 1996, figure IV.2.1 (DOPRI5); dop853 beyond 6 in the same figure."""
     assert real_interval(integrator("dormand-prince45")) == pytest.approx(3.3066, abs=5e-5)
     assert 6.0 < real_interval(integrator("dop853")) < 6.5
-    # Of order 5, |R(iy)|^2 - 1 = 2 (1/720 - c) y^6 + …, c the coefficient of z^6.
+    # For order 5, |R(iy)|^2 - 1 = 2 (1/720 - c) y^6 + …, c the coefficient of z^6.
     for name, c in (("cash-karp45", 1 / 800), ("dormand-prince45", 1 / 600)):
         assert stability_function(integrator(name)).numerator.coef[6] == pytest.approx(c, rel=1e-13)
         assert (imaginary_interval(integrator(name)) > 0.0) is (c > 1 / 720)
 
 
 def test_intervals_of_splittings():
-    """Leapfrog 2; the triple jump: the first zero of trace = 2, a cubic in (omega dt)^2 with one root gone, 1.5734."""
+    """Leapfrog 2; the triple jump 1.5734: the first zero of trace = 2, a cubic in (omega dt)^2 without the root at
+    zero."""
     for name in ("symplectic-euler", "velocity-verlet", "leapfrog-dkd"):
         assert stability_interval(integrator(name)) == pytest.approx(2.0, rel=1e-15)
     w = 1.0 / (2.0 - 2.0 ** (1.0 / 3.0))
@@ -165,7 +167,7 @@ def test_intervals_of_splittings():
 
 @pytest.mark.parametrize("parts", [2, 3, 5, 7])
 def test_touching_the_bound_does_not_end_the_interval(parts):
-    """So many leapfrog steps in one are stable as long as each is, though the trace touches ±2 on the way."""
+    """Several leapfrog steps in one are stable as long as each is, although the trace touches ±2 on the way."""
     kick, drift = (1 / parts,) * parts, (0.5 / parts, *[1 / parts] * (parts - 1), 0.5 / parts)
     method = Splitting("mine", *in_turn("AB", drift, kick), 2, "me")
     w = np.linspace(0.0, 2.0 * parts, 2001)
@@ -175,7 +177,7 @@ def test_touching_the_bound_does_not_end_the_interval(parts):
 
 @pytest.mark.parametrize("outer", [0.34, 0.3334])
 def test_a_narrow_gap_ends_the_interval(outer):
-    """Three leapfrog steps of slightly unequal lengths: the trace passes its bound by a little, and comes back."""
+    """Three leapfrog steps of slightly unequal lengths: the trace slightly exceeds its bound and returns."""
     halves, wholes = composed((outer,))
     method = Splitting("mine", *in_turn("AB", halves, wholes), 2, "me")
     reach = stability_interval(method)
@@ -186,14 +188,14 @@ def test_a_narrow_gap_ends_the_interval(outer):
 
 
 def test_a_wrong_start_or_a_pole_ends_it():
-    assert real_interval(stability_function_of([[0.0]], [-1.0])) == 0.0  # R = 1 - z grows to the left
+    assert real_interval(stability_function_of([[0.0]], [-1.0])) == 0.0  # R = 1 - z grows on the negative axis
     pole = stability_function_of([[-0.5]], [1.0])  # R = (1 + 3/2 z) / (1 + z/2)
     assert real_interval(pole) == pytest.approx(1.0, rel=1e-14)
     assert imaginary_interval(pole) == 0.0
 
 
 def first_blow_up(method, dt: np.ndarray, steps: int, factor: float) -> float | None:
-    """The smallest of the steps ``dt`` (n,) at which an oscillator with omega = 1 grows by a factor, if any."""
+    """Smallest of the steps ``dt`` (n,) at which an oscillator with omega = 1 grows by a factor, or None."""
     with np.errstate(over="ignore", invalid="ignore"):
         x, v = oracle_integrators.run(
             method, lambda t, x: -x, np.ones((len(dt), 1)), np.zeros((len(dt), 1)), dt[:, None], steps
@@ -206,7 +208,7 @@ def first_blow_up(method, dt: np.ndarray, steps: int, factor: float) -> float | 
 def test_splittings_blow_up_where_they_should(name):
     reach = stability_interval(integrator(name))
     steps, grid = 2000, np.linspace(0.02, 1.3, 641)
-    if name.startswith("blanes-moan"):  # a resonance at pi: the gap is narrow, and the growth in it slow
+    if name.startswith("blanes-moan"):  # a resonance at pi: the gap is narrow, and growth inside is slow
         assert first_blow_up(integrator(name), np.linspace(0.02, 0.99, 641) * reach, steps, factor=1e4) is None
         steps, grid = 60_000, np.linspace(0.99, 1.01, 401)
     measured = first_blow_up(integrator(name), grid * reach, steps, factor=1e4)
@@ -215,7 +217,7 @@ def test_splittings_blow_up_where_they_should(name):
 
 @pytest.mark.parametrize("name", [name for name in RUNGE_KUTTA if imaginary_interval(integrator(name)) > 0.0])
 def test_runge_kutta_methods_blow_up_where_they_should(name):
-    """A step turns and scales the phase plane: the norm is multiplied by |R| in each, which below the bound is < 1."""
+    """A step rotates and scales the phase plane: |R| multiplies the norm in each step, and |R| < 1 below the bound."""
     reach = imaginary_interval(integrator(name))
     measured = first_blow_up(integrator(name), np.linspace(0.5, 1.3, 401) * reach, 500, factor=1.0 + 1e-9)
     assert measured == pytest.approx(reach, rel=0.01)

@@ -1,4 +1,4 @@
-"""Contract tests: every shipped system of particles, every force and every event comes back from `System.to_toml`."""
+"""Contract tests: `System.to_toml` preserves every shipped system of particles, every force and every event."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
-"""Contract tests: every shipped system of particles has a title, starts with the invariants that its file states, and
-runs with its own defaults. Shipped ODEs are in tests/unit/model/test_odes.py."""
+"""Contract tests: every shipped system of particles has a title, starts with the invariants in its file, and runs with
+its own defaults. Shipped ODEs are in tests/unit/model/test_odes.py."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import kickdrift as kd
 from kickdrift.systemfile.files import describe, shipped
 
 SYSTEMS = [name for name in shipped() if isinstance(kd.load(name), kd.System)]
-STATED = [name for name in SYSTEMS if isinstance(kd.load(name).invariants.get("energy"), float)]  # not in words
+STATED = [name for name in SYSTEMS if isinstance(kd.load(name).invariants.get("energy"), float)]  # as numbers
 
 
 @pytest.mark.parametrize("name", SYSTEMS)

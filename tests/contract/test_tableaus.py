@@ -1,4 +1,5 @@
-"""Every Runge-Kutta row satisfies the order conditions it claims, and no more; the numbers are the published ones."""
+"""Every Runge-Kutta row satisfies the order conditions of its stated order, and not more; its numbers are the published
+ones."""
 
 from __future__ import annotations
 
@@ -16,15 +17,15 @@ from kickdrift_validation.rooted_trees import Conditions, gamma, trees
 
 NAMES = [row.name for row in runge_kutta.ROWS]
 ADAPTIVE = [row.name for row in runge_kutta.ROWS if row.adaptive]
-DENSE = {"bogacki-shampine23": 3, "dormand-prince45": 4, "dop853": 7}  # orders, as published
+DENSE = {"bogacki-shampine23": 3, "dormand-prince45": 4, "dop853": 7}  # published orders
 EMBEDDED = {"bogacki-shampine23": (2,), "cash-karp45": (4,), "dormand-prince45": (4,), "dop853": (5, 3)}
 SCIPY = {"bogacki-shampine23": rk.RK23, "dormand-prince45": rk.RK45, "dop853": rk.DOP853}
 THETAS = [Fraction(1, 8), Fraction(1, 3), Fraction(1, 2), Fraction(4, 5), Fraction(1)]
-ROUNDING, WRONG = 8.0, 1e7  # of a residual, in units of eps times its terms
+ROUNDING, WRONG = 8.0, 1e7  # bounds for residuals, in units of eps times their terms
 
 
 def rows(method: Tableau) -> list[tuple[float, ...]]:
-    """Every stage's row of a, f(t + dt, y_new) and those of dense output included."""
+    """Every stage's row of a, including the rows of f(t + dt, y_new) and of dense output."""
     return [(), *method.a, method.b, *method.extra]
 
 
@@ -35,7 +36,8 @@ def within_ulps(ours, theirs, ulps=1.0) -> bool:
 
 @pytest.fixture(scope="module")
 def conditions() -> dict[str, Conditions]:
-    """Kept for the whole file: the stages' weights of each tree are computed once a method."""
+    """Order conditions, shared by all tests of this file: each tree's stage weights are computed once for each
+    method."""
     return {name: Conditions(rows(integrator(name))) for name in NAMES}
 
 
@@ -50,7 +52,7 @@ def test_rooted_trees_are_the_known_ones():
 
 
 def test_conditions_of_third_order_as_they_are_written_out():
-    """sum b c^2 = 1/3 and sum b_i a_ij c_j = 1/6, for rk4."""
+    """sum b c^2 = 1/3 and sum b_i a_ij c_j = 1/6, written out for rk4."""
     rk4 = integrator("rk4")
     c = [Fraction(entry) for entry in rk4.c]
     b = [Fraction(entry) for entry in rk4.b]
@@ -80,7 +82,7 @@ def test_embedded_solutions_have_the_lower_order(name, conditions):
 
 
 def test_the_step_follows_the_estimate():
-    """Of dop853 the estimates of order 5 and 3 are combined into one that goes as dt^8: (II.10.17)."""
+    """dop853 combines its estimates of order 5 and 3 into one that scales as dt^8: (II.10.17)."""
     orders = {name: integrator(name).error_order for name in ADAPTIVE}
     assert orders == {"bogacki-shampine23": 2, "cash-karp45": 4, "dormand-prince45": 4, "dop853": 7}
     for name, solver in SCIPY.items():
@@ -98,7 +100,7 @@ def test_dense_output_has_its_order_throughout_the_step(name, conditions):
     dense = integrator(name).dense
     for theta in THETAS:
         b = [sum(Fraction(p) * theta ** (j + 1) for j, p in enumerate(row)) for row in dense]
-        # What is rounded are the coefficients of the powers, which partly cancel: they are the terms.
+        # Rounding acts on the coefficients of the powers, which partly cancel. So these coefficients are the terms.
         sizes = [sum(abs(Fraction(p)) * theta ** (j + 1) for j, p in enumerate(row)) for row in dense]
         for vertices in range(1, DENSE[name] + 1):
             for tree in trees(vertices):
@@ -128,7 +130,7 @@ def test_only_published_interpolants_are_there():
 
 
 def test_interpolant_without_further_terms_is_hermites_cubic():
-    """theta (1 - theta)^2 k_1, theta^2 (theta - 1) k_2 and b times 3 theta^2 - 2 theta^3, of Euler's method."""
+    """theta (1 - theta)^2 k_1, theta^2 (theta - 1) k_2 and b times 3 theta^2 - 2 theta^3, for Euler's method."""
     assert interpolant((1.0,)) == ((1.0, 3.0 - 2.0, -2.0 + 1.0), (0.0, -1.0, 1.0))
 
 
@@ -154,7 +156,7 @@ def test_numbers_are_scipys(name):
 
 
 def test_dense_output_of_dop853_is_scipys():
-    """Its nested form, evaluated in exact arithmetic with SciPy's numbers."""
+    """SciPy's nested form, evaluated in exact arithmetic with SciPy's numbers."""
     method, d = integrator("dop853"), dop853_coefficients.D
     s = len(method.b)
     for i, row in enumerate(method.dense):
@@ -188,7 +190,7 @@ def test_error_row_reaches_past_the_step_where_it_was_published_so(name):
 
 # --- broken tables ---
 
-PAIR = {  # Heun's method with Euler's inside, and Hermite's cubic
+PAIR = {  # Heun's method with an embedded Euler method, and Hermite's cubic
     "name": "mine", "a": ((1.0,),), "b": (0.5, 0.5), "order": 2, "source": "me",
     "errors": ((-0.5, 0.5, 0.0),), "error_order": 1, "dense": interpolant((0.5, 0.5)),
 }  # fmt: skip
@@ -226,7 +228,7 @@ def test_broken_tables_are_refused(change, message):
 
 @pytest.mark.parametrize("name", ADAPTIVE)
 def test_a_wrong_digit_is_seen(name):
-    """One part in 10^10 of the largest entry of any row: the conditions are that sharp."""
+    """An error of one part in 10^10 of the largest entry of any row: the conditions find it."""
     method = integrator(name)
     table = [list(row) for row in (*method.a, method.b)]
     for i, row in enumerate(table):

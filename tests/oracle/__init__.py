@@ -1,1 +1,1 @@
-"""Plain NumPy forces and integrators, other programs' references, and the tests that are theirs."""
+"""Plain NumPy forces and integrators, references from other programs, and tests against these."""

@@ -1,4 +1,4 @@
-"""Compiled pair forces beside the oracle's."""
+"""Comparison of compiled pair forces with the oracle."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from tests.oracle.forces import interacting_pairs, lennard_jones, mixed_paramete
 
 
 def round_off(pairs, system):
-    """What each pair's untruncated law may leave near the cutoff, where the truncated one is small."""
+    """Round-off of each pair's untruncated law near the cutoff, where the truncated law is small."""
     epsilon, sigma = mixed_parameters(system.forces[0], system)
     a, b = system.species_index[pairs.i], system.species_index[pairs.j]
     energy, force = lennard_jones(pairs.r, epsilon[a, b], sigma[a, b])
@@ -17,7 +17,7 @@ def round_off(pairs, system):
 
 
 def assert_right(system, bound=None, tolerance=1e-12):
-    """The compiled forces agree with the oracle; returns what was measured."""
+    """Check that the compiled forces agree with the oracle, and return the measured values."""
     bound = bound or BoundForces(system)
     measured = bound.measure(0.0, system.state.phase)
     assert measured is not None

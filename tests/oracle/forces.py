@@ -1,7 +1,7 @@
 """The oracle: forces, energies and virials in plain NumPy, slow and obvious, written from the definitions alone.
 
-Every pair of particles is looked at, at its minimum image. Nothing here comes from the compiled kernels: parameters are
-read from the force as the user gave them, mixing and truncation are written out again.
+Every pair of particles is visited, at its minimum image. Nothing here comes from the compiled kernels: parameters are
+read from the force as the user gave them, and mixing and truncation are written out again.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from kickdrift.model.system import System
 
 
 class Pairs(NamedTuple):
-    """The pairs that interact, one entry each."""
+    """Interacting pairs, one entry each."""
 
     i: np.ndarray
     j: np.ndarray
@@ -48,12 +48,12 @@ def pair_oracle(system: System, time: float = 0.0) -> tuple[np.ndarray, float, f
 
 
 def interacting_pairs(force, system: System) -> Pairs:
-    """Each pair's energy and force."""
+    """Energy and force of each pair."""
     x, m = system.state.positions, system.state.masses
     i, j = np.triu_indices(len(x), k=1) if not isinstance(force, Springs) else np.array(force.pairs).T
     if isinstance(force, Gravity):
-        pulls = (m[i] > 0) | (m[j] > 0)
-        i, j = i[pulls], j[pulls]
+        attracts = (m[i] > 0) | (m[j] > 0)
+        i, j = i[attracts], j[attracts]
     separation = x[i] - x[j]
     separation = nearest_image(system.box, separation)
     r = np.sqrt((separation**2).sum(axis=1))
@@ -71,7 +71,7 @@ def interacting_pairs(force, system: System) -> Pairs:
 
 
 def nearest_image(box, separation: np.ndarray) -> np.ndarray:
-    """The nearest of the images of each separation (m, 3) by up to two of each edge vector."""
+    """Nearest image of each separation (m, 3), among images by up to two of each edge vector."""
     rows = box.matrix * np.array(box.periodic_axes)[:, None]
     for k in (2, 1, 0):
         if rows[k, k]:
@@ -95,7 +95,7 @@ def lennard_jones(r, epsilon, sigma):
 
 
 def truncated_lennard_jones(force, r, epsilon, sigma):
-    """The truncated energy and -dU/dr below the cutoff."""
+    """Truncated energy and -dU/dr below the cutoff."""
     energy, radial = lennard_jones(r, epsilon, sigma)
     energy_at_cutoff, radial_at_cutoff = lennard_jones(force.cutoff, epsilon, sigma)
     if force.truncation == "cut":
@@ -114,7 +114,7 @@ def truncated_lennard_jones(force, r, epsilon, sigma):
 
 
 def mixed_parameters(force, system: System) -> tuple[np.ndarray, np.ndarray]:
-    """epsilon and sigma for each two species: those given for the pair, else Lorentz's and Berthelot's means."""
+    """epsilon and sigma for each two species: the values for the pair if given, else the Lorentz-Berthelot means."""
     names = system.species
     epsilon, sigma = np.empty((2, len(names), len(names)))
     for a, first in enumerate(names):
@@ -165,19 +165,19 @@ def field(force, system: System, time: float) -> tuple[np.ndarray, float]:
 def gravity(force: Gravity, system: System, i, j, r):
     """U = -G m m' / sqrt(r^2 + softening^2) and -dU/dr."""
     constant = force.G if force.G is not None else system.units.gravity
-    gmm = constant * system.state.masses[i] * system.coherent_masses[j]  # G goes with the users' mass unit
+    gmm = constant * system.state.masses[i] * system.coherent_masses[j]  # G belongs to the users' unit of mass
     softened = np.sqrt(r * r + force.softening**2)
     return -gmm / softened, -gmm * r / softened**3
 
 
 def gravity_accelerations(system: System) -> np.ndarray:
-    """(n, 3) accelerations by direct gravity, of massless particles too."""
+    """Accelerations (n, 3) by direct gravity, including those of massless particles."""
     force, x, m = system.forces[0], system.state.positions, system.state.masses
     constant = force.G if force.G is not None else system.units.gravity
     a = np.zeros_like(x)
     for i in range(len(x)):
-        pulls = (m > 0) & (np.arange(len(x)) != i)
-        d = x[pulls] - x[i]
+        attracts = (m > 0) & (np.arange(len(x)) != i)
+        d = x[attracts] - x[i]
         r2 = (d**2).sum(axis=1) + force.softening**2
-        a[i] = (constant * m[pulls, None] * d / r2[:, None] ** 1.5).sum(axis=0)
+        a[i] = (constant * m[attracts, None] * d / r2[:, None] ** 1.5).sum(axis=0)
     return a

@@ -13,7 +13,7 @@ KNOWN_SCHEMA = 2
 
 
 def read(path):
-    """All that the page promises of a file, in true units, as one dictionary of arrays, texts and numbers."""
+    """Everything that the page promises of a file, in true units, as one dictionary of arrays, texts and numbers."""
     with h5py.File(path, "r") as file:
         own, particles = file["kickdrift"], file["particles/trajectory"]
         assert list(file["h5md"].attrs["version"]) == [1, 1]
@@ -89,7 +89,7 @@ def _event(table, row):
 
 
 def _checkpoints(table):
-    """Step and time of each; their bytes are those that were written."""
+    """Step and time of each checkpoint, after a check of its bytes."""
     count, begin = table["committed"][0], 0
     for row in range(count):
         end = table["end"][row]
@@ -133,7 +133,7 @@ def _sha256_of_all(own, particles):
 
 
 def _damaged(file, sums, frames, samples, events):
-    """The numbers of the frames, samples and events that are not what was written."""
+    """Numbers of the damaged frames, samples and events."""
     particles, own = file["particles/trajectory"], file["kickdrift"]
     names = list(sums.attrs.get("observables", ()))
     block = sums.attrs["particles"]
@@ -161,7 +161,7 @@ def _checksum(columns, row):
 
 
 def _sum(data):
-    """In Python's own numbers, which know no overflow."""
+    """Checksum in Python's own integers, which cannot overflow."""
     words = np.frombuffer(data.ljust(-(-len(data) // 8) * 8, b"\0"), "<u8").tolist()
     total = 1
     for i, word in enumerate(words):

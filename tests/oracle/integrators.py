@@ -1,7 +1,7 @@
 """The oracle of the integrators: splitting and Runge-Kutta steps from their definitions, in plain NumPy.
 
-Slow and obvious. ``acceleration`` is a function of time and positions (n, 3); a method is read as its rows of numbers
-stand in the registry.
+Slow and obvious. ``acceleration`` is a function of time and positions (n, 3). A method is read as its rows of numbers
+in the registry.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ Acceleration = Callable[[float, np.ndarray], np.ndarray]
 
 
 def run(method: Method, acceleration: Acceleration, x: np.ndarray, v: np.ndarray, dt: float, steps: int):
-    """Positions and velocities (n, 3) after so many steps from time 0."""
+    """Positions and velocities (n, 3) after this number of steps from time 0."""
     if isinstance(method, Stormer):
         return two_positions(acceleration, x, v, dt, steps)
     step = splitting_step if isinstance(method, Splitting) else runge_kutta_step
@@ -36,8 +36,10 @@ def two_positions(acceleration: Acceleration, x, v, dt: float, steps: int):
 
 
 def half_steps(acceleration: Acceleration, x, v, dt: float, steps: int):
-    """Leapfrog with velocities at half steps, v(t + dt/2) = v(t - dt/2) + dt a(t), x(t + dt) = x(t) + dt v(t + dt/2),
-    from v(dt/2) = v(0) + dt/2 a(0): positions (steps + 1, n, 3), and the velocities at the same times, half a kick on.
+    """Leapfrog with velocities at half steps: v(t + dt/2) = v(t - dt/2) + dt a(t), x(t + dt) = x(t) + dt v(t + dt/2).
+
+    It starts from v(dt/2) = v(0) + dt/2 a(0). Returns positions (steps + 1, n, 3), and velocities half a kick later, at
+    the same times.
     """
     positions, velocities = [x], [v]
     half = v + 0.5 * dt * acceleration(0.0, x)

@@ -1,4 +1,4 @@
-"""Kepler's problem in extended precision, slow and obvious: the reference of the solver's tests and of the map's."""
+"""Kepler's problem in extended precision, slow and obvious: reference for the tests of the solver and of the map."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def stumpff(z, n):
 
 
 def moved(gm, dt, x, v):
-    """Relative position and velocity (3,) a time dt later, in extended precision from the very numbers given."""
+    """Relative position and velocity (3,) after a time dt, in extended precision from exactly the given numbers."""
     gm, dt, x, v = L(gm), L(dt), np.array(x, L), np.array(v, L)
     r0 = np.sqrt(x @ x)
     beta, eta = 2 * gm / r0 - v @ v, x @ v
@@ -34,7 +34,7 @@ def moved(gm, dt, x, v):
         _, g1, g2, g3 = g(s)
         return r0 * g1 + eta * g2 + gm * g3 - dt
 
-    # Bisection between bounds that grow until they hold the root, then Newton's method, which doubles the digits.
+    # Bisection between bounds that grow until they enclose the root, then Newton's method, which doubles the digits.
     low, high = L(-1e-3) * np.sqrt(r0**3 / gm) / r0, L(1e-3) * np.sqrt(r0**3 / gm) / r0
     while late(high) < 0:
         high *= 2

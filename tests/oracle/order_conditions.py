@@ -3,13 +3,13 @@
 Hairer, Nørsett & Wanner 1993, Solving Ordinary Differential Equations I, II.14, doi:10.1007/978-3-540-78862-1.
 
 A splitting is the explicit Nyström method Y_i = y + c_i h y' + h^2 sum_j abar_ij f(Y_j), with
-y1 = y + h y' + h^2 sum_i bbar_i f(Y_i), y1' = y' + h sum_i b_i f(Y_i). It has order p where
+y1 = y + h y' + h^2 sum_i bbar_i f(Y_i), y1' = y' + h sum_i b_i f(Y_i). It has order p if its drifts add up to one and
 
     sum_i b_i Phi_i(tree) = 1 / gamma(tree)                    for every tree of order up to p,
-    sum_i bbar_i Phi_i(tree) = 1 / ((rho + 1) gamma(tree))     for every tree of order rho up to p - 1,
+    sum_i bbar_i Phi_i(tree) = 1 / ((rho + 1) gamma(tree))     for every tree of order rho up to p - 1.
 
-and its drifts add up to one. Time is one more y, with y' = 1 and f = 0: only drifts move it, as they move the clock of
-a splitting, so f(t, y) asks for no further condition.
+Time is one more y, with y' = 1 and f = 0: only drifts move it, as they move the clock of a splitting. So f(t, y) needs
+no further condition.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ from typing import NamedTuple
 
 
 class Tree(NamedTuple):
-    """A derivative of f by y, applied to y' as often as there are leaves, and to f in each of the branches."""
+    """A derivative of f by y, applied to y' once for each leaf, and to f in each of the branches."""
 
     leaves: int
     branches: tuple[Tree, ...] = ()
 
 
 class Condition(NamedTuple):
-    """sum of terms = value, for every method of this order or more."""
+    """Condition sum of terms = value, for every method of this order or more."""
 
     order: int
     terms: list[Fraction]
@@ -47,18 +47,18 @@ class Condition(NamedTuple):
 
 
 def rho(tree: Tree) -> int:
-    """The order of a tree: the power of h that it has in y'."""
+    """Order of a tree: the power of h at the tree in y'."""
     return 1 + tree.leaves + sum(rho(branch) + 1 for branch in tree.branches)
 
 
 def gamma(tree: Tree) -> int:
-    """The density of a tree: it stands in y'(h) with h^rho / gamma and in y(h) with h^(rho + 1) / ((rho + 1) gamma)."""
+    """Density of a tree: its factor is h^rho / gamma in y'(h) and h^(rho + 1) / ((rho + 1) gamma) in y(h)."""
     return rho(tree) * prod((rho(branch) + 1) * gamma(branch) for branch in tree.branches)
 
 
 @cache
 def trees(order: int) -> tuple[Tree, ...]:
-    """All trees of an order, each once: some branches, and leaves to make up the order."""
+    """All trees of an order, each once: some branches, and leaves for the rest of the order."""
     return tuple(
         Tree(order - 1 - height, branches) for height in range(order) for branches in forests(height, height - 1)
     )
@@ -79,9 +79,9 @@ def forests(height: int, largest: int) -> tuple[tuple[Tree, ...], ...]:
 
 
 def conditions(kick: Sequence[float], drift: Sequence[float], first: str, order: int) -> Iterator[Condition]:
-    """The order conditions of a row of kicks and drifts, whose numbers are taken as exactly what they are."""
+    """Order conditions of a row of kicks and drifts, whose numbers are taken as exact."""
     b = [Fraction(weight) for weight in kick]
-    passed = list(accumulate(map(Fraction, drift), initial=Fraction()))  # time before the first drift, the second, ...
+    passed = list(accumulate(map(Fraction, drift), initial=Fraction()))  # times before the first drift, the second, ...
     end = passed[-1]
     c = passed[: len(b)] if first == "kick" else passed[1 : len(b) + 1]
     b_bar = [b[i] * (end - c[i]) for i in range(len(b))]

@@ -1,4 +1,4 @@
-"""Lennard-Jones particles in boxes that lean and in two dimensions, beside LAMMPS' own: one state, and 20 steps on."""
+"""Lennard-Jones particles in leaning boxes and in two dimensions, against LAMMPS: one state, and 20 steps later."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ DT, STEPS = 0.002, 20
 
 
 def lammps_run(system):
-    """Energy of a particle, pressure and temperature at the start, and positions after the steps."""
+    """Energy per particle, pressure and temperature at the start, and positions after the steps."""
     (ax, _, _), (bx, by, _), (cx, cy, cz) = system.box.matrix.tolist()
     plane, n = system.dimensions == 2, len(system)
     low, high = (-0.5, 0.5) if plane else (0.0, cz)

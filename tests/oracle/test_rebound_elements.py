@@ -1,4 +1,5 @@
-"""Elements of orbits against rebound: both ways, about the central body, in Jacobi coordinates, and of a moon."""
+"""Elements of orbits against rebound: in both directions, about the central body, in Jacobi coordinates, and of a
+moon."""
 
 from __future__ import annotations
 
@@ -21,7 +22,7 @@ ANGLES = ("inc", "Omega", "omega", "f", "M")
 
 
 def theirs(frame: str) -> rebound.Simulation:
-    """rebound's Simulation of these elements."""
+    """rebound's Simulation with these elements."""
     sim = rebound.Simulation()
     for k, body in enumerate(BODIES):
         given = {key: math.radians(value) if key in ANGLES else value for key, value in body.items()}
@@ -51,7 +52,7 @@ def test_both_programs_agree_on_states_and_elements(frame):
         for key in ("a", "e", "inc", "Omega", "omega", "f", "M"):
             expected = math.degrees(getattr(orbit, key)) if key in ANGLES else getattr(orbit, key)
             difference = getattr(mine, key) - expected
-            if key in ANGLES:  # rebound has M in [0, 2 pi), on a hyperbola too
+            if key in ANGLES:  # rebound's M is in [0, 2 pi), also on a hyperbola
                 difference = (difference + 180.0) % 360.0 - 180.0
             assert abs(difference) < 1e-9 * max(1.0, abs(expected)), (name, key)
         assert (pytest.approx(orbit.P, rel=1e-10) if mine.e < 1 else math.inf) == mine.P

@@ -1,4 +1,4 @@
-"""kickdrift bench speed: the real path in few short turns, programs that are missing, what is judged and written."""
+"""kickdrift bench speed: the real path in few short turns, missing programs, the judgement and the output."""
 
 import json
 import shutil
@@ -20,7 +20,7 @@ SHORT = ["--turns", "2", "--seconds", "0.01", "--quiet"]
 
 @pytest.fixture
 def command(monkeypatch, capsys):
-    """Runs the program; its exit status, and what it wrote."""
+    """Function that runs the program and returns its exit status and output."""
 
     def run(*words):
         monkeypatch.setattr(sys, "argv", ["kickdrift", "bench", "speed", *map(str, words)])
@@ -67,7 +67,7 @@ def test_planets_in_short(command, tmp_path):
 
 
 def test_liquids_are_the_same_in_every_program(monkeypatch):
-    """All that are installed, among them those that are not in the test extra."""
+    """For all installed programs, including those outside the test extra."""
     group = small(groups, "lj-1000", start=partial(melt.liquid, 512, 200), horizon=20, looks=2)
     assert [c.name for c in group.contestants if c.name.startswith("kickdrift")] == ["kickdrift", "kickdrift mixed"]
     found = speed.measure([group], 2, 0.01)["groups"][0]
@@ -109,7 +109,7 @@ def test_what_is_not_installed_is_a_line_each(command, monkeypatch, tmp_path):
     assert "left out: heyoka Taylor: pip install 'kickdrift[heyoka]'" in lines
     assert next(line for line in lines if "ASAP" in line).endswith("pip install asap3, which needs a C++ compiler")
     assert next(line for line in lines if "GROMACS:" in line).endswith("apt install gromacs")
-    assert out.count("not run") == 5  # the goals of both
+    assert out.count("not run") == 5  # the goals of both groups
     found = json.loads(file.read_text(encoding="utf-8"))
     assert [len(group["rows"]) for group in found["groups"]] == [2, 1]
 
@@ -122,7 +122,7 @@ def test_heyoka():
 
 
 def test_solvers_end_where_the_reference_does():
-    """Ten years of each beside gauss-radau15's; that beside the stored hundred."""
+    """Run ten years with each solver against gauss-radau15; check gauss-radau15 against the stored hundred years."""
     start = bodies.planets()
     ours = bodies.kickdrift(start, "gauss-radau15")
     ten = ours.at(10.0)[0]

@@ -1,4 +1,4 @@
-"""The cache of compiled code: an edited force is seen, an unchanged one compiles once, a deleted one harms nobody."""
+"""Cache of compiled code: an edited force is recompiled, an unchanged one compiles once, a deleted one does no harm."""
 
 from __future__ import annotations
 
@@ -61,14 +61,14 @@ def trap(force, t, x, v, a, sums):
 
 
 class Workshop:
-    """A folder of a user's files, with a cache of its own."""
+    """A folder of a user's files, with its own cache."""
 
     def __init__(self, path):
         self.path, self.cache = path, path / "cache"
 
     def take_the_packages_own(self):
-        """Begin with what of the package alone was compiled for other tests, if anything: its pair list, above all,
-        takes thrice as long as a law."""
+        """Copy the package's own code from other tests' cache, if any. The pair list, above all, takes three times as
+        long to compile as a law."""
         jit = folder() / "jit"
         for pattern in ("forces.list_code.*.nbc", "forces.evaluate.measure.*.nbc", "jit.handle.put_array.*.nbc"):
             for path in jit.rglob(pattern):
@@ -80,7 +80,7 @@ class Workshop:
         (self.path / name).write_text("\n".join(parts))
 
     def run(self, script="script.py"):
-        """What the script printed, and how many compiled functions it left, but for those that write parameters."""
+        """Output of the script, and the number of new compiled functions, without those that write parameters."""
         before = self.compiled()
         command = [sys.executable, "-B", script, str(self.cache)]
         done = subprocess.run(command, cwd=self.path, capture_output=True, text=True, timeout=300)
@@ -100,7 +100,7 @@ def workshop(tmp_path):
 def test_a_law_in_a_script(workshop):
     call = "measure(Quartic(k=3.0, cutoff=2.0, truncation='cut'))"
     workshop.write("script.py", MEASURE, LAW, call)
-    assert workshop.run() == ([1.5, -6.0], 3)  # the package's own function and its list, and the law's
+    assert workshop.run() == ([1.5, -6.0], 3)  # the package's own function and its list, and the law's function
     assert workshop.run() == ([1.5, -6.0], 0)
     workshop.write("script.py", MEASURE, LAW, call.replace("3.0", "5.0"))  # a number is no edit of the law
     assert workshop.run() == ([2.5, -10.0], 0)
@@ -112,8 +112,8 @@ def test_a_law_in_a_script(workshop):
 
 @pytest.mark.long
 def test_laws_that_different_processes_compiled(workshop, monkeypatch):
-    """Each process counts its functions anew, so that they are alike in name but for the law: both in one process."""
-    monkeypatch.setenv("PYTHONHASHSEED", "0")  # the order of numba's flags is in the names too
+    """Each process numbers its functions anew, so two laws may have equal names. Both are then used in one process."""
+    monkeypatch.setenv("PYTHONHASHSEED", "0")  # names also contain the order of numba's flags
     monkeypatch.setenv("NUMBA_NUM_THREADS", "2")
     workshop.take_the_packages_own()
     call = "measure(Quartic(k=3.0, cutoff=2.0, truncation={0!r}), threads=2)"
@@ -127,7 +127,8 @@ def test_laws_that_different_processes_compiled(workshop, monkeypatch):
 
 @pytest.mark.long
 def test_laws_of_one_name(workshop, monkeypatch):
-    """Two modules have a class of the same name: each law is its own, though different processes compiled them."""
+    """Two modules have a class of the same name. Each law keeps its own code, although different processes compiled
+    them."""
     monkeypatch.setenv("PYTHONHASHSEED", "0")
     workshop.take_the_packages_own()
     call = "import {0}\nmeasure({0}.Quartic(k=3.0, cutoff=2.0, truncation='cut'))"
@@ -155,7 +156,7 @@ def test_a_kernel_in_a_module(workshop):
     assert workshop.run() == ([0.0, -10.0], 1)
     workshop.write("params.py", "SCALE = 7.0")
     assert workshop.run() == ([0.0, -14.0], 1)
-    # the same kernel under another name outlives the module that it was compiled for
+    # the kernel is also saved under another name, and must work after its first module is gone
     workshop.write("copy_of_mine.py", KERNEL)
     (workshop.path / "mine.py").unlink()
     workshop.write("script.py", MEASURE, call.format("copy_of_mine"))
@@ -168,7 +169,7 @@ def test_a_kernel_of_numbers_alone(workshop):
     assert workshop.run() == ([0.0, -2.0], 2)  # the package's own function, and the kernel
 
 
-# --- what tells one force from another, without compiling ---
+# --- fingerprints of forces, without compiling ---
 
 IMPORTS = "import math\nfrom typing import NamedTuple\nimport numpy as np\nfrom numba import njit\n"
 VERSIONS = {
@@ -213,7 +214,7 @@ HELPED_EDITS = {
 
 
 def law_of(tmp_path, text, name="users_law"):
-    """The NamedTuple class that a user's module makes."""
+    """NamedTuple class from a user's module."""
     path = tmp_path / f"{name}.py"
     path.write_text(IMPORTS + "from kickdrift.forces.pair_law import pair_law\n" + textwrap.dedent(text))
     spec = importlib.util.spec_from_file_location(name, path)
@@ -237,7 +238,7 @@ def test_what_a_law_calls_belongs_to_it(tmp_path, edit):
     old, new = HELPED_EDITS[edit]
     assert old in HELPED
     first, again = (fingerprint(law_of(tmp_path, HELPED).Parameters) for _ in range(2))
-    assert first == again  # else nothing would ever be found again
+    assert first == again  # unequal fingerprints would never find saved code
     assert first != fingerprint(law_of(tmp_path, HELPED.replace(old, new, 1)).Parameters)
 
 

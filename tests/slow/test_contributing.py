@@ -1,5 +1,4 @@
-"""CONTRIBUTING.md is true: its worked tasks, applied to a copy of the source, work in the number of lines that they
-state."""
+"""The worked tasks of CONTRIBUTING.md, applied to a copy of the source: they work, with the stated numbers of lines."""
 
 from __future__ import annotations
 
@@ -96,7 +95,7 @@ def test_a_task_costs_the_lines_that_it_states(task, tmp_path):
 
 @pytest.mark.long
 def test_the_tasks_work(tmp_path):
-    """All seven in one copy of the source. The column of the user's own runs as the page shows it."""
+    """All seven tasks in one copy of the source. The user's own column runs as the page shows it."""
     copy = tmp_path / "copy"
     for name in ("src", "systems", "validation", "docs", "tests"):
         skip = shutil.ignore_patterns("__pycache__", "*.png", "data")

@@ -1,4 +1,4 @@
-"""The documentation: what its pages show runs as it stands there, and the site is built of all of them."""
+"""The documentation: its pages' code runs as it stands, and the site is built from all pages."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from tests.folders import DOCS, TOP
 
 PAGES = sorted(DOCS.rglob("*.md"))
 WITH_CODE = [page for page in PAGES if any(b.language in ("python", "sh") for b in pages.blocks(page))]
-MADE = {"report.md", "command-line.md"}  # by docs/hooks.py
+MADE = {"report.md", "command-line.md"}  # made by docs/hooks.py
 LONG = {"ensembles"}  # pages that take more than ten seconds
 
 
@@ -28,8 +28,8 @@ def in_turn(page: Path):
 
 @pytest.mark.parametrize("page", [in_turn(page) for page in WITH_CODE])
 def test_a_page_runs(page, tmp_path):
-    """In a process of its own, as a reader would: what it registers stays there."""
-    guesses = "ignore:Element information is missing"  # of MDAnalysis, on reduced units
+    """Run the page in its own process, like a reader; what the page registers stays there."""
+    guesses = "ignore:Element information is missing"  # warning of MDAnalysis on reduced units
     command = [sys.executable, "-W", "error", "-W", guesses, "-m", "tests.pages", page]
     path = os.pathsep.join([str(TOP), os.environ.get("PYTHONPATH", "")])
     done = subprocess.run(
@@ -71,7 +71,7 @@ def test_the_reference_has_every_public_name():
 
 
 def test_the_site_is_built(tmp_path):
-    """Strictly: a dead link, a page that is nowhere or a name that is not found is an error. Nothing is fetched."""
+    """Build strictly: a dead link, an unlisted page or an unknown name is an error. Nothing is fetched."""
     pytest.importorskip("mkdocs")
     command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", tmp_path / "site"]
     done = subprocess.run(

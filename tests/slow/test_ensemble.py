@@ -1,4 +1,4 @@
-"""Ensembles on real workers: rows are what runs give by themselves, whatever happens to the workers."""
+"""Ensembles on real workers: rows equal those of single runs, whatever happens to the workers."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def system(tmp_path) -> Path:
 
 
 def same(one, other) -> bool:
-    """Whether two tables are one but for the wall time."""
+    """Whether two tables are equal except for the wall time."""
     columns = [name for name in one.columns if name != "wall_seconds"]
     return list(one.columns) == list(other.columns) and one[columns].equals(other[columns])
 
@@ -83,7 +83,7 @@ def test_rows_are_the_runs_that_the_seeds_and_values_give(system, client):
         "steps": report.steps,
         "time": report.time,
     }.items():
-        assert row[name] == pytest.approx(value, rel=1e-6, abs=1e-13), name  # side by side, sums are in another order
+        assert row[name] == pytest.approx(value, rel=1e-6, abs=1e-13), name  # side by side, sums have another order
 
 
 def test_the_table_does_not_depend_on_the_workers_or_the_size(system, client):
@@ -174,7 +174,7 @@ def test_an_ensemble_goes_on_where_it_stopped(system, client, suffix):
     assert not output.exists()
     assert len(kept) >= 3
     with journal.open("a") as file:
-        file.write('{"member": 5, "sta')  # as a kill may leave it
+        file.write('{"member": 5, "sta')  # as a kill may leave the file
     seen: list[int] = []
     found = ensemble.run(client, output=output, progress=lambda done, of, failed: seen.append(done))
     assert seen[0] == len(kept) - 1

@@ -1,4 +1,4 @@
-"""Wherever a kill falls between two writes to a run's file, or inside one: all that was flushed can be read."""
+"""A kill may fall between two writes to a run's file, or inside a write: all flushed data can still be read."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def recorder(tmp_path):
 
 
 def test_every_beginning_of_the_writes_is_a_whole_file(recorder, tmp_path):
-    """Ten chunks a frame: the chunks' index, 64 entries in a node, splits with the seventh frame."""
+    """Each frame takes ten chunks. The index of the chunks, 64 entries in a node, splits at the seventh frame."""
     recorder.run(range(8))
     recorder.run(range(8, 10))
     places, wrong = failures(recorder.writes, tmp_path / "copy.h5md", {check_h5py: 1, check_kickdrift: 5})
@@ -54,7 +54,7 @@ def test_mdanalysis_finds_no_frame_that_is_not_whole(recorder, tmp_path):
 
 @pytest.mark.filterwarnings("ignore:there is no reference attributes:UserWarning")
 def test_what_a_kill_leaves_is_continued(recorder, tmp_path):
-    """Of every write of the last flush and of the close: what half-written rows leave, another kill may meet."""
+    """Cut every write of the last flush and of the close. A second kill may also cut the repair."""
     checks = {check_h5py: 1, check_kickdrift: 10}
     if find_spec("MDAnalysis"):
         checks[check_mdanalysis] = 4
@@ -68,7 +68,7 @@ def test_what_a_kill_leaves_is_continued(recorder, tmp_path):
 
 
 def test_hdf5s_own_order_would_lose_frames(recorder, tmp_path):
-    """What the order is for; and that this test sees it."""
+    """Shows that the order of writes matters, and that this test notices."""
     with file_prefixes.hdf5s_own_order():
         recorder.run(range(8))
     _, wrong = failures(recorder.writes, tmp_path / "copy.h5md", {check_h5py: 1})
@@ -76,7 +76,7 @@ def test_hdf5s_own_order_would_lose_frames(recorder, tmp_path):
 
 
 def test_index_nodes_lie_in_one_page(recorder):
-    """Else a kill could cut one: a page is what the system writes whole."""
+    """A kill could cut a node on two pages; the system writes a page as a whole."""
     recorder.run(range(8))
     data = recorder.path.read_bytes()
     places = [k for k in range(len(data)) if data.startswith(b"TREE\x01", k)]
@@ -94,13 +94,13 @@ def test_what_is_counted_in_one_write_is_in_the_first_page(recorder, compress):
 
 
 def test_a_paged_file_is_a_file(tmp_path):
-    """Reads see what was written, the disk only what was committed, as of a plain buffer."""
+    """Reads see all writes, the disk only committed ones, as in a plain buffer."""
     path = tmp_path / "x"
     rng = np.random.default_rng(1)
     truth = bytearray(rng.bytes(20_000))
 
     def ends_there(put):
-        """What a superblock says."""
+        """End of the file in a superblock."""
         truth[40:48] = len(truth).to_bytes(8, "little")
         put(bytes(truth[40:48]))
 
@@ -135,7 +135,7 @@ def test_a_paged_file_is_a_file(tmp_path):
 
 
 def test_a_commit_that_was_cut_short_is_finished_by_whoever_writes_next(recorder, tmp_path):
-    """Once its journal is written; before that, the file is as it was before."""
+    """This holds once the journal is written; before that, the file is unchanged."""
     recorder.run(range(8))
     copy, ends = tmp_path / "copy.h5md", set()
     last = len(recorder.writes) - 1

@@ -1,4 +1,4 @@
-"""The Python of the README and of the pages runs as it stands there; the system file of the page on orbits loads."""
+"""The Python code of the README and of the pages runs as it stands; the system file on the page of orbits loads."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ BRIDGES = README.parent / "docs" / "bridges.md"
 
 
 def run_python_of(page: Path) -> dict:
-    """Run a page's blocks of Python, one after the other; the names that they leave."""
+    """Run a page's blocks of Python, one after the other, and return the names that they define."""
     blocks = re.findall(r"```python\n(.*?)```", page.read_text(encoding="utf-8"), flags=re.DOTALL)
     names: dict = {"__name__": page.stem.lower()}
     exec(compile("\n".join(blocks), str(page), "exec"), names)
@@ -54,7 +54,7 @@ def test_the_python_of_the_page_on_observables_runs(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     names = run_python_of(README.parent / "docs" / "observables.md")
     einstein, green_kubo = names["einstein"], names["green_kubo"]
-    # The fluid at T* = 0.9, rho* = 0.8442, whose error takes a run of twenty units of time.
+    # The fluid is at T* = 0.9, rho* = 0.8442; the error needs a run of twenty units of time.
     assert einstein.value == pytest.approx(green_kubo.value, abs=4 * (einstein.error + green_kubo.error))
     assert np.isfinite(einstein.error)
     assert names["p"].pressure == pytest.approx(float(names["mean"].value), abs=5 * names["p"].pressure_error)

@@ -1,6 +1,6 @@
-"""Nothing breaks the program: the first cases of every generator, which `kickdrift validate robustness` has more of.
+"""Bad input does not break the program: first cases of every generator; `kickdrift validate robustness` runs more.
 
-A failure names the case. ``python -m kickdrift_validation.fuzzing KIND NUMBER`` repeats it and shows what was said.
+A failure names the case. ``python -m kickdrift_validation.fuzzing KIND NUMBER`` repeats it and shows the output.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ from kickdrift_validation.fuzzing.watch import Limits
 pytestmark = pytest.mark.fuzzing
 
 COUNTS = {"system-files": 24, "command-lines": 16, "run-files": 20, "flipped-bytes": 20, "kills": 3}
-# Far from what a case takes on a machine that has other work too; memory and blocked processes are another matter.
+# Far above a case's needs, even on a busy machine; limits on memory and blocked processes stay strict.
 LIMITS = Limits(seconds=60, wall=300, blocked=30)
-# Defects that are known: the signature of the finding and the reason why it stays. There are none.
+# Known defects: the signature of the finding and the reason for its delay. There are none.
 KNOWN: dict[str, str] = {}
 
 
@@ -51,7 +51,7 @@ def test_no_case_breaks_a_rule(tried, kind):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_case_is_always_the_same(tried, kind):
-    """``tried`` writes the files that cases are made of."""
+    """``tried`` first writes the files for the cases."""
     make = KINDS[kind]
     cases = [make(number) for number in range(6)]
     assert cases == [make(number) for number in range(6)]
@@ -61,7 +61,7 @@ def test_a_case_is_always_the_same(tried, kind):
 
 
 def test_forged_files_carry_the_hash_of_what_they_say(tried):
-    """Else they would be refused for the hash, and nothing would look at the names in them."""
+    """With a wrong hash, a file would be refused before its names are read."""
     number = next(k for k in range(200) if run_files.case(k).about.startswith("bodies: force "))
     with h5py.File(io.BytesIO(run_files.case(number).files[run_files.NAME])) as file:
         assert file["kickdrift/system"].attrs["sha256"] == layout.system_hash(file)
@@ -69,7 +69,7 @@ def test_forged_files_carry_the_hash_of_what_they_say(tried):
             assert file["kickdrift"].attrs["sha256"] == layout.run_hash(file)
 
 
-# --- what does break a rule is noticed ---
+# --- violations of a rule are noticed ---
 
 
 def test_what_a_case_must_not_do_is_noticed():

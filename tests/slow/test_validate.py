@@ -21,7 +21,7 @@ from kickdrift_validation.registry import SCRIPTS, Script
 from tests.folders import TOP
 
 VALIDATION = TOP / "validation"
-PACKAGE = "some_scripts"  # the texts below
+PACKAGE = "some_scripts"  # name of a package with the texts below as modules
 GOOD = """
 from kickdrift_validation.claim import claim, not_run
 def claims(long=False, figures=None):
@@ -65,7 +65,7 @@ def claims(long=False):
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
-    """The folder to work in, beside a package of scripts."""
+    """Working folder beside a package of scripts."""
     path = [str(tmp_path / "path"), *filter(None, [os.environ.get("PYTHONPATH")])]
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join(path))
     place = tmp_path / "path" / PACKAGE
@@ -93,7 +93,7 @@ def scripts(*names: str) -> list[Script]:
 
 
 def validated(folder, *names, **options) -> tuple[int, str]:
-    """The exit status and the report."""
+    """Exit status and report."""
     report = folder / "report" / "REPORT.md"
     status = runner.validate(scripts=scripts(*names), package=PACKAGE, report=report, quiet=True, **options)
     return status, report.read_text(encoding="utf-8")
@@ -156,7 +156,7 @@ def test_what_a_script_leaves_behind_ends_with_it(folder):
     (outcome,) = runner.outcomes(scripts("leaves"), folder / "scratch", package=PACKAGE)
     assert "and a child lives on" in str(outcome.claims[0]["value"])
     left = Path(f"/proc/{(folder / 'left.txt').read_text()}/stat")
-    for _ in range(100):  # init takes its time to bury it
+    for _ in range(100):  # init needs time to remove the process
         if not left.exists() or left.read_text().rpartition(")")[2].split()[0] == "Z":
             return
         time.sleep(0.05)
@@ -229,7 +229,7 @@ def test_an_unknown_name_is_exit_status_two(tmp_path):
 def test_interrupted_it_ends_its_children(folder, sent, status):
     program = (
         "import signal, sys\n"
-        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"  # a background job is begun without these
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"  # a background job starts without these handlers
         "signal.signal(signal.SIGHUP, signal.SIG_DFL)\n"
         "from pathlib import Path\nfrom kickdrift_validation import runner\n"
         "from kickdrift_validation.registry import Script\n"
@@ -298,7 +298,7 @@ def test_the_first_claim_that_fails_ends_the_search(folder, monkeypatch):
 
 
 def test_the_report_in_the_repository_is_of_a_whole_run():
-    """Else: kickdrift validate"""
+    """If this fails, run: kickdrift validate"""
     text = (VALIDATION / "REPORT.md").read_text(encoding="utf-8")
     assert re.search(r"^\*\*\d+ claims: \d+ pass, 0 fail, 0 not run\.\*\*$", text, flags=re.MULTILINE)
     assert all(f"## {row.name}\n" in text for row in SCRIPTS if not row.long_only)

@@ -1,6 +1,6 @@
-"""What can be learned from a run: observables of its frames, with error bars.
+"""Results from runs: observables of a run's frames, with error bars.
 
-The names below are public; each is imported when it is first used, so that this package costs nothing to import.
+The names below are public. Each is imported at its first use, so importing this package costs nothing.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from kickdrift.analysis.structure import radial_distribution, structure_factor
     from kickdrift.statistics.blocks import block_average
 
-# No name here may be that of a module beside it: loading that module would put it in the function's place.
+# No name here may be a module's name in this folder: loading that module would replace the function.
 _HOMES = {
     "Diffusion": "analysis.motion",
     "block_average": "statistics.blocks",
@@ -48,4 +48,5 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return [*globals(), *_HOMES]
+    """Public names, and those of Python itself."""
+    return [*__all__, "__all__", "__doc__", "__file__", "__name__", "__path__", "__spec__"]

@@ -1,4 +1,4 @@
-"""The Lennard-Jones energy benchmark: which integrator keeps the energy, at the same step and at the same cost."""
+"""Lennard-Jones energy benchmark: energy errors of integrators at the same step and at the same cost."""
 
 from __future__ import annotations
 
@@ -24,18 +24,18 @@ from kickdrift.systemfile.reading import loads
 
 METHODS = ("velocity-verlet", "leapfrog-dkd", "forest-ruth", "yoshida6", "rk4")
 SAME_STEP = 0.005
-COST = 1000.0  # force evaluations per unit of time in the second table: velocity Verlet at 0.001
+COST = 1000.0  # force evaluations per unit of time in the second table: velocity Verlet with dt = 0.001
 TEMPERATURE, EQUILIBRATION_TIME = 1.44, 10.0
 DEFAULT_STEPS = 2000
 FULL_STEPS = 1_000_000
-SAMPLES = 250  # of the energy, per run
-# RMS energy errors that are claimed for 10^6 steps; temperature, truncation and the error's definition are not stated.
+SAMPLES = 250  # energy samples in each run
+# Claimed RMS energy errors for 10^6 steps; temperature, truncation and the error's definition are not stated.
 CLAIMED = {"leapfrog-dkd": "0.003 %", "rk4": "0.0002 % and growing"}
 
 
 @dataclass(frozen=True)
 class Row:
-    """One method in one table; ``report`` is None where the run blew up, and ``failure`` then says at which step."""
+    """One method in one table. After a blow-up ``report`` is None, and ``failure`` gives the step."""
 
     table: str
     method: str
@@ -46,7 +46,7 @@ class Row:
     relative_error: np.ndarray = field(default_factory=lambda: np.empty(0))
 
     def as_json(self) -> dict[str, Any]:
-        """The row in plain numbers, its energy series included."""
+        """The row as plain numbers, including its energy series."""
         return {
             "table": self.table,
             "method": self.method,
@@ -60,7 +60,7 @@ class Row:
 
 @dataclass(frozen=True)
 class Plan:
-    """What the benchmark is going to run: (table, method, dt, steps), and how long that should take."""
+    """Runs of the benchmark, (table, method, dt, steps), and their expected time."""
 
     runs: tuple[tuple[str, str, float, int], ...]
     seconds: float
@@ -70,7 +70,7 @@ Progress = Callable[[str, int, int], Any]
 
 
 def benchmark_system(particles: int) -> System:
-    """The shipped system lj-1000-switch with that many particles (a whole number of simple cubic cells)."""
+    """The shipped system lj-1000-switch with this many particles (a whole number of simple cubic cells)."""
     text = Path(find("lj-1000-switch")).read_text(encoding="utf-8")
     if particles != 1000:
         text = text.replace("count = 1000", f"count = {particles}")
@@ -80,13 +80,13 @@ def benchmark_system(particles: int) -> System:
 
 
 def plan(system: System, methods: Sequence[str], steps: int, threads: int = 1) -> Plan:
-    """Both tables at the same physical length, ``steps`` x 0.005, with the time expected from a short pilot run."""
+    """Plan both tables for the same physical length, ``steps`` x 0.005. A short pilot run gives the expected time."""
     if steps < 1:
         raise InputError(f"bench: steps must be one or more, got {steps}")
     runs = [("same step", name, SAME_STEP, steps) for name in methods]
     for name in methods:
         if name == "leapfrog-dkd" and "velocity-verlet" in methods:
-            continue  # the same cost as velocity Verlet, and it stands above already
+            continue  # costs as much as velocity Verlet, so its row would repeat the first table's
         dt = method_named(name).evaluations / COST
         runs.append(("same cost", name, dt, max(1, round(steps * SAME_STEP / dt))))
     pilot = Simulation(system, integrator="velocity-verlet", dt=SAME_STEP, threads=threads)
@@ -97,7 +97,7 @@ def plan(system: System, methods: Sequence[str], steps: int, threads: int = 1) -
 
 
 def lj_energy(system: System, the_plan: Plan, threads: int = 1, progress: Progress | None = None) -> list[Row]:
-    """Run the plan from one equilibrated start: a Row for each method in each table."""
+    """Run the plan from one equilibrated start. Returns a Row for each method in each table."""
     begin = Simulation(system, integrator="velocity-verlet", dt=SAME_STEP, threads=threads)
     begin.equilibrate(TEMPERATURE, EQUILIBRATION_TIME, progress=progress and partial(progress, "equilibration"))
     start = begin.state
@@ -120,7 +120,7 @@ def lj_energy(system: System, the_plan: Plan, threads: int = 1, progress: Progre
 
 
 def as_json(system: System, rows: Sequence[Row], seconds: float, threads: int) -> dict[str, Any]:
-    """The benchmark as one object, with what it ran on."""
+    """The benchmark as one object, with the processor and the versions."""
     masses = system.coherent_masses
     return {
         "benchmark": "lj-energy",
@@ -139,7 +139,7 @@ def as_json(system: System, rows: Sequence[Row], seconds: float, threads: int) -
 
 
 def processor() -> str:
-    """The processor's name, where the system tells."""
+    """Name of the processor, if the system gives one."""
     try:
         for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
             if line.startswith("model name"):
@@ -150,6 +150,6 @@ def processor() -> str:
 
 
 def timed(work: Callable[[], Any]) -> tuple[Any, float]:
-    """What ``work`` returns, and the seconds that it took."""
+    """Result of ``work``, and its seconds."""
     began = perf_counter()
     return work(), perf_counter() - began

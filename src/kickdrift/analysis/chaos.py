@@ -13,6 +13,7 @@ import numpy as np
 
 from kickdrift.analysis.chaos_report import ChaosReport, report_of
 from kickdrift.analysis.deviations import LARGEST, cadence, first_deviation, scale_of
+from kickdrift.display.showing import following
 from kickdrift.errors import InputError, RunError
 from kickdrift.forces.variations import varied
 from kickdrift.integrators import INTEGRATORS
@@ -39,7 +40,7 @@ def megno(
     *,
     seed: int = 0,
     threads: int = 1,
-    progress: Callable[[int, int], Any] | None = None,
+    progress: bool | Callable[[int, int], Any] | None = None,
     **options: Any,
 ) -> ChaosReport:
     """Run a System with a deviation vector, and tell whether the motion is chaotic.
@@ -52,7 +53,7 @@ def megno(
     integrator, dt, options : as in a Simulation; default the system file's integrator if it carries variations, else
         dop853. With fixed steps, particles move as without deviations, to the last bit
     seed : seed of the first deviation, a random direction in phase space with positions in units of their scatter
-    progress : called as ``progress(done, of)``
+    progress : True shows a bar; a function is called as ``progress(done, of)``
 
     Raises
     ------
@@ -76,7 +77,8 @@ def megno(
     state.phase[:, :, n:] = first_deviation(n, seed) * scale
     sim.state = state
     begin = sim.energy()
-    times, growth = _growth(sim, length, scale, progress)
+    with following(progress, "running") as told:
+        times, growth = _growth(sim, length, scale, told)
     end = sim.energy()
     chosen = None if sim.method.chooses_steps else sim.dt
     return report_of(system, sim.integrator, chosen, sim.steps_done, seed, (begin, end.total), times, growth)
@@ -202,6 +204,6 @@ def _growth(
         sim.advance(steps - sim.steps_done, every=every, visit=visit)
         if exponent:
             state = sim.state
-            state.phase[:, :, n:] *= 2.0**-exponent  # a power of two: no digit changes
+            state.phase[:, :, n:] *= 2.0**-exponent  # scaling by a power of two changes no digit
             sim.state, exponent = state, 0
     return np.array(times), np.array(growth)

@@ -1,4 +1,4 @@
-"""The growth of deviations in many small systems at once, for MEGNO."""
+"""Growth of deviations in many small systems at once, for MEGNO."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ from kickdrift.model.system import System
 
 
 class Growths(NamedTuple):
-    """Of each system, over k looks."""
+    """Growth of each system's deviation over k looks."""
 
     integrator: str
     steps: int
-    dt: Floats  # (members,)
+    dt: Floats  # dt of each system (members,)
     times: Floats  # (members, k) since the start
     growth: Floats  # (members, k) ln of the deviation's length, 0 at the start
     begin: Floats  # (members, 3) kinetic, potential, total energy
     end: Floats  # (members,) total energy
 
 
-@np.errstate(all="ignore")  # of systems that blow up
+@np.errstate(all="ignore")  # systems may blow up
 def growths(
     systems: Sequence[System],
     lengths: Sequence[float],
@@ -77,7 +77,7 @@ def growths(
 
 
 def _measured(members: Members) -> tuple[Floats, Floats]:
-    """(members, 3, n) accelerations of the bodies, and (members, 3) kinetic, potential and total energy."""
+    """Accelerations of the bodies (members, 3, n), and kinetic, potential and total energy (members, 3)."""
     blocks, n = len(members.y), members.gm.shape[1]
     a, found = aligned((blocks, *members.y.shape[2:])), aligned((blocks, LOOK, WIDTH))
     for block in range(blocks):

@@ -16,10 +16,13 @@ from typing import Any, Literal
 
 import numpy as np
 
+from kickdrift.display.showing import Lines, Shown
 from kickdrift.errors import InputError
 from kickdrift.looks.observers import Energies
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
+from kickdrift.model.unit_systems import symbol_of
+from kickdrift.text import measured
 
 Verdict = Literal["regular", "chaotic", "undecided"]
 
@@ -29,8 +32,8 @@ KEPT = 500  # most samples in a report's JSON
 SETTLED = 0.2  # first part of the run, left out of the fit of the Lyapunov exponent (Cincotta & Simo 2000, section 3)
 
 
-@dataclass(frozen=True)
-class ChaosReport:
+@dataclass(frozen=True, repr=False)
+class ChaosReport(Shown):
     """Results from the growth of a deviation.
 
     Attributes
@@ -60,6 +63,21 @@ class ChaosReport:
     times: Floats = field(repr=False)
     means: Floats = field(repr=False)
     growth: Floats = field(repr=False)
+
+    def __repr__(self) -> str:
+        return str(self)
+
+    def _lines(self) -> Lines:
+        unit = symbol_of(self.time_unit)
+        step = "" if self.dt is None else f", dt = {measured(f'{self.dt:g}', unit)}"
+        return [
+            ("system", self.system),
+            ("integrator", self.integrator + step),
+            ("length", f"{self.steps:,} steps, {measured(f'{self.time:g}', unit)}"),
+            ("MEGNO", f"{self.megno:.4g}: {self.verdict} over this length"),
+            ("Lyapunov", f"exponent {self.lyapunov:.2e} ± {self.lyapunov_error:.1e} per {unit or 'unit of time'}"),
+            ("energy error", f"{self.energy_error:.2e} at the end"),
+        ]
 
     def as_json(self) -> dict[str, Any]:
         """The report as one JSON object, with series of at most some 500 points."""

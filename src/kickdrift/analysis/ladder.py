@@ -1,4 +1,4 @@
-"""The ladder of one method: runs at steps or tolerances from coarse to fine."""
+"""Ladder of one method: runs at steps or tolerances from coarse to fine."""
 
 from __future__ import annotations
 
@@ -17,29 +17,29 @@ from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 from kickdrift.statistics.growth import Growth, energy_growth, position_growth
 
-COARSEST = 1 / 32  # of these evaluations, at the bottom of a ladder of steps
-RUNGS = 16  # at most
+COARSEST = 1 / 32  # part of these evaluations, at the bottom of a ladder of steps
+RUNGS = 16  # most runs in a ladder
 RTOLS = tuple(10.0**-k for k in range(2, 14))
-BELIEVED = 3.0  # times the reference's own error
-LOCAL_POINTS = 4  # of a Problem; of particles the start alone; none of stiff ones, whose orders show at no such step
-USELESS = 1.0  # a relative error of a run that went elsewhere
+BELIEVED = 3.0  # smallest ratio of a believed error to the reference's own error
+LOCAL_POINTS = 4  # points of a Problem; particles use the start alone; stiff problems, which show no order, use none
+USELESS = 1.0  # relative error of a run that missed the solution
 
 
 @dataclass(frozen=True)
 class Row:
-    """One run.
+    """Result of one run.
 
     Attributes
     ----------
-    method : its name, with ``-o KEY=VALUE`` for options of it
+    method : the method's name, with ``-o KEY=VALUE`` for its options
     dt, rtol, atol : the step, or the tolerances of an adaptive method
-    step : dt, or the mean step of a method that chooses its steps
-    steps, rejected, evaluations, seconds : what it took
-    error : the largest over the samples (positions), or the root mean square (energy); None where it failed
-    energy_error : root mean square relative energy error, None where there is no energy
-    local_error : of one step of length ``step``, None where it was not measured
-    growth : how the error goes on after the pilot
-    believed : whether the error stands clear of the reference's own
+    step : dt, or the mean step of an adaptive method
+    steps, rejected, evaluations, seconds : cost of the run
+    error : largest over the samples (positions), or root mean square (energy); None if the run failed
+    energy_error : root mean square relative energy error; None without an energy
+    local_error : error of one step of length ``step``; None if not measured
+    growth : growth of the error with time, for times after the pilot
+    believed : whether the error is clearly above the reference's own
     failure : why there is no error
     """
 
@@ -61,16 +61,16 @@ class Row:
 
     @property
     def useless(self) -> bool:
-        """Whether it failed or went elsewhere."""
+        """Whether the run failed or missed the solution."""
         return self.error is None or self.error > USELESS
 
     def as_json(self) -> dict[str, Any]:
-        """The row in plain numbers."""
+        """The row as plain numbers."""
         return {**vars(self), "growth": vars(self.growth) if self.growth else None}
 
 
 class Bench:
-    """The ladders of one subject."""
+    """Ladders of one subject."""
 
     def __init__(
         self, subject: Subject, start: Any, plan: Reference, length: float, samples: int, evaluations: float,
@@ -82,10 +82,10 @@ class Bench:
         self.enough = max(0.1 * (accuracy or 0.0), plan.error)
         points = 0 if stiff else LOCAL_POINTS if plan.y is not None and not isinstance(subject, System) else 1
         self._local = LocalErrors(subject, start, plan, length, points, reference_method(subject, stiff), threads)
-        self._finest: Floats | None = None  # the solution that oscillations are counted in
+        self._finest: Floats | None = None  # solution for the count of oscillations
 
     def ladder(self, which: Integrator, progress: Callable[[int], Any]) -> list[Row]:
-        """Rows from coarse to fine; of those that are of no use, the finest."""
+        """Rows from coarse to fine. Among useless rows, only the finest is kept."""
         method = which.method
         rows: list[Row] = []
         left, seconds, below = self.share, 0.0, 0
@@ -94,7 +94,7 @@ class Bench:
             if seconds > left or below == 2:
                 break
             row = self._row(which, knob, left)
-            left -= (2 if row.seconds > SHORT else 4) * row.seconds  # it is run again to be timed
+            left -= (2 if row.seconds > SHORT else 4) * row.seconds  # the timed repetitions count too
             seconds = 2 * row.seconds
             if rows and rows[-1].useless and row.useless:
                 rows.pop()
@@ -107,7 +107,7 @@ class Bench:
     def _knobs(self, method: Any) -> list[dict[str, Any]]:
         if method.adaptive:
             return [tolerances(self.subject, self.start, rtol, method.name) for rtol in RTOLS]
-        per_step = method.evaluations or 10  # an implicit method's iterations
+        per_step = method.evaluations or 10  # 10 for an implicit method's iterations
         coarsest = max(1, round(COARSEST * self.evaluations / per_step / self.samples))
         return [{"steps": self.samples * coarsest * 2**rung} for rung in range(RUNGS)]
 
@@ -152,7 +152,7 @@ class Bench:
         )
 
     def slopes(self, rows: list[Row], floor: float) -> tuple[float | None, float | None]:
-        """Of the global and of the local error against the step."""
+        """Slopes of the global and of the local error against the step."""
         steps = [row.step for row in rows]
         return (
             slope(steps, [row.error for row in rows], BELIEVED * floor),
@@ -160,10 +160,10 @@ class Bench:
         )
 
     def cycles(self) -> float:
-        """How often the solution came round: half the crossings of the mean, in the unknown that has most; of a finer
-        solution than its samples, no more than they can show."""
+        """Number of cycles of the solution: half the crossings of the mean, in the unknown with most crossings. The
+        number of samples limits the count."""
         y = self._finest if self.plan.y is None else self.plan.y
         if y is None or y.shape[1] > 600:
-            return float(self.samples)  # many particles: each sample is one collision and more away from the last
+            return float(self.samples)  # many particles: between two samples, each has one more collision
         centred = y - y.mean(axis=0)
         return float(0.5 * np.abs(np.diff(np.sign(centred), axis=0) > 0).sum(axis=0).max())

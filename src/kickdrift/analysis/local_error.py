@@ -1,4 +1,4 @@
-"""The error of one step, and the slope of an error against the step."""
+"""Error of one step, and the slope of an error against the step."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from kickdrift.integrators.asked import Integrator, method_of
 from kickdrift.integrators.scipy_methods import SciPyMethod
 from kickdrift.run.simulation import Simulation
 
-ANY = 1e3  # rtol and atol of an adaptive method whose one step is measured, whatever it thinks of it
-ROUNDING = 50 * EPSILON  # local errors below it are no more than that
-LARGE = 0.1  # errors above it are not yet ruled by the order
-FITTED = 4  # of the finest points
-FLAT = 0.7  # of the slopes before: below, rounding rules
+ANY = 1e3  # rtol and atol that make an adaptive method accept any step
+ROUNDING = 50 * EPSILON  # smaller local errors are only rounding
+LARGE = 0.1  # larger errors do not follow the order yet
+FITTED = 4  # finest points in the fit
+FLAT = 0.7  # part of the slopes before; a smaller slope shows rounding
 
 
 class LocalErrors:
@@ -42,8 +42,8 @@ class LocalErrors:
         )
 
     def of(self, which: str | Integrator, step: float) -> float | None:
-        """After one step of that length; None where it blows up, without points, and for methods that begin
-        with steps of their own."""
+        """Error after one step of that length. None if the step blows up, without points, and for methods whose first
+        steps differ."""
         method = method_of(which)
         if isinstance(method, SciPyMethod) or not self.starts:
             return None
@@ -61,14 +61,14 @@ class LocalErrors:
         sim.state = start
         sim.run(1, every=1)
         self._reference.state = start
-        self._reference.run(until=sim.time, every=2**40)  # a method that chooses its steps need not take dt
+        self._reference.run(until=sim.time, every=2**40)  # an adaptive method need not take dt as its first step
         difference = vector(sim.state) - vector(self._reference.state)
         return float(distance(compared(self.subject, difference), self._scale))
 
 
 def slope(steps: Sequence[float], errors: Sequence[float | None], floor: float) -> float | None:
-    """Of log error against log step, by the finest four points above the floor and before rounding shows: where errors
-    stop falling as they did. None with fewer than three."""
+    """Slope of log error against log step. The fit takes the finest four points above the floor, up to where rounding
+    slows the fall of the error. None with fewer than three points."""
     points = [(h, e) for h, e in zip(steps, errors, strict=True) if e is not None and floor < e < LARGE]
     if len(points) < 3:
         return None

@@ -1,4 +1,4 @@
-"""How particles move: mean squared displacement, velocity autocorrelation, and self-diffusion from either."""
+"""Motion of particles: mean squared displacement, velocity autocorrelation, and self-diffusion from either."""
 
 from __future__ import annotations
 
@@ -16,25 +16,26 @@ from kickdrift.errors import InputError
 from kickdrift.model.state import Floats
 from kickdrift.statistics.blocks import Mean, block_average
 
-STRETCHES = 64  # of time origins, whose means are the rows of the error's blocks
+STRETCHES = 64  # stretches of time origins, whose means are the rows of the error's blocks
 CUBE = 2.837297  # xi of Yeh & Hummer: the lattice sum of a cubic box
 
 
 @dataclass(frozen=True)
 class Diffusion:
-    """A self-diffusion coefficient in length² per time, its standard error (infinite where the run is too short to
-    tell), and the window of times it was found in."""
+    """A self-diffusion coefficient in length² per time, its standard error, and the time window of the fit.
+
+    The error is infinite if the run is too short."""
 
     value: float
     error: float
     window: tuple[float, float]
 
     def at_infinite_size(self, temperature: float, viscosity: float, edge: float, boltzmann: float = 1.0) -> Diffusion:
-        """D + ξ k_B T / (6π η L), ξ = 2.837297, as a cubic box of any size would have it.
+        """D + ξ k_B T / (6π η L), ξ = 2.837297: the coefficient for an infinite cubic box.
 
-        A particle drags its own periodic images along, which slows it (Yeh & Hummer 2004, J. Phys. Chem. B 108, 15873,
-        doi:10.1021/jp0477147). ``viscosity`` is in pressure times time, ``edge`` the box's, ``boltzmann`` the unit
-        system's (``run.units.boltzmann``). The error is that of D alone.
+        The drag of a particle's own periodic images slows the particle (Yeh & Hummer 2004, J. Phys. Chem. B 108, 15873,
+        doi:10.1021/jp0477147). ``viscosity`` is in pressure times time. ``edge`` is the box's. ``boltzmann`` is the
+        unit system's constant (``run.units.boltzmann``). The error is that of D alone.
         """
         for name, value in (("temperature", temperature), ("viscosity", viscosity), ("edge", edge)):
             if not (math.isfinite(value) and value > 0):
@@ -43,23 +44,23 @@ class Diffusion:
 
 
 class _Stretches(NamedTuple):
-    """A time correlation over stretches of time origins, summed: (stretches, lags) sums and how many terms."""
+    """Sums of a time correlation over stretches of time origins, (stretches, lags), and the number of terms in each."""
 
     sums: Floats
     terms: NDArray[np.int64]
 
     def mean(self) -> Floats:
-        """(lags,) over all time origins."""
+        """Means over all time origins, (lags,)."""
         total: Floats = self.sums.sum(axis=0)
         return total / self.terms.sum(axis=0)
 
     def rows(self, lag: int) -> Floats:
-        """(k, lag + 1) means of those stretches whose every origin has a frame ``lag`` later."""
+        """Means (k, lag + 1) of the stretches in which every origin has a frame ``lag`` later."""
         whole = int(np.count_nonzero(self.terms[:, lag] == self.terms[0, 0]))
         return self.sums[:whole, : lag + 1] / self.terms[0, 0]
 
     def errors(self) -> Floats:
-        """(lags,) standard errors; infinite where too few stretches are left."""
+        """Standard errors (lags,); infinite for lags with too few stretches."""
         errors = np.full(self.sums.shape[1], np.inf)
         whole = np.count_nonzero(self.terms == self.terms[0, 0], axis=0)
         for count in np.unique(whole[whole > 0]):
@@ -78,7 +79,7 @@ class _Correlation:
     values : (lags,) means over particles and all time origins
     error : (lags,) standard errors, infinite where the run is too short for the lag
     frames : int
-    dimensions : 3, or 2 of a run in two dimensions
+    dimensions : 3, or 2 for a run in two dimensions
     """
 
     times: Floats
@@ -89,14 +90,14 @@ class _Correlation:
     dimensions: int = 3
 
     def _lag(self, name: str, time: float) -> int:
-        """The lag nearest to a time."""
+        """Lag nearest to a time."""
         step = float(self.times[1]) if len(self.times) > 1 else math.inf
         if not 0 <= time <= self.times[-1] + 0.5 * step:
             raise InputError(f"diffusion: {name} = {time:g} is not among the times, 0 to {self.times[-1]:g}")
         return min(round(time / step), len(self.times) - 1)
 
     def _diffusion(self, weights: Floats, first: int) -> Diffusion:
-        """D = weights · values up to the last lag that is weighed, from ``first`` on."""
+        """D = weights · values up to the last weighted lag, from ``first`` on."""
         last = len(weights) - 1
         rows = self._stretches.rows(last) @ weights
         found = block_average(rows) if len(rows) else Mean(np.nan, np.inf, 0)  # type: ignore[arg-type]
@@ -134,15 +135,15 @@ class VelocityAutocorrelation(_Correlation):
 
     @property
     def normalised(self) -> Floats:
-        """(lags,) over the value at 0."""
+        """Values divided by the value at 0, (lags,)."""
         return self.values / self.values[0]
 
     def diffusion(self, until: float) -> Diffusion:
         """D = 1/3, in two dimensions 1/2, of the integral from 0 to ``until``, by the trapezoidal rule.
 
-        Green & Kubo (Allen & Tildesley 2017, eq. 2.116, doi:10.1093/oso/9780198803195.001.0001). What lies beyond
-        ``until`` is left out; frames must be close enough for the function to look smooth. The error is by block
-        averages over time origins of the same integral.
+        Green & Kubo (Allen & Tildesley 2017, eq. 2.116, doi:10.1093/oso/9780198803195.001.0001). The integral leaves
+        out times after ``until``. Frames must be close enough for a smooth function. The error is by block averages of
+        the same integral over time origins.
         """
         last = self._lag("until", until)
         if last < 1:
@@ -162,18 +163,18 @@ def mean_squared_displacement(
     masses: ArrayLike | None = None,
     species: Sequence[str] | None = None,
 ) -> MeanSquaredDisplacement:
-    """The mean squared displacement over all particles and all time origins, by fast Fourier transforms.
+    """Mean squared displacement over all particles and all time origins, by fast Fourier transforms.
 
     Allen & Tildesley 2017, section 8.4; in O(f log f) for f frames as Kneller et al. 1995, Comput. Phys. Commun. 91,
-    191, doi:10.1016/0010-4655(95)00048-K. Errors are by block averages over 64 stretches of time origins; displacements
-    over a time t are correlated over it, so a lag beyond about a tenth of the run has an infinite one.
+    191, doi:10.1016/0010-4655(95)00048-K. Errors are by block averages over 64 stretches of time origins. Displacements
+    over a time t are correlated for that time, so lags beyond about a tenth of the run have infinite errors.
 
     Parameters
     ----------
     source : a run, open or by its path, or some of its frames, ``run[100::10]``; or unwrapped positions (frames, n, 3)
     times : (frames,) evenly spaced; with positions alone
-    lags : how many; default a quarter of the frames
-    of : the species to average over; default all particles
+    lags : number of lags; default a quarter of the frames
+    of : species to average over; default all particles
     remove_drift : take displacements relative to the centre of mass of all particles
     masses, species : (n,); with positions alone
 
@@ -193,10 +194,10 @@ def velocity_autocorrelation(
     masses: ArrayLike | None = None,
     species: Sequence[str] | None = None,
 ) -> VelocityAutocorrelation:
-    """The velocity autocorrelation function over all particles and all time origins, by fast Fourier transforms.
+    """Velocity autocorrelation function over all particles and all time origins, by fast Fourier transforms.
 
-    Allen & Tildesley 2017, section 8.4, doi:10.1093/oso/9780198803195.001.0001. Parameters as those of
-    ``mean_squared_displacement``, with velocities (frames, n, 3) for positions.
+    Allen & Tildesley 2017, section 8.4, doi:10.1093/oso/9780198803195.001.0001. Parameters are as in
+    ``mean_squared_displacement``, with velocities (frames, n, 3) instead of positions.
     """
     found = vectors_of(source, "velocities", times=times, masses=masses, species=species)
     return VelocityAutocorrelation(*_correlation(found, lags, of, remove_drift, displacements=False))
@@ -228,10 +229,10 @@ def _correlation(
 
 
 def _stretch(x: Floats, origins: int, lags: int, displacements: bool) -> Floats:
-    """(lags,) sums over series x (s, f) and their first ``origins`` points of x(t) x(t + m), or of the squared
+    """Sums (lags,) over series x (s, f) and their first ``origins`` points of x(t) x(t + m), or of the squared
     difference, as far as there are points.
 
-    A difference is |x(t)|² + |x(t + m)|² - 2 x(t) x(t + m). What cancels there is least about each series' mean.
+    A difference is |x(t)|² + |x(t + m)|² - 2 x(t) x(t + m). Series relative to their means lose the fewest digits.
     """
     if displacements:
         x = x - x.mean(axis=1, keepdims=True)
@@ -243,8 +244,8 @@ def _stretch(x: Floats, origins: int, lags: int, displacements: bool) -> Floats:
         return products
     squares = np.concatenate([[0.0], np.cumsum(np.einsum("sf,sf->f", x, x))])
     m = np.arange(lags)
-    ends = np.clip(have - m, 0, origins)  # of the origins that have a point m later
+    ends = np.clip(have - m, 0, origins)  # origins with a point m later
     both = squares[ends] + squares[np.minimum(ends + m, have)] - squares[np.minimum(m, have)]
     sums = np.where(ends > 0, both - 2 * products, 0.0)
-    sums[0] = 0.0  # and not rounding
+    sums[0] = 0.0  # exact, without rounding
     return sums

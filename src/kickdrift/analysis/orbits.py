@@ -1,4 +1,4 @@
-"""Orbits of a run's bodies: their elements over time, and the paths they are drawn from."""
+"""Orbits of a run's bodies: elements over time, and paths for figures."""
 
 from __future__ import annotations
 
@@ -20,20 +20,20 @@ def orbits(
     plane: str = "file",
     most_frames: int | None = None,
 ) -> Orbits:
-    """The osculating elements of a run's bodies at its frames.
+    """Osculating elements of a run's bodies at its frames.
 
     Parameters
     ----------
     run : a run's file, open or by its path
-    frame : "heliocentric", "jacobi" (in the order of the file) or "barycentric"; what the elements are relative to
-    plane : "file", the x-y plane, or "invariable", at right angles to the total angular momentum at the start; what
-        inclinations and nodes are counted from
-    most_frames : no more frames than that, spread evenly; default all
+    frame : origin of the orbits: "heliocentric", "jacobi" (in the order of the file) or "barycentric"
+    plane : reference plane of inclinations and nodes: "file", the x-y plane, or "invariable", perpendicular to the
+        total angular momentum at the start
+    most_frames : most frames to read, spread evenly; default all
 
     Raises
     ------
     InputError
-        For a run without gravity, or whose bodies orbit none that has half of all mass.
+        For a run without gravity, or without a body of at least half of all mass.
     """
     found = paths(run, most_frames)
     return orbits_of(found, frame, plane)
@@ -45,10 +45,11 @@ def orbital_elements(
     plane: str = "file",
     most_frames: int | None = None,
 ) -> NDArray[np.void]:
-    """``orbits`` as a table: a structured array (frames x bodies,) whose columns are ``time``, ``body`` (a name),
-    the semi-major axis ``a`` and the elements by their names, body by body within a frame. A body that is gone has nan.
+    """Return ``orbits`` as a table: a structured array (frames x bodies,), body by body within a frame.
 
-    ``pandas.DataFrame(orbital_elements(run))`` is the same as a data frame. Parameters and errors as of ``orbits``.
+    Columns are ``time``, ``body`` (a name), the semi-major axis ``a`` and the elements by their names. A body that is
+    gone has nan. ``pandas.DataFrame(orbital_elements(run))`` makes a data frame. Parameters and errors are as in
+    ``orbits``.
     """
     if not isinstance(run, reader.Run | str | os.PathLike):
         raise InputError("orbital_elements: expected a whole run or its path; set most_frames to use fewer frames")
@@ -85,8 +86,8 @@ def paths(run: reader.Run | str | os.PathLike[str], most_frames: int | None = No
 
 
 def _held(x: Floats, v: Floats, masses: Floats) -> Floats:
-    """(k, n) the masses at each frame; x and v of bodies that were absorbed, which a file has where their survivor is,
-    become nan, as those of bodies that were removed are."""
+    """Masses (k, n) at each frame. In a file, an absorbed body has its survivor's position; here x and v of absorbed
+    and removed bodies become nan."""
     there = np.isfinite(x[:, :, 0])
     held = np.where(there, masses, 0.0)
     last = len(x) - 1 - np.argmax(there[::-1], axis=0)
@@ -105,7 +106,7 @@ def _held(x: Floats, v: Floats, masses: Floats) -> Floats:
 
 
 def gravity_of(run: reader.Run) -> float | None:
-    """G of a run's gravity, in its units; None where it has none."""
+    """G of a run's gravity, in the run's units; None without gravity."""
     for force in run.system_record["forces"]:
         if isinstance(force["parameters"], dict) and "G" in force["parameters"]:
             given = force["parameters"]["G"]

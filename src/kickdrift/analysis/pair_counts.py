@@ -1,4 +1,4 @@
-"""How many pairs of particles lie at which distance: the compiled loop under the radial distribution function."""
+"""Counts of pairs of particles by distance: the compiled loop of the radial distribution function."""
 
 from __future__ import annotations
 
@@ -16,13 +16,14 @@ from kickdrift.model.state import Floats
 def pair_counts(
     positions: Floats, box: Box, kinds: NDArray[np.int64], unlike: bool, r_max: float, bins: int
 ) -> NDArray[np.int64]:
-    """(bins,) pairs in each bin of equal width up to ``r_max``, at most half the least height of the periodic box.
+    """Number of pairs in each bin (bins,) of equal width up to ``r_max``.
 
-    Every pair of the (n, 3) ``positions`` counts once where its ``kinds`` (n,) are ``unlike`` or, else, are not.
+    ``r_max`` is at most half the least height of the periodic box. Each pair of the (n, 3) ``positions`` counts once if
+    its ``kinds`` (n,) differ, or, without ``unlike``, if they are equal.
     """
     cell = cell_of(box)
     edges = np.where(cell.edges > 0, cell.edges, np.inf)
-    # The last periodic edge is alone in leaning along its axis, so that places along this repeat after its length.
+    # Only the last periodic edge leans along its own axis, so positions along that axis repeat after the edge's length.
     sorted_by = int(np.flatnonzero(box.periodic_axes)[-1])
     wrapped = box.wrap(positions)
     order = np.argsort(wrapped[:, sorted_by], kind="stable")
@@ -34,9 +35,11 @@ def pair_counts(
 
 @driver
 def count_pairs(x, kinds, unlike, matrix, leans, edges, sorted_by, r_max, row, counts):
-    """counts += pairs of x (3, n), sorted by its row ``sorted_by``; ``row`` (n,) is room for one particle's distances.
+    """Add to counts the pairs of x (3, n), sorted by its row ``sorted_by``. ``row`` (n,) holds one particle's
+    distances.
 
-    A pair that is close along that axis is so either as it stands or around the box: two stretches of the sorted row.
+    A pair may be close along that axis directly or across the boundary, so two stretches of the sorted row are
+    searched.
     """
     n, bins = x.shape[1], counts.size
     widths, limit = bins / r_max, r_max * r_max

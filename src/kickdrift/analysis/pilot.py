@@ -1,4 +1,4 @@
-"""Pilot runs: a solution at evenly spaced times, what it cost, and an end where it takes too long."""
+"""Pilot runs: a solution at evenly spaced times, its cost, and a time limit."""
 
 from __future__ import annotations
 
@@ -19,16 +19,17 @@ from kickdrift.model.system import System
 from kickdrift.run.simulation import Simulation
 from kickdrift.statistics.drift import EnergyError, energy_error
 
-SHORT = 0.1  # seconds; a run below is timed three times more, a longer one once
-LONG = 3.0  # seconds; in a run above, the looks at the solution weigh little, and it is not run again
-NEVER = 2**40  # steps between two looks: none but at both ends
+SHORT = 0.1  # seconds; a shorter run is timed three times more, a longer one once
+LONG = 3.0  # seconds; a longer run is not timed again, since its looks take little of its time
+NEVER = 2**40  # steps between looks, for looks at both ends alone
 
 Subject = System | Problem
 
 
 class OutOfTime(Exception):
-    """A run took longer than it was given; ``time`` is how far it came, to ``y``, after so many evaluations and
-    seconds."""
+    """Error of a run that took longer than its limit.
+
+    It holds the reached ``time`` with ``y`` there, and the evaluations and seconds so far."""
 
     def __init__(self, time: float, y: Floats, evaluations: int, seconds: float) -> None:
         super().__init__(f"stopped after {seconds:.2g} s, at t = {time:.4g}")
@@ -37,16 +38,16 @@ class OutOfTime(Exception):
 
 @dataclass(frozen=True)
 class Track:
-    """One run.
+    """Solution and cost of one run.
 
     Attributes
     ----------
-    times : (S + 1,) from the start on, evenly spaced
-    y : (S + 1, N) all unknowns there: positions, then velocities, of particles
-    energies : (S + 1,) nan where a Problem has none
+    times : (S + 1,) evenly spaced from the start
+    y : (S + 1, N) all unknowns at these times: for particles, positions and then velocities
+    energies : (S + 1,) energy at these times; nan for a Problem without energy
     kinetic : kinetic energy at the start, 0 for a Problem
-    steps, rejected, evaluations : what it took
-    seconds : without compiling
+    steps, rejected, evaluations : cost of the run
+    seconds : time without compiling
     """
 
     times: Floats
@@ -60,17 +61,17 @@ class Track:
 
     @property
     def energy(self) -> EnergyError | None:
-        """How far the energy left its first value, by the definition of a run's report."""
+        """Energy error relative to the first value, defined as in a run's report."""
         return None if np.isnan(self.energies).any() else energy_error(self.energies, self.kinetic)
 
 
 def vector(state: Any) -> Floats:
-    """(N,) all unknowns of a State or ProblemState; a copy."""
+    """All unknowns (N,) of a State or ProblemState; a copy."""
     return (state.y if isinstance(state, ProblemState) else state.phase).reshape(-1).copy()
 
 
 def state_at(start: Any, y: Floats, time: float) -> Any:
-    """The State or ProblemState of the unknowns (N,) at a time, no step done."""
+    """State or ProblemState with the unknowns (N,) at a time, and no steps done."""
     if isinstance(start, ProblemState):
         return ProblemState(y.copy(), time)
     return replace(start, phase=y.reshape(start.phase.shape).copy(), time=time, steps_done=0)
@@ -89,9 +90,9 @@ def follow(
     threads: int = 1,
     limit: float = np.inf,
 ) -> Track:
-    """Run from ``start`` for ``length``, in so many ``steps`` (a multiple of ``samples``) or to the tolerances.
+    """Run from ``start`` for ``length``, in ``steps`` fixed steps (a multiple of ``samples``) or to the tolerances.
 
-    Raises RunError where it blows up, and OutOfTime after ``limit`` seconds.
+    Raises RunError if the run blows up, and OutOfTime after ``limit`` seconds.
     """
     dt = length / steps if steps else None
     sim = Simulation(subject, which, dt=dt, threads=threads, rtol=rtol, atol=atol, precision="double")
@@ -131,8 +132,8 @@ def follow(
 
 
 def warm_up(subject: Subject, start: Any, which: str | Integrator, step: float, threads: int) -> None:
-    """Compile all that a run needs; ``step`` is a short one, and whether it comes to anything does not matter: it is
-    long beside what a stiff problem does at its start."""
+    """Compile all code for a run. ``step`` is short, but long for a stiff problem's start; whether the step succeeds
+    does not matter."""
     sim = Simulation(subject, which, dt=step, threads=threads, precision="double")
     sim.state = start
     with suppress(RunError):
@@ -143,7 +144,7 @@ def warm_up(subject: Subject, start: Any, which: str | Integrator, step: float, 
 
 
 def _timed(sim: Simulation, start: Any, length: float, steps: int | None) -> float:
-    """Seconds of the same run without looks on the way: the median of three where it is short."""
+    """Seconds of the same run without looks in between; the median of three for a short run."""
     seconds: list[float] = []
     while not seconds or (len(seconds) < 3 and seconds[0] < SHORT):
         sim.state = start
@@ -162,11 +163,11 @@ def _run(sim: Simulation, until: float, steps: int | None, samples: int, look: A
 
 
 def _no_look(sim: Simulation) -> None:
-    """Nothing is kept."""
+    """Do nothing at a look."""
 
 
 def _guarded(run: Callable[[], Any]) -> None:
-    """What an energy makes of a solution far astray is a blow-up too."""
+    """Call a run. Errors from an energy function far off the solution count as a blow-up."""
     try:
         with np.errstate(all="ignore"):
             run()

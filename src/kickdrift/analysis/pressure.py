@@ -1,4 +1,4 @@
-"""The pressure tensor of a run's frames, from the forces between pairs of particles."""
+"""Pressure tensor at a run's frames, from the forces between pairs of particles."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from kickdrift.trajectory.record import system_of
 
 
 class PressureTensor(NamedTuple):
-    """The pressure tensor over time, in energy per volume.
+    """Pressure tensor over time, in energy per volume.
 
-    ``tensors`` (f, 3, 3) at ``times`` (f,), their mean ``tensor`` and its standard error ``error``, both (3, 3);
-    ``pressure`` is a third of the mean's trace, with ``pressure_error`` of its own. Errors are by block averages over
-    frames, infinite where there are too few to tell.
+    ``tensors`` (f, 3, 3) are at ``times`` (f,). ``tensor`` is their mean and ``error`` its standard error, both (3, 3).
+    ``pressure`` is a third of the mean's trace, with its error ``pressure_error``. Errors are by block averages over
+    frames, infinite if there are too few frames.
     """
 
     times: Floats
@@ -37,17 +37,17 @@ class PressureTensor(NamedTuple):
 def pressure_tensor(run: Frames | str | os.PathLike[str], system: System | None = None) -> PressureTensor:
     """P = (sum of m v v + sum over pairs of r F) / V at the frames of a run in a periodic box.
 
-    Allen & Tildesley 2017, eqs. 2.60 and 2.67, doi:10.1093/oso/9780198803195.001.0001, with velocities as they are, so
-    that of a moving centre of mass included. The stress tensor is its negative. The trace over the number of dimensions
-    is the pressure that the run itself reports. Pair forces act as in the run, by the same compiled law, truncation and
-    tail; springs too; fields act on single particles and have no share.
+    Allen & Tildesley 2017, eqs. 2.60 and 2.67, doi:10.1093/oso/9780198803195.001.0001. Velocities include that of the
+    centre of mass. The stress tensor is the negative. The trace over the number of dimensions is the pressure that the
+    run itself reports. Pair forces act as in the run, with the same compiled law, truncation and tail. Springs act too.
+    Fields act on single particles and do not contribute.
 
     Parameters
     ----------
     run : open or by its path, or some of its frames, ``run[::10]``
-    system : whose forces act; default the run's own, from the file
+    system : System with the forces; default the run's own, from the file
 
-    Raises InputError for an open box, or where a force is neither between pairs nor a field.
+    Raises InputError for an open box, or if a force is neither a pair force nor a field.
     """
     positions = vectors_of(run, "positions")
     velocities = vectors_of(run, "velocities")

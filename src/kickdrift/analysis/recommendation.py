@@ -1,117 +1,42 @@
-"""Which integrator and step are cheapest for a wanted accuracy and length, by the evidence of a comparison; or why the
+"""Cheapest integrator and step for a wanted accuracy and length, by the evidence of a comparison; or the reason why the
 comparison cannot tell."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from math import ceil, exp, floor, isfinite, log, log10
 from statistics import median
-from typing import Any
 
+from kickdrift.analysis.choices import SAFETY as SAFETY
+from kickdrift.analysis.choices import Choice as Choice
+from kickdrift.analysis.choices import Recommendation as Recommendation
+from kickdrift.analysis.comparison import Comparison
 from kickdrift.analysis.ladder import Row
-from kickdrift.analysis.work_precision import Comparison
 from kickdrift.errors import InputError
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.statistics.growth import SURE
 
-SAFETY = 2.0  # the error foreseen is to stay below the wanted one by that factor
 FARTHEST = 1000.0  # times the pilot's length; errors that grow as a measured power are trusted no farther
 CYCLES = 5.0  # of the solution that a pilot must have seen, to say what later ones do
 UNRESOLVED = 0.5  # standard error of a growth exponent
 ASYMPTOTIC = 0.1  # relative errors above it do not follow their power of the step
-TIE = 1.2  # costs closer than that are the same, for all that timing can tell
-
-
-@dataclass(frozen=True)
-class Choice:
-    """A method with the step or tolerance that meets the wanted accuracy.
-
-    Attributes
-    ----------
-    method, dt, steps, rtol, atol : what to run (see `Row`); dt divides the length
-    error : foreseen at the end of the run, the safety factor not in it
-    evaluations, seconds : foreseen for the whole run
-    """
-
-    method: str
-    dt: float | None
-    steps: int | None
-    rtol: float | None
-    atol: float | None
-    error: float
-    evaluations: float
-    seconds: float
-
-    def options(self, length: float) -> str:
-        """As ``kickdrift run`` takes it."""
-        if self.dt is not None:
-            end = f"--steps {self.steps}" if self.steps else f"--time {length!r}"
-            return f"--integrator {self.method} --dt {self.dt!r} {end}"
-        absolute = "" if self.atol is None else f" --atol {self.atol:g}"
-        return f"--integrator {self.method} --rtol {self.rtol:g}{absolute} --time {length!r}"
-
-
-@dataclass(frozen=True)
-class Recommendation:
-    """What to run, or why nothing is recommended. Nothing switches by itself.
-
-    Attributes
-    ----------
-    accuracy, length : wanted
-    choice : the cheapest, None where nothing is recommended
-    others : the other methods that meet the accuracy, from cheap to dear
-    refusal : why there is no choice
-    margin : how many times the cheapest the next one costs; None where there is no other
-    pilot, extrapolation : length of the pilot, and how many times that the run is
-    evidence : one line on each method that is out, and what the choice rests on
-    """
-
-    accuracy: float
-    length: float
-    pilot: float
-    extrapolation: float
-    choice: Choice | None
-    others: tuple[Choice, ...]
-    refusal: str | None
-    evidence: tuple[str, ...]
-
-    @property
-    def margin(self) -> float | None:
-        if self.choice is None or not self.others:
-            return None
-        return self.others[0].seconds / self.choice.seconds
-
-    @property
-    def tie(self) -> bool:
-        """Whether timing cannot tell the first two apart."""
-        return self.margin is not None and self.margin < TIE
-
-    def as_json(self) -> dict[str, Any]:
-        """In plain numbers."""
-        return {
-            **vars(self),
-            "choice": vars(self.choice) if self.choice else None,
-            "others": [vars(other) for other in self.others],
-            "margin": self.margin,
-            "safety": SAFETY,
-        }
 
 
 def recommendation(comparison: Comparison, accuracy: float, length: float | None = None) -> Recommendation:
-    """The cheapest method and step whose error, measured in the pilot and carried on to ``length`` by the growth
-    measured there, stays below ``accuracy`` by a factor of two.
+    """Cheapest method and step whose error stays below half the ``accuracy`` at ``length``.
+
+    The error is measured in the pilot and extrapolated to ``length`` by its measured growth.
 
     Parameters
     ----------
-    comparison : of ``work_precision``
-    accuracy : relative error wanted, in the comparison's measure
-    length : of the run; default what the comparison has in mind
+    comparison : result of ``work_precision``
+    accuracy : wanted relative error, in the comparison's measure
+    length : length of the run; default the comparison's intended length
 
     Raises
     ------
     InputError
-        Where accuracy or length are not positive finite numbers.
+        If accuracy or length are not positive finite numbers.
     """
     length = comparison.whole if length is None else length
     for key, value in (("accuracy", accuracy), ("length", length)):
@@ -138,7 +63,7 @@ def recommendation(comparison: Comparison, accuracy: float, length: float | None
 
 
 def _refusal(comparison: Comparison, accuracy: float, ratio: float) -> str | None:
-    """Why no method at all can be recommended."""
+    """Reason why no method at all can be recommended, or None."""
     pilot = f"the pilot of {comparison.length:.4g}"
     if accuracy < SAFETY * comparison.reference_error:
         return (
@@ -171,10 +96,10 @@ def _none_left(said: Sequence[str]) -> str:
 
 
 def _choice(rows: list[Row], accuracy: float, length: float, ratio: float, hidden: float) -> Choice | str:
-    """The coarsest step or tolerance of a method that will do; else why there is none.
+    """Coarsest step or tolerance of a method that meets the accuracy; else the reason why there is none.
 
-    An error that the reference hides is off by ``hidden``, the reference's own, at most, and goes on as the last one
-    seen does."""
+    An error below the reference's own is uncertain by at most ``hidden``, the reference's own error. It is assumed to
+    grow like the last error that was measured."""
     foreseen: list[tuple[Row, float]] = []
     unknown = 0
     growth = 1.0 if ratio <= 1.0 else None
@@ -195,12 +120,12 @@ def _choice(rows: list[Row], accuracy: float, length: float, ratio: float, hidde
             return "the pilot is too short to measure the growth of its error"
         return "no run with an error above the reference's own and below 0.1"
     target = accuracy / SAFETY
-    best = min(range(len(foreseen)), key=lambda k: foreseen[k][1])  # finer rows may show rounding alone
+    best = min(range(len(foreseen)), key=lambda k: foreseen[k][1])  # finer rows may show only rounding
     if foreseen[best][1] > target:
         return f"reaches {foreseen[best][1]:.2g} at that length, not {target:.2g}" + (
             "; the pilot is too short to predict finer runs" if unknown else ""
         )
-    good = best  # the coarsest of the rows from here on that all meet the target
+    good = best  # all rows from the coarsest good row on meet the target
     while good and foreseen[good - 1][1] <= target:
         good -= 1
     row, error = foreseen[good]
@@ -215,7 +140,7 @@ def _choice(rows: list[Row], accuracy: float, length: float, ratio: float, hidde
     cost *= ratio
     if row.dt is not None:
         method = INTEGRATORS.get(row.method.split()[0])
-        if method and method.chooses_steps:  # dt is its first step
+        if method and method.chooses_steps:  # dt is the first step
             return Choice(row.method, float(f"{knob:.3g}"), None, None, None, error, cost, cost * seconds)
         steps = ceil(length / knob * (1 - 1e-12))
         return Choice(row.method, length / steps, steps, None, None, error, cost, cost * seconds)
@@ -233,7 +158,7 @@ def _knob(row: Row) -> float:
 
 
 def _factor(row: Row, ratio: float, length: float) -> float | None:
-    """What the error grows by; None where its growth is not resolved."""
+    """Factor by which the error grows; None if its growth is not resolved."""
     if row.growth is None or row.error is None:
         return None
     if ratio > 1.0 and (row.growth.exponent_error or 0.0) > UNRESOLVED:

@@ -1,4 +1,4 @@
-"""What a comparison measures errors against, and how good that is: a closed form, a tight run, or the energy."""
+"""Reference for the errors of a comparison, and its own error: a closed form, a tight run, or the energy."""
 
 from __future__ import annotations
 
@@ -17,40 +17,40 @@ from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 
 EPSILON = float(np.finfo(float).eps)
-STIFF = ("bdf", "radau", "rosenbrock", "lsoda", "backward-euler")  # a file that names one of these says it is stiff
-STIFF_DECADES = 1e4  # of the fastest decay times the pilot's length, from where on a problem is called stiff
-# rtol of the reference, and of the run that tells its error; gauss-radau15's error goes as its power 15/7
+STIFF = ("bdf", "radau", "rosenbrock", "lsoda", "backward-euler")  # a file with one of these is stiff
+STIFF_DECADES = 1e4  # least product of the fastest decay rate and the pilot's length for a stiff problem
+# rtol of the reference, and of the run that estimates its error; gauss-radau15's error scales as rtol^(15/7)
 TIGHT = {
     "dop853": ((1e-13, 1e-12), (1e-11, 1e-10), (1e-9, 1e-8), (1e-7, 1e-6)),
-    "radau": ((1e-11, 1e-10), (1e-9, 1e-8), (1e-7, 1e-6)),  # of order 5, it would crawl at less
+    "radau": ((1e-11, 1e-10), (1e-9, 1e-8), (1e-7, 1e-6)),  # order 5 is too slow at smaller rtol
     "gauss-radau15": ((1e-12, 1e-11), (1e-10, 1e-9), (1e-8, 1e-7), (1e-5, 1e-4)),
 }
-MODERATE = {"dop853": 1e-9, "radau": 1e-9, "gauss-radau15": 1e-10}  # of two runs that show how fast neighbours part
-ATOL = 1e-2  # times rtol and the unknowns' size, where the file names no tolerances
-LOST = log(1e12)  # exponents of growth over a run that leave nothing of double precision's digits
-PERTURBATION = 1e-8  # of a start that shows how fast neighbours part
-PROBED = 251  # samples of the two runs
-NEAR = 1e-3  # relative distance up to which they are neighbours
+MODERATE = {"dop853": 1e-9, "radau": 1e-9, "gauss-radau15": 1e-10}  # for the divergence of neighbouring runs
+ATOL = 1e-2  # ratio of atol to rtol times the unknowns' size, if the file gives no tolerances
+LOST = log(1e12)  # exponent of growth over a run that leaves no digit of double precision
+PERTURBATION = 1e-8  # relative change of the start, for the divergence of neighbours
+PROBED = 251  # samples of these two runs
+NEAR = 1e-3  # largest relative distance of neighbours
 EXPONENTIAL = 10.0  # growth of a perturbation from one half of a run to the next; a power law's is 2 or 4
-AGREED = 1e-6  # the reference's own error up to which a chaotic problem without an energy is compared
+AGREED = 1e-6  # largest own error of a reference for a chaotic problem without an energy
 
 Measure = str  # "closed form", "reference" or "energy"
 
 
 @dataclass(frozen=True)
 class Reference:
-    """What errors are measured against.
+    """Reference for the errors of a comparison.
 
     Attributes
     ----------
     measure : "closed form", "reference" (a run at tight tolerance) or "energy" (its relative error)
-    text : the same in words, with the tolerances
-    length : of the pilot, which may be shorter than what was asked for
-    y : (S + 1, N) the solution at the pilot's samples; None where the energy is measured
-    scale : (m,) what differences of the compared unknowns are divided by
-    error : of the reference itself; no error below it is believed
-    lyapunov : rate at which neighbouring solutions part, per unit of time; 0 where they part no faster than a power
-    notes : what the user should know of the choice
+    text : the same as text, with the tolerances
+    length : length of the pilot, which may be shorter than requested
+    y : (S + 1, N) solution at the pilot's samples; None if the energy is measured
+    scale : (m,) divisor for differences of the compared unknowns
+    error : error of the reference itself; smaller errors are not believed
+    lyapunov : rate of divergence of neighbouring solutions, per unit of time; 0 if no faster than a power law
+    notes : remarks on the choice, for the user
     """
 
     measure: Measure
@@ -63,27 +63,29 @@ class Reference:
     notes: tuple[str, ...] = ()
 
     def error_of(self, track: Track, subject: Subject) -> Floats:
-        """(S + 1,) of a run at its samples: root mean square over the compared unknowns, each over its scale; or the
-        modulus of the relative energy error."""
+        """Errors (S + 1,) of a run at its samples: root mean square over the compared unknowns, each over its scale; or
+        the modulus of the relative energy error."""
         if self.y is None:
             return relative_energy(track)
         return distance(compared(subject, track.y) - compared(subject, self.y), self.scale)
 
 
 def compared(subject: Subject, y: Floats) -> Floats:
-    """The unknowns that errors are taken over: positions where there are velocities, else all; y (…, N)."""
+    """Unknowns that are compared: positions if there are velocities, else all; y (…, N)."""
     half = isinstance(subject, System) or subject.separable
     return y[..., : y.shape[-1] // 2] if half else y
 
 
 def distance(difference: Floats, scale: Floats) -> Floats:
-    """Root mean square over the unknowns, each over its scale; nan where a solution is not known."""
+    """Root mean square over the unknowns, each over its scale; nan if a solution is unknown."""
     return np.sqrt(np.mean((difference / scale) ** 2, axis=-1))
 
 
 def natural_scale(subject: Subject, y: Floats) -> Floats:
-    """(m,) Of positions one length, the largest root mean square distance from their centroid over the samples ``y``
-    (S + 1, N), so that errors are relative to the size of what moves; of other unknowns each one's largest modulus."""
+    """Scales (m,) of the compared unknowns, from the samples ``y`` (S + 1, N).
+
+    Positions share one length, the largest root mean square distance from their centroid, so errors are relative to the
+    size of the system. Each other unknown has its largest modulus."""
     known = compared(subject, y)
     if isinstance(subject, System):
         x = known.reshape(len(known), 3, -1)
@@ -98,7 +100,7 @@ def natural_scale(subject: Subject, y: Floats) -> Floats:
 
 
 def relative_energy(track: Track) -> Floats:
-    """(S + 1,) |E(t) - E(0)| over the scale that a run's report takes."""
+    """|E(t) - E(0)| at the samples (S + 1,), over the scale in a run's report."""
     error = track.energy
     assert error is not None
     scale = {"initial energy": abs(error.initial), "kinetic energy": track.kinetic}.get(error.relative_to, 1.0)
@@ -106,8 +108,7 @@ def relative_energy(track: Track) -> Floats:
 
 
 def tolerances(subject: Subject, start: Any, rtol: float, name: str) -> dict[str, Any]:
-    """rtol, and the atol that goes with it where the method takes one: in the proportion that the file has, else 1e-2
-    of the unknowns' size."""
+    """rtol, and an atol if the method takes one: in the file's proportion, else 1e-2 times the unknowns' size."""
     if "atol" not in integrator(name).tunable:
         return {"rtol": rtol}
     given = subject.run.options
@@ -120,7 +121,7 @@ def tolerances(subject: Subject, start: Any, rtol: float, name: str) -> dict[str
 
 
 def is_stiff(subject: Subject, state: Any, length: float) -> bool:
-    """Whether the file's own integrator is one for stiff problems, or a mode decays over 1e4 times within the length,
+    """Tell whether the file's own integrator is for stiff problems, or a mode decays over 1e4 times within the length,
     by the eigenvalues at that state."""
     if isinstance(subject, System) or len(subject) > 64:
         return False
@@ -137,26 +138,26 @@ def loose_method(stiff: bool) -> str:
 
 
 def reference_method(subject: Subject, stiff: bool) -> str:
-    """The method of tight runs: gauss-radau15, but for what is stiff, and for particles whose forces break off at a
-    cutoff, where its order is of no use."""
+    """Method of tight runs: gauss-radau15, except for stiff problems, and for particles with a force cutoff, which
+    makes its high order useless."""
     broken = isinstance(subject, System) and any(hasattr(force, "cutoff") for force in subject.forces)
     return loose_method(stiff) if stiff or broken else "gauss-radau15"
 
 
 def perturbed(start: Any, y: Floats, state_at: Callable[..., Any]) -> Any:
-    """The start with every unknown off by about 1e-8 of their size, the same way every time."""
+    """Return the start with every unknown changed by about 1e-8 of the unknowns' size, always in the same way."""
     random = np.random.default_rng(1)
     return state_at(start, y + PERTURBATION * np.sqrt(np.mean(y**2)) * random.standard_normal(y.size), start.time)
 
 
 def lyapunov_rate(subject: Subject, first: Track, second: Track) -> float:
-    """The rate at which two runs part while they are near (1e-3 of what moves): 0 where that is no faster than a power
-    law of the time, by the largest distances in the two halves of that stretch."""
+    """Rate at which two runs diverge while they are near (1e-3 of the scale). The rate is 0 if the largest distances in
+    the two halves of that time grow no faster than a power law."""
     difference = compared(subject, first.y) - compared(subject, second.y)
     apart = distance(difference, natural_scale(subject, first.y))
     near = int(np.argmax(apart > NEAR)) if (apart > NEAR).any() else len(apart)
     passed = first.times - first.times[0]
-    if near == 0:  # what was put in is already not small beside what moves, and says nothing of how it grows
+    if near == 0:  # the change of the start is not small, so its growth says nothing
         return 0.0
     if near <= 8:  # gone within a few samples
         return log(NEAR / PERTURBATION) / float(passed[near])
@@ -175,13 +176,12 @@ def reference(
     limit: float,
     probe: float,
 ) -> Reference:
-    """Choose, by measurement, what errors are measured against over ``length``; ``probe`` is how long two runs may be
-    that show how fast neighbours part.
+    """Choose, by measurement, the reference for errors over ``length``.
 
-    A closed form where the Problem has one. Else two runs, one from a start that is a little off: where they part
-    exponentially, so fast that over the ``whole`` length nothing is left of double precision, chaos forbids positions
-    and the energy takes their place. Else a run at tight tolerance; another at ten times the tolerance tells its
-    error. A chaotic Problem without an energy is compared for as long as these two agree.
+    A Problem with a closed form uses that. Otherwise two runs of length ``probe`` from slightly different starts
+    measure chaos. If they diverge so fast that no digit would remain over the ``whole`` length, the energy error
+    replaces the error of positions. Else the reference is a run at tight tolerance, and another at ten times the
+    tolerance gives its error. A chaotic Problem without an energy is compared for as long as these two agree.
     """
     if isinstance(subject, Problem) and subject.exact is not None:
         return _closed_form(subject, start.time, length, samples)

@@ -1,4 +1,4 @@
-"""The modified (shadow) Hamiltonian that velocity Verlet conserves: the true one plus even powers of the step."""
+"""Modified (shadow) Hamiltonian that velocity Verlet conserves: the true one plus even powers of the step."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Potential = Sequence[Callable[[Any], Any]]
 
 
 def pendulum_potential(omega: float = 1.0) -> Potential:
-    """V(q) = -omega^2 cos q and its first four derivatives, as ``odes.pendulum`` has them."""
+    """V(q) = -omega^2 cos q and its first four derivatives, as in ``odes.pendulum``."""
     w = omega * omega
     return (
         lambda q: -w * np.cos(q),
@@ -34,10 +34,10 @@ def modified_hamiltonian(q: Any, p: Any, dt: float, potential: Potential, order:
         H2 = p^2 V'' / 12 - V'^2 / 24
         H4 = -p^4 V'''' / 720 + p^2 V' V''' / 120 + p^2 V''^2 / 60 - V'^2 V'' / 240
 
-    The method is exp(dt B / 2) exp(dt A) exp(dt B / 2), A the flow of p^2 / 2 and B that of V. The symmetric formula of
-    Baker, Campbell and Hausdorff gives its logarithm as nested commutators, which are Poisson brackets of the two:
-    those of third degree in dt^2, of fifth degree in dt^4, where the quadratic kinetic energy leaves four terms. What
-    is left oscillates by dt^6, where H oscillates by dt^2.
+    The method is exp(dt B / 2) exp(dt A) exp(dt B / 2), with the flows A of p^2 / 2 and B of V. The symmetric formula
+    of Baker, Campbell and Hausdorff gives its logarithm as nested commutators, which are Poisson brackets of the two:
+    third-degree brackets in dt^2, fifth-degree brackets in dt^4. Since the kinetic energy is quadratic, four terms
+    remain in dt^4. The result oscillates by dt^6, while H oscillates by dt^2.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ class ShadowRun:
     ----------
     dt : the step
     times : (k,)
-    values : by order, 0, 2 and 4: (k,) the difference from the value at the start
+    values : by order, 0, 2 and 4: difference from the value at the start, (k,)
     """
 
     dt: float
@@ -80,19 +80,19 @@ class ShadowRun:
     values: dict[int, Floats]
 
     def oscillation(self, order: int) -> float:
-        """Half of the way from the lowest to the highest value."""
+        """Half the range from the lowest to the highest value."""
         return float(np.ptp(self.values[order])) / 2
 
 
 def shadow_run(problem: Problem, potential: Potential, dt: float, length: float) -> ShadowRun:
-    """Run velocity Verlet on a separable Problem of one degree of freedom, and watch H, H to second and to fourth
-    order at every step."""
+    """Run velocity Verlet on a separable Problem of one degree of freedom. Record H, and H to second and to fourth
+    order, at every step."""
     if not (problem.separable and len(problem) == 2):
         raise InputError(
             f"{problem.name}: the modified Hamiltonian needs a separable problem with one degree of freedom"
         )
     seen: list[tuple[float, float, float]] = []
-    sim = Simulation(problem, "velocity-verlet", dt=dt, compensated=True)  # dt^6 falls below what rounding adds up to
+    sim = Simulation(problem, "velocity-verlet", dt=dt, compensated=True)  # plain sums would round by more than dt^6
     sim.run(round(length / dt), every=1, observe=lambda sim: seen.append((sim.time, *sim.state.y)))
     times, q, p = np.array(seen).T
     values = {order: modified_hamiltonian(q, p, dt, potential, order) for order in (0, 2, 4)}

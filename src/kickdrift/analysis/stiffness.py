@@ -1,4 +1,4 @@
-"""Stiffness: what the eigenvalues of the Jacobian along a solution say."""
+"""Stiffness, from the eigenvalues of the Jacobian along a solution."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 from kickdrift.run.simulation import Simulation
 
-DIFFERENCES = 1e-9  # relative error of a Jacobian by differences, with some room
+DIFFERENCES = 1e-9  # relative error of a Jacobian by differences, with a margin
 
 
 @dataclass(frozen=True)
@@ -26,10 +26,10 @@ class Stiffness:
 
     Attributes
     ----------
-    time : of the point
-    eigenvalues : (N,) complex, the real parts rising
-    rounding : eigenvalues no larger than this cannot be told from 0
-    step : h, the step there, None where none was taken
+    time : time of the point
+    eigenvalues : (N,) complex, sorted by rising real parts
+    rounding : smaller eigenvalues cannot be told from 0
+    step : step h at this point; None if no step was taken
     """
 
     time: float
@@ -39,39 +39,40 @@ class Stiffness:
 
     @property
     def ratio(self) -> float:
-        """max |Re lambda| / min |Re lambda|, over the eigenvalues with Re lambda < 0 (Lambert 1991, Numerical Methods
-        for Ordinary Differential Systems, section 6.1); nan where there is none.
+        """max |Re lambda| / min |Re lambda|, over the eigenvalues with Re lambda < 0; nan if there is none.
 
-        Those that rounding cannot tell from 0, such as that of a conserved sum, do not count."""
+        Source: Lambert 1991, Numerical Methods for Ordinary Differential Systems, section 6.1. Eigenvalues that
+        rounding cannot tell from 0, such as that of a conserved sum, do not count."""
         decay = -self.eigenvalues.real
         decay = decay[decay > self.rounding]
         return float(decay.max() / decay.min()) if decay.size else float("nan")
 
     @property
     def fastest(self) -> complex:
-        """The eigenvalue of the largest absolute value."""
+        """Eigenvalue with the largest absolute value."""
         return complex(self.eigenvalues[np.argmax(np.abs(self.eigenvalues))])
 
     @property
     def step_times_rate(self) -> float | None:
-        """h |lambda|, of the largest; an explicit method needs it to be of order one."""
+        """h |lambda| for the largest eigenvalue. An explicit method needs a value of order one."""
         return None if self.step is None else self.step * abs(self.fastest)
 
 
 def stiffness(subject: Simulation | System | Problem, states: Iterable[Any] | None = None) -> list[Stiffness]:
-    """The eigenvalues of the Jacobian df/dy of y' = f(t, y) at points of a solution, y the positions and velocities of
-    particles or the unknowns of a Problem.
+    """Eigenvalues of the Jacobian df/dy of y' = f(t, y) at points of a solution.
+
+    y holds the positions and velocities of particles, or the unknowns of a Problem.
 
     Parameters
     ----------
     subject : a Simulation, a System or a Problem
-    states : the points, States or ProblemStates as ``Simulation.state`` gives them; default the present (of a
-        Simulation, which also knows its step) or the start
+    states : the points, as States or ProblemStates from ``Simulation.state``. Default: the current point of a
+        Simulation, with its step, or the start
 
     Raises
     ------
     InputError
-        Where a state is not one of the subject's, or the Jacobian is too large to hold (3000 unknowns).
+        If a state does not belong to the subject, or the Jacobian is too large for memory (3000 unknowns).
     """
     flow: RunFlow
     if isinstance(subject, (System, Problem)):

@@ -1,4 +1,4 @@
-"""How particles are arranged around each other: the radial distribution function and the structure factor."""
+"""Structure of particles around each other: the radial distribution function and the structure factor."""
 
 from __future__ import annotations
 
@@ -16,12 +16,14 @@ from kickdrift.model.state import Floats
 from kickdrift.statistics.blocks import mean_over_frames
 
 CLOSED = "needs a box periodic along all axes, or particles in one plane of a box open along z"
-PLANE = (True, True, False)  # the axes of a box that is periodic in two dimensions
+PLANE = (True, True, False)  # axes of a box that is periodic in two dimensions
 
 
 class RadialDistribution(NamedTuple):
-    """g(r) in bins, each (bins,): centres, values, standard errors (infinite where there are too few frames to tell)
-    and ``coordination``, the mean number of neighbours within each bin's outer edge."""
+    """g(r) in bins, each field (bins,): centres, values, standard errors and ``coordination``.
+
+    Errors are infinite if there are too few frames. ``coordination`` is the mean number of neighbours within each bin's
+    outer edge."""
 
     r: Floats
     g: Floats
@@ -31,8 +33,9 @@ class RadialDistribution(NamedTuple):
 
 
 class StructureFactor(NamedTuple):
-    """S(k) in shells of wave vectors, each (m,): mean |k|, values, standard errors (infinite where there are too few
-    frames to tell), and how many vectors, k and -k counted once, are averaged."""
+    """S(k) in shells of wave vectors, each field (m,): mean |k|, values, standard errors, and numbers of vectors.
+
+    Errors are infinite if there are too few frames. k and -k count as one vector."""
 
     k: Floats
     s: Floats
@@ -50,23 +53,22 @@ def radial_distribution(
     pair: tuple[str, str] | None = None,
     species: Sequence[str] | None = None,
 ) -> RadialDistribution:
-    """The radial distribution function g(r) of particles in a periodic box, averaged over frames.
+    """Radial distribution function g(r) of particles in a periodic box, averaged over frames.
 
-    g is the number of ordered pairs (i, j ≠ i) with r in a bin, over that of n(n-1) independent pairs spread evenly:
-    n(n-1) (4π/3)(r₊³ - r₋³) / V; n_a n_b for two species. In two dimensions, where the box is open along z and z is
-    the same for all, the shell is π(r₊² - r₋²) / A. So g is 1 on average for an ideal gas, whatever n is.
+    g is the number of ordered pairs (i, j ≠ i) with r in a bin, divided by that of n(n-1) independent pairs spread
+    evenly: n(n-1) (4π/3)(r₊³ - r₋³) / V; n_a n_b for two species. In two dimensions, with the box open along z and z
+    equal for all, the shell is π(r₊² - r₋²) / A. So g is 1 on average for an ideal gas, whatever n is.
     (Allen & Tildesley, Computer Simulation of Liquids, 2nd ed. 2017, section 8.2, eq. 8.15,
     doi:10.1093/oso/9780198803195.001.0001; there with n^2 for n(n-1).) The error is by block averages over frames.
-
     Parameters
     ----------
     source : a run, open or by its path, or some of its frames, ``run[100::10]``; or positions (n, 3) or (frames, n, 3),
         wrapped or not
     box : three edge lengths, or a periodic Box; with positions alone
-    r_max : largest distance, by default half the least of the box's heights, which it cannot pass. The heights of an
-        upright box are its edges
+    r_max : largest distance; default and upper limit half the least of the box's heights. The heights of a rectangular
+        box are its edges
     bins : number of bins of equal width between 0 and r_max
-    pair : two species, of which the first looks at the second; default all particles, whatever they are
+    pair : two species: g of the second around the first; default all particles of any species
     species : (n,) names; with positions alone
 
     Raises InputError for an open box, an r_max beyond half the least height, or a species that is not there.
@@ -100,7 +102,7 @@ def radial_distribution(
     from kickdrift.analysis.pair_counts import pair_counts
 
     frames = map(_in_plane if plane else _in_space, found.each())
-    twice = 1 if unlike else 2  # a pair of one kind is seen from both ends
+    twice = 1 if unlike else 2  # a pair of one kind counts from both ends
     counts = (twice * pair_counts(x[chosen], found.box, kinds, unlike, r_max, bins) for x in frames)
     g = mean_over_frames(len(found), (row / ideal for row in counts))
     coordination = np.cumsum(g.value * ideal) / len(first)
@@ -115,12 +117,12 @@ def structure_factor(
     *,
     vectors: ArrayLike | None = None,
 ) -> StructureFactor:
-    """The static structure factor S(k) = <|sum of exp(-i k·r)|²> / n on the wave vectors that fit a periodic box.
+    """Static structure factor S(k) = <|sum of exp(-i k·r)|²> / n on the wave vectors that fit a periodic box.
 
-    These are k = a a* + b b* + c c*, with whole a, b, c not all zero and the reciprocal vectors of the edges; a* is
-    2π/Lx along x in an upright box (Allen & Tildesley 2017, section 8.2, doi:10.1093/oso/9780198803195.001.0001). An
-    average over shells takes all of them up to ``k_max``. Along an open axis k is zero. S is 1 for an ideal gas, n at a
-    Bragg peak of a perfect crystal. The error is by block averages over frames of what a shell or vector has in each.
+    These are k = a a* + b b* + c c*, with whole a, b, c not all zero and the reciprocal vectors of the edges. In a
+    rectangular box a* is 2π/Lx along x (Allen & Tildesley 2017, section 8.2, doi:10.1093/oso/9780198803195.001.0001).
+    An average over shells takes all vectors up to ``k_max``. Along an open axis k is zero. S is 1 for an ideal gas, n
+    at a Bragg peak of a perfect crystal. The error is by block averages of a shell's or vector's values over frames.
     The cost of a frame grows as n times the number of vectors, so as n^2 at the default ``k_max``.
 
     Parameters
@@ -130,8 +132,8 @@ def structure_factor(
     box : three edge lengths, or a periodic Box; with positions alone
     k_max : largest |k|; default 3π over the mean distance (V/n)^(1/3), in a plane (A/n)^(1/2), beyond the first peak
         of a liquid
-    width : of the shells; default half the smallest |k|, π over the longest edge of an upright box
-    vectors : (m, 3) whole numbers a, b, c; each is then a shell of its own, in the order given
+    width : width of the shells; default half the smallest |k|, π over the longest edge of a rectangular box
+    vectors : (m, 3) whole numbers a, b, c; each is then a shell of its own, in the given order
     """
     found = vectors_of(source, "positions", box=box)
     _check_periodic(found, "structure_factor")
@@ -176,7 +178,7 @@ def _in_space(x: Floats) -> Floats:
 
 
 def _members(found: Vectors, pair: tuple[str, str] | None) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """The particles of the two species; one and the same array where they are alike."""
+    """Particles of the two species; the same array twice if the species are equal."""
     if pair is None:
         every = np.arange(found.particles)
         return every, every

@@ -1,4 +1,4 @@
-"""What the observables read: the frames of a run's file, or arrays, in pieces that fit in memory."""
+"""Input of the observables: the frames of a run's file, or arrays, in pieces that fit into memory."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from kickdrift.trajectory import reader
 from kickdrift.trajectory.frames import Frames
 from kickdrift.trajectory.run_parts import RunNumbers
 
-PIECE_BYTES = 64 * 2**20  # of positions or velocities that are in memory at once
+PIECE_BYTES = 64 * 2**20  # positions or velocities in memory at once
 Quantity = Literal["positions", "velocities"]
 Source = Frames | str | os.PathLike[str] | ArrayLike
 
@@ -30,8 +30,8 @@ class Vectors:
     ----------
     what : "positions" or "velocities"
     source : the open run, or an array (frames, n, 3)
-    chosen : the frames' numbers in the source
-    times : (frames,) float64, or None where an array came without
+    chosen : numbers of the frames in the source
+    times : (frames,) float64; None for an array without times
     box : Box
     masses : (n,)
     species : (n,) names
@@ -54,34 +54,34 @@ class Vectors:
 
     @property
     def dimensions(self) -> int:
-        """3, or 2 of a run in two dimensions."""
+        """Number of dimensions: 3, or 2 for a run in two dimensions."""
         return int(self.source.system_record.get("dimensions", 3)) if isinstance(self.source, reader.Run) else 3
 
     def pieces(self) -> Iterator[Floats]:
-        """(k, n, 3) of some frames after the other, unwrapped."""
+        """Yield unwrapped vectors (k, n, 3) of consecutive frames, piece by piece."""
         size = max(1, PIECE_BYTES // (24 * self.particles))
         for start in range(0, len(self), size):
             yield self._read(start, start + size, slice(None))
 
     def each(self) -> Iterator[Floats]:
-        """(n, 3) of one frame after the other."""
+        """Yield vectors (n, 3), frame by frame."""
         for piece in self.pieces():
             yield from piece
 
     def paths(self) -> Iterator[tuple[slice, Floats]]:
-        """Which particles, and their (frames, k, 3) over all frames, unwrapped."""
+        """Yield groups of particles as slices, with their unwrapped vectors (frames, k, 3) over all frames."""
         size = max(1, PIECE_BYTES // (24 * len(self)))
         for start in range(0, self.particles, size):
             some = slice(start, min(start + size, self.particles))
             yield some, self._read(0, len(self), some)
 
     def centre_of_mass(self) -> Floats:
-        """(frames, 3) of all particles, or its velocity."""
+        """Centre of mass of all particles, or its velocity, (frames, 3)."""
         weights = self.masses / self.masses.sum()
         return np.concatenate([np.einsum("n,fnk->fk", weights, piece) for piece in self.pieces()])
 
     def spacing(self) -> float:
-        """The time from each frame to the next; an InputError where they differ."""
+        """Time between frames. Raises InputError if it is not constant."""
         if self.times is None:
             raise InputError("times: needed for arrays, one for each frame")
         if len(self) < 2:
@@ -122,14 +122,14 @@ def vectors_of(
     masses: ArrayLike | None = None,
     species: Sequence[str] | None = None,
 ) -> Vectors:
-    """Those of a run, open or by its path, of some of its frames (``run[100::10]``), or of an array (frames, n, 3) or
-    (n, 3).
+    """Vectors of a run (open or by its path), of some of its frames (``run[100::10]``), or of an array.
 
-    What an array comes with is given beside it: times, box, masses (default equal), species (default one, "A"); a run
-    has its own. Of a whole run of uneven frames, those that an end of it put off the grid of its cadence are left out.
+    An array has shape (frames, n, 3) or (n, 3), and further arguments: times, box, masses (default equal), species
+    (default one, "A"). A run has these itself. If a whole run's frames are uneven, frames off the run's cadence are
+    left out; the end of a run adds such a frame.
     """
     if isinstance(source, str | os.PathLike):
-        source = reader.open(source)  # closed when nobody refers to it any more
+        source = reader.open(source)  # closed after its last use
     if isinstance(source, Frames):
         if any(given is not None for given in (times, box, masses, species)):
             raise InputError("times, box, masses, species: only for arrays; a run has its own")

@@ -1,20 +1,17 @@
-"""Work against precision: the error of each integrator over a ladder of steps or tolerances, and what it cost."""
+"""Work against precision: the error of each integrator over a ladder of steps or tolerances, and its cost."""
 
 from __future__ import annotations
 
-import platform
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
 from functools import partial
-from importlib.metadata import version
 from math import log10
 from time import perf_counter
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from kickdrift.analysis.bench import processor
 from kickdrift.analysis.compared_methods import chosen_methods, default_integrators
+from kickdrift.analysis.comparison import Comparison as Comparison
 from kickdrift.analysis.ladder import Bench, Row
 from kickdrift.analysis.pilot import OutOfTime, Subject, follow, state_at
 from kickdrift.analysis.reference import is_stiff, loose_method, reference, tolerances
@@ -32,63 +29,6 @@ SAMPLES = 251, 127, 61, 31, 13, 7  # primes: a whole number of periods between s
 SAMPLES_ENERGY = 127
 
 Progress = Callable[[int, int], Any]
-
-
-@dataclass(frozen=True)
-class Comparison:
-    """Results for a System or Problem.
-
-    Attributes
-    ----------
-    system : name of the subject
-    measure : "closed form", "reference" or "energy"
-    reference : the measure in words
-    reference_error : error of the reference, and the smallest error that counts
-    lyapunov : rate at which neighbouring solutions part, 0 for solutions that do not part exponentially
-    length : length of the pilot runs, in the system's unit of time
-    whole : length of the intended run
-    cycles : number of cycles of the solution in the pilot run; 0 for a solution that does not return
-    samples : number of times at which the error is measured
-    rows : by method, from coarse to fine
-    slopes : of the global and the local error against the step, by method; None if too few points show a slope
-    notes : remarks on the choices, for the user
-    """
-
-    system: str
-    measure: str
-    reference: str
-    reference_error: float
-    lyapunov: float
-    length: float
-    whole: float
-    cycles: float
-    samples: int
-    time_unit: str
-    threads: int
-    rows: tuple[Row, ...]
-    slopes: dict[str, tuple[float | None, float | None]]
-    notes: tuple[str, ...] = ()
-    wall_seconds: float = field(default=0.0, compare=False)
-
-    @property
-    def methods(self) -> list[str]:
-        """Names of the methods, in the order of the rows."""
-        return list(dict.fromkeys(row.method for row in self.rows))
-
-    def of(self, method: str) -> list[Row]:
-        """Rows of a method, from coarse to fine."""
-        return [row for row in self.rows if row.method == method]
-
-    def as_json(self) -> dict[str, Any]:
-        """The comparison as one JSON object, with versions and processor."""
-        return {
-            **{key: value for key, value in vars(self).items() if key not in ("rows", "slopes")},
-            "versions": {name: version(name) for name in ("kickdrift", "numpy", "numba", "scipy")}
-            | {"python": platform.python_version()},
-            "processor": processor(),
-            "slopes": {name: {"global": pair[0], "local": pair[1]} for name, pair in self.slopes.items()},
-            "rows": [row.as_json() for row in self.rows],
-        }
 
 
 class Cost(NamedTuple):
@@ -194,6 +134,7 @@ def work_precision(
         rows=tuple(rows),
         slopes={name: bench.slopes([row for row in rows if row.method == name], plan.error) for name in names},
         notes=(*plan.notes, *notes),
+        begin=float(start.time),
         wall_seconds=perf_counter() - began,
     )
 

@@ -1,3 +1,3 @@
-"""Many small systems side by side, a lane of a register each."""
+"""Many small systems side by side, one in each lane of a register."""
 
 from kickdrift.batch.batch import Batch as Batch

@@ -33,13 +33,13 @@ LOOK_BYTES = 2 * 64  # memory of a member's sample while the pieces become one a
 
 
 class Batch:
-    """Copies of many Systems with equal numbers of bodies, run with one integrator, as Simulations would run one by
-    one.
+    """Copies of many Systems with equal numbers of bodies, all run with one integrator.
 
     Each member's results equal a Simulation's up to round-off, since sums have another order. Without chaos the
     difference is less than 4 eps (steps x stages)^1.5 of the largest position and velocity. A member's bits depend only
     on the member: not on the others, their number or its place in the list. A member that blows up leaves the others
-    alone, and ``finite`` shows it. So does a member with bodies at the same place, which a Simulation refuses.
+    alone, and ``finite`` shows it. ``finite`` also shows a member with bodies at the same place, which a Simulation
+    refuses.
 
     Parameters
     ----------
@@ -52,10 +52,10 @@ class Batch:
     Raises
     ------
     InputError
-        With the reason of `refusal` and the member, or if a shared property differs.
+        Gives the reason of `refusal` and the member, or names the property that differs.
     """
 
-    @np.errstate(all="ignore")  # numbers about to blow up
+    @np.errstate(all="ignore")  # overflows of members that blow up
     def __init__(
         self,
         systems: Sequence[System],
@@ -97,7 +97,7 @@ class Batch:
 
     @property
     def finite(self) -> NDArray[np.bool_]:
-        """Tell for each member (members,) whether all its present and sampled numbers are finite. Run a member that
+        """Flag for each member (members,): whether all its present and sampled numbers are finite. Run a member that
         blew up as a Simulation to learn why."""
         found = [np.isfinite(self.phase).all(axis=(1, 2, 3))]
         found += [np.isfinite(looks).all(axis=(0, 1)) for looks in self._looks]
@@ -117,7 +117,7 @@ class Batch:
         stops = sampled_steps(self.steps_done, steps, cadence)
         counts = np.diff(stops, prepend=self.steps_done)
         began = perf_counter()
-        self._stepper.run(0, np.zeros(0, np.int64), self.steps_done)  # compiles, if not done before
+        self._stepper.run(0, np.zeros(0, np.int64), self.steps_done)  # compiles the code, unless done before
         compiled = perf_counter()
         self._compiling += compiled - began
         again = bool(self._steps) and self._steps[-1] == self.steps_done
@@ -151,6 +151,7 @@ class Batch:
             kinetic=float(looks[0, 0]),
             momentum=looks[:, 2:5],
             angular_momentum=looks[:, 5:8],
+            kinetics=looks[:, 0],
             pairs=0.5 * massive * (massive - 1) + massive * (len(system) - massive),
         )
         return LaneRecord(
@@ -168,7 +169,7 @@ class Batch:
 
 @dataclass
 class LaneRecord(Record):
-    """Record whose samples already stand side by side."""
+    """Record whose samples are already arrays."""
 
     found: Series | None = field(default=None)
 
@@ -183,7 +184,7 @@ class Member:
 
     engine, threads, processes, stopped = NATIVE, 1, 1, ""
     events: tuple[dict[str, Any], ...] = ()
-    state: Any = None  # used by reports of Problems
+    state: Any = None  # needed for reports of Problems
 
     def __init__(self, batch: Batch, i: int) -> None:
         self.system, self.record = batch.systems[i], batch.record(i)

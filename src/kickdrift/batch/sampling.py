@@ -1,4 +1,4 @@
-"""Runs of a batch's members with samples: the steps of the samples, and the pieces that a run is cut into."""
+"""Runs of a batch's members with samples: the steps of the samples, and the pieces of a long run."""
 
 from __future__ import annotations
 
@@ -26,15 +26,17 @@ def momentum_scales(systems: Sequence[System]) -> tuple[Floats, Floats]:
 
 
 def sampled_steps(done: int, steps: int, every: int) -> NDArray[np.int64]:
-    """Steps of the samples: the present one, multiples of ``every``, the last."""
+    """Steps of the samples: the present step, multiples of ``every``, and the last step."""
     inside = np.arange((done // every + 1) * every, done + steps, every)
     ends = [done, done + steps] if steps else [done]
     return np.unique(np.concatenate([ends, inside])).astype(np.int64)
 
 
 def run_lanes(stepper: LaneStepper, counts: NDArray[np.int64], done: int, watch: Any = None) -> tuple[Floats, Floats]:
-    """Take ``counts`` (k,) steps and sample after each, block by block. Returns (k, LOOK, members) samples and the (k,
-    members) factors that rescaled deviations. The members include those that fill up the last block."""
+    """Take ``counts`` (k,) steps and sample after each, block by block.
+
+    Returns samples (k, LOOK, members) and the factors (k, members) that rescaled deviations. The members include those
+    that fill up the last block."""
     rows = stepper.y.shape[3]
     passed = np.cumsum(counts) * rows * rows
     pieces = np.searchsorted(passed, np.arange(PAIR_STEPS, passed[-1] if len(passed) else 0, PAIR_STEPS))

@@ -81,7 +81,7 @@ def system_of(
 def _system(
     atoms: Any, forces: Iterable[Any] | None, units: str | UnitSystem, species: Any = None
 ) -> tuple[System, Floats | None]:
-    """The System, and the rotation (3, 3) of ASE's axes into its own; None where they are the same."""
+    """Return the System, and the rotation (3, 3) of ASE's axes into its own; None if the axes are the same."""
     if not isinstance(atoms, Atoms):
         raise InputError(f"atoms: expected ase.Atoms, got {type(atoms).__name__}")
     units = unit_system(units) if isinstance(units, str) else units
@@ -250,7 +250,7 @@ class Calculator(AseCalculator):
     Parameters
     ----------
     forces : iterable of forces
-        Forces that depend on positions alone; a force that depends on velocity or does work is an InputError.
+        Forces that depend on positions alone. Any other force raises InputError.
     units : str or UnitSystem
         Units of the forces' parameters; see `System.from_ase`.
     threads : int
@@ -258,7 +258,7 @@ class Calculator(AseCalculator):
     Raises
     ------
     InputError
-        In a calculation, for atoms that `System.from_ase` refuses (constraints are allowed: ASE applies them).
+        In a calculation, for atoms that `System.from_ase` refuses. Constraints are allowed: ASE applies them.
     RunError
         If the forces are not finite.
     """

@@ -64,7 +64,7 @@ def _number(i: int) -> str:
 
 
 def _refuse(sim: Any) -> None:
-    """Raise an InputError for features that would make the System move differently."""
+    """Raise InputError for features that would make the System move differently."""
     if sim.N_var:
         raise InputError(f"sim: has {sim.N_var} variational particles; use kd.megno for variations")
     for key in FUNCTIONS:
@@ -100,9 +100,9 @@ def _check_test_particles(sim: Any, masses: Floats) -> None:
     """Refuse test particles with mass: in kickdrift, every body with mass attracts the others."""
     if sim.N_active >= len(masses):
         return
-    pulling = np.flatnonzero(masses[sim.N_active :])
-    if pulling.size:
-        which = sim.N_active + int(pulling[0])
+    massive = np.flatnonzero(masses[sim.N_active :])
+    if massive.size:
+        which = sim.N_active + int(massive[0])
         raise InputError(
             f"sim: particle {which} is a test particle (N_active = {sim.N_active}) with mass {masses[which]:g}; test "
             "particles in kickdrift have no mass"

@@ -8,9 +8,12 @@ from __future__ import annotations
 import codecs
 import os
 import sys
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Iterable
+from contextlib import suppress
 
+from kickdrift.display.showing import KEY
+from kickdrift.display.showing import members_bar as members_bar
+from kickdrift.display.showing import progress_bar as progress_bar
 from kickdrift.text import CELL, clean, escaped
 
 PLAIN = {
@@ -26,7 +29,6 @@ PLAIN = {
     "∞": "inf",
 }  # replacements for streams that cannot encode these
 PLAINLY = "kickdrift-plain"  # name of the error handler
-KEY = 17  # width of a line's key
 
 
 def open_streams() -> None:
@@ -60,7 +62,7 @@ def out(text: str) -> None:
 
 
 def verbatim(text: str) -> None:
-    """Print a file's text on standard output as it is; on a terminal without control characters."""
+    """Print a file's text on standard output unchanged; on a terminal, without control characters."""
     if sys.stdout.isatty():
         text = "".join(f"{clean(line, len(line) + 1)}\n" for line in text.splitlines())
     sys.stdout.write(text)
@@ -91,59 +93,3 @@ def say(text: str, quiet: bool = False) -> None:
     if not quiet:
         with suppress(OSError):
             print(clean(text), file=sys.stderr, flush=True)
-
-
-@contextmanager
-def progress_bar(quiet: bool) -> Iterator[Callable[[str], Callable[[int, int], None]]]:
-    """Yield ``bar(label)``, which returns a function (done, of) that moves a bar on standard error, on a terminal."""
-    if quiet or not sys.stderr.isatty():
-        yield lambda label: _nothing
-        return
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-
-    layout = (
-        TextColumn("{task.description}", markup=False),
-        BarColumn(),
-        TextColumn("{task.percentage:3.0f} %"),
-        TimeRemainingColumn(),
-    )
-    with Progress(*layout, console=Console(stderr=True), transient=True) as progress:
-
-        def bar(label: str) -> Callable[[int, int], None]:
-            task = progress.add_task(clean(label, CELL), total=None)
-            return lambda done, of: progress.update(task, completed=done, total=of)
-
-        yield bar
-
-
-@contextmanager
-def members_bar(quiet: bool) -> Iterator[Callable[[int, int, int], None] | None]:
-    """Yield a function (done, of, failed) that shows these with the rate and the remaining time, on a terminal."""
-    if quiet or not sys.stderr.isatty():
-        yield None
-        return
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
-    rate = TextColumn("{task.fields[rate]}")
-    layout = TextColumn("members"), BarColumn(), MofNCompleteColumn(), rate, TimeRemainingColumn()
-    with Progress(
-        *layout, TextColumn("{task.fields[failed]}"), console=Console(stderr=True), transient=True
-    ) as progress:
-        task = progress.add_task("members", total=None, rate="", failed="")
-        begun: list[int] = []
-
-        def show(done: int, of: int, failed: int) -> None:
-            if not begun:  # members done earlier have no rate
-                begun.append(done)
-                progress.reset(task, total=of, completed=done)
-            speed = progress.tasks[0].speed
-            rate = f"{speed:.3g}/s" if speed else ""
-            progress.update(task, completed=done, rate=rate, failed=f"{failed} failed" if failed else "")
-
-        yield show
-
-
-def _nothing(done: int, of: int) -> None:
-    """Ignore progress: no bar is shown."""

@@ -15,11 +15,11 @@ from kickdrift.cli.options import (
     QuietOption,
 )
 from kickdrift.cli.printing import (
-    counted,
     print_stability,
     print_system,
 )
 from kickdrift.errors import InputError
+from kickdrift.text import counted
 
 if TYPE_CHECKING:
     from kickdrift.model.problem import Problem
@@ -82,23 +82,10 @@ def plot(
 
         out(str(plot_ensemble(file, output or file.with_suffix(".png"), column, overwrite=overwrite)))
     elif file:
-        from kickdrift.plots.orbits import has_orbits, plot_orbits
-        from kickdrift.plots.runs import plot_run
+        from kickdrift.plots.figures import plot_file
 
         target = output or file.with_suffix(".png")
-        if column:
-            from kickdrift.plots.columns import plot_column
-
-            out(str(plot_column(file, column, target, overwrite=overwrite)))
-            return
-        if kind not in (None, Figures.orbits, Figures.energies):
-            from kickdrift.plots.observables import plot_observable
-
-            out(str(plot_observable(file, str(kind), target, overwrite=overwrite)))
-            return
-        orbits = kind is Figures.orbits or (kind is None and has_orbits(file))
-        draw = plot_orbits if orbits else plot_run
-        out(str(draw(file, target, overwrite=overwrite)))
+        out(str(plot_file(file, target, kind and str(kind), column, overwrite=overwrite)))
     else:
         raise InputError("give FILE, or --stability NAME to draw an integrator")
 

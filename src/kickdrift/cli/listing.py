@@ -7,12 +7,8 @@ from typing import Annotated
 
 import typer
 
-from kickdrift.cli.console import print_table, verbatim
-from kickdrift.cli.printing import (
-    LISTINGS,
-)
-from kickdrift.errors import InputError
-from kickdrift.text import VALUE, clean
+from kickdrift.cli.console import print_lines, print_table, verbatim
+from kickdrift.display.showing import lines_of, tables_of
 
 
 class Lists(StrEnum):
@@ -38,12 +34,9 @@ def list_(
     name: Annotated[str | None, typer.Argument(metavar="[NAME]", help="Explain this integrator.")] = None,
 ) -> None:
     """List integrators, forces, systems or engines, or explain an integrator and its options."""
-    if name is not None:
-        from kickdrift.cli.printing_methods import print_method
+    from kickdrift.run.listing import listing
 
-        if what is not Lists.integrators:
-            raise InputError(f"list {what} {clean(name, VALUE)}: only integrators are explained by name")
-        print_method(name)
-        return
-    columns, rows = LISTINGS[what]()
-    print_table(None, columns, rows)
+    found = listing(str(what), name)
+    print_lines(lines_of(found))
+    for title, columns, rows in tables_of(found):
+        print_table(title, columns, rows)

@@ -7,24 +7,22 @@ from typing import Annotated, Any
 
 import typer
 
-from kickdrift.cli.console import progress_bar, say
+from kickdrift.cli.console import print_lines, print_table, progress_bar, say
 from kickdrift.cli.options import (
     JsonOption,
     OverwriteOption,
     QuietOption,
-    SystemArgument,
+    SubjectArgument,
     ThreadsOption,
     with_options,
 )
-from kickdrift.cli.printing import (
-    print_chaos,
-)
 from kickdrift.disk.outputs import refuse_outputs, write_json
+from kickdrift.display.showing import lines_of, tables_of
 
 
 @with_options()
 def compare(
-    system: SystemArgument,
+    system: SubjectArgument,
     integrator: Annotated[
         list[str] | None,
         typer.Option(metavar="NAME", help="Integrator; repeat for several (default: a suitable choice)."),
@@ -50,42 +48,30 @@ def compare(
 ) -> None:
     """Measure work against precision: the error and the cost of each integrator over steps or tolerances."""
     refuse_outputs({"json": json_file, "plot": plot}, overwrite, [system])
-    from kickdrift.analysis import work_precision as work
-    from kickdrift.analysis.compared_methods import chosen_methods
-    from kickdrift.analysis.recommendation import recommendation
-    from kickdrift.cli.printing_compare import print_comparison, print_recommendation
-    from kickdrift.model.system import System
-    from kickdrift.systemfile.reading import load
+    from kickdrift.analysis.comparing import compared
+    from kickdrift.systemfile.python_file import load_or_run
 
-    work.check_arguments(time, length, accuracy, threads)
-    subject = load(system, seed)
-    if isinstance(subject, System):
-        subject = subject.watched(())  # every method and step is compared with one reference trajectory
-    chosen_methods(subject, integrator, options)
-    say("compiling (the first time on a machine takes longest) and comparing: about a minute …", quiet)
+    subject = load_or_run(system, seed)
+    notice = "compiling (the first time on a machine takes longest) and comparing: about a minute …"
     with progress_bar(quiet) as bar:
-        start = work.equilibrated(subject, threads, bar)
-        found = work.work_precision(
-            subject, integrator, time, whole=length, accuracy=accuracy, start=start, threads=threads, options=options,
-            progress=bar("comparing"),
-        )  # fmt: skip
-    advice = recommendation(found, accuracy) if accuracy is not None else None
-    print_comparison(found)
-    if advice:
-        print_recommendation(advice, system, found.time_unit)
-    content = found.as_json() | {"recommendation": advice.as_json() if advice else None}
-    write_json(json_file, content, overwrite=overwrite)
+        found = compared(
+            subject, integrator, bar, time, accuracy, length, threads, options, system, lambda: say(notice, quiet)
+        )
+    for title, columns, rows in tables_of(found):
+        print_table(title, columns, rows)
+    print_lines(lines_of(found))
+    write_json(json_file, found.as_json(), overwrite=overwrite)
     if plot:
         from kickdrift.plots.compare import plot_comparison
 
         plot_comparison(found, plot, overwrite=overwrite)
-    if advice and advice.choice is None:
+    if found.recommendation and found.recommendation.choice is None:
         raise typer.Exit(1)
 
 
 @with_options("dt", "rtol", "atol")
 def chaos(
-    system: SystemArgument,
+    system: SubjectArgument,
     time: Annotated[float | None, typer.Option(metavar="T", help="Length of the run (default: the file's).")] = None,
     integrator: Annotated[
         str | None, typer.Option(metavar="NAME", help="Default: the file's if it can carry deviations, else dop853.")
@@ -100,12 +86,12 @@ def chaos(
     """Tell regular from chaotic motion: MEGNO and the largest Lyapunov exponent from the variational equations."""
     refuse_outputs({"json": json_file}, overwrite, [system])
     from kickdrift.analysis.chaos import megno
-    from kickdrift.systemfile.reading import load
+    from kickdrift.systemfile.python_file import load_or_run
 
-    subject = load(system)
+    subject = load_or_run(system)
     with progress_bar(quiet) as bar:
         found = megno(subject, time, integrator, seed=seed, threads=threads, progress=bar("running"), **options)
     try:
         write_json(json_file, found.as_json(), overwrite=overwrite)
     finally:
-        print_chaos(found)
+        print_lines(lines_of(found))

@@ -17,6 +17,14 @@ from kickdrift.integrators.option import DOUBLE, DT, MIXED, PRECISION, Option
 SystemArgument = Annotated[
     str, typer.Argument(metavar="SYSTEM.toml", help="A system file, or the name of a shipped system.")
 ]
+SubjectArgument = Annotated[
+    str,
+    typer.Argument(
+        metavar="SYSTEM",
+        help="A system file, the name of a shipped system, or a Python file, which is run: "
+        "it defines f and y0, or a System.",
+    ),
+]
 JsonOption = Annotated[
     Path | None, typer.Option("--json", metavar="FILE", help="Write the results as one JSON object.")
 ]
@@ -31,7 +39,7 @@ FlushOption = Annotated[
 ]
 
 _METAVARS = {float: "X", int: "N", str: "NAME"}
-_FEW = 3  # methods that a flag's help names
+_FEW = 3  # most methods that a flag's help names
 _PAIRS: Any = Annotated[
     list[str] | None,
     typer.Option(
@@ -41,8 +49,8 @@ _PAIRS: Any = Annotated[
 
 
 def with_options(*flags: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Decorator of a command: ``-o KEY=VALUE`` for every option of integrators, and flags for those named. They come as
-    one dict in the place of the command's parameter ``options``."""
+    """Decorator of a command: ``-o KEY=VALUE`` for every option of integrators, and flags for the named options. Their
+    values come as one dict in the command's parameter ``options``."""
 
     def decorate(command: Callable[..., None]) -> Callable[..., None]:
         known = {DT.name: DT, **known_options()}
@@ -71,7 +79,7 @@ def _parameter(name: str, annotation: Any) -> inspect.Parameter:
 
 
 def _flag(option: Option) -> Any:
-    """The flag of an option. That of precision has two names, as a switch has."""
+    """Flag of an option. The flag of precision has two names, like a switch."""
     if option.name == PRECISION.name:
         help_ = "Pairs in float32 and everything else in float64, or all in float64."
         return Annotated[bool | None, typer.Option(f"--{MIXED}/--{DOUBLE}", help=help_)]
@@ -87,7 +95,7 @@ def _flag(option: Option) -> Any:
 
 
 def _value(option: Option, given: Any) -> Any:
-    """What a flag says; an InputError that names the flag."""
+    """Value of a flag. Raises an InputError that names the flag."""
     if option.name == PRECISION.name and given is not None:
         return MIXED if given else DOUBLE
     try:

@@ -8,20 +8,18 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from kickdrift.cli.console import progress_bar, say
+from kickdrift.cli.console import print_lines, progress_bar, say
 from kickdrift.cli.options import (
     FlushOption,
     JsonOption,
     OverwriteOption,
     QuietOption,
-    SystemArgument,
+    SubjectArgument,
     ThreadsOption,
     with_options,
 )
-from kickdrift.cli.printing import (
-    print_report,
-)
 from kickdrift.disk.outputs import refuse_outputs, write_json
+from kickdrift.display.showing import lines_of
 from kickdrift.errors import InputError
 
 if TYPE_CHECKING:
@@ -34,7 +32,7 @@ if TYPE_CHECKING:
     "dt", "rtol", "atol", "max_step", "compensated", "precision", "coordinates", "corrector", "order", "eta", "scheme"
 )
 def run(
-    system: SystemArgument,
+    system: SubjectArgument,
     integrator: Annotated[str | None, typer.Option(metavar="NAME", help="See: kickdrift list integrators.")] = None,
     options: Any = None,
     steps: Annotated[int | None, typer.Option(metavar="N", min=0, help="Number of steps.")] = None,
@@ -69,7 +67,7 @@ def run(
     """Run a system and report how well it conserved energy and momentum."""
     from kickdrift.engines import engine as engine_named
     from kickdrift.model.system import System
-    from kickdrift.systemfile.reading import load
+    from kickdrift.systemfile.python_file import load_or_run
 
     engine_named(engine)
     if steps is not None and time is not None:
@@ -82,7 +80,7 @@ def run(
         store = old_store
     given = {"flush": flush, "store": store, "compress": compress or None}
     file = file_options(output, given | {"write": write and tuple(each.strip() for each in write.split(","))})
-    chosen = load(system, seed)
+    chosen = load_or_run(system, seed)
 
     from kickdrift.run.plan import length_of
     from kickdrift.run.simulation import Simulation
@@ -173,4 +171,4 @@ def show(
     try:
         write_json(json_file, report.as_json(), overwrite=overwrite)
     finally:  # a full disk does not lose the results
-        print_report(report, sim, output)
+        print_lines(lines_of(report.written_to(output)))

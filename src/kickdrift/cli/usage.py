@@ -1,4 +1,4 @@
-"""Errors of the command line's own parser, in the user's words."""
+"""Messages for errors of the command line's own parser."""
 
 from __future__ import annotations
 

@@ -60,7 +60,7 @@ def descriptor(path: str | os.PathLike[str], flags: int = os.O_RDONLY, what: str
 
 
 def opened(path: str | os.PathLike[str], what: str = "a file") -> BinaryIO:
-    """Open a regular file for reading. Raises InputError with the reason if it cannot be opened."""
+    """Open a regular file for reading. Raises an InputError with the reason if it cannot be opened."""
     try:
         return os.fdopen(descriptor(path, what=what), "rb")
     except (OSError, ValueError) as error:
@@ -85,7 +85,7 @@ def shown_path(path: str | os.PathLike[str]) -> str:
 
 
 def reason(error: OSError | ValueError) -> str:
-    """The system's reason for refusing to read, in words."""
+    """The system's reason why a file cannot be read, as text."""
     if not isinstance(error, OSError):
         return "the name has a null character"
     return _WORDS.get(error.errno or 0, (error.strerror or str(error)).lower())
@@ -98,7 +98,7 @@ def _unfit(status: os.stat_result, what: str) -> str | None:
 
 
 def _flag(name: str) -> int:
-    return getattr(os, name, 0)  # Windows lacks most of them
+    return getattr(os, name, 0)  # Windows lacks most of these
 
 
 def same_file(one: str | os.PathLike[str], other: str | os.PathLike[str]) -> bool:
@@ -110,6 +110,6 @@ def same_file(one: str | os.PathLike[str], other: str | os.PathLike[str]) -> boo
 
 
 def place(path: str | os.PathLike[str]) -> Path:
-    """Location of a name: symbolic links of the folder are followed, the name itself is not."""
+    """Path with symbolic links of the folder resolved; a link with the name itself is kept."""
     path = Path(os.path.abspath(path))
     return Path(os.path.realpath(path.parent)) / path.name

@@ -1,4 +1,4 @@
-"""Kinds of file that kickdrift writes, with tests that tell them from other files."""
+"""Kinds of file that kickdrift writes, with tests that recognise them."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import NamedTuple
 from kickdrift.disk.files import opened
 from kickdrift.errors import InputError
 
-HEAD = TAIL = 256 * 1024  # bytes of a file that are examined
+HEAD = TAIL = 256 * 1024  # bytes at each end of a file that are examined
 FIGURES = (".png", ".pdf", ".svg")
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _PDB = re.compile(rb"(HEADER|TITLE |REMARK|CRYST1|MODEL |ATOM  |HETATM)")

@@ -29,7 +29,7 @@ from kickdrift.errors import InputError, RunError
 KINDS = {"output": kinds.RUN, "json": kinds.JSON, "plot": kinds.FIGURE}  # by option
 _OWN = re.compile(r"/(?:dev|proc/self)/(?:fd/(\d{1,9})|(stdin|stdout|stderr))")
 _CLOSED = (errno.EACCES, errno.EPERM, errno.EROFS)  # places without write permission
-_pipes: dict[tuple[int, int], int] = {}  # by device and inode; open since the check, so that no reader leaves
+_pipes: dict[tuple[int, int], int] = {}  # pipes by device and inode, open since the check, so that no reader leaves
 
 
 def refuse_outputs(
@@ -115,7 +115,7 @@ def _status(path: Path, said: str) -> os.stat_result | None:
 
 
 def _not_regular(status: os.stat_result) -> str | None:
-    """Reason why this is not a regular file, in words."""
+    """Reason why this is not a regular file, as text."""
     if stat.S_ISREG(status.st_mode):
         return None
     if stat.S_ISLNK(status.st_mode):
@@ -133,7 +133,7 @@ def _not_to_be_replaced(path: Path, status: os.stat_result, kind: Kind) -> str |
 
 
 def reason(error: OSError) -> str:
-    """The system's reason for the refusal."""
+    """The system's reason why a file cannot be written."""
     return (error.strerror or str(error)).lower()
 
 

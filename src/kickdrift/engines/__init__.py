@@ -1,6 +1,6 @@
-"""The same System in another program. Reading this registry loads none of them.
+"""Engines: other programs that run the same System. Reading this registry loads none of them.
 
-An engine says what it can express, and refuses everything else with a reason. So a run never silently differs from the
+An engine declares what it supports, and refuses everything else with a reason. So a run never silently differs from the
 request. The run loop, samples, files and reports are the same for all engines (see ``session``).
 """
 
@@ -30,12 +30,12 @@ class Engine:
 
     Attributes
     ----------
-    name : also the name of the module in this package, and of the extra that installs it
+    name : also the name of the module in this package, and of the extra that installs the engine
     runs : kinds of systems and integrators that the engine takes, in one line
     needs : required distributions; the first is the program itself
     tested : major versions of the program that the tests have run
-    methods : kickdrift's names of its methods, and its own names
-    processes : whether it can use several processes
+    methods : kickdrift's names of the engine's methods, and the program's own names
+    processes : whether the engine can use several processes
     """
 
     name: str
@@ -47,7 +47,7 @@ class Engine:
 
     @property
     def foreign(self) -> bool:
-        """Tell whether it is another program."""
+        """Tell whether the engine is another program."""
         return self.name != NATIVE
 
     @property
@@ -58,12 +58,12 @@ class Engine:
 
     @property
     def install(self) -> str:
-        """Command that installs it."""
+        """Command that installs the engine."""
         return f"pip install 'kickdrift[{self.name}]'"
 
     @property
     def module(self) -> Any:
-        """Its module, with ``refusal(job)`` and ``session(job)``. The program itself is loaded only by the latter."""
+        """Module of the engine, with ``refusal(job)`` and ``session(job)``. Only ``session`` loads the program."""
         return import_module(f"kickdrift.engines.{self.name}")
 
     def session(self, job: Job) -> Any:
@@ -101,7 +101,7 @@ class Engine:
         return found
 
     def check(self, job: Job) -> None:
-        """Raise InputError if it cannot run the job, with the engines that can, or if it is not installed."""
+        """Raise InputError if the engine cannot run the job (the error lists engines that can) or is not installed."""
         if reason := self.refusal(job):
             others = [name for name, other in ENGINES.items() if other is not self and other.refusal(job) is None]
             *first, last = others or [""]
@@ -158,7 +158,7 @@ ENGINES: dict[str, Engine] = {
 
 
 def engine(name: str) -> Engine:
-    """Engine of that name. Raises InputError with the known names if it is unknown."""
+    """Engine of that name. Raises an InputError that lists the known names for an unknown one."""
     if not isinstance(name, str) or name not in ENGINES:
         raise InputError(f"engine {shown(name)} is not one of {', '.join(ENGINES)}")
     return ENGINES[name]

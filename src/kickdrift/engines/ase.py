@@ -47,7 +47,7 @@ class AseSession(Session):
         force: Any = system.forces[0]
         law = force.pair_law(system.species[0], system.species[0])
         axes = system.box.periodic_axes
-        # ASE gives a stress where all three vectors of its cell are longer than zero, also along open axes.
+        # ASE computes a stress if all three cell vectors are longer than zero, even along open axes.
         cell = np.where(np.array(axes)[:, None], system.box.matrix, np.eye(3)) if system.box.periodic else None
         self._atoms = Atoms("X" * len(system), positions=phase[0].T, cell=cell, pbc=axes)
         self._atoms.set_masses(system.coherent_masses)

@@ -20,7 +20,7 @@ from kickdrift.errors import InputError
 from kickdrift.forces.bound import Measured
 from kickdrift.model.state import Floats
 
-MOST_TYPES = 100  # particles of one species may differ in mass, and LAMMPS has a table of all pairs of types
+MOST_TYPES = 100  # particles of one species may differ in mass, and LAMMPS stores all pairs of types
 IMAGES = 1024  # LAMMPS counts box crossings in ten bits
 MOST_BLIND = 10**6  # steps without reading these counts
 
@@ -70,7 +70,7 @@ def model_of(job: Job) -> Model:
 
 
 class LammpsSession(Session):
-    """LAMMPS in this process or in several. Keeps the box images of the particles."""
+    """LAMMPS in this process or in several processes. Counts the particles' box crossings."""
 
     def __init__(self, job: Job) -> None:
         super().__init__(job)
@@ -95,7 +95,7 @@ class LammpsSession(Session):
         return Processes(self.job.processes)
 
     def _ask(self, what: str, *arguments: Any) -> Any:
-        """Return LAMMPS' answer. Raises Trouble if it stopped; then the next ``reset`` starts another."""
+        """Return LAMMPS' answer. Raises Trouble if LAMMPS has stopped; the next ``reset`` then starts it again."""
         try:
             self._world = self._world or self._begun()
             return getattr(self._world, what)(*arguments)
@@ -127,9 +127,10 @@ class LammpsSession(Session):
         return math.isfinite(self._kinetic)
 
     def _count(self, images: NDArray[np.int32]) -> None:
-        """Add the box crossings, and return the number of steps until the next count. In these steps not even a
-        particle with twice the highest possible speed, all kinetic energy in the lightest particle, moves half around
-        LAMMPS' counter."""
+        """Add the box crossings, and return the number of steps until the next count.
+
+        A particle with all kinetic energy in the lightest mass would be the fastest. In that many steps, even twice its
+        speed does not bring a particle halfway around LAMMPS' counter."""
         crossed = images - self._seen
         self._crossed += (crossed + IMAGES // 2) % IMAGES - IMAGES // 2
         self._seen = images

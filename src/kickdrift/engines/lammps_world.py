@@ -1,7 +1,5 @@
-"""LAMMPS on one process, alone or as one of several that act together.
-
-Particles go in and come out wrapped into the box, with their counts of box crossings.
-"""
+"""LAMMPS in one process, alone or as one of several that act together. Particles are passed wrapped into the box, with
+their counts of box crossings."""
 
 from __future__ import annotations
 
@@ -66,7 +64,7 @@ class World:
             shape = f"prism {edges} {bx!r} {cx!r} {cy!r}"
         yes = {True: "yes", False: "no"}
         for line in (
-            "units lj",  # no constants: the numbers are those of any coherent system of units
+            "units lj",  # no constants: the numbers are in any coherent system of units
             "atom_style atomic",
             f"boundary {' '.join('p' if there else 's' for there in axes)}",
             f"region box {shape} units box",
@@ -96,7 +94,7 @@ class World:
         self.lmp.command("run 0 post no")
 
     def run(self, steps: int) -> None:
-        """Take steps without a new set-up, so that the lists do not depend on how a run is cut."""
+        """Take steps without a new set-up, so that the lists do not depend on the division of a run."""
         self.lmp.command(f"run {steps} pre no post no")
 
     def kinetic_energy(self) -> float:
@@ -117,10 +115,10 @@ class World:
         return self._gathered("f"), float(energy), 3.0 * float(pressure) * float(self.lmp.get_thermo("vol"))
 
     def _gathered(self, name: str, integer: bool = False) -> Any:
-        """Values of all particles, by their ids, on each process."""
+        """Values of all particles in the order of their ids, on each process."""
         data = self.lmp.gather_atoms(name, 0 if integer else 1, 3)
         return np.ctypeslib.as_array(data).reshape(-1, 3).copy()
 
     def close(self) -> None:
-        """End this instance. MPI stays with the process."""
+        """Close this instance. MPI continues in the process."""
         self.lmp.close()

@@ -9,7 +9,7 @@ from kickdrift.model.system import System
 
 
 def only_lennard_jones(system: System, truncations: Collection[str]) -> str | None:
-    """Reason why its forces are not one Lennard-Jones with one of these truncations, or None."""
+    """Reason why the System's forces are not one Lennard-Jones force with one of these truncations, or None."""
     strange = [force.name for force in system.forces if type(force) is not LennardJones]
     if strange:
         return f"force {strange[0]!r}: only lennard-jones is possible"
@@ -22,7 +22,7 @@ def only_lennard_jones(system: System, truncations: Collection[str]) -> str | No
 
 
 def small_units(system: System) -> str | None:
-    """Reason why a program with tolerances of about a particle's size would err, or None."""
+    """Reason why lengths would be too small for a program with absolute tolerances, or None."""
     if system.units.name == "si":
         return "units 'si': the program's tolerances are absolute, and too long for metres; use metal, with angstroms"
     return None

@@ -1,7 +1,7 @@
 """OpenMM: a CustomNonbondedForce with velocity Verlet as a CustomIntegrator, on the Reference platform.
 
-That platform computes in float64; the others round forces to float32 and are not used. OpenMM's units (nm, ps, u,
-kJ/mol) are coherent, and the given formulas have only the system's own constants. So the system's numbers stand
+The Reference platform computes in float64; the others round forces to float32 and are not used. OpenMM's units (nm, ps,
+u, kJ/mol) are coherent, and the formulas here have only the system's own constants. So the system's numbers stand
 unchanged: 1 sigma is 1 nm, 1 epsilon is 1 kJ/mol.
 
 OpenMM gives no virial, but the derivative of its energy with respect to a parameter. With U(s r) for U(r), -dU/ds at s

@@ -44,7 +44,7 @@ class Session:
 
     time: float = 0.0
     last_step: float = 0.0
-    hint: float = 0.0  # length of the next step; 0 lets the program decide
+    hint: float = 0.0  # length of the next step; 0 leaves it to the program
 
     def __init__(self, job: Job) -> None:
         self.job = job
@@ -78,7 +78,7 @@ class Session:
 
 
 class Program(Protocol):
-    """Another program, as a run on it needs it; see ``Engine``."""
+    """Another program, as a run needs it; see ``Engine``."""
 
     @property
     def name(self) -> str: ...
@@ -98,7 +98,7 @@ class EngineFlow(ParticleStates):
         self.stepper: EngineStepper  # the stepper in use
 
     def look(self, looks: Looks, y: Floats, time: float, step: int, last: Floats, fresh: bool = False) -> int:
-        """Sample as ParticleFlow does, with the program's own energies."""
+        """Sample in ParticleFlow's way, with the program's own energies."""
         looks.fill(take_sample(self.subject, self.stepper, step, time, y))
         last[...] = y
         return OK
@@ -126,9 +126,9 @@ RunFlow = Flow | EngineFlow  # what a run advances
 class EngineStepper:
     """Integration by another program.
 
-    The program gets a new state at the next request. A checkpoint holds positions, velocities and, if the method
-    chooses its steps, the length of the next step. The program may have more state (such as the order of its particles,
-    half a step or a polynomial), so a resumed run need not have the same bits.
+    The program gets a new state at the next request. A checkpoint holds positions, velocities and, for an adaptive
+    method, the length of the next step. The program may have more state (the order of its particles, half a step, a
+    polynomial), so a resumed run may have other bits.
     """
 
     _known: Floats | None  # y, if requested since the last step

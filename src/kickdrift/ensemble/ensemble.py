@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from kickdrift.display.showing import above, members_bar
 from kickdrift.ensemble import running
 from kickdrift.ensemble import table as tables
 from kickdrift.ensemble.keys import path_of
@@ -118,7 +119,7 @@ class Ensemble:
         output: str | os.PathLike[str] | None = None,
         overwrite: bool = False,
         trajectories: str | os.PathLike[str] | None = None,
-        progress: Progress | None = None,
+        progress: bool | Progress | None = None,
     ) -> DataFrame:
         """Run all members and return their table, a row for each, in order.
 
@@ -134,7 +135,7 @@ class Ensemble:
             After Ctrl-C or a kill the same call continues; so does a call with more replicas
         overwrite : start anew, whatever the file or the folder of trajectories holds
         trajectories : a folder for a ``.h5md`` file of each member
-        progress : called as ``progress(done, of, failed)``
+        progress : True shows a bar; a function is called as ``progress(done, of, failed)``
 
         Raises InputError if output holds another ensemble or a package is missing, and RunError if the scheduler is
         lost. Failed members raise nothing.
@@ -142,6 +143,12 @@ class Ensemble:
         if workers is not None:
             workers = whole_number("workers", workers, 1)
             check_room("ensemble", workers, "workers", PROCESS_BYTES, "give fewer")
+        if progress is True:
+            with members_bar() as bar:
+                return self.run(
+                    client, workers=workers, output=output, overwrite=overwrite, trajectories=trajectories, progress=bar
+                )
+        progress = progress or None
         recipe = self._recipe if trajectories is None else self._recipe.writing(trajectories)
         if output is None:
             recipe.refuse_frames(overwrite)
@@ -182,6 +189,23 @@ class Ensemble:
         """Table that ``run`` wrote to a file, with its provenance in ``table.attrs["kickdrift"]``."""
         _check_packages()
         return tables.read(path)
+
+    @staticmethod
+    def plot(table: DataFrame | str | os.PathLike[str], column: str | None = None) -> Any:
+        """Draw a column of a table against the varied keys: a map, a curve, points or a histogram; a matplotlib Figure.
+
+        Parameters
+        ----------
+        table : what ``run`` or ``read`` returned, or the path of a table
+        column : a measured column; default the most informative one
+
+        Raises
+        ------
+        InputError
+            For an unknown column, a table without a measured number, and more than two keys on grids.
+        """
+        found = Ensemble.read(table) if isinstance(table, str | os.PathLike) else table
+        return above("ensemble figure")(found, column)
 
     def provenance(self, recipe: Recipe | None = None) -> dict[str, Any]:
         """Provenance of the table."""

@@ -1,7 +1,5 @@
-"""Members that are small systems under gravity advance side by side, several to a register: see `kickdrift.batch`.
-
-Only the member itself decides whether it does, so its bits depend on nothing else.
-"""
+"""Members that are small systems under gravity advance side by side, several in one register: see `kickdrift.batch`.
+The choice depends on the member alone, so its bits do too."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The forces that ship. Reading them compiles nothing."""
+"""Forces that ship with kickdrift. Importing this module compiles nothing."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ _ALL: tuple[Any, ...] = (
     LinearDrag,
 )
 FORCES.update({force.name: force for force in _ALL})
-__all__ = [force.__name__ for force in _ALL]  # each is public as kickdrift.NAME, too
+__all__ = [force.__name__ for force in _ALL]  # each is also public as kickdrift.NAME
 _OWN = {(force.__module__, force.__qualname__): force for force in _ALL}
 
 
 def force_class(module: str, name: str) -> Any:
-    """The class of force of that module and qualified name, where it is kickdrift's or registered; else None."""
+    """Return the class of force with that module and qualified name; None unless it is kickdrift's or registered."""
     return _OWN.get((module, name)) or registered(module, name)

@@ -24,7 +24,7 @@ def is_one(value: Any) -> bool:
 
 
 def number(name: str, key: str, value: Any) -> float:
-    """Return the value as a finite float; an InputError names the force and the key."""
+    """Return the value as a finite float. Raises an InputError that names the force and the key."""
     if isinstance(value, np.ndarray) and value.ndim == 0:
         value = value[()]
     found = real(value)
@@ -34,14 +34,14 @@ def number(name: str, key: str, value: Any) -> float:
 
 
 def items(name: str, key: str, values: Any) -> list[Any]:
-    """Return the values as a list; an InputError names the force and the key."""
+    """Return the values as a list. Raises an InputError that names the force and the key."""
     if isinstance(values, str) or not isinstance(values, Iterable):
         raise InputError(f"{name}: {key}: expected a list, got {shown(values)}")
     return list(values)
 
 
 def vector(name: str, key: str, values: Any) -> Vector:
-    """Return three finite floats; an InputError names the force and the key."""
+    """Return three finite floats. Raises an InputError that names the force and the key."""
     given = [] if isinstance(values, str) or not isinstance(values, Iterable) else list(values)
     if len(given) != 3:
         raise InputError(f"{name}: {key}: expected three numbers, got {shown(values)}")

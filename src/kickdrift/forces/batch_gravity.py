@@ -1,7 +1,7 @@
-"""Gravity in many small systems at once: a lane is a system.
+"""Gravity in many small systems at once, one system in each lane.
 
 Eight systems with equal numbers of bodies stand side by side, body by body and axis by axis. Every sum is a plain loop
-and nothing crosses lanes. So no system affects another, and a system's bits do not depend on its lane.
+and no operation mixes lanes. So no system affects another, and a system's bits do not depend on its lane.
 """
 
 from __future__ import annotations
@@ -24,8 +24,9 @@ LOOK = 8
 
 
 class LaneBodies(NamedTuple):
-    """Constant data of eight systems. Arrays of positions, velocities and accelerations are (3, n, 8), or (3, 2 n, 8)
-    with deviations behind the bodies."""
+    """Constant data of eight systems.
+
+    Arrays of positions, velocities and accelerations are (3, n, 8), or (3, 2 n, 8) with deviations after the bodies."""
 
     gm: NDArray[np.float64]  # (n, 8) G m
     masses: NDArray[np.float64]  # (n, 8) coherent
@@ -33,9 +34,9 @@ class LaneBodies(NamedTuple):
 
 
 @in_order
-def pull_in_lanes(bodies, x, a):
-    """Write the accelerations at x to a, each pair once. For deviations, write the slope of the accelerations along
-    them (formulas and sources are in ``gravity_slope``)."""
+def accelerations_in_lanes(bodies, x, a):
+    """Write the accelerations at x to a, counting each pair once. For deviations, write the slope of the accelerations
+    along the deviations (formulas and sources are in ``gravity_slope``)."""
     gm, n, rows = bodies.gm, bodies.gm.shape[0], x.shape[1]
     softening2 = load(bodies.softening2, 0)
     stride, behind, varied = rows * WIDTH, n * WIDTH, rows > n
@@ -93,5 +94,5 @@ def look_in_lanes(bodies, x, v, found):
 def measure_in_lanes(bodies, y, a, found):
     """Write accelerations to a, and the values of ``look_in_lanes`` to found (LOOK, 8), at y (2, 3, n or 2 n, 8)."""
     bound, y = handle(bodies), unowned(y)
-    pull_in_lanes(bound, y[0], unowned(a))
+    accelerations_in_lanes(bound, y[0], unowned(a))
     look_in_lanes(bound, y[0], y[1], unowned(found))

@@ -1,4 +1,4 @@
-"""A System's forces, compiled and bound, for use from Python."""
+"""Compiled forces of a System, bound for use from Python."""
 
 from __future__ import annotations
 
@@ -28,18 +28,18 @@ class Measured(NamedTuple):
     accelerations: Floats  # (3, n)
     potential: float
     virial: float  # sum over pairs of r . F
-    pairs: int | None  # number of interacting pairs, if known
+    pairs: int | None  # number of interacting pairs; None if unknown
 
 
 def most_threads() -> int:
-    """Return the largest number of threads, which numba sets."""
+    """Return the largest number of threads that numba allows."""
     from numba import config
 
     return int(config.NUMBA_NUM_THREADS)
 
 
 def check_threads(threads: Any) -> int:
-    """Return ``threads`` as an int; an InputError unless it is a whole number from 1 to numba's limit."""
+    """Return ``threads`` as an int. Raises InputError unless it is a whole number from 1 to numba's limit."""
     found = number(threads)
     if not (found.is_integer() and 1 <= found <= most_threads()):
         raise InputError(f"threads must be 1 to {most_threads()} here, got {shown(threads)}")
@@ -55,7 +55,7 @@ def _compiled(force: BoundForce) -> BoundForce:
 
 
 class UnderForces(Protocol):
-    """What forces are bound to: a System, or a Problem with its right-hand side as the only force."""
+    """A System to which forces are bound, or a Problem with its right-hand side as the only force."""
 
     @property
     def name(self) -> str: ...
@@ -65,11 +65,11 @@ class UnderForces(Protocol):
 
 
 class BoundForces:
-    """The forces of a System or a Problem, with their pair lists, which live as long as this object.
+    """Forces of a System or a Problem, with their pair lists.
 
-    Because of the lists, sums depend on earlier calls (to round-off). So the run loop has its own instance, and
-    observers another. Between two calls, a particle that moves further than a pair force reaches means that the run
-    has blown up; ``jumps`` allows such moves. ``thin`` lists cost less to make and suit particles that hardly move.
+    The lists live as long as this object, and sums depend on earlier calls (to round-off). So the run loop has its own
+    instance, and observers another. If a particle moves further than a pair force's range between two calls, the run
+    has blown up; ``jumps`` allows such moves. ``thin`` lists are cheaper to make and suit particles that hardly move.
     With ``mixed``, pair forces are in mixed precision.
     """
 
@@ -92,7 +92,7 @@ class BoundForces:
                 force.pairs.counts[JUMPS_ALLOWED] = jumps
 
     def call(self, compiled: Callable[..., int], *args: Any) -> int:
-        """Call ``compiled(table, *args)``, again after a list had to grow; return its status."""
+        """Call ``compiled(table, *args)`` and return its status; if a list was too small, enlarge it and call again."""
         table = self.table
         if self.threads > 1:
             from numba import set_num_threads
@@ -105,7 +105,7 @@ class BoundForces:
 
     @property
     def table(self) -> Forces:
-        """The table of forces for compiled code, which is compiled on first use.
+        """Table of forces for compiled code, compiled on first use.
 
         A law that numba cannot compile raises an InputError of one line. The table is valid until a list grows or
         changes its skins."""
@@ -123,7 +123,8 @@ class BoundForces:
         return Measured(a, float(sums[0]), float(sums[1]), int(sums[2]))
 
     def derivative(self, time: float, y: Floats) -> Floats:
-        """Return f(t, y) for y of shape (2, rows, n) or (1, 1, n); all nan if y makes no sense."""
+        """Return f(t, y) for y of shape (2, rows, n) or (1, 1, n); all nan if y is not finite or the run has blown
+        up."""
         y = np.ascontiguousarray(y)  # a Problem's function receives this memory
         dy = np.empty(y.shape)
         if self.call(derivative, time, y, dy, np.zeros(SLOTS, np.int64)) != OK:
@@ -131,7 +132,7 @@ class BoundForces:
         return dy
 
     def tune(self, stride: float) -> None:
-        """Choose the cheapest pair lists, which the next evaluation makes.
+        """Choose the cheapest pair lists; the next evaluation makes them.
 
         ``stride`` is the distance that the fastest particle moves between two evaluations."""
         self.forces = tuple(tuned(force, stride) for force in self.forces)

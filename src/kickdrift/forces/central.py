@@ -1,4 +1,4 @@
-"""What the forces of one central body share: which body it is, its constants, and the checks."""
+"""Common parts of the forces of one central body: the body, its constants, and checks."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ if TYPE_CHECKING:
     from kickdrift.model.subject import Subject
 
 
-Central = Any  # int, str or None, checked here: what pydantic says of a union names no key of a system file
+Central = Any  # int, str or None; checked here, since pydantic's error for a union does not name the key
 
 
 def check_central(name: str, central: Central) -> None:
-    """Refuse what names no body: expected a number, a name or None."""
+    """Refuse a value that cannot name a body: a number, a name or None is expected."""
     whole = isinstance(central, int | np.integer) and not isinstance(central, bool)
     if not (central is None or isinstance(central, str) or (whole and central >= 0)):
         raise InputError(f"{name}: central: expected a body's name or its number from 0 on, got {shown(central)}")
 
 
 def central_body(name: str, central: Central, system: Subject) -> int:
-    """The index of the central body: that of the name or number, default the most massive (the first of equals)."""
+    """Index of the central body, by name or number; default the most massive body (the first of equals)."""
     masses = system.state.masses
     if central is None:
         index = int(np.argmax(masses))
@@ -36,7 +36,7 @@ def central_body(name: str, central: Central, system: Subject) -> int:
             raise InputError(f"{name}: central: there is no body {shown(central)}; {known}")
         index = system.names.index(central)
     else:
-        found = np.flatnonzero(system.state.ids == central)  # its number, also when others have left
+        found = np.flatnonzero(system.state.ids == central)  # by number, even if other bodies have left
         if not found.size:
             raise InputError(f"{name}: central: there is no body {central}; expected 0 to {len(masses) - 1}")
         index = int(found[0])
@@ -46,7 +46,7 @@ def central_body(name: str, central: Central, system: Subject) -> int:
 
 
 def gravitational_constant(name: str, given: float | None, system: Subject) -> float:
-    """G as given, else the unit system's own."""
+    """The given G, or the unit system's own by default."""
     value = given if given is not None else system.units.gravity
     if value is None:
         raise InputError(f"{name}: units {system.units.name!r} define no G; give G")
@@ -54,16 +54,16 @@ def gravitational_constant(name: str, given: float | None, system: Subject) -> f
 
 
 class Attraction(NamedTuple):
-    """A central body's pull as the compiled forces take it."""
+    """Attraction of a central body, for the compiled forces."""
 
     central: int
     gm: float  # G M
-    share: Floats  # (n,) m / M: what the central body takes of a body's acceleration
+    share: Floats  # (n,) m / M, the central body's share of a body's acceleration
     masses: Floats  # (n,) coherent
 
     @classmethod
     def of(cls, force: Any, system: Subject) -> Attraction:
-        """That of the body which a force with ``central`` and ``G`` names."""
+        """Attraction of the body that a force names with ``central`` and ``G``."""
         central = central_body(force.name, force.central, system)
         masses = system.state.masses
         gm = gravitational_constant(force.name, force.G, system) * float(masses[central])
@@ -71,7 +71,7 @@ class Attraction(NamedTuple):
 
 
 def check_positive(name: str, **values: float | None) -> None:
-    """Refuse a value that is given and not a positive number."""
+    """Refuse a value that is given but not positive."""
     for key, value in values.items():
         if value is not None and number(name, key, value) <= 0:
             raise InputError(f"{name}: {key} must be a positive number, got {shown(value)}")
@@ -84,7 +84,7 @@ def check_open(name: str, system: Subject) -> None:
 
 
 def check_masses(name: str, system: Subject) -> None:
-    """Refuse particles without any mass where nothing but gravity acts: forces that are ``by_mass``."""
+    """Refuse a system without any mass if all forces act on mass (``by_mass``)."""
     if not system.state.masses.any() and all(getattr(force, "by_mass", False) for force in system.forces):
         raise InputError(
             f"{name}: no particle has a mass, so there is no attraction; give one or more particles a mass"

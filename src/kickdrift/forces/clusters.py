@@ -31,7 +31,7 @@ LOOKED_AHEAD = 2  # entries after the last that the loop reads but does not use
 
 
 class ClusterList(NamedTuple):
-    """The list's arrays, all allocated once: n particles, `slots` places in clusters, `chunks` shares of the work.
+    """Arrays of the list, all allocated once: n particles, `slots` places in clusters, `chunks` shares of the work.
 
     Vectors are stored by cluster as eight x, eight y, eight z, so a cluster fills three adjacent cache lines. The
     *place* of a particle is the index of its x; its y and z are WIDTH and 2 WIDTH further.
@@ -52,7 +52,7 @@ class ClusterList(NamedTuple):
     place: NDArray[np.int64]  # (n,) index of each particle in `x` and `force`
     offset: NDArray[np.float64]  # (3, n) whole edges subtracted from each position
     filled: NDArray[np.int64]  # (clusters,) particles in a cluster
-    home: NDArray[np.int64]  # (clusters,) its column
+    home: NDArray[np.int64]  # (clusters,) column of a cluster
     bounds: NDArray[np.float64]  # (6, clusters) lowest x y z, highest x y z
     grid: NDArray[np.float64]  # (4,) width of the columns along x and y, lowest corner
     built_at: NDArray[np.float64]  # (3, n) unsorted positions when the list was made, which reproduce the sort
@@ -93,11 +93,12 @@ def skins(bricks: Bricks, cutoff: float, stride: float) -> tuple[float, float]:
     """Return the cheapest inner and outer skin, if the fastest particle moves by ``stride`` between two evaluations.
 
     Lengths are in cutoffs, costs in evaluations, and u is twice the stride. An inner skin s adds 2.5 s to the cost of
-    the forces, and a pruning every s / u evaluations, which costs 1.5: s = 0.77 u^(1/2). An outer skin that is wider by
-    d makes a pruning dearer, by 1 / (1 / 2 + d), and needs a search every d / u evaluations, which costs 1.6:
-    d = 0.8 u^(1/4). The costs were measured in a Lennard-Jones liquid. Twice or half the skins cost a few percent more.
+    the forces, and needs a pruning every s / u evaluations, which costs 1.5: s = 0.77 u^(1/2). An outer skin that is
+    wider by d raises the cost of a pruning by 1 / (1 / 2 + d), and needs a search every d / u evaluations, which costs
+    1.6: d = 0.8 u^(1/4). The costs were measured in a Lennard-Jones liquid. Twice or half the skins cost a few percent
+    more.
     """
-    slack = bricks.reach - cutoff  # shifts reach one box over, not further
+    slack = bricks.reach - cutoff  # shifts reach only to the next box
     u = 2 * max(stride / cutoff, 0.25 * STRIDE_UNKNOWN)  # particles at rest may start to move
     inner = min(max(0.77 * u**0.5, 0.02), 0.3)
     outer = inner + min(0.8 * u**0.25, 0.5)
@@ -242,7 +243,7 @@ def fill_cluster(pairs, x, cluster, column, particles, far):
         bounds[k, cluster], bounds[k + 3, cluster] = inf, -inf
         for lane in range(WIDTH):
             p = STRIDE * cluster + k * WIDTH + lane
-            sorted_x[p] = far[k] + lane * APART * pairs.cutoff  # apart, since the lanes of one cluster meet
+            sorted_x[p] = far[k] + lane * APART * pairs.cutoff  # apart, since lanes of one cluster interact
             if lane < particles.size:
                 i = particles[lane]
                 here = x[k, i] - offset[k, i]

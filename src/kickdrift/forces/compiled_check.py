@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from kickdrift.errors import InputError
+from kickdrift.forces.equation_code import CompileError
 from kickdrift.model.state import Floats
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ SHIFTS = (0.37, 1e-3, 1e-7)  # relative distances of test states; smaller ones i
 
 
 def check_compiled(problem: Problem, address: int) -> None:
-    """Compare f at the start and at two states around the start; an InputError shows both values if they differ."""
+    """Compare f at the start and at two states around the start; a CompileError shows both values if they differ."""
     function = getattr(problem.f, "py_func", problem.f)
     compiled = _FUNCTION(address)
     for time, y in _states(problem, function):
@@ -46,7 +46,7 @@ def check_compiled(problem: Problem, address: int) -> None:
         wrong = np.flatnonzero(~(np.abs(found - plain) <= _allowed(function, time, y, plain)))
         if wrong.size:
             k = int(wrong[0])
-            raise InputError(
+            raise CompileError(
                 f"{problem.name}: f(t, y)[{k}] at t = {time:.9g} is {plain[k]:.9g} in plain Python and {found[k]:.9g} "
                 f"compiled: {WHY}; compiled=False runs f as plain Python, slowly"
             )

@@ -7,27 +7,23 @@ separately.
 from __future__ import annotations
 
 import ctypes
-import re
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
 from llvmlite import ir
-from numba import carray, cfunc, njit, types
+from numba import types
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
-from kickdrift.errors import InputError
 from kickdrift.forces.compiled_check import check_compiled
+from kickdrift.forces.equation_code import FAILED, PARAMETERS, TIME, code_of
 from kickdrift.forces.kernel import OK, RAISED, kernel
-from kickdrift.jit.inner import overload
-from kickdrift.jit.numba_private import NumbaError
 
 if TYPE_CHECKING:
     from kickdrift.model.problem import Function, Problem
 
 _POINTER = ctypes.POINTER(ctypes.c_double)
 _CALLBACK = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_double, _POINTER, _POINTER)
-_SIGNATURE = types.int64(types.float64, types.CPointer(types.float64), types.CPointer(types.float64))
 
 
 class EquationKernel(NamedTuple):
@@ -71,13 +67,35 @@ def add_right_hand_side(force, t, x, v, a, sums):
 class Callback:
     """A function f(t, y) as machine code at ``address``.
 
-    ``n`` and ``outputs`` count the numbers that it takes and returns. ``error`` holds an exception that Python code
-    raised in it."""
+    ``n`` and ``outputs`` count the numbers that it takes and returns."""
 
     def __init__(self, function: Function, n: int, outputs: int, compiled: bool, what: str) -> None:
-        self.error: BaseException | None = None
-        made = _machine_code(function, n, outputs, what) if compiled else self._python(function, n, outputs)
-        self._keep_alive, self.address = made
+        self._error: BaseException | None = None
+        self._function, self._n = function, n
+        self._code = code_of(function, n, outputs, what, self) if compiled else None
+        if self._code:
+            self.address = self._code.address
+        else:
+            self._keep_alive, self.address = self._python(function, n, outputs)
+
+    @property
+    def error(self) -> BaseException | None:
+        """Exception that the function raised; compiled code cannot say which, so that call is repeated in Python."""
+        if self._code and self._code.memory[FAILED] and self._error is None:
+            time, y = float(self._code.memory[TIME]), self._code.memory[PARAMETERS : PARAMETERS + self._n].copy()
+            try:
+                getattr(self._function, "py_func", self._function)(time, y)
+            except BaseException as error:
+                self._error = error
+            else:
+                self._error = RuntimeError(f"an exception at t = {time:.9g} in compiled code, and none in plain Python")
+        return self._error
+
+    def forget_error(self) -> None:
+        """Forget an earlier exception."""
+        self._error = None
+        if self._code:
+            self._code.memory[FAILED] = 0.0
 
     def _python(self, function: Function, n: int, outputs: int) -> tuple[Any, int]:
         def call(t: float, y: Any, dy: Any) -> int:
@@ -85,7 +103,7 @@ class Callback:
                 value = function(t, np.ctypeslib.as_array(y, (n,)).copy())
                 np.ctypeslib.as_array(dy, (outputs,))[:] = np.asarray(value, dtype=float).reshape(-1)
             except BaseException as error:  # an exception must not pass through compiled code
-                self.error = error
+                self._error = error
                 return 1
             return 0
 
@@ -95,70 +113,10 @@ class Callback:
         return callback, address
 
 
-def _machine_code(function: Any, n: int, outputs: int, what: str) -> tuple[Any, int]:
-    inner = function if hasattr(function, "py_func") else njit(function, error_model="numpy")
-
-    def call(t, y, dy):
-        write(carray(dy, (outputs,)), inner(t, carray(y, (n,))))
-        return 0
-
-    try:
-        code = cfunc(_SIGNATURE, error_model="numpy")(call)
-    except NumbaError as error:
-        line = _culprit(str(error))
-        raise InputError(f"{what} does not compile: {line}; compiled=False runs it as plain Python, slowly") from None
-    return code, code.address
-
-
-def _culprit(message: str) -> str:
-    """Return numba's line about what it cannot compile, and where."""
-    plain = re.sub(r"\x1b\[[0-9;]*m", "", message)  # numba colours its messages if colorama is installed
-    lines = [line.strip() for line in plain.splitlines() if line.strip()]
-    telling = [line for line in lines if not line.startswith(("Failed in", "During:", "-", "The error", "["))]
-    where = [line for line in lines if line.startswith("File ") and "equation.py" not in line]
-    return " ".join([*telling[:1], *where[:1]])
-
-
-def write(out: Any, values: Any) -> None:
-    """out <- the values that a user's function returned (array, list or tuple)."""
-
-
-@overload(write)
-def _write(out, values):
-    if isinstance(values, types.BaseTuple) and not isinstance(values, types.UniTuple):
-        lines = [f"    out[{k}] = values[{k}]" for k in range(len(values))]
-        scope: dict[str, Any] = {}
-        exec("\n".join(["def each(out, values):", *lines]), scope)
-        return scope["each"]
-    if isinstance(values, types.Array) and values.ndim == 2:
-
-        def rows(out, values):
-            for i in range(values.shape[0]):
-                for j in range(values.shape[1]):
-                    out[i * values.shape[1] + j] = values[i, j]
-
-        return rows
-
-    if isinstance(getattr(values, "dtype", None), types.List):
-
-        def nested(out, values):
-            for i in range(len(values)):
-                for j in range(len(values[i])):
-                    out[i * len(values[i]) + j] = values[i][j]
-
-        return nested
-
-    def items(out, values):
-        for i in range(len(values)):
-            out[i] = values[i]
-
-    return items
-
-
 class Unknowns(Protocol):
-    """What a right-hand side is bound to: so many unknowns."""
+    """Unknowns of a right-hand side."""
 
-    separable: bool  # whether they are positions and then velocities
+    separable: bool  # whether y holds positions and then velocities
 
     def __len__(self) -> int: ...
 

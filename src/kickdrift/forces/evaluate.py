@@ -8,7 +8,7 @@ from kickdrift.forces.seam import accelerate
 from kickdrift.jit.compile import driver, inlined, is_finite, jit
 from kickdrift.jit.handle import handle
 from kickdrift.jit.lanes import lane_sum, splat
-from kickdrift.jit.memory import flat, load, load_first, store, store_first
+from kickdrift.jit.memory import flat, load, masked_load, masked_store, store
 from kickdrift.jit.vectors import WIDTH
 
 EVALUATIONS = 0  # slot of a loop's cursor: the number of force evaluations
@@ -73,7 +73,7 @@ def clear(a):
     whole = row.size - row.size % WIDTH
     for i in range(0, whole, WIDTH):
         store(row, i, zero)
-    store_first(row, whole, zero, row.size - whole)
+    masked_store(row, whole, zero, row.size - whole)
 
 
 @inlined
@@ -83,7 +83,7 @@ def sum_of(a):
     lanes, whole = splat(0.0), row.size - row.size % WIDTH
     for i in range(0, whole, WIDTH):
         lanes = lanes + load(row, i)
-    return lane_sum(lanes + load_first(row, whole, row.size - whole))
+    return lane_sum(lanes + masked_load(row, whole, row.size - whole))
 
 
 @driver

@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 from kickdrift.jit.compile import as_written
 from kickdrift.jit.lanes import inverse_sqrt, lane_numbers, lane_sum, rotated, splat
 from kickdrift.jit.masks import select
-from kickdrift.jit.memory import load, load_first, store_first
+from kickdrift.jit.memory import load, masked_load, masked_store
 from kickdrift.jit.vector3 import dot, lane_sums, numbers3, plus_dot, rotated3, store3, thrice, vector3
 from kickdrift.jit.vectors import WIDTH
 
-FAR_AWAY = 1e60  # first of the places of empty lanes: no distance is zero, no third power underflows
+FAR_AWAY = 1e60  # first position of empty lanes: no distance is zero, and no third power underflows
 MOST_IN_REGISTERS = 2 * WIDTH  # most bodies kept in registers, without massless ones
 
 
@@ -29,13 +29,13 @@ class FewBodies(NamedTuple):
 
 @as_written
 def few_bodies(force, x, a, sums):
-    """Sum all pairs of a few bodies, from and to rows of x, y and z: a ring of the first eight, each further body with
-    these eight, and a ring of the further bodies. Nothing is stored and loaded again in between."""
+    """Sum all pairs of a few bodies, with x, y and z in rows. The first eight bodies form a ring, each further body
+    meets these eight, and the further bodies form a ring. Nothing is stored in between."""
     n, softening2 = force.massive, force.softening2
     total_energy, total_virial = splat(0.0), splat(0.0)
     for first in range(0, max(n - 1, 1), WIDTH):  # a single further body has no ring
         count = min(n - first, WIDTH)
-        y, z = load_first(x, n + first, count), load_first(x, 2 * n + first, count)
+        y, z = masked_load(x, n + first, count), masked_load(x, 2 * n + first, count)
         xi = vector3(lanes_or_out(x, first, count), y, z)
         gm, masses = load(force.gm, first), load(force.masses, first)
         ai, energy, virial = ring(xi, gm, masses, softening2, sums)
@@ -51,7 +51,7 @@ def few_bodies(force, x, a, sums):
             store3(a, j, n, numbers3(a, j, n) - lane_sums(gm * cube * d))
         for row, acceleration in enumerate((ai.x, ai.y, ai.z)):
             own = row * n + first
-            store_first(a, own, load_first(a, own, count) + acceleration, count)
+            masked_store(a, own, masked_load(a, own, count) + acceleration, count)
         if sums is not None:
             total_energy, total_virial = total_energy + energy, total_virial + virial
     if sums is not None:
@@ -62,9 +62,9 @@ def few_bodies(force, x, a, sums):
 
 @as_written
 def lanes_or_out(x, first, count):
-    """Load this number of values, and fill up with FAR_AWAY."""
+    """Load ``count`` values, and fill the other lanes with FAR_AWAY."""
     lanes = lane_numbers()
-    return select(lanes < float(count), load_first(x, first, count), FAR_AWAY * (lanes + 1.0))
+    return select(lanes < float(count), masked_load(x, first, count), FAR_AWAY * (lanes + 1.0))
 
 
 @as_written

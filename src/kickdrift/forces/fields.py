@@ -37,7 +37,7 @@ class Field:
     name: ClassVar[str]
 
     def check(self, system: Subject) -> None:
-        """Refuse a system that this force cannot run on."""
+        """Refuse a system that this force does not support."""
 
     def bind(self, system: Subject, threads: int = 1) -> Any:
         """Parts of this force for a System: a NamedTuple with a compiled body."""

@@ -1,4 +1,4 @@
-"""The compiled fields. Their cost is linear in the number of particles or springs.
+"""Compiled fields. Their cost is linear in the number of particles or springs.
 
 They run on one thread, so every sum has a fixed order."""
 
@@ -105,14 +105,14 @@ def spring_forces(force, t, x, v, a, sums):
             r2 = d[0] * d[0] + d[1] * d[1] + d[2] * d[2]
         r = math.sqrt(r2)
         stretch = r - force.length[s]
-        pull = force.stiffness[s] * stretch
-        over_r = pull / r if r != 0.0 else 0.0  # no direction, so no force
+        tension = force.stiffness[s] * stretch
+        over_r = tension / r if r != 0.0 else 0.0  # a spring of length 0 has no direction, so no force
         for k in range(3):
             a[k, i] -= over_r * d[k] * inverse_masses[i]
             a[k, j] += over_r * d[k] * inverse_masses[j]
         if sums is not None:
-            energy += 0.5 * pull * stretch
-            virial -= pull * r
+            energy += 0.5 * tension * stretch
+            virial -= tension * r
     if sums is not None:
         sums[0] += energy
         sums[1] += virial

@@ -2,9 +2,9 @@
 feel the massive ones.
 
 The massive bodies are in clusters of eight. Rotating a cluster's eight bodies against themselves gives its own pairs.
-Each of its bodies also meets all earlier clusters, which take the reaction. So only the last cluster is ever partly
-empty, and a last cluster with a single body (Sun and eight planets) wastes nothing. Each chunk has its own array of
-accelerations, and these are summed in one order, so threads do not change the bits.
+Each body of the cluster also meets all earlier clusters, which take the reaction. So only the last cluster is ever
+partly empty, and a last cluster with a single body (Sun and eight planets) wastes nothing. Each chunk has its own array
+of accelerations, and these are summed in one order, so threads do not change the bits.
 """
 
 from __future__ import annotations
@@ -147,8 +147,8 @@ def chunk_accelerations_and_sums(force, c):
 
 @as_written
 def sum_pairs(force, sums, c):
-    """Sum the pairs of chunk c. It has every 2 ``chunks``-th cluster of massive bodies, counted from c and from 2
-    ``chunks`` - 1 - c. A cluster's work grows with its number, and this shares the work evenly."""
+    """Sum the pairs of chunk c, which has every 2 ``chunks``-th cluster of massive bodies, counted from c and from 2
+    ``chunks`` - 1 - c. A cluster's work grows with its number, so these two series share the work evenly."""
     first, last = c * force.clusters, 2 * force.chunks.number - 1
     zero = splat(0.0)
     for cluster in range(first, first + force.clusters):

@@ -1,6 +1,6 @@
 """Direct sum of gravity together with its slope along a direction.
 
-Along the velocities the slope is the time derivative, the jerk of Hermite methods. Along a deviation vector it is the
+Along the velocities the slope is the time derivative: the jerk of Hermite methods. Along a deviation vector it is the
 right-hand side of the variational equations.
 """
 
@@ -48,7 +48,7 @@ def sources_of(force: Gravity, system: Subject) -> Sources:
 
 
 @jit
-def pull_and_slope(sources, i):
+def acceleration_and_slope(sources, i):
     """Compute a = sum G m d / r^3 and its slope sum G m (u - 3 d (d . u) / r^2) / r^3 for body i.
 
     d and u are the sources' values minus the body's own, and r^2 = d^2 + softening^2 (Makino & Aarseth 1992,
@@ -60,12 +60,12 @@ def pull_and_slope(sources, i):
     a, slope = thrice(zero), thrice(zero)
     for j in range(0, slots, WIDTH):
         d, u = load3(sources.x, j, slots) - xi, load3(sources.u, j, slots) - ui
-        source = select(lane_numbers() == float(i - j), zero, load(gm, j))  # all except the body itself
-        pulling = source > 0.0
+        source = select(lane_numbers() == float(i - j), zero, load(gm, j))  # all bodies but the body itself
+        massive = source > 0.0
         inverse = 1.0 / math.sqrt(dot(d, d) + softening2)
         inverse2 = inverse * inverse
-        w = select(pulling, source * inverse * inverse2, zero)
-        along = select(pulling, 3.0 * inverse2 * dot(d, u), zero)
+        w = select(massive, source * inverse * inverse2, zero)
+        along = select(massive, 3.0 * inverse2 * dot(d, u), zero)
         a, slope = a + w * d, slope + w * (u - along * d)
     store3(sources.a, i, n, lane_sums(a))
     store3(sources.slope, i, n, lane_sums(slope))

@@ -41,7 +41,8 @@ def intra_cluster(laws, x, cluster, cutoff2):
 
 
 def pairs_apart(laws: Any, at: int, own: Any, cutoff2: float, places: int) -> Any:
-    """Return forces on the eight particles from slot ``at`` on by those ``places`` further; energy, virial, number."""
+    """Return the forces on the eight particles from slot ``at`` on by the particles ``places`` further on, with energy,
+    virial and number of pairs."""
     raise NotImplementedError("for compiled code")
 
 
@@ -64,7 +65,8 @@ def _pairs_apart(laws, at, own, cutoff2, places):
 
 
 def terms_within(laws: tuple[Any, ...], at: int, places: int, r2: Any) -> Any:
-    """Return energy and force over r of the eight particles from slot ``at`` on with those ``places`` further."""
+    """Return energy and force over r of the eight particles from slot ``at`` on with the particles ``places`` further
+    on."""
 
 
 @overload(terms_within)

@@ -16,7 +16,7 @@ from kickdrift.text import clean, shown
 
 PAIR = "energy and force over r"  # the values that a law returns
 DISTANCES = (0.35, 0.5, 0.65, 0.8, 0.95)  # of the cutoff, where a law's force is compared with its energy
-STEP = 1e-3  # of a distance, in the differences; their error is about 1e-8 of Lennard-Jones' slope
+STEP = 1e-3  # of a distance, for the differences; their error is about 1e-8 of Lennard-Jones' slope
 SLOPE_TOLERANCE = 1e-4
 _COLOUR = re.compile(r"\x1b\[[0-9;]*m")  # numba colours its messages if colorama is installed
 _PLACE = re.compile(r'File "(?P<file>[^"]+)", line (?P<line>\d+)')

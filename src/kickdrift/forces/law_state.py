@@ -18,7 +18,7 @@ VARYING = {"random", "_random", "secrets", "time"}  # modules
 
 
 def check_stateless(name: str, law: Any) -> None:
-    """Refuse a law whose code keeps state: an InputError names what holds the state.
+    """Refuse a law whose code keeps state. The InputError names what holds the state.
 
     Compiled code would take such a state as a constant, or change the forces from call to call.
     """

@@ -48,9 +48,9 @@ def oblateness_forces(force, t, x, v, a, sums):
         slope4, slope5 = 2.5 * s * (7.0 * s2 - 3.0), 1.875 * ((21.0 * s2 - 14.0) * s2 + 1.0)
         along = gm * inverse2 * inverse * (two * slope3 + four * slope5)
         across = gm * inverse2 * (two * slope2 + four * slope4)
-        pull = along * d - across * pole
-        store3(a, i, n, numbers3(a, i, n) + pull)
-        back = back + force.share[i] * pull
+        acceleration = along * d - across * pole
+        store3(a, i, n, numbers3(a, i, n) + acceleration)
+        back = back + force.share[i] * acceleration
         if sums is not None:
             u2 = 0.5 * two * (3.0 * s2 - 1.0)
             u4 = 0.125 * four * ((35.0 * s2 - 30.0) * s2 + 3.0)

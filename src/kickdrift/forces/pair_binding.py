@@ -1,4 +1,4 @@
-"""Pair forces bound to particles: their laws as numbers, and their compiled truncation."""
+"""Binding of pair forces to particles: laws as numbers, and compiled truncations."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class PairPotential(Protocol):
 
 
 def law_class(force: PairPotential) -> Any:
-    """The class of a force's parameters, as compiled code takes it."""
+    """Class of a force's parameters, prepared for compiled code."""
     cls = force.Parameters
     if "compiled_law" not in vars(cls):
         cls.compiled_law = as_written(cls.law)
@@ -52,7 +52,7 @@ def law_class(force: PairPotential) -> Any:
 
 
 def bind(force: PairPotential, system: Subject, threads: int, mixed: bool = False) -> PairKernel:
-    """A pair force for this System, on this many threads."""
+    """Bind a pair force to a System, on this number of threads."""
     lanes = row_lanes(mixed)
     cls = law_class(force)
     n, names = len(system), system.species
@@ -92,7 +92,7 @@ def bind(force: PairPotential, system: Subject, threads: int, mixed: bool = Fals
 
 
 def truncation_of(force: PairPotential) -> Any:
-    """The compiled truncation that a pair force names."""
+    """Compiled truncation with the name in a pair force."""
     cutoff, start = float(force.cutoff or 0.0), float(force.switch_start or 0.0)
     return {
         "cut": Cut(),

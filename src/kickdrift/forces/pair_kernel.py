@@ -1,4 +1,4 @@
-"""The compiled sum over the cluster pair list: any pair law, any truncation, one species or many."""
+"""Compiled sum over the cluster pair list: any pair law, any truncation, one species or many."""
 
 from __future__ import annotations
 
@@ -44,18 +44,18 @@ class Tables(NamedTuple):
     law_pairs: NDArray[np.float64]  # (parameters, species, species)
     at_cutoff_pairs: NDArray[np.float64]  # (2, species, species)
     species: NDArray[np.int64]  # (n,)
-    row: NDArray[np.int64]  # (slots,) the species in a slot
+    row: NDArray[np.int64]  # (slots,) species in each slot
 
 
 class PairWork(NamedTuple):
     """A pair law bound to a System."""
 
-    law: Any  # the law's NamedTuple of parameters (of the first pair of species, where there are several)
-    at_cutoff: AtCutoff  # likewise
+    law: Any  # the law's NamedTuple of parameters, for the first pair of species
+    at_cutoff: AtCutoff  # for the first pair of species
     tables: Any  # Tables, or None for one species
     truncation: Any
     mixed: Any  # None, or the total mass, in mixed precision
-    lanes: RowLanes  # of a step of the sum
+    lanes: RowLanes  # lanes of a step of the sum
     cutoff: float
     tail: tuple[float, float]  # energy and virial from beyond the cutoff
     inverse_masses: NDArray[np.float64]  # (n,)
@@ -65,7 +65,7 @@ class PairWork(NamedTuple):
 
 
 class PairKernel(BoundForce):
-    """A bound pair force: ``parts`` is a PairWork. Its lists change by making another."""
+    """A bound pair force: ``parts`` is a PairWork. Changing the list makes another PairKernel."""
 
     def ready(self) -> PairKernel:
         """See BoundForce."""
@@ -79,17 +79,17 @@ class PairKernel(BoundForce):
 
     @property
     def pairs(self) -> ClusterList:
-        """The list."""
+        """List of pairs."""
         pairs: ClusterList = self.parts.pairs
         return pairs
 
     def with_list(self, **changes: Any) -> PairKernel:
-        """The same force with these parts of its list changed."""
+        """Return the same force with these parts of its list changed."""
         return PairKernel(self.parts._replace(pairs=self.pairs._replace(**changes)))
 
     def remake(self, built_at: Floats, pruned_at: Floats) -> int:
-        """Make the list that was made at positions ``built_at`` (3, n) and last pruned where its ``inner_reference``
-        was ``pruned_at``; a status."""
+        """Make the list again and return a status. Its last search was at positions ``built_at`` (3, n), its last
+        pruning at ``pruned_at``, which was its ``inner_reference``."""
         return ask(self.address, self.work, REMAKE, built_at, pruned_at)
 
 
@@ -99,7 +99,7 @@ def ask(address, work, what, x, a):
 
 
 def compute_for(kind: types.Type) -> Callable[..., int]:
-    """All that is done with a PairWork of that type, as a function to be compiled for its address."""
+    """All tasks for this type of PairWork, as a function to compile for its address."""
     restore = handle_at(Handle(kind))
 
     def compute(work, what, n, t, x, v, a, sums):
@@ -125,7 +125,7 @@ def remake(force, built_at, pruned_at):
 
 @jit
 def add_forces(force, wanted, x, a, sums):
-    """a <- a + the accelerations (3, n); where ``wanted`` sums <- sums + energy, virial, pairs; a status."""
+    """Add the accelerations (3, n) to a and, if ``wanted``, energy, virial and pairs to sums. Return a status."""
     pairs, chunks = force.pairs, force.chunks
     builds = pairs.counts[OUTER_BUILDS]
     status = refresh(pairs, x, chunks)
@@ -156,7 +156,7 @@ def add_forces(force, wanted, x, a, sums):
 
 
 def prepare(mixed: Any, pairs: ClusterList) -> None:
-    """In mixed precision copy the positions to float32."""
+    """Copy the positions to float32 in mixed precision."""
 
 
 @overload(prepare)
@@ -169,8 +169,8 @@ def _prepare(mixed, pairs):
 
 
 def left_over(mixed: Any, place: Any, total: Any) -> tuple[float, float, float]:
-    """In mixed precision, what the forces together accelerate the whole by: zero but for rounding, and taken off, so
-    that momentum is conserved as in float64."""
+    """Return the mean acceleration from all forces in mixed precision. This is zero but for rounding; the caller
+    subtracts it to conserve momentum as in float64."""
     raise NotImplementedError("for compiled code")
 
 
@@ -189,7 +189,7 @@ def _left_over(mixed, place, total):
 
 
 def spread(tables: Any, pairs: ClusterList) -> None:
-    """After a sort: put each pair of species' numbers where their slots now are."""
+    """After a sort, write the parameters of each pair of species to the slots."""
 
 
 @overload(spread)
@@ -214,7 +214,7 @@ def _spread(tables, pairs):
 
 @jit
 def collect(pairs, chunks):
-    """Add the chunks' forces up in chunk 0's, in one order."""
+    """Sum the chunks' forces in chunk 0, in one order."""
     force, touched = pairs.force, pairs.touched
     total = force[0]
     for cluster in range(pairs.counts[N_CLUSTERS]):

@@ -1,6 +1,6 @@
 """Pair forces from one formula: ``@pair_law`` turns a law U(r) into a force on the cluster list.
 
-This module knows no numba, so that a system file can be read and checked without paying for it; ``bind`` compiles.
+This module does not import numba, so reading and checking a system file stays fast; ``bind`` compiles.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ if TYPE_CHECKING:
     from kickdrift.model.subject import Subject
 
 TRUNCATIONS = ("cut", "shift", "force-shift", "switch")
-SWITCH_START = 0.8  # of the cutoff, where the switch begins unless told
-DEFAULT_CUTOFF = 2.5  # sigma
-SHORTEST, LONGEST = 1e-100, 1e100  # of cutoffs: the volume of their sphere is a number, far from the limits of float64
+SWITCH_START = 0.8  # default start of the switch, as a part of the cutoff
+DEFAULT_CUTOFF = 2.5  # in sigma
+SHORTEST, LONGEST = 1e-100, 1e100  # limits of a cutoff: its sphere's volume stays within the range of float64
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class PairForce:
-    """What every pair force has beside the parameters of its law.
+    """Parameters of every pair force, besides those of its law.
 
     Attributes
     ----------
@@ -40,7 +40,7 @@ class PairForce:
         Pairs further apart do not interact; default 2.5 times the largest ``sigma``.
     truncation : "cut", "shift" (of the energy), "force-shift" or "switch" (four times continuously differentiable)
     switch_start : float, optional
-        Where the switch begins; default 0.8 cutoff.
+        Start of the switch; default 0.8 cutoff.
     tail : bool
         Add the energy and pressure of a uniform fluid beyond the cutoff (Allen & Tildesley 2017, eqs. 2.144-2.146);
         only with truncation "cut", whose energies it completes.
@@ -66,7 +66,7 @@ class PairForce:
     def __post_init__(self) -> None:
         for key in (*self.Parameters._fields, "cutoff", "switch_start"):
             if isinstance(value := getattr(self, key), np.generic | np.ndarray) and np.ndim(value) == 0:
-                object.__setattr__(self, key, value.item())  # a float32 would be computed with as one
+                object.__setattr__(self, key, value.item())  # a float32 would limit the precision of the law
         if self.truncation not in TRUNCATIONS:
             raise InputError(f"{self.name}: truncation {shown(self.truncation)} is not one of {', '.join(TRUNCATIONS)}")
         if self.mixing != "lorentz-berthelot":
@@ -111,11 +111,11 @@ class PairForce:
 
     @property
     def law(self) -> Any:
-        """The law's parameters where there is one species."""
+        """Parameters of the law for one species."""
         return self.Parameters(*(getattr(self, key) for key in self.Parameters._fields))
 
     def _check_tables(self) -> None:
-        """Refuse ``species`` and ``pairs`` that are no tables of tables."""
+        """Refuse ``species`` and ``pairs`` that are not tables of tables."""
         for key, given in (("species", self.species), ("pairs", self.pairs)):
             if given is None:
                 continue
@@ -145,7 +145,7 @@ class PairForce:
         return self.law._replace(**values)
 
     def pair_law(self, a: str, b: str) -> Any:
-        """The law's parameters between species a and b."""
+        """Parameters of the law between species a and b."""
         for pair in ((a, b), (b, a)):
             if self.pairs and pair in self.pairs:
                 return self._filled(f"{a}-{b}", self.pairs[pair])
@@ -163,7 +163,7 @@ class PairForce:
         return self.Parameters(**{k: first[k] if a == b else means[k](first[k], second[k]) for k in first})
 
     def shortest(self) -> float:
-        """The smallest length among the law's parameters (sigma); particles much closer than it overlap."""
+        """Smallest length among the law's parameters (sigma); particles much closer than this overlap."""
         lengths = [
             getattr(law, key)
             for _, law in self._laws_given()
@@ -173,7 +173,7 @@ class PairForce:
         return min(lengths, default=0.0)
 
     def check(self, system: Subject) -> None:
-        """Refuse a system that this force cannot run on."""
+        """Refuse a system that this force does not support."""
         assert self.cutoff is not None
         system.box.check_cutoff(self.name, self.cutoff)
         if self.tail and not math.isfinite(system.volume):
@@ -188,7 +188,7 @@ class PairForce:
                 check_law(self.name, self.pair_law(a, b), self.cutoff)
 
     def tail_corrections(self, system: Subject) -> tuple[float, float]:
-        """Energy and virial from beyond the cutoff for a fluid that is uniform there, by quadrature of the law."""
+        """Energy and virial from beyond the cutoff, by quadrature of the law for a uniform fluid."""
         if not self.tail:
             return 0.0, 0.0
         import warnings
@@ -205,7 +205,7 @@ class PairForce:
                 for b, n_b in zip(system.species, counts, strict=True):
                     p = self.pair_law(a, b)
                     density = circle * n_a * n_b / system.volume
-                    try:  # over u = 1 / r, from 0 to 1 / r_c
+                    try:  # integral over u = 1 / r, from 0 to 1 / r_c
                         u_part = quad(
                             lambda u, p=p: p.law(u**-2)[0] / u**p_u, 0, 1 / self.cutoff, epsabs=0, epsrel=1e-12
                         )[0]
@@ -225,15 +225,14 @@ class PairForce:
         return energy, virial
 
     def bind(self, system: Subject, threads: int = 1, mixed: bool = False) -> Any:
-        """The parts of this force for a System, a NamedTuple with a compiled body; in mixed precision, if
-        so."""
+        """Bind this force to a System: a NamedTuple with a compiled body, with ``mixed`` in mixed precision."""
         from kickdrift.forces.pair_binding import bind
 
         return bind(self, system, threads, mixed)
 
 
 def _example(name: Any) -> str:
-    """How to write a key of ``pairs``; with the user's names where these can be told from text such as "A-B"."""
+    """Example of a key of ``pairs``, with the user's names if a text such as "A-B" gives them."""
     parts = re.split(r"[-,:/ ]+", name.strip()) if isinstance(name, str) else []
     return repr(tuple(parts)) if len(parts) == 2 and all(parts) else "('A', 'B')"
 
@@ -247,13 +246,13 @@ def pair_law(cls: type) -> Any:
 
     A law must not keep state between calls, such as a counter or a random number: its code is compiled once and called
     for many pairs in any order. The force is registered under the class's name in lower case, with hyphens:
-    "morse" for ``Morse``. System files and ``resume`` find the force by it (see ``register_force``). A later law of the
-    same name takes the earlier one's place in system files.
+    "morse" for ``Morse``. System files and ``resume`` find the force by this name (see ``register_force``). In system
+    files, a later law of the same name replaces an earlier one.
 
     Raises
     ------
     InputError
-        Where the code of the law shows that the law keeps state, and where the name is that of a force that ships.
+        If the code of the law shows that the law keeps state, or if the name belongs to a force that ships.
     """
     check_class(cls)
     check_stateless(cls.__name__, cls.law)  # type: ignore[attr-defined]
@@ -277,6 +276,6 @@ def pair_law(cls: type) -> Any:
     )
     force.__module__ = cls.__module__
     force.__qualname__ = cls.__qualname__
-    cls.__qualname__ = f"{cls.__qualname__}.Parameters"  # so that pickle finds it where it now stands
+    cls.__qualname__ = f"{cls.__qualname__}.Parameters"  # pickle finds the class at its new place
     force.Parameters = cls  # type: ignore[attr-defined]
     return register_force(force, overwrite=True)

@@ -1,4 +1,4 @@
-"""Pair lists of bound pair forces: their room, skins and memory."""
+"""Pair lists of bound pair forces: their room, skins and checkpoint."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from kickdrift.forces.clusters import (
 from kickdrift.forces.kernel import OK
 from kickdrift.forces.pair_kernel import PairKernel
 
-THIN = 1e-3  # of the cutoff: a skin for rounding
+THIN = 1e-3  # part of the cutoff: a skin for rounding alone
 
 
 def grown(bound: Any) -> Any:
-    """The bound force with room in its list for what the last search found, where it had run out; else as it is."""
+    """Return the bound force with more room in its list if the last search ran out of room; else unchanged."""
     if not isinstance(bound, PairKernel):
         return bound
     pairs = bound.pairs
@@ -31,8 +31,8 @@ def grown(bound: Any) -> Any:
 
 
 def thinned(bound: Any) -> Any:
-    """The bound force with a list for one set of positions: its skins are for rounding, and for differences of
-    Jacobians, alone."""
+    """Return the bound force with a list for one set of positions: its skins suffice for rounding and for the
+    differences of a Jacobian."""
     if not isinstance(bound, PairKernel):
         return bound
     pairs = bound.pairs
@@ -41,7 +41,8 @@ def thinned(bound: Any) -> Any:
 
 
 def tuned(bound: Any, stride: float) -> Any:
-    """The bound force with the skins for a fastest particle that goes so far between two evaluations."""
+    """Return the bound force with the cheapest skins; ``stride`` is the fastest particle's move between two
+    evaluations."""
     if not isinstance(bound, PairKernel):
         return bound
     inner, outer = skins(bound.pairs.bricks, bound.pairs.cutoff, stride)
@@ -49,7 +50,7 @@ def tuned(bound: Any, stride: float) -> Any:
 
 
 def with_room(bound: PairKernel, room: int) -> PairKernel:
-    """The bound force with empty lists of so many entries a chunk."""
+    """Return the bound force with empty lists of ``room`` entries in each chunk."""
     pairs = bound.pairs
     chunks = len(pairs.made)
     rows = empty_rows(chunks, room, pairs.block)
@@ -57,8 +58,8 @@ def with_room(bound: PairKernel, room: int) -> PairKernel:
 
 
 def memory(bound: PairKernel) -> dict[str, Any]:
-    """What the order of sums depends on: the positions that the list was sorted and searched at and those that it was
-    last pruned at, which make it anew; its skins; and its room, since growing takes an evaluation more."""
+    """State that determines the order of sums: the list's room and skins, and the positions of its last search and
+    pruning, which make it again. The room counts because growing takes one more evaluation."""
     pairs = bound.pairs
     built_at, pruned_at = (pairs.built_at.copy(), pairs.inner_reference.copy()) if pairs.counts[BUILT] else (None, None)
     sizes = {"room": pairs.near.shape[1], "inner_skin": pairs.inner_skin, "outer_skin": pairs.outer_skin}
@@ -66,9 +67,11 @@ def memory(bound: PairKernel) -> dict[str, Any]:
 
 
 def recalled(bound: PairKernel, memory: dict[str, Any]) -> PairKernel:
-    """The bound force with the list that had this memory, which may come from a file: an InputError where it does not
-    fit these particles, since compiled code looks at no bounds."""
-    if "inner_skin" not in memory:  # of a version that had other lists
+    """Return the bound force with the list of this memory.
+
+    Raises InputError if the memory does not fit these particles: it may come from a file, and compiled code checks no
+    bounds."""
+    if "inner_skin" not in memory:  # from a version with other lists
         return bound
     pairs = bound.pairs
     _, most = skins(pairs.bricks, pairs.cutoff, np.inf)

@@ -1,6 +1,6 @@
 """The steps of the pair sum, for each width of lanes: one particle, or two, against a cluster.
 
-The argument ``zero`` holds zeros in all lanes of a step; its type sets the width of the functions.
+The argument ``zero`` holds zeros in all lanes of a step; its type selects the functions' number of lanes.
 """
 
 from __future__ import annotations
@@ -71,7 +71,8 @@ def slot_of(other):
 
 
 def fill_table(table: Any, pairs: Any, cluster: int, used: int, zero: Any) -> None:
-    """table <- a cluster's positions minus each shift in use; a look-up costs less than a subtraction in each step."""
+    """Fill the table with a cluster's positions minus each shift in use; a look-up is cheaper than a subtraction in
+    each step."""
 
 
 @overload(fill_table)
@@ -97,7 +98,7 @@ def _fill_table(table, pairs, cluster, used, zero):
     def twos(table, pairs, cluster, used, zero):
         shifts, origin = pairs.shifts, pairs.origin
         x, y, z = load_vector(pairs.x, cluster)
-        # an empty second place of a row lies further away than all other empty places, whatever the shift
+        # an empty second place of a row is further away than all other empty places, for every shift
         aside = 10 * APART * pairs.cutoff + 3 * pairs.cell.matrix[0, 0]
         x = select(lane_numbers() < float(pairs.filled[cluster]), x, x + aside)
         while used:

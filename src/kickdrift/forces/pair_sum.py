@@ -5,7 +5,7 @@ A step of the loop takes one particle against a cluster of eight or half a clust
 and over the reactions of a chunk. All else is float64: the state, sums over rows and chunks, energies, and pairs within
 a cluster.
 
-The argument ``zero`` holds zeros in all lanes of a step; its type sets the width of the functions.
+The argument ``zero`` holds zeros in all lanes of a step; its type selects the functions' number of lanes.
 """
 
 from __future__ import annotations

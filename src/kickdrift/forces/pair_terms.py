@@ -1,4 +1,4 @@
-"""The force of a pair law at many distances at once, by the very code that the engine runs."""
+"""Force of a pair law at many distances at once, by the engine's own code."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from kickdrift.model.state import Floats
 
 
 def force_over_r(force: PairForce, first: str, second: str, r2: Floats) -> Floats:
-    """-U'(r) / r between two species, truncated, at squared distances (m,) below the cutoff's."""
+    """-U'(r) / r between two species, truncated, at squared distances (m,) below that of the cutoff."""
     cls = law_class(force)
     law = cls(*(float(value) for value in force.pair_law(first, second)))
     at_cutoff = AtCutoff(*(float(value) for value in law.law(float(force.cutoff or 0.0) ** 2)))
@@ -31,7 +31,7 @@ def force_over_r(force: PairForce, first: str, second: str, r2: Floats) -> Float
 
 @driver
 def evaluate(laws: Any, r2: Floats, found: Floats) -> None:
-    """found <- force over r at each r2, eight at a time."""
+    """Write the force over r at each r2 to found, eight at a time."""
     for k in range(0, r2.size, WIDTH):
         eight = load(r2, k)
         store(found, k, lanes_like(pair_terms(laws, 0, 0, eight)[1], eight))

@@ -1,16 +1,4 @@
-"""The cluster pair list: pairs of particles that may be within the cutoff, laid out for SIMD.
-
-Particles are sorted into columns over the x-y plane, and by z within each column, then padded to clusters of eight. For
-each cluster, the *outer* list holds the clusters whose bounding box is within the cutoff plus a wide skin, each with a
-periodic shift. The forces run over the *inner* list, which is pruned from the outer list (Páll & Hess, Comput. Phys.
-Commun. 184, 2641, 2013, doi:10.1016/j.cpc.2013.06.003). A row of the inner list belongs to one particle, or to two. The
-row holds all clusters, or half clusters, with a particle within the cutoff plus a narrow skin (see `row_lanes`).
-
-Each pair of images occurs once. In the outer list, the image of the second cluster follows the first cluster in the
-order (column x, column y, cluster), unwrapped across the periodic edges. In the inner list, either cluster may have the
-rows. The lists omit the pairs inside a cluster, which always interact. Each force evaluation checks the displacements:
-a list is refreshed when a particle has moved by half its skin. A list is a function of the positions alone.
-"""
+"""The cluster pair list: pairs of particles that may be within the cutoff, arranged for SIMD."""
 
 from __future__ import annotations
 

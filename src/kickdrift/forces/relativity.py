@@ -38,11 +38,11 @@ class PostNewtonian:
     The potential form, U = -3 m (G M / (c r))^2, depends only on position and has the same advance to first order. It
     has neither the orbit's small periodic changes nor its period (Nobili & Roxburgh 1986, IAU Symposium 114, 105).
 
-    The central body takes the opposite force, so the sum of m v is conserved. The potential energy includes the
-    full form's addition to E: per mass, 3 v^4 / 8 + G M (3 v^2 + G M / r) / (2 r), over c^2, for a massless body, with
+    The central body takes the opposite force, so the sum of m v is conserved. The potential energy includes the full
+    form's addition to E: per mass, 3 v^4 / 8 + G M (3 v^2 + G M / r) / (2 r), over c^2, for a massless body, with
     weights for a massive one (see ``relativity_kernel``). Then the energy of one body around the central body is
     constant to order c^-4, and the energy of several attracting bodies to m / M of c^-2. Relativity does not conserve
-    the sum of m x × v: on an eccentric orbit it oscillates by about e G M / (c^2 r) of its value.
+    the sum of m x × v: on an eccentric orbit this sum oscillates by about e G M / (c^2 r) of its value.
 
     Attributes
     ----------

@@ -56,13 +56,13 @@ def relativity_forces(force, t, x, v, a, sums):
             along, across = scale * (4.0 * gm_over_r - v2), 4.0 * scale * rv
         else:
             along, across = -6.0 * gm_over_r * gm_over_r * inverse * inverse / light2, 0.0
-        pull = along * d + across * u
-        store3(a, i, n, numbers3(a, i, n) + pull)
+        acceleration = along * d + across * u
+        store3(a, i, n, numbers3(a, i, n) + acceleration)
         share = force.share[i]
-        back = back + share * pull
+        back = back + share * acceleration
         if sums is not None:
             m = force.masses[i]
-            virial += m * dot(pull, d)
+            virial += m * dot(acceleration, d)
             if force.full:
                 energy += m * energy_of_the_full_form(gm_over_r, v2, share) / light2
             else:

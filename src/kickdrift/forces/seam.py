@@ -36,8 +36,8 @@ def table_of(forces: Sequence[BoundForce]) -> Forces:
 
 
 def few_of(forces: Sequence[BoundForce]) -> BoundForce | None:
-    """Return the force without its own machine code, if any: gravity among so few bodies that loops hold them in
-    registers."""
+    """Return gravity among a few bodies, if any: loops hold such bodies in registers, without machine code of the
+    force."""
     return next((each for each in forces if isinstance(each.parts, GravityKernel) and each.parts.is_few), None)
 
 

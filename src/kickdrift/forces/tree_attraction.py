@@ -68,7 +68,7 @@ def add_particles(force, potential, first, last, near, count):
                     continue
                 d = numbers3(force.x, j, stride) - x
                 u = inverse_sqrt(dot(d, d) + softening2)
-                if start == s:  # all except the particle itself
+                if start == s:  # all particles but the particle itself
                     u = select(lane_numbers() == float(j - start), zero, u)
                 w = source * u
                 if potential is not None:

@@ -7,8 +7,8 @@ octree's keys run out of bits.
 
 A node with c clusters has 2 c - 1 nodes in its tree: itself, then the nodes of its first part, then those of its
 second. Node k's parts are k + 1 and k + 2 (clusters of the first), and the next node after its tree is k + 2 c - 1. So
-there are no pointers, and the walk needs no stack. Each evaluation builds the tree anew from the particles in the order
-of their ids, so the tree depends only on the present positions.
+there are no pointers, and the walk needs no stack. Each evaluation builds the tree again from the particles in the
+order of their ids, so the tree depends only on the present positions.
 """
 
 from __future__ import annotations
@@ -201,7 +201,7 @@ def moments(force, node):
         yy, yz, zz = yy + m * dy * dy, yz + m * dy * dz, zz + m * dz * dz
     out[GM], out[CX], out[CY], out[CZ] = whole, cx, cy, cz
     out[RADIUS], out[BOUND] = math.sqrt(lane_max(largest)), 4.0 * lane_sum(third)
-    # as the kernel uses them: three times the second moments, and 3/2 of their trace
+    # the kernel uses three times the second moments, and 3/2 of their trace
     out[XX], out[XY], out[XZ] = 3.0 * lane_sum(xx), 3.0 * lane_sum(xy), 3.0 * lane_sum(xz)
     out[YY], out[YZ], out[ZZ] = 3.0 * lane_sum(yy), 3.0 * lane_sum(yz), 3.0 * lane_sum(zz)
     out[TRACE] = 0.5 * (out[XX] + out[YY] + out[ZZ])

@@ -42,7 +42,7 @@ class TreeKernel(NamedTuple):
     gm_by_id: NDArray[np.float64]  # (n,) G m
     masses: NDArray[np.float64]  # (n,) coherent
     rows: NDArray[np.float64]  # (n, 4) x, y, z and id, sorted
-    x: NDArray[np.float64]  # (3, slots) in the tree's order, as all that follow
+    x: NDArray[np.float64]  # (3, slots) in the tree's order, as are all later arrays
     gm: NDArray[np.float64]  # (slots,)
     a: NDArray[np.float64]  # (3, slots)
     potential: NDArray[np.float64]  # (slots,)

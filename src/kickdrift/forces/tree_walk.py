@@ -1,4 +1,4 @@
-"""Walk of a group of particles through the tree: which nodes and particles attract the group."""
+"""Walk of a group of particles through the tree, to find the nodes and particles that attract the group."""
 
 from __future__ import annotations
 

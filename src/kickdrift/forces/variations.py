@@ -31,7 +31,7 @@ class Varied:
     may_overlap: ClassVar[bool] = True  # a deviation is not a position
 
     def __init__(self, force: Any, system: System) -> None:
-        if isinstance(force, (PairForce, GravityTree)):  # sums over a list or a tree change in jumps
+        if isinstance(force, (PairForce, GravityTree)):  # their lists and trees make the sums jump
             raise InputError(f"force {force.name!r}: has no variational equations; gravity and fields have them")
         self.force, self.system, self.name = force, system, force.name
         for trait in ("external", "works", "velocity_dependent"):

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from kickdrift.forces.gravity_slope import Sources, pull_and_slope, sources_of
+from kickdrift.forces.gravity_slope import Sources, acceleration_and_slope, sources_of
 from kickdrift.forces.kernel import OK, kernel, run_body
 from kickdrift.jit.chunks import Chunks, chunk_task, each_chunk, in_chunks
 from kickdrift.jit.compile import never_inline
@@ -49,10 +49,10 @@ def bind(force: Any, system: System, threads: int, analytic: bool) -> VariedGrav
 
 
 @chunk_task
-def slope_of_pull(varied, i):
+def slope_of_acceleration(varied, i):
     """Return the variation of the acceleration of body i."""
     never_inline()
-    pull_and_slope(varied.sources, i)
+    acceleration_and_slope(varied.sources, i)
 
 
 @kernel(VariedGravity)
@@ -66,7 +66,7 @@ def varied_gravity(force, t, x, v, a, sums):
     status = run_body(force.force, t, phase[0], phase[1], own, sums)
     if status != OK:
         return status
-    each_chunk(force, force.chunks, "slope_of_pull")
+    each_chunk(force, force.chunks, "slope_of_acceleration")
     for k in range(3):
         for i in range(n):
             a[k, i] += own[k, i]

@@ -1,4 +1,4 @@
-"""Registry of integrators. Reading it compiles nothing."""
+"""Registry of integrators. Importing it compiles nothing."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ INTEGRATORS |= {alias: INTEGRATORS[name] for alias, name in (splitting.ALIASES |
 
 
 def integrator(name: str) -> Method:
-    """Method of that name. An unknown name raises an InputError with the nearest names."""
+    """Method of that name. Raises an InputError that suggests the nearest names for an unknown one."""
     if not isinstance(name, str):
         raise InputError(f"integrator must be a name, got {shown(name)}")
     if name in INTEGRATORS:

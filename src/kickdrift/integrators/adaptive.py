@@ -20,6 +20,7 @@ from kickdrift.integrators.step_control import (
     tolerances_of,
 )
 from kickdrift.integrators.stepper import STOPPED
+from kickdrift.integrators.stepping import CompiledSteps
 from kickdrift.jit.compile import driver, jit
 from kickdrift.jit.handle import handle
 from kickdrift.model.state import Floats
@@ -155,7 +156,7 @@ class AdaptiveStepper(ChosenSteps):
     """Integration with an embedded pair. A checkpoint holds its clock with the last errors, and the start and the
     stages of the last step."""
 
-    keeps = (*ChosenSteps.keeps, "_before", "_stages")
+    saved = (*ChosenSteps.saved, "_before", "_stages")
 
     def __init__(self, flow: Flow, tableau: EmbeddedPair, options: Options) -> None:
         super().__init__(flow, options)
@@ -173,41 +174,58 @@ class AdaptiveStepper(ChosenSteps):
     def _stages(self) -> Floats:
         return self._work[1:]
 
-    def _go(self, until: float, steps: int) -> int:
+    @property
+    def recordable_steps(self) -> CompiledSteps:
         settings = np.array([1.0 / (self._tableau.error_order + 1), self._longest, self.end, float(self.clip)])
         self._k_done = []
-        return self._flow.forces.call(
-            adaptive_loop, self.y, self._before, self._work, self._tableau.stages, self._tableau.error_rows, self.rtol,
-            self.atol, settings, self._controller.numbers, self._clock, until, steps, self._cursor,
+        given = (
+            self.y, self._before, self._work, self._tableau.stages, self._tableau.error_rows, self.rtol, self.atol,
+            settings, self._controller.numbers,
         )  # fmt: skip
+        return adaptive_loop, self._flow.forces, given
+
+    def _go(self, until: float, steps: int) -> int:
+        loop, forces, given = self.recordable_steps
+        return forces.call(loop, *given, self._clock, until, steps, self._cursor)
 
     def _first_step(self) -> float | None:
         f, order, limits = self._flow.derivative(self.time, self.y), self._tableau.error_order, (self.end, self.clip)
         h = first_step(self._flow.derivative, self.time, self.y, f, order, self.rtol, self.atol, *limits)
-        self._extra_evaluations += 2 if h is not None else 0  # else all this is repeated
+        self._extra_evaluations += 2 if h is not None else 0  # else every later step would repeat this
         return h
 
     def at(self, time: float) -> Floats:
         begin, h = self._clock[BEFORE], self._clock[LAST]
         if time == self.time or h == 0.0:
             return self.y.copy()
-        if not self._tableau.dense:
+        if self.dense_weights is None:
             return self._tableau.step(self._flow.derivative, begin, self._before, time - begin)
         theta = (time - begin) / h
-        powers = theta ** np.arange(1, len(self._tableau.dense[0]) + 1)
-        weights = np.array(self._tableau.dense) @ powers
-        return self._before + h * np.tensordot(weights, self._dense_stages(), 1)
+        weights = self.dense_weights @ theta ** np.arange(1, self.dense_weights.shape[1] + 1)
+        return self._before + h * np.tensordot(weights, self.dense_stages()[0], 1)
 
-    def _dense_stages(self) -> Floats:
-        """Derivatives of the last step's stages, including the stages of its interpolant."""
+    @property
+    def dense_weights(self) -> Floats | None:
+        """Weights P (stages, powers) of the interpolant, see ``Tableau``; None without one."""
+        return np.array(self._tableau.dense) if self._tableau.dense else None
+
+    @property
+    def start_of_step(self) -> tuple[Floats, float]:
+        """y, a copy, and time at the start of the last step."""
+        return self._before.copy(), float(self._clock[BEFORE])
+
+    def dense_stages(self) -> tuple[Floats, int]:
+        """Derivatives of the last step's stages, including the stages of its interpolant; and the evaluations of f that
+        these took now."""
+        taken = 0
         if self._tableau.extra and not self._k_done:
             k = list(self._stages)
             begin, h = self._clock[BEFORE], self._clock[LAST]
             for row in self._tableau.extra:
                 y = self._before + h * np.tensordot(row, np.array(k), 1)
                 k.append(self._flow.derivative(min(begin + sum(row) * h, self.time), y))
-            self._k_done = k
-        return np.array(self._k_done or self._stages)
+            self._k_done, taken = k, len(self._tableau.extra)
+        return np.array(self._k_done or self._stages), taken
 
     def reached(self, inside_step: bool) -> tuple[Floats, Floats]:
         return (self._work[0], self.y[0]) if inside_step else (self.y, self._before[0])

@@ -15,7 +15,7 @@ from kickdrift.integrators.subflow_code import BoundSubflow, subflow_body
 from kickdrift.jit.compile import as_written
 from kickdrift.jit.lanes import lane_sum, splat
 from kickdrift.jit.masks import select
-from kickdrift.jit.memory import flat, load, load_first, store_first
+from kickdrift.jit.memory import flat, load, masked_load, masked_store
 from kickdrift.jit.random import normals, uniforms
 from kickdrift.jit.vectors import WIDTH
 
@@ -36,9 +36,9 @@ class Collisions(NamedTuple):
 @as_written
 def replaced(hit, noise, normal, row, i, count):
     """Velocities ``row[i : i + count]`` after the collisions. Return the change of their squares."""
-    old = load_first(row, i, count)
+    old = masked_load(row, i, count)
     new = select(hit, noise * normal, old)
-    store_first(row, i, new, count)
+    masked_store(row, i, new, count)
     return new * new - old * old
 
 

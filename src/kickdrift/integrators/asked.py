@@ -1,4 +1,4 @@
-"""What was asked for: an integrator with its options as one value; options by name and as text, checked."""
+"""Integrators with options as one value, and checks of options by name and as text."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from kickdrift.integrators.options import Options
 from kickdrift.model.run_defaults import RunDefaults
 from kickdrift.text import VALUE, clean, shown
 
-FEW = 4  # methods that a message names
+FEW = 4  # most methods that a message names
 
 
 @dataclass(frozen=True)
 class Integrator:
-    """An integrator and options of it, which stand wherever an integrator's name does; see ``kickdrift.integrator``.
+    """An integrator with options, usable in place of an integrator's name; see ``kickdrift.integrator``.
 
     Attributes
     ----------
-    name : the method's, or its alias
-    options : what was given, by name
+    name : name or alias of the method
+    options : the given options, by name
     """
 
     name: str
@@ -44,24 +44,39 @@ class Integrator:
         return f"integrator({', '.join([repr(self.name), *given])})"
 
     def __str__(self) -> str:
-        """As the command line takes it: the name, and ``-o KEY=VALUE`` for each option."""
+        """The integrator as command-line text: the name, and ``-o KEY=VALUE`` for each option."""
         return " ".join([self.name, *(f"-o {key}={as_text(value)}" for key, value in self.options.items())])
 
     @property
     def method(self) -> Method:
-        """The row of the registry."""
+        """Row of the registry."""
         return method_named(self.name)
+
+    @property
+    def stability(self) -> dict[str, float]:
+        """The longest stable step, from the coefficients; infinite without a bound.
+
+        A splitting has "omega dt" on an oscillator. A one-step method has "real lambda dt" and "imaginary lambda dt" on
+        y' = lambda y. An InputError for a method without a stability function."""
+        from kickdrift.integrators import stability
+        from kickdrift.integrators.splitting import Splitting
+
+        method = self.method
+        if isinstance(method, Splitting):
+            return {"omega dt": stability.stability_interval(method)}
+        real, imaginary = stability.real_interval(method), stability.imaginary_interval(method)
+        return {"real lambda dt": real, "imaginary lambda dt": imaginary}
 
 
 def integrator(name: str, **options: Any) -> Integrator:
     """An integrator with options, as one value: ``kd.integrator("wisdom-holman", corrector=17)``.
 
-    It stands wherever an integrator's name does. An option that is given beside it replaces the value's own; the
-    value's options replace those of a system file.
+    The value is accepted wherever an integrator's name is. Options given to a Simulation override the value's options,
+    which override those of a system file.
 
     Parameters
     ----------
-    name : of the integrator, see ``kickdrift.integrators()``
+    name : name of the integrator, see ``kickdrift.integrators()``
     options : dt, and the options that the method takes; ``kickdrift list integrators NAME`` explains them
 
     Raises
@@ -73,19 +88,19 @@ def integrator(name: str, **options: Any) -> Integrator:
 
 
 def method_of(which: str | Integrator) -> Method:
-    """The method that a name or a value means."""
+    """Method with this name, or of this value."""
     return which.method if isinstance(which, Integrator) else method_named(which)
 
 
 def unpacked(which: Any, given: Mapping[str, Any]) -> tuple[Any, dict[str, Any]]:
-    """The integrator's name, and all options: those of a value, replaced by those ``given`` beside it."""
+    """Name of the integrator, and all options: those of a value, overridden by ``given``."""
     if not isinstance(which, Integrator):
         return which, dict(given)
     return which.name, {**given, **which.options, **{k: value for k, value in given.items() if value is not None}}
 
 
 def known_options() -> dict[str, Option]:
-    """Every option that some method takes, but dt, by name: what it may be for any of these."""
+    """Every option that some method takes, except dt, by name, with all values that any method allows."""
     found: dict[str, list[Option]] = {name: [] for name in OPTIONS}
     for method in dict.fromkeys(INTEGRATORS.values()):
         for each in (*method.declared, PRECISION):
@@ -94,7 +109,7 @@ def known_options() -> dict[str, Option]:
 
 
 def takers(name: str) -> list[str]:
-    """The methods that take an option."""
+    """Methods that take an option."""
     return [
         method.name
         for method in dict.fromkeys(INTEGRATORS.values())
@@ -103,7 +118,7 @@ def takers(name: str) -> list[str]:
 
 
 def takers_text(name: str) -> str:
-    """The methods that take an option, in words."""
+    """Methods that take an option, as text."""
     found = takers(name)
     if len(found) == len(set(map(id, INTEGRATORS.values()))):
         return "every integrator takes"
@@ -113,13 +128,13 @@ def takers_text(name: str) -> str:
 
 
 def meant(name: object) -> str:
-    """``; did you mean 'corrector', which wisdom-holman takes?`` where an option's name is near, else nothing."""
+    """Text ``; did you mean 'corrector', which wisdom-holman takes?`` if an option's name is near, else ""."""
     near = get_close_matches(str(name)[:VALUE].lower(), [*known_options()], 1, 0.6)
     return f"; did you mean {near[0]!r}, which {takers_text(near[0])}?" if near else ""
 
 
 def refuse_unknown(names: Iterable[str], method: Method | None = None) -> None:
-    """An InputError where a name is no option of any method."""
+    """Raise InputError if a name is not an option of any method."""
     unknown = [name for name in names if name != DT.name and name not in OPTIONS]
     known = known_options() if unknown else {}
     for name in unknown:
@@ -133,17 +148,17 @@ def refuse_unknown(names: Iterable[str], method: Method | None = None) -> None:
 
 
 def settled(method: Method, asked: Mapping[str, Any], run: RunDefaults) -> Options:
-    """The options of a run: those ``asked`` for in arguments, then those of the system, then defaults.
+    """Options of a run: values ``asked`` for in arguments, then values of the system, then defaults.
 
-    Raises InputError for an option that no method takes, one in arguments that this method does not take, and a value
-    that an option cannot have."""
+    Raises InputError for an option that no method takes, for an argument that this method does not take, and for a
+    value that an option cannot have."""
     said = {key: value for key, value in asked.items() if value is not None}
     refuse_unknown([*asked, *run.options], method)
     return method.checked(Options(**{"dt": run.dt, **run.options, **said}), Options(**said))
 
 
 def parsed(pairs: Iterable[str], flags: Mapping[str, Any]) -> dict[str, Any]:
-    """The options of a command line: texts ``KEY=VALUE``, and flags by name, None where they were not given."""
+    """Options from a command line: texts ``KEY=VALUE``, and flags by name, None for a flag that was not given."""
     found = {key: value for key, value in flags.items() if value is not None}
     known = {DT.name: DT, **known_options()}
     for text in pairs:
@@ -158,7 +173,7 @@ def parsed(pairs: Iterable[str], flags: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def as_text(value: Any) -> str:
-    """A value as the command line takes it."""
+    """A value as command-line text."""
     if isinstance(value, bool):
         return str(value).lower()
     return ",".join(map(str, value)) if isinstance(value, tuple | list) else str(value)

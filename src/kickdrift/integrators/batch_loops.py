@@ -1,4 +1,4 @@
-"""Compiled fixed-step loops for eight small systems at once, a system a lane (see ``forces.batch_gravity``).
+"""Compiled fixed-step loops for eight small systems at once, one system in each lane (see ``forces.batch_gravity``).
 
 All take (bodies, y, work, weights, dt, counts, looks, watch, cursor): ``y`` (2, 3, rows, 8) positions and velocities,
 ``work`` the method's workspace, ``weights`` as in ``loops``, ``dt`` (8,), ``counts`` (k,) the steps before each of k
@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from kickdrift.forces.batch_gravity import look_in_lanes, pull_in_lanes
+from kickdrift.forces.batch_gravity import accelerations_in_lanes, look_in_lanes
 from kickdrift.forces.evaluate import EVALUATIONS
 from kickdrift.integrators.loops import FRESH
 from kickdrift.jit.compile import driver, in_order, jit
@@ -97,7 +97,7 @@ def batch_splitting_loop(bodies, y, work, weights, dt, counts, looks, watch, cur
             for stage in range(kick.size):
                 if kick[stage] != 0.0:
                     if not cursor[FRESH]:
-                        pull_in_lanes(bound, x, work)
+                        accelerations_in_lanes(bound, x, work)
                         cursor[FRESH] = 1
                         cursor[EVALUATIONS] += 1
                     advance_in_lanes(v, kick[stage] * step, work, v.size)
@@ -115,7 +115,7 @@ def batch_runge_kutta_loop(bodies, y, work, weights, dt, counts, looks, watch, c
     stages, trial = weights.shape[1], work[0]
     for k in range(counts.size):
         for _ in range(counts[k]):
-            for stage in range(stages + 1):  # the last row has the weights of the step itself
+            for stage in range(stages + 1):  # the last row has the weights of the whole step
                 target = trial if stage < stages else y
                 if stage < stages:
                     copy_in_lanes(trial, y)
@@ -124,6 +124,6 @@ def batch_runge_kutta_loop(bodies, y, work, weights, dt, counts, looks, watch, c
                         advance_in_lanes(target, weights[stage, j] * step, work[j + 1], y.size)
                 if stage < stages:
                     copy_in_lanes(work[stage + 1, 0], trial[1])
-                    pull_in_lanes(bound, trial[0], work[stage + 1, 1])
+                    accelerations_in_lanes(bound, trial[0], work[stage + 1, 1])
             cursor[EVALUATIONS] += stages
         look(bound, y, k, looks, watched, cursor)

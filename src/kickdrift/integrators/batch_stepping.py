@@ -1,4 +1,4 @@
-"""Integrations of many small systems, eight to a block, a system a lane."""
+"""Integrations of many small systems, eight to a block, one system in each lane."""
 
 from __future__ import annotations
 

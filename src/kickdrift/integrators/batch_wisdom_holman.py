@@ -1,4 +1,4 @@
-"""Wisdom-Holman integrations of many small systems, a system a lane."""
+"""Wisdom-Holman integrations of many small systems, one system in each lane."""
 
 from __future__ import annotations
 

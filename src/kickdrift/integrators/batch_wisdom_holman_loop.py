@@ -1,7 +1,7 @@
-"""Compiled loop of the Wisdom-Holman map for eight small systems at once, a system a lane.
+"""Compiled loop of the Wisdom-Holman map for eight small systems at once, one system in each lane.
 
-The map is the same as in ``wisdom_holman_loop``, whose formulas cite their sources. Sums across lanes there, over
-bodies side by side, are plain loops over the bodies here.
+The map is that of ``wisdom_holman_loop``, whose formulas cite their sources. That loop has bodies in lanes and sums
+over lanes; this loop sums over bodies with plain loops.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from kickdrift.jit.vectors import WIDTH
 
 # Vectors of ``work``: positions from the central body, their offset from Jacobi's, the acceleration by the other
 # bodies, the kick. WAY has increments solved one by one, and dt.
-PLACE, OFFSET, PULL, KICK = range(4)
+PLACE, OFFSET, MUTUAL, KICK = range(4)
 WORK = 4
 WAY = 7
 
@@ -105,15 +105,15 @@ def places(own, x):
 
 
 @in_order
-def pulls(own, place, t):
-    """work[PULL] <- the mutual accelerations of the bodies except the central one, each pair once."""
-    source, hill, pull = own.table[SOURCE], own.table[HILL], own.work[PULL]
+def mutual_accelerations(own, place, t):
+    """work[MUTUAL] <- the mutual accelerations of the bodies except the central one, each pair once."""
+    source, hill, mutual = own.table[SOURCE], own.table[HILL], own.work[MUTUAL]
     stride = source.size
     zero = splat(0.0)
-    for p in range(0, pull.size, WIDTH):
-        store(pull, p, zero)
+    for p in range(0, mutual.size, WIDTH):
+        store(mutual, p, zero)
     for p in range(0, stride - WIDTH, WIDTH):
-        xi, ai = load3(place, p, stride), load3(pull, p, stride)
+        xi, ai = load3(place, p, stride), load3(mutual, p, stride)
         gm_i, hill_i = load(source, p), load(hill, p)
         for q in range(p + WIDTH, stride, WIDTH):
             gm_j, hill_j = load(source, q), load(hill, q)
@@ -122,11 +122,11 @@ def pulls(own, place, t):
             inverse = inverse_sqrt(r2)
             cube = inverse * inverse * inverse
             ai = ai + gm_j * cube * d
-            store3(pull, q, stride, load3(pull, q, stride) - gm_i * cube * d)
+            store3(mutual, q, stride, load3(mutual, q, stride) - gm_i * cube * d)
             if any_lane((r2 < hill_i) | (r2 < hill_j)):
                 note_near(own.first, p, q, r2 < hill_j, t)
                 note_near(own.first, q, p, r2 < hill_i, t)
-        store3(pull, p, stride, ai)
+        store3(mutual, p, stride, ai)
 
 
 @in_order
@@ -141,12 +141,12 @@ def note_near(first, p, q, near, t):
 @in_order
 def heliocentric_kick(own, dt, t):
     """Kick by the other bodies, then jump by the sum of the momenta."""
-    x, v, pull, share = own.orbit[0], own.orbit[1], own.work[PULL], own.table[OTHERS]
+    x, v, mutual, share = own.orbit[0], own.orbit[1], own.work[MUTUAL], own.table[OTHERS]
     stride = share.size
-    pulls(own, x, t)
+    mutual_accelerations(own, x, t)
     momentum = thrice(splat(0.0))
     for p in range(0, stride, WIDTH):
-        add3(v, p, stride, dt * load3(pull, p, stride))
+        add3(v, p, stride, dt * load3(mutual, p, stride))
         momentum = momentum + load(share, p) * load3(v, p, stride)
     for p in range(0, stride, WIDTH):
         add3(x, p, stride, dt * momentum)
@@ -159,18 +159,18 @@ def jacobi_kick(own, dt, t):
     stride = table[GM].size
     central = load(own.central, 0)
     places(own, x)
-    pulls(own, work[PLACE], t)
+    mutual_accelerations(own, work[PLACE], t)
     zero = thrice(splat(0.0))
     outside = zero  # the sum of G m_j w_j over the bodies j > i
     for p in range(stride - WIDTH, -WIDTH, -WIDTH):
         w, g = central_part(load3(x, p, stride), load3(work[OFFSET], p, stride))
         gm, others, rest = load(table[GM], p), load(table[OTHERS], p), load(table[INSIDE], p) * central
-        store3(work[KICK], p, stride, load3(work[PULL], p, stride) + gm * (g + others * w) - rest * outside)
+        store3(work[KICK], p, stride, load3(work[MUTUAL], p, stride) + gm * (g + others * w) - rest * outside)
         outside = outside + load(table[SOURCE], p) * w
     inside = zero  # the sum of G m_j p_j over the bodies j < i
     for p in range(0, stride, WIDTH):
         add3(v, p, stride, dt * (load3(work[KICK], p, stride) - load(table[INSIDE], p) * inside))
-        inside = inside + load(table[SOURCE], p) * load3(work[PULL], p, stride)
+        inside = inside + load(table[SOURCE], p) * load3(work[MUTUAL], p, stride)
 
 
 @in_order

@@ -12,7 +12,7 @@ from kickdrift.errors import InputError
 from kickdrift.integrators.option import SEED, TEMPERATURE, Option
 from kickdrift.jit.compile import as_written
 from kickdrift.jit.lanes import lane_sum, splat
-from kickdrift.jit.memory import flat, load, load_first, store_first
+from kickdrift.jit.memory import flat, load, masked_load, masked_store
 from kickdrift.jit.vectors import WIDTH
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
@@ -79,7 +79,7 @@ def kinetic(masses, v, axes):
         count = min(WIDTH, n - i)
         squares = splat(0.0)
         for axis in range(axes):
-            some = load_first(row, axis * n + i, count)
+            some = masked_load(row, axis * n + i, count)
             squares = squares + some * some
         total = total + load(masses, i) * squares
     return 0.5 * lane_sum(total)
@@ -91,4 +91,4 @@ def scale(v, axes, factor):
     row, n = flat(v), v.shape[1]
     for i in range(0, axes * n, WIDTH):
         count = min(WIDTH, axes * n - i)
-        store_first(row, i, factor * load_first(row, i, count), count)
+        masked_store(row, i, factor * masked_load(row, i, count), count)

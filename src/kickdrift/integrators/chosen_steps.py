@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from kickdrift.forces.evaluate import EVALUATIONS, SLOTS
 from kickdrift.forces.kernel import OK
 from kickdrift.integrators.looked_loop import REFUSED as LOOK_REFUSED
-from kickdrift.integrators.looked_loop import TAKEN, looked_intervals
+from kickdrift.integrators.looked_loop import TAKEN, looked_intervals, recorded_loop
 from kickdrift.integrators.loops import REJECTED, STEP
 from kickdrift.integrators.stepper import STOPPED, Counts
 from kickdrift.integrators.stepping import CompiledSteps, Resumable, with_lists
@@ -41,9 +41,10 @@ class LookTimes(Protocol):
 
 
 class ChosenSteps(Resumable):
-    """Steps that a compiled loop chooses by their error. Keeps the clock."""
+    """Integration whose compiled loop chooses steps by their error. Stores the clock."""
 
-    keeps: ClassVar[tuple[str, ...]] = ("_cursor", "_clock", "_extra_evaluations")
+    saved: ClassVar[tuple[str, ...]] = ("_cursor", "_clock", "_extra_evaluations")
+    _record_address: int | None = None  # of the machine code of steps, once known
 
     def __init__(self, flow: Flow, options: Options) -> None:
         self._flow, self._first, self._longest = flow, options.dt, options.longest
@@ -81,6 +82,24 @@ class ChosenSteps(Resumable):
     def compiled_steps(self) -> CompiledSteps | None:
         """Driver as for ``Regular``, but its last arguments are (clock, time to reach, steps, cursor)."""
         return None
+
+    @property
+    def recordable_steps(self) -> CompiledSteps | None:
+        """The same for ``recorded``."""
+        return self.compiled_steps
+
+    def recorded(self, points: Floats) -> int:
+        """Take a step for each row of ``points`` (steps, 1 + N), or fewer to the ``end``. A row gets time and y after a
+        step. Return a status; ``steps_done`` counts the rows. The stepper is ``steady``."""
+        assert self.recordable_steps is not None
+        (loop, forces, given), clock, cursor = self.recordable_steps, self._clock, self._cursor
+        if self._record_address is None:
+            self._record_address = address_of(loop, forces.table, *given, clock, self.end, 1, cursor)
+        places = (given, clock, self.end, cursor, self.y, points)
+        status = forces.call(recorded_loop, self._record_address, *places)
+        self.steps_done += int(cursor[STEP])
+        cursor[STEP] = 0
+        return self._judged(status)
 
     def looked(
         self, plan: LookTimes, steps: int, looking: Looking, last: Floats, rows: Floats, row: int

@@ -61,7 +61,7 @@ def custom_loop(forces, y, carry, work, kind, dt, start, first, steps, cursor):
         t = start + (first + cursor[STEP]) * dt
         take_step(kind, (bound, cursor), t, y[0], y[1], a, dt)
         status = cursor[STATUS]
-        if status != OK:  # a step is done whole or not at all
+        if status != OK:  # a step is done as a whole or not at all
             y[:] = before
             cursor[STATUS] = OK
             return status

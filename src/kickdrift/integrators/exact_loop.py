@@ -50,7 +50,7 @@ class ExactPairs(NamedTuple):
     cutoff2: float
     gain: NDArray[np.float64]  # (n,) steps of momentum per unit of force in half a step
     alike: bool  # whether the gain is equal for all, so that action and reaction are the same whole number
-    largest: float  # of the gains
+    largest: float  # largest gain
 
 
 class SpeciesTables(NamedTuple):

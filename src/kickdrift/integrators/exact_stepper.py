@@ -42,7 +42,7 @@ class ExactStepper(Regular):
     and the half kicks there. It needs no pair list, since whole numbers add up equally in any order.
     """
 
-    keeps = (
+    saved = (
         "_cursor", "_start", "_momentum",
         "_particles.x", "_particles.images", "_particles.p", "_particles.kick", "_particles.spacing",
     )  # fmt: skip
@@ -87,7 +87,7 @@ class ExactStepper(Regular):
             top = max(top, float(fall.max()), shared)
         top = top or extent / self.dt * float(w.max())
         tops = np.full(len(w), top)
-        if self._gravity:  # a heavy body takes up the momenta of the others
+        if self._gravity:  # a heavy body takes the momenta of the others
             heavy = masses > 0
             others = top * (masses.sum() - masses[heavy]) / masses[heavy]
             own = np.abs(v).max(axis=0)[heavy]

@@ -23,7 +23,7 @@ class GaussRadau(Method):
     """Gauss-Radau collocation with steps that follow the motion, accurate to round-off.
 
     ``rtol`` is the dimensionless epsilon of Rein & Spiegel 2015 and sets the steps; the default is 1e-9. Errors per
-    step go as its power 15/7, and are below rounding there. The method takes no ``atol``.
+    step scale as epsilon^(15/7) and are below rounding at the default. The method takes no ``atol``.
     """
 
     name: str

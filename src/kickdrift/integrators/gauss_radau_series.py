@@ -12,7 +12,7 @@ from kickdrift.integrators.gauss_radau_step import TERMS, larger
 from kickdrift.jit.compile import in_order, inlined
 from kickdrift.jit.lanes import lane_max, minus, multiply_add, plus, splat
 from kickdrift.jit.masks import select
-from kickdrift.jit.memory import load, store, store_first
+from kickdrift.jit.memory import load, masked_store, store
 from kickdrift.jit.vectors import WIDTH
 
 # Rows of the workspace, (ROWS, width): position and velocity at the step's start (y of a first-order problem in the
@@ -198,4 +198,4 @@ def finish(work, width, x, lost, tables, low, h, positions):
 def copied(target, offset, work, width, row, count):
     """target[offset:] <- ``count`` numbers of a row of the workspace."""
     for i in range(0, width, WIDTH):
-        store_first(target, offset + i, load(work, row * width + i), count - i)
+        masked_store(target, offset + i, load(work, row * width + i), count - i)

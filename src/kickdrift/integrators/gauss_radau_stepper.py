@@ -38,7 +38,7 @@ class GaussRadauStepper(ChosenSteps):
     holds its clock, both ends of the last step with their rounding errors, and that step's polynomial, found and
     predicted."""
 
-    keeps = (*ChosenSteps.keeps, "_ends", "_polynomials")
+    saved = (*ChosenSteps.saved, "_ends", "_polynomials")
 
     def __init__(self, flow: Flow, options: Options) -> None:
         super().__init__(flow, options)

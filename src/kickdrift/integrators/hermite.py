@@ -46,7 +46,7 @@ class Hermite(Method):
             raise InputError(f"dt: fixes the step of {self.name}; give either dt, or eta and scheme")
         if asked.dt is not None:
             given = given.changed(eta=None, scheme=None)
-        options = super().checked(given.changed(dt=asked.dt), asked)  # a file's dt is meant for other methods
+        options = super().checked(given.changed(dt=asked.dt), asked)  # a file's dt is for other methods
         return options if options.dt is not None or options.eta is not None else options.changed(eta=ETA.default)
 
     def stepper(self, flow: Flow, options: Options) -> Stepper:

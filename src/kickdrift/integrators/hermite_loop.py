@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.forces.evaluate import EVALUATIONS
-from kickdrift.forces.gravity_slope import Sources, pull_and_slope
+from kickdrift.forces.gravity_slope import Sources, acceleration_and_slope
 from kickdrift.forces.kernel import BLOWN_UP, OK
 from kickdrift.integrators.loops import STEP
 from kickdrift.integrators.stepper import STOPPED
@@ -42,11 +42,11 @@ class Bodies(NamedTuple):
 
 
 @chunk_task
-def pulls_and_jerks(bodies, task):
+def accelerations_and_jerks(bodies, task):
     """Compute acceleration and jerk of every TASKS-th moving body."""
     never_inline()
     for k in range(task, bodies.moved[0], TASKS):
-        pull_and_slope(bodies.sources, bodies.due[k])
+        acceleration_and_slope(bodies.sources, bodies.due[k])
 
 
 @jit
@@ -61,9 +61,9 @@ def evaluate(bodies, time, cursor):
             sources.u[k, i] = series[V, k, i] + s * (a + s / 2 * jerk)
     count = bodies.moved[0]
     if count * n < WORTH_THREADS:
-        each_chunk(bodies, Chunks(TASKS, 0), "pulls_and_jerks")
+        each_chunk(bodies, Chunks(TASKS, 0), "accelerations_and_jerks")
     else:
-        each_chunk(bodies, bodies.chunks, "pulls_and_jerks")
+        each_chunk(bodies, bodies.chunks, "accelerations_and_jerks")
     cursor[EVALUATIONS] += count
     total = 0.0
     for k in range(count):

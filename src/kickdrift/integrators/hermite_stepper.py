@@ -47,7 +47,7 @@ class HermiteStepper(Resumable):
     checkpoint holds the series, times and steps of all bodies, and the clock.
     """
 
-    keeps = ("_cursor", "_clock", "_begun", "_size", "_bodies.series", "_bodies.times", "_bodies.steps")
+    saved = ("_cursor", "_clock", "_begun", "_size", "_bodies.series", "_bodies.times", "_bodies.steps")
     _lists = None
 
     def __init__(self, flow: Any, options: Options) -> None:

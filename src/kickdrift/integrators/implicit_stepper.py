@@ -58,7 +58,7 @@ class ImplicitStepper(PythonStepper):
     checkpoint holds the stages, the carries of compensated sums, and the place of J instead of the matrix.
     """
 
-    keeps = (*PythonStepper.keeps, "_start", "_carry", "_stages", "_matrix_at")
+    saved = (*PythonStepper.saved, "_start", "_carry", "_stages", "_matrix_at")
 
     def __init__(self, flow: Flow, tableau: StageEquations, options: Options) -> None:
         super().__init__(flow)

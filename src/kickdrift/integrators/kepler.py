@@ -104,8 +104,8 @@ def first_guess(beta, r0_inverse, eta, zeta, dt):
 def lagrange(gm, dt, r0, r0_inverse, eta, zeta, g):
     """f - 1, g, df/dt and dg/dt - 1: the new position is f x + g v, the new velocity df/dt x + dg/dt v."""
     r_inverse = 1.0 / (r0 + eta * g.g1 + zeta * g.g2)
-    pull = gm * r0_inverse
-    return -pull * g.g2, dt - gm * g.g3, -pull * r_inverse * g.g1, -gm * r_inverse * g.g2
+    gm_over_r0 = gm * r0_inverse
+    return -gm_over_r0 * g.g2, dt - gm * g.g3, -gm_over_r0 * r_inverse * g.g1, -gm * r_inverse * g.g2
 
 
 # --- eight at a time ---
@@ -122,7 +122,7 @@ def lanes_g(beta, x):
 
 @jit
 def halved_lanes_g(beta, x):
-    """The same where x must be halved, each lane as often as it needs: its bits do not depend on its neighbours."""
+    """The same for large x, halved as often as each lane needs. A lane's bits do not depend on its neighbours."""
     part, z, halvings = x, beta * x * x, 0
     while any_lane(abs(z) > SERIES) and halvings < 12:
         large = abs(z) > SERIES

@@ -1,4 +1,4 @@
-"""Compiled loops of samples of a run: steps, a sample, steps, a sample … without Python in between."""
+"""Compiled loops of samples of a run: steps, a sample, steps, a sample … without Python in between; and of all y."""
 
 from __future__ import annotations
 
@@ -82,4 +82,22 @@ def looked_intervals(
             return status
         taken_at[seen[TAKEN]] = cursor[STEP]
         seen[TAKEN] += 1
+    return OK
+
+
+@driver
+def recorded_loop(forces, step_loop, given, clock, until, cursor, y, points):
+    """Take steps of different lengths one by one until the time ``until``, or until all rows of ``points`` (steps, 1 +
+    N) are filled. Each row gets the time and y after a step. Return a status.
+
+    The other arguments are those of ``looked_intervals``. ``cursor`` counts the steps.
+    """
+    flat = y.reshape(-1)
+    while cursor[STEP] < points.shape[0] and clock[0] < until:
+        done = cursor[STEP]
+        status = status_at(step_loop, (forces, *given, clock, until, done + 1, cursor))
+        if status != OK or cursor[STEP] == done:
+            return status
+        points[done, 0] = clock[0]
+        points[done, 1:] = flat
     return OK

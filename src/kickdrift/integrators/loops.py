@@ -24,7 +24,7 @@ from kickdrift.integrators.subflow_code import call_subflow
 from kickdrift.jit.compile import driver, inlined, jit, strict
 from kickdrift.jit.handle import handle, unowned
 from kickdrift.jit.inner import overload
-from kickdrift.jit.memory import flat, load, load_first, store, store_first
+from kickdrift.jit.memory import flat, load, masked_load, masked_store, store
 from kickdrift.jit.vectors import WIDTH
 
 # Slots of the cursor, after EVALUATIONS: steps done in this call, next stage, whether `work` holds the derivative at y,
@@ -40,7 +40,7 @@ def add_scaled(y, factor, dy):
     for i in range(0, whole, WIDTH):
         store(row, i, load(row, i) + factor * load(change, i))
     rest = row.size - whole
-    store_first(row, whole, load_first(row, whole, rest) + factor * load_first(change, whole, rest), rest)
+    masked_store(row, whole, masked_load(row, whole, rest) + factor * masked_load(change, whole, rest), rest)
 
 
 @strict
@@ -89,7 +89,7 @@ def _act(further, stage, start, first, dt, x, v, cursor):
 
 @driver
 def splitting_loop(forces, y, carry, work, word, dt, start, first, steps, cursor):
-    """Apply the flows of a ``Word`` in turn; ``work`` holds the accelerations until positions change."""
+    """Apply the flows of a ``Word`` in turn. ``work`` holds the accelerations until positions change."""
     bound = handle(forces)
     y, carry, work = unowned(y), unowned(carry), unowned(work)
     stages, cursor = unowned(word.stages), unowned(cursor)

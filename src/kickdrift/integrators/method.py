@@ -1,4 +1,4 @@
-"""What all integrators have in common: what is known of them, and how an integration with one begins."""
+"""Base of all integrators: their properties, and the start of an integration."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from kickdrift.integrators.option import (
 )
 from kickdrift.integrators.options import Options
 
-PRECISIONS = PRECISION.choices  # of pair forces
-OWN_FORCES = "adds up forces of its own"  # what rules out mixed precision
+PRECISIONS = PRECISION.choices  # precisions of pair forces
+OWN_FORCES = "adds up forces of its own"  # reason against mixed precision
 SOLVES = "solves equations to the rounding of float64"
 
 if TYPE_CHECKING:
@@ -37,23 +37,23 @@ class Method:
 
     Attributes
     ----------
-    name, family, order, source, use : what ``kickdrift list integrators`` shows, and where it was published
-    evaluations : of the force per step; 0 where it depends on the run
+    name, family, order, source, use : text for ``kickdrift list integrators``, and the publication
+    evaluations : force evaluations per step; 0 if the number depends on the run
     symplectic, reversible : whether the step keeps the symplectic form; whether a step with -dt undoes one with dt
-    adaptive : whether it chooses its steps from the error
-    chooses_steps : whether its steps differ in length, for whatever reason, so that a time may lie inside one
-    needs_dt : whether it cannot begin without a dt
-    carries : whether whatever follows from y' = f(t, y) may ride along as further particles, massless and under forces
-        of their own, and the others not notice, but for the steps that an error estimate sets
-    separable : whether it needs accelerations that depend on positions and time alone
-    trial_steps : whether it may evaluate the force far from the solution
-    bath : whether it exchanges heat with a bath
-    drags : whether its bath changes the total momentum
-    particles_only : whether it runs Systems alone, no Problems
-    rescalable : whether velocities may be changed between two steps without telling it
-    declared : the options of a Simulation, beside dt and precision, that it takes; see `Option`
-    tunable : their names
-    choices : the values that some of these may have, the default first (None: it depends)
+    adaptive : whether the error sets the steps
+    chooses_steps : whether steps differ in length, for any reason, so that a time may lie inside a step
+    needs_dt : whether a dt is required
+    carries : whether deviations can be integrated as additional massless particles with their own forces, without
+        effect on the others, except for steps set by an error estimate
+    separable : whether accelerations must depend on positions and time alone
+    trial_steps : whether the method may evaluate the force far from the solution
+    bath : whether the method exchanges heat with a bath
+    drags : whether the bath changes the total momentum
+    particles_only : whether the method runs Systems only, no Problems
+    rescalable : whether velocities may change between two steps without a restart
+    declared : options of a Simulation that the method takes, besides dt and precision; see `Option`
+    tunable : names of these options
+    choices : allowed values of some options, the default first (None: it depends)
     """
 
     name: str
@@ -104,13 +104,13 @@ class Method:
 
     @property
     def float64_because(self) -> str:
-        """Why its pair forces may not be in mixed precision; "" where they may."""
+        """Reason why pair forces cannot be in mixed precision; "" if they can."""
         return ""
 
     @property
     def butcher(self) -> tuple[Floats, Floats] | None:
-        """The full tableau (s, s) and weights (s,) that give a one-step method's R(z) on y' = lambda y, where it has
-        one."""
+        """Full tableau (s, s) and weights (s,) that give a one-step method's R(z) on y' = lambda y; None without a
+        tableau."""
         return None
 
     @property
@@ -131,7 +131,7 @@ class Method:
 
     @property
     def options(self) -> tuple[Option, ...]:
-        """All that it takes: dt, what it declares, and what precision its forces may have."""
+        """All options of the method: dt, the declared ones, and the precision of its forces."""
         precision = replace(PRECISION, choices=(DOUBLE,)) if self.float64_because else PRECISION
         return (DT, *self.declared, precision)
 
@@ -148,30 +148,30 @@ class Method:
         }
 
     def stepper(self, flow: Flow, options: Options) -> Stepper:
-        """An integration of the flow with this method."""
+        """Start an integration of the flow with this method."""
         raise NotImplementedError
 
     @property
     def batched(self) -> bool:
-        """Whether many small systems may advance with it at once (see ``kickdrift.batch``)."""
+        """Whether a batch can use this method (see ``kickdrift.batch``)."""
         return False
 
     def check(self, system: System) -> None:
         """Refuse a System that this method cannot move."""
 
     def in_lanes(self, members: Members, options: Options) -> LaneStepper:
-        """An integration of many small systems at once; of those methods that are ``batched``."""
+        """Start an integration of many small systems at once, for methods that are ``batched``."""
         raise NotImplementedError
 
     def checked(self, given: Options, asked: Options) -> Options:
-        """The options that this method takes of those given in arguments and file; those ``asked`` for in arguments
-        that it does not take are an InputError, and so are values that make no sense."""
+        """Options that this method takes, from arguments and file. Raises InputError for ``asked`` options that it does
+        not take, and for values that make no sense."""
         for key, value in asked.items():
             if key not in ("dt", PRECISION.name, *self.tunable) and value is not None and value is not False:
                 takes = ", ".join(("dt", *self.tunable))
                 raise InputError(f"{key}: {self.name} does not take it; it takes {takes}")
         kept = {each.name: each.filled(given.get(each.name)) for each in self.declared}
-        dt = asked.dt if self.adaptive else given.dt  # a file's dt is no first step for a method that chooses its own
+        dt = asked.dt if self.adaptive else given.dt  # a file's dt is not the first step of an adaptive method
         precision = PRECISION.filled(given.precision)
         if precision == MIXED and self.float64_because:
             raise InputError(f"precision: {self.name} {self.float64_because}, and takes {DOUBLE} alone")
@@ -184,5 +184,5 @@ class Method:
 
 
 def checked_dt(dt: Any) -> float | None:
-    """A step, if one is given; an InputError where it is no positive finite time."""
+    """Check a step, if one is given. Raises InputError unless it is a positive finite time."""
     return None if dt is None else DT.checked(dt)

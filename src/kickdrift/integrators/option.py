@@ -1,7 +1,7 @@
 """Options of integrators, each declared once: name, type, unit, default, choices, help.
 
-Keywords of a Simulation, keys of ``[run]``, ``-o`` on the command line, files of runs and the documentation are all
-made from these declarations. A method says which options it takes by `Method.declared`.
+Keywords of a Simulation, keys of ``[run]``, ``-o`` on the command line, run files and the documentation are all made
+from these declarations. `Method.declared` says which options a method takes.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from kickdrift.errors import InputError
 from kickdrift.model.checks import number
 from kickdrift.text import shown
 
-DOUBLE, MIXED = "double", "mixed"  # of pair forces
+DOUBLE, MIXED = "double", "mixed"  # precision of pair forces
 _WORDS = {float: "a number", int: "a whole number", str: "a name", bool: "true or false"}
 DIMENSIONS = {
     "": "", "time": "the system's unit of time", "frequency": "one over the system's unit of time",
@@ -38,18 +38,18 @@ class Option:
     ----------
     name : the keyword
     type : float, int, str or bool
-    help : what it does, in a line
-    default : the value where none is given; None where there is no single one
-    choices : the values that it may have; () where there are no names for them
+    help : one line about the effect
+    default : value if none is given; None if there is no single default
+    choices : allowed values; () if they cannot be listed
     dimension : "time", "frequency" or "temperature" for a number in the system's units, "" for a pure number
     above, most : a number is greater than ``above``, and ``most`` at most
     several : whether a Problem may have one number for each component of y
-    written : whether the default is recorded where no value was given; files leave it open otherwise
+    written : whether run files record the default if no value was given
 
     Raises
     ------
     InputError
-        Where name, type, choices or default do not fit.
+        If name, type, choices or default do not fit.
     """
 
     name: str
@@ -83,7 +83,8 @@ class Option:
             self.checked(self.default)
 
     def checked(self, value: Any) -> Any:
-        """The value in Python's types; an InputError that names the option where it cannot have that value."""
+        """Return the value as Python's own type. Raises an InputError that names the option for a value that is not
+        allowed."""
         if self.choices:
             same = [k for k in self.choices if isinstance(k, str) == isinstance(value, str) and np.all(k == value)]
             if not same or np.ndim(value):
@@ -108,7 +109,7 @@ class Option:
         return int(found) if self.type is int else found
 
     def parsed(self, text: str) -> Any:
-        """The value that a text on the command line means; an InputError where it means none."""
+        """Return the value of a text on the command line. Raises InputError if the text has no allowed value."""
         try:
             if self.type is bool:
                 return _SWITCH[text.lower()]
@@ -121,19 +122,19 @@ class Option:
             raise InputError(f"{self.name}: expected {words}, got {shown(text)}") from None
 
     def filled(self, value: Any) -> Any:
-        """The value checked; where it is None, the default if files are to name that."""
+        """Return the value, checked. For None, return the default if files record it."""
         if value is None:
             return self.default if self.written else None
         return self.checked(value)
 
     @property
     def known(self) -> str:
-        """Its choices in words."""
+        """Choices as text."""
         return ("; " if any("," in str(choice) for choice in self.choices) else ", ").join(map(str, self.choices))
 
     @property
     def expected(self) -> str:
-        """The numbers that it may be, in words."""
+        """Allowed numbers as text."""
         whole = "whole " if self.type is int else ""
         if (self.above, self.most) == (0.0, inf):
             return f"a positive finite {self.dimension}" if self.dimension else f"a positive {whole}number"
@@ -145,12 +146,12 @@ class Option:
 
     @property
     def hint(self) -> Any:
-        """Its type as a type hint."""
+        """Type of the option as a type hint."""
         return float | tuple[float, ...] if self.several else self.type
 
     @property
     def words(self) -> str:
-        """Its type in words."""
+        """Type of the option as text."""
         words = f"{_WORDS[self.type]}, or one for each component of y" if self.several else _WORDS[self.type]
         limits = self.type in (float, int) and (self.above > -inf or self.most < inf) and not self.choices
         if not limits or self.several:
@@ -160,19 +161,19 @@ class Option:
 
     @property
     def unit(self) -> str:
-        """Its unit in words; "" for a pure number."""
+        """Unit of the option as text; "" for a pure number."""
         return DIMENSIONS[self.dimension]
 
     @property
     def fallback(self) -> str:
-        """Its default in words."""
+        """Default of the option as text."""
         if self.default is None:
             return ""
         return str(self.default).lower() if isinstance(self.default, bool) else f"{self.default}"
 
 
 def merged(declared: Sequence[Option]) -> Option:
-    """One declaration that allows what any of several allows under the same name."""
+    """One declaration that allows all values of several declarations of the same name."""
     first, named = declared[0], all(each.choices for each in declared)
     return replace(
         first,
@@ -208,7 +209,7 @@ JACOBI, HELIOCENTRIC = "jacobi", "democratic-heliocentric"
 COORDINATES = Option("coordinates", str, "Origins of positions and velocities.", JACOBI, (JACOBI, HELIOCENTRIC))
 CORRECTOR = Option("corrector", int, "Order of the symplectic corrector; 0 for none.", 0, (0, 3, 5, 7, 11, 17))
 ORDER = Option("order", str, "Powers of dt in the errors that are linear, quadratic, … in the planets' masses.")
-ETA = Option(  # by default as in Makino & Aarseth 1992 and most that followed
+ETA = Option(  # default as in Makino & Aarseth 1992 and most later work
     "eta", float, "Accuracy of the steps; the energy error is as its square.", 0.02, above=0.0, most=1.0, written=False
 )
 SCHEME = Option("scheme", str, "One step for all bodies, or one for each.", "shared", ("shared", "block"))
@@ -230,7 +231,7 @@ SEED = Option(
     "seed", int, "Seed of the noise; by default the seed of the starting velocities, or 0.", above=-1.0, most=2.0**53
 )
 
-# In the order in which files of runs name them.
+# In the order of run files.
 OPTIONS: dict[str, Option] = {
     each.name: each
     for each in (
@@ -240,7 +241,7 @@ OPTIONS: dict[str, Option] = {
 
 
 def own_options(options: Sequence[Any]) -> tuple[Option, ...]:
-    """A user's declarations, checked: each an Option of another name, and of the type that the name has elsewhere."""
+    """Check a user's declarations: each is an Option with a new name, or has the type that the name has elsewhere."""
     names: set[str] = set()
     for each in options:
         if not isinstance(each, Option):

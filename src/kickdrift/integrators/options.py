@@ -1,4 +1,4 @@
-"""How a Simulation was asked to integrate."""
+"""Options of a Simulation's integration."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ Tolerance = float | tuple[float, ...]  # one number, or one for each component o
 
 
 class Options(Mapping[str, Any]):
-    """Values of dt and of options by name, each an attribute too; None where it was not said.
+    """Values of dt and of options by name, each an attribute too; None for a value that was not given.
 
-    ``options.dt``, ``options["rtol"]``. All options of the table are there, and those that a user's method declares
-    where they have values. Tolerances in a list or an array become tuples. Equal options are equal, and may be keys.
+    Use ``options.dt`` or ``options["rtol"]``. All options of the table are included, and those of a user's method that
+    have values. Tolerances in a list or an array become tuples. Options can be compared and can be dictionary keys.
     """
 
     _values: dict[str, Any]
@@ -54,24 +54,24 @@ class Options(Mapping[str, Any]):
         return _made, (dict(self),)
 
     def changed(self, **values: Any) -> Options:
-        """The same with these in their places."""
+        """Return a copy with these values."""
         return Options(**{**self, **values})
 
     def extras(self, tunable: Collection[str]) -> dict[str, Any]:
-        """What a run's file should say besides dt, of a method that takes these options."""
+        """Values for a run's file besides dt, for a method with these options."""
         said = {key: value for key, value in self.items() if key != "dt" and value}
         tolerances = zip(("rtol", "atol"), self.tolerances, strict=True)
         return said | {key: value for key, value in tolerances if key in tunable}
 
     @property
     def tolerances(self) -> tuple[Tolerance, Tolerance]:
-        """rtol and atol, with what stands in where they were not said."""
+        """rtol and atol, with defaults for values that were not given."""
         rtol, atol = self._values[RTOL.name], self._values[ATOL.name]
         return (RTOL.default if rtol is None else rtol), (ATOL.default if atol is None else atol)
 
     @property
     def longest(self) -> float:
-        """The longest step allowed."""
+        """Longest allowed step."""
         longest = self._values["max_step"]
         return np.inf if longest is None else longest
 
@@ -81,8 +81,8 @@ def _made(values: dict[str, Any]) -> Options:
 
 
 def _row(key: str, value: Any) -> Any:
-    """A list or an array as a tuple of Python's numbers, for an option that may have several; an array of no dimension
-    as its number."""
+    """Convert a list or an array to a tuple of Python's numbers, for an option with several numbers, and an array of no
+    dimension to its number."""
     if key in OPTIONS and not OPTIONS[key].several:
         return value
     found = value.tolist() if isinstance(value, np.ndarray) else value

@@ -15,7 +15,7 @@ from kickdrift.integrators.option import FRICTION, TEMPERATURE
 from kickdrift.integrators.subflow_code import BoundSubflow, subflow_body
 from kickdrift.jit.compile import as_written
 from kickdrift.jit.lanes import lane_sum, splat
-from kickdrift.jit.memory import flat, load, load_first, store_first
+from kickdrift.jit.memory import flat, load, masked_load, masked_store
 from kickdrift.jit.random import normals, uniforms
 from kickdrift.jit.vectors import WIDTH
 
@@ -34,9 +34,9 @@ class Friction(NamedTuple):
 @as_written
 def kept(factor, noise, normal, row, i, count):
     """Velocities ``row[i : i + count]`` after the flow. Return the change of their squares."""
-    old = load_first(row, i, count)
+    old = masked_load(row, i, count)
     new = factor * old + noise * normal
-    store_first(row, i, new, count)
+    masked_store(row, i, new, count)
     return new * new - old * old
 
 

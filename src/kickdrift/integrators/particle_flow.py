@@ -99,7 +99,7 @@ class ParticleFlow(ParticleStates):
         """Return f(t, y), without using the run's own pair lists."""
         return self._looks().derivative(time, y)
 
-    analytic = False  # of the Jacobian
+    analytic = False  # the Jacobian is by differences
 
     def jacobian(self, time: float, y: Floats) -> Floats:
         """Jacobian (N, N) df_i / dy_j of the flattened y by central differences."""

@@ -22,7 +22,7 @@ from kickdrift.model.system import System
 
 
 class ParticleStates:
-    """A System's particles as any flow has them: their states, samples and blow-ups. ``look`` is the flow's own."""
+    """States, samples and blow-ups of a System's particles, for any flow. Each flow defines ``look``."""
 
     raised: BaseException | None = None
     of_particles = True

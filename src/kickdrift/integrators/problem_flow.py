@@ -29,7 +29,7 @@ class ProblemFlow:
         self.halves = 2 if problem.separable else 1
         known = "right_hand_side" in vars(problem)
         self._callback = right_hand_side(problem).callback
-        if known:  # names outside f may have changed since
+        if known:  # names outside f may have changed since compilation
             check_right_hand_side(problem, right_hand_side(problem))
         self.forces = BoundForces(EquationAsForce(problem), threads)
         self.not_separable = None if problem.separable else "the problem is not declared separable=True"
@@ -78,7 +78,7 @@ class ProblemFlow:
 
     def forget_errors(self) -> None:
         """Forget earlier errors of f, which do not concern the coming steps."""
-        self._callback.error = None
+        self._callback.forget_error()
 
     def prepare(self, y: Floats, time: float) -> None:
         """Do nothing: the right-hand side is compiled already."""

@@ -1,4 +1,4 @@
-"""User's own integrators: rows of numbers, or a Python step that is compiled into the loop."""
+"""The user's own integrators: rows of numbers, or a Python step that is compiled into the loop."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
+from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -31,7 +32,7 @@ REGISTERED: set[str] = set()  # names of the user's integrators
 
 @dataclass(frozen=True)
 class CompiledStep(Method):
-    """User's step function, compiled into its own loop; see ``register_step``."""
+    """A user's step function, compiled into its own loop; see ``register_step``."""
 
     name: str
     function: Callable[..., None]
@@ -174,7 +175,7 @@ def register_step(
     def register(function: Callable[..., None]) -> Callable[..., None]:
         fields = ["options" if declared else "unused"]
         kind = namedtuple("Step_" + "".join(c if c.isalnum() else "_" for c in name), fields)  # type: ignore[misc]
-        kind.__module__ = function.__module__  # code compiled around it is kept apart by its source
+        kind.__module__ = function.__module__  # the cache is kept by the source of this module
         kind.kernel_sources = (function,)  # type: ignore[attr-defined]
         _register(
             CompiledStep(
@@ -197,6 +198,11 @@ def unregister(name: str) -> None:
 
 def load_file(path: Path) -> None:
     """Run a Python file that registers methods or forces. Raises an InputError of one line if the file fails."""
+    executed(path)
+
+
+def executed(path: Path) -> ModuleType:
+    """Run a Python file and return its module. Raises an InputError of one line if the file fails."""
     refuse_unfit(path)
     spec = spec_from_file_location(path.stem, path)
     if spec is None or spec.loader is None:
@@ -209,6 +215,7 @@ def load_file(path: Path) -> None:
         raise InputError(f"{path}: {error}") from None
     except (Exception, SystemExit) as error:
         raise InputError(f"{path}: {type(error).__name__}: {' '.join(str(error).split())}") from error
+    return module
 
 
 def _row(name: str, key: str, weights: Sequence[float]) -> tuple[float, ...]:

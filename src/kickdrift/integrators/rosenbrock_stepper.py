@@ -68,7 +68,7 @@ class RosenbrockStepper(PythonStepper):
     """Integration with an embedded Rosenbrock method. A checkpoint holds the next step, the errors of the last two
     steps and the start of the last step."""
 
-    keeps = (*PythonStepper.keeps, "_next", "_errors", "_begun")
+    saved = (*PythonStepper.saved, "_next", "_errors", "_begun")
 
     def __init__(self, flow: Flow, tableau: LinearStages, options: Options) -> None:
         super().__init__(flow)

@@ -32,7 +32,7 @@ RETAKEN = 10_000  # most steps for a sample inside a step; a solution that went 
 OF_LSODA = "_lsoda_solver._integrator"
 NEXT_OF_LSODA = 11  # index in its rwork of the next step to try (HCUR)
 FIRST_ORDER = {"BDF": 1, "Radau": 3, "LSODA": 1}  # order in the error of a first step
-SOLVER_KEEPS = {
+SOLVER_STATE = {
     "BDF": (*POINT, *MATRIX, "LU", "D", "order", "n_equal_steps"),
     "Radau": (*POINT, *MATRIX, "LU_real", "LU_complex", "current_jac", "f", "Z", "y_old"),
     "LSODA": (
@@ -63,7 +63,7 @@ class SciPyStepper(PythonStepper):
     holds this state by value, including the factors of its matrices and LSODA's working memory.
     """
 
-    keeps = (*PythonStepper.keeps, "_jacobians_before")
+    saved = (*PythonStepper.saved, "_jacobians_before")
 
     def __init__(self, flow: Flow, name: str, solver: str, options: Options) -> None:
         super().__init__(flow)
@@ -139,8 +139,8 @@ class SciPyStepper(PythonStepper):
 
     def memory(self) -> Memory:
         """See Stepper."""
-        keeps = SOLVER_KEEPS[self._solver_class]
-        solver = None if self._solver is None else {key: by_value(attrgetter(key)(self._solver)) for key in keeps}
+        saved = SOLVER_STATE[self._solver_class]
+        solver = None if self._solver is None else {key: by_value(attrgetter(key)(self._solver)) for key in saved}
         if solver and "D" in solver:
             solver["D"] = solver["D"][: solver["order"] + 2]  # BDF fills the further rows before reading them
         return {**super().memory(), "solver": solver}
@@ -168,7 +168,7 @@ class SciPyStepper(PythonStepper):
 
     def _checked(self, memory: Memory) -> Memory:
         """Checked state of this solver. LAPACK and LSODA check no bounds, so invalid indices raise InputError."""
-        known = {key: memory[key] for key in SOLVER_KEEPS[self._solver_class]}
+        known = {key: memory[key] for key in SOLVER_STATE[self._solver_class]}
         n, fits = self.y.size, True
         for key in [key for key in known if key.startswith("LU")]:
             if known[key] is not None:

@@ -27,14 +27,12 @@ if TYPE_CHECKING:
 class Splitting(Method):
     """A word over flows, which act one after another, each for its part of the step.
 
-    Attributes
-    ----------
-    word : the letters of the flows in the order in which they act: A drifts (x += w dt v), B kicks (v += w dt a), and
-        others of ``subflows.FLOWS``
-    weights : the parts of dt, one for each letter; those of one letter add up to one
+    word : letters of the flows in the order of their action: A drifts (x += w dt v), B kicks (v += w dt a), and other
+        letters are in ``subflows.FLOWS``
+    weights : parts of dt, one for each letter; the weights of one letter add up to one
     order : the power of dt in the global error
-    source : author, year, journal, DOI; digits that were published short are carried on by
-        kickdrift_validation.polish_splittings
+    source : author, year, journal, DOI; kickdrift_validation.polish_splittings adds digits to rows that were published
+        with few digits
     """
 
     name: str
@@ -60,22 +58,22 @@ class Splitting(Method):
                 raise InputError(f"{self.name}: {FLOWS[letter].name} weights add up to {total!r}, not 1")
 
     def of(self, letter: str) -> tuple[float, ...]:
-        """The weights of one flow, in their order."""
+        """Weights of one flow, in order."""
         return tuple(weight for each, weight in zip(self.word, self.weights, strict=True) if each == letter)
 
     @property
     def kick(self) -> tuple[float, ...]:
-        """The weights of the kicks."""
+        """Weights of the kicks."""
         return self.of(KICK)
 
     @property
     def drift(self) -> tuple[float, ...]:
-        """The weights of the drifts."""
+        """Weights of the drifts."""
         return self.of(DRIFT)
 
     @property
     def first(self) -> str:
-        """The name of the flow that comes first."""
+        """Name of the first flow."""
         return FLOWS[self.word[0]].name
 
     @property
@@ -99,7 +97,7 @@ class Splitting(Method):
 
     @property
     def evaluations(self) -> int:
-        """Force evaluations per step; a last kick shares its force with the next step's first."""
+        """Force evaluations per step; a last kick shares its force with the first kick of the next step."""
         count, known = 0, self.ends_fresh
         for letter in self._acting:
             if letter == KICK and not known:
@@ -110,18 +108,18 @@ class Splitting(Method):
 
     @property
     def ends_fresh(self) -> bool:
-        """Whether positions rest from a step's last kick on, so that its forces are those at the step's end."""
+        """Whether positions stay fixed after a step's last kick, so that its forces are those at the step's end."""
         after = self._acting[self._acting.rindex(KICK) :]
         return not any(FLOWS[letter].moves for letter in after)
 
     @property
     def _acting(self) -> str:
-        """The word without its letters of weight zero."""
+        """The word without letters of weight zero."""
         return "".join(letter for letter, weight in zip(self.word, self.weights, strict=True) if weight)
 
     @property
     def further(self) -> str:
-        """The letters of the flows beside kicks and drifts, in the order of ``subflows.FLOWS``."""
+        """Letters of the flows other than kicks and drifts, in the order of ``subflows.FLOWS``."""
         return "".join(letter for letter in FLOWS if letter in self.word and letter not in (KICK, DRIFT))
 
     @property
@@ -130,21 +128,21 @@ class Splitting(Method):
 
     @cached_property
     def stages(self) -> Floats:
-        """(3, stages) for compiled loops. A stage is a kick, then a drift, then a further flow, each left out where its
-        weight is zero. Rows: the weights of kick and drift, and the part of dt that has passed before the kick."""
+        """Stages (3, stages) for compiled loops. A stage is a kick, then a drift, then a further flow; flows of weight
+        zero are left out. Rows: weights of kick and drift, and the part of dt that has passed before the kick."""
         return self._rows[:3].copy()
 
     @cached_property
     def further_stages(self) -> Floats:
-        """(3, stages): the weight of each stage's further flow, the part of dt that has passed before it acts, and its
-        place in ``further``."""
+        """Further flows (3, stages): weight of each stage's flow, part of dt that has passed before it acts, and its
+        index in ``further``."""
         return self._rows[3:].copy()
 
     @cached_property
     def _rows(self) -> Floats:
         slots = {KICK: 0, DRIFT: 1}
         stages: list[list[float]] = []
-        last, passed = len(slots), 0.0  # the slot that was filled last
+        last, passed = len(slots), 0.0  # index of the slot that was filled last
         for letter, weight in zip(self.word, self.weights, strict=True):
             if not weight:
                 continue
@@ -179,7 +177,7 @@ class Splitting(Method):
 
 
 def in_turn(word: str, first: tuple[float, ...], second: tuple[float, ...]) -> tuple[str, tuple[float, ...]]:
-    """A word of two letters in turn, and its weights: ``first`` has those of the letter that comes first."""
+    """A word of two letters in turn, and its weights; ``first`` are the weights of the first letter."""
     if len(first) - len(second) not in (0, 1):
         names = [f"{len(row)} {FLOWS[letter].name}s" for letter, row in zip(word, (first, second), strict=True)]
         raise InputError(f"{' and '.join(names)} cannot alternate")
@@ -188,23 +186,19 @@ def in_turn(word: str, first: tuple[float, ...], second: tuple[float, ...]) -> t
 
 
 def even_weights(word: str) -> tuple[float, ...]:
-    """The weights of a word in which each flow acts for equal parts of the step."""
+    """Weights of a word in which each flow acts for equal parts of the step."""
     return tuple(1.0 / word.count(letter) for letter in word)
 
 
 def palindrome(half: tuple[float, ...], middle: int = 1) -> tuple[float, ...]:
-    """A row that reads the same from both ends: ``half``, then once or twice (``middle``) the weight that is left of
-    one, then ``half`` backwards.
-    """
+    """A palindrome: ``half``, then once or twice (``middle``) the remainder to one, then ``half`` backwards."""
     rest = fsum((1.0, *(-2.0 * weight for weight in half))) / middle  # fsum: rounded once
     return (*half, *(rest,) * middle, *reversed(half))
 
 
 def composed(weights: tuple[float, ...]) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Kicks and drifts of leapfrog steps of lengths ``weights``, read from the middle outwards, in a palindrome.
-
-    ``weights`` leaves the middle step out: it is what the others leave of one.
-    """
+    """Kicks and drifts of a palindrome of leapfrog steps with lengths ``weights``, from the middle outwards. The middle
+    step is not in ``weights``: its length is the remainder to one."""
     row = palindrome(weights[::-1])
     return (row[0] / 2, *((p + q) / 2 for p, q in pairwise(row)), row[-1] / 2), row
 

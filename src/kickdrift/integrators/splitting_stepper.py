@@ -1,4 +1,4 @@
-"""The steps of a splitting method."""
+"""Steps of a splitting method."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ if TYPE_CHECKING:
 
 
 class Word(NamedTuple):
-    """A splitting method as the compiled loop takes it."""
+    """A splitting method in the form for the compiled loop."""
 
     stages: Floats  # see Splitting.stages
-    further: Further | None  # None where there are but kicks and drifts: the loop is then compiled without the others
+    further: Further | None  # None for kicks and drifts alone: the loop is then compiled without further flows
 
 
 class Further(NamedTuple):
-    """The further flows of a word."""
+    """Further flows of a word."""
 
     stages: Floats  # see Splitting.further_stages
     table: NDArray[np.int64]  # (flows, 3): addresses of machine code and of parts, and whether positions move
@@ -49,9 +49,9 @@ class Composition(Protocol):
 
 
 class SplittingStepper(FixedStepper):
-    """Steps of a word over flows. The workspace keeps the accelerations of the last kick while positions rest."""
+    """Steps of a word over flows. The workspace keeps the accelerations of the last kick while positions stay fixed."""
 
-    keeps = (*FixedStepper.keeps, "baths")
+    saved = (*FixedStepper.saved, "baths")
 
     def __init__(self, flow: Flow, method: Composition, options: Options) -> None:
         rows = [FLOWS[letter] for letter in method.further]

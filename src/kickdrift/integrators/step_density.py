@@ -93,7 +93,7 @@ class StepDensityStepper(Resumable):
     step cut off at the end (``clip``) is a leapfrog step of that length, and leaves the density unchanged.
     """
 
-    keeps = ("_cursor", "_clock", "_extra_evaluations", "_scaled", "_start_of_step", "_last", "_cut")
+    saved = ("_cursor", "_clock", "_extra_evaluations", "_scaled", "_start_of_step", "_last", "_cut")
 
     def __init__(self, flow: Flow, options: Options) -> None:
         assert options.dt is not None
@@ -103,7 +103,7 @@ class StepDensityStepper(Resumable):
         self._clock = np.zeros(6)
         self._clock[DT] = options.dt
         self._scaled = False
-        self._last: Floats | None = None  # the step point's y, which nobody else can change
+        self._last: Floats | None = None  # the step point's y, a private copy
         self.trouble = ""
 
     def reset(self, y: Floats, time: float, steps: int) -> None:

@@ -87,8 +87,8 @@ def bound_by_gravity(system: System) -> float:
     force, x = system.forces[0], system.state.positions
     r2 = ((x[:, None] - x[None]) ** 2).sum(axis=-1) + force.softening**2
     np.fill_diagonal(r2, np.inf)
-    pull = gravitational_constant(force.name, force.G, system) * system.state.masses
-    return math.sqrt(float((4.0 * pull / r2**1.5).sum(axis=1).max()))
+    gm = gravitational_constant(force.name, force.G, system) * system.state.masses
+    return math.sqrt(float((4.0 * gm / r2**1.5).sum(axis=1).max()))
 
 
 def fastest(flow: ParticleFlow, time: float, y: Floats) -> float:

@@ -1,4 +1,4 @@
-"""What steppers share: their memory, and fixed steps by a compiled loop."""
+"""Common parts of steppers: checkpoints, and fixed steps by a compiled loop."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from kickdrift.integrators.stepper import Counts
 from kickdrift.jit.by_address import address_of
 from kickdrift.looks.looking import Looking
 from kickdrift.model.limits import NEVER
-from kickdrift.model.memory import Memory, Remembering, by_value
+from kickdrift.model.memory import Checkpointed, Memory, by_value
 from kickdrift.model.state import Floats
 
 if TYPE_CHECKING:
@@ -30,14 +30,14 @@ CompiledSteps = tuple[Any, "BoundForces", tuple[Any, ...]]
 AT_ONCE = 10_000  # steps of compiled code between checks for Ctrl-C
 
 
-class Resumable(Remembering):
-    """Stepper that stores y, its step point, its forces' pair lists, and the attributes in ``keeps``."""
+class Resumable(Checkpointed):
+    """Stepper that stores y, its step point, its forces' pair lists, and the attributes in ``saved``."""
 
     y: Floats
     steps_done: int
     end: float = np.inf  # see Stepper
     clip: bool = False
-    _addresses: tuple[int, int] | None = None  # of the machine code of steps and samples, once known
+    _addresses: tuple[int, int] | None = None  # addresses of the machine code of steps and samples, once known
     fresh: bool = False  # whether the flow's forces were last evaluated at ``y``, so that their pair lists are valid
     _flow: Flow
 
@@ -49,7 +49,7 @@ class Resumable(Remembering):
     def memory(self: Any) -> Memory:
         """See Stepper."""
         point = {"y": by_value(self.y), "time": by_value(self.time), "steps_done": self.steps_done}
-        return {**point, **Remembering.memory(self), "forces": self._lists.memory() if self._lists else []}
+        return {**point, **Checkpointed.memory(self), "forces": self._lists.memory() if self._lists else []}
 
     def recall(self: Any, memory: Memory) -> None:
         """Restore as Stepper does. The memory may come from a file, and compiled code checks no bounds, so anything
@@ -60,7 +60,7 @@ class Resumable(Remembering):
         if "cursor" in memory and not np.all(memory["cursor"] >= 0):
             raise InputError("checkpoint: cursor holds a negative number")
         self.reset(y, memory["time"], steps)
-        Remembering.recall(self, memory)
+        Checkpointed.recall(self, memory)
         if self._lists:
             self._lists.recall(memory["forces"])
 
@@ -164,7 +164,7 @@ class FixedStepper(Regular):
     """
 
     trouble = ""
-    keeps: ClassVar[tuple[str, ...]] = ("_start", "_cursor", "_carry", "_carried")
+    saved: ClassVar[tuple[str, ...]] = ("_start", "_cursor", "_carry", "_carried")
 
     def __init__(
         self, flow: Flow, loop: Any, stages: Any, room: Callable[..., Floats], options: Options, kept: bool

@@ -30,7 +30,7 @@ class PythonStepper(Resumable):
     A checkpoint holds the start of the last step, the cost of the run, and the method's additions.
     """
 
-    keeps: ClassVar[tuple[str, ...]] = (
+    saved: ClassVar[tuple[str, ...]] = (
         "_counts.evaluations", "_counts.rejected", "_counts.jacobians", "last_step", "_before",
     )  # fmt: skip
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.jit.compile import inlined
-from kickdrift.jit.lanes import minus, plus, sums_before
+from kickdrift.jit.lanes import exclusive_scan, minus, plus
 from kickdrift.jit.memory import load, store
 from kickdrift.jit.vector3 import vector3
 
@@ -24,7 +24,7 @@ ROWS = 7
 # Rows of ``work``: positions from the central body; their offset from Jacobi's; the acceleration by the other bodies;
 # the acceleration by the central one per G m_0; the terms of both for the sums; the last three are increments solved
 # one by one.
-PLACE, OFFSET, PULL, STAR, WAY = 0, 3, 6, 9, 12
+PLACE, OFFSET, MUTUAL, STAR, WAY = 0, 3, 6, 9, 12
 WORK = 18
 # Rows of ``first``: times when a body was first unbound and first near another, and which other (a slot).
 UNBOUND, NEAR, WHICH = range(3)
@@ -80,9 +80,9 @@ def add_vectors(bodies, row, b, change):
 
 
 @inlined
-def sums_before3(vector):
-    """Apply ``sums_before`` to each component."""
-    return vector3(sums_before(vector.x), sums_before(vector.y), sums_before(vector.z))
+def exclusive_scan3(vector):
+    """Apply ``exclusive_scan`` to each component."""
+    return vector3(exclusive_scan(vector.x), exclusive_scan(vector.y), exclusive_scan(vector.z))
 
 
 @inlined

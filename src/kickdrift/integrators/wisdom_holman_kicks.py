@@ -9,18 +9,18 @@ from kickdrift.integrators.wisdom_holman_bodies import (
     HILL,
     INSIDE,
     LIVE,
+    MUTUAL,
     NEAR,
     OFFSET,
     OTHERS,
     PLACE,
-    PULL,
     SHARE,
     SOURCE,
     STAR,
     WAY,
     WHICH,
     add_vectors,
-    sums_before3,
+    exclusive_scan3,
 )
 from kickdrift.jit.compile import inlined, jit
 from kickdrift.jit.lanes import inverse_sqrt, lane_numbers, rotated, splat
@@ -48,14 +48,14 @@ def note_near(bodies, place, b, t):
 
 @inlined
 def places(bodies):
-    """work[PLACE] <- positions from the central body, work[OFFSET] <- their difference from Jacobi's: the sum of m_j /
+    """work[PLACE] <- positions from the central body. work[OFFSET] <- their difference from Jacobi's: the sum of m_j /
     M_j times Jacobi's position over the massive bodies j before."""
     orbit, table, work, inside = bodies.orbit, bodies.table, bodies.work, bodies.inside
     n, before = orbit.shape[1], thrice(0.0)
     for b in range(0, bodies.massive, WIDTH):
         x = load3(orbit, b, n)
         part = load(table[SHARE], b) * x
-        offset = sums_before3(part) + before
+        offset = exclusive_scan3(part) + before
         store3(work, OFFSET * n + b, n, offset)
         store3(work, PLACE * n + b, n, x + offset)
         if b + WIDTH < bodies.massive or n > bodies.massive:
@@ -70,19 +70,19 @@ def places(bodies):
 
 
 @inlined
-def pulls(bodies, place, b, t):
+def mutual_accelerations(bodies, place, b, t):
     """Accelerations of eight bodies at ``place`` by the massive bodies other than the central one."""
     if bodies.massive == WIDTH and b == 0:
-        a, near = ring_pulls(bodies, place)
+        a, near = ring_accelerations(bodies, place)
     else:
-        a, near = pulls_one_by_one(bodies, place, b)
+        a, near = accelerations_one_by_one(bodies, place, b)
     if any_lane(near):
         note_near(bodies, place, b, t)
     return a
 
 
 @inlined
-def ring_pulls(bodies, place):
+def ring_accelerations(bodies, place):
     """Mutual accelerations of eight bodies, each pair once, as in ``gravity_kernel.ring``. Also tells whether any pair
     is within a Hill radius."""
     gm_i, hill_i = load(bodies.table[SOURCE], 0), load(bodies.table[HILL], 0)
@@ -110,7 +110,7 @@ def ring_pulls(bodies, place):
 
 
 @inlined
-def pulls_one_by_one(bodies, place, b):
+def accelerations_one_by_one(bodies, place, b):
     """Accelerations of any eight, by each massive body."""
     source, hill, n = bodies.table[SOURCE], bodies.table[HILL], bodies.orbit.shape[1]
     x, zero = load3(place, b, n), splat(0.0)
@@ -146,7 +146,7 @@ def jump(bodies, dt):
 def heliocentric_kick(bodies, dt, t):
     """Kick by the other bodies alone; the central one's attraction is in the Kepler motion."""
     for b in range(0, bodies.orbit.shape[1], WIDTH):
-        kick_velocities(bodies, b, dt, pulls(bodies, bodies.orbit, b, t))
+        kick_velocities(bodies, b, dt, mutual_accelerations(bodies, bodies.orbit, b, t))
 
 
 @inlined
@@ -185,31 +185,31 @@ def jacobi_kick(bodies, dt, t):
     places(bodies)
     central, total = bodies.gm, thrice(0.0)
     for b in range(0, slots, WIDTH):
-        pull = pulls(bodies, work, b, t)
+        mutual = mutual_accelerations(bodies, work, b, t)
         w, g = central_part(load3(orbit, b, slots), load3(work, OFFSET * slots + b, slots))
         gm, others = load(table[GM], b), load(table[OTHERS], b)
         if b < massive:
             source = load(table[SOURCE], b)
-            store3(work, STAR * slots + b, slots, source * (pull - central * w))
+            store3(work, STAR * slots + b, slots, source * (mutual - central * w))
             weighted = source * w
             total = total + lane_sums(weighted)
             store3(work, WAY * slots + b, slots, weighted)
-        store3(work, PULL * slots + b, slots, pull + gm * (g + others * w))
+        store3(work, MUTUAL * slots + b, slots, mutual + gm * (g + others * w))
     total = central * total
     start = total
     for b in range(0, massive, WIDTH):
         star, rest = load3(work, STAR * slots + b, slots), load(table[INSIDE], b)
-        felt = sums_before3(star) + total - central * load3(work, WAY * slots + b, slots)
+        felt = exclusive_scan3(star) + total - central * load3(work, WAY * slots + b, slots)
         if slots > massive:  # massless bodies, whose sums also include the last body before them
-            store3(work, STAR * slots + b, slots, sums_before3(star) + star + total)
-        kick_velocities(bodies, b, dt, load3(work, PULL * slots + b, slots) - rest * felt)
+            store3(work, STAR * slots + b, slots, exclusive_scan3(star) + star + total)
+        kick_velocities(bodies, b, dt, load3(work, MUTUAL * slots + b, slots) - rest * felt)
         if b + WIDTH < massive:
             total = total + lane_sums(star)
     for i in range(massive, slots):
         if table[LIVE, i] > 0.0:
             j = inside[i]
             felt = numbers3(work, STAR * slots + j - 1, slots) if j > 0 else start
-            place = PULL * slots + i
+            place = MUTUAL * slots + i
             store3(work, place, slots, numbers3(work, place, slots) - table[INSIDE, i] * felt)
     for b in range(massive, slots, WIDTH):
-        kick_velocities(bodies, b, dt, load3(work, PULL * slots + b, slots))
+        kick_velocities(bodies, b, dt, load3(work, MUTUAL * slots + b, slots))

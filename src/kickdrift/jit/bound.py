@@ -1,4 +1,4 @@
-"""Parts in memory and the machine code that works on them: what step loops call by address."""
+"""Parts in memory and the machine code for them, which step loops call by address."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ class Bound:
     Attributes
     ----------
     parts : NamedTuple of numbers and arrays
-    address, work : addresses of the machine code and of the parts in memory; 0 until it is `ready`
-    signature : the numba signature of the machine code, plain numbers and pointers
+    address, work : addresses of the machine code and of the parts in memory; 0 before `ready`
+    signature : numba signature of the machine code, with plain numbers and pointers
     """
 
     address = work = 0
@@ -33,7 +33,7 @@ class Bound:
         self.parts = parts
 
     def ready(self) -> Any:
-        """The same with its machine code, compiled if need be; the parts live as long as it does."""
+        """Return the same with its machine code, compiled if necessary. The parts live as long as the result."""
         return self if self.work else self._compiled(self.parts)
 
     def _compiled(self, parts: Any) -> Any:
@@ -46,5 +46,5 @@ class Bound:
         return made
 
     def _compute_for(self, kind: types.Type) -> Callable[..., int]:
-        """The function to compile for parts of that type."""
+        """Function to compile for parts of this type."""
         raise NotImplementedError

@@ -46,7 +46,7 @@ class _InnerLowering(NativeLowering):
         state.flags.no_cpython_wrapper = state.flags.no_cfunc_wrapper = state.flags.no_compile = True
         super().run_pass(state)
         lowered = state.cr
-        fndesc = lowered.fndesc  # numba looks the code up by this, and nobody calls it
+        fndesc = lowered.fndesc  # numba looks the code up by this name; no code calls it
         key = make_function(fndesc.lookup_module(), fndesc.qualname, "", 0, lowered.env, (state.library,))
         state.targetctx.insert_user_function(key, fndesc, [state.library])
         state.cr = lowered._replace(cfunc=key)
@@ -73,12 +73,12 @@ class Inner(CPUDispatcher):
         self._alone: CPUDispatcher | None = None
 
     def add_overload(self, cres: Any) -> None:
-        self.overloads[tuple(cres.signature.args)] = cres  # and not in the table of functions that Python can call
+        self.overloads[tuple(cres.signature.args)] = cres  # not added to the functions that Python can call
 
     def _compile_for_args(self, *args: Any, **kws: Any) -> CPUDispatcher:
         if self._alone is None:
             self._alone = CPUDispatcher(self.py_func, self.locals, self.targetoptions)
-        return self._alone  # numba then calls this
+        return self._alone  # numba then calls this function
 
 
 def functions_in(library: Any) -> list[Callable[..., Any]]:

@@ -137,7 +137,7 @@ def rotated(typingctx, value, places):
 
 
 @intrinsic
-def sums_before(typingctx, value):
+def exclusive_scan(typingctx, value):
     """Exclusive prefix sum: each lane gets the sum of the lanes before it, the first gets 0 (Hillis & Steele 1986,
     doi:10.1145/7902.7903). A non-finite lane makes all lanes non-finite."""
 

@@ -28,8 +28,8 @@ def _or(context, builder, sig, args):
 
 @intrinsic
 def select(typingctx, mask, yes, no):
-    """Select ``yes`` where the mask is set, else ``no`` (lanes or a number). The other value has no influence, even
-    NaN."""
+    """Select ``yes`` for set lanes of the mask, else ``no`` (lanes or a number). The unselected value has no effect,
+    even if NaN."""
 
     def codegen(context, builder, sig, args):
         return builder.select(args[0], args[1], as_lanes(builder, args[2], sig.args[2], sig.args[1].vector))

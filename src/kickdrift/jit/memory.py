@@ -77,7 +77,7 @@ def store(typingctx, array, index, value):
 
 
 @intrinsic
-def load_first(typingctx, array, index, count):
+def masked_load(typingctx, array, index, count):
     """Load the first ``count`` of eight adjacent numbers. The other lanes are zero, and their memory is not touched."""
 
     def codegen(context, builder, sig, args):
@@ -90,7 +90,7 @@ def load_first(typingctx, array, index, count):
 
 
 @intrinsic
-def store_first(typingctx, array, index, value, count):
+def masked_store(typingctx, array, index, value, count):
     """Store the first ``count`` of eight lanes to adjacent numbers."""
 
     def codegen(context, builder, sig, args):

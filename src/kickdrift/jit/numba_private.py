@@ -25,7 +25,7 @@ def _works() -> str:
 
 
 def private(module: str, name: str) -> Any:
-    """Return the object of that name. Raises InputError if this numba has none."""
+    """Return the object of that name. Raises InputError if this version of numba does not have it."""
     try:
         return getattr(import_module(f"numba.{module}"), name)
     except (ImportError, AttributeError):
@@ -36,6 +36,7 @@ if not OLDEST <= _version() <= NEWEST:
     raise InputError(f"numba {numba.__version__} is not supported; {_works()}")
 
 NumbaError = private("core.errors", "NumbaError")
+NumbaWarning = private("core.errors", "NumbaWarning")
 TypingError = private("core.errors", "TypingError")
 make_function = private("_dynfunc", "make_function")
 FunctionIdentity = private("core.bytecode", "FunctionIdentity")

@@ -18,7 +18,7 @@ from typing import NamedTuple
 PACKAGE = Path(__file__).parents[1]
 NAME = __name__.partition(".")[0]
 
-# An import of the package's own.
+# An import of the package by itself.
 _IMPORT = re.compile(
     rf"\n[ \t]*(?:from[ \t]+({NAME}[\w.]*)[ \t]+import[ \t]*(\((?:[^)#]|#[^\n]*)*\)|[^\n]*)|import[ \t]+([^\n]*))"
 )

@@ -42,7 +42,7 @@ def _versions() -> Text:
 
 
 def functions_of(cls: type) -> Iterator[Any]:
-    """Functions of a NamedTuple class that code for its instances is compiled from."""
+    """Functions of a NamedTuple class that go into the compiled code for its instances."""
     for name in _METHODS:
         if hasattr(cls, name) and name not in getattr(cls, "_fields", ()):
             yield getattr(cls, name)

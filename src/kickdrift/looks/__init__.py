@@ -1,1 +1,1 @@
-"""What a run sees of itself: energies, momenta and their like, looked at in compiled code or in Python."""
+"""Samples of a run: energies, momenta and other observables, computed in compiled code or in Python."""

@@ -12,8 +12,8 @@ if TYPE_CHECKING:
     from kickdrift.model.system import System
 from kickdrift.text import measured
 
-FAR = 1e11  # times the size of the system; beyond, rounding (2e-16 relative) hides where a particle came from
-MOST = 10_000  # particles at most in a search for the nearest pair
+FAR = 1e11  # times the size of the system; farther out, rounding (2e-16 relative) hides a particle's origin
+MOST = 10_000  # most particles in a search for the nearest pair
 
 
 def explain(system: System, phase: Floats, before: Floats, good: Floats, step: int, time: float, good_step: int) -> str:

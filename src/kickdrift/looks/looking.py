@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 # dimensions. A nan marks an undefined temperature or pressure. Masses follow, then room for accelerations.
 MASS, FREEDOM, VOLUMES, HEAD = range(4)
 
-NO_ENERGY = 5  # a status: forces are finite, but the energy is not
+NO_ENERGY = 5  # status: forces are finite, but the energy is not
 BLOCK = 256  # particles summed before they join the total, which limits the rounding error of many particles
 
 
@@ -55,7 +55,7 @@ class Looking(NamedTuple):
 
 
 def desk_of(system: System) -> Floats:
-    """Return the desk: the particles' constants and workspace, laid out as at the head of this module."""
+    """Return the desk: the particles' constants and workspace, in the layout of the constants above."""
     masses = system.coherent_masses
     collide = any(isinstance(force, PairForce) for force in system.forces) and system.degrees_of_freedom > 0
     desk = np.zeros(HEAD + 4 * len(masses))

@@ -117,7 +117,7 @@ class Measuring(Protocol):
 
 @unwarned
 def take_sample(system: System, forces: Measuring, step: int, time: float, phase: Floats) -> Sample:
-    """Return a sample at ``phase`` (2, 3, n); a RunError if forces or energy are not finite."""
+    """Return a sample at ``phase`` (2, 3, n). Raises RunError if forces or energy are not finite."""
     measured = forces.measure(time, phase)
     if measured is None:
         raise RunError(f"step {step} (t = {time:g}): the forces at these positions are not finite")

@@ -28,12 +28,12 @@ def instantaneous_pressure(system: System, positions: ArrayLike, velocities: Arr
         if isinstance(force, PairForce):
             each = np.arange(3) < system.dimensions
             total += np.diag(each * force.tail_corrections(system)[1] / system.dimensions)
-        for apart, pull in _pulls(force, system, x):
-            total += np.einsum("m,ma,mb->ab", pull, apart, apart)
+        for apart, over_r in _pair_forces(force, system, x):
+            total += np.einsum("m,ma,mb->ab", over_r, apart, apart)
     return total / system.volume
 
 
-def _pulls(force: object, system: System, x: Floats) -> Iterator[tuple[Floats, Floats]]:
+def _pair_forces(force: object, system: System, x: Floats) -> Iterator[tuple[Floats, Floats]]:
     """Yield pair separations (m, 3) and forces over r (m,), positive for repulsion."""
     if isinstance(force, PairForce):
         yield from _pair_law(force, system, x)

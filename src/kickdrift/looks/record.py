@@ -1,4 +1,4 @@
-"""The record of a run: its looks and its cost; and the looks as series."""
+"""Record of a run: its looks, its cost, and series of the looks."""
 
 from __future__ import annotations
 
@@ -29,6 +29,9 @@ class Series(NamedTuple):
     kinetic : the first kinetic energy; nan for a Problem
     momentum, angular_momentum : (k, 3), with the momentum that events took out; None for a Problem
     temperature, pressure, pairs : means; undefined ones are nan, and None for pairs
+    kinetics : (k,) kinetic energy; nan for a Problem
+    temperatures : (k,) temperature; None where it is undefined
+    taken : (k,) energy that events had taken out
     """
 
     steps: NDArray[np.int64]
@@ -41,6 +44,9 @@ class Series(NamedTuple):
     temperature: float = float("nan")
     pressure: float = float("nan")
     pairs: float | None = None
+    kinetics: Floats | float = float("nan")
+    temperatures: Floats | None = None
+    taken: Floats | float = 0.0
 
 
 def even_stretch(steps: NDArray[np.int64]) -> slice:
@@ -67,7 +73,7 @@ class Record:
     """The looks at a run since its record began, and the cost."""
 
     looks: Looks = field(default_factory=Looks, compare=False)
-    begun: bool = False  # whether the scales are known
+    begun: bool = False  # whether the momentum scales are set
     momentum_scale: float = 0.0  # sum of m |v| at the first sample
     angular_momentum_scale: float = 0.0  # sum of m |x × v| there
     steps: int = 0
@@ -116,7 +122,7 @@ class Record:
     def recalled(cls, memory: Memory) -> Record:
         """Return the record with this memory, without samples.
 
-        The memory may come from a file; an InputError if it does not hold a record."""
+        The memory may come from a file. Raises InputError if it does not hold a record."""
         kept, fresh = by_value(memory), cls()
         for key, value in kept.items():
             kind = type(getattr(fresh, key, None))
@@ -130,6 +136,7 @@ class Record:
         """Return the looks so far as a Series; later looks do not change it."""
         steps, rows = self.looks.held()
         first, known = rows[0], ~np.isnan(rows[:, column.PAIRS])
+        temperatures = rows[:, column.TEMPERATURE]
         return Series(
             steps=steps,
             times=rows[:, column.TIME],
@@ -138,9 +145,12 @@ class Record:
             kinetic=float(first[column.KINETIC]),
             momentum=_vectors(rows, column.MOMENTUM, column.MOMENTUM_TAKEN),
             angular_momentum=_vectors(rows, column.ANGULAR, column.ANGULAR_TAKEN),
-            temperature=float(rows[:, column.TEMPERATURE].mean()),
+            temperature=float(temperatures.mean()),
             pressure=float(rows[:, column.PRESSURE].mean()),
             pairs=float(rows[known, column.PAIRS].mean()) if known.any() else None,
+            kinetics=rows[:, column.KINETIC],
+            temperatures=temperatures if np.isfinite(temperatures).all() else None,
+            taken=rows[:, column.ENERGY_TAKEN],
         )
 
 

@@ -1,4 +1,4 @@
-"""The table of looks: compiled code fills one row for each look, and Samples are made from the rows."""
+"""Table of looks: compiled code fills one row for each look, and Samples are made from the rows."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from kickdrift.looks.observers import NOTHING, Energies, Sample, Taken
 from kickdrift.model.capacity import check_room
 from kickdrift.model.state import Floats
 
-FIRST_ROOM = 1024  # rows
+FIRST_ROOM = 1024  # rows at first
 SAMPLE_BYTES = 1000  # memory of a look at particles, with its Sample
 COUNTED = 2**16  # rows between two checks of memory
 
@@ -68,7 +68,7 @@ class Looks:
         """Count looks at new steps, in a run whose events took nothing."""
         before, self.count = self.count, self.count + len(steps)
         self.steps[before : self.count] = steps
-        if self.count // COUNTED > before // COUNTED:  # unknown before an adaptive run
+        if self.count // COUNTED > before // COUNTED:  # the number of looks in an adaptive run is unknown beforehand
             try:
                 check_samples(self.count, "every or interval")
             except InputError as error:
@@ -94,7 +94,7 @@ class Looks:
         del self._samples[self.count - 1 :]
 
     def at(self, step: int, time: float) -> bool:
-        """Whether the last look was at this step and time."""
+        """Tell whether the last look was at this step and time."""
         k = self.count - 1
         return k >= 0 and self.steps[k] == step and self.rows[k, column.TIME] == time
 

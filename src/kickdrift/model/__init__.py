@@ -1,1 +1,1 @@
-"""What is simulated: units, boxes, states, Systems, Problems and events. Knows no force, method or run."""
+"""Model of a simulation: units, boxes, states, Systems, Problems and events. Knows no force, method or run."""

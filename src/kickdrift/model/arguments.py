@@ -1,4 +1,4 @@
-"""Errors for wrong arguments of a class, in the user's words."""
+"""Messages for wrong arguments of a class."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ class Body:
     name, species : str
     id : int
     mass : float
-    radius : float, or None where the bodies have no radii
+    radius : float, or None if the bodies have no radii
     position, velocity : (3,)
     """
 
@@ -58,7 +58,7 @@ class Body:
 
 
 def body_of(system: Bodies, key: str | int) -> Body:
-    """The body of that name or id. An InputError for an unknown name has the nearest one."""
+    """Body of that name or id. Raises an InputError that suggests the nearest name for an unknown one."""
     i, state = index_of(system, key, system.name), system.state
     position, velocity = (read_only(rows[:, i].copy()) for rows in state.phase)
     return Body(
@@ -74,7 +74,7 @@ def body_of(system: Bodies, key: str | int) -> Body:
 
 
 def primary_row(system: Bodies, primary: str | int | None, key: str) -> int:
-    """The row of the body that others orbit: the one that is named, else the one that dominates."""
+    """Row of the body that others orbit: the named body, else the dominant body."""
     if primary is not None:
         return index_of(system, primary, key)
     row = central_row(system.state.masses)

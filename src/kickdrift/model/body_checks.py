@@ -1,4 +1,4 @@
-"""What Python code gives a System, checked: names, radii, species and forces."""
+"""Checks of values that users give to a System: names, radii, species and forces."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from kickdrift.text import shown
 
 
 def names_of(key: str, values: list[Any]) -> list[str]:
-    """The values as names; an InputError where one is neither text nor a whole number."""
+    """Return the values as names. Raises InputError if one is neither text nor a whole number."""
     wrong = {kind for kind in set(map(type, values)) if not issubclass(kind, str | int | np.integer) or kind is bool}
     if wrong:
         k, value = next((k, value) for k, value in enumerate(values) if type(value) in wrong)
@@ -45,7 +45,7 @@ def body_names(names: Sequence[str], n: int) -> tuple[str, ...]:
 
 
 def forces_of(forces: Iterable[Any]) -> tuple[Any, ...]:
-    """The forces as a tuple, checked: each an object with ``check``, such as ``kd.Gravity()``."""
+    """Return the forces as a tuple, checked: each has ``check``, as ``kd.Gravity()`` does."""
     found = listed("forces", forces, "a list of forces, such as [kd.LennardJones(cutoff=2.5)]")
     for k, force in enumerate(found):
         if isinstance(force, type) or not callable(getattr(force, "check", None)):
@@ -54,7 +54,7 @@ def forces_of(forces: Iterable[Any]) -> tuple[Any, ...]:
 
 
 def _instead(force: Any) -> str:
-    """What was given in place of a force, and what to write."""
+    """Description of a value given in place of a force, and what to write instead."""
     if isinstance(force, str):
         return f"got the name {shown(force)}"
     if isinstance(force, type):
@@ -65,12 +65,12 @@ def _instead(force: Any) -> str:
 
 
 def listed_species(species: Any) -> list[Any]:
-    """The species as a list; text is a list of letters."""
+    """Return the species as a list; a text is a list of letters."""
     return list(species) if isinstance(species, str) else listed("species", species, "a list of names")
 
 
 def check_kinds(**given: tuple[Any, type]) -> None:
-    """Refuse a value that is not of its type; None will do for all but text."""
+    """Refuse a value of a wrong type; None is allowed for all types but text."""
     for key, (value, kind) in given.items():
         if not (isinstance(value, kind) or (value is None and kind is not str)):
             expected = "text" if kind is str else f"a {kind.__name__}"

@@ -1,4 +1,4 @@
-"""The simulation box: open, or periodic along any of the axes, with edges that may lean."""
+"""Simulation box: open, or periodic along any of the axes, with edges that may lean."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from kickdrift.text import measured
 
 
 class Oriented(NamedTuple):
-    """A Box, and the rotation (3, 3) that turns vectors x (n, 3) into its axes: ``x @ rotation.T``."""
+    """A Box, and the rotation (3, 3) of vectors x (n, 3) into its axes: ``x @ rotation.T``."""
 
     box: Box
     rotation: Floats
@@ -35,21 +35,21 @@ class Box:
         The rows are the edge vectors a = (ax, 0, 0), b = (bx, by, 0), c = (cx, cy, cz), the convention of GROMACS and
         LAMMPS, with ax, by, cz > 0 and tilts |bx| and |cx| up to ax / 2, |cy| up to by / 2.
     periodic : True, or three of True and False, default True along each axis
-        The edge along an axis that is not periodic stands at right angles to the others. Its length bounds nothing; it
+        The edge along an axis that is not periodic is perpendicular to the other edges. Its length bounds nothing and
         may be zero.
 
-    Two lengths, or a matrix (2, 2), are a plane's: the box is open along z.
+    Two lengths, or a matrix (2, 2), make the box of a plane: it is open along z.
 
     Attributes
     ----------
     vectors : three edge vectors as tuples; None in open space
-    periodic_axes : (x, y, z) whether it is periodic along each
+    periodic_axes : (x, y, z) whether the box is periodic along each
 
     Raises
     ------
     InputError
         For edges that are not positive and finite, and for vectors that are singular, left-handed, not lower triangular
-        or lean too far; the message has the matrix that does.
+        or lean too far; the message shows a matrix of the same box, if there is one.
     """
 
     vectors: tuple[Vector, Vector, Vector] | None
@@ -75,19 +75,19 @@ class Box:
 
     @classmethod
     def of(cls, given: Box | Sequence[float] | ArrayLike | None) -> Box:
-        """The box that a user meant: ``None``, three edge lengths, a matrix, or a Box as it is."""
+        """Return the box that a user means by ``None``, three edge lengths, a matrix, or a Box."""
         return given if isinstance(given, Box) else cls(given)
 
     @classmethod
     def from_vectors(cls, vectors: ArrayLike, periodic: bool | Sequence[bool] = True) -> Oriented:
-        """The Box with any right-handed edge vectors (3, 3), one a row, and the rotation into its axes.
+        """Return the Box with any right-handed edge vectors (3, 3), one a row, and the rotation into its axes.
 
-        The vectors are turned until a lies along x and b in the x-y plane. Edges that lean too far are replaced by
-        others of the same lattice. ``box, rotation = Box.from_vectors(v)`` and then ``x @ rotation.T`` for positions
+        The rotation turns a onto the x axis and b into the x-y plane. Edges that lean too far are replaced by other
+        edges of the same lattice. Use ``box, rotation = Box.from_vectors(v)`` and then ``x @ rotation.T`` for positions
         and velocities x (n, 3).
         """
         rows, flat = rows_of(vectors, needs_matrix=True)
-        rows[2, 2] += flat  # a plane's c is as good as any
+        rows[2, 2] += flat  # any c serves for a plane
         rows, rotation = turned(rows)
         return Oriented(cls(matrix=lower(rows), periodic=periodic), rotation)
 
@@ -97,7 +97,7 @@ class Box:
         return f"Box({of}={self.shape}{along})"
 
     def described(self, unit: str) -> str:
-        """The box in words: "10 x 10 x 12 nm", "[[10, 0, 0], [5, 10, 0], [0, 0, 12]] nm", "open"."""
+        """The box as text: "10 x 10 x 12 nm", "[[10, 0, 0], [5, 10, 0], [0, 0, 12]] nm", "open"."""
         if self.vectors is None:
             return "open"
         edges = np.diag(self.matrix)
@@ -105,11 +105,11 @@ class Box:
         edges_in = measured(shape, unit)
         return edges_in if all(self.periodic_axes) else f"{edges_in}, periodic along {self._along}"
 
-    # --- its shape ---
+    # --- shape ---
 
     @property
     def periodic(self) -> bool:
-        """Whether it is periodic along any axis."""
+        """Whether the box is periodic along any axis."""
         return any(self.periodic_axes)
 
     @property
@@ -119,18 +119,18 @@ class Box:
 
     @property
     def matrix(self) -> Floats:
-        """(3, 3) the edge vectors as rows; zeros in open space."""
+        """Edge vectors as rows, shape (3, 3); zeros in open space."""
         return np.array(self.vectors) if self.vectors is not None else np.zeros((3, 3))
 
     @property
     def shape(self) -> Vector | tuple[Vector, Vector, Vector] | None:
-        """The edge lengths, or the edge vectors where they lean; None in open space."""
+        """Edge lengths, or edge vectors if they lean; None in open space."""
         return self.vectors if self.triclinic else self.lengths
 
     @property
     def lengths(self) -> Vector | None:
-        """The edge lengths (Lx, Ly, Lz) of a box whose edges do not lean; None in open space. An InputError where they
-        lean: three lengths do not tell such a box from another."""
+        """Edge lengths (Lx, Ly, Lz) of a box whose edges do not lean; None in open space. Raises InputError if edges
+        lean, since three lengths do not define such a box."""
         if self.vectors is None:
             return None
         if self.triclinic:
@@ -139,8 +139,8 @@ class Box:
         return a[0], b[1], c[2]
 
     def cuboid(self, what: str) -> Vector | None:
-        """The lengths for ``what`` takes boxes at right angles alone, periodic along all axes or none. An InputError
-        that names ``what`` for any other box."""
+        """Return the lengths for a method ``what`` that needs a rectangular box, periodic along all axes or none.
+        Raises an InputError that names ``what`` for any other box."""
         if self.vectors is None:
             return None
         if self.triclinic:
@@ -153,26 +153,27 @@ class Box:
 
     @property
     def volume(self) -> float:
-        """ax by cz, or infinity where the box is open along any axis."""
+        """Volume ax by cz; infinite if the box is open along any axis."""
         return float(np.prod(np.diag(self.matrix))) if all(self.periodic_axes) else math.inf
 
     @property
     def area(self) -> float:
-        """ax by, the area in the x-y plane, or infinity where the box is open along x or y."""
+        """Area ax by in the x-y plane; infinite if the box is open along x or y."""
         return float(np.prod(np.diag(self.matrix)[:2])) if all(self.periodic_axes[:2]) else math.inf
 
     @property
     def heights(self) -> Floats:
-        """(3,) distances between opposite faces; infinity along axes that are not periodic.
+        """Distances (3,) between opposite faces; infinite along axes that are not periodic.
 
-        An upright box has its edge lengths here. No image of a particle is nearer to it than the least height.
+        In a rectangular box these are the edge lengths. Every image of a particle is at least the least height away
+        from the particle.
         """
         heights = 1.0 / np.linalg.norm(self._inverse, axis=0) if self.triclinic else np.diag(self.matrix)
         return np.where(self.periodic_axes, heights, math.inf)
 
     def check_cutoff(self, what: str, cutoff: float) -> None:
-        """Refuse a cutoff beyond half the least height, where a particle would meet two images of another; ``what``
-        begins the message."""
+        """Refuse a cutoff beyond half the least height, because a particle would meet two images of another particle.
+        ``what`` begins the message."""
         for axis, height in zip("xyz", self.heights, strict=True):
             if height < 2 * cutoff:
                 edge = f"box edge {axis} is {height:.6g}"
@@ -185,7 +186,7 @@ class Box:
     # --- coordinates and images ---
 
     def fractional(self, positions: Floats) -> Floats:
-        """Coordinates (…, 3) in units of the edge vectors; lengths along axes that are not periodic."""
+        """Coordinates (…, 3) in units of the edge vectors; along axes that are not periodic, lengths."""
         return np.asarray(positions) @ self._inverse
 
     def cartesian(self, fractions: Floats) -> Floats:
@@ -195,7 +196,7 @@ class Box:
     def wrap(self, positions: Floats) -> Floats:
         """Positions (n, 3) moved by whole edge vectors to fractional coordinates in [0, 1); unchanged along open axes.
 
-        In a box that leans rounding may leave a position just outside.
+        In a leaning box, rounding may leave a position just outside.
         """
         moved = np.array(positions, dtype=float)
         rows, within = self.matrix, np.zeros(moved.shape)
@@ -206,7 +207,7 @@ class Box:
             for m in range(k + 1):
                 if rows[k, m]:
                     moved[..., m] -= count * rows[k, m]
-            over = moved[..., k] - lean >= edge  # rounding can land exactly on the edge
+            over = moved[..., k] - lean >= edge  # rounding can put a position exactly on the edge
             for m in range(k):
                 if rows[k, m]:
                     moved[..., m] -= over * rows[k, m]
@@ -228,7 +229,7 @@ class Box:
         return moved
 
     def _choose_nearest(self, moved: Floats) -> None:
-        """Put the nearest images in place of separations (…, 3) in a box that leans."""
+        """Replace separations (…, 3) in a leaning box by those between nearest images."""
         images = self.images
         far = ~(np.einsum("...k,...k->...", moved, moved) <= images.sure2)
         if not far.any():
@@ -245,7 +246,7 @@ class Box:
 
     @cached_property
     def images(self) -> Images:
-        """What finds the nearest image where edges lean."""
+        """Lattice vectors for the search of nearest images in a leaning box."""
         chosen = self.matrix[list(self.periodic_axes)]
         reduced = shortest(chosen)
         return Images(
@@ -265,7 +266,7 @@ class Box:
 
     @property
     def _units(self) -> Floats:
-        """(3, 3) the edge vectors; unit vectors along axes that are not periodic."""
+        """Edge vectors as rows, shape (3, 3); unit vectors along axes that are not periodic."""
         return np.where(np.array(self.periodic_axes)[:, None], self.matrix, np.eye(3))
 
     @cached_property
@@ -274,9 +275,9 @@ class Box:
 
 
 class Images(NamedTuple):
-    """What finds the nearest image in a box with m periodic axes whose edges lean."""
+    """Lattice vectors for the search of nearest images in a leaning box with m periodic axes."""
 
-    reduced: Floats  # (m, 3) the shortest edge vectors of its lattice
-    inverse: Floats  # (3, m) of these
-    neighbours: Floats  # (3^m - 1, 3) sums of -1, 0 and 1 of each
-    sure2: float  # a separation up to this square has no nearer image
+    reduced: Floats  # (m, 3) shortest edge vectors of the lattice
+    inverse: Floats  # (3, m) pseudo-inverse of ``reduced``
+    neighbours: Floats  # (3^m - 1, 3) sums of -1, 0 and 1 times each vector
+    sure2: float  # square of a separation below which no image is nearer

@@ -1,4 +1,4 @@
-"""What a System asks of later layers, which know Systems: other programs' systems, and system files."""
+"""Access to later layers, which import System: bridges to other programs, and system files."""
 
 from __future__ import annotations
 
@@ -8,12 +8,13 @@ from typing import Any
 
 from kickdrift.errors import InputError
 
-BRIDGES: dict[str, Callable[[], Any]] = {}  # by package, what loads its bridge; the package's ``__init__`` fills it
-SYSTEM_FILES: dict[str, Callable[..., Any]] = {}  # what system files can do for a System; filled likewise
+BRIDGES: dict[str, Callable[[], Any]] = {}  # loader of each package's bridge; filled by the package's ``__init__``
+SYSTEM_FILES: dict[str, Callable[..., Any]] = {}  # functions of system files for a System, filled in the same way
 
 
 def bridge(package: str, asked: str) -> Any:
-    """The module that knows that package's Systems; an InputError tells how to install what is missing."""
+    """Return the bridge module for a package. If the package is missing, raises an InputError that says how to install
+    it."""
     try:
         import_module(package)
     except ImportError:

@@ -1,4 +1,4 @@
-"""What fits into this machine's memory: one bound for every count that a small file or a command can ask for."""
+"""Limits by this machine's memory, for every count in a small file or a command."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from kickdrift.errors import InputError
 from kickdrift.model.checks import number
 from kickdrift.model.limits import amount
 
-BYTES = 2000  # of a particle at its peak, from a system file to a run of Lennard-Jones; measured
-PROCESS_BYTES = 200 * 10**6  # of a process that computes
-SHARE = 0.25  # of the memory that one kind of thing may take; what is looked at, written and analysed needs some too
-_LIMITS = ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory/memory.limit_in_bytes")  # of a container
+BYTES = 2000  # measured peak for a particle, from a system file to a run of Lennard-Jones
+PROCESS_BYTES = 200 * 10**6  # for a process that computes
+SHARE = 0.25  # part of the memory for one kind of thing; looks, output and analysis need some too
+_LIMITS = ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory/memory.limit_in_bytes")  # limits of a container
 
 
 def check_room(key: str, count: float, what: str = "particles", each: float = BYTES, advice: str = "") -> None:
@@ -31,7 +31,7 @@ def check_room(key: str, count: float, what: str = "particles", each: float = BY
 
 
 def memory() -> int:
-    """Bytes that this process can have: of the machine, of the container, or as ``ulimit -v`` says."""
+    """Bytes that this process may use, limited by the machine, the container or ``ulimit -v``."""
     found = [_of_machine(), *(int(text) for text in map(_read, _LIMITS) if text.isdecimal())]
     try:
         import resource
@@ -56,7 +56,7 @@ def _read(path: str) -> str:
 
 
 def size(count: float) -> str:
-    """Bytes as a person reads them."""
+    """A number of bytes as text for people."""
     value, unit = float(count), "bytes"
     for unit in ("bytes", "KiB", "MiB", "GiB", "TiB"):
         if value < 1024 or unit == "TiB":

@@ -1,7 +1,7 @@
-"""The compiled twin of a Box: the shape of a periodic box in compiled code, and what is known of its images.
+"""Compiled form of a Box: its edge vectors and its images.
 
-A position is brought into the *brick* [0, ax) x [0, by) x [0, cz), which fills space under the lattice of any lower
-triangular matrix, as the cell between the edge vectors does. So a box that leans is sorted as an upright one is.
+Positions are moved into the *brick* [0, ax) x [0, by) x [0, cz). The brick fills space under the lattice of any lower
+triangular matrix, as the cell between the edge vectors does. So a leaning box is sorted like a rectangular one.
 """
 
 from __future__ import annotations
@@ -16,15 +16,15 @@ from numpy.typing import NDArray
 from kickdrift.jit.compile import inlined, jit, strict
 from kickdrift.model.box import Box
 
-SHIFTS = 27  # images of the brick that touch it, or may
+SHIFTS = 27  # images of the brick that may touch the brick
 
 
 class Cell(NamedTuple):
-    """A box in compiled code; see `kickdrift.model.box.Images` for the last four."""
+    """Box in compiled code; `kickdrift.model.box.Images` describes the last four fields."""
 
     matrix: NDArray[np.float64]  # (3, 3) edge vectors as rows; a zero row for an axis that is not periodic
     leans: bool
-    edges: NDArray[np.float64]  # (3,) the edge lengths of a box that does not lean, else zero
+    edges: NDArray[np.float64]  # (3,) edge lengths of a box that does not lean, else zero
     reduced: NDArray[np.float64]  # (3, 3)
     inverse: NDArray[np.float64]  # (3, 3)
     neighbours: NDArray[np.float64]  # (26, 3) or fewer
@@ -32,20 +32,20 @@ class Cell(NamedTuple):
 
 
 class Bricks(NamedTuple):
-    """The 27 images of a brick that particles within reach of it can be in.
+    """The 27 images of a brick that may hold particles within reach of the brick.
 
-    Image (i, j, k) is shifted by i a + j b + k c, less whole edges a that bring its x, for i = 0, into [-ax/2, ax/2].
-    So the images of one j and k, a *row*, lean by one vector against the columns of the brick itself.
+    Image (i, j, k) is shifted by i a + j b + k c, less whole edges a that bring its x for i = 0 into [-ax/2, ax/2]. So
+    all images with the same j and k, a *row*, are shifted by one vector against the columns of the brick itself.
     """
 
-    shifts: NDArray[np.float64]  # (3, 27) at place 9 (i + 1) + 3 (j + 1) + k + 1
-    leans: NDArray[np.float64]  # (rows, 2) the lean along x and y; all rows that lean by nothing are one
-    whole: NDArray[np.int64]  # (rows, 4) the first and last j, the first and last k of each row
-    reach: float  # the images touch all that is so near; infinite where the box is open
+    shifts: NDArray[np.float64]  # (3, 27) at index 9 (i + 1) + 3 (j + 1) + k + 1
+    leans: NDArray[np.float64]  # (rows, 2) shift along x and y; all rows without a shift count as one
+    whole: NDArray[np.int64]  # (rows, 4) first and last j, first and last k of each row
+    reach: float  # the images cover everything within this distance; infinite in an open box
 
 
 def cell_of(box: Box) -> Cell:
-    """The Cell of a Box."""
+    """Return the Cell of a Box."""
     matrix = np.where(np.array(box.periodic_axes)[:, None], box.matrix, 0.0)
     reduced, inverse = np.zeros((3, 3)), np.zeros((3, 3))
     if not box.triclinic:
@@ -56,7 +56,7 @@ def cell_of(box: Box) -> Cell:
 
 
 def bricks_of(cell: Cell) -> Bricks:
-    """The Bricks of a Cell."""
+    """Return the Bricks of a Cell."""
     a, b, c = cell.matrix
     shifts, leans, whole = np.zeros((3, SHIFTS)), [], []
     most = [int(edge > 0) for edge in np.diag(cell.matrix)]
@@ -78,15 +78,15 @@ def bricks_of(cell: Cell) -> Bricks:
 
 @inlined
 def along(edge, d):
-    """One component d of a separation between nearest images in a box that does not lean; an edge of zero is none."""
+    """Component d of a separation between nearest images in a box that does not lean; the axis is open if edge is 0."""
     return d - edge * floor(d / edge + 0.5) if edge > 0.0 else d
 
 
 @inlined
 def square_by_edges(matrix, inverse, dx, dy, dz):
-    """Squared length of a separation brought near by whole edges, from the last to the first: that of the nearest image
-    where this is within half the least height, else that or more. ``inverse`` (3,) is 1 over the diagonal, 0 for an
-    axis that is not periodic."""
+    """Square of a separation after removing whole edges, from the last to the first. This is the nearest image's square
+    if it is within half the least height, else an upper bound. ``inverse`` (3,) is 1 over the diagonal, 0 for an axis
+    that is not periodic."""
     count = floor(dz * inverse[2] + 0.5) * 1.0
     dx, dy, dz = dx - count * matrix[2, 0], dy - count * matrix[2, 1], dz - count * matrix[2, 2]
     count = floor(dy * inverse[1] + 0.5) * 1.0
@@ -97,8 +97,8 @@ def square_by_edges(matrix, inverse, dx, dy, dz):
 
 @jit
 def leaning_image(cell, d):
-    """Bring a separation d (3,) to that between nearest images in a box that leans: by the edges first, and by the
-    shortest vectors of the lattice where another image may be nearer."""
+    """Replace a separation d (3,) in a leaning box by that between nearest images. Whole edges are removed first; if
+    another image may be nearer, the shortest lattice vectors follow."""
     matrix, steps = cell.matrix, cell.neighbours
     for k in range(2, -1, -1):
         if matrix[k, k] > 0.0:
@@ -121,15 +121,15 @@ def leaning_image(cell, d):
 
 @jit
 def take_off(d, rows, k, count):
-    """d (3,) <- d less row k times a number."""
+    """Subtract ``count`` times row k from d (3,)."""
     for m in range(3):
         d[m] -= count * rows[k, m]
 
 
 @strict
 def into_brick(matrix, k, x, offset):
-    """Add to ``offset`` (3, n) the whole edges k that, taken off positions x (3, n), bring coordinate k into the brick.
-    Edges are taken from the last to the first."""
+    """Add to ``offset`` (3, n) the whole edges k between positions x (3, n) and the brick along coordinate k. Take the
+    edges from the last to the first."""
     edge = matrix[k, k]
     for i in range(x.shape[1]):
         count = floor((x[k, i] - offset[k, i]) / edge)

@@ -33,7 +33,7 @@ def number(value: Any) -> float:
 
 
 def positive(key: str, value: Any, what: str = "a positive number") -> float:
-    """The value as a float; an InputError where it is not positive and finite."""
+    """Return the value as a float. Raises InputError unless it is positive and finite."""
     found = number(value)
     if not (np.isfinite(found) and found > 0):
         raise InputError(f"{key} must be {what}, got {shown(value)}")
@@ -41,7 +41,7 @@ def positive(key: str, value: Any, what: str = "a positive number") -> float:
 
 
 def whole_number(key: str, value: Any, least: int, most: int | None = None) -> int:
-    """The value as an int; an InputError where it is not a whole number from ``least`` to ``most``."""
+    """Return the value as an int. Raises InputError unless it is a whole number from ``least`` to ``most``."""
     if isinstance(value, Integral) and not isinstance(value, bool | np.bool_):
         found: float | int = int(value)
     else:
@@ -55,7 +55,7 @@ def whole_number(key: str, value: Any, least: int, most: int | None = None) -> i
 
 
 def numbers(key: str, values: ArrayLike, expected: str = "numbers") -> NDArray[np.float64]:
-    """The values as a new array of floats of whatever shape; complex numbers, text and the like are refused."""
+    """Return the values as a new array of floats of any shape. Complex numbers, text and the like are refused."""
     try:
         given = np.asarray(values)
     except (TypeError, ValueError, OverflowError, RecursionError):
@@ -67,12 +67,12 @@ def numbers(key: str, values: ArrayLike, expected: str = "numbers") -> NDArray[n
     if given.dtype.kind not in "iuf":
         what = _KINDS.get(given.dtype.kind, str(given.dtype))
         raise InputError(f"{key}: expected {expected}: got {what}: {shown(values)}")
-    with np.errstate(over="ignore"):  # of a long double: what is infinite is refused where that matters
+    with np.errstate(over="ignore"):  # a long double may overflow; callers refuse an infinite value if it matters
         return np.array(given, dtype=float)
 
 
 def _one_by_one(key: str, given: NDArray[Any], expected: str) -> NDArray[np.float64]:
-    """The floats of an array of objects, such as integers too large for NumPy."""
+    """Convert an array of objects, such as integers too large for NumPy, to floats."""
     found = np.empty(given.shape)
     for place, value in np.ndenumerate(given):
         if not is_number(value):
@@ -83,7 +83,8 @@ def _one_by_one(key: str, given: NDArray[Any], expected: str) -> NDArray[np.floa
 
 
 def per_particle(key: str, values: ArrayLike, n: int, one: str, what: str) -> NDArray[np.float64]:
-    """(n,) numbers, zero or more, from one for all or one for each; ``one`` and ``what`` name them in messages."""
+    """Numbers (n,), zero or more, from one number for all or one for each. ``one`` and ``what`` name them in
+    messages."""
     found = numbers(key, values, f"one number or {n}")
     if found.ndim > 1 or (found.ndim == 1 and len(found) != n):
         raise InputError(f"{key}: expected one number or {n}, got shape {found.shape}")
@@ -95,14 +96,14 @@ def per_particle(key: str, values: ArrayLike, n: int, one: str, what: str) -> ND
 
 
 def listed(key: str, values: Any, what: str) -> list[Any]:
-    """The values as a list; an InputError where they are text, a table or no list."""
+    """Return the values as a list. Raises InputError for text, a table or a value that is not iterable."""
     if isinstance(values, str | bytes | dict) or not isinstance(values, Iterable):
         raise InputError(f"{key}: expected {what}, got {shown(values)}")
     return list(values)
 
 
 def path_text(key: str, path: Any) -> str:
-    """The name of a file as text; an InputError where it is no path."""
+    """Return a file's name as text. Raises InputError for a value that is not a path."""
     try:
         name = os.fsdecode(path)
     except TypeError:
@@ -114,7 +115,7 @@ def path_text(key: str, path: Any) -> str:
 
 @contextmanager
 def no_overflow() -> Iterator[None]:
-    """Inside, an overflow, a division by zero and a nan that NumPy would warn of is an InputError of one line."""
+    """Context in which an overflow, a division by zero or a nan in NumPy raises an InputError of one line."""
     try:
         with np.errstate(over="raise", divide="raise", invalid="raise"):
             yield
@@ -122,7 +123,7 @@ def no_overflow() -> Iterator[None]:
         raise InputError(f"numbers too large or too small to compute with: {error}") from None
 
 
-# For what is computed from a run's state: what is not finite there is reported by the run itself.
+# For results from a run's state: the run itself reports a state that is not finite.
 unwarned = np.errstate(over="ignore", divide="ignore", invalid="ignore")
 
 

@@ -1,8 +1,8 @@
-"""Constants of nature, in SI units.
+"""Physical constants in SI units.
 
 CODATA 2022 (Mohr, Newell, Taylor & Tiesinga 2025, Rev. Mod. Phys. 97, 025002, doi:10.1103/RevModPhys.97.025002); all
-but the last two are exact. `scipy.constants` has the same, of the year that goes with its version, and takes a
-tenth of a second to import.
+but the last two are exact. `scipy.constants` has the values of another year in each SciPy version, and takes a tenth of
+a second to import.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The edge vectors of a box as users give them, checked: every refusal says what to give in their place."""
+"""Checks of the edge vectors that users give for a box. Every refusal suggests what to give instead."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ from kickdrift.text import shown
 Floats = NDArray[np.float64]
 Vector = tuple[float, float, float]
 
-LEAN = 0.5 * (1 + 1e-9)  # of an edge: how far another may lean along it, with room for rounding
-FLAT = 1e-12  # of the product of the edges: a volume that is only rounding
-STRAIGHT = 1e-12  # of an edge: a tilt that is only rounding
+LEAN = 0.5 * (1 + 1e-9)  # largest tilt as a part of an edge, with room for rounding
+FLAT = 1e-12  # part of the product of the edges: a smaller volume is only rounding
+STRAIGHT = 1e-12  # part of an edge: a smaller tilt is only rounding
 TRUTHS = "true or false, or three of them"
 EXPECTED = "three edge lengths, a matrix of edge vectors, or None"
 
 
 def written(rows: Floats) -> str:
-    """A matrix as a user would type it."""
+    """A matrix in the form that a user would type."""
     return "[" + ", ".join("[" + ", ".join(f"{value:.10g}" for value in row) + "]" for row in rows) + "]"
 
 
 def axes_of(periodic: Any) -> tuple[bool, bool, bool]:
-    """Whether a box is to be periodic along x, y and z."""
+    """Check ``periodic`` and return three flags, for x, y and z."""
     given = [periodic] * 3 if isinstance(periodic, bool | np.bool_) else listed("box: periodic", periodic, TRUTHS)
     if len(given) != 3 or not all(isinstance(axis, bool | np.bool_) for axis in given):
         raise InputError(f"box: periodic: expected {TRUTHS}, got {shown(periodic)}")
@@ -41,7 +41,7 @@ def axes_of(periodic: Any) -> tuple[bool, bool, bool]:
 
 
 def rows_of(given: Any, needs_matrix: bool) -> tuple[Floats, bool]:
-    """The edge vectors (3, 3) that lengths or a matrix mean; whether they are a plane's."""
+    """Edge vectors (3, 3) from lengths or a matrix, and whether these are of a plane."""
     if is_number(given):
         raise InputError(
             f"box: expected three edge lengths, got {given:g}; a cube is box=({given:g}, {given:g}, {given:g})"
@@ -67,7 +67,7 @@ def rows_of(given: Any, needs_matrix: bool) -> tuple[Floats, bool]:
 
 
 def checked_rows(rows: Floats, axes: tuple[bool, bool, bool]) -> tuple[Vector, Vector, Vector]:
-    """The rows as tuples; an InputError where they are no edge vectors of a box periodic along these axes."""
+    """Return the rows as tuples. Raises InputError unless they are edge vectors of a box periodic along these axes."""
     tilts = rows - np.diag(np.diag(rows))
     for k, (axis, there) in enumerate(zip("xyz", axes, strict=True)):
         if not there and (tilts[k].any() or tilts[:, k].any() or rows[k, k] < 0):
@@ -89,7 +89,8 @@ def checked_rows(rows: Floats, axes: tuple[bool, bool, bool]) -> tuple[Vector, V
 
 
 def turned(rows: Floats) -> tuple[Floats, Floats]:
-    """Right-handed edge vectors (3, 3) turned until a lies along x and b in the x-y plane, and the rotation (3, 3)."""
+    """Rotate right-handed edge vectors (3, 3) so that a lies along x and b in the x-y plane. Returns the rotated
+    vectors and the rotation (3, 3)."""
     _check_volume(rows)
     rotation = np.eye(3)
     if np.triu(rows, 1).any() or np.diag(rows).min() < 0:
@@ -100,7 +101,7 @@ def turned(rows: Floats) -> tuple[Floats, Floats]:
 
 
 def _check_volume(rows: Floats) -> None:
-    """Refuse edge vectors that span no volume, or are left-handed."""
+    """Refuse edge vectors that span no volume or are left-handed."""
     with np.errstate(over="ignore", under="ignore", invalid="ignore"):
         volume, edges = float(np.linalg.det(rows)), float(np.prod(np.linalg.norm(rows, axis=1)))
     if not (0 < edges < math.inf and math.isfinite(volume) and abs(volume) > FLAT * edges):
@@ -113,7 +114,7 @@ def _check_volume(rows: Floats) -> None:
 
 
 def _check_triangle(rows: Floats) -> None:
-    """Refuse edge vectors that are not lower triangular, or lean too far."""
+    """Refuse edge vectors that are not lower triangular or lean too far."""
     if np.triu(rows, 1).any() or np.diag(rows).min() < 0:
         found = lower(turned(rows)[0])
         raise InputError(

@@ -16,12 +16,12 @@ PAIR_BYTES = 200  # memory of a watched pair of bodies
 
 
 def binding(system: Subject) -> Any:
-    """Force that binds bodies, with its G and softening: gravity of any kind, or None."""
+    """Force that can bind bodies, with its G and softening: any kind of gravity, or None."""
     return next((force for force in system.forces if hasattr(force, "G") and hasattr(force, "softening")), None)
 
 
 def checked_events(system: Bodies, events: Iterable[Event]) -> tuple[Event, ...]:
-    """Return the events as a tuple. An InputError refuses events that a run of this System cannot watch for."""
+    """Return the events as a tuple. Raises InputError for events that a run of this System cannot detect."""
     found = _listed(events)
     for event in found:
         _check_kind(event)
@@ -51,14 +51,15 @@ def checked_events(system: Bodies, events: Iterable[Event]) -> tuple[Event, ...]
     return found
 
 
-def checked_crossings(events: Iterable[Event]) -> tuple[Event, ...]:
-    """Return the events as a tuple. An InputError refuses all but crossings of a function of y."""
+def checked_crossings(events: Iterable[Event], arguments: int = 0) -> tuple[Event, ...]:
+    """Return the events as a tuple. An InputError refuses all but crossings of a function of t, y and so many further
+    ``arguments``."""
     found = _listed(events)
     for event in found:
         _check_kind(event)
         if not (isinstance(event, Crossing) and callable(event.function)):
             raise InputError(f"{event.kind}: needs particles; for a Problem use a Crossing with a function of y")
-        _check_signature(event, ("t", "y"))
+        _check_signature(event, ("t", "y", *(f"args[{k}]" for k in range(arguments))))
     return found
 
 

@@ -17,7 +17,7 @@ LINES = 20  # events to print
 
 
 def event_lines(events: Sequence[dict[str, Any]]) -> list[tuple[str, str]]:
-    """Kind and details of the first events as text, then the number of further ones."""
+    """Kind and details of the first events as text, then the number of the others."""
     rows = []
     for event in events[:LINES]:
         about = [f"t = {event['time']:.9g}"]
@@ -38,7 +38,7 @@ _ROW: dict[str, Any] = {
 
 
 def is_row(row: Any) -> bool:
-    """Whether a row from a file is an entry in the log of events."""
+    """Tell whether a row from a file is an entry in the log of events."""
     if not (isinstance(row, dict) and row.keys() == _ROW.keys()):
         return False
     return all(isinstance(row[key], kind) for key, kind in _ROW.items()) and all(

@@ -1,6 +1,6 @@
 """Events that a run can watch for, as plain data: close approaches, collisions, escapes and zeros of any function.
 
-``Simulation(system, events=[…])`` and a system file's ``[[event]]`` take them, and `kickdrift.run.watch` finds them.
+``Simulation(system, events=[…])`` and a system file's ``[[event]]`` take events, and `kickdrift.run.watch` finds them.
 A body is given by its name in the system or by its number, counted from 0.
 """
 
@@ -164,7 +164,7 @@ class Between:
 @checked_arguments
 @dataclass(frozen=True)
 class Crossing:
-    """Zeros of g(t, x, v), with x and v (n, 3) of the present particles in their order; for a Problem zeros of g(t, y).
+    """Zeros of g(t, x, v), with x and v (n, 3) of the present particles in their order; of a Problem's g(t, y, *args).
 
     g is evaluated at the ends of steps. Where its sign has changed, Brent's method (1973) finds the zero on the
     solution inside the step. Two zeros in one step go unseen, and so does a zero at the very start.

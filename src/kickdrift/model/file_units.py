@@ -1,4 +1,4 @@
-"""The units that files for other programs are written in: MD's angstrom and ps where there is such a unit."""
+"""Units in files for other programs: angstrom and ps if the system's units can be converted."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import NamedTuple
 from kickdrift.model import constants
 from kickdrift.model.unit_systems import UnitSystem
 
-# Units that are lengths and times to MDAnalysis, in its own angstrom and ps.
+# Units of length and time that have a value in MDAnalysis' angstrom and ps.
 _ANGSTROM = {"angstrom": 1.0, "nm": 10.0, "m": 1e10}
 _PICOSECOND = {"ps": 1.0, "fs": 1e-3, "s": 1e12}
 # Forces by units of energy and length, as MDAnalysis spells them.
@@ -19,10 +19,11 @@ _FORCE = {
 
 
 class FileUnits(NamedTuple):
-    """What stored positions, times and forces were multiplied by; for length and time exactly 1 but for ``si``.
+    """Factors from the system's units to stored positions, times and forces; exactly 1 for length and time except
+    ``si``.
 
-    ``nominal`` is true where a length unit is written as one angstrom and a time unit as one ps for want of anything
-    better, as in reduced units.
+    ``nominal`` means that a length unit is written as one angstrom and a time unit as one ps, because there is no
+    conversion, as in reduced units.
     """
 
     length: float

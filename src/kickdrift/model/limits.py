@@ -1,4 +1,4 @@
-"""How many steps a run may ask for."""
+"""Limits on the number of steps in a run."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from typing import Any
 from kickdrift.errors import InputError
 from kickdrift.model import checks
 
-MOST_STEPS = 10**15  # a year of the fastest steps; floats hold any whole number up to nine times that
-NEVER = 2**62  # steps: of a run without an end
-MOST_DIGITS = 4000  # of a text that int() is asked to read; Python stops at 4300
+MOST_STEPS = 10**15  # a year of the fastest steps; floats are exact for nine times as many
+NEVER = 2**62  # number of steps in a run without an end
+MOST_DIGITS = 4000  # longest text for int(); Python's own limit is 4300
 
 
 def whole_number(key: str, value: Any, least: int, most: int = MOST_STEPS) -> int:
-    """The value as an int; an InputError where it is not a whole number from ``least`` to ``most``."""
+    """Return the value as an int. Raises InputError unless it is a whole number from ``least`` to ``most``."""
     found = checks.whole_number(f"run: {key}", value, least)
     if found > most:
         raise InputError(f"run: {key} must be at most {most:,}, got {amount(checks.number(found))}")
@@ -22,12 +22,12 @@ def whole_number(key: str, value: Any, least: int, most: int = MOST_STEPS) -> in
 
 
 def whole_text(text: str) -> int | None:
-    """The whole number that a text of plain digits spells; None for other texts."""
+    """Whole number from a text of plain digits; None for other texts."""
     return int(text) if text.isascii() and text.isdigit() and len(text) <= MOST_DIGITS else None
 
 
 def steps_in(key: str, length: float, dt: float) -> float:
-    """How many steps of ``dt`` a length of time takes, whole or not; an InputError where no run takes so many."""
+    """Number of steps ``dt`` in a length of time, as a float. Raises InputError if there are too many for any run."""
     steps = float(length) / float(dt)
     if not steps <= MOST_STEPS:
         raise InputError(f"{key} {length:.12g} takes {amount(steps)} steps of {dt:g}; a run has at most {MOST_STEPS:,}")
@@ -35,7 +35,7 @@ def steps_in(key: str, length: float, dt: float) -> float:
 
 
 def amount(number: float) -> str:
-    """A number for a message: whole where it is short, else in three digits."""
+    """A number for a message: in full if it is short, else in three digits."""
     if math.isinf(number):
         return "more than 1e308"
     return f"{number:,.0f}" if abs(number) < 1e15 and float(number).is_integer() else f"{number:.3g}"

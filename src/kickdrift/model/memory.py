@@ -1,5 +1,6 @@
-"""What objects remember, by value: copies of arrays, numbers, texts, None, and lists and dicts of these, which another
-process can put back.
+"""State of objects for checkpoints: copies of arrays, numbers, texts, None, and lists and dicts of these.
+
+Another process can restore such a state.
 """
 
 from __future__ import annotations
@@ -14,34 +15,34 @@ from kickdrift.errors import InputError
 Memory = dict[str, Any]
 
 
-class Remembering:
-    """What is remembered is declared by name.
+class Checkpointed:
+    """Object that declares by name which attributes a checkpoint holds.
 
     Attributes
     ----------
-    keeps : names of attributes, dotted where they are parts of a part ("_bodies.times"); in the memory they stand under
-        their last name, without the underscore
+    saved : names of attributes, dotted for an attribute of a part ("_bodies.times"). In the memory each has its last
+        name, without the underscore
     """
 
-    keeps: ClassVar[tuple[str, ...]] = ()
+    saved: ClassVar[tuple[str, ...]] = ()
 
     def memory(self) -> Memory:
-        """What is remembered; copies."""
-        return {label(name): by_value(attrgetter(name)(self)) for name in self.keeps}
+        """Return copies of the saved attributes."""
+        return {label(name): by_value(attrgetter(name)(self)) for name in self.saved}
 
     def recall(self, memory: Memory) -> None:
-        """Be what had this memory."""
-        for name in self.keeps:
+        """Restore the saved attributes from a memory."""
+        for name in self.saved:
             put_back(self, name, memory[label(name)])
 
 
 def label(name: str) -> str:
-    """What an attribute is called in a memory."""
+    """Name of an attribute in a memory."""
     return name.split(".")[-1].lstrip("_")
 
 
 def by_value(value: Any) -> Any:
-    """A copy that shares nothing, of Python's own numbers and NumPy's arrays."""
+    """Copy a value: its arrays are NumPy's, its numbers Python's own, and the copy shares no memory."""
     if isinstance(value, np.ndarray):
         return np.array(value, order="C")
     if isinstance(value, np.generic):
@@ -54,9 +55,9 @@ def by_value(value: Any) -> Any:
 
 
 def put_back(owner: Any, name: str, value: Any) -> None:
-    """Give a (dotted) attribute a remembered value; an array that is there already keeps its place.
+    """Set a (dotted) attribute to a value from a memory. An existing array is overwritten in place.
 
-    A memory may come from a file, and compiled code trusts the shapes of its arrays: an InputError says what does not
+    A memory may come from a file, and compiled code trusts the shapes of arrays. So an InputError says what does not
     fit.
     """
     *parts, last = name.split(".")

@@ -1,4 +1,4 @@
-"""Which particles are near each other in a Box, found by a tree or by a grid."""
+"""Particles near each other in a Box, found by a tree or by a grid."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from numpy.typing import NDArray
 from kickdrift.model.box import Box
 from kickdrift.model.state import Floats
 
-CROWD = 3  # particles in one cell; of more a tree finds the nearest sooner
-CELLS = 2**20  # along an axis; further on they begin anew, so that one integer numbers a cell
+CROWD = 3  # most particles in one cell; with more, a tree is faster
+CELLS = 2**20  # cells along an axis; later cells reuse these numbers, so that one integer numbers a cell
 
 
 def any_nearer(positions: Floats, box: Box | Sequence[float] | None, limit: float) -> bool:
-    """Whether two of ``positions`` (n, 3), wrapped into the box, are nearer than ``limit``; True also where some nearly
-    are, or where a place is crowded.
+    """Tell whether two of ``positions`` (n, 3), wrapped into the box, are nearer than ``limit``. True also if two are
+    almost so near, or if a place is crowded.
 
-    Two that are share a cell in one of eight grids of cells twice as high as the limit or higher, shifted by half a
-    cell along each axis or not. (A tree of SciPy's, which would do, takes a quarter of a second to import.)
+    Each of eight grids has cells at least twice as high as the limit, shifted by half a cell along some axes. Two near
+    particles share a cell in at least one grid. (SciPy's tree takes a quarter of a second to import.)
     """
     box = Box.of(box)
     heights = box.heights
@@ -46,7 +46,7 @@ def any_nearer(positions: Floats, box: Box | Sequence[float] | None, limit: floa
 
 
 def nearest_pair(positions: Floats, box: Box, limit: float) -> tuple[int, int, float] | None:
-    """The two nearest of ``positions`` (n, 3) and their distance; None where that is not under ``limit``."""
+    """Nearest two of ``positions`` (n, 3) and their distance; None if no distance is below ``limit``."""
     from scipy.spatial import cKDTree
 
     wrapped = box.wrap(positions)
@@ -60,9 +60,9 @@ def nearest_pair(positions: Floats, box: Box, limit: float) -> tuple[int, int, f
 
 
 def pairs_nearer(positions: Floats, box: Box, limit: float) -> NDArray[np.int64]:
-    """(m, 2) the pairs of particles with images nearer than ``limit`` or as near, each once.
+    """Pairs (m, 2) of particles with images within ``limit`` of each other, each pair once.
 
-    The limit is half the least height of the box at most, so that a pair meets once.
+    The limit is at most half the least height of the box, so that at most one image of a pair is within it.
     """
     from scipy.spatial import cKDTree
 
@@ -72,14 +72,14 @@ def pairs_nearer(positions: Floats, box: Box, limit: float) -> NDArray[np.int64]
         return found.reshape(-1, 2).astype(np.int64)
     images, owners = _with_images(wrapped, box, limit)
     pairs = cKDTree(images).query_pairs(limit, output_type="ndarray").reshape(-1, 2)
-    pairs = np.sort(pairs[(pairs < len(wrapped)).any(axis=1)], axis=1)  # query_pairs gives i < j
+    pairs = np.sort(pairs[(pairs < len(wrapped)).any(axis=1)], axis=1)  # query_pairs returns i < j
     first, second = owners[pairs[:, 0]], owners[pairs[:, 1]]
     both = np.sort(np.column_stack([first, second])[first != second], axis=1)
     return np.unique(both, axis=0).astype(np.int64)
 
 
 def _with_images(wrapped: Floats, box: Box, limit: float) -> tuple[Floats, NDArray[np.int64]]:
-    """The positions, then those of their images within ``limit`` of the box; whose each is."""
+    """Positions, followed by their images within ``limit`` of the box, and the particle of each row."""
     images, owners = wrapped, np.arange(len(wrapped))
     rows, heights = box.matrix, box.heights
     for k in range(3):

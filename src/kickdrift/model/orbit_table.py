@@ -1,4 +1,4 @@
-"""The orbits of a System's bodies at one time, as a table by name."""
+"""Orbits of a System's bodies at one time, as a table by name."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from kickdrift.model.subject import Subject
 from kickdrift.model.unit_systems import UnitSystem
 from kickdrift.text import shown, suggestion
 
-SHOWN = ("a", "e", "inc", "Omega", "omega", "f", "M", "P")  # of a printed table
+SHOWN = ("a", "e", "inc", "Omega", "omega", "f", "M", "P")  # columns of a printed table
 
 
 class Orbit(NamedTuple):
@@ -42,11 +42,11 @@ class Orbit(NamedTuple):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class OrbitTable:
-    """The orbits of bodies at one time: a row for each body but the central one, in the bodies' order.
+    """Orbits of bodies at one time: a row for each body but the central one, in the bodies' order.
 
     ``table["Jupiter"]`` is the `Orbit` of a body. ``table.a`` is a column, an array (m,). The columns have the names
-    and units of `Orbit`. ``names`` are the bodies, ``central`` is the body that they orbit, ``frame`` and ``plane``
-    are what the elements are relative to, ``time`` is their time. ``print(table)`` shows the table.
+    and units of `Orbit`. ``names`` are the bodies, ``central`` is the central body, ``time`` is the time of the
+    elements, and ``frame`` and ``plane`` are their reference frame and plane. ``print(table)`` shows the table.
     """
 
     names: tuple[str, ...]
@@ -89,7 +89,7 @@ class OrbitTable:
 
 
 def orbit_table(system: Subject, frame: str, plane: str) -> OrbitTable:
-    """The osculating elements of a system's bodies; see ``Simulation.elements``."""
+    """Osculating elements of a system's bodies; see ``Simulation.elements``."""
     state = system.state
     if len(system) < 2:
         raise InputError(f"elements: {system.name!r} has one body, and an orbit needs two")
@@ -101,7 +101,7 @@ def orbit_table(system: Subject, frame: str, plane: str) -> OrbitTable:
     x, v = (rows - np.einsum("n,knj->kj", share, rows)[:, None] for rows in (x, v))
     times, held, central = np.array([state.time]), state.masses[None], central_row(state.masses)
     found = orbits_of(Paths(times, x, v, state.masses, held, names, gravity, central), frame, plane)
-    assert central is not None  # orbits_of refuses any other
+    assert central is not None  # orbits_of refuses a system without a central body
     return OrbitTable(
         found.names, names[central], frame, plane, state.time, system.units,
         *(np.atleast_1d(column) for column in in_degrees(found.elements, found.mu, 0)),
@@ -109,14 +109,14 @@ def orbit_table(system: Subject, frame: str, plane: str) -> OrbitTable:
 
 
 def in_degrees(found: Elements, mu: ArrayLike, row: int | tuple[()] = ()) -> tuple[Floats, ...]:
-    """The elements (…) as the columns of `Orbit`; of one row where they are (k, m)."""
+    """Elements (…) as the columns of `Orbit`; for elements (k, m), those of one row."""
     columns = {key: getattr(found, key) for key in Orbit._fields if key != "P"} | {"P": found.period(mu)}
     degrees = {key: np.degrees(value) if key in ANGLES else value for key, value in columns.items()}
     return tuple(np.asarray(degrees[key], dtype=float)[row] for key in Orbit._fields)
 
 
 def gravity_of(system: Subject, key: str) -> float:
-    """G of a system: that of its gravity, else its units' own. An InputError begins with ``key``."""
+    """G of a system: that of its gravity, else that of its units. Raises an InputError that begins with ``key``."""
     given = G_given(system.forces, system.units)
     if given is None:
         raise InputError(

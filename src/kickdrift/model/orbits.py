@@ -14,17 +14,17 @@ from kickdrift.model.state import Floats
 from kickdrift.model.unit_systems import UnitSystem
 from kickdrift.text import shown, suggestion
 
-DOMINANT = 0.5  # of all mass: from there on a body is what the others orbit
+DOMINANT = 0.5  # least part of all mass for a body that the others orbit
 PLANES = ("file", "invariable")
-FLAT = 1e-10  # of the sum of the bodies' own angular momenta: less than that, all of it, has no direction
+FLAT = 1e-10  # part of the sum of the bodies' own angular momenta: a smaller total has no direction
 
 
 class Paths(NamedTuple):
-    """Where bodies were: (k,) times, (k, n, 3) positions and velocities relative to their barycentre, (n,) masses.
+    """Paths of bodies: times (k,), positions and velocities (k, n, 3) relative to their barycentre, and masses (n,).
 
-    A body that was absorbed or removed has nan from there on; ``held`` (k, n) are the masses at each frame, with what a
-    body absorbed, and 0 for one that is gone. ``central`` is the row of the body that the others orbit, None where none
-    dominates.
+    A body that was absorbed or removed has nan from then on. ``held`` (k, n) are the masses at each frame, including
+    absorbed masses, and 0 for a body that is gone. ``central`` is the row of the body that the others orbit, None if no
+    body dominates.
     """
 
     times: Floats
@@ -38,29 +38,29 @@ class Paths(NamedTuple):
 
 
 class Orbits(NamedTuple):
-    """Elements over time: (k,) times, (m,) names of the bodies but the central one, Elements of (k, m), nan for a body
-    that is gone."""
+    """Elements over time: times (k,), names (m,) of all bodies but the central one, and Elements of shape (k, m).
+
+    A body that is gone has nan."""
 
     times: Floats
     names: tuple[str, ...]
     elements: Elements
-    mu: Floats  # (k, m) G times the masses that each body orbits
+    mu: Floats  # (k, m) G times the masses at the centre of each orbit and on it
 
 
 def G_given(forces: Iterable[Any], units: UnitSystem) -> float | None:
-    """G of the first force that sets one, else that of the units; None where neither has one."""
+    """G of the first force that sets one, else that of the units; None if both are missing."""
     return next((force.G for force in forces if getattr(force, "G", None) is not None), units.gravity)
 
 
 def central_row(masses: Floats) -> int | None:
-    """The row of the body that the others orbit: the heaviest, where it has half of all mass or is one of two. None
-    where none dominates."""
+    """Row of the body that the others orbit: the heaviest, if it has half of all mass or is one of two; else None."""
     heaviest = int(np.argmax(masses))
     return heaviest if len(masses) == 2 or masses[heaviest] > DOMINANT * masses.sum() else None
 
 
 def orbits_of(found: Paths, frame: str = "jacobi", plane: str = "file") -> Orbits:
-    """``orbits`` of bodies that were read already."""
+    """Orbits from paths; see ``orbits``."""
     if plane not in PLANES:
         raise InputError(f"plane: expected one of {', '.join(PLANES)}, got {shown(plane)}{suggestion(plane, PLANES)}")
     if found.central is None:
@@ -70,7 +70,7 @@ def orbits_of(found: Paths, frame: str = "jacobi", plane: str = "file") -> Orbit
     values = np.full((len(Elements._fields) + 1, len(found.times), len(others)), np.nan)
     there = np.isfinite(found.positions[:, :, 0])
     changes = np.any((there[1:] != there[:-1]) | (found.held[1:] != found.held[:-1]), axis=1)
-    for frames in np.split(np.arange(len(there)), np.flatnonzero(changes) + 1):  # of the same bodies
+    for frames in np.split(np.arange(len(there)), np.flatnonzero(changes) + 1):  # frames with the same bodies
         left = np.flatnonzero(there[frames[0], others])
         if not (there[frames[0], found.central] and left.size):
             continue
@@ -85,8 +85,8 @@ def orbits_of(found: Paths, frame: str = "jacobi", plane: str = "file") -> Orbit
 
 
 def invariable_axes(found: Paths) -> Floats:
-    """(3, 3), the rows the axes of the invariable plane: the third along the total angular momentum at the start, the
-    first as near to x as that leaves; the file's own where the bodies do not turn."""
+    """Axes of the invariable plane as rows, (3, 3). The third is along the total angular momentum at the start, the
+    first as near to x as possible. Without rotation, the axes are the file's own."""
     own = found.masses[:, None] * np.cross(found.positions[0], found.velocities[0])
     total = own.sum(axis=0)
     size = float(np.linalg.norm(total))

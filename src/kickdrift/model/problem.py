@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from copy import copy
 from dataclasses import dataclass, field
 from numbers import Real
@@ -14,10 +14,12 @@ from numpy.typing import ArrayLike
 from kickdrift.errors import InputError
 from kickdrift.model.arguments import checked_arguments
 from kickdrift.model.checks import numbers
+from kickdrift.model.described import ShownProblem
+from kickdrift.model.partial import arguments, with_args
 from kickdrift.model.run_defaults import RunDefaults
 from kickdrift.model.state import Floats, read_only
 
-Function = Callable[[float, Floats], Any]
+Function = Callable[..., Any]
 
 
 @dataclass(frozen=True)
@@ -33,30 +35,34 @@ class ProblemState:
 
 
 @checked_arguments
-@dataclass(frozen=True, eq=False)
-class Problem:
-    """y' = f(t, y), y(t0) = y0.
+@dataclass(frozen=True, eq=False, repr=False)
+class Problem(ShownProblem):
+    """y' = f(t, y, *args), y(t0) = y0.
 
     Parameters
     ----------
-    f : f(t, y) -> n numbers (array, list or tuple), as SciPy takes it; a plain Python function, which is compiled
+    f : f(t, y, *args) -> n numbers (array, list or tuple), as SciPy takes it; a plain Python function, to be compiled
     y0 : (n,)
-    jacobian : jacobian(t, y) -> (n, n), df_i / dy_j; finite differences stand in where it is not given
+    jacobian : jacobian(t, y, *args) -> (n, n), df_i / dy_j; finite differences stand in where it is not given
+    args : further arguments of f, jacobian, energy, and the functions of `Crossing` events. Compiled code takes numbers
+        and arrays of numbers as parameters, so that other values need no compilation; all else is constant in the code
     t0 : time at the start
     separable : y is n/2 positions followed by their n/2 velocities, and the accelerations depend on positions and time
         alone; needed by the splitting methods
-    energy : energy(t, y), a quantity that the exact solution conserves, to be watched
+    energy : energy(t, y, *args), a quantity that the exact solution conserves, to be watched
     exact : exact(t) -> (n,), the solution in closed form
-    compiled : False runs f as plain Python, slowly. Compiled code counts whole numbers in 64 bits, keeps lists of whole
-        numbers whole, and keeps the values that names outside f had when it was compiled. Its values are therefore
-        compared with plain Python's before a run, at the start and at states around it
-    name, run, invariants, source : as a System has them
-    equation, parameters : the name in ``kickdrift.odes.ODES`` that a system file gave, and what its factory took
+    compiled : False runs f as plain Python, slowly. Compiled code uses 64-bit integers, keeps a list of integers as
+        integers, and fixes the values of names outside f when f is compiled. Before a run, compiled values are
+        therefore compared with plain Python's, at the start and at states around it
+    name, run, invariants, source : as in a System
+    equation, parameters : name in ``kickdrift.odes.ODES`` from a system file, and the parameters of its factory
+
+    With args, the attributes f, jacobian and energy are functions of t and y alone.
 
     Raises
     ------
     InputError
-        Where y0 or what f returns is not n finite numbers.
+        If y0 or the values of f are not n finite numbers.
     """
 
     f: Function
@@ -68,6 +74,7 @@ class Problem:
     exact: Callable[[float], Any] | None = None
     compiled: bool = True
     name: str = "problem"
+    args: tuple[Any, ...] = ()
     run: RunDefaults = field(default_factory=RunDefaults)
     invariants: Mapping[str, Any] = field(default_factory=dict)
     source: str = ""
@@ -80,6 +87,7 @@ class Problem:
         y0: ArrayLike,
         jacobian: Function | None = None,
         *,
+        args: Iterable[Any] = (),
         t0: float = 0.0,
         separable: bool = False,
         energy: Function | None = None,
@@ -103,9 +111,11 @@ class Problem:
                 raise InputError(f"{name}: {key} must be a function, got {function!r}")
         if not (isinstance(t0, Real) and np.isfinite(t0)):
             raise InputError(f"{name}: t0 must be a finite number, got {t0!r}")
+        args = arguments(name, args)
+        f, jacobian, energy = (with_args(function, args) for function in (f, jacobian, energy))
         for key, value in (
             ("f", f), ("y0", read_only(start)), ("jacobian", jacobian), ("t0", float(t0)), ("separable", separable),
-            ("energy", energy), ("exact", exact), ("compiled", compiled), ("name", name),
+            ("energy", energy), ("exact", exact), ("compiled", compiled), ("name", name), ("args", args),
             ("run", run or RunDefaults()), ("invariants", dict(invariants or {})), ("source", source),
             ("equation", equation), ("parameters", dict(parameters or {})),
         ):  # fmt: skip
@@ -122,11 +132,11 @@ class Problem:
             self._checked("energy", energy, ())
 
     def __getstate__(self) -> dict[str, Any]:
-        """What another process needs: all but the machine code."""
+        """Return all but the machine code, so that another process can load the problem."""
         return {key: value for key, value in vars(self).items() if key != "right_hand_side"}
 
     def with_run(self, **defaults: Any) -> Problem:
-        """The same problem with these in its `RunDefaults`, as ``System.with_run``."""
+        """Return the same problem with changed `RunDefaults`, as ``System.with_run`` does."""
         made = copy(self)
         object.__setattr__(made, "run", self.run.changed(**defaults))
         return made
@@ -147,15 +157,15 @@ class Problem:
 
     @property
     def state(self) -> ProblemState:
-        """Where it starts."""
+        """State at the start."""
         return ProblemState(self.y0, self.t0)
 
     def _checked(self, key: str, function: Function, shape: tuple[int, ...]) -> Floats:
-        """What the function gives at the start."""
+        """Values of the function at the start, checked."""
         given = self.y0.copy()
         try:
             value = function(self.t0, given)
-        except Exception as error:  # whatever a user's function raises
+        except Exception as error:  # a user's function may raise anything
             line = " ".join(f"{type(error).__name__}: {error}".split())
             raise InputError(f"{self.name}: {key}(t0, y0) raised {line}") from error
         if not np.array_equal(given, self.y0):
@@ -167,7 +177,7 @@ class Problem:
 
 
 def finite_numbers(key: str, values: ArrayLike) -> Floats:
-    """The values as an array; an InputError that begins with ``key`` where they are not finite numbers."""
+    """Return the values as an array. Raises an InputError that begins with ``key`` unless they are finite numbers."""
     array = numbers(key, values)
     if not np.isfinite(array).all():
         bad = np.argwhere(~np.isfinite(array))[0]

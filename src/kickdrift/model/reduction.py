@@ -1,4 +1,4 @@
-"""Short edge vectors of a lattice: the same lattice by other vectors, for boxes and nearest images."""
+"""Short vectors of a lattice, for boxes and nearest images."""
 
 from __future__ import annotations
 
@@ -9,14 +9,12 @@ from numpy.typing import NDArray
 
 Rows = NDArray[np.float64]
 
-SMALLER = (
-    1 - 1e-12
-)  # a new vector counts as shorter below this share of the old square, so that rounding ends the search
+SMALLER = 1 - 1e-12  # largest ratio of squares that counts as shorter, so that rounding ends the search
 
 
 def lower(rows: Rows) -> Rows:
-    """The same lattice with tilts of half an edge at most: the lower triangular ``rows`` (3, 3), each less whole
-    numbers of the rows before."""
+    """Same lattice with tilts of half an edge at most: the lower triangular ``rows`` (3, 3), each less multiples of
+    earlier rows."""
     made = rows.copy()
     for k, before in ((2, 1), (2, 0), (1, 0)):
         if made[before, before]:
@@ -25,11 +23,11 @@ def lower(rows: Rows) -> Rows:
 
 
 def shortest(rows: Rows) -> Rows:
-    """The Minkowski-reduced vectors (m, 3) of the lattice with the vectors ``rows`` (m, 3), m = 1, 2 or 3.
+    """Minkowski-reduced vectors (m, 3) of the lattice with the vectors ``rows`` (m, 3), m = 1, 2 or 3.
 
-    The greedy algorithm of Nguyen & Stehlé (ACM Trans. Algorithms 5, 46, 2009, doi:10.1145/1597036.1597050). By their
-    lemma on Voronoi coordinates, the nearest image of a vector whose coordinates along these rows are within ±1/2 is
-    that vector plus -1, 0 or 1 of each.
+    Source: the greedy algorithm of Nguyen & Stehlé (ACM Trans. Algorithms 5, 46, 2009, doi:10.1145/1597036.1597050).
+    Their lemma on Voronoi coordinates gives the nearest image of a vector with coordinates within ±1/2 along these
+    rows: the vector plus -1, 0 or 1 times each row.
     """
     made = rows[np.argsort((rows**2).sum(axis=1), kind="stable")]
     if len(made) == 1:
@@ -47,5 +45,5 @@ def shortest(rows: Rows) -> Rows:
 
 
 def neighbours(rows: Rows) -> Rows:
-    """(3^m - 1, 3) the sums of -1, 0 or 1 of each of the ``rows`` (m, 3), without zero."""
+    """Sums of -1, 0 or 1 times each of the ``rows`` (m, 3), without zero, shape (3^m - 1, 3)."""
     return np.array([n for n in itertools.product((-1, 0, 1), repeat=len(rows)) if any(n)]) @ rows

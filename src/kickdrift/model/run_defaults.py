@@ -48,7 +48,7 @@ class RunDefaults:
         )
 
     def said(self) -> dict[str, Any]:
-        """Values by key, with the options among them. As arguments they make an equal RunDefaults."""
+        """Values by key, including the options. As arguments they make an equal RunDefaults."""
         own = {key: value for key, value in vars(self).items() if key != "options" and value is not None}
         return own | dict(self.options)
 

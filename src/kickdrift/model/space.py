@@ -1,4 +1,4 @@
-"""Positions, velocities and box that a System is given, checked against its number of dimensions."""
+"""Checks of a System's positions, velocities and box against its number of dimensions."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from kickdrift.model.state import Floats
 
 
 def box_for(given: Any, dimensions: int) -> Box:
-    """The Box that a System of so many dimensions is in; an InputError where that is another's."""
+    """Return the Box of a System with this number of dimensions. Raises InputError if the box has another number."""
     if dimensions == 3 and isinstance(given, Sized) and not isinstance(given, str) and len(given) == 2:
         raise InputError("box: expected three edge lengths or None, got 2; two go with dimensions = 2")
     box = Box.of(given)
@@ -27,7 +27,7 @@ def box_for(given: Any, dimensions: int) -> Box:
 
 
 def check_plane(phase: Floats) -> None:
-    """Refuse positions and velocities (2, 3, n) of a two-dimensional system that are not in one plane."""
+    """Refuse positions and velocities (2, 3, n) of a two-dimensional system unless they are in one plane."""
     z, v = phase[:, 2]
     for key, values, first, what in (("positions", z, z[0], "z"), ("velocities", v, 0.0, "vz")):
         off = np.flatnonzero(values != first)
@@ -39,7 +39,7 @@ def check_plane(phase: Floats) -> None:
 
 
 def vectors_of(key: str, values: ArrayLike, dimensions: int) -> Floats:
-    """Positions or velocities (n, 3), checked; (n, 2) will do in two dimensions."""
+    """Check positions or velocities and return them as (n, 3). In two dimensions (n, 2) is accepted."""
     array = numbers(key, values, "numbers of shape (n, 3)")
     if dimensions == 2 and array.ndim == 2 and array.shape[1] == 2:
         array = np.column_stack([array, np.zeros(len(array))])

@@ -1,4 +1,4 @@
-"""What the particles are doing at one instant."""
+"""State of the particles at one time."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ class State:
     phase : (2, 3, n) float64
         Positions ``phase[0]`` and velocities ``phase[1]``, one row per axis; positions are never wrapped.
     masses : (n,) float64
-        In the mass unit of the system's units.
+        In the unit of mass of the system's units.
     ids : (n,) int64
-        A particle's name, kept through every reordering; unique.
+        Unique numbers of the particles, kept through every reordering.
     box : Box
     time : float
     steps_done : int
-        Steps begun since the start: where a run that chooses its steps is looked at inside one, that one counts.
+        Steps begun since the start. At a look inside an adaptive step, that step counts.
     """
 
     phase: Floats
@@ -47,18 +47,18 @@ class State:
 
     @property
     def positions(self) -> Floats:
-        """(n, 3), unwrapped; a read-only copy."""
+        """Unwrapped positions, shape (n, 3); a read-only copy."""
         return read_only(np.ascontiguousarray(self.phase[0].T).copy())
 
     @property
     def velocities(self) -> Floats:
-        """(n, 3); a read-only copy."""
+        """Velocities, shape (n, 3); a read-only copy."""
         return read_only(np.ascontiguousarray(self.phase[1].T).copy())
 
     def wrapped(self) -> Floats:
-        """(n, 3) positions inside the box; a read-only copy."""
+        """Positions inside the box, shape (n, 3); a read-only copy."""
         return read_only(self.box.wrap(self.positions))
 
     def copy(self) -> State:
-        """A State that shares no memory with this one."""
+        """Return a State that shares no memory with this one."""
         return State(self.phase.copy(), self.masses.copy(), self.ids.copy(), self.box, self.time, self.steps_done)

@@ -1,4 +1,4 @@
-"""What forces and events see of a System."""
+"""Protocols of a System for forces and events."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from kickdrift.text import shown, suggestion
 
 
 class Particles(Protocol):
-    """Particles with their species, names, box and units: what a System and the file of a run have in common."""
+    """Particles with their species, names, box and units, shared by a System and a run's file."""
 
     @property
     def box(self) -> Box: ...
@@ -57,7 +57,7 @@ class Subject(Particles, Protocol):
     def __len__(self) -> int: ...
 
     def body(self, i: int) -> str:
-        """Name of a particle for people."""
+        """Name of a particle, for messages."""
 
 
 class Bodies(Subject, Protocol):
@@ -71,7 +71,7 @@ class Bodies(Subject, Protocol):
 
 
 def index_of(system: Subject, body: str | int, key: str) -> int:
-    """Row of a body, by name or by id. An InputError for an unknown body begins with ``key``."""
+    """Row of a body, by name or by id. Raises an InputError that begins with ``key`` for an unknown body."""
     if isinstance(body, str) and body in system.names:
         return system.names.index(body)
     if isinstance(body, int | np.integer) and not isinstance(body, bool):

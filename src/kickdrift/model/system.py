@@ -1,4 +1,4 @@
-"""A System: what is simulated. How it is simulated is a Simulation's business."""
+"""A System: what is simulated. A Simulation says how."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from kickdrift.model.body_checks import body_names, body_radii, check_kinds, for
 from kickdrift.model.box import Box
 from kickdrift.model.bridging import SYSTEM_FILES, bridge
 from kickdrift.model.checks import no_overflow, per_particle, whole_number
+from kickdrift.model.described import ShownSystem
 from kickdrift.model.event_checks import checked_events
 from kickdrift.model.events import Event
 from kickdrift.model.run_defaults import Equilibration, RunDefaults
@@ -26,13 +27,13 @@ from kickdrift.model.state import Floats, State
 from kickdrift.model.unit_systems import UnitSystem, unit_system
 from kickdrift.text import shown
 
-_KEPT = ("forces", "units", "name", "run", "seed", "names", "radii", "events", "dimensions")  # of a System made anew
+_KEPT = ("forces", "units", "name", "run", "seed", "names", "radii", "events", "dimensions")  # passed on by `remade`
 
 
 @checked_arguments
-@dataclass(frozen=True, eq=False)
-class System:
-    """State + box + forces + units; never changed by a Simulation, which copies it.
+@dataclass(frozen=True, eq=False, repr=False)
+class System(ShownSystem):
+    """State, box, forces and units. A Simulation copies a System and never changes it.
 
     Parameters
     ----------
@@ -43,9 +44,9 @@ class System:
     forces : iterable of forces, e.g. ``[kd.LennardJones(cutoff=2.5)]``
     units : name of a unit system: lj, metal, si, astro, nbody
     species : (n,) kinds, default all "A"
-    names : (n,) names of the bodies, each its own ("Jupiter"); default none
-    radii : (n,) or one number; of the bodies, where they have any, for collisions
-    events : what a run watches for, e.g. ``[kd.CloseApproach(0.1)]``
+    names : (n,) names of the bodies, all different ("Jupiter"); default none
+    radii : (n,) or one number; radii of the bodies for collisions; default none
+    events : events that a run watches for, e.g. ``[kd.CloseApproach(0.1)]``
     dimensions : 3, or 2
         Two-dimensional particles lie and move in one plane, z the same for all. Positions and velocities may then be
         (n, 2), and the box is two edge lengths or a matrix (2, 2).
@@ -54,15 +55,15 @@ class System:
     state: State
     forces: tuple[Any, ...]
     units: UnitSystem
-    species: tuple[str, ...]  # the names, in order of first appearance
+    species: tuple[str, ...]  # names, in order of first appearance
     species_index: np.ndarray  # (n,) int32 into `species`
-    names: tuple[str, ...] = ()  # of the bodies, where they have any
+    names: tuple[str, ...] = ()  # names of the bodies, if any
     name: str = "system"
     run: RunDefaults = field(default_factory=RunDefaults)
     equilibration: Equilibration | None = None
     invariants: Mapping[str, Any] = field(default_factory=dict)
-    source: str = ""  # the text of the system file, where there was one
-    seed: int | None = None  # of the drawn velocities, where they were drawn
+    source: str = ""  # text of the system file, if any
+    seed: int | None = None  # seed of the drawn velocities, if any
     radii: Floats | None = None
     events: tuple[Event, ...] = ()
     dimensions: int = 3
@@ -131,21 +132,22 @@ class System:
         return self.state.box
 
     def __getitem__(self, body: str | int) -> Body:
-        """The `Body` of that name or id. An InputError for an unknown name has the nearest one."""
+        """The `Body` of that name or id. Raises an InputError that suggests the nearest name for an unknown one."""
         return body_of(self, body)
 
     def __iter__(self) -> Iterator[Body]:
         return (body_of(self, int(each)) for each in self.state.ids)
 
     def body(self, i: int) -> str:
-        """Name of the particle in row i, or "particle 5" by its id; ``system["Jupiter"]`` is the body of a name."""
+        """Name of the particle in row i, or "particle 5" by its id; ``system["Jupiter"]`` is the body with that
+        name."""
         if isinstance(i, str):
             raise InputError(f"body: expected the number of a row, got {shown(i)}; system[{shown(i)}] is that body")
         return self.names[i] if self.names else f"particle {self.state.ids[i]}"
 
     def remaining(self, keep: NDArray[np.bool_], phase: Floats, masses: Floats, radii: Floats | None) -> System:
-        """The same system with the bodies that ``keep`` (n,) marks, under their ids, at ``phase`` (2, 3, n) with these
-        masses and radii."""
+        """Return the system with only the bodies that ``keep`` (n,) marks, under their ids, at ``phase`` (2, 3, n) with
+        these masses and radii."""
         left, put = copy(self), object.__setattr__
         phase = np.ascontiguousarray(phase[:, :, keep])
         put(left, "state", State(phase, masses[keep], self.state.ids[keep], self.box))
@@ -157,27 +159,27 @@ class System:
         return left
 
     def at(self, phase: Floats, time: float, steps_done: int = 0, ids: NDArray[np.int64] | None = None) -> System:
-        """The same system with its bodies at ``phase`` (2, 3, n) and ``time``, under other ids if these are given."""
+        """Return the system with its bodies at ``phase`` (2, 3, n) and ``time``, under other ids if given."""
         other, old = copy(self), self.state
         state = State(phase.copy(), old.masses, old.ids if ids is None else ids, old.box, time, steps_done)
         object.__setattr__(other, "state", state)
         return other
 
     def under(self, forces: Iterable[Any]) -> System:
-        """The same system, its bodies under their names and numbers, with these forces in place of its own."""
+        """Return the system with other forces; its bodies keep their names and numbers."""
         other = copy(self)
         object.__setattr__(other, "forces", forces_of(forces))
         return other
 
     def watched(self, events: Iterable[Event]) -> System:
-        """The same system with these events to watch for in place of its own."""
+        """Return the system with other events."""
         other = copy(self)
         object.__setattr__(other, "events", checked_events(self, events))
         return other
 
     def with_run(self, **defaults: Any) -> System:
-        """The same system with these in its `RunDefaults`, as ``dt`` and ``integrator``; steps replace a time, and a
-        time steps."""
+        """Return the system with changed `RunDefaults`, such as ``dt`` and ``integrator``. Steps replace a time, and a
+        time replaces steps."""
         made = copy(self)
         object.__setattr__(made, "run", self.run.changed(**defaults))
         return made
@@ -194,22 +196,22 @@ class System:
         seed: int | None = None,
         name: str = "system",
     ) -> System:
-        """The System of a central body and others on orbits, moved to its barycentre: the same as a system file's.
+        """System of a central body and others on orbits, moved to its barycentre, exactly as from a system file.
 
         Parameters
         ----------
         bodies : tables with the keys of ``elements`` in a system file; the first is the central body
             ``name``, ``mass`` or ``GM``, ``radius``; an orbit by ``a``, ``q`` or ``P``, by ``e``, ``inc``, ``Omega``,
-            ``omega``, and by one of ``f``, ``M``, ``E``, ``T``; ``primary``, an earlier body that it orbits instead
-            of the central one. Angles are in degrees. A text has its own unit, as in ``"4.2 yr"``.
+            ``omega``, and by one of ``f``, ``M``, ``E``, ``T``; ``primary``, an earlier body to orbit instead of the
+            central one. Angles are in degrees. A text has its own unit, as in ``"4.2 yr"``.
         forces : iterable of forces; default ``[kd.Gravity()]``
-        frame : what the elements are relative to: "heliocentric", "jacobi" or "barycentric"
+        frame : origin of the orbits: "heliocentric", "jacobi" or "barycentric"
         seed : for bodies with a ``count`` and ranges, such as ``a=[2.1, 3.3]``
 
         Raises
         ------
         InputError
-            With the body and the key, for unknown keys and for values that are no orbit.
+            For unknown keys and for values that are not an orbit; the message names the body and the key.
         """
         made: System = SYSTEM_FILES["from_elements"](cls, bodies, forces, units, frame, seed, name)
         return made
@@ -222,21 +224,21 @@ class System:
 
         Parameters
         ----------
-        name : of the body
-        body : its orbit, with the keys of `from_elements`, or its ``position`` and ``velocity`` (default 0); and
-            ``mass`` or ``GM``, ``radius``, ``species``. ``primary`` is the name or id of the body that it orbits,
-            default the body that dominates.
+        name : name of the body
+        body : orbit of the body, with the keys of `from_elements`, or its ``position`` and ``velocity`` (default 0);
+            and ``mass`` or ``GM``, ``radius``, ``species``. ``primary`` is the name or id of the body to orbit, default
+            the dominant body.
 
         Raises
         ------
         InputError
-            For an unknown key, a name that is taken, and a body at another's place.
+            For an unknown key, a name in use, and a body at another body's place.
         """
         made: System = SYSTEM_FILES["with_body"](self, name, barycentric, body)
         return made
 
     def add(self, name: str | None = None, *, barycentric: bool = False, **body: Any) -> System:
-        """Another name of `with_body`: returns a new System, where rebound's ``add`` changes a Simulation in place."""
+        """Another name of `with_body`, which returns a new System; rebound's ``add`` changes a Simulation in place."""
         return self.with_body(name, barycentric=barycentric, **body)
 
     def with_forces(self, *forces: Any) -> System:
@@ -263,8 +265,8 @@ class System:
         return self.remade(velocities=values, seed=seed)
 
     def remade(self, **changes: Any) -> System:
-        """The same system, made and checked anew with these arguments of ``System`` in place of its own; without the
-        invariants and the text of its file."""
+        """Return the same system, made and checked again with changed arguments of ``System``; without the invariants
+        and the text of its file."""
         state = self.state
         own: dict[str, Any] = {
             "positions": state.positions, "velocities": state.velocities, "masses": state.masses, "box": state.box,
@@ -275,16 +277,16 @@ class System:
         return made.at(made.state.phase, state.time, state.steps_done, ids)
 
     def to_toml(self) -> str:
-        """The text of a system file of this System: ``kd.load`` reads the same bits from it.
+        """Text of a system file of this System: ``kd.load`` reads the same bits from the text.
 
-        Positions and velocities stand as numbers. The text also holds species, names, radii, box, forces, events,
-        ``[run]``, ``[equilibrate]`` and ``[invariants]``. Particles count from 0 in their present order.
+        Positions and velocities are numbers. The text also holds species, names, radii, box, forces, events, ``[run]``,
+        ``[equilibrate]`` and ``[invariants]``. Particles count from 0 in their present order.
 
         Raises
         ------
         InputError
-            With the name of what a system file cannot say: forces that are not registered, events with a function of
-            your own, units of your own, a time other than 0.
+            For content that a system file cannot hold; the message names it: forces that are not registered, events
+            with the user's functions, the user's own units, a time other than 0.
         """
         text: str = SYSTEM_FILES["to_toml"](self)
         return text
@@ -299,54 +301,53 @@ class System:
         units: str | UnitSystem = "metal",
         species: Iterable[str] | None = None,
     ) -> System:
-        """The System of an ``ase.Atoms``: positions, velocities, masses, box, species.
+        """System of an ``ase.Atoms``: positions, velocities, masses, box, species.
 
-        Units are ASE's angstrom, eV, u, and its time angstrom sqrt(u / eV), converted to ``units``; in those that ASE
-        does not know (lj, nbody, astro) its numbers stand as they are: an angstrom is one sigma, an eV one epsilon.
+        ASE's units are angstrom, eV, u, and angstrom sqrt(u / eV) for time; values are converted to ``units``. Unit
+        systems that ASE does not know (lj, nbody, astro) keep ASE's numbers: an angstrom is one sigma, an eV one
+        epsilon.
 
         Parameters
         ----------
         atoms : ase.Atoms
-            Open, or periodic along any of the cell's vectors. Where these do not have the form of a `Box`, atoms and
-            velocities are turned with them (`Box.from_vectors`). Tags, charges and magnetic moments are not taken, but
-            for what `to_ase` and exported files say by them: species, and in the arrays "names" and "radii".
-        forces : iterable of forces, in ``units``; default those of the calculator that the atoms carry, if it is ASE's
-            LennardJones (shifted at its rc; not smooth) or kickdrift's
-        units : the name of a unit system
+            Open, or periodic along any of the cell's vectors. If the vectors do not have the form of a `Box`, atoms and
+            velocities are rotated with them (`Box.from_vectors`). Tags, charges and magnetic moments are ignored,
+            except for species, names and radii that `to_ase` and exported files store in them.
+        forces : iterable of forces, in ``units``; default those of the atoms' calculator, if it is ASE's LennardJones
+            (shifted at its rc; not smooth) or kickdrift's
+        units : name of a unit system
         species : (n,) names, default the chemical symbols
-
         Raises
         ------
         InputError
-            For a cell that leans, pbc along some axes only, constraints, another calculator, and numbers that are not
-            finite.
+            For a cell that no `Box` can have, constraints, any other calculator, and numbers that are not finite.
         """
         return bridge("ase", "System.from_ase").system_of(atoms, forces, units, species)
 
     def to_ase(self, symbols: Mapping[str, str] | None = None, calculator: bool = True) -> Any:
-        """An ``ase.Atoms`` in ASE's units, positions unwrapped; the other way round from `from_ase`.
+        """An ``ase.Atoms`` in ASE's units, with unwrapped positions; the inverse of `from_ase`.
 
         Parameters
         ----------
-        symbols : {species: chemical symbol}; default the species itself where it is an element's, else ASE's "X", and
-            then the tags number those in ``info["species"]``
-        calculator : whether the atoms are to carry a calculator that runs this system's forces
+        symbols : {species: chemical symbol}; default the species itself if it is an element, else ASE's "X" with tags
+            that number the species in ``info["species"]``
+        calculator : whether the atoms have a calculator with this system's forces
 
         Raises
         ------
         InputError
-            For an unknown symbol, a body without mass, and forces that a calculator cannot have.
+            For an unknown symbol, a body without mass, and forces that a calculator does not support.
         """
         return bridge("ase", "System.to_ase").atoms_of(self, symbols, calculator)
 
     @classmethod
     def from_rebound(cls, sim: Any, forces: Iterable[Any] | None = None) -> System:
-        """The System of a ``rebound.Simulation``, at its time: bodies, masses, radii, names, G, softening, to the bit.
+        """System of a ``rebound.Simulation`` at its time: bodies, masses, radii, names, G, softening, to the bit.
 
-        Without units it is in ``nbody`` (plain numbers), with AU, yr, Msun in ``astro``, with m, s, kg in ``si``, with
-        others of rebound's in ``nbody`` with these units' names; G is the Simulation's own. leapfrog (order 2 and
-        4), whfast, saba and ias15 become the run's defaults, as far as both have their options; a UserWarning says what
-        was not taken.
+        The unit system is ``astro`` for AU, yr, Msun, ``si`` for m, s, kg, and else ``nbody`` (plain numbers), with the
+        names of rebound's units if there are any. G is the Simulation's own. The integrators leapfrog (order 2 and 4),
+        whfast, saba and ias15 become the run's defaults, with the options that both programs have. A UserWarning names
+        what was left out.
 
         Parameters
         ----------
@@ -362,10 +363,10 @@ class System:
         return bridge("rebound", "System.from_rebound").system_of(sim, forces)
 
     def to_rebound(self) -> Any:
-        """A ``rebound.Simulation`` of this system; the other way round from `from_rebound`.
+        """A ``rebound.Simulation`` of this system; the inverse of `from_rebound`.
 
-        Massless bodies at the end of the list are test particles there (``N_active``). A UserWarning says what was not
-        taken: events, and an integrator that rebound does not have.
+        Massless bodies at the end of the list are test particles in rebound (``N_active``). A UserWarning names what
+        was left out: events, and an integrator that rebound does not have.
 
         Raises
         ------
@@ -375,23 +376,23 @@ class System:
         return bridge("rebound", "System.to_rebound").simulation_of(self)
 
     def acting(self, trait: str) -> list[str]:
-        """The names of the forces that have a trait: "external" (it does not conserve momentum), "works" (nor energy),
+        """Names of the forces that have a trait: "external" (does not conserve momentum), "works" (nor energy),
         "velocity_dependent", "joins" (bodies that it names belong together)."""
         return [force.name for force in self.forces if getattr(force, trait, False)]
 
     @property
     def coherent_masses(self) -> Floats:
-        """(n,) masses in the unit that makes force = mass x acceleration hold in this system's other units."""
+        """Masses (n,) in the unit in which force = mass x acceleration holds with this system's other units."""
         return self.state.masses * self.units.coherent_mass
 
     @property
     def degrees_of_freedom(self) -> int:
-        """3 N, less the three of the conserved total momentum, and 2 N - 2 in two dimensions; massless particles do not
+        """3 N less the three of the conserved total momentum, and 2 N - 2 in two dimensions. Massless particles do not
         count."""
         moving = int(np.count_nonzero(self.state.masses))
         return max(self.dimensions * (moving - 1), 0)
 
     @property
     def volume(self) -> float:
-        """The volume of the box, in two dimensions its area; infinite where the box is open along any of its axes."""
+        """Volume of the box, in two dimensions its area; infinite if the box is open along any of its axes."""
         return self.box.volume if self.dimensions == 3 else self.box.area

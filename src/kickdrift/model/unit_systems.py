@@ -51,7 +51,7 @@ DIMENSIONS: dict[str, dict[str, int]] = {
 class UnitSystem:
     """Names of the units, and Boltzmann's constant, G and the speed of light in them.
 
-    G and the speed of light are None in systems that have none. A mass times ``coherent_mass`` is force over
+    G and the speed of light are None in systems without them. A mass times ``coherent_mass`` is force over
     acceleration: in ``metal`` (angstrom, ps, eV, u) the factor converts u to eV ps^2 / angstrom^2; elsewhere it is 1.
     """
 
@@ -84,11 +84,11 @@ class UnitSystem:
         return top if not under else f"{top}/{under[0]}" if len(under) == 1 else f"{top}/({' '.join(under)})"
 
     def symbol(self, dimension: str) -> str:
-        """Unit of a dimension as people see it: ``σ/τ`` in lj, ``AU/yr`` in astro, "" in nbody."""
+        """Symbol of a dimension's unit: ``σ/τ`` in lj, ``AU/yr`` in astro, "" in nbody."""
         return symbol_of(self.unit(dimension))
 
     def described(self, dimensions: Iterable[str]) -> str:
-        """The units of these dimensions in words: "length σ, time τ"."""
+        """Units of these dimensions as text: "length σ, time τ"."""
         named = [f"{dimension} {symbol}" for dimension in dimensions if (symbol := self.symbol(dimension))]
         return ", ".join(named) or "plain numbers" + (f", G = {self.gravity:g}" if self.gravity else "")
 
@@ -125,13 +125,13 @@ UNIT_SYSTEMS: dict[str, UnitSystem] = {
 
 
 def symbol_of(unit: str) -> str:
-    """A unit's name as people see it: lj's units are Greek letters, and units without a name of their own are ""."""
+    """Symbol of a unit: a Greek letter for lj's units, "" for a unit without a name of its own."""
     words = set(re.findall(r"\w+", unit))
     return "" if words & NAMELESS else re.sub(r"\b(?:sigma|tau|epsilon)\b", lambda word: GREEK[word[0]], unit)
 
 
 def unit_system(name: str) -> UnitSystem:
-    """Unit system of this name. An unknown name is an InputError that lists the known ones."""
+    """Unit system of this name. Raises an InputError that lists the known names for an unknown one."""
     try:
         return UNIT_SYSTEMS[name]
     except (KeyError, TypeError):

@@ -109,7 +109,7 @@ def number_density(value: Any, units: UnitSystem, mass: float, key: str = "densi
 def unit_named(text: str, units: UnitSystem | None, key: str) -> str:
     """Unit that a text names: a dimension ("length") gives its unit in ``units``, and a unit gives itself.
 
-    "" is no unit. An InputError begins with ``key``.
+    "" means no unit. Raises an InputError that begins with ``key``.
     """
     dimension = text.replace("_", " ")
     if dimension in DIMENSIONS and units is not None:
@@ -140,7 +140,7 @@ def _registry() -> Any:
 
 
 def _parsed(unit: str, text: str, prefix: str) -> Any:
-    """pint's unit of this name. An InputError names the unknown part of the ``text``."""
+    """pint's unit of this name. Raises an InputError that names the unknown part of the ``text``."""
     import pint
 
     registry = _registry()
@@ -181,10 +181,8 @@ def _convert(number: float, unit: str, dimension: str, units: UnitSystem, wrong:
 
 
 def _is_pure(registry: Any, unit: Any, dimension: str) -> bool:
-    """Whether the unit is free of units that pint takes for the number 1, such as percent, bit or rad.
-
-    An angle must be in radians, degrees, turns, … and nothing else.
-    """
+    """Tell whether the unit is free of units that pint takes for the number 1, such as percent, bit or rad. An angle
+    must be in radians, degrees, turns, … and nothing else."""
     root = registry.get_root_units(unit)[1]
     if dimension == "angle":
         return len(unit._units) == 1 and bool(root == registry.Unit("radian"))

@@ -70,8 +70,8 @@ def kepler(eccentricity: float = 0.5, y0: Numbers | None = None, t0: float = 0.0
 
     def f(t, y):
         r2 = y[0] * y[0] + y[1] * y[1]
-        pull = -1.0 / (r2 * math.sqrt(r2))
-        return y[2], y[3], pull * y[0], pull * y[1]
+        factor = -1.0 / (r2 * math.sqrt(r2))
+        return y[2], y[3], factor * y[0], factor * y[1]
 
     def energy(t, y):
         return 0.5 * (y[2] * y[2] + y[3] * y[3]) - 1.0 / math.hypot(y[0], y[1])

@@ -12,7 +12,7 @@ Numbers = Sequence[float]
 
 
 def start_values(y0: Numbers, count: int) -> Floats:
-    """y0 as an array of ``count`` numbers."""
+    """Return y0 as an array of ``count`` numbers."""
     start = finite_numbers("y0", y0)
     if start.shape != (count,):
         got = len(start) if start.ndim == 1 else f"shape {start.shape}"

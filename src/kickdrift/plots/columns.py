@@ -1,9 +1,8 @@
-"""A figure of one column of a run's samples against time."""
+"""Figure of one column of a run's samples against time."""
 
 from __future__ import annotations
 
-import os
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,34 +15,29 @@ from kickdrift.plots.runs import (
     _thin,
     _time_axis,
     _title,
-    checked_target,
     new_axes,
     new_figure,
-    save_figure,
     with_unit,
 )
 from kickdrift.text import shown, suggestion
 from kickdrift.trajectory import reader
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 MOST_LINES = 9  # a tensor's
 
 
-def plot_column(
-    path: str | os.PathLike[str], name: str, output: str | os.PathLike[str], *, overwrite: bool = False
-) -> Path:
-    """Draw a column of a run's samples, kickdrift's own or a user's, against time; returns the figure's path.
+def column_figure(run: reader.Run, name: str) -> Figure:
+    """A column of a run's samples, kickdrift's own or a user's, against time.
 
     Each number of a vector or tensor is a line; of more than nine numbers the first nine are drawn."""
-    target = checked_target(output, overwrite, path)
-    with reader.open(path) as run:
-        observables = run.observables
-        if name not in observables:
-            known = ", ".join(observables) or "none, for it has no sample"
-            raise InputError(
-                f"{run.path}: column {shown(name)}: its columns are {known}{suggestion(name, observables)}"
-            )
-        times, values, unit = run.sample_times, observables[name], run.unit_of(name)
-        units, title = run.units, _title(run)
+    observables = run.observables
+    if name not in observables:
+        known = ", ".join(observables) or "none, for it has no sample"
+        raise InputError(f"{run.path}: column {shown(name)}: its columns are {known}{suggestion(name, observables)}")
+    times, values, unit = run.sample_times, observables[name], run.unit_of(name)
+    units, title = run.units, _title(run)
     figure = new_figure(7.2, 4.2)
     axes = new_axes(figure, (1, 1, 1))
     labels = parts(name, values.shape[1:])
@@ -57,4 +51,4 @@ def plot_column(
     if len(labels) > 1:
         axes.legend(loc="best", fontsize=8, frameon=True, framealpha=0.9, edgecolor=GRID)
     figure.suptitle(title, fontsize=11, color=INK)
-    return save_figure(figure, target)
+    return figure

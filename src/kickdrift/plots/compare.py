@@ -11,7 +11,9 @@ from kickdrift.plots.runs import COLOURS, INK, checked_target, new_axes, new_fig
 from kickdrift.text import measured
 
 if TYPE_CHECKING:
-    from kickdrift.analysis.work_precision import Comparison
+    from matplotlib.figure import Figure
+
+    from kickdrift.analysis.comparison import Comparison
 
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 
@@ -22,13 +24,18 @@ def plot_comparison(comparison: Comparison, output: str | os.PathLike[str], *, o
     Methods use all colours first and then all markers. Below the grey line the reference itself is not accurate.
     """
     target = checked_target(output, overwrite)
+    return save_figure(comparison_figure(comparison), target)
+
+
+def comparison_figure(comparison: Comparison) -> Figure:
+    """The figure of ``plot_comparison``."""
     drawn = {
         name: rows
         for name in comparison.methods
         if (rows := [row for row in comparison.of(name) if row.error and row.seconds > 0])
     }
     if not drawn:
-        raise InputError("plot_comparison: every run failed; there is nothing to draw")
+        raise InputError("compare: every run failed; there is nothing to draw")
     figure = new_figure(11.2, 5.6)
     left = None
     for place, (key, label) in enumerate((("evaluations", "force evaluations"), ("seconds", "seconds")), start=1):
@@ -58,4 +65,4 @@ def plot_comparison(comparison: Comparison, output: str | os.PathLike[str], *, o
     figure.suptitle(
         f"{comparison.system}  ·  {comparison.length:.4g}{unit}  ·  {comparison.reference}", fontsize=12, color=INK
     )
-    return save_figure(figure, target)
+    return figure

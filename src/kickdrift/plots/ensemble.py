@@ -28,6 +28,7 @@ from kickdrift.plots.ensemble_axes import (
     spans_decades,
 )
 from kickdrift.plots.runs import COLOURS, INK, checked_target, new_axes, new_figure, save_figure
+from kickdrift.systemfile.files import prefixed
 from kickdrift.text import counted, with_error
 
 if TYPE_CHECKING:
@@ -53,16 +54,20 @@ def plot_ensemble(
     """
     target = checked_target(output, overwrite, path)
     table = Ensemble.read(path)
+    with prefixed(f"{path}: "):
+        figure = ensemble_figure(table, column)
+    return save_figure(figure, target)
+
+
+def ensemble_figure(table: DataFrame, column: str | None = None) -> Figure:
+    """The figure of ``plot_ensemble``, of a table."""
     grids, drawn = summary.grids(table), summary.drawn(table)
     if len(grids) > 2:
         raise InputError(
-            f"{path}: {len(grids)} keys vary on grids, {', '.join(grids)}, but a figure shows two: "
+            f"{len(grids)} keys vary on grids, {', '.join(grids)}, but a figure shows two: "
             f"give each of the others one value, as in --vary {grids[-1]}=VALUE"
         )
-    try:
-        name = summary.chosen(table, column)
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from None
+    name = summary.chosen(table, column)
     shape = (7.4, 5.6) if len(grids) == 2 or (not grids and len(drawn) == 2) else (7.4, 4.8)
     figure = new_figure(*shape)
     axes = new_axes(figure, (1, 1, 1))
@@ -79,7 +84,7 @@ def plot_ensemble(
     if axes.get_legend_handles_labels()[1]:
         figure.legend(loc="outside lower center", ncols=3, fontsize=8, frameon=False)
     figure.suptitle(_title(table, name), fontsize=12, color=INK)
-    return save_figure(figure, target)
+    return figure
 
 
 def _draw_map(figure: Figure, axes: Axes, table: DataFrame, name: str) -> None:

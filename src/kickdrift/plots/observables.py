@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
+from functools import partial
 from itertools import combinations_with_replacement
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -20,12 +21,11 @@ from kickdrift.plots.runs import (
     GRID,
     INK,
     _title,
-    checked_target,
     new_axes,
     new_figure,
     printed,
-    save_figure,
     with_unit,
+    write_figure,
 )
 from kickdrift.text import measured
 from kickdrift.trajectory import reader
@@ -60,24 +60,26 @@ def plot_observable(
     averages, and a panel below shows the errors alone. A run that is too short has no errors. g(r) and S(k) are
     averages over frames spread evenly over the run without the first, as many as take a few seconds.
     """
-    target = checked_target(output, overwrite, path)
+    return write_figure(path, output, overwrite, partial(observable_figure, kind=kind))
+
+
+def observable_figure(run: reader.Run, kind: str) -> Figure:
+    """The figure of ``plot_observable``, of an open file."""
     measure, draw = KINDS[kind]
-    with reader.open(path) as run:
-        if not len(run):
-            raise InputError(f"{run.path}: no frame to draw")
-        curves = measure(run)
-        title = _title(run)
-        figure = new_figure(7.2, 6.0)
-        axes = new_axes(figure, (4, 1, (1, 3)))
-        draw(axes, curves, run)
+    if not len(run):
+        raise InputError(f"{run.path}: no frame to draw")
+    curves = measure(run)
+    figure = new_figure(7.2, 6.0)
+    axes = new_axes(figure, (4, 1, (1, 3)))
+    draw(axes, curves, run)
     _draw_errors(figure, axes, curves)
     if kind in ("msd", "vacf") and len(curves[0].x) < FEWEST_POINTS:
         points = f"{len(curves[0].x)} point" + "s" * (len(curves[0].x) != 1)
-        warn(f"{kind}: the curve has {points}; write frames more often, or run longer", stacklevel=2)
+        warn(f"{kind}: the curve has {points}; write frames more often, or run longer", stacklevel=3)
     if any(curve.label for curve in curves):
         axes.legend(loc="best", fontsize=9, frameon=True, framealpha=0.9, edgecolor=GRID)
-    figure.suptitle(title, fontsize=11, color=INK)
-    return save_figure(figure, target)
+    figure.suptitle(_title(run), fontsize=11, color=INK)
+    return figure
 
 
 # -- curves

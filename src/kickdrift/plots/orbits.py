@@ -23,12 +23,11 @@ from kickdrift.plots.runs import (
     _thin,
     _time_axis,
     _title,
-    checked_target,
     energy_taken,
     new_axes,
     new_figure,
-    save_figure,
     with_unit,
+    write_figure,
 )
 from kickdrift.trajectory import reader
 
@@ -43,14 +42,19 @@ TURNS = 8  # ellipses drawn for a body, spread over the run
 INNER = 8.0  # ratio of distances across the widest gap from which the inner bodies get their own panel
 CROWD = 0.97  # share of many bodies inside the panel
 CLOSE = 0.8  # share of a few bodies' places, without a dominant one, inside the close-up
-# Seven of Okabe & Ito's colours and five of Paul Tol's muted ones, distinguishable for colour-blind readers.
+# Seven colours of Okabe & Ito and five muted ones of Paul Tol, distinguishable for colour-blind readers.
 BODY_COLOURS = (*COLOURS, "#882255", "#44AA99", "#999933", "#332288", "#AA4499")
 
 
 def has_orbits(path: str | os.PathLike[str]) -> bool:
     """Tell whether a run's file has bodies under gravity and frames to draw."""
     with reader.open(path) as run:
-        return gravity_of(run) is not None and len(run) > 0 and len(run.ids) > 1
+        return orbits_in(run)
+
+
+def orbits_in(run: reader.Run) -> bool:
+    """Tell whether an open file has bodies under gravity and frames to draw."""
+    return gravity_of(run) is not None and len(run) > 0 and len(run.ids) > 1
 
 
 def plot_orbits(path: str | os.PathLike[str], output: str | os.PathLike[str], *, overwrite: bool = False) -> Path:
@@ -61,13 +65,16 @@ def plot_orbits(path: str | os.PathLike[str], output: str | os.PathLike[str], *,
     path is drawn by its ellipses, faint, with the last one strong. A body that was absorbed or removed is drawn up to
     its end.
     """
-    target = checked_target(output, overwrite, path)
-    with reader.open(path) as run:
-        found = paths(run, FRAMES)
-        if len(run.ids) < 2:
-            raise InputError(f"{run.path}: one body; orbits need two or more")
-        energies, taken = run.energies if len(run.sample_times) else None, energy_taken(run)
-        units, title = run.units, _title(run, "bodies")
+    return write_figure(path, output, overwrite, orbits_figure)
+
+
+def orbits_figure(run: reader.Run) -> Figure:
+    """The figure of ``plot_orbits``, of an open file."""
+    found = paths(run, FRAMES)
+    if len(run.ids) < 2:
+        raise InputError(f"{run.path}: one body; orbits need two or more")
+    energies, taken = run.energies if len(run.sample_times) else None, energy_taken(run)
+    units, title = run.units, _title(run, "bodies")
     axes = invariable_axes(found)
     flat = np.allclose(axes, np.eye(3), rtol=0, atol=1e-12)
     found = found._replace(positions=found.positions @ axes.T, velocities=found.velocities @ axes.T)
@@ -95,7 +102,7 @@ def plot_orbits(path: str | os.PathLike[str], output: str | os.PathLike[str], *,
         if energies is not None:
             _draw_error(energies, taken, new_axes(lower, (1, many, many)), units)
     figure.suptitle(title, fontsize=12, color=INK)
-    return save_figure(figure, target)
+    return figure
 
 
 def _lines(found: Paths, orbits: Orbits | None) -> list[list[Floats]]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import partial
 from itertools import pairwise
@@ -20,7 +20,7 @@ from kickdrift.disk.kinds import FIGURE
 from kickdrift.errors import InputError
 from kickdrift.jit import folders
 from kickdrift.model.state import Floats
-from kickdrift.model.unit_systems import UnitSystem, symbol_of
+from kickdrift.model.unit_systems import UNIT_SYSTEMS, UnitSystem, symbol_of
 from kickdrift.statistics.drift import energy_error
 from kickdrift.text import measured
 from kickdrift.trajectory import reader
@@ -28,6 +28,8 @@ from kickdrift.trajectory import reader
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+    from kickdrift.run.report import Report
 
 RDF_FRAMES = 20  # most frames, spread evenly over the run
 RDF_NEIGHBOURS = 400  # g(r) reaches to this many neighbours, or to half the box
@@ -46,24 +48,57 @@ def plot_run(path: str | os.PathLike[str], output: str | os.PathLike[str], *, ov
     The error is (E(t) - E(0)) / |E(0)|, or relative to the kinetic energy at the start if |E(0)| is under a tenth of
     it. As in the report, E(t) includes the energy that collisions and removed bodies took out.
     """
+    return write_figure(path, output, overwrite, run_figure)
+
+
+def write_figure(
+    path: str | os.PathLike[str],
+    output: str | os.PathLike[str],
+    overwrite: bool,
+    draw: Callable[[reader.Run], Figure],
+) -> Path:
+    """Write the figure that ``draw`` makes of a run's file. Return the figure's path."""
     target = checked_target(output, overwrite, path)
     with reader.open(path) as run:
-        if not len(run.sample_times):
-            raise InputError(f"{run.path}: no sample to draw")
-        energies = run.energies
-        temperature, taken = run.observables.get("temperature"), energy_taken(run)
-        rdf = _rdf(run) if len(run.ids) > 1 and len(run) else None
-        units, title = run.units, _title(run)
-    figure = new_figure(10.0, 7.0 if temperature is not None or rdf is not None else 3.8)
-    panels = [partial(_draw_energies, energies), partial(_draw_error, energies, taken)]
+        return save_figure(draw(run), target)
+
+
+def run_figure(run: reader.Run) -> Figure:
+    """The figure of ``plot_run``, of an open file."""
+    if not len(run.sample_times):
+        raise InputError(f"{run.path}: no sample to draw")
+    energies, temperature = run.energies, run.observables.get("temperature")
+    rdf = _rdf(run) if len(run.ids) > 1 and len(run) else None
+    panels = [partial(_draw_energies, energies), partial(_draw_error, energies, energy_taken(run))]
     panels += [partial(_draw_temperature, energies.time, temperature)] if temperature is not None else []
     panels += [partial(_draw_rdf, *rdf)] if rdf is not None else []
+    return panelled(panels, run.units, _title(run))
+
+
+def report_figure(report: Report) -> Figure:
+    """Energies, energy error and temperature of a run, from the samples that its report holds."""
+    units, series = report.about.units, report.about.series
+    if not np.isfinite(series.total).all():
+        raise InputError(f"{report.system}: has no energy to draw; give the Problem an energy function")
+    total, kinetic = series.total - series.taken, np.nan_to_num(series.kinetics) + 0.0 * series.total
+    energies = reader.EnergySeries(series.times, kinetic, total - kinetic, total)
+    panels = [partial(_draw_error, energies, series.taken)]
+    panels = [partial(_draw_energies, energies), *panels] if units else panels
+    panels += [partial(_draw_temperature, series.times, series.temperatures)] if series.temperatures is not None else []
+    units = units or UNIT_SYSTEMS["nbody"]
+    step = [] if report.dt is None else [measured(f"dt = {report.dt:g}", printed(units.time))]
+    return panelled(panels, units, "  ·  ".join([report.system, report.integrator, *step]))
+
+
+def panelled(panels: Sequence[Callable[[Axes, UnitSystem], None]], units: UnitSystem, title: str) -> Figure:
+    """A figure of panels in two columns; the last one of an odd number is as wide as both."""
+    figure = new_figure(10.0, 7.0 if len(panels) > 2 else 3.8)
     rows = math.ceil(len(panels) / 2)
     for index, draw in enumerate(panels):
         last_alone = index == len(panels) - 1 and len(panels) % 2
         draw(new_axes(figure, (rows, 1, rows) if last_alone else (rows, 2, index + 1)), units)
     figure.suptitle(title, fontsize=12, color=INK)
-    return save_figure(figure, target)
+    return figure
 
 
 def plot_benchmark(
@@ -74,7 +109,7 @@ def plot_benchmark(
     Faint: every sample; strong: the root mean square over each fiftieth of the run.
 
     A row has ``method``, ``dt``, ``table``, ``times`` (k,), ``relative_error`` (k,) and, optionally, ``verdict``.
-    What is not finite, as after a blow-up, is left out.
+    Values that are not finite, as after a blow-up, are left out.
     """
     target = checked_target(output, overwrite)
     if not rows:
@@ -164,7 +199,7 @@ def _draw_method(axes: Axes, row: Mapping[str, Any], colour: str) -> None:
 
 
 def _rdf(run: reader.Run) -> tuple[Floats, Floats, int] | None:
-    """r, g(r) and the number of frames; None where the box leaves an axis open that particles move along."""
+    """r, g(r) and the number of frames; None if particles move along an open axis of the box."""
     n, plane = len(run.ids), run.system_record.get("dimensions") == 2
     size = run.box.area if plane else run.box.volume
     if not math.isfinite(size):
@@ -243,8 +278,9 @@ def new_figure(width: float, height: float) -> Figure:
     with _own_matplotlib_folder():
         import matplotlib.font_manager  # noqa: F401 (reads or builds its list on import)
         from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
-    figure = Figure(figsize=(width, height), dpi=120, facecolor="white", layout="constrained")
+
+        from kickdrift.plots.notebook import NotebookFigure
+    figure = NotebookFigure(figsize=(width, height), dpi=120, facecolor="white", layout="constrained")
     figure.get_layout_engine().set(w_pad=0.12, h_pad=0.12)  # type: ignore[union-attr, call-arg]
     FigureCanvasAgg(figure)
     return figure

@@ -13,7 +13,8 @@ from kickdrift.plots.runs import COLOURS, checked_target, new_axes, new_figure, 
 def plot_shadow(
     run: ShadowRun, runs: Sequence[ShadowRun], output: str | os.PathLike[str], *, overwrite: bool = False
 ) -> Path:
-    """Draw H and its modifications against time for one run, and their oscillations against the step for several.
+    """Draw H and its modifications against time for one run, and their oscillations against the step for several runs.
+
     Return the figure's path."""
     target = checked_target(output, overwrite)
     names = {0: "H", 2: "H + dt² H$_2$", 4: "H + dt² H$_2$ + dt⁴ H$_4$"}

@@ -11,13 +11,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from kickdrift.errors import InputError
-from kickdrift.integrators import integrator, stability
+from kickdrift.integrators import stability
+from kickdrift.integrators.asked import Integrator, method_of
 from kickdrift.integrators.method import Method
 from kickdrift.integrators.splitting import Splitting
 from kickdrift.plots.runs import COLOURS, GRID, INK, checked_target, new_axes, new_figure, save_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 POINTS = 600  # grid points along each axis of the complex plane; a curve has a quarter of this
 STYLES = ("-", "--", ":", "-.")  # line styles; the next one starts after all colours
@@ -31,13 +33,18 @@ def plot_stability(names: Sequence[str], output: str | os.PathLike[str], *, over
     For one-step methods: the regions |R(z)| <= 1, z = lambda dt, of y' = lambda y. For splittings: half the trace of
     an oscillator's propagation matrix against omega dt. Computed from the coefficients: see ``integrators.stability``.
     """
-    methods = list(dict.fromkeys(integrator(name) for name in names))
+    target = checked_target(output, overwrite)
+    return save_figure(stability_figure(names), target)
+
+
+def stability_figure(names: Sequence[str | Integrator]) -> Figure:
+    """The figure of ``plot_stability``."""
+    methods = list(dict.fromkeys(map(method_of, names)))
     if not methods:
-        raise InputError("plot_stability: there is nothing to draw")
+        raise InputError("stability: there is nothing to draw; name an integrator")
     curves = [method for method in methods if isinstance(method, Splitting)]
     regions = [method for method in methods if not isinstance(method, Splitting)]
     functions = [stability.stability_function(method) for method in regions]
-    target = checked_target(output, overwrite)
     panels = bool(regions) + bool(curves)
     figure = new_figure(6.2 * panels, 5.4 + 0.2 * max(len(regions), len(curves)))
     if regions:
@@ -46,7 +53,7 @@ def plot_stability(names: Sequence[str], output: str | os.PathLike[str], *, over
         _draw_half_traces(new_axes(figure, (1, panels, panels)), curves)
     for axes in figure.axes:
         axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.13), fontsize=8, frameon=False)
-    return save_figure(figure, target)
+    return figure
 
 
 def number(bound: float) -> str:

@@ -1,1 +1,1 @@
-"""The run: a Simulation, how far it goes, where it looks, what it reports, and how it is resumed."""
+"""The run: a Simulation, its length, its looks, its report, and its restart."""

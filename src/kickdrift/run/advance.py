@@ -138,7 +138,7 @@ class Integration:
     @property
     def steps_done(self) -> int:
         """Number of steps since the start, including a step that the current time lies inside."""
-        return self.stepper.steps_done + (self.at is not None and self.at > self.stepper.time)
+        return self.stepper.steps_done + int(self.at is not None and self.at > self.stepper.time)
 
     @property
     def y(self) -> Floats:
@@ -174,13 +174,13 @@ class Integration:
         self.begin_record()
 
     def begin_record(self) -> None:
-        """Count conservation and cost anew from the current state, which was set from outside."""
+        """Start the record of conservation and cost again, from a state that the user has set."""
         self.record, self.replaced = Record(), True
         self.keep()
 
     @property
     def stepper_with_state(self) -> Any:
-        """The method's stepper, if it has a state beyond positions and velocities; else an InputError."""
+        """The method's stepper, if it has a state beyond positions and velocities; else raises InputError."""
         stepper = self.events.inner if self.events else self.stepper
         if not hasattr(stepper, "method_state"):
             raise InputError(f"method_state: {self.integrator} has no method state; leapfrog-exact has one")
@@ -219,7 +219,7 @@ class Integration:
 
     @contextmanager
     def busy(self) -> Iterator[Callable[[], bool]]:
-        """Forbid replacing the state, and defer Ctrl-C: the yielded function says whether Ctrl-C was pressed."""
+        """Forbid replacing the state, and defer Ctrl-C: the yielded function tells whether Ctrl-C was pressed."""
         self.running = True
         try:
             with interruptible() as interrupted:
@@ -238,7 +238,7 @@ class Integration:
         self.record.compile_seconds += perf_counter() - began
 
     def advance(self, steps: int, until: float = np.inf, horizon: float = np.inf, end: float = np.inf) -> bool:
-        """Take steps, and return whether the next step waits because it would evaluate f beyond ``end``."""
+        """Take steps. Return whether the next step waits because it would evaluate f beyond ``end``."""
         began = perf_counter()
         if self.events:
             self.events.horizon = horizon
@@ -246,14 +246,14 @@ class Integration:
         limited = self.method.chooses_steps and not self.foreign and self.flow.clocked
         if limited:
             stepper.end = end
-        self.record.steps += stepper.steps_done - self.steps_done  # a step that was begun is counted again
+        self.record.steps += stepper.steps_done - self.steps_done  # a step that was begun counts again
         before, counts = stepper.steps_done, stepper.counts
         self.flow.forget_errors()
         status = stepper.advance(steps, until)
         self.at = self._present = None
         self.record.steps += stepper.steps_done - before
         self.record.count(stepper.counts - counts)
-        if status != OK or not (self.foreign or np.isfinite(stepper.y).all()):  # others check their own numbers
+        if status != OK or not (self.foreign or np.isfinite(stepper.y).all()):  # other programs check their own numbers
             self.fail(inside_step=status != OK, stopped=status == STOPPED)
         if stepper.steps_done == before:
             return limited and not self.events and steps > 0 and stepper.time < until

@@ -22,10 +22,12 @@ def kind_of(value: Any, simulation: type) -> str:
     return type(value).__name__
 
 
-def check_asked(observe: Any, progress: Any, overwrite: Any) -> None:
-    """Refuse an ``observe`` or ``progress`` that is not a function, and an ``overwrite`` that is not a bool."""
-    for key, function in (("observe", observe), ("progress", progress)):
-        if not (function is None or callable(function)):
-            raise InputError(f"run: {key} must be a function, got {shown(function)}")
+def check_asked(observe: Any, progress: Any, overwrite: Any, who: str = "run") -> None:
+    """Refuse an ``observe`` that is no function, a ``progress`` that is neither function nor bool, and an ``overwrite``
+    that is no bool."""
+    if not (observe is None or callable(observe)):
+        raise InputError(f"{who}: observe must be a function, got {shown(observe)}")
+    if not (progress is None or isinstance(progress, bool) or callable(progress)):
+        raise InputError(f"{who}: progress must be True, False or a function, got {shown(progress)}")
     if not isinstance(overwrite, bool | np.bool_):
-        raise InputError(f"run: overwrite must be True or False, got {shown(overwrite)}")
+        raise InputError(f"{who}: overwrite must be True or False, got {shown(overwrite)}")

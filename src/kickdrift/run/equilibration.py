@@ -58,7 +58,7 @@ def equilibrate(
 ) -> None:
     """Bring the system to a temperature; see ``Simulation.equilibrate``.
 
-    ``with_verlet`` makes a velocity Verlet Simulation, which replaces a Simulation whose method cannot rescale
+    ``with_verlet`` makes a velocity Verlet Simulation. This replaces a Simulation whose method cannot rescale
     velocities."""
     if not isinstance(sim.system, System):
         raise InputError("equilibrate: a Problem has no temperature")

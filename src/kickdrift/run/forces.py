@@ -12,18 +12,18 @@ if TYPE_CHECKING:
 
 
 def accelerations_at(run: Integration) -> Floats:
-    """(n, 3) accelerations of the particles now, in the system's units; a read-only copy."""
+    """Accelerations of the particles now, (n, 3), in the system's units; a read-only copy."""
     return read_only(_accelerations(run, "accelerations").T.copy())
 
 
 def forces_at(run: Integration) -> Floats:
-    """(n, 3) forces on the particles now, in the system's energy unit per length; a read-only copy."""
+    """Forces on the particles now, (n, 3), in the system's energy unit per length; a read-only copy."""
     flow: Any = run.flow
     return read_only((_accelerations(run, "forces") * flow.subject.coherent_masses).T.copy())
 
 
 def _accelerations(run: Integration, key: str) -> Any:
-    """(3, n) accelerations now; ``key`` names the quantity in errors."""
+    """Accelerations now, (3, n); ``key`` names the quantity in errors."""
     flow: Any = run.flow
     if not flow.of_particles:
         raise InputError(f"{key}: a Problem has no {key}")

@@ -22,7 +22,7 @@ from kickdrift.run.layer import layer_warning
 from kickdrift.run.plan import Plan
 from kickdrift.run.watch.stability import Stability
 
-MOST = 4096  # looks in one series, at most
+MOST = 4096  # most looks in one series
 
 
 class Sampler:
@@ -136,7 +136,7 @@ class Sampler:
             self._seen(row, steps)
             return status, refused
         assert isinstance(stepper, Regular)
-        shown = (WATCHED_POINTS if self._stability.limited else 0) if looking else count  # the last ones, one by one
+        shown = (WATCHED_POINTS if self._stability.limited else 0) if looking else count  # looks to show one by one
         if looking and count > shown:
             status, refused = self._by_compiled_code(looking, stepper, count - shown, plan.every)
             if status != OK:

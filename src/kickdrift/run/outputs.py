@@ -54,11 +54,11 @@ class Outputs:
 
     def __init__(self, run: Integration, checkpoint: Callable[[], Memory]) -> None:
         self._run, self._checkpoint = run, checkpoint
-        self._files: dict[str, Own] = {}  # that this Simulation began or continues
+        self._files: dict[str, Own] = {}  # files that this Simulation began or continues
         self.default: str | None = None
 
     def chosen(self, output: str | None, overwrite: bool) -> str | None:
-        """Return the file to write; an InputError if this is the default file and cannot be continued."""
+        """Return the file to write. Raises InputError if this is the default file and cannot be continued."""
         if output is not None or self.default is None:
             return output
         if overwrite or not os.path.exists(self.default):
@@ -190,4 +190,4 @@ class File(Watcher):
             return
         with self._writer as writer:
             writer.report = report.as_json()
-            writer.report["events"] = self._going_on()  # the file already holds the others
+            writer.report["events"] = self._going_on()  # the file already holds all events that have ended

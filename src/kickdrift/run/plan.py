@@ -25,10 +25,10 @@ if TYPE_CHECKING:
 # Default numbers of looks; ``looks_at`` chooses among them. They depend on the run alone, so every machine takes the
 # same looks at the same run.
 SAMPLES = 1000
-GLIMPSES = 10  # without an energy to sample: only the check for stiffness looks
-LEAST = 50  # the verdict on the drift needs 40
+GLIMPSES = 10  # for a run without an energy, in which only the check for stiffness looks
+LEAST = 50  # the verdict on the drift needs 40 looks
 EVALUATIONS = 100  # force evaluations for each look; a look costs as much as one to seven
-BODIES = 16_000  # looks times bodies that a run of any length may take: a few milliseconds in all
+BODIES = 16_000  # looks times bodies in a run of any length: a few milliseconds in all
 
 
 class Clock(Protocol):
@@ -83,7 +83,7 @@ class Plan:
         return cls(int(begin_step), begin_time, int(end_step), end_time, int(every), interval, bool(exact))
 
     def over(self, run: Clock) -> bool:
-        """Whether the run has reached its end."""
+        """Tell whether the run has reached its end."""
         return run.steps_done >= self.end_step or run.time >= self.end_time
 
     def next_stop(self, run: Clock) -> tuple[int, float]:
@@ -193,7 +193,7 @@ def length_of(sim: Planned, name: str, steps: int | None = None, time: float | N
     if steps is None and time is None:
         steps, time = given.steps, given.time
         if sim.method.chooses_steps and given.steps is not None and given.dt is not None:
-            steps, time = None, given.steps * given.dt  # as long as the fixed steps of the file
+            steps, time = None, given.steps * given.dt  # covers the same time as the file's fixed steps
     if steps is None and time is None:
         raise InputError(f"{name}: [run] names neither steps nor time; give --steps or --time")
     if sim.method.chooses_steps and time is not None:

@@ -1,14 +1,16 @@
-"""Report of a run: how well it conserved energy and momentum, and what it cost."""
+"""Report of a run: conservation of energy and momentum, and cost."""
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
-from typing import Any, Protocol
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
 from kickdrift.disk.outputs import plain
+from kickdrift.display.showing import above
 from kickdrift.engines import NATIVE
 from kickdrift.integrators.method import Method
 from kickdrift.integrators.options import Options
@@ -18,6 +20,8 @@ from kickdrift.model.checks import unwarned
 from kickdrift.model.problem import Problem
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
+from kickdrift.model.unit_systems import UnitSystem
+from kickdrift.run.shown import ShownReport
 from kickdrift.statistics.drift import EnergyError, drift, energy_error, rounding_of
 
 
@@ -72,9 +76,29 @@ class EnergyReport:
 _JUDGED = ("drift_per_unit_time", "drift_error", "verdict")
 
 
-@dataclass(frozen=True)
-class Report:
-    """A run's summary; ``--json`` writes ``as_json()``. Values that do not exist for a Problem are None.
+class About(NamedTuple):
+    """What a Report needs beside its own numbers, to print and draw itself.
+
+    Attributes
+    ----------
+    units : UnitSystem; None for a Problem
+    dimensions : of the particles' space
+    series : the samples
+    output : path of the run's file, "" if none was written
+    """
+
+    units: UnitSystem | None
+    dimensions: int
+    series: Series
+    output: str = ""
+
+
+@dataclass(frozen=True, repr=False)
+class Report(ShownReport):
+    """A run's summary. Values that do not exist for a Problem are None.
+
+    ``print(report)`` shows the lines that the command line prints, ``as_json()`` returns what ``--json`` writes, and
+    ``plot()`` draws the energies, their error and the temperature.
 
     ``momentum_error`` is the largest |P(t) - P(0)| over the samples divided by the sum of m |v| at the start. It is
     None in an external field. ``angular_momentum_error`` is the same with m |x × v|. It is None also in a periodic box,
@@ -120,10 +144,23 @@ class Report:
     energy_taken: float | None
     stopped: str
     warnings: list[str]
+    about: About = field(compare=False)
+
+    def plot(self) -> Any:
+        """Draw energies, energy error and temperature at the samples; a matplotlib Figure.
+
+        A Problem has its energy error alone. Frames, for orbits and structure, are in the run's file: see
+        ``kd.open(path).plot()``. An InputError for a Problem without an energy function."""
+        return above("report figure")(self)
 
     def as_json(self) -> dict[str, Any]:
         """Return the report as plain numbers, texts and Nones; infinities and nan become None."""
-        return plain(asdict(self))
+        own = {key: value for key, value in vars(self).items() if key != "about"}
+        return plain(own | {"energy": self.energy and asdict(self.energy)})
+
+    def written_to(self, output: str | os.PathLike[str] | None) -> Report:
+        """Return the same report, with the file that the run wrote."""
+        return self if output is None else replace(self, about=self.about._replace(output=os.fspath(output)))
 
 
 class Reported(Protocol):
@@ -177,7 +214,7 @@ def report(sim: Reported) -> Report:
     record, system = sim.record, sim.system
     series = record.series()
     of_particles = isinstance(system, System)
-    counted = sim.engine == NATIVE or sim.method.evaluations > 0  # otherwise another program counted its evaluations
+    counted = sim.engine == NATIVE or sim.method.evaluations > 0  # another program has counted its own evaluations
     work = record.force_evaluations * (series.pairs or 0.0)
     options = sim.options.extras(sim.method.tunable)
     rtol, atol = options.pop("rtol", None), options.pop("atol", None)
@@ -219,6 +256,7 @@ def report(sim: Reported) -> Report:
         energy_taken=None if record.taken is NOTHING else record.taken.energy,
         stopped=sim.stopped,
         warnings=list(record.warnings),
+        about=About(system.units, system.dimensions, series) if isinstance(system, System) else About(None, 0, series),
     )
 
 
@@ -234,7 +272,7 @@ def _energy(series: Series, even: bool, system: System | Problem) -> EnergyRepor
     def judged() -> tuple[float, float, str]:
         chosen = even_stretch(series.steps) if even else slice(None)
         times, errors = series.times[chosen], (total[chosen] - error.initial) / scale
-        if not even and len(times) > 2:  # an adaptive run samples at step points, only about evenly spaced
+        if not even and len(times) > 2:  # the step points of an adaptive run are only about evenly spaced
             grid = np.linspace(times[0], times[-1], len(times))
             times, errors = grid, np.interp(grid, times, errors)
         largest = max(abs(error.initial), 0.0 if np.isnan(kinetic) else kinetic)

@@ -1,6 +1,6 @@
 """Resuming a run from its file, bit for bit.
 
-A checkpoint holds everything that the next step depends on. The run continues from the last checkpoint before the
+A checkpoint holds everything that determines the next step. The run continues from the last checkpoint before the
 requested step. The steps in between are run again without a look, which changes no bits. The length of the run so far
 does not matter.
 """
@@ -57,7 +57,7 @@ def resume(
     ----------
     path : path of a file that `Simulation.run` wrote, also for a run that was killed
     step : a step from the file's first to its last, with or without a frame; default the file's end
-    system : the run's system, if a force's class is not registered; a different system is an InputError
+    system : the run's system, if a force's class is not registered; a different system raises InputError
     events : the run's events, if they have functions of the user
     threads : default the run's number, or as many as the machine has; the bits do not depend on it
 
@@ -174,7 +174,7 @@ def _restore(sim: Simulation, run: Run, goal: tuple[int, float | None]) -> list[
 
 
 def _behind(at: int, when: float, step: int, time: float | None) -> bool:
-    """Whether a point of the run lies after the goal."""
+    """Tell whether a point of the run is later than the goal."""
     return at > step or (at == step and time is not None and before(time, when))
 
 

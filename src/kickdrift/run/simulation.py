@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, Any
 from warnings import warn
 
+from kickdrift.display.showing import following
 from kickdrift.engines import engine as engine_named
 from kickdrift.engines.job import Job
 from kickdrift.errors import InputError
@@ -34,6 +35,7 @@ from kickdrift.run.loop import go_on, run_through
 from kickdrift.run.outputs import Outputs
 from kickdrift.run.plan import Plan, plan_of, steps_to
 from kickdrift.run.report import Report, report
+from kickdrift.run.shown import ShownSimulation
 from kickdrift.run.watch.stability import Stability
 from kickdrift.run.watch.watched_stepper import Events
 from kickdrift.run.watch.watcher import Observe, Watcher
@@ -46,7 +48,7 @@ if TYPE_CHECKING:
 Observer = Callable[["Simulation"], Any]
 
 
-class Simulation:
+class Simulation(ShownSimulation):
     """Runs a copy of a System, or a Problem, with an integrator.
 
     Parameters
@@ -103,7 +105,7 @@ class Simulation:
             system = system if events is None else system.watched(events)
             watched: tuple[Event, ...] = system.events
         else:
-            watched = checked_crossings(events or ())
+            watched = checked_crossings(events or (), len(system.args))
         job = Job(system, self.method, self.integrator, self.options, self.threads, self.processes)  # type: ignore[arg-type]
         if self._engine.foreign or self.processes > 1:
             self._engine.check(job)
@@ -145,8 +147,8 @@ class Simulation:
     def state(self) -> Any:
         """The current State (positions, velocities, time) or ProblemState (y, time); a copy.
 
-        Assigning a state starts a new record of conserved quantities. An InputError if a run is in progress, or if the
-        state has other particles than the system.
+        Assigning a state starts a new record of conserved quantities. Raises InputError if a run is in progress, or if
+        the state has other particles than the system.
 
         The step point of an adaptive run may lie before or after ``time``. The run continues from that step point;
         reading the state does not change the run."""
@@ -161,7 +163,7 @@ class Simulation:
 
     @property
     def method_state(self) -> Any:
-        """The state of a method that moves more than positions and velocities; an InputError for other methods.
+        """State of a method that moves more than positions and velocities. Other methods raise InputError.
 
         For leapfrog-exact this is a `Lattice` of whole numbers, a copy; ``state`` shows these numbers rounded to
         floats. Assigning a method state resumes a run to the last bit. The assignment
@@ -186,7 +188,7 @@ class Simulation:
         self.method_state = value
 
     def checkpoint(self) -> Memory:
-        """Return everything that the rest of the run depends on, by value.
+        """Return everything that determines the rest of the run, by value.
 
         The checkpoint consists of arrays, numbers, texts, None, and lists and dicts (keyed by text) of these. After
         ``restore``, also in another process, the run continues with the same bits.
@@ -216,7 +218,7 @@ class Simulation:
 
     @property
     def steps_done(self) -> int:
-        """Number of steps since the start, including a step that the current time lies inside."""
+        """Number of steps since the start. If the current time lies inside a step, that step counts."""
         return self.integration.steps_done
 
     def energy(self) -> Energies:
@@ -224,15 +226,15 @@ class Simulation:
         return self.sample().energies
 
     def accelerations(self) -> Floats:
-        """(n, 3) accelerations of the particles now, in the system's units; a read-only copy."""
+        """Accelerations of the particles now, (n, 3), in the system's units; a read-only copy."""
         return accelerations_at(self.integration)
 
     def forces(self) -> Floats:
-        """(n, 3) forces on the particles now, in the system's energy unit per length; a read-only copy."""
+        """Forces on the particles now, (n, 3), in the system's energy unit per length; a read-only copy."""
         return forces_at(self.integration)
 
     def elements(self, frame: str = "heliocentric", plane: str = "file") -> OrbitTable:
-        """The osculating elements of the bodies now, a table by name: ``sim.elements()["Jupiter"].a``.
+        """Osculating elements of the bodies now, a table by name: ``sim.elements()["Jupiter"].a``.
 
         Angles are in degrees, as in system files. ``frame`` is "heliocentric" (about the central body), "jacobi" (in
         the bodies' order) or "barycentric". ``plane`` is "file" (x-y) or "invariable". Raises InputError if no body
@@ -271,6 +273,10 @@ class Simulation:
             self._stability.look()
         return report(self)
 
+    def plot(self) -> Any:
+        """Draw energies, energy error and temperature so far; a matplotlib Figure. See `Report.plot`."""
+        return self.report().plot()
+
     # --- running ---
 
     def run(
@@ -285,7 +291,7 @@ class Simulation:
         file: FileOptions | None = None,
         observe: Observer | None = None,
         columns: Iterable[Column] = (),
-        progress: Callable[[int, int], Any] | None = None,
+        progress: bool | Callable[[int, int], Any] | None = None,
     ) -> Report:
         """Take ``steps`` steps, or run ``until`` a time: a whole number of steps, or any time for an adaptive method.
 
@@ -300,7 +306,8 @@ class Simulation:
         there are about 1000 looks. A run of fewer than 100,000 force evaluations has one look for each 100 evaluations,
         but at least 16000 / bodies and at least 50, as far as there are steps. The number depends on the run alone.
 
-        ``progress(done, of)`` is called now and then. Ctrl-C ends the run with a KeyboardInterrupt; the steps taken
+        ``progress=True`` shows a bar, on a terminal or in a notebook; a function is called as ``progress(done, of)``
+        now and then. Ctrl-C ends the run with a KeyboardInterrupt; the steps taken
         remain, and the file is complete.
 
         Returns the Report. Raises InputError for arguments that make no sense, and RunError if the run blows up; the
@@ -333,7 +340,9 @@ class Simulation:
         run.prepare()
         if alone:
             self._sampler.prepare(plan)
-        return run_through(run, self._sampler, plan, watchers, alone, self.report, progress)
+        with following(progress, "running") as told:
+            found = run_through(run, self._sampler, plan, watchers, alone, self.report, told)
+        return found.written_to(output)
 
     def advance(self, steps: int, *, every: int | None = None, visit: Observer | None = None) -> None:
         """Take ``steps`` steps without a look: nothing is sampled, written or observed.
@@ -362,25 +371,28 @@ class Simulation:
         temperature: float,
         time: float,
         interval: int = 10,
-        progress: Callable[[int, int], Any] | None = None,
+        progress: bool | Callable[[int, int], Any] | None = None,
     ) -> None:
         """Bring the system to ``temperature`` in ``time``, then count steps, time and conservation from zero.
 
         Velocities are rescaled to the temperature every ``interval`` steps (Woodcock 1971,
         doi:10.1016/0009-2614(71)80281-6). A last rescaling sets the total energy to the mean over the second half,
         K(T) + <U>. A following run at constant energy then has ``temperature`` as its mean, not only at its start. For
-        an adaptive method, velocity Verlet with the system file's dt does the equilibration.
+        an adaptive method, velocity Verlet with the system file's dt does the equilibration. ``progress`` is as in
+        ``run``.
         """
+        check_asked(None, progress, False, "equilibrate")
         more = {"engine": self.engine, "processes": self.processes}
-        equilibrate(
-            self, temperature, time, interval, progress,
-            lambda: Simulation(self.system, "velocity-verlet", self.system.run.dt, self.threads, **more),  # type: ignore[arg-type]
-        )  # fmt: skip
+        with following(progress, "equilibrating") as told:
+            equilibrate(
+                self, temperature, time, interval, told,
+                lambda: Simulation(self.system, "velocity-verlet", self.system.run.dt, self.threads, **more),  # type: ignore[arg-type]
+            )  # fmt: skip
 
     def steps_to(self, steps: int | None = None, until: float | None = None) -> int:
         """Return the number of steps that ``run(steps)`` or ``run(until=…)`` would take now.
 
-        An InputError if the arguments make no sense, or if the number is unknown before the run (an adaptive method
+        Raises InputError if the arguments make no sense, or if the number is unknown before the run (an adaptive method
         with ``until``)."""
         return steps_to(self, steps, until)
 

@@ -1,1 +1,1 @@
-"""System files: what TOML may say, and the System or Problem made of it."""
+"""System files: the TOML schema, and the System or Problem made from a file."""

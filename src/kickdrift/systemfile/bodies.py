@@ -1,4 +1,4 @@
-"""What a system file says of orbits and clusters, as bodies to start from."""
+"""Bodies on orbits and in clusters, from the tables of a system file."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ from kickdrift.text import shown, suggestion
 def on_orbits(
     table: BodiesTable, gravity: float | None, seed: int | None = None, key: str = "elements", first_at: int = 0
 ) -> Structure:
-    """The central body and the others of a system file's ``elements``, in the frame of their barycentre.
+    """Central body and other bodies from a system file's ``elements``, relative to their barycentre.
 
-    Each body's elements are about what its frame names: "heliocentric", the central body, G times the two masses;
-    "jacobi", the centre of mass of the bodies before it, G times their masses and its own; "barycentric", the centre of
-    mass of all, G times all masses. With a ``primary`` they are about that body, G times the two masses.
+    The frame sets the origin and the G M of each orbit. "heliocentric": the central body, G times the two masses.
+    "jacobi": the centre of mass of the bodies before it, G times their masses and its own. "barycentric": the centre of
+    mass of all, G times all masses. With a ``primary``: that body, G times the two masses.
 
     Parameters
     ----------
     gravity : G in the file's units
-    seed : replaces the table's
-    key, first_at : the list that errors name, and where the first body on an orbit stands in it
+    seed : replaces the table's seed
+    key, first_at : name of the list in errors, and index of the first body on an orbit in that list
     """
     if gravity is None:
         raise InputError("elements: these units do not set G; give G in [[force]] gravity")
@@ -43,11 +43,11 @@ def on_orbits(
         raise InputError("central.mass: expected a positive mass, since the other bodies orbit the central one")
     seed = table.seed if seed is None else seed
     rng = generator(seed or 0)
-    pull = gravity * attracting_masses(masses, table.frame)
+    attracting = gravity * attracting_masses(masses, table.frame)
     x, v = np.zeros((len(masses), 3)), np.zeros((len(masses), 3))
     names, first = [table.central.called], 1
     for k, (body, count) in enumerate(zip(table.elements, counts[1:], strict=True), first_at):
-        rows, mu = slice(first, first + count), pull[first - 1 : first - 1 + count]
+        rows, mu = slice(first, first + count), attracting[first - 1 : first - 1 + count]
         called = body.called
         names += [called] if body.count is None else [called and f"{called} {i + 1}" for i in range(count)]
         try:
@@ -55,7 +55,7 @@ def on_orbits(
             if about is not None:
                 mu = gravity * (masses[about] + masses[rows])
             x[rows], v[rows] = orbit_of(body, count, mu, rng)
-            if about:  # row 0 is the central body, which the others' rows count from
+            if about:  # row 0 is the central body, the origin of the other rows
                 x[rows] += x[about]
                 v[rows] += v[about]
         except InputError as error:
@@ -65,7 +65,7 @@ def on_orbits(
     x, v = (at_barycentre(y, masses, table.frame) for y in (x, v))
     drawn = seed if table.seed is not None else None
     radii = None
-    if any(body.radius is not None for body in given):  # those that name none are points
+    if any(body.radius is not None for body in given):  # bodies without a radius are points
         radii = np.repeat([body.radius or 0.0 for body in given], counts).tolist()
     return Structure(
         x, masses, ["A"] * len(masses), None, periodic=False, velocities=v, names=named, seed=drawn, radii=radii
@@ -84,7 +84,7 @@ def _primary(name: str, names: list[str | None]) -> int:
 def orbit_of(
     body: BodyTable, count: int, mu: Floats | float, rng: np.random.Generator, time: float = 0.0
 ) -> tuple[Floats, Floats]:
-    """Positions and velocities (count, 3) on a body's orbit about its primary, at a time; mu is G times the masses."""
+    """Positions and velocities (count, 3) on a body's orbit about its primary at a time. mu is G times the masses."""
 
     def value(key: str) -> Any:
         given = getattr(body, key)
@@ -104,7 +104,7 @@ def orbit_of(
 
 
 def cluster(table: PlummerTable, units: UnitSystem, seed: int | None = None) -> Structure:
-    """The stars of a system file's ``plummer``; ``seed`` replaces the table's."""
+    """Stars from a system file's ``plummer``. ``seed`` replaces the table's seed."""
     if units.name != "nbody":
         raise InputError(
             f'plummer: is in N-body units, G = M = 1 and E = -1/4; expected units = "nbody", got "{units.name}"'

@@ -1,4 +1,4 @@
-"""Systems that Python makes body by body, with the keys, the checks and the code of system files."""
+"""Systems made body by body in Python, with the keys, the checks and the code of system files."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ def with_body(system: System, name: str | None, barycentric: bool, given: Mappin
 
 
 def _in_space(system: System, given: dict[str, Any]) -> dict[str, Any]:
-    """What was given, with the third number of vectors in a plane."""
+    """Values of the new body; in a plane, vectors get a third number."""
     if system.dimensions == 2:
         for key, height in (("position", float(system.state.phase[0, 2, 0])), ("velocity", 0.0)):
             if isinstance(given.get(key), list) and len(given[key]) == 2:

@@ -28,7 +28,7 @@ def _radii(value: Any, info: Any) -> Any:
 
 
 class CloseApproachTable(Table):
-    """Its distance has a unit, unless it counts Hill radii."""
+    """Table of close approaches. The distance has a unit, unless it counts Hill radii."""
 
     type: str
     distance: Any
@@ -36,7 +36,7 @@ class CloseApproachTable(Table):
     bodies: Annotated[list[str | int], Field(min_length=1)] | None = None
 
     def event(self, units: UnitSystem) -> Event:
-        """What it says."""
+        """Make the event of this table."""
         distance = quantity(self.distance, "dimensionless" if self.hill else "length", units, "distance")
         return CloseApproach(distance, self.bodies, self.hill)
 
@@ -48,7 +48,7 @@ class CollisionTable(Table):
     restitution: float = 1.0
 
     def event(self, units: UnitSystem) -> Event:
-        """What it says."""
+        """Make the event of this table."""
         return Collision(self.radii, self.action, self.restitution)
 
 
@@ -59,19 +59,19 @@ class EscapeTable(Table):
     action: Literal["log", "remove", "stop"] = "log"
 
     def event(self, units: UnitSystem) -> Event:
-        """What it says."""
+        """Make the event of this table."""
         return Escape(self.distance, self.about, self.action)
 
 
 class PassageTable(Table):
-    """Of one body by another."""
+    """Table of a passage of one body by another."""
 
     type: str
     body: str | int
     about: str | int
 
     def event(self, units: UnitSystem) -> Event:
-        """What it says."""
+        """Make the event of this table."""
         return PASSAGES[self.type](self.body, self.about)
 
 
@@ -90,7 +90,7 @@ TABLES: dict[str, Any] = {
 
 
 def events_of(system: System, given: Sequence[dict[str, Any]]) -> list[Event]:
-    """The events of a file's tables, checked for its system; an InputError names table and key."""
+    """Events of a file's tables, checked for the system. Raises an InputError that names table and key."""
     found: list[Event] = []
     for k, table in enumerate(given):
         path = f"event[{k}]"

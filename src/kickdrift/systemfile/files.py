@@ -26,7 +26,7 @@ class Description(NamedTuple):
 
 
 def parsed(path: Path) -> tuple[str, dict[str, Any]]:
-    """Text of a system file, and its TOML tables, not checked further."""
+    """Text of a system file, and its TOML tables, not yet checked."""
     stored = content(path, SYSTEM_FILE_BYTES, "a system file")
     with prefixed(f"{path}: "):
         text = decoded(stored)
@@ -42,7 +42,7 @@ def shipped() -> dict[str, Path]:
 
 
 def describe(path: str | os.PathLike[str]) -> Description:
-    """Name, title and units of a system file, which is not checked further."""
+    """Name, title and units of a system file; the rest of the file is not checked."""
     path = Path(path)
     text, data = parsed(path)
     first = text.split("\n", 1)[0]
@@ -51,12 +51,13 @@ def describe(path: str | os.PathLike[str]) -> Description:
 
 
 def is_shipped(name_or_path: str | os.PathLike[str]) -> bool:
-    """Whether this is the bare name of a shipped system. A file of the same name is given as ./NAME."""
+    """Tell whether this is the bare name of a shipped system. A local file of the same name is given as ./NAME."""
     return isinstance(name_or_path, str) and Path(name_or_path).name == name_or_path and name_or_path in shipped()
 
 
 def find(name_or_path: str | os.PathLike[str]) -> Path:
-    """File of a name or path. An InputError for an unknown name suggests the nearest one."""
+    """Path of the file with this name or path. Raises an InputError that suggests the nearest name for an unknown
+    one."""
     given = path_text("system", name_or_path)
     bare = isinstance(name_or_path, str) and Path(given).name == given and not given.endswith(".toml")
     known = shipped()
@@ -102,5 +103,5 @@ def toml_table(text: str) -> dict[str, Any]:
         raise InputError(f"not valid TOML: {' '.join(str(error).split())}") from None
     except RecursionError:
         raise InputError("not valid TOML: nested too deeply") from None
-    except ValueError as error:  # an integer of thousands of digits
+    except ValueError as error:  # an integer with thousands of digits
         raise InputError(f"not valid TOML: {' '.join(str(error).split(';')[0].split())}") from None

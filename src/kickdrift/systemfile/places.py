@@ -1,4 +1,4 @@
-"""What the tables [particles] and [box] of a system file give: positions, masses, species, and the box."""
+"""Positions, masses, species and box from the tables [particles] and [box] of a system file."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from kickdrift.text import shown
 
 
 def edges_given(table: SystemTable) -> Box | None:
-    """The box whose lengths or matrix the file gives; None where it gives neither."""
+    """Box with the lengths or the matrix in the file; None if it has neither."""
     for key, given in (("lengths", table.box.lengths), ("matrix", table.box.matrix)):
         if given is not None:
             if not table.dimensions <= len(given) <= 3:
@@ -30,7 +30,7 @@ def edges_given(table: SystemTable) -> Box | None:
 
 
 def box_of(table: SystemTable, start: Structure) -> Box | None:
-    """The box that the file gives, or that its particles fill; None for open space."""
+    """Box from the file, or filled by its particles; None for open space."""
     given, edges = edges_given(table), start.edges
     if given is not None:
         for axis, (length, edge) in enumerate(zip(table.box.lengths or (), edges or (0.0,) * 3, strict=False)):
@@ -52,7 +52,7 @@ def _along(table: SystemTable) -> Sequence[bool]:
 
 
 def on_lattice(particles: LatticeTable, table: SystemTable, box: Box | None, units: UnitSystem) -> Structure:
-    """Particles on a lattice, which fills a box that is given by its matrix."""
+    """Particles on a lattice. A box with a matrix is filled by the lattice."""
     count, lengths, plane = particles.count, table.box.lengths, table.dimensions == 2
     kinds = PLANE_LATTICES if plane else LATTICES
     if particles.lattice not in kinds:
@@ -89,7 +89,7 @@ def on_lattice(particles: LatticeTable, table: SystemTable, box: Box | None, uni
 
 
 def as_given(particles: PositionsTable, units: UnitSystem, gravity: float | None) -> Structure:
-    """Particles at positions that the file lists."""
+    """Particles at the positions in the file."""
     n = len(particles.positions)
     if isinstance(particles.species, dict) and len(particles.species) > 1:
         raise InputError(f"species: expected one name or a list of {n}; fractions need a lattice")

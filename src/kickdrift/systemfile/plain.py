@@ -1,4 +1,4 @@
-"""What Python gives in place of a file's tables, as TOML would give it."""
+"""Conversion of Python values that stand in for a file's tables to the types of TOML."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 
 def plain(value: Any) -> Any:
-    """Mappings as dicts, tuples and arrays as lists, NumPy's numbers as Python's; anything else as it is."""
+    """Convert mappings to dicts, tuples and arrays to lists, NumPy's numbers to Python's; keep everything else."""
     if isinstance(value, Mapping):
         return {key: plain(item) for key, item in value.items()}
     if isinstance(value, np.ndarray):

@@ -64,7 +64,7 @@ def load(name_or_path: str | os.PathLike[str] | Mapping[str, Any], seed: int | N
     Raises
     ------
     InputError
-        With the file, the key and the expected value, or with the particles that overlap.
+        Names the file, the key and the expected value, or the particles that overlap.
     """
     if isinstance(name_or_path, Mapping):
         with prefixed("system: "):
@@ -107,7 +107,7 @@ def built(
 
 
 def draws(data: dict[str, Any]) -> bool:
-    """Whether a parsed system file draws random numbers: velocities, orbits, or a cluster's stars."""
+    """Tell whether a parsed system file draws random numbers: for velocities, orbits, or a cluster's stars."""
     velocities, particles = data.get("velocities"), data.get("particles")
     drawn = isinstance(velocities, dict) and "temperature" in velocities
     if isinstance(particles, dict):

@@ -1,4 +1,4 @@
-"""What a system file may say: one pydantic model per table. Every error is one line: key path and what was expected."""
+"""Schema of system files, one pydantic model per table. Each error is one line: the key path and the expected value."""
 
 from __future__ import annotations
 
@@ -33,10 +33,10 @@ from kickdrift.model.run_defaults import RunDefaults
 from kickdrift.model.unit_systems import UnitSystem
 from kickdrift.systemfile.schema_base import (
     Edge,
+    GravitationalParameter,
     In,
     Length,
     Mass,
-    Pull,
     Radius,
     Table,
     Temperature,
@@ -54,7 +54,7 @@ def _mass(value: Any, info: ValidationInfo) -> float | dict[str, float]:
 
 
 def _species(value: Any) -> dict[str, float] | list[str]:
-    """One name, a list of names, or fractions that add up to one."""
+    """Species: one name, a list of names, or fractions that add up to one."""
     if isinstance(value, str):
         return {value: 1.0}
     if isinstance(value, list) and value and all(isinstance(name, str) for name in value):
@@ -69,7 +69,7 @@ def _species(value: Any) -> dict[str, float] | list[str]:
 
 def _density(value: Any) -> Any:
     if isinstance(value, str) or (isinstance(value, int | float) and not isinstance(value, bool)):
-        return value  # converted where the mass is known
+        return value  # converted later, when the mass is known
     raise InputError(f"expected a number density or a mass density, got {shown(value)}")
 
 
@@ -91,7 +91,7 @@ class PositionsTable(Table):
     positions: Annotated[list[Vector], Field(min_length=1)]
     mass: Masses = None
     masses: list[Mass] | None = None
-    GM: list[Pull] | None = None
+    GM: list[GravitationalParameter] | None = None
     barycentric: bool = False
     species: Species = {"A": 1.0}
     names: list[str] = []
@@ -169,15 +169,15 @@ class SystemTable(Table):
     particles: ParticlesTable
     velocities: VelocitiesTable | None = None
     box: BoxTable = BoxTable()
-    force: list[dict[str, Any]]  # each checked against its class's constructor
-    event: list[dict[str, Any]] = []  # each checked against the table of its type
-    run: dict[str, Any] = {}  # checked against the options that methods declare
+    force: list[dict[str, Any]]  # each is checked against the constructor of its class
+    event: list[dict[str, Any]] = []  # each is checked against the table of its type
+    run: dict[str, Any] = {}  # checked against the options of the methods
     equilibrate: EquilibrateTable | None = None
     invariants: dict[str, Any] = {}
 
     @classmethod
     def hint(cls, key: str) -> str:
-        """See Table; a key of one of the tables is shown with its table."""
+        """Suggest a key; for a key of one of the tables, also name its table."""
         run = [*RunDefaults().__dict__, *known_options()]
         within = {"velocities": VelocitiesTable.model_fields, "run": run, "box": BoxTable.model_fields}
         found = [f"{table}.{key}" for table, keys in within.items() if key in keys]
@@ -186,14 +186,14 @@ class SystemTable(Table):
 
 class OdeFileTable(Table):
     title: str = ""
-    ode: dict[str, Any]  # checked against the factory that its ``problem`` names
+    ode: dict[str, Any]  # checked against the factory that ``problem`` names
     run: dict[str, Any] = {}
     invariants: dict[str, Any] = {}
 
 
 @cache
 def ode_table(factory: Callable[..., Any]) -> type[Table]:
-    """The table [ode] of a factory of Problems: its parameters."""
+    """Table [ode] of a factory of Problems, with the factory's parameters."""
     hints = get_type_hints(factory)
     fields: dict[str, Any] = {"problem": (str, ...)}
     for key, parameter in inspect.signature(factory).parameters.items():
@@ -202,7 +202,8 @@ def ode_table(factory: Callable[..., Any]) -> type[Table]:
 
 
 def shaped(hint: Any, number: Any) -> Any:
-    """A parameter's type hint as a table's: each float in it is a checked ``number``, a tuple a list of that length."""
+    """Type for a table from a parameter's type hint: each float in it becomes a checked ``number``, a tuple a list of
+    that length."""
     kinds = [kind for kind in get_args(hint) if kind is not NoneType]
     lists = [kind for kind in kinds if get_origin(kind) in (tuple, Sequence)]
     if hint is float:
@@ -215,7 +216,7 @@ def shaped(hint: Any, number: Any) -> Any:
     if get_origin(hint) in (Union, UnionType):
         if len(kinds) == 1:
             return shaped(kinds[0], number)
-        if len(kinds) == 2 and len(lists) == 1:  # tags, so that an error speaks of the kind that was given
+        if len(kinds) == 2 and len(lists) == 1:  # tags, so that an error names the kind that the user gave
             tagged = [Annotated[shaped(k, number), Tag("<list>" if k in lists else "<one>")] for k in kinds]
             which = Discriminator(lambda given: "<list>" if isinstance(given, list) else "<one>")
             return Annotated[Union[tuple(tagged)], which]  # noqa: UP007
@@ -224,7 +225,7 @@ def shaped(hint: Any, number: Any) -> Any:
 
 @cache
 def force_table(cls: type) -> type[Table]:
-    """The table of a force: the parameters of its constructor, converted as its ``dimensions`` say."""
+    """Table of a force: the parameters of its constructor, with units from its ``dimensions``."""
     dimensions: dict[str, str] = getattr(cls, "dimensions", {})
     made_of_fields = is_dataclass(cls) or issubclass(cls, tuple)
     hints = get_type_hints(cls if made_of_fields else vars(cls)["__init__"])
@@ -248,7 +249,7 @@ def force_table(cls: type) -> type[Table]:
 
 
 def force_parameters(cls: type, given: dict[str, Any], units: UnitSystem, path: str) -> dict[str, Any]:
-    """The arguments for a force's constructor from its table, checked; nothing of the class is called."""
+    """Arguments for a force's constructor from its table, checked without a call to the class."""
     parameters = checked(force_table(cls), given, units, path).model_dump(exclude_unset=True)
     parameters.pop("type", None)
     if "pairs" in parameters and issubclass(cls, PairForce):
@@ -263,7 +264,8 @@ def force_parameters(cls: type, given: dict[str, Any], units: UnitSystem, path: 
 
 
 def checked(model: type[BaseModel], data: Any, units: UnitSystem | None, path: str = "") -> Any:
-    """The table that ``data`` fills, in ``units``; else an InputError of one line that starts with the key path."""
+    """Values of the table ``model`` from ``data``, in ``units``. Raises an InputError of one line that starts with the
+    key path."""
     try:
         return model.model_validate(data, context={"units": units})
     except ValidationError as error:
@@ -286,7 +288,7 @@ def _line(error: ErrorDetails, path: str) -> str:
     for part in (*error["loc"], *([context["key"]] if kind == "unknown_key" else [])):
         if isinstance(part, int):
             path += f"[{part}]"
-        elif not part.startswith("<"):  # the tag of a union is no key of the file
+        elif not part.startswith("<"):  # the tag of a union is not a key of the file
             path += f".{clean(part, VALUE)}" if path else clean(part, VALUE)
     if kind == "value_error":
         text = str(context["error"])

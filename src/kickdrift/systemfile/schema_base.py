@@ -1,4 +1,4 @@
-"""What all tables of a system file share: numbers with units, and an error for every key that is not known."""
+"""Base of all tables in a system file: numbers with units, and an error for every unknown key."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from kickdrift.text import shown, suggestion
 
 
 class In:
-    """Validator of a number, or of text with a unit, that becomes a number in the file's units."""
+    """Validator that turns a number, or text with a unit, into a number in the file's units."""
 
     def __init__(self, dimension: str, sign: Literal["any", "positive", "non-negative"] = "any") -> None:
         self.dimension, self.sign = dimension, sign
@@ -32,7 +32,7 @@ Radius = Annotated[float, BeforeValidator(In("length", "non-negative"))]
 Mass = Annotated[float, BeforeValidator(In("mass", "non-negative"))]
 Temperature = Annotated[float, BeforeValidator(In("temperature", "non-negative"))]
 Velocity = Annotated[float, BeforeValidator(In("velocity"))]
-Pull = Annotated[float, BeforeValidator(In("gravitational parameter", "non-negative"))]
+GravitationalParameter = Annotated[float, BeforeValidator(In("gravitational parameter", "non-negative"))]
 Vector = Annotated[list[Length], Field(min_length=3, max_length=3)]
 
 
@@ -43,7 +43,7 @@ class Table(BaseModel):
     @classmethod
     def _known_keys(cls, data: Any) -> Any:
         if isinstance(data, cls):
-            return data  # made and checked before
+            return data  # an instance was checked before
         if not isinstance(data, dict):
             raise PydanticCustomError("table", "{text}", {"text": f"expected a table, got {shown(data)}"})
         if key := cls.unknown(data):
@@ -52,17 +52,17 @@ class Table(BaseModel):
 
     @classmethod
     def unknown(cls, data: Any) -> str | None:
-        """The first key that the table does not have."""
+        """First key that the table does not have, or None."""
         return next((key for key in data if key not in cls.model_fields), None)
 
     @classmethod
     def unknown_text(cls, key: str) -> str:
-        """What is wrong with an unknown key."""
+        """Message about an unknown key."""
         return f"unknown key{cls.hint(key)} (known: {', '.join(cls.model_fields)})"
 
     @classmethod
     def hint(cls, key: str) -> str:
-        """``; did you mean 'x'?`` where a known key is near, else nothing."""
+        """Text ``; did you mean 'x'?`` if a known key is near, else ""."""
         return suggestion(key, cls.model_fields)
 
     def one_of(self, *keys: str) -> None:

@@ -1,4 +1,4 @@
-"""What a system file may say of bodies on orbits and of star clusters: `elements` and `plummer` under [particles]."""
+"""Schema of bodies on orbits and of star clusters: `elements` and `plummer` under [particles]."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, NonNegativeInt, PositiveInt, ValidationInfo, model_validator
 
 from kickdrift.errors import InputError
-from kickdrift.systemfile.schema_base import In, Length, Mass, Pull, Radius, Table, Velocity
+from kickdrift.systemfile.schema_base import GravitationalParameter, In, Length, Mass, Radius, Table, Velocity
 
 
 class Spread(In):
-    """Validator of one number, or of a range [low, high] that numbers are drawn from."""
+    """Validator of one number, or of a range [low, high] for random numbers."""
 
     def __call__(self, value: Any, info: ValidationInfo) -> Any:
         if not (isinstance(value, list) and len(value) == 2):
@@ -30,9 +30,9 @@ Number = Annotated[Any, BeforeValidator(Spread("dimensionless"))]
 
 class CentralTable(Table):
     name: str | None = None
-    body: str | None = None  # the name's older key
+    body: str | None = None  # older key of the name
     mass: Mass | None = None
-    GM: Pull | None = None
+    GM: GravitationalParameter | None = None
     radius: Radius | None = None
 
     @model_validator(mode="after")
@@ -44,7 +44,7 @@ class CentralTable(Table):
 
     @property
     def called(self) -> str | None:
-        """The body's name, where it has one."""
+        """Name of the body, if any."""
         return self.body if self.name is None else self.name
 
 
@@ -80,12 +80,12 @@ class BodyTable(CentralTable):
 
     @property
     def spread(self) -> list[str]:
-        """The keys that hold a range."""
+        """Keys with a range as their value."""
         return [key for key, value in self if isinstance(value, list)]
 
 
 class BodiesTable(Table):
-    """A central body, and others on orbits, if any."""
+    """A central body and others on orbits, if any."""
 
     central: CentralTable
     elements: list[BodyTable]
@@ -108,7 +108,7 @@ class ElementsTable(BodiesTable):
 
 
 class AddedTable(BodyTable):
-    """One body that a System gets: on an orbit, or at a place."""
+    """A body to add to a System: on an orbit, or at a position."""
 
     primary: str | int | None = None  # type: ignore[assignment]
     species: str | None = None

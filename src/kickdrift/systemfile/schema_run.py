@@ -1,4 +1,4 @@
-"""The table ``[run]``: how far to run, and the options that methods declare."""
+"""Table ``[run]``: the length of a run, and the options that methods declare."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Steps = Annotated[int, Field(gt=0, le=MOST_STEPS)]
 
 
 class RunTable(Table):
-    """The keys of ``[run]`` that are no options; ``run_keys`` has all."""
+    """Keys of ``[run]`` that are not options; ``run_keys`` has all."""
 
     integrator: str | None = None
     dt: Time | None = None
@@ -41,13 +41,13 @@ class RunTable(Table):
 
     @classmethod
     def hint(cls, key: str) -> str:
-        """See Table; of an option also which methods take it."""
+        """Suggest a known key; for an option, also name the methods that take it."""
         found = super().hint(key)
         return meant(key) if any(f"{name!r}" in found for name in known_options()) else found
 
 
 class OdeRunTable(RunTable):
-    """Times without a unit."""
+    """Table ``[run]`` of an ODE, with times without a unit."""
 
     dt: PositiveFloat | None = None
     time: PositiveFloat | None = None
@@ -55,7 +55,7 @@ class OdeRunTable(RunTable):
 
 
 def is_run_key(name: str) -> bool:
-    """Whether ``[run]`` has a key of that name."""
+    """Tell whether ``[run]`` has this key."""
     return name in RunTable.model_fields or name in OPTIONS or name in known_options()
 
 
@@ -65,21 +65,21 @@ def run_keys() -> list[str]:
 
 
 def run_defaults(given: Mapping[str, Any], units: UnitSystem | None) -> RunDefaults:
-    """What ``[run]`` says, checked; of an ODE where there are no ``units``."""
+    """Checked values of ``[run]``; without ``units``, of an ODE."""
     table = _table(tuple(known_options().values()), units is not None)
     return RunDefaults(**checked(table, given, units, "run").model_dump())
 
 
 @cache
 def _table(options: tuple[Option, ...], units: bool) -> type[Table]:
-    """The table of these options, with or without units."""
+    """Table of these options, with or without units."""
     fields: Any = {each.name: (_type(each, units) | None, None) for each in options}
     made: type[Table] = create_model("run", __base__=RunTable if units else OdeRunTable, **fields)
     return made
 
 
 def _type(option: Option, units: bool) -> Any:
-    """The type of an option's values in a system file."""
+    """Type of an option's values in a system file."""
     if option.choices:
         return Literal[option.choices]
     if option.dimension and units:

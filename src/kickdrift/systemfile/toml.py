@@ -11,11 +11,11 @@ from kickdrift.errors import InputError
 from kickdrift.text import shown
 
 _BARE = re.compile(r"[A-Za-z0-9_-]+")
-WIDE = 100  # characters of a list on one line
+WIDE = 100  # longest list on one line, in characters
 
 
 def toml_text(table: Mapping[str, Any]) -> str:
-    """The text of a table of tables. A list of tables under a key of the top has a heading for each."""
+    """TOML text of a table of tables. In a list of tables under a top key, each table has a heading."""
     return "\n".join(_lines(table)).lstrip("\n") + "\n"
 
 

@@ -1,4 +1,4 @@
-"""A System as the text of a system file, which gives the same bits when it is read."""
+"""System files from Systems; reading such a file gives the same bits."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def to_toml(system: System) -> str:
 
 
 def tables_of(system: System) -> dict[str, Any]:
-    """The tables of a system file that is this System."""
+    """Tables of a system file of this System."""
     state, units = system.state, system.units
     if UNIT_SYSTEMS.get(units.name) != units:
         raise InputError(f"to_toml: units: a system file has no units of {units.length}, {units.time} and {units.mass}")
@@ -74,14 +74,14 @@ def tables_of(system: System) -> dict[str, Any]:
 
 
 def _box(box: Box) -> dict[str, Any]:
-    """``[box]``: lengths where the edges stand at right angles and none is zero, else the matrix."""
+    """Table ``[box]``: lengths if the edges are perpendicular and none is zero, else the matrix."""
     upright = not box.triclinic and all(edge > 0 for edge in box.matrix.diagonal())
     edges = {"lengths": box.lengths} if upright else {"matrix": box.matrix}
     return edges if all(box.periodic_axes) else {**edges, "periodic": box.periodic_axes}
 
 
 def _force(system: System, force: Any) -> dict[str, Any]:
-    """``[[force]]``: the name, and the parameters that are not the constructor's defaults."""
+    """Table ``[[force]]``: the name, and the parameters that differ from the constructor's defaults."""
     cls = type(force)
     name = getattr(cls, "name", "")
     if FORCES.get(name) is not cls or not (is_dataclass(cls) or issubclass(cls, tuple)):
@@ -107,7 +107,7 @@ def _same(value: Any, default: Any) -> bool:
 
 
 def _event(system: System, event: Event) -> dict[str, Any]:
-    """``[[event]]``: bodies by name, or by their row."""
+    """Table ``[[event]]``, with bodies by name, or by row."""
 
     def body(given: Any) -> Any:
         return given if isinstance(given, str) else index_of(system, given, event.kind)

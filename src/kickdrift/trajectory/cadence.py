@@ -1,4 +1,4 @@
-"""When a run's checkpoints are taken."""
+"""Times at which a run's checkpoints are taken."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from collections.abc import Callable
 from kickdrift.trajectory.checkpoints import Checkpoint, Stored, Table, encoded
 from kickdrift.trajectory.rows import same
 
-SHARE = 0.25  # of what is written may be checkpoints, but for the first and the last of a run
-SECONDS = 60.0  # after which there is one all the same
+SHARE = 0.25  # largest share of checkpoints in the bytes written; the first and the last of a run are always taken
+SECONDS = 60.0  # longest time between two checkpoints
 
 
 class Cadence:
@@ -26,7 +26,7 @@ class Cadence:
         self._at, self.written, self._size = time.monotonic(), 0, 0
 
     def take(self) -> Stored | None:
-        """One of the present; None of a run that has none."""
+        """Return a checkpoint of the present, or None if the run has no checkpoints."""
         if self._checkpoint is None:
             return None
         found = self._checkpoint()
@@ -35,8 +35,8 @@ class Cadence:
         return stored
 
     def due(self, table: Table, last: tuple[int, float] | None, final: bool, anew: bool) -> Stored | None:
-        """One of the ``last`` sample, where it is time for it and the file has it not; ``anew`` where it has another
-        of the same step, of a run whose state was replaced."""
+        """Return a checkpoint of the ``last`` sample if one is due and not stored yet, else None. With ``anew``, ignore
+        that the file already has a checkpoint of this step: the run's state was replaced."""
         if last is None or (not anew and table.rows and same((int(table.steps[-1]), float(table.times[-1])), *last)):
             return None
         if final or SHARE * self.written >= self._size or time.monotonic() - self._at >= SECONDS:

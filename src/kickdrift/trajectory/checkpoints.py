@@ -1,9 +1,9 @@
-"""Checkpoints in a run's file: all that the next step's bits depend on, as bytes that no other program needs to read.
+"""Checkpoints in a run's file: everything that determines the bits of the next step, as bytes for kickdrift alone.
 
 A checkpoint (`Simulation.checkpoint`) is a dictionary of arrays, numbers, texts, and lists and dictionaries of these.
-Its bytes are the length of a JSON text as a little-endian int64, the text, and the arrays one after the other, as C
-lays them out and little-endian. In the text an array is ``{"array": [dtype, shape, first byte]}``, counted from behind
-the text. Nothing in it is code.
+Its bytes are the length of a JSON text as a little-endian int64, then the text, then the arrays in turn, little-endian
+and in C order. In the text an array is ``{"array": [dtype, shape, first byte]}``. The first byte counts from the end of
+the text. No part of a checkpoint is code.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ CHECKPOINTS = "kickdrift/checkpoints"
 BYTES_CHUNK = 64 * 1024
 ROWS_CHUNK = 128
 COLUMNS = {"data": "u1", "end": "i8", "step": "i8", "time": "f8", "crc32": "u4"}
-ROW_BYTES = 32  # of step, time, end and checksum
+ROW_BYTES = 32  # step, time, end and checksum
 
 Checkpoint = dict[str, Any]
 
 
 class Stored(NamedTuple):
-    """A checkpoint as bytes, with the step and the time that it is of."""
+    """A checkpoint as bytes, with its step and its time."""
 
     step: int
     time: float
@@ -39,20 +39,20 @@ class Stored(NamedTuple):
 
     @property
     def size(self) -> int:
-        """The bytes that it takes in a file, tables left out."""
+        """Bytes that the checkpoint takes in a file, without the tables."""
         return len(self.data) + ROW_BYTES
 
 
 def encoded(checkpoint: Checkpoint) -> bytes:
-    """See the module. A TypeError where there is something in it that cannot be kept."""
+    """Return a checkpoint as bytes (see the module). Raises TypeError for a value that cannot be stored."""
     arrays: list[bytes] = []
     text = json.dumps(_put(checkpoint, arrays)).encode()
     return b"".join([len(text).to_bytes(8, "little"), text, *arrays])
 
 
 def decoded(data: bytes) -> Checkpoint:
-    """The checkpoint that `encoded` was given, bit by bit; arrays are writable. A ValueError where it gave no such
-    bytes."""
+    """Return the checkpoint that `encoded` was given, bit by bit, with writable arrays. Raises ValueError if the bytes
+    are not from `encoded`."""
     end = 8 + int.from_bytes(data[:8], "little")
     if end > len(data):
         raise ValueError(f"its text needs {end - 8} bytes, but only {len(data)} are stored")
@@ -99,7 +99,7 @@ def _take(value: Any, arrays: memoryview) -> Any:
     if not 0 <= start <= start + size <= len(arrays):
         raise ValueError(f"an array of {size} bytes from byte {start} on, of {len(arrays)}")
     flat: NDArray = np.frombuffer(arrays[start : start + size], dtype)
-    return flat.reshape(shape).astype(flat.dtype.newbyteorder("="))  # a copy
+    return flat.reshape(shape).astype(flat.dtype.newbyteorder("="))
 
 
 class Table:
@@ -109,7 +109,7 @@ class Table:
     ----------
     file : h5py.File
     rows : int
-        Checkpoints that are whole, as far as the table itself is: those behind an end that cannot be do not count.
+        Number of whole checkpoints, by the table alone. A row with an impossible end is not whole, nor are later rows.
     """
 
     def __init__(self, file: h5py.File, path: Any) -> None:
@@ -129,16 +129,16 @@ class Table:
 
     @property
     def steps(self) -> NDArray[np.int64]:
-        """(rows,)"""
+        """Step of each checkpoint, shape (rows,)."""
         return self._contents.read(self._data["step"], slice(self.rows))
 
     @property
     def times(self) -> NDArray[np.float64]:
-        """(rows,) in the system's unit."""
+        """Time of each checkpoint in the system's unit, shape (rows,)."""
         return self._contents.read(self._data["time"], slice(self.rows))
 
     def __getitem__(self, row: int) -> Checkpoint:
-        """One checkpoint; an InputError where its bytes are not those that were written."""
+        """Return one checkpoint. Raises InputError if its bytes are not what was written."""
         step = self.steps[row]
         ends = self._contents.read(self._data["end"], slice(self.rows))
         begin, end = (int(ends[row - 1]) if row else 0), int(ends[row])
@@ -154,7 +154,7 @@ class Table:
         return found
 
     def damaged(self) -> list[int]:
-        """The steps of those that cannot be read."""
+        """Steps of the checkpoints that cannot be read."""
         found = []
         for row, step in enumerate(self.steps.tolist()):
             try:
@@ -164,8 +164,8 @@ class Table:
         return found
 
     def add(self, stored: Stored, commit: Callable[[], None]) -> None:
-        """Write one more; ``commit`` brings to the disk what was written so far. Doing it again after an interrupt does
-        no harm."""
+        """Add a checkpoint. ``commit`` flushes earlier writes to disk. A second call after an interrupt does no
+        harm."""
         row = self.rows
         begin = int(self._data["end"][row - 1]) if row else 0
         for name, values in _columns(stored, begin).items():
@@ -178,7 +178,7 @@ class Table:
         self.rows += 1
 
     def cut(self) -> bool:
-        """Drop what a kill left behind the last whole one; whether there was any. See `Rows.cut`."""
+        """Drop incomplete rows at the end and tell whether there were any. See `Rows.cut`."""
         group, found = self._group, False
         if group["committed"][0] > self.rows:
             group["committed"][0] = self.rows
@@ -192,7 +192,7 @@ class Table:
 
 
 def _columns(stored: Stored, begin: int) -> dict[str, NDArray]:
-    """What each column gets of a checkpoint whose bytes ``begin`` there."""
+    """Values of each column for a checkpoint whose bytes start at ``begin``."""
     row = {
         "end": begin + len(stored.data), "step": stored.step, "time": stored.time, "crc32": zlib.crc32(stored.data)
     }  # fmt: skip
@@ -200,7 +200,7 @@ def _columns(stored: Stored, begin: int) -> dict[str, NDArray]:
 
 
 def new_table(file: h5py.File, first: Stored | None = None) -> None:
-    """The group of a file in the making, with a ``first`` checkpoint."""
+    """Create the group in a new file, with a ``first`` checkpoint if given."""
     group = file.create_group(CHECKPOINTS)
     columns = _columns(first, 0) if first else {}
     for name, kind in COLUMNS.items():

@@ -1,9 +1,9 @@
-"""Checksums of the rows of a run's file, which tell whether they are what was written.
+"""Checksums of the rows of a run's file, which show whether a row is as it was written.
 
 The checksum of a row of bytes takes them as little-endian 64-bit words w_0, w_1, … (filled up with zeros) and is
 1 + sum of k_i w_i modulo 2^64, where z = (i + 1) 0x9E3779B97F4A7C15 modulo 2^64 and k_i = (z xor (z >> 32)) or 1.
-The weights k_i are odd, so a change inside one word never goes unnoticed; two words that change places do not either,
-but for a chance of about 2^-60. NumPy sums ten times as fast as zlib's CRC-32 does.
+The weights k_i are odd, so the checksum always changes when one word changes. When two words change places, the
+checksum stays the same with a chance of about 2^-60. NumPy sums ten times as fast as zlib computes CRC-32.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 CHECKSUMS = "kickdrift/checksums"
 VECTORS = ("position", "velocity", "force", "image")  # in the order of their checksums in a row
-CLOCK, OBSERVABLES, FIRST_VECTOR = 0, 1, 2  # columns of a frame's row
-ROW_BYTES = 8192  # of an array that is cut into rows
+CLOCK, OBSERVABLES, FIRST_VECTOR = 0, 1, 2  # columns in the row of a frame
+ROW_BYTES = 8192  # row length in a checksum of a whole array
 _CHUNK_BYTES = 16 * 1024
 _GOLDEN = 0x9E3779B97F4A7C15
 
@@ -32,7 +32,7 @@ def _weights(count: int) -> Sums:
 
 
 def sums(rows: NDArray) -> Sums:
-    """The checksums of an array's rows, which lie along its last axis: the array's shape without that axis."""
+    """Checksums of an array's rows along its last axis, in the array's shape without that axis."""
     little = rows.astype(rows.dtype.newbyteorder("<"), copy=False)
     size = little.shape[-1] * little.itemsize
     if little.strides[-1] != little.itemsize:
@@ -46,19 +46,20 @@ def sums(rows: NDArray) -> Sums:
 
 
 def sums_of_columns(columns: Sequence[NDArray]) -> Sums:
-    """(rows,) checksums of rows that are spread over several arrays, one after the other."""
+    """Checksums (rows,) of rows whose parts lie in several arrays, one after the other."""
     return sums(np.concatenate([_raw(each) for each in columns], axis=1))
 
 
 def _raw(column: NDArray) -> NDArray[np.uint8]:
-    """(rows, bytes of a row), little-endian."""
+    """Bytes of each row, little-endian, shape (rows, bytes)."""
     size = column.itemsize * int(np.prod(column.shape[1:], dtype=int))
     little = np.ascontiguousarray(column, column.dtype.newbyteorder("<"))
     return little.reshape(-1).view("u1").reshape(len(column), size)
 
 
 def sums_of_vectors(vectors: NDArray, block: int) -> Sums:
-    """(frames, blocks) checksums of vectors (frames, n, 3), of ``block`` particles each; the last has what is left."""
+    """Checksums (frames, blocks) of vectors (frames, n, 3) in blocks of ``block`` particles. The last block may be
+    shorter."""
     frames, n, _ = vectors.shape
     flat = np.ascontiguousarray(vectors).reshape(frames, 3 * n)
     blocks = [flat[:, at : at + 3 * block] for at in range(0, 3 * n, 3 * block)]  # views: copies would take longest
@@ -66,7 +67,7 @@ def sums_of_vectors(vectors: NDArray, block: int) -> Sums:
 
 
 def sums_of_array(array: NDArray) -> Sums:
-    """(rows,) checksums of an array's bytes in C order, cut into rows of ROW_BYTES, the last filled up with zeros."""
+    """Checksums (rows,) of an array's bytes in C order, cut into rows of ROW_BYTES. Zeros fill up the last row."""
     raw = np.ascontiguousarray(array, array.dtype.newbyteorder("<")).reshape(-1).view("u1")
     whole = len(raw) // ROW_BYTES * ROW_BYTES
     found = sums(raw[:whole].reshape(-1, ROW_BYTES))
@@ -78,7 +79,7 @@ def sums_of_array(array: NDArray) -> Sums:
 
 
 def new_group(file: h5py.File, n: int, block: int, vectors: Sequence[str]) -> None:
-    """The group of a file in the making, for frames of n particles that hold these ``vectors``."""
+    """Create the group in a new file, for frames of n particles with these ``vectors``."""
     group = file.create_group(CHECKSUMS)
     group.attrs["particles"] = block
     columns = FIRST_VECTOR + len(vectors) * -(-n // block)
@@ -88,5 +89,5 @@ def new_group(file: h5py.File, n: int, block: int, vectors: Sequence[str]) -> No
 
 
 def name_observables(file: h5py.File, names: Sequence[str]) -> None:
-    """Say which observables the checksums of frames and samples cover, and in which order."""
+    """Store which observables the checksums of frames and samples cover, and in which order."""
     file[CHECKSUMS].attrs["observables"] = np.array(list(names), dtype=h5py.string_dtype())

@@ -1,4 +1,4 @@
-"""Frames of a run that are to be exported, each as it was asked for."""
+"""Frames of a run that an export writes, each in the form that the user wants."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from kickdrift.model.state import Floats
 from kickdrift.trajectory import reader
 from kickdrift.trajectory.event_rows import body_name
 
-BLOCK_FRAMES, BLOCK_BYTES = 32, 64 * 2**20  # read at once: the frames of a chunk, unless they are large
+BLOCK_FRAMES, BLOCK_BYTES = 32, 64 * 2**20  # frames read at once: a chunk of the file, unless frames are large
 
 
 class Chosen:
-    """The frames of a run that are to be exported, in order; can be gone through more than once.
+    """Frames of a run to export, in order. Repeated iteration is possible.
 
     Attributes
     ----------
     run : Run
     frames : Frames
     first, every : int
-        The number of the first frame, and from one to the next.
+        Number of the first frame, and the distance from one frame to the next.
     unwrapped : bool
     """
 
@@ -52,13 +52,13 @@ class Chosen:
                 yield Placed(number, int(block.steps[k]), float(block.times[k]), place, v[k], box)
 
     def who(self, frame: Placed, particle: int) -> str:
-        """Of a particle that an error is about: the frame, its step, and which one it is."""
+        """Text for an error about a particle: the frame, its step and the particle."""
         body = body_name(int(self.run.ids[particle]), self.run.ids, self.run.names)
         return f"frame {frame.number} (step {frame.step}): {body}"
 
 
 class Placed(NamedTuple):
-    """A frame in the run's units, its particles inside the box or not, as was asked for."""
+    """A frame in the run's units, with its particles wrapped into the box or not."""
 
     number: int
     step: int

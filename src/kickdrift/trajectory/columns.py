@@ -14,7 +14,8 @@ Described = tuple[tuple[int, ...], str]  # shape and unit of a column
 
 
 def check_columns(run: Run, given: Mapping[str, Described]) -> None:
-    """Refuse to go on into a file with other columns than it was begun with; a file without a sample has none yet."""
+    """Refuse to continue a file with other columns than its first part has. A file without samples has no columns
+    yet."""
     there = run.columns
     if given == there or not run.committed.samples:
         return

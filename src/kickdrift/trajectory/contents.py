@@ -1,7 +1,7 @@
-"""Reading a run's file as data from strangers: every object's kind, type and shape is checked before it is read.
+"""Reading a run's file as untrusted data: each object's kind, type and shape is checked before it is read.
 
-Whatever is wrong becomes one line, an InputError that names the file and the object. Nothing that is read is larger
-than the file, or than what the file's bytes can hold where they are compressed.
+Every fault becomes an InputError of one line that names the file and the object. No array that is read is larger than
+the file, or than the file's compressed bytes can hold.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ from numpy.typing import NDArray
 
 from kickdrift.errors import InputError, KickdriftError
 
-# What h5py and NumPy raise where links, indices, types or sizes in a file are wrong.
+# Errors of h5py and NumPy for wrong links, indices, types or sizes in a file.
 _ERRORS = (
     ArithmeticError, AttributeError, LookupError, MemoryError, OSError, RuntimeError, SystemError, TypeError, ValueError
 )  # fmt: skip
 _FILTERS = {h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_SHUFFLE, h5py.h5z.FILTER_FLETCHER32}
-_DEFLATED = 1032  # the most bytes that one byte of deflate can become
-_LEAST_BYTES = 16 * 2**20  # room for the chunks of a file that holds no rows yet
-MOST_NESTED = 40  # levels of a JSON text; those of a run have ten at most
+_DEFLATED = 1032  # most bytes that one compressed byte can become
+_LEAST_BYTES = 16 * 2**20  # room for the first chunks of a file without rows
+MOST_NESTED = 40  # levels of a JSON text; kickdrift writes ten at most
 _WORDS = {"i": "whole numbers", "u": "whole numbers", "f": "numbers", "S": "texts"}
 
 Shape = tuple[int | None, ...]
@@ -42,25 +42,25 @@ class Contents:
 
     def __init__(self, file: h5py.File, path: Path | str) -> None:
         self._file, self.path = file, path
-        self._objects: dict[str, Any] = {}  # that were opened, and datasets that were checked
+        self._objects: dict[str, Any] = {}  # objects that were opened, and datasets that were checked
         self._datasets: dict[tuple[str, str, Shape], h5py.Dataset] = {}
         with self.guarded("its size"):
             self.bytes = int(file.id.get_filesize())
 
     @property
     def file(self) -> h5py.File:
-        """The file; an InputError once it is closed."""
+        """Open HDF5 file. Raises InputError once it is closed."""
         if not self._file:
             raise InputError(f"{self.path}: is closed; read it inside of its with block")
         return self._file
 
     def damaged(self, what: str) -> InputError:
-        """The error to raise: the file's name, and what is wrong, in one line."""
+        """InputError of one line with the file's name and what is wrong."""
         return InputError(f"{self.path}: damaged: {' '.join(what.split())}")
 
     @contextmanager
     def guarded(self, what: str) -> Iterator[None]:
-        """Turn whatever HDF5 raises into one line about ``what``."""
+        """Turn every error of HDF5 into one line about ``what``."""
         try:
             yield
         except KickdriftError:
@@ -70,25 +70,25 @@ class Contents:
             raise self.damaged(f"{what} cannot be read{': ' * bool(said)}{said[:120]}") from None
 
     def has(self, name: str) -> bool:
-        """Whether there is an object of that name."""
+        """Tell whether the file has an object with this name."""
         with self.guarded(name):
             return name in self.file
 
     def group(self, name: str) -> h5py.Group:
-        """The group of that name."""
+        """Return the group with this name."""
         found = self.anything(name)
         if not isinstance(found, h5py.Group):
             raise self.damaged(f"{name} is a dataset; expected a group")
         return found
 
     def names(self, name: str) -> list[str]:
-        """What a group holds."""
+        """Names of a group's members."""
         group = self.group(name)
         with self.guarded(name):
             return list(group)
 
     def anything(self, name: str) -> Any:
-        """The object of that name."""
+        """Return the object with this name, of any kind."""
         file = self.file
         if name not in self._objects:
             with self.guarded(name):
@@ -101,10 +101,10 @@ class Contents:
         return self._objects[name]
 
     def dataset(self, name: str, kinds: str, shape: Shape) -> h5py.Dataset:
-        """The dataset of that name, of one of the ``kinds`` ("f8 f4", "text") and of a shape, where None is any
-        length.
+        """Return the dataset with this name.
 
-        Its size is within what the file can hold."""
+        Its type must be one of the ``kinds`` ("f8 f4", "text") and its shape must match, where None is any length. Its
+        size must fit into the file."""
         known = self._datasets.get((name, kinds, shape))
         if known is not None and self.file:
             return known
@@ -129,7 +129,7 @@ class Contents:
         return found
 
     def _most_bytes(self, dataset: h5py.Dataset) -> int:
-        """How many bytes a dataset can have."""
+        """Largest possible size of a dataset in bytes."""
         properties = dataset.id.get_create_plist()
         filters = {properties.get_filter(k)[0] for k in range(properties.get_nfilters())}
         if unknown := filters - _FILTERS:
@@ -137,34 +137,34 @@ class Contents:
         return self.bytes * (_DEFLATED if h5py.h5z.FILTER_DEFLATE in filters else 1)
 
     def series(self, name: str, kinds: str, rows: int, shape: Shape = ()) -> h5py.Dataset:
-        """A dataset with ``rows`` rows, or more, each of that shape."""
+        """Return a dataset of at least ``rows`` rows, each of this shape."""
         found = self.dataset(name, kinds, (None, *shape))
         if found.shape[0] < rows:
             raise self.damaged(f"{name} has {found.shape[0]} rows; expected {rows}")
         return found
 
     def read(self, dataset: h5py.Dataset, chosen: Any = ()) -> NDArray:
-        """The numbers of a checked dataset, or some of them, in this machine's byte order."""
+        """Numbers of a checked dataset, or a part of them, in this machine's byte order."""
         with self.guarded(str(dataset.name)):
             found = np.asarray(dataset[chosen])
             return found.astype(found.dtype.newbyteorder("="), copy=False)
 
     def array(self, name: str, kinds: str, shape: Shape) -> NDArray:
-        """All numbers of a dataset."""
+        """Read all numbers of a dataset."""
         return self.read(self.dataset(name, kinds, shape))
 
     def text(self, name: str) -> str:
-        """A scalar text."""
+        """Read a scalar text."""
         found = self.dataset(name, "text", ())
         with self.guarded(name):
             return str(found.asstr()[()])
 
     def json(self, name: str) -> Any:
-        """What a JSON text says."""
+        """Read a JSON text as a value."""
         return self.parsed(self.text(name), name)
 
     def parsed(self, text: str, name: str) -> Any:
-        """What a JSON text says, nested no deeper than MOST_NESTED levels."""
+        """Value of a JSON text that is nested at most MOST_NESTED levels deep."""
         try:
             found = json.loads(text)
             deep = too_deep(found)
@@ -177,7 +177,7 @@ class Contents:
         return found
 
     def attribute(self, name: str, key: str, kind: type) -> Any:
-        """An attribute of the object of that name: a str, an int (from 0 to 2^63), a finite float or a bool."""
+        """Read an object's attribute: a str, an int (from 0 to 2^63), a finite float or a bool."""
         owner, label = self.anything(name), f"attribute {key} of {name}"
         with self.guarded(label):
             if key not in owner.attrs:
@@ -186,7 +186,7 @@ class Contents:
             value = value.decode() if isinstance(value, bytes) else value
             value = value.item() if isinstance(value, np.generic) else value
             if kind is str and isinstance(value, str):
-                value.encode()  # raises where the text is no UTF-8
+                value.encode()  # raises if the text is not UTF-8
                 return value
         if kind is float and type(value) in (int, float) and np.isfinite(value):
             return float(value)
@@ -201,13 +201,13 @@ _KINDS = {str: "text", int: "a whole number, zero or more", float: "a finite num
 
 
 def short(value: Any) -> str:
-    """A value from a file, cut, for an error's line."""
+    """A value from a file, shortened for an error of one line."""
     text = " ".join(ascii(value).split())
     return text if len(text) <= 60 else f"{text[:57]}..."
 
 
 def too_deep(value: Any, most: int = MOST_NESTED) -> bool:
-    """Whether lists and dictionaries are nested more than ``most`` levels deep."""
+    """Tell whether lists and dictionaries are nested more than ``most`` levels deep."""
     level = [value]
     for _ in range(most + 1):
         level = [inner for each in level for inner in _inside(each)]
@@ -223,7 +223,7 @@ def _inside(value: Any) -> Sequence[Any]:
 
 
 def _product(sizes: Sequence[int]) -> int:
-    """In whole numbers that cannot overflow."""
+    """Product in Python integers, which cannot overflow."""
     found = 1
     for size in sizes:
         found *= int(size)

@@ -1,4 +1,4 @@
-"""A run's file comes into being whole or not at all, and an old one is replaced only by a whole new one."""
+"""Creation of a run's file: whole or not at all. Only a whole new file replaces an old file."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from kickdrift.trajectory.storage import refuse_in_use
 
 
 def create(path: Path, image: bytes, *, overwrite: bool) -> tuple[int, int]:
-    """Write ``image`` to a new file and return its device and inode; an InputError says why that cannot be, and then
-    nothing has changed."""
+    """Write ``image`` to a new file and return its device and inode. Raises an InputError with the reason if that
+    fails; then nothing has changed."""
     checked_target(path, kinds.RUN, overwrite)
     try:
         if overwrite:

@@ -1,4 +1,4 @@
-"""Which rows of a run's file are not what was written: by their checksums, and where steps and times make no sense."""
+"""Damaged rows of a run's file: wrong checksums, and steps and times that make no sense."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ from kickdrift.trajectory.header import CLOCK as CLOCK_SERIES
 from kickdrift.trajectory.header import EVENT_COLUMNS, Header, event_column, framed, plan_numbers, sampled
 from kickdrift.trajectory.layout import TRAJECTORY
 
-PIECE_BYTES = 64 * 2**20  # of vectors that are looked at together
-PARTS = 1000  # a series that HDF5 cannot read is searched in no more parts
+PIECE_BYTES = 64 * 2**20  # vectors that are checked together
+PARTS = 1000  # most parts in which a series that HDF5 cannot read is searched
 
 Mask = NDArray[np.bool_]
 
 
 class Damage(NamedTuple):
-    """Numbers of the rows that are damaged, steps of damaged checkpoints, and how many frames carry no checksum."""
+    """Numbers of the damaged rows, steps of the damaged checkpoints, and the number of frames without a checksum."""
 
     frames: list[int]
     samples: list[int]
@@ -45,7 +45,7 @@ class Damage(NamedTuple):
 
 
 class Checks:
-    """The checksums of an open file, and what they say of its rows. An older file has none.
+    """Checksums of an open file, compared with its rows. Older files have no checksums.
 
     Attributes
     ----------
@@ -74,8 +74,8 @@ class Checks:
         self.checked = min(header.committed.frames, self._sums["frame"].shape[0])
 
     def refuse_uncounted(self) -> None:
-        """An InputError where a whole frame that is not counted comes no later than the last sample that is: a commit
-        counts both."""
+        """Raise InputError if a whole but uncounted frame is no later than the last counted sample: a commit counts
+        both."""
         frames, samples, _ = self._header.committed
         series = self._clock_series(0)
         if not self._sums or not samples or any(len(data) <= frames for data in (*series, self._sums["frame"])):
@@ -87,8 +87,8 @@ class Checks:
             raise self._contents.damaged(f"kickdrift/committed: counts {frames} frames, but there are more")
 
     def vectors(self, name: str, frames: range, values: NDArray, first: int) -> Mask:
-        """(frames,) which of these stored vectors of blocks of particles, from the ``first`` block on, differ from what
-        was written."""
+        """Mask (frames,): frames in which these stored vectors differ from what was written. The vectors are of whole
+        blocks of particles, from block ``first`` on."""
         if not self._sums:
             return np.zeros(len(frames), bool)
         begin = FIRST_VECTOR + self._header.vectors.index(name) * self._blocks + first
@@ -96,14 +96,14 @@ class Checks:
         return self._differ(frames, slice(begin, begin + found.shape[1]), found)
 
     def observables(self, frames: range) -> Mask:
-        """(frames,) which of these frames have other observables than were written."""
+        """Mask (frames,): those of these frames whose observables differ from what was written."""
         count = self._header.committed.frames
         series = [framed(self._contents, name, count) for name in self._header.observables]
         return self._wrong_columns("frame", series, frames, OBSERVABLES) if series else np.zeros(len(frames), bool)
 
     @cached_property
     def clock(self) -> Mask:
-        """(frames,) which of all frames have another step, time or box than was written, or one that makes no sense."""
+        """Mask (all frames,): frames whose step, time or box differs from what was written, or makes no sense."""
         count = self._header.committed.frames
         return self._wrong_columns("frame", self._clock_series(count), range(count), CLOCK)
 
@@ -116,14 +116,14 @@ class Checks:
 
     @cached_property
     def samples(self) -> Mask:
-        """(samples,) which of all samples are not what was written, or make no sense."""
+        """Mask (all samples,): samples that differ from what was written, or make no sense."""
         count = self._header.committed.samples
         names = (*dict(CLOCK_SERIES), *self._header.observables)
         return self._wrong_columns("sample", [sampled(self._contents, name, count) for name in names], range(count))
 
     @cached_property
     def events(self) -> Mask:
-        """(events,) which of all events are not what was written."""
+        """Mask (all events,): events that differ from what was written."""
         count = self._header.committed.events
         return self._wrong_columns(
             "event", [event_column(self._contents, name, count) for name in EVENT_COLUMNS], range(count)
@@ -131,7 +131,7 @@ class Checks:
 
     @cached_property
     def frames(self) -> Mask:
-        """(frames,) which of all frames are damaged; reads the whole file."""
+        """Mask (all frames,): damaged frames. Reads the whole file."""
         count = self._header.committed.frames
         found = self.clock | self.observables(range(count))
         at_once = max(1, PIECE_BYTES // (24 * len(self._header.ids)))
@@ -142,7 +142,7 @@ class Checks:
         return found
 
     def frame(self, number: int) -> bool:
-        """Whether one frame is damaged."""
+        """Tell whether one frame is damaged."""
         one = range(number, number + 1)
         found = self.clock[number] or self.observables(one)[0]
         return bool(found or any(self._wrong_vectors(name, one)[0] for name in self._header.vectors))
@@ -157,7 +157,8 @@ class Checks:
             return np.concatenate([self._wrong_vectors(name, range(k, k + 1)) for k in frames])
 
     def _wrong_columns(self, table: str, series: list[h5py.Dataset], rows: range, column: int | None = None) -> Mask:
-        """Which rows differ from what was written, cannot be read, or have steps and times that make no sense."""
+        """Mask of rows that differ from what was written, cannot be read, or have steps and times that make no
+        sense."""
         if not rows:
             return np.zeros(0, bool)
         found = [self._readable(data, rows) for data in series]
@@ -170,7 +171,7 @@ class Checks:
         return wrong
 
     def _differ(self, rows: range, column: int | slice | None, found: Sums, table: str = "frame") -> Mask:
-        """Which of these rows have other checksums in the file than were ``found``; False where there are none."""
+        """Mask of rows whose stored checksums differ from those ``found``; False for rows without a checksum."""
         wrong = np.zeros(len(rows), bool)
         if not self._sums or not rows:
             return wrong
@@ -184,7 +185,7 @@ class Checks:
         return wrong
 
     def _readable(self, data: h5py.Dataset, rows: range) -> tuple[NDArray, Mask]:
-        """Some rows of a series, zeros where HDF5 cannot read them, and which those are."""
+        """Rows of a series, with zeros for rows that HDF5 cannot read, and a mask of these."""
         chosen, bad = slice(rows.start, rows.stop, rows.step), np.zeros(len(rows), bool)
         try:
             return self._contents.read(data, chosen), bad
@@ -200,8 +201,8 @@ class Checks:
             return values, bad
 
     def _senseless(self, steps: NDArray, times: NDArray, last: bool) -> Mask:
-        """Rows whose time is no finite number or whose step is negative or out of order; and where nothing else tells
-        the ``last`` ones, those that lie behind the end of the last plan."""
+        """Mask of rows whose time is not finite, or whose step is negative or out of order. With ``last``, rows beyond
+        the end of the last plan count too, if no checksum tells."""
         wrong = ~np.isfinite(times) | (steps < 0)
         if len(steps) > 1:
             falls, rises = np.zeros((2, len(steps)), bool)

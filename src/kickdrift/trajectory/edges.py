@@ -1,7 +1,7 @@
-"""The edges of a box as a run's file keeps them.
+"""Edges of a box in a run's file.
 
-A box at right angles has three lengths for each frame, a box that leans its edge vectors, one a row. The edge along an
-axis that is open is zero there: MDAnalysis takes any other for periodic.
+A rectangular box has three lengths in each frame, a leaning box its edge vectors, one a row. The edge along an open
+axis is zero in the file, because MDAnalysis takes any other edge as periodic.
 """
 
 from __future__ import annotations
@@ -20,23 +20,24 @@ EDGES = "particles/trajectory/box/edges/value"
 
 
 def shape_of(box: Box) -> tuple[int, ...]:
-    """(3,) of lengths, or (3, 3) of edge vectors: the shape of one frame's edges."""
+    """Shape of one frame's edges: (3,) for lengths, or (3, 3) for edge vectors."""
     return (3, 3) if box.triclinic else (3,)
 
 
 def stored(box: Box) -> Floats:
-    """(3,) or (3, 3) a box's edges in its own unit. They are zero along axes that are open."""
+    """Edges of a box in its own unit, shape (3,) or (3, 3), zero along open axes."""
     rows = np.where(np.array(box.periodic_axes)[:, None], box.matrix, 0.0)
     return rows if box.triclinic else np.diag(rows)
 
 
 def restored(found: Floats, like: Box) -> Box:
-    """The box with edges (3,) or (3, 3), periodic along the axes of another."""
+    """Box with edges (3,) or (3, 3), periodic along the same axes as ``like``."""
     return Box(matrix=found if found.ndim == 2 else np.diag(found), periodic=like.periodic_axes)
 
 
 def boxes(contents: Contents, first: Box, factor: float, chosen: slice) -> list[Box]:
-    """The boxes of some frames, whose edges are stored times a factor; the ``first`` itself where they are its own."""
+    """Boxes of some frames; the file stores edges times ``factor``. A frame with the ``first`` box's edges gets that
+    very object."""
     there = contents.read(contents.series(EDGES, "f8", 0, shape_of(first)), chosen)
     found = [first] * len(there)
     for k in np.flatnonzero((there != stored(first) * factor).reshape(len(there), -1).any(axis=1)):
@@ -48,7 +49,7 @@ def boxes(contents: Contents, first: Box, factor: float, chosen: slice) -> list[
 
 
 def crossed(images: NDArray, first: Box, of_frames: list[Box]) -> Floats:
-    """(f, n, 3) how far images (f, n, 3) are from the box, where most frames have the ``first`` box."""
+    """Displacements (f, n, 3) from the box that belong to images (f, n, 3). Most frames have the ``first`` box."""
     found = first.cartesian(images)
     for k, box in enumerate(of_frames):
         if box is not first:
@@ -57,14 +58,14 @@ def crossed(images: NDArray, first: Box, of_frames: list[Box]) -> Floats:
 
 
 def recorded(box: Box) -> list[float] | dict[str, Any] | None:
-    """What the record says of a box: nothing, three lengths, or its matrix and the axes along which it is periodic."""
+    """Value of a box in the record: None, three lengths, or the matrix and the periodic axes."""
     if not box.triclinic and (box.vectors is None or all(box.periodic_axes)):
         return None if box.lengths is None else list(box.lengths)
     return {"matrix": box.matrix.tolist(), "periodic": list(box.periodic_axes)}
 
 
 def box_of(contents: Contents, given: Any) -> Box:
-    """The box that the record means."""
+    """Box from its value in the record."""
     try:
         return Box(**given) if isinstance(given, dict) else Box(None if given is None else tuple(given))
     except InputError as error:

@@ -1,4 +1,4 @@
-"""The events of a run's file, as ``Simulation.events`` has them."""
+"""Events of a run's file, in the form of ``Simulation.events``."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from kickdrift.trajectory.header import EVENT_COLUMNS
 def event_rows(
     contents: Contents, count: int, whole: Sequence[int], ids: NDArray[np.int64], names: Sequence[str]
 ) -> list[dict[str, Any]]:
-    """The rows ``whole`` among the ``count`` events of a file, whose bodies have these ids (n,) and names, if any."""
+    """Events in the rows ``whole`` of a file with ``count`` events. Bodies have these ids (n,) and names, if any."""
     columns = {
         name: contents.read(header.event_column(contents, name, count), slice(count)).tolist() for name in EVENT_COLUMNS
     }
@@ -40,6 +40,6 @@ def event_rows(
 
 
 def body_name(id_: int, ids: NDArray[np.int64], names: Sequence[str]) -> str:
-    """The name of the body with an id, or what to call a body without a name."""
+    """Name of the body with an id, or a text for a body without a name."""
     place = np.flatnonzero(ids == id_)
     return names[int(place[0])] if names and place.size else f"particle {id_}"

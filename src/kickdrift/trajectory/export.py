@@ -1,14 +1,15 @@
-"""A run's file in the formats of other programs, through the writers of MDAnalysis and ASE."""
+"""Export of a run's file to formats of other programs, through the writers of MDAnalysis and ASE."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from kickdrift.disk import kinds
 from kickdrift.disk.outputs import checked_target, written_whole
+from kickdrift.display.showing import following
 from kickdrift.trajectory import reader, to_ase, to_mdanalysis
 from kickdrift.trajectory.chosen import Chosen
 from kickdrift.trajectory.formats import FORMATS, losses
@@ -17,7 +18,7 @@ _WRITERS = {"MDAnalysis": to_mdanalysis.write, "ASE": to_ase.write}
 
 
 class Exported(NamedTuple):
-    """What came of an export; ``losses`` is one line, ``notes`` are what this very run had to give up besides."""
+    """Result of an export. ``losses`` is one line; ``notes`` say what was lost from this run in particular."""
 
     path: Path
     frames: int
@@ -35,13 +36,13 @@ def export(
     stop: int | None = None,
     step: int | None = None,
     overwrite: bool = False,
-    progress: Callable[[int, int], None] | None = None,
+    progress: bool | Callable[[int, int], Any] | None = None,
 ) -> Exported:
     """Write frames of a run's file in another format, which the suffix names: .dcd, .xtc, .trr, .xyz, .pdb, .extxyz, …
 
-    Through MDAnalysis lengths are in angstrom and times in ps, and where the file's units are nominal, numbers are the
-    run's; through ASE they are in ASE's units, as `System.to_ase` has them, with times in the run's. XTC is read back:
-    no position is off by more than 1e-4 in nominal units, or 0.01 angstrom.
+    Through MDAnalysis lengths are in angstrom and times in ps; if the file's units are nominal, numbers are the run's.
+    Through ASE numbers are in ASE's units, as in `System.to_ase`, and times in the run's. An XTC file is read back to
+    check that no position is off by more than 1e-4 in nominal units, or 0.01 angstrom.
 
     Parameters
     ----------
@@ -50,20 +51,24 @@ def export(
     unwrapped : positions as the run has them; else inside the box, as most programs want them
     start, stop, step : of the frames, as in a slice
     overwrite : replace a file of that name
-    progress : called with the frames done and their number
+    progress : True shows a bar; a function is called with the frames done and their number
 
     Raises
     ------
     InputError
-        Where the format cannot hold the run (it names the frame and the particle), MDAnalysis or ASE is missing, or a
-        name is wrong. There is no new file then.
+        The format cannot hold the run (the error names the frame and the particle), MDAnalysis or ASE is missing, or a
+        name is wrong. Then no new file is left.
     """
     kind = kinds.export(Path(output).suffix, tuple(FORMATS))
     target = checked_target(output, kind, overwrite, [path])
     format = FORMATS[target.suffix.lower()]
-    with reader.open(path) as run, written_whole(target, kind, overwrite=overwrite) as part:
+    with (
+        reader.open(path) as run,
+        following(progress, "exporting") as told,
+        written_whole(target, kind, overwrite=overwrite) as part,
+    ):
         frames = Chosen(run, start, stop, step, unwrapped)
-        notes = _WRITERS[format.package](frames, part, format, progress or (lambda done, of: None))
+        notes = _WRITERS[format.package](frames, part, format, told or (lambda done, of: None))
         if run.box.periodic and not unwrapped:
             notes = ["positions are inside the box", *notes]
         return Exported(target, len(frames), len(run.ids), losses(format, run.nominal_units), tuple(notes))

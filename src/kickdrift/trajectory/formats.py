@@ -1,4 +1,4 @@
-"""The formats that a run can be exported to, and what each keeps of it: one table for the program and its page."""
+"""Formats to which a run can be exported, and what each format keeps: one table for the program and its page."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 
 class Format(NamedTuple):
-    """A format and how it keeps things; an empty text says that it loses them."""
+    """A format and the form in which it keeps each quantity; an empty text says that the quantity is lost."""
 
     suffix: str
     used_by: str
@@ -18,8 +18,8 @@ class Format(NamedTuple):
     steps: str = ""
     masses: str = ""
     names: str = ""
-    nominal_positions: str = ""  # where they are not kept as in real units
-    removed: str = ""  # bodies that were removed in the course of the run; refused where it is empty
+    nominal_positions: str = ""  # if different for nominal units
+    removed: str = ""  # bodies that were removed during the run; an empty text refuses such a run
 
 
 KEPT = ("positions", "velocities", "box", "times", "steps", "masses", "names")
@@ -110,7 +110,7 @@ FORMATS: dict[str, Format] = {
 
 
 def losses(format: Format, nominal: bool) -> str:
-    """What an export to the format keeps and what it loses, as one line; ``nominal`` says which units the run has."""
+    """One line that says what an export keeps and what it loses; ``nominal`` says which units the run has."""
     ways = {what: getattr(format, what) for what in KEPT}
     if nominal and format.nominal_positions:
         ways["positions"] = format.nominal_positions
@@ -120,7 +120,8 @@ def losses(format: Format, nominal: bool) -> str:
 
 
 def table() -> list[list[str]]:
-    """The formats as rows of text: a heading, then one each; empty cells are what a format loses."""
+    """The formats as rows of text: a heading, then a row for each format. An empty cell means that the quantity is
+    lost."""
     rows = [["", "through", "read by", *KEPT, "removed bodies"]]
     for format in FORMATS.values():
         kept = [getattr(format, what) for what in KEPT]

@@ -1,4 +1,4 @@
-"""A frame of a run's file, and sequences of them: values that are read when they are asked for."""
+"""A frame of a run's file, and sequences of frames. Values are read on demand."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _ENERGIES = ("kinetic_energy", "potential_energy", "total_energy")
 
 
 class EnergySeries(NamedTuple):
-    """Energies at some times, each (s,), in the system's units."""
+    """Energies at some times, each of shape (s,), in the system's units."""
 
     time: Floats
     kinetic: Floats
@@ -32,7 +32,7 @@ class EnergySeries(NamedTuple):
 
 @dataclass(frozen=True, repr=False)
 class Frame:
-    """One frame of a Run, read when asked; in the system's units."""
+    """One frame of a Run, read on demand, in the system's units."""
 
     _run: RunNumbers
     index: int
@@ -52,17 +52,17 @@ class Frame:
 
     @property
     def positions(self) -> Floats:
-        """(n, 3), unwrapped."""
+        """Unwrapped positions, shape (n, 3)."""
         return self._alone.positions[0]
 
     @property
     def velocities(self) -> Floats:
-        """(n, 3)."""
+        """Velocities, shape (n, 3)."""
         return self._alone.velocities[0]
 
     @property
     def forces(self) -> Floats:
-        """(n, 3); an InputError where the run did not write them."""
+        """Forces, shape (n, 3). Raises InputError if the run did not write them."""
         return self._alone.forces[0]
 
     @property
@@ -76,21 +76,20 @@ class Frame:
         return self._alone.boxes[0]
 
     def wrapped(self) -> Floats:
-        """(n, 3) positions inside the box."""
+        """Positions inside the box, shape (n, 3)."""
         return self.box.wrap(self.positions)
 
     @property
     def state(self) -> State:
-        """The State that a Simulation of the same bodies takes: ``sim.state = run[k].state``."""
+        """State for a Simulation of the same bodies: ``sim.state = run[k].state``."""
         phase = np.array([self.positions.T, self.velocities.T])
         return State(phase, self._run.masses.copy(), self._run.ids.copy(), self.box, self.time, self.step)
 
     def system(self) -> System:
-        """A System to start a new run with: the file's forces, units, masses, names, events and run defaults, and this
-        frame's positions, velocities and time; it has done no steps.
+        """System for a new run from this frame's positions, velocities and time, with no steps done.
 
-        An InputError says what the file alone cannot give: a force of a module that is not loaded, or bodies that have
-        merged or left before this frame.
+        Forces, units, masses, names, events and run defaults are the file's. Raises InputError if the file alone is not
+        enough: a force's module is not loaded, or bodies have merged or left before this frame.
         """
         from kickdrift.trajectory.record import system_of
 
@@ -103,9 +102,9 @@ class Frame:
 
 
 class Frames(Sequence[Frame]):
-    """Some frames of a run, in the order of their numbers ``rows``; what is sliced from it is another.
+    """Frames of a run in the order of their numbers ``rows``. A slice of Frames is Frames too.
 
-    Nothing is read before it is asked for: ``run[::100].positions`` reads every hundredth frame, at once.
+    Values are read on demand: ``run[::100].positions`` reads every hundredth frame at once.
     """
 
     def __init__(self, of: RunNumbers | None, rows: range) -> None:
@@ -113,7 +112,7 @@ class Frames(Sequence[Frame]):
 
     @property
     def _run(self) -> RunNumbers:
-        """A Run is its own: it keeps no reference to itself, so that its file closes when nobody has it any more."""
+        """Return the Run. A Run holds no reference to itself, so its file closes when the last user drops the Run."""
         return self if self._of is None else self._of  # type: ignore[return-value]
 
     def __repr__(self) -> str:
@@ -135,54 +134,54 @@ class Frames(Sequence[Frame]):
 
     @property
     def run(self) -> RunNumbers:
-        """The Run that they are of."""
+        """The Run that holds these frames."""
         return self._run
 
     @property
     def rows(self) -> range:
-        """Their numbers in it."""
+        """Numbers of these frames in the run."""
         return self._rows
 
     @property
     def steps(self) -> NDArray[np.int64]:
-        """(f,) of each frame."""
+        """Step of each frame, shape (f,)."""
         self._run.check_clock(self._rows)
         return self._run.all_steps[as_slice(self._rows)]
 
     @property
     def times(self) -> Floats:
-        """(f,) of each frame."""
+        """Time of each frame, shape (f,)."""
         self._run.check_clock(self._rows)
         return self._run.all_times[as_slice(self._rows)]
 
     @property
     def time(self) -> Floats:
-        """(f,) `times`, by the name that a frame has."""
+        """Same as `times`, under the name that a single frame uses."""
         return self.times
 
     @property
     def positions(self) -> Floats:
-        """(f, n, 3), unwrapped."""
+        """Unwrapped positions, shape (f, n, 3)."""
         return self._vectors("positions")
 
     @property
     def velocities(self) -> Floats:
-        """(f, n, 3)."""
+        """Velocities, shape (f, n, 3)."""
         return self._vectors("velocities")
 
     @property
     def forces(self) -> Floats:
-        """(f, n, 3); an InputError where the run did not write them."""
+        """Forces, shape (f, n, 3). Raises InputError if the run did not write them."""
         return self._vectors("forces")
 
     @property
     def boxes(self) -> list[Box]:
-        """The Box of each frame."""
+        """Box of each frame."""
         found = self._run.boxes_of(_forward(self._rows))
         return found[::-1] if self._rows.step < 0 else found
 
     def path_of(self, particle: int) -> Floats:
-        """(f, 3) unwrapped positions of the particle in that row; only these are read."""
+        """Unwrapped positions (f, 3) of the particle in this row; no other particle is read."""
         n = len(self._run.ids)
         if not 0 <= particle < n:
             raise InputError(f"particle {particle}: expected a number from 0 to {n - 1}")
@@ -190,18 +189,18 @@ class Frames(Sequence[Frame]):
 
     @property
     def observables(self) -> dict[str, Floats]:
-        """Every observable as an array (f,) or (f, …), at the frames."""
+        """Every observable at these frames, shape (f,) or (f, …)."""
         return {name: self._forth(values) for name, values in self._run.framed(as_slice(_forward(self._rows))).items()}
 
     @property
     def energies(self) -> EnergySeries:
-        """Kinetic, potential and total energy at the frames; an InputError if they were not written."""
+        """Kinetic, potential and total energy at these frames. Raises InputError if they were not written."""
         return energies_of(self._run, self.times, self.observables)
 
     def to_pandas(self) -> Any:
-        """A pandas DataFrame: a row for each frame, with step, time and every observable (``momentum_x``, …).
+        """A pandas DataFrame with a row for each frame: step, time and every observable (``momentum_x``, …).
 
-        Units are in ``attrs["units"]``, by column. An InputError where pandas is not installed.
+        The unit of each column is in ``attrs["units"]``. Raises InputError if pandas is not installed.
         """
         from kickdrift.trajectory.tables import data_frame
 
@@ -210,8 +209,8 @@ class Frames(Sequence[Frame]):
     def to_xarray(self) -> Any:
         """An xarray Dataset of the frames, with units as attributes.
 
-        Positions and velocities (frame, particle, axis), masses and species (particle), and every observable (frame, …)
-        at the coordinates step and time. An InputError where xarray is not installed.
+        Positions and velocities have dimensions (frame, particle, axis), masses and species (particle), and observables
+        (frame, …). Coordinates are step and time. Raises InputError if xarray is not installed.
         """
         from kickdrift.trajectory.tables import dataset
 
@@ -221,24 +220,24 @@ class Frames(Sequence[Frame]):
         return self._forth(self._run.vectors(what, as_slice(_forward(self._rows)), particles))
 
     def _forth(self, values: Floats) -> Floats:
-        """What was read in ascending order, in this one's."""
+        """Put values that were read in ascending order into the order of these frames."""
         return values[::-1] if self._rows.step < 0 else values
 
 
 def energies_of(run: RunHeader, times: Floats, observables: dict[str, Floats]) -> EnergySeries:
-    """The energies among observables; an InputError if they are not there."""
+    """Energies among the observables. Raises InputError if they are missing."""
     if missing := [name for name in _ENERGIES if name not in observables]:
         raise InputError(f"{run.path}: holds no {missing[0]}")
     return EnergySeries(times, *(observables[name] for name in _ENERGIES))
 
 
 def _forward(rows: range) -> range:
-    """The same rows in ascending order: HDF5 reads no other."""
+    """The same rows in ascending order: HDF5 reads no other order."""
     return rows if rows.step > 0 else rows[::-1]
 
 
 def as_slice(rows: range) -> slice:
-    """What picks these rows of an array; a slice of its own counts a negative number from the end."""
+    """Slice that selects these rows of an array; its end is None where a number would be negative."""
     if not rows:
         return slice(0, 0)
     return slice(rows.start, rows.stop if rows.stop >= 0 else None, rows.step)

@@ -1,7 +1,7 @@
-"""A run's file: H5MD 1.1 that MDAnalysis opens with no topology and no keyword, and that survives a kill.
+"""A run's file in H5MD 1.1, which MDAnalysis opens without topology or keyword and which survives a kill.
 
-``docs/file-format.md`` describes what is in it. Frames have n rows whatever happens: a body that another has absorbed
-is written at that one's place and velocity from then on, and one that was removed as NaN.
+``docs/file-format.md`` describes its content. Every frame has n rows. After a merger, the rows of an absorbed body hold
+the position and velocity of the body that absorbed it. Rows of a removed body are NaN.
 """
 
 from __future__ import annotations
@@ -41,35 +41,34 @@ FLUSH_BYTES = 8 * 2**20
 
 
 class Writer:
-    """Writes one run's file; a context manager.
+    """Writer of one run's file; a context manager.
 
-    Samples and frames are kept in memory until there are ``flush_bytes`` of them or ``options.flush`` seconds have
-    passed, so that is what a kill can cost. A disk that fills up is a RunError, after which the file holds all that was
-    flushed.
+    Samples and frames stay in memory until they take ``flush_bytes`` or ``options.flush`` seconds have passed. A kill
+    loses at most these. A full disk raises RunError; the file then holds everything up to the last flush.
 
     Parameters
     ----------
     path : a new file with the suffix .h5md, in a folder that exists
     system : System
-    method : what the Simulation says of itself (integrator, dt, threads, seed, …), stored as JSON
+    method : the Simulation's own description (integrator, dt, threads, seed, …), stored as JSON
     every : steps between samples, stored for a later continuation
-    overwrite : replace a file of that name, once the new one stands
+    overwrite : replace a file of this name once the new file is complete
     options : FileOptions
-    checkpoint : gives a `Checkpoint` of the state appended last, or before the first of the start; one is written into
-        the new file at once, then with some of the flushes, and when the file is closed
-    plan : how far the run is to go (`run.plan.Plan.numbers`)
+    checkpoint : returns a `Checkpoint` of the state appended last, or of the start if nothing was appended. A new file
+        begins with a checkpoint; more are written with some of the flushes and at the end
+    plan : the planned length of the run (`run.plan.Plan.numbers`)
     columns : the user's own columns among the observables, with the shape and the unit of each
 
     Attributes
     ----------
     run_id : str
-        Names this run; whoever knows it may continue the file (`append_to`).
+        Identity of this run; it is needed to continue the file (`append_to`).
     report : dict or None
-        Set it before the file is closed, and it is stored as JSON; a file without one is that of an unfinished run.
+        Stored as JSON when the file is closed. A file without a report is of an unfinished run.
     last_sample, last_frame : (step, time) or None
         Steps of the last sample and of the last frame appended.
     absorbed : dict of id -> id
-        Of bodies that states may lack: who took them up, or a negative number where they were removed.
+        Bodies that states may lack: the id of the body that absorbed each, or a negative number for a removed body.
     """
 
     def __init__(
@@ -117,13 +116,12 @@ class Writer:
         events: int = 0,
         columns: Mapping[str, Described] | None = None,
     ) -> Self:
-        """Open a file to continue it; the InputError of a file that is not this run's names the other.
+        """Open a file to continue it. Raises InputError if the file belongs to another run.
 
-        Rows that a kill left half written are cut off. A file stays as it was begun: of ``options``, ``flush`` alone
-        may differ. The next sample is ``at`` that step and time: a file that has come further is refused as it is.
-        Where the file's end is damaged, its rows from there on are cut off, and all but the first ``events``; then the
-        last whole sample must be ``at`` that point. The user's ``columns``, if given, must be those that the file was
-        begun with.
+        Half-written rows of a killed run are cut off. The file's options stay; only ``flush`` may differ. The next
+        sample is ``at`` that step and time; a file that already goes further is refused and stays unchanged. If the
+        file's end is damaged, rows from there on are cut off, and all events but the first ``events``. Then the last
+        whole sample must be ``at`` that point. The user's ``columns``, if given, must be the file's.
         """
         path = Path(path)
         if path.exists():
@@ -180,7 +178,7 @@ class Writer:
         self._clear()
 
     def _begin(self, keep: Committed | None, made: Outline | None) -> None:
-        """Find where the file ends; ``made`` is what it holds where this process has just made it."""
+        """Find the end of the file; ``made`` is its content if this process has just created the file."""
         self._rows = Rows(self._out, made)
         if not made:
             self._cut_off(keep)
@@ -188,7 +186,7 @@ class Writer:
         self.last_sample, self.last_frame = self._rows.last_sample, self._rows.last_frame
 
     def _cut_off(self, keep: Committed | None) -> None:
-        """Take away what is no whole row; of whole ones, only those to ``keep`` stay. The run has not ended."""
+        """Cut off incomplete rows and, with ``keep``, whole rows beyond it. Mark the run as unfinished."""
         if keep:
             self._rows.keep(keep)
         if packing.is_packed(self._out.h5):
@@ -201,13 +199,13 @@ class Writer:
 
     @property
     def _checkpoints(self) -> Table:
-        """Those of the file as it is open now."""
+        """Checkpoint table of the open file."""
         if self._table is None or self._table.file is not self._out.h5:
             self._table = Table(self._out.h5, self.path)
         return self._table
 
     def extend(self, make: Callable[[h5py.File], None]) -> None:
-        """Let ``make`` add groups and datasets to the file; see `OpenFile.extend` for how."""
+        """Let ``make`` add groups and datasets to the file; see `OpenFile.extend`."""
         self._write(lambda: self._out.extend(make))
 
     def _write(self, write: Callable[[], object]) -> None:
@@ -229,11 +227,11 @@ class Writer:
         frame: bool = True,
         forces: Floats | None = None,
     ) -> None:
-        """Add a sample of the observables at the state's time and, if ``frame``, positions and velocities, and the
-        forces (n, 3) on the state's particles where the file has them (`writes`).
+        """Append a sample of the observables at the state's time and, if ``frame``, a frame.
 
-        Observables are numbers or arrays in the system's units, the same names each time. A step and time
-        that the file already ends with are not written twice; what lies before is an InputError.
+        A frame holds positions and velocities, and the forces (n, 3) on the state's particles if the file has forces
+        (`writes`). Observables are numbers or arrays in the system's units, with the same names each time. A step and
+        time at which the file already ends are not written twice. An earlier step raises InputError.
         """
         self._check_open()
         step, values = state.steps_done, {name: np.array(v, "f8") for name, v in (observables or {}).items()}
@@ -245,7 +243,7 @@ class Writer:
             raise InputError(wrong)
         if not self._rows.complete:
             self.extend(self._rows.make_observables)
-        self._events += self._seen  # what lay behind a look would be found again by whoever resumes from it
+        self._events += self._seen  # a resumed run would find again the events after the last sample
         self._buffered += 8 * EVENT_WIDTH * len(self._seen)
         self._seen = []
         if frame and not same(self.last_frame, step, state.time):
@@ -267,16 +265,16 @@ class Writer:
             self.flush()
 
     def append_event(self, event: Mapping[str, Any]) -> None:
-        """Add an entry of `Simulation.events`; it belongs to the next sample, and is written with that."""
+        """Add an entry of `Simulation.events`, which is written with the next sample."""
         self._seen.append(EventRow.of(event))
 
     @property
     def writes(self) -> tuple[str, ...]:
-        """Which of "forces" and "images" the frames hold beside positions and velocities."""
+        """Names among "forces" and "images" that the frames hold besides positions and velocities."""
         return self._rows.write
 
     def _in_order(self, state: State, vectors: list[Floats]) -> list[Floats]:
-        """Vectors (n, 3) in the file's order of the particles, those of bodies that are gone filled in."""
+        """Vectors (n, 3) in the file's order of particles, with values for absorbed and removed bodies."""
         ids = self._rows.ids
         if np.array_equal(state.ids, ids):
             return vectors
@@ -291,7 +289,7 @@ class Writer:
         return found
 
     def _survivor(self, body: int) -> int:
-        """Who a body is part of now."""
+        """Return the id of the body that now contains this body."""
         while body in self.absorbed:
             body = self.absorbed[body]
         return body
@@ -308,15 +306,15 @@ class Writer:
         return time.monotonic() - self._flushed_at >= self.flush_seconds
 
     def flush_if_due(self) -> None:
-        """Flush where something has waited for as long as it may; between the looks of a run, without a checkpoint."""
+        """Flush if data have waited for ``flush_seconds``, without a checkpoint: a run may call this between looks."""
         if self._samples and self._waited:
             self._flush(lambda: None)
 
     def flush(self, *, final: bool = False, anew: bool = False) -> None:
-        """Bring everything appended so far to the file, where a kill cannot reach it; ``final`` with a checkpoint,
-        ``anew`` although there is one of that step already.
+        """Write everything appended so far to the file, safe from a kill.
 
-        Ctrl-C waits for it."""
+        ``final`` adds a checkpoint; ``anew`` adds one although the file has a checkpoint of that step. Ctrl-C waits for
+        the end of this call."""
         self._flush(lambda: self._cadence.due(self._checkpoints, self.last_sample, final, anew))
 
     def _flush(self, checkpoint: Callable[[], Stored | None]) -> None:
@@ -329,7 +327,7 @@ class Writer:
             if self._samples or self._frames or self._events or stored:
                 self._write(lambda: self._add(stored))
             self._clear()
-        if interrupted():  # now whoever else waits for it may have it
+        if interrupted():  # now Ctrl-C may interrupt
             signal.raise_signal(signal.SIGINT)
 
     def _add(self, stored: Stored | None) -> None:
@@ -338,8 +336,8 @@ class Writer:
             self._checkpoints.add(stored, self._out.commit)
 
     def close(self, *, whole: bool = True) -> None:
-        """Flush, store the report if there is one, and close; a second call does nothing. A run that came to its end
-        is ``whole``: it is given a last checkpoint."""
+        """Flush, store the report if there is one, and close. A second call does nothing. A finished run is ``whole``
+        and gets a last checkpoint."""
         if self._closed:
             return
         try:
@@ -352,7 +350,7 @@ class Writer:
             self._out.close()
 
     def _finish(self) -> None:
-        """The report, and then the mark that it is whole."""
+        """Write the report, then mark the file as whole."""
         own = self._out.h5["kickdrift"]
         report = np.frombuffer(to_json(self.report).encode(), "u1")
         own["report"].resize(len(report), axis=0)
@@ -365,7 +363,7 @@ class Writer:
                 os.replace(part, self.path)
 
     def _unpack(self) -> None:
-        """Go on in a file that is not compressed."""
+        """Continue in an uncompressed file."""
         with packing.rewritten(self._out.h5, self.path, compress=False) as part:
             self._out.replace(part)
 
@@ -378,5 +376,5 @@ class Writer:
         try:
             self.close(whole=error is None)
         except RunError:
-            if error is None:  # else the first error is the one to tell
+            if error is None:  # else report the first error
                 raise

@@ -1,4 +1,4 @@
-"""What a run's file says once, checked: the system's particles and units, the method, and how many rows are whole."""
+"""Header of a run's file, checked: particles, units, method, and the number of whole rows."""
 
 from __future__ import annotations
 
@@ -39,16 +39,16 @@ EVENT_COLUMNS: dict[str, tuple[str, tuple[int, ...]]] = {  # in the order of the
     "kind": (f"S{KIND_BYTES}", ()),
     "done": (f"S{DONE_BYTES}", ()),
 }
-SHAPES = {name: column.shape for name, column in KNOWN.items()}  # of known observables
-EXTRAS = {"force": "forces", "image": "images"}  # groups of the frames, and what options call them
+SHAPES = {name: column.shape for name, column in KNOWN.items()}  # shapes of known observables
+EXTRAS = {"force": "forces", "image": "images"}  # groups of the frames, and their names in options
 CLOCK = (("step", "i8"), ("time", "f8"))
 _TEXTS = ("name", "length", "time", "mass", "energy", "temperature")  # attributes of the units
-# A power of a number, or a text without end: a program that reads units would take for ever to work these out.
+# A power of a number or a very long text: a program that parses units would take for ever.
 _COSTLY = re.compile(r"[\d)]\s*(?:\^|\*\*)|\d{4}|.{61}", re.DOTALL)
 
 
 class Committed(NamedTuple):
-    """How many rows are whole."""
+    """Number of whole rows."""
 
     frames: int
     samples: int
@@ -57,7 +57,7 @@ class Committed(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class Outline:
-    """What it takes to add rows to a file."""
+    """Information that a writer needs to add rows to a file."""
 
     units: UnitSystem
     box: Box
@@ -69,7 +69,7 @@ class Outline:
 
     @property
     def growing(self) -> dict[str, list[str]]:
-        """The datasets that have a row for each frame, sample and event, by the names of their checksums."""
+        """Datasets with a row for each frame, sample and event, by the names of their checksums."""
         clock = [key for key, _ in CLOCK]
         frames = [f"{TRAJECTORY}/position/{key}" for key in clock]
         frames += [f"{TRAJECTORY}/{name}/value" for name in self.vectors]
@@ -83,7 +83,7 @@ class Outline:
 
 @dataclass(frozen=True, kw_only=True)
 class Header(Outline):
-    """See `Run` for what is public there."""
+    """Checked header of a run's file; `Run` describes the public attributes."""
 
     run_id: str
     every: int
@@ -100,7 +100,7 @@ class Header(Outline):
 
 
 def outline_of(system: System, options: FileOptions) -> Outline:
-    """That of a new file, whose header need not be read."""
+    """Outline of a new file, made without reading its header."""
     return Outline(
         units=system.units,
         box=system.box,
@@ -113,7 +113,7 @@ def outline_of(system: System, options: FileOptions) -> Outline:
 
 
 def read(contents: Contents) -> Header:
-    """The header; an InputError says what is wrong with it."""
+    """Read the header. Raises an InputError that says what is wrong."""
     own, particles = "kickdrift", TRAJECTORY
     record = stored.read(contents, f"{own}/system/record", stored.RecordText)
     species, index = _species(contents)
@@ -168,7 +168,7 @@ def read(contents: Contents) -> Header:
 
 
 def units_of(contents: Contents) -> UnitSystem:
-    """The unit system that a file states, which need not be one that this version knows by name."""
+    """Unit system that a file states; this version need not know its name."""
     name, values = "kickdrift/units", {}
     attributes = contents.group(name).attrs
     for key in (field.name for field in fields(UnitSystem)):
@@ -182,7 +182,7 @@ def units_of(contents: Contents) -> UnitSystem:
 
 
 def _species(contents: Contents) -> tuple[tuple[str, ...], NDArray[np.int32]]:
-    """Their names, and the (n,) indices of the particles'."""
+    """Names of the species, and the index (n,) of each particle's species."""
     name = f"{TRAJECTORY}/species"
     data = contents.dataset(name, "i4", (None,))
     with contents.guarded(name):
@@ -199,7 +199,7 @@ def _species(contents: Contents) -> tuple[tuple[str, ...], NDArray[np.int32]]:
 def _check_particles(
     contents: Contents, record: dict[str, Any], species: tuple[str, ...], index: NDArray, ids: NDArray
 ) -> None:
-    """What several places say of the particles is the same."""
+    """Check that all places say the same about the particles."""
     n = len(index)
     for key, found in (("names", record.get("names") or ids), ("radii", record.get("radii") or ids)):
         if len(found) != n:
@@ -225,9 +225,9 @@ def _report(contents: Contents) -> dict[str, Any]:
 
 
 def _observables(contents: Contents) -> tuple[str, ...]:
-    """The run's observables; what others have put beside them is passed over.
+    """Names of the run's observables; series of other programs are ignored.
 
-    A file with checksums names them. In an older one they are the growing series that samples and frames have.
+    A file with checksums names its observables. In an older file they are the growing series of samples and frames.
     """
     if contents.has(CHECKSUMS):
         return named(contents)
@@ -235,7 +235,7 @@ def _observables(contents: Contents) -> tuple[str, ...]:
 
 
 def shape_of(contents: Contents, name: str) -> tuple[int, ...]:
-    """The shape of an observable."""
+    """Shape of an observable."""
     data = contents.anything(f"{SAMPLES}/{name}")
     with contents.guarded(f"{SAMPLES}/{name}"):
         shape = tuple(data.shape[1:])
@@ -245,7 +245,7 @@ def shape_of(contents: Contents, name: str) -> tuple[int, ...]:
 
 
 def unit_of(contents: Contents, name: str, units: UnitSystem) -> str:
-    """The unit of an observable, in words: the system's, or of a user's column what the file says."""
+    """Unit of an observable as text: the system's unit, or the file's own for a column of the user."""
     place = f"{SAMPLES}/{name}"
     if name in KNOWN or not contents.has(place):
         return observable_unit(name, units)
@@ -255,25 +255,25 @@ def unit_of(contents: Contents, name: str, units: UnitSystem) -> str:
 
 
 def sampled(contents: Contents, name: str, samples: int) -> h5py.Dataset:
-    """The series of an observable, or the clock, at the samples."""
+    """Series of an observable, or the clock, at the samples."""
     if name in dict(CLOCK):
         return contents.series(f"{SAMPLES}/{name}", dict(CLOCK)[name], samples)
     return contents.series(f"{SAMPLES}/{name}", "f8", samples, shape_of(contents, name))
 
 
 def framed(contents: Contents, name: str, frames: int) -> h5py.Dataset:
-    """The series of an observable at the frames."""
+    """Series of an observable at the frames."""
     return contents.series(f"observables/{name}/value", "f8", frames, shape_of(contents, name))
 
 
 def event_column(contents: Contents, name: str, events: int) -> h5py.Dataset:
-    """A column of the table of events."""
+    """Column of the table of events."""
     kind, shape = EVENT_COLUMNS[name]
     return contents.series(f"{EVENTS}/{name}", kind, events, shape)
 
 
 def named(contents: Contents) -> tuple[str, ...]:
-    """The observables that the checksums cover, in their order."""
+    """Observables that the checksums cover, in order."""
     group = contents.group(CHECKSUMS)
     with contents.guarded(CHECKSUMS):
         if "observables" not in group.attrs:
@@ -286,7 +286,7 @@ def named(contents: Contents) -> tuple[str, ...]:
 
 
 def _ours(contents: Contents, name: str) -> bool:
-    """Whether a series of samples is one that grows, as ours do, and that frames have too."""
+    """Tell whether a series of samples grows and is also a series of frames, as kickdrift writes observables."""
     with contents.guarded(f"{SAMPLES}/{name}"):
         data, group = contents.file[SAMPLES][name], contents.file["observables"].get(name)
         grows = isinstance(data, h5py.Dataset) and data.maxshape is not None and data.maxshape[:1] == (None,)
@@ -294,7 +294,7 @@ def _ours(contents: Contents, name: str) -> bool:
 
 
 def plan_numbers(contents: Contents) -> list[float]:
-    """The numbers of the last plan (see `run.plan.Plan`); empty where it is not known."""
+    """Numbers of the last plan (see `run.plan.Plan`); empty if unknown."""
     name = "kickdrift/plan"
     if not contents.has(name):
         return []

@@ -1,9 +1,9 @@
-"""Values of variable length, looked at before HDF5 reads them.
+"""Checks of values with variable length, done before HDF5 reads them.
 
-Such a value is a reference to an object in a global heap. HDF5 goes round a damaged heap for ever, and makes room for
-any length that a reference claims. So each reference that kickdrift's own files can hold is followed here first. Other
-programs keep references in other places; in their files, every heap is walked. The format: HDF5 File Format
-Specification 3.0, III.E (global heap), IV.A.1.a (object header, version 1), IV.A.2.m (attribute message).
+Such a value refers to an object in a global heap. HDF5 loops for ever on a damaged heap, and allocates any length that
+a reference claims. So kickdrift follows every reference in its own files first. Other programs store references in
+other places, so in their files every heap is walked. The format: HDF5 File Format Specification 3.0, III.E (global
+heap), IV.A.1.a (object header, version 1), IV.A.2.m (attribute message).
 """
 
 from __future__ import annotations
@@ -17,15 +17,15 @@ import h5py
 from h5py import h5a, h5d, h5t
 
 REFERENCE = 16  # bytes: length, address of the heap, index in it
-HEAP = b"GCOL\x01\0\0\0"  # how a heap begins; its size follows
+HEAP = b"GCOL\x01\0\0\0"  # first bytes of a heap; its size follows
 _PIECE = 16 * 2**20
 _FILL_OLD, _FILL, _ATTRIBUTE, _CONTINUED = 0x04, 0x05, 0x0C, 0x10  # messages of an object header
-_SHARED = 2  # a flag of a message whose body is elsewhere
-_MOST = 1000  # pieces of an object header
+_SHARED = 2  # flag: the message's body is elsewhere
+_MOST = 1000  # most pieces of an object header
 
 
 class Heaps:
-    """The global heaps of an open file; a ValueError says what is wrong with one.
+    """Global heaps of an open file. Raises ValueError that says what is wrong with a heap.
 
     Parameters
     ----------
@@ -37,11 +37,11 @@ class Heaps:
         self._source, self.bytes = source, source.seek(0, os.SEEK_END)
         made = file.id.get_create_plist()
         self._plain = made.get_version()[0] == 0 and made.get_sizes() == (8, 8) and not made.get_userblock()
-        self._known: dict[int, dict[int, int]] = {}  # sizes of the objects of each heap, by their index
+        self._known: dict[int, dict[int, int]] = {}  # sizes of each heap's objects, by index
         self._all_walked = False
 
     def check_attributes(self, address: int, attributes: list[h5a.AttrID]) -> None:
-        """Those of the object at an address."""
+        """Check the attributes of the object at an address."""
         variable = {}
         for each in attributes:
             kind, count = each.get_type(), each.get_space().get_simple_extent_npoints()
@@ -64,7 +64,8 @@ class Heaps:
             self._walk_all()
 
     def check_dataset(self, address: int, data: h5d.DatasetID) -> None:
-        """Call it before anything else is asked of a dataset: its fill value may be of variable length too."""
+        """Check a dataset's fill value, which may have variable length. Call this before any other use of the
+        dataset."""
         kind = data.get_type()
         if not is_variable(kind):
             return
@@ -97,7 +98,7 @@ class Heaps:
                 raise ValueError(f"its text of {length * size:,} bytes is missing from its place")
 
     def _walk(self, address: int) -> dict[int, int]:
-        """Sizes of the objects in a heap, by their index, read as HDF5 does."""
+        """Sizes of a heap's objects by index, read in HDF5's way."""
         if address in self._known:
             return self._known[address]
         head = self._read(address, REFERENCE)
@@ -107,7 +108,7 @@ class Heaps:
         data, at, found = self._read(address, whole), REFERENCE, {}
         while at + 16 <= whole:
             index, size = unpack_from("<H6xQ", data, at)
-            needed = 16 + _padded(size) if index else size  # object 0 is the free rest, with its header
+            needed = 16 + _padded(size) if index else size  # object 0 is the free space, with its header
             if index in found or not 16 <= needed <= whole - at:
                 raise ValueError(f"the heap of texts at {address} is damaged")
             found[index] = size
@@ -116,7 +117,7 @@ class Heaps:
         return found
 
     def _walk_all(self) -> None:
-        """Walk every heap that is anywhere in the file."""
+        """Walk every heap in the file."""
         if self._all_walked:
             return
         for start in range(0, self.bytes, _PIECE):
@@ -128,12 +129,12 @@ class Heaps:
         self._all_walked = True
 
     def _messages(self, address: int) -> Iterator[tuple[int, bytes]]:
-        """Type and body of each message in an object header of version 1; nothing for others."""
+        """Yield type and body of each message in an object header of version 1; nothing for other versions."""
         head = self._read(address, 16) if self._plain else b"\0"
         if head[0] != 1:
             return
         pieces = [(address + 16, _number(head[8:12]))]
-        for place, size in pieces:  # which grows meanwhile
+        for place, size in pieces:  # the list grows during this loop
             block, at = self._read(place, size), 0
             while at + 8 <= len(block):
                 kind, long, flags = unpack_from("<HHB", block, at)
@@ -154,7 +155,7 @@ class Heaps:
 
 
 def is_variable(kind: h5t.TypeID) -> bool:
-    """Whether values of a type, or parts of them, have no fixed length."""
+    """Tell whether values of a type, or parts of them, have variable length."""
     if isinstance(kind, h5t.TypeStringID):
         return bool(kind.is_variable_str())
     if isinstance(kind, h5t.TypeCompoundID):
@@ -163,17 +164,17 @@ def is_variable(kind: h5t.TypeID) -> bool:
 
 
 def _attribute(body: bytes) -> tuple[bytes, bytes]:
-    """Name and raw value."""
+    """Name and raw value of an attribute message."""
     if len(body) < 8:
         raise ValueError("an attribute is damaged")
-    sizes = unpack_from("<3H", body, 2)  # of its name, its type and its shape
+    sizes = unpack_from("<3H", body, 2)  # sizes of name, type and shape
     at = 9 if body[0] == 3 else 8
     name = body[at : at + sizes[0]].partition(b"\0")[0]
     return name, body[at + sum(_padded(size) if body[0] == 1 else size for size in sizes) :]
 
 
 def _fill(message: int, body: bytes) -> bytes:
-    """The value of a dataset where nothing was written; empty where it is zero or the message says something else."""
+    """Fill value of a dataset; empty if the value is zero or the message has none."""
     if message == _FILL_OLD:
         place = 0
     elif message == _FILL and body[:1] == b"\3":

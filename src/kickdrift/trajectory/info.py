@@ -1,4 +1,4 @@
-"""What a run's file holds, as a dictionary and as text; it says what it finds and repairs nothing."""
+"""Content of a run's file, as a dictionary and as text. The file is only read, never repaired."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from kickdrift.model.unit_systems import symbol_of
 from kickdrift.text import clean, counted, measured, shown
 from kickdrift.trajectory.reader import Run, open
 
-SHOWN = 5  # of the forces that nobody here has registered
-WIDTH = 60  # of the column of keys, at most
+SHOWN = 5  # most unregistered forces that are listed
+WIDTH = 60  # largest width of the column of keys
 
 _METHOD_FIRST = ("engine", "engine_version", "processes", "integrator", "dt", "threads", "seed")
-RANGES = 20  # of damaged rows that are listed
+RANGES = 20  # most stretches of damaged rows that are listed
 _SHOWN_UNITS = ("length", "time", "energy")
-_METHOD_SHOWN = (*_METHOD_FIRST, "options")  # which say what the others say
+_METHOD_SHOWN = (*_METHOD_FIRST, "options")  # all other keys repeat one of these
 
 
 def info(path: str | os.PathLike[str]) -> dict[str, Any]:
-    """The content of a run's file in numbers; an InputError where it is not a run's file."""
+    """Content of a run's file in numbers. Raises InputError if the file is not a run's file."""
     with open(path) as run:
         return _summary(run)
 
@@ -80,7 +80,7 @@ def _summary(run: Run) -> dict[str, Any]:
 
 
 def _unregistered(run: Run) -> list[str]:
-    """The forces that the file names and nobody here has registered: nothing is looked up in their modules."""
+    """Forces that the file names and that are not registered. Their modules are not searched."""
     given = run.system_record.get("forces")
     listed = [each for each in given if isinstance(each, dict)] if isinstance(given, list) else []
     named = dict.fromkeys((str(each.get("module")), str(each.get("type"))) for each in listed)
@@ -90,6 +90,24 @@ def _unregistered(run: Run) -> list[str]:
 
 def describe(found: dict[str, Any]) -> str:
     """What `info` found, for a reader."""
+    rows = _rows(found)
+    width = min(WIDTH, max(len(key) for key, _ in rows))
+    lines = [found["file"], *(f"  {key:<{width}}  {value}".rstrip() for key, value in rows)]
+    return "\n".join(clean(line) for line in lines)
+
+
+def run_lines(run: Run) -> list[tuple[str, str]]:
+    """What `info` finds in an open run's file: the file's name and lines of key and text."""
+    found = _summary(run)
+    return [("file", found["file"]), *_rows(found)]
+
+
+def run_text(run: Run) -> str:
+    """What ``kickdrift info`` prints of an open run's file."""
+    return describe(_summary(run))
+
+
+def _rows(found: dict[str, Any]) -> list[tuple[str, str]]:
     units = found["units"]
     length, time, energy = (symbol_of(units[key]) for key in ("length", "time", "energy"))
     named = [f"{key} {symbol}" for key, symbol in zip(_SHOWN_UNITS, (length, time, energy), strict=True) if symbol]
@@ -130,10 +148,7 @@ def describe(found: dict[str, Any]) -> str:
     report = found["report"] or {}
     report = {key: value for key, value in report.items() if key != "events"}
     rows += [(f"report: {key.replace('_', ' ')}", _short(value)) for key, value in _flat(report)]
-    rows += event_lines(found["events"])
-    width = min(WIDTH, max(len(key) for key, _ in rows))
-    lines = [found["file"], *(f"  {key:<{width}}  {value}".rstrip() for key, value in rows)]
-    return "\n".join(clean(line) for line in lines)
+    return rows + event_lines(found["events"])
 
 
 def _box(shape: list[Any] | None, periodic: list[bool], unit: str) -> str:
@@ -144,7 +159,7 @@ def _box(shape: list[Any] | None, periodic: list[bool], unit: str) -> str:
 
 
 def _form(found: dict[str, Any]) -> str:
-    """What the frames are, and in what form."""
+    """Vectors in each frame and the form in which they are stored."""
     vectors = ", ".join(["positions", "velocities", *(name for name in found["write"] if name != "images")])
     text = f"{vectors} in {found['precision']}" + (", images in int32" if "images" in found["write"] else "")
     if found["compressed"]:
@@ -165,7 +180,7 @@ def _ending(found: dict[str, Any]) -> str:
 
 
 def _damaged(damage: dict[str, Any], frames: int) -> list[tuple[str, str]]:
-    """What is not as it was written, and what nobody can tell of."""
+    """Damaged parts, and frames without a checksum."""
     unchecked = damage["unchecked"]
     found = {what: _ranges(numbers) for what, numbers in damage.items() if what != "unchecked" and numbers}
     rows = [("damaged", f"{what}{' of step' * (what == 'checkpoints')} {text}") for what, text in found.items()]
@@ -176,7 +191,7 @@ def _damaged(damage: dict[str, Any], frames: int) -> list[tuple[str, str]]:
 
 
 def _ranges(numbers: list[int]) -> str:
-    """The numbers in words: "3, 7 to 9"."""
+    """Numbers as text: "3, 7 to 9"."""
     runs: list[list[int]] = []
     for number in numbers:
         if runs and number == runs[-1][1] + 1:
@@ -188,7 +203,7 @@ def _ranges(numbers: list[int]) -> str:
 
 
 def _goal(found: dict[str, Any]) -> str:
-    """How far the run was to go, where it has not come there."""
+    """Planned length of a run that has not reached it."""
     if not found["plan"] or not found["steps"]:
         return ""
     _, _, end_step, end_time, *_ = found["plan"]

@@ -1,4 +1,4 @@
-"""Whether an HDF5 file is that of a run which this kickdrift reads."""
+"""Check that an HDF5 file is the file of a run, in a schema that this version reads."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Names, units, chunk shapes and the first bytes of a run's file; ``docs/file-format.md`` describes the whole."""
+"""Names, units, chunk shapes and first bytes of a run's file; ``docs/file-format.md`` describes the whole format."""
 
 from __future__ import annotations
 
@@ -25,16 +25,16 @@ from kickdrift.trajectory.opening import created
 from kickdrift.trajectory.options import FileOptions
 from kickdrift.trajectory.record import record_of, to_json
 
-SCHEMA = 2  # 1 had no checkpoints and no plan
+SCHEMA = 2  # schema 1 had no checkpoints and no plan
 SUFFIX = ".h5md"
 TRAJECTORY = "particles/trajectory"
 SAMPLES = "kickdrift/samples"
 EVENTS = "kickdrift/events"
-KIND_BYTES, DONE_BYTES = 64, 160  # of an event's texts, which are cut there; fixed, so that rows survive a kill
-PLAN_NUMBERS = 7  # what `run.plan.Plan` has
-EVENT_WIDTH = 6 + (KIND_BYTES + DONE_BYTES) // 8  # of an event's row, in numbers of 8 bytes
-CHUNK_BYTES = 128 * 1024  # of positions or velocities; a chunk holds a few dozen frames of some of the particles
-SERIES_CHUNK = 512  # rows of a series with one row for each frame or sample
+KIND_BYTES, DONE_BYTES = 64, 160  # fixed lengths of an event's texts, so that rows survive a kill; longer texts are cut
+PLAN_NUMBERS = 7  # fields of `run.plan.Plan`
+EVENT_WIDTH = 6 + (KIND_BYTES + DONE_BYTES) // 8  # length of an event's row, in numbers of 8 bytes
+CHUNK_BYTES = 128 * 1024  # size of a chunk of positions or velocities: a few dozen frames of some of the particles
+SERIES_CHUNK = 512  # rows in a chunk of a series with one row for each frame or sample
 
 UNIT_KEYS = (
     "name", "length", "time", "mass", "energy", "temperature", "boltzmann", "gravity", "light", "coherent_mass",
@@ -43,7 +43,7 @@ UNIT_KEYS = (
 
 
 def observable_unit(name: str, units: UnitSystem) -> str:
-    """The true unit of an observable of kickdrift's own, in words; empty where it is not known."""
+    """Physical unit of one of kickdrift's own observables, as text; empty if unknown."""
     dimension = KNOWN[name].unit if name in KNOWN else name.replace("_", " ")
     return units.unit(dimension) if dimension in DIMENSIONS else ""
 
@@ -51,18 +51,18 @@ def observable_unit(name: str, units: UnitSystem) -> str:
 def frame_chunk(n: int, flush_frames: int, row_bytes: int = 24) -> tuple[int, int, int]:
     """Chunk shape of (frames, n, 3) values, ``row_bytes`` for each particle and frame.
 
-    Enough frames that one particle's path is cheap, but no more than are written at once, and as few particles as
-    make up CHUNK_BYTES, so that one frame is cheap too.
+    A chunk spans many frames, so that reading one particle's path is cheap, but no more frames than one write holds.
+    Its few particles make up CHUNK_BYTES, so that reading one frame is cheap too.
     """
     frames = max(32, CHUNK_BYTES // (row_bytes * n))
     frames = max(1, min(frames, flush_frames, CHUNK_BYTES // row_bytes))
     chunks = -(-n // max(1, CHUNK_BYTES // (row_bytes * frames)))
-    return frames, -(-n // chunks), 3  # so that the last one is not mostly empty
+    return frames, -(-n // chunks), 3  # so that the last chunk is nearly full
 
 
 @cache
 def versions() -> dict[str, str]:
-    """Versions of the packages that decide a run's bits, and the kind of machine; nothing is imported for it."""
+    """Versions of the packages that determine a run's bits, and the kind of machine. Imports nothing."""
     found = {"python": platform.python_version(), "machine": platform.machine()}
     for package in ("kickdrift", "numpy", "numba", "llvmlite", "h5py"):
         try:
@@ -80,8 +80,8 @@ def new_series(
     rows: int | None = None,
     chunk: Sequence[int] | None = None,
 ) -> h5py.Dataset:
-    """An empty dataset that grows along its first axis; numbers that were never written read as NaN. Without a name it
-    is in the file, and to be found once it is given one."""
+    """Create an empty dataset that grows along its first axis; unwritten floats read as NaN. A dataset without a name
+    lies in the file unlinked until it is given one."""
     fill = np.nan if dtype in ("f4", "f8") else None
     chunks = (rows or SERIES_CHUNK, *(shape if chunk is None else chunk))
     return group.create_dataset(
@@ -90,7 +90,7 @@ def new_series(
 
 
 def _events(file: h5py.File) -> None:
-    """The table of events, empty."""
+    """Create the empty table of events."""
     group = file.create_group(EVENTS)
     new_series(group, "step", (), "i8")
     new_series(group, "ids", (2,), "i8")
@@ -101,7 +101,7 @@ def _events(file: h5py.File) -> None:
 
 
 def _text(group: h5py.Group, name: str, value: str) -> None:
-    """A scalar string; a dataset, since HDF5's first format allows an attribute 64 kB only."""
+    """Write a scalar string as a dataset, since HDF5's first format limits an attribute to 64 kB."""
     group.create_dataset(name, data=value, dtype=h5py.string_dtype(), track_times=False)
 
 
@@ -117,12 +117,12 @@ def header_image(
     plan: Sequence[float] = (),
     start: Stored | None = None,
 ) -> bytes:
-    """The bytes of a file that holds everything but frames.
+    """Bytes of a file that holds everything but frames.
 
-    It is made in memory and written by plain file I/O, since a full disk is then an ordinary exception.
+    The file is made in memory and written by plain file I/O, so that a full disk is an ordinary exception.
     """
     with created(f"{run_id}.image", driver="core", backing_store=False, libver="earliest") as file:
-        # First, and so inside one page, as it must be to change in one write.
+        # Created first, so that it lies inside one page and changes in one write.
         committed = file.create_dataset(None, data=np.zeros(3, dtype="i8"), track_times=False)
         _particles(file, system, flush_frames, options)
         h5md = file.create_group("h5md")
@@ -160,8 +160,8 @@ def header_image(
 
 def _particles(file: h5py.File, system: System, flush_frames: int, options: FileOptions) -> None:
     n = len(system)
-    # Both begin in the file's first page, so that they grow in one write: MDAnalysis counts frames by the one and ends
-    # a loop by the other.
+    # Both begin in the file's first page, so that they grow in one write: MDAnalysis counts frames by the positions and
+    # ends a loop by the steps.
     first = {"step": new_series(file, None, (), "i8"), "position": _vectors(file, n, options.dtype, flush_frames)}
     group = file.create_group(TRAJECTORY)
     position = group.create_group("position")
@@ -186,7 +186,7 @@ def _particles(file: h5py.File, system: System, flush_frames: int, options: File
     box.attrs["dimension"] = 3
     box.attrs["boundary"] = np.array([b"periodic" if there else b"none" for there in system.box.periodic_axes])
     if system.box.periodic:
-        # One row for each frame although the box is fixed: MDAnalysis reads no other form.
+        # A row for each frame although the box is fixed: MDAnalysis reads no other form.
         edges = box.create_group("edges")
         new_series(edges, "value", shape_of(system.box), "f8").attrs["unit"] = "Angstrom"
         _link(edges, clock)
@@ -199,13 +199,13 @@ def _particles(file: h5py.File, system: System, flush_frames: int, options: File
 
 
 def _vectors(file: h5py.File, n: int, dtype: str, flush_frames: int) -> h5py.Dataset:
-    """(f, n, 3), without a name."""
+    """Create the dataset (f, n, 3) of a vector, without a name."""
     rows, *rest = frame_chunk(n, flush_frames, 3 * np.dtype(dtype).itemsize)
     return new_series(file, None, (n, 3), dtype, rows, rest)
 
 
 def _link(element: h5py.Group, clock: Mapping[str, h5py.Dataset]) -> None:
-    """Hard links: one clock for everything that a frame holds."""
+    """Make hard links, so that everything in a frame shares one clock."""
     for key, series in clock.items():
         if key not in element:
             element[key] = series
@@ -230,12 +230,11 @@ def _system(group: h5py.Group, system: System) -> None:
 
 
 def system_hash(file: h5py.File) -> str:
-    """SHA-256, in hexadecimal digits, of what a file says that its run was given.
+    """SHA-256, in hexadecimal digits, of the System that the file's run began with.
 
-    In this order: the text of ``kickdrift/system/record``, UTF-8; the bytes, little-endian, of
+    The hash covers, in this order: the text of ``kickdrift/system/record``, UTF-8; the little-endian bytes of
     ``kickdrift/system/phase`` (float64), and of ``mass`` (float64), ``id`` (int64) and ``species`` (int32) of the
-    particles.
-    ``kickdrift/system`` carries it as the attribute ``sha256`` from the file's beginning on.
+    particles. ``kickdrift/system`` holds the hash as its attribute ``sha256`` from the file's beginning on.
     """
     own, particles = file["kickdrift/system"], file[TRAJECTORY]
     found = hashlib.sha256(own["record"].asstr()[()].encode())
@@ -251,14 +250,14 @@ def system_hash(file: h5py.File) -> str:
 
 
 def run_hash(file: h5py.File) -> str:
-    """SHA-256, in hexadecimal digits, of all that a file says but once of its run, and that decides its numbers.
+    """SHA-256, in hexadecimal digits, of everything that the file states once and that determines the run's numbers.
 
-    In this order: the texts of ``system/record``, ``system/source``, ``method`` and ``versions`` of ``kickdrift``; for
-    each key of UNIT_KEYS that is an attribute of ``kickdrift/units``, the key and its value, a text or a float64;
-    ``every`` (int64); ``boundary`` of the box; the names of the species in the order of their numbers; the attribute
-    ``unit`` of the masses; the checksums (`checksums.sums_of_array`) of ``system/phase``, ``mass``, ``id`` and
-    ``species``. Texts are UTF-8, and a zero byte follows each; numbers are little-endian. ``kickdrift`` carries it as
-    the attribute ``sha256`` from the file's beginning on.
+    The hash covers, in this order: the texts of ``system/record``, ``system/source``, ``method`` and ``versions`` of
+    ``kickdrift``; for each key of UNIT_KEYS that is an attribute of ``kickdrift/units``, the key and its value, a text
+    or a float64; ``every`` (int64); ``boundary`` of the box; the names of the species in the order of their numbers;
+    the attribute ``unit`` of the masses; the checksums (`checksums.sums_of_array`) of ``system/phase``, ``mass``,
+    ``id`` and ``species``. Texts are UTF-8, each followed by a zero byte; numbers are little-endian. ``kickdrift``
+    holds the hash as its attribute ``sha256`` from the file's beginning on.
     """
     own, particles = file["kickdrift"], file[TRAJECTORY]
     found = hashlib.sha256()

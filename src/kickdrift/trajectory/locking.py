@@ -1,4 +1,4 @@
-"""A file open for writing: locked, no symbolic link followed, and with no name but its own."""
+"""A file open for writing: locked, never through a symbolic link, and with a single name."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from kickdrift.errors import InputError
 
 try:
     import fcntl
-except ImportError:  # Windows, where HDF5 locks nothing either
+except ImportError:  # Windows, where HDF5 does not lock either
     fcntl = None  # type: ignore[assignment]
 
 
 def lock(raw: Any) -> None:
-    """The lock that HDF5 itself takes and looks for; some file systems have none."""
+    """Take the lock that HDF5 itself uses. Some file systems have no locks."""
     if fcntl is None:
         return
     try:
@@ -30,11 +30,11 @@ def lock(raw: Any) -> None:
 
 
 def locked(path: str | os.PathLike[str]) -> Any:
-    """A regular file, open for writing and locked, no symbolic link followed."""
+    """Open a regular file for writing and lock it. A symbolic link is refused."""
     flags = os.O_RDWR | getattr(os, "O_NOFOLLOW", 0)
     raw = open(path, "r+b", buffering=0, opener=lambda name, _: descriptor(name, flags))  # noqa: SIM115
     try:
-        if not os.fstat(raw.fileno()).st_mode & 0o222:  # which would not stop an administrator's process
+        if not os.fstat(raw.fileno()).st_mode & 0o222:  # permissions alone would not stop an administrator
             raise InputError(f"{path}: is read-only; it cannot be written to")
         lock(raw)
     except BaseException:
@@ -44,7 +44,7 @@ def locked(path: str | os.PathLike[str]) -> Any:
 
 
 def detached(path: Path, raw: Any) -> Any:
-    """A file of its own under that name, where there are hard links: what stands under the other names stays."""
+    """Replace one of several hard links by a copy and open the copy. The file under the other names stays unchanged."""
     with raw, private_place(path) as part:
         copy(raw, part)
         os.replace(part, path)
@@ -52,7 +52,7 @@ def detached(path: Path, raw: Any) -> Any:
 
 
 def copy(raw: Any, path: Path) -> None:
-    """Write an open file's content to a new file, with the same permissions."""
+    """Copy an open file's content and permissions to a new file."""
     with open(path, "xb") as target:
         os.chmod(path, os.fstat(raw.fileno()).st_mode & 0o777)
         raw.seek(0)

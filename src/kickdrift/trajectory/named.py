@@ -1,7 +1,7 @@
-"""What a run's file may name: forces, events, methods and defaults.
+"""Named parts of a run's file: forces, events, methods and defaults.
 
-Names are looked up in registries alone, never in a module, and parameters are checked before anything is called with
-them. So a file is data, whoever wrote it.
+Names are looked up in registries alone, never in a module. Parameters are checked before any call uses them. So a file
+is data, whoever wrote it.
 """
 
 from __future__ import annotations
@@ -29,18 +29,18 @@ from kickdrift.systemfile.schema import checked, force_parameters
 from kickdrift.systemfile.schema_base import Table
 from kickdrift.text import shown
 
-PLAIN = UNIT_SYSTEMS["lj"]  # quantities here are numbers, never text with a unit
+PLAIN = UNIT_SYSTEMS["lj"]  # quantities in a file are numbers, never text with a unit
 EVENTS: dict[str, Any] = {event.__name__: event for event in (CloseApproach, Collision, Crossing, Escape)}
 
 
 class Known(BaseModel):
-    """Part of a file's JSON: keys that this version does not know are passed over."""
+    """Part of a file's JSON; unknown keys are ignored."""
 
     model_config = ConfigDict(extra="ignore", allow_inf_nan=False)
 
 
 class Named(Known):
-    """A force or an event, by its class."""
+    """Class name and parameters of a force or an event."""
 
     type: str
     module: str = ""
@@ -50,7 +50,7 @@ class Named(Known):
 
 
 class Record(Known):
-    """What `record_of` writes and `system_of` reads."""
+    """Record that `record_of` writes and `system_of` reads."""
 
     name: str
     forces: list[Named]
@@ -66,7 +66,7 @@ class Record(Known):
 
 
 class Method(Known):
-    """What a run's file says of its method."""
+    """Description of a method in a run's file."""
 
     integrator: str
     options: dict[str, Any]
@@ -77,7 +77,7 @@ class Method(Known):
 
 @contextmanager
 def about(path: Any, what: str = "") -> Iterator[None]:
-    """Put the file, and the part of it, before the message of an InputError."""
+    """Put the file's name, and ``what`` part is meant, before the message of an InputError."""
     try:
         yield
     except InputError as error:
@@ -86,7 +86,7 @@ def about(path: Any, what: str = "") -> Iterator[None]:
 
 
 def plain(text: str) -> str:
-    """A name from a file as one short piece of printable text."""
+    """A name from a file as a short piece of printable text."""
     return shown(text)[1:-1]
 
 
@@ -94,8 +94,8 @@ def plain(text: str) -> str:
 
 
 def force_of(given: Named) -> Any:
-    """The force that a file describes; an InputError where it may not name that class, or its parameters make no
-    sense."""
+    """Make the force that a file describes. Raises InputError for a class that a file may not name, and for bad
+    parameters."""
     cls, name = force_class(given.module, given.type), plain(given.type.rpartition(".")[2])
     if cls is None:
         raise InputError(
@@ -115,13 +115,13 @@ def force_of(given: Named) -> Any:
 
 
 def _left(cls: type) -> list[str]:
-    """The parameters of a class that are None where they are not given."""
+    """Parameters of a class that are required or have None as their default."""
     found = signature(cls).parameters.items()
     return [key for key, each in found if each.default is None or each.default is Parameter.empty]
 
 
 def _is_item(value: Any) -> bool:
-    """Whether it is what `to_json` makes of a dictionary's item whose key is a tuple."""
+    """Tell whether a value is `to_json`'s form of a dictionary's item whose key is a tuple."""
     return isinstance(value, list) and len(value) == 2 and isinstance(value[0], list) and isinstance(value[1], dict)
 
 
@@ -129,7 +129,7 @@ def _is_item(value: Any) -> bool:
 
 
 def event_of(given: Named) -> Event:
-    """The event that a file describes."""
+    """Make the event that a file describes."""
     name = plain(given.kind or given.type)
     cls = EVENTS.get(given.type)
     if cls is None:
@@ -145,13 +145,13 @@ def event_of(given: Named) -> Event:
 
 
 def equilibration_of(given: Mapping[str, Any]) -> Equilibration:
-    """The Equilibration that a file describes."""
+    """Make the Equilibration that a file describes."""
     known = {key: value for key, value in given.items() if key in _fields(Equilibration)}
     return Equilibration(**_checked(Equilibration, known, "equilibrate"))
 
 
 def run_of(given: Mapping[str, Any]) -> RunDefaults:
-    """The RunDefaults that a file describes; options that this version does not know are passed over."""
+    """Make the RunDefaults that a file describes. Unknown options are ignored."""
     hints = get_type_hints(RunDefaults)
     types = {key: hints[key] for key in _fields(RunDefaults) if key != "options"} | _option_types()
     known = {key: value for key, value in given.items() if key in types}
@@ -159,7 +159,7 @@ def run_of(given: Mapping[str, Any]) -> RunDefaults:
 
 
 def options_of(given: Mapping[str, Any]) -> dict[str, Any]:
-    """The options of a method that a file describes; one that this version does not know must not have been set."""
+    """Options of a method that a file describes. An option that this version does not know must be unset."""
     types = {"dt": float} | _option_types()
     for key, value in given.items():
         if key not in types and value not in (None, False):
@@ -169,7 +169,7 @@ def options_of(given: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def method_of(given: Any) -> Method:
-    """What a file says of its method, with names that are registered."""
+    """Description of a method in a file, with registered names only."""
     method: Method = checked(Method, {"engine": "native"} | given if isinstance(given, dict) else given, None, "method")
     method_named(method.integrator)
     engine_named(method.engine)
@@ -177,23 +177,23 @@ def method_of(given: Any) -> Method:
 
 
 def _checked(cls: type, given: dict[str, Any], what: str) -> dict[str, Any]:
-    """Arguments of a dataclass; an InputError for unknown names and for values of another type."""
+    """Arguments of a dataclass, checked. Raises InputError for unknown names and for values of a wrong type."""
     return _filled(_table(cls), given, what)
 
 
 def _filled(table: type[Table], given: dict[str, Any], what: str) -> dict[str, Any]:
-    """What a table was given, checked."""
+    """Values of a table, checked."""
     found = checked(table, given, None, what)
     return {key: getattr(found, key) for key in found.model_fields_set}
 
 
 def _option_types() -> dict[str, Any]:
-    """The types of all options that some method takes."""
+    """Types of all options that some method takes."""
     return {name: each.hint for name, each in known_options().items()}
 
 
 def _optional(name: str, types: Mapping[str, Any]) -> type[Table]:
-    """A table of keys of these types, none of which it needs."""
+    """Table with optional keys of these types."""
     return create_model(name, __base__=Lenient, **{key: (kind | None, None) for key, kind in types.items()})  # type: ignore[call-overload]
 
 
@@ -203,7 +203,7 @@ def _fields(cls: type) -> dict[str, Any]:
 
 @cache
 def _table(cls: type) -> type[Table]:
-    """A dataclass's arguments as a table; what an event's function is, is known elsewhere."""
+    """Table for the arguments of a dataclass. An event's function is found elsewhere."""
     hints = get_type_hints(cls)
     own: dict[str, Any] = {
         key: (hints[key], ... if each.default is MISSING else each.default)
@@ -214,6 +214,6 @@ def _table(cls: type) -> type[Table]:
 
 
 class Lenient(Table):
-    """A table whose numbers may be whole or not, as a program gave them."""
+    """A table that accepts whole numbers as floats and the reverse, as programs write them."""
 
     model_config = ConfigDict(extra="forbid", strict=False, allow_inf_nan=False)

@@ -1,4 +1,4 @@
-"""A run's file while it is written to: changed in place where that is safe, and replaced by a copy where it is not."""
+"""A run's file during writing. Safe changes are made in place; for all others a copy replaces the file."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from kickdrift.disk.parts import private_place
 from kickdrift.errors import RunError
 from kickdrift.trajectory.storage import PagedFile, in_use, open_to_write, write_error
 
-_writing: set[tuple[int, int]] = set()  # device and inode, since some systems' locks do not hold within one process
+_writing: set[tuple[int, int]] = set()  # device and inode; some systems' locks do not hold within one process
 
 
 class OpenFile:
@@ -22,11 +22,11 @@ class OpenFile:
     ----------
     path : Path
     h5 : h5py.File
-        What is written to it reaches the disk with `commit`; another object after `replace` and `extend`.
+        The open file. `commit` brings writes to the disk. `replace` and `extend` change this object.
     key : (int, int)
         Device and inode.
     failed : bool
-        Whether a write has failed, after which there must be no other.
+        Whether a write has failed; no other write may follow.
     """
 
     def __init__(self, path: Path, cache_bytes: int, own: tuple[int, int] | None = None) -> None:
@@ -43,18 +43,18 @@ class OpenFile:
         _writing.add(self.key)
 
     def dataset(self, name: str) -> h5py.Dataset:
-        """The dataset of that name; to find one takes longer than to write a few rows."""
+        """Dataset with this name. Datasets are kept: finding one takes longer than writing a few rows."""
         if name not in self._datasets:
             self._datasets[name] = self.h5[name]
         return self._datasets[name]
 
     def commit(self, *, cut: bool = False) -> None:
-        """Bring what was written to the disk; the OSError of a full one leaves the file as it was."""
+        """Bring all writes to the disk. A full disk raises OSError and leaves the file as it was."""
         self.h5.flush()
         self._storage.commit(cut=cut)
 
     def close(self) -> None:
-        """Let go of the file as the last commit left it."""
+        """Close the file as the last commit left it."""
         try:
             self.h5.close()
         finally:
@@ -62,12 +62,13 @@ class OpenFile:
             _writing.discard(self.key)
 
     def reopen(self) -> None:
-        """HDF5 forgets by it which places in the file have become free, and does not use them again."""
+        """Close and open the file again, so that HDF5 forgets which places have become free and does not use them
+        again."""
         self.close()
         self._connect(self.key)
 
     def check_there(self) -> None:
-        """A RunError where the name is no longer that of the file that is open."""
+        """Raise RunError if the file's name now belongs to another file."""
         try:
             found = self.path.stat()
             if (found.st_dev, found.st_ino) == self.key:
@@ -77,8 +78,8 @@ class OpenFile:
         raise RunError(f"{self.path}: was removed or replaced while the run was writing to it")
 
     def writing(self, write: Callable[[], object], kept: Callable[[], str]) -> None:
-        """Do what writes to the file. After an error there, a RunError that says what is ``kept``, nothing more may be
-        written."""
+        """Call ``write``, which writes to the file. An error becomes a RunError that says what is ``kept``, and no
+        other write may follow."""
         try:
             self.check_there()
             write()
@@ -88,13 +89,14 @@ class OpenFile:
         except OSError as error:
             self.failed = True
             raise RunError(f"{write_error(self.path, error)}; the file is whole and {kept()}") from None
-        except RuntimeError as error:  # HDF5's
+        except RuntimeError as error:  # from HDF5
             self.failed = True
             raise RunError(f"{self.path}: writing failed: {error}") from None
 
     def extend(self, make: Callable[[h5py.File], None]) -> None:
-        """Let ``make`` add groups and datasets: in a copy, which then takes the file's place, since no order of writes
-        would let the file survive a kill meanwhile. It costs as much as the file is long."""
+        """Let ``make`` add groups and datasets to a copy, which then replaces the file.
+
+        No order of writes in place would survive a kill. The cost is that of copying the whole file."""
         with private_place(self.path) as part:
             self._storage.copy_to(part)
             storage, file = open_to_write(part, own=identity(part))
@@ -108,7 +110,7 @@ class OpenFile:
             self.replace(part)
 
     def replace(self, part: Path) -> None:
-        """Give the file's name to another, and go on in that one."""
+        """Give the file's name to another file and continue in that file."""
         self.close()
         own = identity(part)
         try:
@@ -124,6 +126,6 @@ def identity(path: Path) -> tuple[int, int]:
 
 
 def refuse_second(path: Path) -> None:
-    """An InputError where this process is writing to the file already."""
+    """Raise InputError if this process already writes to the file."""
     if identity(path) in _writing:
         raise in_use(path)

@@ -1,9 +1,9 @@
-"""The one way to open an HDF5 file: before anything is read, its structure is walked, and what leads out of the file is
-refused, and so is damage that HDF5 itself does not survive (see `heaps`).
+"""Opening of HDF5 files. Before anything is read, a walk through the structure refuses links out of the file.
 
 HDF5 follows external links, external raw storage and virtual datasets into any file that this process may read or
 write. kickdrift writes none of these, nor soft links or references, so a file that holds one is refused whole. The walk
-reads object headers and heaps alone, follows nothing, and opens no other file.
+also refuses damage that HDF5 itself does not survive (see `heaps`). It reads object headers and heaps alone, follows no
+link, and opens no other file.
 """
 
 from __future__ import annotations
@@ -23,23 +23,23 @@ from kickdrift.systemfile.files import is_shipped
 from kickdrift.trajectory.heaps import Heaps
 
 DEEPEST = 32  # groups within groups
-MOST = 10_000  # objects, and attributes
-OURS = ("h5md", "kickdrift", "observables", "particles", "table")  # what kickdrift itself reads, at the top
-FILTERS = (1, 2, 3, 4, 5, 6, 32000)  # HDF5's own and h5py's LZF; any other is code that HDF5 would load from a folder
-SETTLED = 2.0  # seconds: a file that has not changed for so long cannot change again without another time in its status
-_last: list[tuple[int, ...]] = [()]  # the status of the file that was walked last, which need not be walked again
+MOST = 10_000  # objects and attributes, each
+OURS = ("h5md", "kickdrift", "observables", "particles", "table")  # groups at the top that kickdrift reads
+FILTERS = (1, 2, 3, 4, 5, 6, 32000)  # HDF5's own and h5py's LZF; for any other, HDF5 would load code from a folder
+SETTLED = 2.0  # seconds: if a file has not changed for so long, the next change will show in the times of its status
+_last: list[tuple[int, ...]] = [()]  # status of the file that was walked last, which need not be walked again
 _LINKS = {h5l.TYPE_SOFT: "a soft link", h5l.TYPE_EXTERNAL: "an external link"}
 
 
 def open_to_read(path: str | os.PathLike[str]) -> h5py.File:
-    """An HDF5 file open for reading; an InputError where it cannot be read, is being written to or leads out of
+    """Open an HDF5 file for reading. Raises InputError if it cannot be read, is being written, or has links out of
     itself."""
     if (text := shown_path(path)).endswith(".toml") or is_shipped(text):
         raise InputError(f"{text}: is a system file, not the file of a run: use kd.load")
     number = _descriptor(path)
     try:
         status = os.fstat(number)
-        name = f"/dev/fd/{number}"  # the very file that was looked at, whatever has taken its name since
+        name = f"/dev/fd/{number}"  # the very file that was checked, even if another file has its name now
         name = name if os.path.exists(name) else os.fspath(path)
         try:
             file = h5py.File(name, "r", locking="best-effort")
@@ -58,20 +58,20 @@ def open_to_read(path: str | os.PathLike[str]) -> h5py.File:
 
 
 def open_stored(storage: Any, path: str | os.PathLike[str], *, own: bool = False, **options: Any) -> h5py.File:
-    """The HDF5 file in a file object, open for writing; OSError, or an InputError where the file leads out of itself
-    or is damaged. A file of this process's ``own`` making is not looked through."""
+    """Open the HDF5 file in a file object for writing. Raises OSError, or InputError if the file is damaged or has
+    links out of itself. A file of this process's ``own`` making is not walked."""
     file = h5py.File(storage, "r+", libver="earliest", **options)
     return file if own else _walked(path, file, storage)
 
 
 def created(place: Any, **options: Any) -> h5py.File:
-    """A new HDF5 file: in a file object, or under a name that nobody else can know."""
+    """Create an HDF5 file in a file object, or under a name that no other process knows."""
     return h5py.File(place, "w", **options)
 
 
 def refuse_ways_out(path: str | os.PathLike[str], file: h5py.File, source: Any) -> None:
-    """An InputError that names the file and the object, where the structure leads out of the file, goes round in
-    circles or is damaged. The bytes of the file come from ``source``, a file object."""
+    """Raise InputError if the structure has links out of the file, has a loop or is damaged; the error names file and
+    object. ``source`` is a file object with the file's bytes."""
     walk = _Walk(shown_path(path))
     with walk.at("/"):
         walk.heaps = Heaps(file, source)
@@ -79,7 +79,7 @@ def refuse_ways_out(path: str | os.PathLike[str], file: h5py.File, source: Any) 
 
 
 class _Walk:
-    """Every object of a file, each looked at once however many names it has."""
+    """A walk over all objects of a file. Each is checked once, whatever the number of its names."""
 
     heaps: Heaps
 
@@ -90,7 +90,7 @@ class _Walk:
 
     @contextmanager
     def at(self, name: str) -> Iterator[None]:
-        """Name the object where HDF5 cannot read it."""
+        """Name the object in an error if HDF5 cannot read it."""
         try:
             yield
         except InputError:
@@ -102,7 +102,7 @@ class _Walk:
         raise InputError(f"{self.path}: {_shown(name)} {what}; kickdrift does not open such a file")
 
     def look(self, item: Any, name: str, above: tuple[int, ...]) -> None:
-        """One object, and what is in it."""
+        """Check one object and its content."""
         found = h5o.get_info(item)
         if found.addr in above:
             self.refuse(name, "is a group that holds itself")
@@ -128,7 +128,7 @@ class _Walk:
 
         def note(link: bytes, about: Any) -> int | None:
             links.append((link, about.type))
-            return 1 if len(links) > MOST else None  # anything but None ends it
+            return 1 if len(links) > MOST else None  # any value but None ends the iteration
 
         group = group if isinstance(group, h5g.GroupID) else h5g.open(group, b"/")
         group.links.iterate(note, info=True)
@@ -183,7 +183,7 @@ def _descriptor(path: str | os.PathLike[str]) -> int:
 
 
 def _why_not(name: str, error: Exception) -> str:
-    """Why HDF5 cannot open a file."""
+    """Reason why HDF5 cannot open a file."""
     if isinstance(error, BlockingIOError):
         return "a run is writing to it at this moment; it can be read when that is over"
     if "truncated file" in str(error):
@@ -198,6 +198,6 @@ def _one_line(error: BaseException) -> str:
 
 
 def _shown(name: str) -> str:
-    """An object's name in a message: without control characters, and not without end."""
+    """An object's name for a message: without control characters and limited in length."""
     text = "".join(each if each.isprintable() else f"\\x{ord(each):02x}" for each in name)
     return text if len(text) <= 100 else f"{text[:97]}…"

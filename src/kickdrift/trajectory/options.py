@@ -1,4 +1,4 @@
-"""How a run's file is written."""
+"""Options for writing a run's file."""
 
 from __future__ import annotations
 
@@ -17,22 +17,22 @@ EXTRAS = ("forces", "images")
 
 @dataclass(frozen=True, init=False)
 class FileOptions:
-    """How `Simulation.run` writes its ``output``.
+    """Options for the file that `Simulation.run` writes.
 
     Parameters
     ----------
-    flush : seconds after which what was kept in memory goes to the file; that much a kill can cost at most
-    store : "float64", or "float32" for positions, velocities and forces of half the size. What a run is resumed
-        from, and observables, stay float64
-    compress : write the file anew with HDF5's gzip and shuffle filters when the run has come to its end; lossless. A
-        run that is killed leaves the file as it is while it is written, not compressed
-    write : what else each frame holds: "forces", and "images" (how many boxes each particle is away from the box at the
-        origin; positions are then stored inside the box, as H5MD wants it)
+    flush : seconds between writes to disk; a kill loses at most this much of the run
+    store : "float64", or "float32" for positions, velocities and forces of half the size. Checkpoints for a restart and
+        observables stay float64
+    compress : compress the file at the run's end with HDF5's gzip and shuffle filters, without loss. During the run,
+        and after a kill, the file is not compressed
+    write : further content of each frame: "forces", and "images" (how many boxes each particle is away from the box at
+        the origin; positions are then stored inside the box, as H5MD recommends)
 
     Raises
     ------
     InputError
-        Where a value makes no sense.
+        If a value makes no sense.
     """
 
     flush: float
@@ -47,7 +47,7 @@ class FileOptions:
         compress: bool = False,
         write: Iterable[str] = (),
         *,
-        precision: str | None = None,  # the name that ``store`` had in 0.1; it goes in 0.3
+        precision: str | None = None,  # old name of ``store``; removed in 0.3
     ) -> None:
         if precision is not None:
             warn("FileOptions(precision=…) is deprecated since 0.2; use store=…", DeprecationWarning, stacklevel=2)
@@ -58,7 +58,7 @@ class FileOptions:
 
     @property
     def precision(self) -> str:
-        """The name that ``store`` had in 0.1; it goes in 0.3."""
+        """Old name of ``store``, removed in 0.3."""
         warn("FileOptions.precision is deprecated since 0.2; use store", DeprecationWarning, stacklevel=2)
         return self.store
 
@@ -76,5 +76,5 @@ class FileOptions:
 
     @property
     def dtype(self) -> str:
-        """Of stored vectors, in NumPy's short form."""
+        """Type of stored vectors in NumPy's short form."""
         return "f8" if self.store == "float64" else "f4"

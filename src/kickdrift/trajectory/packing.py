@@ -1,4 +1,4 @@
-"""A whole run's file written anew, compressed or not: chunks that change size cannot be replaced safely in place."""
+"""A whole run's file written anew, compressed or not. Chunks that change size cannot be replaced safely in place."""
 
 from __future__ import annotations
 
@@ -20,20 +20,20 @@ _COMMIT_BYTES = 8 * 2**20
 
 
 def is_packed(file: h5py.File) -> bool:
-    """Whether the file's frames are compressed."""
+    """Tell whether the file's frames are compressed."""
     return file["particles/trajectory/position/value"].compression is not None
 
 
 @contextmanager
 def rewritten(file: h5py.File, path: Path, *, compress: bool) -> Iterator[Path]:
-    """A copy of an open file beside ``path``, every growing dataset compressed or every one plain; an OSError leaves
-    nothing. The caller gives it its name, or it is removed."""
+    """Yield a copy of an open file beside ``path``, with all growing datasets compressed or all plain. The caller
+    renames the copy, else it is removed. An OSError leaves no copy."""
     with private_place(path) as part:
         part.write_bytes(b"")
         storage = PagedFile(part)
         try:
             with created(storage, libver="earliest", **ALIGNMENT) as copy:
-                # What must begin in the first page: see `layout`.
+                # These must begin in the first page: see `layout`.
                 names = ("kickdrift/committed", *(f"particles/trajectory/position/{key}" for key in ("step", "value")))
                 items = [file[name] for name in names]
                 filters = _FILTERS if compress else {}
@@ -51,7 +51,7 @@ def _address(item: Any) -> int:
 
 
 def _like(item: h5py.Dataset, name: str | None, group: h5py.Group, filters: dict[str, Any]) -> h5py.Dataset:
-    """A copy of a dataset, without rows where it can grow."""
+    """Create a copy of a dataset, without rows if the dataset can grow."""
     if item.chunks is None:
         return group.create_dataset(name, data=item[()], dtype=item.dtype, track_times=False)
     return group.create_dataset(
@@ -68,7 +68,8 @@ def _copy(
     filters: dict[str, Any],
     storage: PagedFile,
 ) -> None:
-    """Everything inside a group; objects with several names keep them, and ``first`` are there already, without."""
+    """Copy everything inside a group. An object with several names keeps them. Datasets in ``first`` exist already,
+    without names."""
     for name, item in source.items():
         address = _address(item)
         if address in made:
@@ -89,7 +90,7 @@ def _copy(
 
 
 def _copy_rows(item: h5py.Dataset, new: h5py.Dataset, storage: PagedFile) -> None:
-    """A few megabytes at a time, in whole chunks."""
+    """Copy rows in whole chunks, a few megabytes at a time."""
     row = max(1, item.dtype.itemsize * int(item.size // max(1, item.shape[0])))
     block = item.chunks[0] * max(1, _COMMIT_BYTES // (row * item.chunks[0]))
     new.resize(item.shape[0], axis=0)
@@ -104,14 +105,14 @@ def _copy_rows(item: h5py.Dataset, new: h5py.Dataset, storage: PagedFile) -> Non
 
 
 def _stored_rows(item: h5py.Dataset) -> int:
-    """The rows up to the end of the last chunk; a file may claim more, of which nothing is stored."""
+    """Number of rows up to the end of the last chunk. A file may claim more rows than it stores."""
     ends = [0]
     item.id.chunk_iter(lambda chunk: ends.append(chunk.chunk_offset[0] + item.chunks[0]))
     return int(max(ends))
 
 
 def _copy_readable(item: h5py.Dataset, new: h5py.Dataset, start: int, stop: int) -> None:
-    """The rows that HDF5 can read; the others keep the fill value, which their checksums tell from what was there."""
+    """Copy the rows that HDF5 can read. Other rows keep the fill value, so their checksums show the damage."""
     for row in range(start, stop):
         with contextlib.suppress(OSError):
             new[row] = item[row]

@@ -1,4 +1,4 @@
-"""Reading a run's file: `open` gives a Run, the sequence of its frames."""
+"""Reader of a run's file: `open` returns a Run, the sequence of its frames."""
 
 from __future__ import annotations
 
@@ -28,6 +28,7 @@ from kickdrift.trajectory.kind import check_kind
 from kickdrift.trajectory.layout import TRAJECTORY, run_hash, system_hash
 from kickdrift.trajectory.opening import open_to_read
 from kickdrift.trajectory.rows import behind
+from kickdrift.trajectory.shown import ShownRun
 
 if TYPE_CHECKING:
     from kickdrift.model.system import System
@@ -37,7 +38,7 @@ CHANGED = "its system was changed after the run began (kickdrift/system, units, 
 
 
 class Samples(NamedTuple):
-    """Some samples: their numbers, steps, times and observables."""
+    """Numbers, steps, times and observables of some samples."""
 
     rows: NDArray[np.int64]
     steps: NDArray[np.int64]
@@ -45,11 +46,11 @@ class Samples(NamedTuple):
     observables: dict[str, Floats]
 
 
-class Run(Frames):
+class Run(Frames, ShownRun):
     """A run's file, open for reading: a context manager, and the sequence of all its frames.
 
-    Everything is in the system's own units, whatever unit the file names for the sake of other programs. Observables
-    are those of the samples, which are at least as dense as the frames; ``run[:]`` has them at the frames.
+    All values are in the system's own units, although the file may name other units for other programs. Observables are
+    those of the samples, which are at least as dense as the frames; ``run[:]`` has the observables at the frames.
 
     Attributes
     ----------
@@ -59,24 +60,24 @@ class Run(Frames):
         Steps between samples.
     units : UnitSystem
     nominal_units : bool
-        Whether the file's angstrom and ps stand for a length and time unit that other programs do not know.
+        Whether the file uses angstrom and ps as stand-ins for units that other programs do not know.
     box : Box
-        That the run began with; every run so far keeps it.
+        Box at the start of the run.
     species : tuple of str
     species_index : (n,) int32 into `species`
     names : tuple of str
-        Of the bodies, where they have any.
+        Names of the bodies, if any.
     masses : (n,) float64
     ids : (n,) int64
     system_source : str
-        The text of the system file, empty where there was none.
+        Text of the system file; empty if there was none.
     system_record, method, versions : dict
     options : FileOptions
-        How the file is written; of ``flush`` it says nothing.
+        How the file is written, without ``flush``.
     packed : bool
-        Whether frames are compressed, as they are once a run that was asked for it has ended.
+        Whether frames are compressed. Compression happens at the end of a run.
     report : dict or None
-        What the run reported at its end; None if it did not reach it.
+        The run's report; None if the run did not finish.
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
@@ -104,7 +105,7 @@ class Run(Frames):
         self.options, self.packed = found.options, found.packed
         self.report, self.closed = found.report, found.report is not None
         self.half_written = found.half_written
-        # What a kill left behind the last commit may be part of a row; it does not count.
+        # Rows after the last commit may be incomplete after a kill; they do not count.
         super().__init__(None, range(found.committed.frames))
         self.committed = found.committed
         self._samples = found.committed.samples
@@ -125,8 +126,8 @@ class Run(Frames):
         return self._contents.file
 
     def vectors(self, what: str, frames: slice, particles: slice = slice(None)) -> Floats:
-        """(f, n, 3) unwrapped "positions", "velocities" or "forces" of some frames and particles, read at once; an
-        InputError for forces that the run did not write."""
+        """Unwrapped "positions", "velocities" or "forces" of some frames and particles, shape (f, n, 3), in one read.
+        Raises InputError if the run did not write forces."""
         name, factor = {
             "positions": ("position", self._factors.length),
             "velocities": ("velocity", self._factors.velocity),
@@ -144,14 +145,14 @@ class Run(Frames):
         return values
 
     def boxes_of(self, rows: range) -> list[Box]:
-        """The box of each of some frames, in ascending order: `box`, unless the Writer was given another."""
+        """Box of each of these frames, in ascending order: `box`, unless the Writer was given another box."""
         if not rows or not self.box.periodic:
             return [self.box] * len(rows)
         self.check_clock(rows)
         return edges.boxes(self._contents, self.box, self._factors.length, as_slice(rows))
 
     def _checked(self, name: str, rows: range, particles: slice) -> NDArray:
-        """(f, k, 3) of what frames hold, as it is stored; an InputError names the first that is damaged."""
+        """Stored vectors (f, k, 3) of frames. Raises an InputError that names the first damaged frame."""
         self.check_clock(rows)
         block, n = self._checks.block, len(self.ids)
         low, high, step = particles.indices(n)
@@ -164,7 +165,7 @@ class Run(Frames):
             if len(rows) == 1:
                 raise self._damaged("frame", rows[0], self.all_steps) from None
             for row in rows:
-                self._checked(name, range(row, row + 1), particles)  # which says which one it is
+                self._checked(name, range(row, row + 1), particles)  # raises an error that names the frame
             raise
         wrong = self._checks.vectors(name, rows, found, begin // block)
         if wrong.any():
@@ -172,7 +173,7 @@ class Run(Frames):
         return found[:, low - begin : high - begin : step]
 
     def framed(self, frames: slice) -> dict[str, Floats]:
-        """Every observable as an array (f,) or (f, …) at some frames."""
+        """Every observable at some frames, shape (f,) or (f, …)."""
         rows = range(*frames.indices(len(self)))
         wrong = self._checks.observables(rows)
         if wrong.any():
@@ -185,25 +186,24 @@ class Run(Frames):
         return InputError(f"{self.path}: damaged: {what} {row}{step} is not what was written")
 
     def check_clock(self, rows: range) -> None:
-        """An InputError where the step or time of one of these frames is damaged."""
+        """Raise InputError if the step or time of one of these frames is damaged."""
         wrong = self._wrong_clock[as_slice(rows)]
         if wrong.any():
             raise self._damaged("frame", rows[int(np.argmax(wrong))])
 
     def refuse_changed(self) -> None:
-        """An InputError where what gives the numbers their meaning is not what it was, in a file that has a hash of it
-        all."""
+        """Raise InputError if anything that gives the numbers their meaning has changed, by the file's hash."""
         if not self._as_given:
             raise InputError(f"{self.path}: damaged: {CHANGED}")
 
     @cached_property
     def _as_given(self) -> bool:
-        """Whether all that was written once is as it was, as far as the file can tell."""
+        """Whether everything that was written once is unchanged, by the file's hash. True without a hash."""
         with self._contents.guarded("kickdrift"):
             return bool(self._file["kickdrift"].attrs.get("sha256") in (None, run_hash(self._file)))
 
     def damage(self) -> Damage:
-        """Which frames, samples, events and checkpoints are damaged. It reads the whole file."""
+        """Damaged frames, samples, events and checkpoints. Reads the whole file."""
         table = self.checkpoints
         checks = self._checks
         rows = [np.flatnonzero(wrong).tolist() for wrong in (checks.frames, checks.samples, checks.events)]
@@ -211,37 +211,37 @@ class Run(Frames):
 
     @property
     def unchanged(self) -> bool:
-        """Whether the system in the file is the one that its run began with, by its hash."""
+        """Whether the system in the file is unchanged since the run began, by its hash."""
         with self._contents.guarded("kickdrift/system"):
             then = self._file["kickdrift/system"].attrs.get("sha256")
             return bool(self._as_given and then == system_hash(self._file))
 
     @property
     def exact(self) -> bool:
-        """Whether positions and velocities are those of the run to the last bit."""
+        """Whether stored positions and velocities are exact to the last bit."""
         real = self._factors.length == self._factors.time == 1.0
         return real and self.options.store == "float64" and "images" not in self.options.write
 
     @property
     def observables(self) -> dict[str, Floats]:
-        """Every observable as an array (s,) or (s, …), at `sample_steps` and `sample_times`."""
+        """Every observable at `sample_steps` and `sample_times`, shape (s,) or (s, …)."""
         return {name: self._sampled(name) for name in self._observables if self._samples}
 
     @property
     def columns(self) -> dict[str, tuple[tuple[int, ...], str]]:
-        """Shape and unit of each column of the user's own, by name; ``observables`` has the values."""
+        """Shape and unit of each of the user's columns, by name; ``observables`` has the values."""
         own = [name for name in self._observables if name not in header.SHAPES]
         return {name: (header.shape_of(self._contents, name), self.unit_of(name)) for name in own}
 
     def unit_of(self, observable: str) -> str:
-        """The unit of an observable, in words; "" for a plain number."""
+        """Unit of an observable as text; "" for a plain number."""
         return header.unit_of(self._contents, observable, self.units)
 
     @property
     def events(self) -> list[dict[str, Any]]:
-        """What `Simulation.events` of the run had: kind, time, step, bodies, ids, distance, energy, done.
+        """Events of the run, as in `Simulation.events`: kind, time, step, bodies, ids, distance, energy, done.
 
-        Close approaches that had not ended with the run come last."""
+        Close approaches that were still going on at the run's end come last."""
         wrong = self._checks.events
         if wrong.any():
             raise self._damaged("event", int(np.argmax(wrong)))
@@ -263,23 +263,23 @@ class Run(Frames):
 
     @property
     def energies(self) -> EnergySeries:
-        """Kinetic, potential and total energy at `sample_times`; an InputError if they were not written."""
+        """Kinetic, potential and total energy at `sample_times`. Raises InputError if they were not written."""
         return energies_of(self, self.sample_times, self.observables)
 
     def to_pandas(self) -> Any:
-        """A pandas DataFrame: a row for each sample, with step, time and every observable (``momentum_x``, …).
+        """A pandas DataFrame with a row for each sample: step, time and every observable (``momentum_x``, …).
 
-        Units are in ``attrs["units"]``, by column. An InputError where pandas is not installed.
+        The unit of each column is in ``attrs["units"]``. Raises InputError if pandas is not installed.
         """
         from kickdrift.trajectory.tables import data_frame
 
         return data_frame(self, self.sample_steps, self.sample_times, self.observables)
 
     def to_xarray(self) -> Any:
-        """An xarray Dataset of all that was written over time, with units as attributes.
+        """An xarray Dataset of everything that was written over time, with units as attributes.
 
-        Positions and velocities (frame, particle, axis), masses and species (particle), and every observable
-        (sample, …) at the coordinates sample_step and sample_time. An InputError where xarray is not installed.
+        Positions and velocities have dimensions (frame, particle, axis), masses and species (particle), and observables
+        (sample, …). Samples have coordinates sample_step and sample_time. Raises InputError if xarray is not installed.
         """
         from kickdrift.trajectory.tables import dataset
 
@@ -288,14 +288,14 @@ class Run(Frames):
         return dataset(self, self, series, clock)
 
     def system(self) -> System:
-        """The System that the run was given, from the file alone; ``run[k].system()`` is that at a frame."""
+        """The System that the run began with, from the file alone. ``run[k].system()`` is the System at a frame."""
         from kickdrift.trajectory.record import system_of
 
         self.refuse_changed()
         return system_of(self)
 
     def _sampled(self, name: str) -> NDArray:
-        """A series of the samples; an InputError names the first sample that is damaged."""
+        """Series of the samples. Raises an InputError that names the first damaged sample."""
         wrong = self._checks.samples
         if wrong.any():
             raise self._damaged("sample", int(np.argmax(wrong)))
@@ -305,13 +305,13 @@ class Run(Frames):
         return self._contents.read(header.sampled(self._contents, name, self._samples), slice(self._samples))
 
     def whole_samples(self) -> Samples:
-        """The samples that are not damaged."""
+        """Samples that are not damaged."""
         kept = np.flatnonzero(~self._checks.samples)
         observables = {name: self._series(name)[kept] for name in self._observables}
         return Samples(kept, self._series("step")[kept], self._series("time")[kept], observables)
 
     def check_growing(self) -> None:
-        """An InputError where no rows can be added to the file, since another program has written it anew."""
+        """Raise InputError if rows cannot be added because another program has rewritten the file."""
         contents, (frames, samples, events) = self._contents, self.committed
         for name in self._observables:
             header.framed(contents, name, frames)
@@ -332,7 +332,7 @@ class Run(Frames):
 
     @cached_property
     def kept(self) -> Committed:
-        """The rows that a run which is resumed goes on after: all but those of a damaged end."""
+        """Rows after which a resumed run continues: all but those of a damaged end."""
         frames, samples, events = self.committed
         while frames and (self._checks.clock[frames - 1] or self._checks.frame(frames - 1)):
             frames -= 1
@@ -342,7 +342,7 @@ class Run(Frames):
             return self.committed
         at = list(zip(self._series("step").tolist(), self._series("time").tolist(), strict=True))
         there = list(zip(self.all_steps.tolist(), self.all_times.tolist(), strict=True))
-        if frames < len(self):  # a damaged frame comes after the last whole one
+        if frames < len(self):  # a damaged frame comes after the last whole frame
             last = there[frames - 1] if frames else (-1, 0.0)
             while samples and behind(last, at[samples - 1]):
                 samples -= 1
@@ -352,29 +352,30 @@ class Run(Frames):
 
     @property
     def last_point(self) -> tuple[int, float] | None:
-        """Step and time of the last sample of those `kept`."""
+        """Step and time of the last sample among those `kept`."""
         row = self.kept.samples - 1
         return None if row < 0 else (int(self._series("step")[row]), float(self._series("time")[row]))
 
     @property
     def checkpoints(self) -> Table | None:
-        """What the run can be taken up again from; None in a file that has none."""
+        """Checkpoints for a restart; None if the file has none."""
         if not self._contents.has(CHECKPOINTS):
             return None
         return Table(self._file, self.path)
 
     @property
     def plan(self) -> list[float]:
-        """The numbers of the `run.plan.Plan` of the last run into this file; empty where it is not known."""
+        """Numbers of the `run.plan.Plan` of the last run into this file; empty if unknown."""
         return header.plan_numbers(self._contents)
 
     @property
     def initial_phase(self) -> Floats:
-        """(2, 3, n) positions and velocities of the System that the run was given."""
+        """Positions and velocities (2, 3, n) of the System at the start of the run."""
         return self._contents.array("kickdrift/system/phase", "f8", (2, 3, len(self.ids)))
 
     def universe(self) -> Any:
-        """An MDAnalysis Universe of this file, with names, types and masses; nominal units where the file's are."""
+        """An MDAnalysis Universe of this file, with names, types and masses; its units are nominal if the file's
+        are."""
         from kickdrift.trajectory.universe import universe
 
         return universe(self)
@@ -392,5 +393,5 @@ class Run(Frames):
 
 
 def open(path: str | os.PathLike[str]) -> Run:
-    """A run's file as a Run; the InputError of a file that is none says what it is instead."""
+    """Open a run's file as a Run. For another file, raises an InputError that says what the file is instead."""
     return Run(path_text("path", path))

@@ -1,4 +1,4 @@
-"""A System as a run's file keeps it, and back: what the file alone needs to run it again."""
+"""The record of a System in a run's file, and the System made from the record alone."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def to_json(value: Any) -> str:
 def _plain(value: Any) -> Any:
     """Dataclasses, named tuples and arrays as dictionaries, lists, numbers and text.
 
-    A dictionary whose keys are not text becomes a list of [key, value].
+    A dictionary with keys other than text becomes a list of [key, value].
     """
     if isinstance(value, tuple) and hasattr(value, "_asdict"):
         return _plain(value._asdict())
@@ -53,13 +53,13 @@ def _plain(value: Any) -> Any:
 
 
 def record_of(system: System) -> dict[str, Any]:
-    """All of a System but its state, masses, ids and species, which the file has as arrays."""
+    """Record of a System without its state, masses, ids and species, which the file has as arrays."""
     return {
         "name": system.name,
         "units": system.units.name,
         "particles": len(system),
         "box": recorded(system.box),
-        **({"dimensions": system.dimensions} if system.dimensions != 3 else {}),  # a key that older files have not
+        **({"dimensions": system.dimensions} if system.dimensions != 3 else {}),  # a key that older files do not have
         "species": system.species,
         "names": system.names,
         "radii": system.radii,
@@ -75,7 +75,7 @@ def record_of(system: System) -> dict[str, Any]:
 
 
 def run_record(run: RunDefaults) -> dict[str, Any]:
-    """What ``[run]`` said, by key: None where it did not say."""
+    """Values of ``[run]`` by key; None for a key that was not set."""
     own = {each.name: getattr(run, each.name) for each in fields(run) if each.name != "options"}
     return {**own, **dict.fromkeys(OPTIONS), **run.options}
 
@@ -86,8 +86,7 @@ def _described(thing: Any) -> dict[str, Any]:
 
 
 def _source_hash(thing: Any) -> str:
-    """SHA-256 of the functions that a class of the user's own is made of; "" of kickdrift's, and where Python has no
-    source."""
+    """SHA-256 of the functions in a user's class; "" for kickdrift's own classes, and if Python has no source."""
     cls = getattr(type(thing), "Parameters", type(thing))
     own = [each for each in vars(cls).values() if inspect.isfunction(each) and each.__module__ == cls.__module__]
     if cls.__module__.startswith("kickdrift."):
@@ -100,14 +99,14 @@ def _source_hash(thing: Any) -> str:
 
 
 def changed_sources(system: System, run: RunRecord) -> list[str]:
-    """The forces of the user's own whose source is not what it was when the run began."""
+    """User's forces whose source has changed since the run began."""
     then = [force.source for force in checked_record(run).forces]
     pairs = zip(system.forces, then, strict=True)
     return [type(force).__name__ for force, source in pairs if source != _source_hash(force)]
 
 
 def checked_record(run: RunRecord) -> Record:
-    """What the file says of its system; an InputError where that is not what kickdrift writes."""
+    """Record of the file's system, checked. Raises InputError if kickdrift does not write such a record."""
     with about(run.path, "damaged: kickdrift/system/record"):
         record: Record = checked(Record, run.system_record, None)
         return record
@@ -120,11 +119,11 @@ def system_of(
     forces: Iterable[Any] | None = None,
     events: Iterable[Event] | None = None,
 ) -> System:
-    """The System that a run was given, or the same at one of the run's frames, at that frame's time.
+    """System that a run began with, or the System at one of the run's frames and its time.
 
-    A force of the user's own is found where its class is registered (see ``register_force``); nothing else of a module
-    can be named. An InputError says what cannot be had from the file, and which frame has bodies that have merged or
-    left. ``forces`` and ``events`` take the place of the file's.
+    A user's force is found if its class is registered (see ``register_force``); a file cannot name other parts of a
+    module. Raises an InputError that says what the file does not hold, or which frame has bodies that have merged or
+    left. ``forces`` and ``events`` replace those of the file.
     """
     record = checked_record(run)
     start = run.initial_phase
@@ -165,15 +164,15 @@ def _changed(event: Mapping[str, Any]) -> bool:
 
 
 def _compared(force: Mapping[str, Any]) -> dict[str, Any]:
-    """What makes a force another one; a file of version 0.1.0 has no qualified names."""
+    """Parts of a force's record that must be equal in two runs. Files of version 0.1.0 have no qualified names."""
     return {"type": force["type"].rpartition(".")[2], **{key: force.get(key) for key in ("module", "parameters")}}
 
 
 def differences(system: System, run: RunRecord) -> list[str]:
-    """What differs between a System and the one that a run was given; empty where the run is this System's."""
+    """Differences between a System and the System that a run began with; empty if they are the same."""
     checked_record(run)
     here, there = json.loads(to_json(record_of(system))), dict(run.system_record)
-    skipped = {"name", "invariants", "run", "equilibration", "seed"}  # which do not change what the forces do
+    skipped = {"name", "invariants", "run", "equilibration", "seed"}  # keys that do not change what the forces do
     for record in (here, there):
         record["forces"] = [_compared(force) for force in record["forces"]]
     found = [key for key in here if key not in skipped and here[key] != there.get(key)]

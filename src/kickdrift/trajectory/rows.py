@@ -1,4 +1,4 @@
-"""The growing datasets of a run's file: how rows are added so that a kill at any moment leaves whole ones."""
+"""Growing datasets of a run's file. Rows are added so that a kill at any moment leaves whole rows."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from kickdrift.trajectory.layout import (
 )
 from kickdrift.trajectory.openfile import OpenFile
 
-VECTORS_NDIM = 3  # of vectors (frames, n, 3)
+VECTORS_NDIM = 3  # dimensions of vectors (frames, n, 3)
 Observables = dict[str, NDArray[np.float64]]
 
 
@@ -41,7 +41,7 @@ class SampleRow(NamedTuple):
 
 
 class FrameRow(NamedTuple):
-    """Positions, velocities and forces (n, 3) at one time, in the system's units, with the observables there."""
+    """Positions, velocities and forces (n, 3) and observables at one time, in the system's units."""
 
     step: int
     time: float
@@ -53,7 +53,7 @@ class FrameRow(NamedTuple):
 
 
 class EventRow(NamedTuple):
-    """An event, in the system's units; ids are -1 and numbers nan where it has none."""
+    """An event, in the system's units. A missing id is -1, a missing number nan."""
 
     time: float
     step: int
@@ -65,7 +65,7 @@ class EventRow(NamedTuple):
 
     @classmethod
     def of(cls, event: Mapping[str, Any]) -> EventRow:
-        """The row of an entry of `Simulation.events`."""
+        """Row of an entry of `Simulation.events`."""
         ids = (*event["ids"], -1, -1)[:2]
         distance, energy = (np.nan if event[key] is None else float(event[key]) for key in ("distance", "energy"))
         return cls(event["time"], event["step"], ids, distance, energy, event["kind"], event["done"])
@@ -77,21 +77,21 @@ class Rows:
     Attributes
     ----------
     frames, samples, events : int
-        Rows that are whole.
+        Number of whole rows.
     shapes : dict of name -> shape
-        Of the observables; empty until the first sample.
+        Shapes of the observables; empty until the first sample.
     complete : bool
-        Whether the file has a dataset for each of them; else `make_observables` comes first.
+        Whether the file has a dataset for each observable; else `make_observables` comes first.
     ids : (n,) int64
         The order of the particles in every frame.
     write : tuple of str
         Which of "forces" and "images" the frames have.
     columns : dict of name -> unit
-        The user's own among the observables.
+        The user's own observables.
     """
 
     def __init__(self, out: OpenFile, made: header.Outline | None = None) -> None:
-        """``made`` is what the file holds where this process has just made the file."""
+        """``made`` is the file's content if this process has just created the file."""
         self._out = out
         contents = Contents(self._file, out.path)
         found = made or header.read(contents)
@@ -114,22 +114,23 @@ class Rows:
         return self._out.h5
 
     def _look_for_checksums(self) -> None:
-        """Whether the file has them of all its rows; else an older kickdrift has written to it, and it gets no more."""
+        """Write checksums if the file has them for all its rows. A file to which an older kickdrift has written gets no
+        more."""
         if CHECKSUMS in self._file:
             rows = (("frame", self.frames), ("sample", self.samples), ("event", self.events))
             if all(self._out.dataset(f"{CHECKSUMS}/{name}").shape[0] >= count for name, count in rows):
                 self._block = int(self._file[CHECKSUMS].attrs["particles"])
 
     def keep(self, rows: header.Committed) -> None:
-        """Let no more than these rows count; `cut` takes the others away."""
+        """Count no more than these rows; `cut` removes the others."""
         self._file["kickdrift/committed"][...] = rows
         self._out.commit()
         self.frames, self.samples, self.events = rows
 
     def cut(self) -> bool:
-        """Take away what was left half written; whether there was any.
+        """Remove incomplete rows and tell whether there were any.
 
-        Chunks become free by it, and HDF5 would put new ones there: commit and open the file anew, which forgets them.
+        This frees chunks, which HDF5 would reuse: commit and reopen the file, so that HDF5 forgets the free chunks.
         """
         file, found = self._file, False
         rows = {"frame": self.frames, "sample": self.samples, "event": self.events}
@@ -142,20 +143,20 @@ class Rows:
 
     @property
     def last_frame(self) -> tuple[int, float] | None:
-        """Step and time."""
+        """Step and time of the last frame."""
         place = self._file[TRAJECTORY]["position"]
         return self._last(place, self.frames, self._factors.time)
 
     @property
     def last_sample(self) -> tuple[int, float] | None:
-        """Step and time."""
+        """Step and time of the last sample."""
         return self._last(self._file[SAMPLES], self.samples, 1.0)
 
     def _last(self, group: h5py.Group, rows: int, factor: float) -> tuple[int, float] | None:
         return (int(group["step"][rows - 1]), float(group["time"][rows - 1]) / factor) if rows else None
 
     def add(self, frames: Sequence[FrameRow], samples: Sequence[SampleRow], events: Sequence[EventRow] = ()) -> None:
-        """Write the rows and bring them to the disk. Doing it again after an interrupt does no harm."""
+        """Write the rows to the disk. A second call after an interrupt does no harm."""
         factors = self._factors
         self._put_all(self._checked("sample", self._sample_columns(samples)), self.samples)
         self._put_all(self._checked("event", self._event_columns(events)), self.events)
@@ -175,12 +176,12 @@ class Rows:
         last = {name: columns.pop(name) for name in (step, f"{TRAJECTORY}/position/value") if name in columns}
         self._put_all(columns, self.frames)
         self._out.commit()
-        # Positions and their steps grow last and in one write: MDAnalysis counts frames by the first and ends a loop by
-        # the second, and so finds everything else there after a kill.
+        # Positions and their steps grow last and in one write: MDAnalysis counts frames by the positions and ends a
+        # loop by the steps. So after a kill MDAnalysis finds everything else in place.
         self._put_all(last, self.frames)
         self._out.commit()
         total = self.frames + len(frames), self.samples + len(samples), self.events + len(events)
-        self._out.dataset("kickdrift/committed")[...] = total  # in one page: the three are of one moment
+        self._out.dataset("kickdrift/committed")[...] = total  # one page holds all three, so they change together
         self._out.commit()
         self.frames, self.samples, self.events = total
 
@@ -197,7 +198,7 @@ class Rows:
         return {f"{EVENTS}/{name}": column for name, column in (columns | texts).items()}
 
     def _vector_columns(self, frames: Sequence[FrameRow]) -> dict[str, NDArray]:
-        """The frames' vectors by the names of their datasets, as they are stored."""
+        """Stored form of the frames' vectors, by the names of their datasets."""
         factors = self._factors
         columns: dict[str, tuple[Sequence[NDArray], float]] = {
             "velocity": ([row.velocities for row in frames], factors.velocity),
@@ -215,12 +216,12 @@ class Rows:
         return {name: _times(*column, self._file[name].dtype) for name, column in named.items()}
 
     def _columns(self, given: Mapping[str, Sequence[ArrayLike]]) -> dict[str, NDArray]:
-        """Columns as they are stored."""
-        with np.errstate(over="ignore"):  # of float32
+        """Stored form of columns."""
+        with np.errstate(over="ignore"):  # overflow of float32
             return {name: np.asarray(rows, self._out.dataset(name).dtype) for name, rows in given.items() if len(rows)}
 
     def _checked(self, table: str, given: Mapping[str, Sequence[ArrayLike]]) -> dict[str, NDArray]:
-        """Columns as they are stored, with that of their checksums."""
+        """Stored form of columns, with the column of their checksums."""
         columns = self._columns(given)
         if self._block and columns:
             columns[f"{CHECKSUMS}/{table}"] = checksums.sums_of_columns(list(columns.values()))
@@ -229,7 +230,7 @@ class Rows:
     def _frame_sums(
         self, clock: Mapping[str, NDArray], observables: Mapping[str, NDArray], vectors: Mapping[str, NDArray]
     ) -> checksums.Sums:
-        """(frames, columns): see `checksums`."""
+        """Checksums (frames, columns): see `checksums`."""
         tables = [list(clock.values()), list(observables.values())]
         frames = len(tables[0][0])
         found = [checksums.sums_of_columns(t)[:, None] if t else np.zeros((frames, 1), "u8") for t in tables]
@@ -237,12 +238,13 @@ class Rows:
         return np.concatenate([*found, *(checksums.sums_of_vectors(each, self._block) for each in values)], axis=1)
 
     def held(self, observables: dict[str, NDArray[np.float64]]) -> dict[str, NDArray[np.float64]]:
-        """These observables without those of kickdrift's own that the version that began the file did not write."""
+        """Observables without those of kickdrift's own that the file's first version did not write."""
         newer = {own.name for own in OWN} - self.shapes.keys() if self._begun else set()
         return {name: value for name, value in observables.items() if name not in newer}
 
     def check(self, observables: Mapping[str, NDArray[np.float64]]) -> str | None:
-        """What is wrong with these observables, if anything; the first ones say what the others must be."""
+        """Say what is wrong with these observables; None if nothing is. The first observables set the names and
+        shapes."""
         shapes = {name: value.shape for name, value in observables.items()}
         if clash := shapes.keys() & {"step", "time"}:
             return f"observables: {min(clash)!r} is a reserved name"
@@ -254,7 +256,7 @@ class Rows:
         return None
 
     def check_box(self, box: Box) -> None:
-        """An InputError for a box that the file's edges have no form for."""
+        """Raise InputError for a box that does not fit the form of the file's edges."""
         if (box.periodic_axes, shape_of(box)) != (self._box.periodic_axes, shape_of(self._box)):
             unit = self._units.symbol("length")
             raise InputError(
@@ -263,7 +265,7 @@ class Rows:
             )
 
     def make_observables(self, file: h5py.File) -> None:
-        """Datasets for the observables, in a copy of the file: see `h5md.Writer.extend`."""
+        """Make datasets for the observables in a copy of the file: see `h5md.Writer.extend`."""
         known = self.columns
         for name, shape in self.shapes.items():
             unit = known[name] if name in known else observable_unit(name, self._units)
@@ -283,39 +285,40 @@ class Rows:
     def _put(self, name: str, start: int, rows: NDArray) -> None:
         # A dataset that stays open keeps chunks in memory: megabytes of vectors.
         data = (self._out.dataset(name) if rows.ndim < VECTORS_NDIM else self._file[name]).id
-        data.set_extent((start + len(rows), *rows.shape[1:]))  # by h5py's other names it takes three times as long
+        data.set_extent((start + len(rows), *rows.shape[1:]))  # h5py's high-level calls take three times as long
         place = data.get_space()
         place.select_hyperslab((start, *(0 for _ in rows.shape[1:])), rows.shape)
         data.write(h5py.h5s.create_simple(rows.shape), place, np.ascontiguousarray(rows))
 
 
 def _times(vectors: Sequence[NDArray], factor: float, dtype: np.dtype) -> NDArray:
-    """(frames, n, 3) vectors (n, 3) times a number, with no copy between."""
+    """Vectors (n, 3) times a number as one array (frames, n, 3), without intermediate copies."""
     found = np.empty((len(vectors), *vectors[0].shape), dtype)
-    with np.errstate(over="ignore"):  # of float32
+    with np.errstate(over="ignore"):  # overflow of float32
         for row, each in zip(found, vectors, strict=True):
             np.multiply(each, factor, out=row, casting="same_kind")
     return found
 
 
 def images_of(positions: Floats, within: Floats, box: Box) -> NDArray[np.int32]:
-    """How many edges lie between positions (n, 3) and the same inside the box; 0 for bodies that are gone."""
+    """Numbers of box edges between positions (n, 3) and the same positions inside the box; 0 for removed bodies."""
     return np.nan_to_num(np.rint(box.fractional(positions - within))).astype(np.int32)
 
 
-ROUNDING = 1e-12  # relative, of times that went through the file's units
+ROUNDING = 1e-12  # relative, for times that were converted between units
 
 
 def same(point: tuple[int, float] | None, step: int, time: float) -> bool:
-    """Whether a (step, time) is the one given; an adaptive run may look at several times inside one step."""
+    """Tell whether a point is at this step and time. An adaptive run may have looks at several times inside one
+    step."""
     return point is not None and point[0] == step and math.isclose(point[1], time, rel_tol=ROUNDING)
 
 
 def before(time: float, other: float) -> bool:
-    """Whether a time lies before another by more than rounding."""
+    """Tell whether a time is earlier than another by more than rounding."""
     return time < other and not math.isclose(time, other, rel_tol=ROUNDING)
 
 
 def behind(point: tuple[int, float], last: tuple[int, float]) -> bool:
-    """Whether a (step, time) lies before the last one."""
+    """Tell whether a (step, time) is earlier than the last one."""
     return point[0] < last[0] or (point[0] == last[0] and before(point[1], last[1]))

@@ -1,4 +1,4 @@
-"""What the modules of this room see of a Run: the protocols of its header, its record and its numbers."""
+"""Protocols of a Run for the modules of this layer: its header, its record and its numbers."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from kickdrift.trajectory.options import FileOptions
 
 
 class RunHeader(Particles, Protocol):
-    """What a run's file says once of its particles and units; see ``Run``."""
+    """Particles and units of a run's file; see ``Run``."""
 
     @property
     def path(self) -> Path: ...
@@ -41,11 +41,11 @@ class RunHeader(Particles, Protocol):
     def options(self) -> FileOptions: ...
 
     def unit_of(self, observable: str) -> str:
-        """Unit of an observable, in words."""
+        """Unit of an observable, as text."""
 
 
 class RunClock(RunHeader, Protocol):
-    """The steps and times of a run's frames beside its header; see ``Run``."""
+    """Header with the steps and times of a run's frames; see ``Run``."""
 
     @property
     def steps(self) -> NDArray[Any]: ...
@@ -57,7 +57,7 @@ class RunClock(RunHeader, Protocol):
 
 
 class Instant(Protocol):
-    """One frame, as a System is made of it; see ``Frame``."""
+    """One frame, as needed to make a System; see ``Frame``."""
 
     @property
     def index(self) -> int: ...
@@ -73,7 +73,7 @@ class Instant(Protocol):
 
 
 class RunRecord(RunHeader, Protocol):
-    """What a run's file says of its System; see ``Run``."""
+    """Record of the System in a run's file; see ``Run``."""
 
     @property
     def system_record(self) -> dict[str, Any]: ...
@@ -91,7 +91,7 @@ class RunRecord(RunHeader, Protocol):
 
 
 class Series(Protocol):
-    """Some frames, as tables have them; see ``Frames``."""
+    """Some frames, as needed for tables; see ``Frames``."""
 
     @property
     def steps(self) -> NDArray[Any]: ...
@@ -107,7 +107,7 @@ class Series(Protocol):
 
 
 class RunNumbers(RunRecord, RunClock, Protocol):
-    """What frames read from a run's file; see ``Run``."""
+    """All that frames read from a run's file; see ``Run``."""
 
     @property
     def all_steps(self) -> NDArray[Any]: ...
@@ -122,10 +122,10 @@ class RunNumbers(RunRecord, RunClock, Protocol):
         """Refuse a file whose system was changed."""
 
     def vectors(self, what: str, frames: slice, particles: slice = slice(None)) -> Floats:
-        """(f, n, 3) positions, velocities or forces."""
+        """Positions, velocities or forces, shape (f, n, 3)."""
 
     def framed(self, frames: slice) -> dict[str, Floats]:
         """Every observable at some frames."""
 
     def boxes_of(self, rows: range) -> list[Box]:
-        """The box of each of some frames, in ascending order."""
+        """Box of each of some frames, in ascending order."""

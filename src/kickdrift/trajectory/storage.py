@@ -1,28 +1,28 @@
-"""The file under HDF5. What HDF5 writes waits in memory for `PagedFile.commit`, which brings it to the disk in an order
-of which every beginning is a whole file.
+"""The file under HDF5. Writes of HDF5 wait in memory for `PagedFile.commit`, which brings them to the disk in an order
+that a kill may cut anywhere: every beginning of the order is a whole file.
 
-HDF5 itself writes in an order that is not: its superblock, which says where the file ends, comes last, and a node of a
-full index is cut in half before its other half can be found. A kill between two such writes leaves frames that were
-long since written and that no program can reach. And where a write fails, as on a full disk, HDF5 crashes at close;
-here it never meets one.
+HDF5's own order is not safe. HDF5 writes the superblock, which says where the file ends, last. HDF5 cuts a full index
+node in half before the other half can be found. A kill between two such writes leaves frames that no program can reach,
+although they were written long before. When a write fails, as on a full disk, HDF5 crashes at close; here HDF5 never
+sees a failed write.
 
-The order of a commit, and why each beginning of it holds all that an earlier commit brought:
+The order of a commit, and why each beginning of the order keeps all earlier commits:
 
-1. What lies behind the end that the superblock on the disk names. Nothing points there yet.
-2. Behind all that, a journal of what is to change in place; it is cut off when the commit is done.
+1. New data beyond the end that the superblock on the disk names. Nothing refers to them yet.
+2. Beyond these data, a journal of the changes in place. It is cut off when the commit is done.
 3. The superblock. The file is longer now, and holds nothing new.
-4. Nodes of the chunk indices (B-trees), the upper ones first. A node that splits has given the second half of its
-   entries to a new node, written in 1; once the node above names that one, the first may lose them.
-5. All else, from the end of the file to its beginning: rows behind the last whole one in chunks that have room, then
-   the object headers with the number of rows. Headers come first in the file.
+4. Nodes of the chunk indices (B-trees), from the top down. A node that splits has given the second half of its entries
+to a new node, written in 1. Once the parent node names the new node, the old one may lose these entries.
+5. All other changes, from the end of the file to its beginning: rows after the last whole row in chunks with room, then
+the object headers with the number of rows. Headers lie first in the file.
 
-Where rows are taken away, headers come before indices, from the file's beginning on; where the file becomes shorter,
+When rows are removed, headers come before indices, from the beginning of the file on. When the file becomes shorter,
 the superblock comes last.
 
-A file that a kill leaves between two of these can be read, but HDF5 must not add to an index of which one part is new
-and the other old: it loses entries. So whoever opens the file to write finishes the commit from the journal first.
+A file that a kill leaves inside this order can be read, but HDF5 must not add to an index that is partly old: HDF5
+would lose entries. So whoever opens the file to write first finishes the commit from the journal.
 
-Every write from 3 on lies inside one page of 4096 bytes, and a kill does not cut those: index nodes, 2 to 4 kB each,
+Every write from 3 on lies inside one page of 4096 bytes, and a kill does not cut pages: index nodes, 2 to 4 kB each,
 begin on a page (`ALIGNMENT`). New objects and links would break the order, since a group's table of names is sorted in
 place: `OpenFile.extend` makes them in a copy. The format: HDF5 File Format Specification 3.0, II.A (superblock version
 0), III.A.1 (version 1 B-trees).
@@ -51,19 +51,20 @@ PAGE = 4096
 _ZEROS = bytes(PAGE)
 ALIGNMENT = {"alignment_threshold": 2048, "alignment_interval": PAGE}  # below the smallest index node, 2096 bytes
 _SUPERBLOCK = 96
-_END = slice(40, 48)  # of the superblock: where the file ends
+_END = slice(40, 48)  # bytes of the superblock that hold the end of the file
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
-_JOURNAL = b"kd redo\0"  # how one begins; its length, its CRC-32 (int64 each) and the pieces follow
+_JOURNAL = b"kd redo\0"  # first bytes; then length and CRC-32 (int64 each) and the pieces
 _HEAD = len(_JOURNAL) + 16
-_CHUNK_INDEX = b"TREE\x01"  # how a node begins, and its level is the byte after
+_CHUNK_INDEX = b"TREE\x01"  # first bytes of a node; the next byte is its level
 _FULL = (errno.ENOSPC, errno.EDQUOT)
 
 
 class PagedFile:
-    """A file for h5py's file-object driver, locked against other programs as long as it is open.
+    """A file for h5py's file-object driver, locked against other programs while it is open.
 
-    ``BlockingIOError`` where another program has it; `commit` alone changes the disk, and may raise an OSError. A
-    symbolic link is not followed, and a file with hard links is copied first, so that no other name's file changes.
+    Raises BlockingIOError if another program has locked the file. Only `commit` changes the disk, and may raise
+    OSError. A symbolic link is not followed. A file with hard links is copied first, so that no other name's file
+    changes.
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
@@ -79,7 +80,7 @@ class PagedFile:
         self._forget()
 
     def _forget(self) -> None:
-        """Begin anew with what waits in memory: pages of what the disk has, and all that lies behind its end."""
+        """Forget the waiting writes: changed pages of the file on disk, and all data beyond its end."""
         self._pages: dict[int, bytearray] = {}
         self._base, self._tail = self._end, bytearray()
 
@@ -126,7 +127,7 @@ class PagedFile:
         return len(view)
 
     def _write_pages(self, view: memoryview) -> None:
-        """Before the end of what the disk has."""
+        """Write to pages inside the file on disk."""
         done = 0
         while done < len(view):
             page, offset = divmod(self._at + done, PAGE)
@@ -138,7 +139,8 @@ class PagedFile:
             done += len(piece)
 
     def _write_tail(self, place: int, view: memoryview) -> None:
-        """Behind it, where all waits in one piece: a page for a page would cost more than the writing."""
+        """Write beyond the end of the file on disk. The tail waits as one piece, since single pages would be too
+        slow."""
         known = self._base + len(self._tail)
         if known < place:
             self._tail += self._read(known, place - known)
@@ -156,15 +158,14 @@ class PagedFile:
         return self._size
 
     def flush(self) -> None:
-        """Nothing: HDF5 must not be the one who meets a disk that is full."""
+        """Do nothing: HDF5 must not meet a full disk."""
 
     # --- what the writer calls ---
 
     def commit(self, *, cut: bool = False) -> None:
-        """Bring to the disk what HDF5 has written; call it right after ``h5py.File.flush``. ``cut`` says that rows were
-        taken away.
+        """Bring HDF5's writes to the disk; ``cut`` says that rows were removed. Call right after ``h5py.File.flush``.
 
-        Where the disk is too full for what is new, the OSError comes before anything that counts has changed.
+        If the disk is full, the OSError comes before anything important has changed.
         """
         fresh, placed = self._pieces(cut)
         end = max(self._end, self._size)
@@ -182,7 +183,7 @@ class PagedFile:
         self._forget()
 
     def _place(self, pieces: list[tuple[int, bytes]]) -> None:
-        """Change what is there already, and cut off what lies behind the file's end."""
+        """Change existing bytes in place, and cut off what lies beyond the file's end."""
         for offset, data in pieces:
             self._put(offset, data)
         self._end = self._end_on_disk()
@@ -190,7 +191,7 @@ class PagedFile:
             self._resize(self._end)
 
     def _finish(self) -> None:
-        """The rest of a commit that a kill cut short, where it had come as far as its journal."""
+        """Finish a commit that a kill cut short, if its journal is complete."""
         if self._read(0, len(_SIGNATURE)) != _SIGNATURE or self._end > self._on_disk:
             return
         head = self._read(self._end, _HEAD)
@@ -210,16 +211,16 @@ class PagedFile:
         return int.from_bytes(self._read(0, _SUPERBLOCK)[_END], "little")
 
     def copy_to(self, path: Path) -> None:
-        """Write what is on the disk to another file, with the same permissions."""
+        """Write the content of the disk to another file with the same permissions."""
         copy(self._raw, path)
 
     def close(self) -> None:
-        """Let go of the file; what was not committed is forgotten."""
+        """Close the file and forget uncommitted writes."""
         self._forget()
         self._raw.close()
 
     def _pieces(self, cut: bool) -> tuple[list[tuple[int, memoryview]], list[tuple[int, bytes]]]:
-        """What lies behind the end, and what changes before it, each in the order of a commit."""
+        """Pieces beyond the end, and changes before the end, each in the order of a commit."""
         placed: list[tuple[tuple[int, ...], int, bytes]] = []
         for first, last in _runs(sorted(self._pages)):
             begin, end = first * PAGE, min(last * PAGE, self._base)
@@ -232,7 +233,7 @@ class PagedFile:
         return list(_filled(self._base, self._tail)), [(offset, data) for _, offset, data in placed]
 
     def _read(self, offset: int, size: int) -> bytes:
-        """From the disk; zeros behind its end."""
+        """Read from the disk, with zeros beyond its end."""
         self._raw.seek(offset)
         found = b""
         while len(found) < size and (more := self._raw.read(size - len(found))):
@@ -253,14 +254,15 @@ class PagedFile:
 
 
 def _runs(pages: list[int]) -> Iterator[tuple[int, int]]:
-    """The first of each row of pages that follow each other, and the page behind its last."""
+    """First page of each run of consecutive pages, and the page after its last."""
     begins = [k for k, page in enumerate(pages) if not k or pages[k - 1] + 1 < page]
     for begin, end in pairwise([*begins, len(pages)]):
         yield pages[begin], pages[end - 1] + 1
 
 
 def _filled(base: int, tail: bytearray) -> Iterator[tuple[int, memoryview]]:
-    """What lies behind the place ``base`` but for pages of zeros, which stay holes and take no room on the disk."""
+    """Pieces of the tail that begins at ``base``, without pages of zeros: these stay holes, which take no disk
+    space."""
     view, begin = memoryview(tail), 0
     for page in range(-(base % PAGE), len(tail), PAGE):
         low, high = max(page, 0), min(page + PAGE, len(tail))
@@ -275,7 +277,7 @@ def _filled(base: int, tail: bytearray) -> Iterator[tuple[int, memoryview]]:
 def _changes(
     start: int, old: memoryview, new: bytearray, cut: bool, shrinks: bool
 ) -> list[tuple[tuple[int, ...], int, bytes]]:
-    """The pieces of a page that differ, each with its rank in the order of a commit and where it goes."""
+    """Differing pieces of a page, each with its rank in the order of a commit and its offset."""
     found = []
     for low, high in ((0, _SUPERBLOCK), (_SUPERBLOCK, len(new))) if start == 0 else ((0, len(new)),):
         differing = np.flatnonzero(np.frombuffer(old, "u1")[low:high] != np.frombuffer(new, "u1")[low:high])
@@ -283,7 +285,7 @@ def _changes(
             continue
         first, last = low + int(differing[0]), low + int(differing[-1])
         if start == low == 0:
-            rank: tuple[int, ...] = (3 if shrinks else 0,)  # the journal is where the one on the disk says
+            rank: tuple[int, ...] = (3 if shrinks else 0,)  # the superblock on the disk says where the journal is
         elif new.startswith(_CHUNK_INDEX):
             rank = (2 if cut else 1, -new[len(_CHUNK_INDEX)], start)
         else:
@@ -293,13 +295,13 @@ def _changes(
 
 
 def _journal(pieces: list[tuple[int, bytes]]) -> bytes:
-    """See `_JOURNAL`; a piece is its place, its size (int64 each) and its bytes."""
+    """Bytes of a journal (see `_JOURNAL`). A piece is its offset and its size (int64 each), then its bytes."""
     data = b"".join(b"".join((_int64(offset), _int64(len(piece)), piece)) for offset, piece in pieces)
     return _JOURNAL + _int64(len(data)) + _int64(zlib.crc32(data)) + data
 
 
 def _journalled(data: bytes) -> list[tuple[int, bytes]]:
-    """The pieces that `_journal` was given."""
+    """Pieces from the bytes of a journal."""
     pieces, at = [], 0
     while at < len(data):
         offset, size = (int.from_bytes(data[k : k + 8], "little") for k in (at, at + 8))
@@ -315,8 +317,8 @@ def _int64(number: int) -> bytes:
 def open_to_write(
     path: Path, *, cache_bytes: int = 2**20, own: tuple[int, int] | None = None
 ) -> tuple[PagedFile, h5py.File]:
-    """The file, open and locked; an InputError where another program has it, it is no HDF5 file or leads out of
-    itself. ``own`` is the device and inode of a file that this process made, whose structure is known."""
+    """Open the file for writing and lock it. Raises InputError if another program has it, or if it is no HDF5 file or
+    has links out of itself. ``own`` is the device and inode of a file that this process made and need not check."""
     try:
         storage = PagedFile(path)
     except BlockingIOError:
@@ -336,17 +338,17 @@ def open_to_write(
 
 
 def unwritable(error: OSError) -> str:
-    """Why the system refused to open a file for writing."""
+    """Reason why the system refused to open a file for writing."""
     if error.errno == errno.ELOOP:
         return "a symbolic link has taken its place"
     return (error.strerror or str(error)).lower()
 
 
 def refuse_in_use(path: Path) -> None:
-    """An InputError where another program has the file locked."""
+    """Raise InputError if another program has locked the file."""
     try:
         raw = open(path, "rb", opener=lambda name, _: descriptor(name))  # noqa: SIM115
-    except (OSError, InputError):  # whether it can be replaced is the folder's affair
+    except (OSError, InputError):  # the folder decides whether the file can be replaced
         return
     with raw:
         try:
@@ -356,11 +358,11 @@ def refuse_in_use(path: Path) -> None:
 
 
 def in_use(path: Path) -> InputError:
-    return InputError(f"{path}: is open in another program or run; it cannot be written to until that lets go")
+    return InputError(f"{path}: is open in another program or run; close it there first")
 
 
 def write_error(path: Path, error: OSError) -> RunError:
-    """Why a commit failed, in one line."""
+    """RunError with the reason why a commit failed, in one line."""
     if error.errno in _FULL:
         return RunError(f"{path}: disk full: no room for the next frames, {free_bytes(path):,} bytes free")
     if error.errno == errno.EFBIG:

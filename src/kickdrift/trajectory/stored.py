@@ -1,4 +1,4 @@
-"""What the JSON texts of a run's file may say: a pydantic model for each. Keys that are not known are passed over."""
+"""Pydantic models of the JSON texts in a run's file. Unknown keys are ignored."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from kickdrift.trajectory.contents import Contents, short
 Whole = Annotated[int, Field(ge=0, lt=2**63)]
 Number = Annotated[int, Field(ge=1, lt=2**31)]
 Positive = Annotated[float, Field(gt=0)]
-Name = Annotated[str, StringConstraints(pattern=r"^[^/\x00-\x1f\x7f][^\x00-\x1f\x7f]{0,199}$")]  # of a method
-Precision = Literal["double", "mixed"]  # of pair forces
+Name = Annotated[str, StringConstraints(pattern=r"^[^/\x00-\x1f\x7f][^\x00-\x1f\x7f]{0,199}$")]  # name of a method
+Precision = Literal["double", "mixed"]  # precision of pair forces
 
 
 class Stored(BaseModel):
@@ -33,14 +33,14 @@ _TYPES: dict[str, Any] = {name: (each.type | None, None) for name, each in OPTIO
 
 
 class OptionsText(create_model("OptionsOfTheTable", __base__=Stored, **_TYPES)):  # type: ignore[misc]
-    """Options of a method; those of its own kind are checked when it is made."""
+    """Options of a method. A method's own options are checked when the method is made."""
 
     dt: Positive | None = None
     precision: Precision | None = None
 
 
 class RunText(OptionsText):
-    """What the system file's [run] said."""
+    """Values of the system file's [run]."""
 
     integrator: Name | None = None
     steps: Whole | None = None
@@ -55,7 +55,7 @@ class EquilibrationText(Stored):
 
 
 class BoxText(Stored):
-    """A box that leans, or that is open along an axis."""
+    """A leaning box, or a box that is open along an axis."""
 
     matrix: Annotated[
         list[Annotated[list[float], Field(min_length=3, max_length=3)]], Field(min_length=3, max_length=3)
@@ -64,7 +64,7 @@ class BoxText(Stored):
 
 
 class RecordText(Stored):
-    """`kickdrift/system/record`."""
+    """Content of `kickdrift/system/record`."""
 
     name: str
     units: str
@@ -85,10 +85,10 @@ class RecordText(Stored):
 
 
 class MethodText(Stored):
-    """`kickdrift/method`."""
+    """Content of `kickdrift/method`."""
 
     integrator: Name | None = None
-    order: int | Name | None = None  # "10,6,4" of a saba
+    order: int | Name | None = None  # "10,6,4" for a saba method
     dt: Positive | None = None
     threads: Number = 1
     seed: int | None = None
@@ -101,7 +101,7 @@ class MethodText(Stored):
 
 
 class VersionsText(Stored):
-    """`kickdrift/versions`."""
+    """Content of `kickdrift/versions`."""
 
     kickdrift: str | None = None
     numba: str | None = None
@@ -109,7 +109,7 @@ class VersionsText(Stored):
 
 
 class EventText(Stored):
-    """An event that went on when the run ended."""
+    """An event that was going on at the end of the run."""
 
     kind: str
     time: float
@@ -122,7 +122,7 @@ class EventText(Stored):
 
 
 class ReportText(Stored):
-    """`kickdrift/report`."""
+    """Content of `kickdrift/report`."""
 
     stopped: str = ""
     events: list[EventText] = []
@@ -130,7 +130,7 @@ class ReportText(Stored):
 
 
 def checked(contents: Contents, given: Any, model: type[Stored], name: str) -> dict[str, Any]:
-    """What a JSON text of that ``name`` says, once the ``model`` has found no fault with it."""
+    """Value of the JSON text with this ``name``, checked by the ``model``."""
     try:
         model.model_validate(given)
     except ValidationError as errors:
@@ -144,5 +144,5 @@ def checked(contents: Contents, given: Any, model: type[Stored], name: str) -> d
 
 
 def read(contents: Contents, name: str, model: type[Stored]) -> dict[str, Any]:
-    """A JSON text of the file, checked."""
+    """Read and check a JSON text of the file."""
     return checked(contents, contents.json(name), model, name)

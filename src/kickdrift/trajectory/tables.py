@@ -1,4 +1,4 @@
-"""What a run's file holds as a pandas DataFrame or an xarray Dataset, with units."""
+"""Tables of a run's file with units: a pandas DataFrame or an xarray Dataset."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ AXES = ("x", "y", "z")
 
 
 def data_frame(run: RunHeader, steps: NDArray[np.int64], times: Floats, observables: Mapping[str, Floats]) -> Any:
-    """A pandas DataFrame with a row for each time; an observable of several numbers takes a column for each."""
+    """A pandas DataFrame with a row for each time. An observable with several numbers has a column for each."""
     pandas = _library("pandas", "to_pandas()")
     columns: dict[str, NDArray] = {"step": steps, "time": times}
     units = {"step": "", "time": run.units.unit("time")}
@@ -39,7 +39,8 @@ def dataset(
     observables: Mapping[str, tuple[str, Floats]],
     samples: Mapping[str, NDArray] | None = None,
 ) -> Any:
-    """An xarray Dataset of frames, with observables over the dimension that each names, and coordinates of samples."""
+    """An xarray Dataset of frames and observables. Each observable names its dimension; the coordinates are of the
+    samples."""
     xarray = _library("xarray", "to_xarray()")
     unit = run.units.unit
     per_particle = ("frame", "particle", "axis")
@@ -53,7 +54,7 @@ def dataset(
         data["names"] = ("particle", np.array(run.names))
     for name, (dimension, values) in observables.items():
         others = ("axis" if size == len(AXES) else f"{name}_{k}" for k, size in enumerate(values.shape[1:]))
-        if values.ndim > 2:  # a tensor has its own
+        if values.ndim > 2:  # a tensor has axes of its own
             others = (f"{name}_{k}" for k in range(values.ndim - 1))
         data[name] = ((dimension, *others), values, {"units": run.unit_of(name)})
     clock = {"units": unit("time")}
@@ -70,7 +71,7 @@ def dataset(
         "run_id": run.run_id,
         "unit_system": run.units.name,
         "integrator": str(run.method.get("integrator", "")),
-        "box": np.ravel(run.box.shape or ()).tolist(),  # lengths, or edge vectors one after the other
+        "box": np.ravel(run.box.shape or ()).tolist(),  # lengths, or the edge vectors in turn
     }
     return xarray.Dataset(data, coordinates, attributes)
 

@@ -16,7 +16,7 @@ from kickdrift.trajectory.universe import species
 
 
 def write(chosen: Chosen, path: Path, format: Format, progress: Callable[[int, int], None]) -> list[str]:
-    """Write the frames; returns what had to be given up."""
+    """Write the frames and return notes about what was lost."""
     try:
         from ase.io.extxyz import write_extxyz
         from ase.io.trajectory import TrajectoryWriter
@@ -30,7 +30,7 @@ def write(chosen: Chosen, path: Path, format: Format, progress: Callable[[int, i
             file = stack.enter_context(path.open("w", encoding="utf-8"))
 
             def put(atoms: Any) -> None:
-                atoms.arrays["velocities"] = atoms_of.velocities  # 8 decimals of a small mass's momentum tell little
+                atoms.arrays["velocities"] = atoms_of.velocities  # 8 decimals of a small momentum would lose digits
                 write_extxyz(file, [atoms])
 
         for done, frame in enumerate(chosen, 1):
@@ -40,15 +40,15 @@ def write(chosen: Chosen, path: Path, format: Format, progress: Callable[[int, i
 
 
 class AtomsOf:
-    """Makes Atoms of frames, in ASE's units, as `System.to_ase` does.
+    """Converter from frames to Atoms in ASE's units, as in `System.to_ase`.
 
-    Species are the tags, and chemical symbols where they are some, else X. ``info`` has step, time and time_unit (the
-    run's), species, names where there are any, and the ids where bodies are missing.
+    Tags are the species. Chemical symbols are the species if these are elements, else X. ``info`` has step, time and
+    time_unit (the run's), species, names if there are any, and ids if bodies are missing.
 
     Attributes
     ----------
     velocities : (n, 3) of the last frame, in ASE's units
-    notes : what had to be given up
+    notes : what was lost
     """
 
     def __init__(self, chosen: Chosen) -> None:

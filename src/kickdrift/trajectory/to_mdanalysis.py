@@ -1,4 +1,4 @@
-"""Frames of a run through MDAnalysis' writers: DCD, XTC, TRR, XYZ and PDB, each with what it can hold."""
+"""Frames of a run through MDAnalysis' writers: DCD, XTC, TRR, XYZ and PDB, each with what the format can hold."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ INT32 = 2**31 - 1
 
 
 def write(chosen: Chosen, path: Path, format: Format, progress: Callable[[int, int], None]) -> list[str]:
-    """Write the frames; returns what had to be given up."""
+    """Write the frames and return notes about what was lost."""
     MDAnalysis = mdanalysis(format.suffix)
     target = _TARGETS[format.suffix](chosen, format)
     n = len(chosen.run.ids)
@@ -43,14 +43,14 @@ def write(chosen: Chosen, path: Path, format: Format, progress: Callable[[int, i
 
 
 class Target:
-    """A format: what its writer is told, what it refuses and what it gives up.
+    """A format: the options of its writer, its limits and its losses.
 
     Attributes
     ----------
-    options : of MDAnalysis' writer
-    notes : what this run has to give up in it
+    options : for MDAnalysis' writer
+    notes : what this run loses in the format
     cell : bool
-        Whether frames have a box: formats here have none that is open along an axis.
+        Whether frames have a box. These formats cannot hold a box that is open along an axis.
     """
 
     def __init__(self, chosen: Chosen, format: Format) -> None:
@@ -70,13 +70,13 @@ class Target:
         """Give the atoms names that the format can hold."""
 
     def stored(self, frame: Placed) -> Placed:
-        """The frame in angstrom and ps."""
+        """Convert the frame to angstrom and ps."""
         units = self.units
         x, v = frame.positions * units.length, frame.velocities * units.velocity
         return frame._replace(time=frame.time * units.time, positions=x, velocities=v)
 
     def check(self, frame: Placed) -> None:
-        """An InputError where the format cannot hold the frame."""
+        """Raise InputError if the format cannot hold the frame."""
         gone = ~np.isfinite(frame.positions).all(axis=1)
         if not gone.any():
             return
@@ -90,7 +90,7 @@ class Target:
             self.notes.append(note)
 
     def set(self, universe: Any, frame: Placed) -> None:
-        """Make the frame the universe's only one."""
+        """Make the frame the only frame of the universe."""
         ts = universe.trajectory.ts
         ts.frame, ts.time, ts.data["step"] = frame.number, frame.time, frame.step
         ts.dimensions = self.dimensions(frame)
@@ -99,14 +99,14 @@ class Target:
             ts.velocities = frame.velocities
 
     def dimensions(self, frame: Placed) -> list[float] | None:
-        """The frame's box: lengths in angstrom, angles in degrees."""
+        """Box of the frame: lengths in angstrom, angles in degrees."""
         return dimensions(frame.box, self.units.length)
 
     def announce(self, writer: Any, frame: Placed, done: int) -> None:
-        """What is written before the frame."""
+        """Write what comes before the frame."""
 
     def whole(self, path: Path) -> bool:
-        """Whether all frames are there."""
+        """Tell whether the file holds all frames."""
         return True
 
     def cannot(self, frame: Placed, particle: int, why: str) -> InputError:
@@ -116,7 +116,7 @@ class Target:
 
 
 class Xyz(Target):
-    """Its comment line has step and time."""
+    """XYZ, with step and time in the comment line."""
 
     def __init__(self, chosen: Chosen, format: Format) -> None:
         super().__init__(chosen, format)
@@ -130,7 +130,7 @@ class Xyz(Target):
 
 
 class Pdb(Target):
-    """Columns: 5 for atoms, 4 for frames, 8.3 for coordinates, 9.3 for the box."""
+    """PDB, with columns of 5 digits for atoms, 4 for frames, 8.3 for coordinates and 9.3 for the box."""
 
     ATOMS, MODELS, EDGE = 99_999, 9_999, 99_999.9995
     LOWEST, HIGHEST = -999.9995, 9_999.9995
@@ -150,16 +150,16 @@ class Pdb(Target):
 
     def check(self, frame: Placed) -> None:
         super().check(frame)
-        x = frame.positions.astype("f4")  # as MDAnalysis sees them, which has the same limits
+        x = frame.positions.astype("f4")  # as MDAnalysis sees them, with the limits of float32
         _within(self, frame, (x <= np.float32(self.LOWEST)) | (x > np.float32(self.HIGHEST)), "columns of .pdb")
 
     def announce(self, writer: Any, frame: Placed, done: int) -> None:
         if done > 1 and self.cell:
-            writer.CRYST1(self.dimensions(frame))  # MDAnalysis' reader looks for one a frame, or finds none
+            writer.CRYST1(self.dimensions(frame))  # MDAnalysis' reader expects one in each frame
 
 
 class Dcd(Target):
-    """The step of the first frame, the steps from one to the next, and the time that takes: one for all."""
+    """DCD, with one step of the first frame, one spacing of steps and one spacing of times for the whole file."""
 
     def __init__(self, chosen: Chosen, format: Format) -> None:
         super().__init__(chosen, format)
@@ -167,7 +167,7 @@ class Dcd(Target):
         dt, even = spacing(self.run, times)
         gaps = np.diff(steps)
         every = int(gaps[0]) if len(gaps) and gaps[0] > 0 and np.all(gaps == gaps[0]) else 1
-        first = float(times[0]) * self.units.time / dt  # in frames
+        first = float(times[0]) * self.units.time / dt  # counted in frames
         start = round(first * every)
         if not even:
             self.notes.append("DCD has one time step, and these frames are not evenly spaced")
@@ -184,7 +184,7 @@ class Dcd(Target):
 
 
 class Trr(Target):
-    """Steps of 32 bits."""
+    """TRR, with steps of 32 bits."""
 
     def __init__(self, chosen: Chosen, format: Format) -> None:
         super().__init__(chosen, format)
@@ -204,18 +204,18 @@ class Trr(Target):
 
 
 class Grid(NamedTuple):
-    """XTC's: decimals of a position in nm, and how far it may be off in angstrom."""
+    """Decimals of a position in nm in XTC, and the largest error in angstrom."""
 
     decimals: int
     tolerance: float
 
 
 class Xtc(Trr):
-    """Whole numbers of 32 bits; libxdrfile makes them in float32."""
+    """XTC, with positions as whole numbers of 32 bits, which libxdrfile computes in float32."""
 
-    # GROMACS' own choice for real units. In nominal ones half of the grid is 5e-5, which leaves as much for float32.
+    # GROMACS' own choice for real units. In nominal units half of the grid is 5e-5; float32 may add as much.
     REAL, NOMINAL = Grid(3, 1e-2), Grid(5, 1e-4)
-    LARGEST = INT32 - 2  # libxdrfile's
+    LARGEST = INT32 - 2  # limit of libxdrfile
 
     def __init__(self, chosen: Chosen, format: Format) -> None:
         super().__init__(chosen, format)
@@ -226,11 +226,11 @@ class Xtc(Trr):
         super().check(frame)
         scaled = frame.positions * 10.0 ** (self.grid.decimals - 1)
         size = np.abs(scaled)
-        apart = np.ptp(scaled, axis=0) >= self.LARGEST  # it packs differences from the lowest
+        apart = np.ptp(scaled, axis=0) >= self.LARGEST  # libxdrfile stores differences from the lowest
         _within(self, frame, (size >= self.LARGEST) | (apart & (size == size.max(axis=0))), "32-bit integers of .xtc")
 
     def whole(self, path: Path) -> bool:
-        """An InputError where a position came out too far from where it is."""
+        """Raise InputError if a stored position is too far from the true position."""
         from MDAnalysis.lib.formats.libmdaxdr import XTCFile
 
         read = 0
@@ -250,7 +250,7 @@ _TARGETS: dict[str, type[Target]] = {".dcd": Dcd, ".xtc": Xtc, ".trr": Trr, ".xy
 
 
 def _within(target: Target, frame: Placed, beyond: NDArray[np.bool_], limit: str) -> None:
-    """An InputError that names the first coordinate beyond a limit, if any is."""
+    """Raise an InputError that names the first coordinate beyond a limit, if any."""
     if beyond.any():
         particle, axis = np.unravel_index(int(beyond.argmax()), beyond.shape)
         value = frame.positions[particle, axis]
@@ -259,12 +259,12 @@ def _within(target: Target, frame: Placed, beyond: NDArray[np.bool_], limit: str
 
 @contextmanager
 def _closing(writer: Any) -> Iterator[Any]:
-    """A writer that is closed at the end, once, and without its warnings of a missing box and of columns unknown."""
+    """Close the writer once at the end, and silence its warnings of a missing box and unknown columns."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
             with writer:
                 yield writer
         except OSError:
-            writer.close = lambda: None  # it would be called again, with the same error, when the object goes
+            writer.close = lambda: None  # a second call at the object's deletion would raise the same error
             raise

@@ -1,4 +1,4 @@
-"""What other programs call the particles of a run's file, and the MDAnalysis Universe of it."""
+"""Names of a run's particles in other programs, and the MDAnalysis Universe of its file."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ from kickdrift.trajectory.opening import open_to_read
 if TYPE_CHECKING:
     from kickdrift.trajectory.run_parts import RunClock, RunHeader
 
-EVEN = 1e-6  # of the time between frames; what rounding does to their times is far below
+EVEN = 1e-6  # relative to the time between frames; rounding changes times far less
 _ATOMIC = {"u": 1.0, "kg": 1 / constants.ATOMIC_MASS}
 
 
 def mdanalysis(what: str) -> Any:
-    """The package; an InputError says how to get it."""
+    """Import MDAnalysis. Raises an InputError that says how to install it."""
     try:
         import MDAnalysis
     except ImportError:
@@ -35,12 +35,13 @@ def mdanalysis(what: str) -> Any:
 
 
 def universe(run: RunClock) -> Any:
-    """The MDAnalysis Universe of a run's file, which it reads by itself: float32, unwrapped, in angstrom and ps.
+    """MDAnalysis Universe of a run's file: float32, unwrapped, in angstrom and ps.
 
-    Nominal units stay nominal: a sigma is an angstrom there, and a tau a ps. Atoms have the bodies' names (else their
-    species), types, masses (in u where units are real), ids and, where every species is one, elements. The trajectory's
-    ``dt`` is the time between frames, and a warning says so where they are not evenly spaced; of a single frame it is
-    the time to the next one that the run would have written. A body that was removed is NaN from then on.
+    Nominal units stay nominal: a sigma counts as an angstrom, a tau as a ps. Atoms have names (the bodies' names, else
+    the species), types, masses (in u if units are real) and ids. If every species is an element, they also have
+    elements. The trajectory's ``dt`` is the time between frames; if frames are not evenly spaced, a warning says so.
+    For a single frame, ``dt`` is the time to the next frame in the run's plan. A removed body is NaN from its removal
+    on.
     """
     MDAnalysis = mdanalysis("universe()")
     if not len(run):
@@ -58,7 +59,7 @@ def universe(run: RunClock) -> Any:
 
 
 class Unwrapping:
-    """A transformation for MDAnalysis: positions that the file has inside the box go back to where they are."""
+    """A transformation for MDAnalysis that unwraps positions that the file stores inside the box."""
 
     def __init__(self, path: Path) -> None:
         self.path = path.absolute()
@@ -71,8 +72,7 @@ class Unwrapping:
 
 
 def dimensions(box: Box, factor: float) -> list[float] | None:
-    """Three lengths times a factor and three angles in degrees, as MDAnalysis has them; None where a box is open along
-    an axis."""
+    """Three lengths times a factor and three angles in degrees, for MDAnalysis; None if a box is open along an axis."""
     from MDAnalysis.lib.mdamath import triclinic_box
 
     if not all(box.periodic_axes):
@@ -82,7 +82,7 @@ def dimensions(box: Box, factor: float) -> list[float] | None:
 
 
 def label(universe: Any, run: RunHeader) -> None:
-    """Give a Universe's atoms what the file knows of its particles."""
+    """Give a Universe's atoms the attributes that the file has for its particles."""
     from MDAnalysis.guesser.tables import SYMB2Z
 
     types = species(run)
@@ -94,25 +94,25 @@ def label(universe: Any, run: RunHeader) -> None:
 
 
 def species(run: RunHeader) -> list[str]:
-    """The species of every particle."""
+    """Species of every particle."""
     return [run.species[index] for index in run.species_index]
 
 
 def chemical_symbols(run: RunHeader, known: Container[str]) -> list[str]:
-    """The species where each is a chemical element and units are real ones, else nothing."""
+    """Species of every particle if each is a chemical element and units are real, else nothing."""
     return species(run) if not run.nominal_units and all(each in known for each in run.species) else []
 
 
 def atomic_masses(run: RunHeader) -> Floats:
-    """(n,) masses in u; as they are where the file's unit of mass is none that u can be said in."""
+    """Masses (n,) in u; unchanged if the file's unit of mass has no value in u."""
     return run.masses * _ATOMIC.get(run.units.mass, 1.0)
 
 
 def spacing(run: RunHeader, times: Floats) -> tuple[float, bool]:
-    """Time between frames at those times, in the file's ps, and whether it is the same between all of them.
+    """Time between frames at these times, in the file's ps, and whether the frames are evenly spaced.
 
-    Where it is not: that between all but the last, where a run's end put this nearer; else the mean. Of a single frame,
-    what the run's step and cadence say, else 1.
+    If only the last interval is shorter, as at a run's end, the time is that of the others. If frames are otherwise
+    uneven, the time is the mean. For a single frame, the run's step and cadence give the time, else it is 1.
     """
     factor = FileUnits.of(run.units).time
     if len(times) < 2:

@@ -1,6 +1,6 @@
 """Make the run files of this folder. It ran once, with kickdrift 0.1.0: ``python make.py``.
 
-Each case is run halfway into a file. Then the same run goes on to its end without one, and its last state is kept.
+Each case runs halfway into a file. Then the same run goes to its end without a file, and its last state is stored.
 """
 
 from pathlib import Path
@@ -44,7 +44,7 @@ B = { epsilon = 0.5, sigma = 0.9 }
 
 
 def meeting():
-    """Two balls that merge with a heavy one, and one that passes."""
+    """Two balls that merge with a heavy ball, and one that passes."""
     x = [[0, 0, 0], [1.0, 0, 0], [4.0, 0, 0], [-1.2, -2.5, 0.3]]
     v = [[0, 0, 0], [-1.0, 0, 0], [-1.0, 0, 0], [-0.1, 1.0, 0]]
     system = kd.System(

@@ -32,7 +32,7 @@ def two_bodies(e: float) -> kd.System:
 
 
 def triangle() -> kd.System:
-    """Lagrange's three equal masses on a circle of radius 1, which they go round in the time 2 pi."""
+    """Lagrange's three equal masses on a circle of radius 1, with period 2 pi."""
     angle = 2 * math.pi * np.arange(3) / 3
     x = np.stack([np.cos(angle), np.sin(angle), 0 * angle], 1)
     v = np.stack([-np.sin(angle), np.cos(angle), 0 * angle], 1)
@@ -51,7 +51,7 @@ def cloud(n: int = 11, forces=None, seed: int = 4, massless: int = 3, spread: fl
 
 
 def slopes(system: kd.System, deviations: np.ndarray) -> np.ndarray:
-    """(3, n): how the accelerations change along the deviations, by a five-point formula."""
+    """Change of the accelerations (3, n) along the deviations, by a five-point formula."""
     forces, h = BoundForces(system), 1e-3 / np.abs(deviations).max()
     phase = system.state.phase
 
@@ -80,7 +80,7 @@ def test_variations_are_the_slopes_of_the_accelerations(name):
     measured = BoundForces(both).measure(0.0, both.state.phase)
     alone = BoundForces(system).measure(0.0, system.state.phase)
     n = len(system)
-    # compiled apart, where a product and a sum may be rounded once or twice
+    # separate compilations may round a product and a sum once or twice
     size = np.abs(alone.accelerations).max()
     np.testing.assert_allclose(measured.accelerations[:, :n], alone.accelerations, rtol=0, atol=4e-16 * size)
     assert measured.potential == pytest.approx(alone.potential, rel=1e-15)
@@ -107,8 +107,9 @@ def test_variations_are_linear(seed, n, factor):
 
 @pytest.mark.parametrize(("name", "dt"), [("velocity-verlet", 0.01), ("yoshida6", 0.02), ("rk4", 0.01)])
 def test_tangent_map_is_the_slope_of_the_map(name, dt):
-    """The deviation after 100 steps is the derivative of where 100 steps lead, by differences of fourth order; and the
-    particles are where they are without it, to the last bit."""
+    """The deviation after 100 steps is the derivative of the state after 100 steps, by differences of fourth order.
+
+    The particles have the same bits as without the deviation."""
     system = cloud(6)
     n, h = len(system), 1e-3
     deviations = np.random.default_rng(7).normal(size=system.state.phase.shape) * 0.1
@@ -181,14 +182,14 @@ def test_keplers_orbit_is_regular(name, dt, seed):
 )
 def test_lagranges_triangle_is_as_unstable_as_in_closed_form(name, dt):
     """The exponents of small deviations are roots of s^4 + s^2 + 27/4 (m1 m2 + m2 m3 + m3 m1) / M^2 = 0 (Gascheau 1843;
-    Routh 1875): for equal masses their real part is 1 / sqrt 2 of the angular velocity."""
+    Routh 1875). For equal masses their real part is 1 / sqrt 2 of the angular velocity."""
     report = megno(triangle(), 28.0, name, dt)
     settled = (report.times > 10.0) & (report.times < 26.0)
     slope = np.polyfit(report.times[settled], report.growth[settled], 1)[0]
     assert slope == pytest.approx(1 / math.sqrt(2.0), rel=1e-3)
     assert report.lyapunov == pytest.approx(1 / math.sqrt(2.0), rel=0.02)
     assert report.lyapunov_error < 0.02
-    assert report.verdict == "chaotic"  # as far as a run of that length can tell: the orbit itself is periodic
+    assert report.verdict == "chaotic"  # the orbit itself is periodic, but a run of this length cannot tell
 
 
 def test_scaling_back_changes_no_growth(monkeypatch):
@@ -200,7 +201,7 @@ def test_scaling_back_changes_no_growth(monkeypatch):
 
 
 def test_the_result_does_not_depend_on_units_and_little_on_looks(monkeypatch):
-    """The same orbit in AU and years and in metres and seconds; and looked at five times as seldom."""
+    """The same orbit in AU and years, in metres and seconds, and with a fifth of the looks."""
     AU, YEAR, SUN = 149597870700.0, 365.25 * 86400.0, 1.98840987e30
     masses = np.array([1.0, 1e-3])
     x, v = np.array([[0.0, 0, 0], [5.2, 0, 0]]), np.array([[0.0, 0, 0], [0.0, 2.9, 0]])

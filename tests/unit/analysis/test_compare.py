@@ -1,4 +1,4 @@
-"""Work against precision, the recommendation that rests on it, and the modified Hamiltonian."""
+"""Work against precision, the recommendation from it, and the modified Hamiltonian."""
 
 import json
 import math
@@ -62,7 +62,7 @@ def test_errors_against_a_tight_run_are_those_against_the_closed_form(orbit):
 
 
 def replace_exact(problem):
-    """The same problem, its closed form forgotten."""
+    """The same problem without its closed form."""
     return kd.Problem(problem.f, problem.y0, separable=problem.separable, energy=problem.energy, name="kepler")
 
 
@@ -73,7 +73,7 @@ def test_no_error_below_the_references_own_is_believed(orbit):
 
 def test_what_blows_up_stays_in_the_table():
     steep = kd.Problem(lambda t, y: (-500.0 * (y[0] - math.cos(t)),), [1.0], name="steep")
-    found = work_precision(steep, ["rk4"], 4.0, budget=1.0)  # the reference has ten seconds
+    found = work_precision(steep, ["rk4"], 4.0, budget=1.0)  # the reference may take ten seconds
     rows = found.of("rk4")
     assert rows[0].useless
     assert not rows[1].useless
@@ -88,7 +88,7 @@ def test_a_run_that_blows_up_says_so():
 
 
 def ladder(problem, length, dt):
-    """One rung."""
+    """One run of a ladder."""
     plan = Reference("energy", "", length, None, np.ones(1), 0.0)
     bench = Bench(problem, problem.state, plan, length, 5, 100.0, None, 1, 1.0, True)
     return bench._row("rk4", {"steps": round(length / dt)}, 10.0)
@@ -124,8 +124,9 @@ def test_without_an_energy_chaos_shortens_the_pilot():
 
 
 def test_a_stiff_problem_over_eleven_decades(monkeypatch):
-    """Whose start is off beside its smallest unknown by more than what is called near, and where the step that warms a
-    method up comes to nothing. The reference is two digits looser than else, which takes a third of the steps."""
+    """Two special cases occur. The changed start is not near for the smallest unknown, and the warm-up step fails.
+
+    A reference with two digits less takes a third of the steps, so the test uses one."""
     monkeypatch.setitem(TIGHT, "radau", ((1e-9, 1e-8),))
     monkeypatch.setitem(MODERATE, "radau", 1e-7)
     found = work_precision(kd.load("ode-robertson"), ["lsoda"], budget=4.0)
@@ -206,7 +207,7 @@ def table(**given):
 
 def test_the_cheapest_is_found_and_its_step():
     found = recommendation(table(), 2e-4)
-    # Ten times the pilot: 10 dt^2 and 100 dt^4 are to stay below 1e-4.
+    # Ten times the pilot: 10 dt^2 and 100 dt^4 must stay below 1e-4.
     second, fourth = math.sqrt(1e-5), 1e-6**0.25
     assert found.choice.method == "fourth"
     assert found.choice.dt == pytest.approx(fourth, rel=1e-3)
@@ -246,7 +247,7 @@ def test_refusals(given, accuracy, length, reason):
 def test_growth_that_is_not_resolved_is_refused():
     rows = tuple(replace(row, growth=Growth(1.0, 2.0)) for row in table().rows)
     assert "too short to tell" in recommendation(table(rows=rows), 1e-4).refusal
-    assert recommendation(table(rows=rows), 1e-4, 100.0).choice is not None  # nothing is carried on
+    assert recommendation(table(rows=rows), 1e-4, 100.0).choice is not None  # no error is extrapolated
 
 
 @pytest.mark.parametrize("value", [0.0, -1.0, math.nan])
@@ -349,7 +350,7 @@ def test_modified_hamiltonian_oscillates_by_the_powers_of_the_step():
 
 
 def test_modified_hamiltonian_of_the_oscillator_is_known():
-    """Velocity Verlet on x'' = -x conserves p^2 / (1 - dt^2 / 4) + q^2 exactly, but for a factor."""
+    """Velocity Verlet on x'' = -x conserves p^2 / (1 - dt^2 / 4) + q^2 exactly, up to a factor."""
     dt, potential = 0.01, (lambda q: q * q / 2, lambda q: q, lambda q: 1.0 + 0 * q, lambda q: 0 * q, lambda q: 0 * q)
     q, p = np.array([1.0, 0.3]), np.array([0.0, -0.7])
     found = modified_hamiltonian(q, p, dt, potential)

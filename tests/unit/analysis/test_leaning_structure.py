@@ -1,4 +1,5 @@
-"""g(r), S(k) and pressure in boxes that lean: beside slow sums, MDAnalysis, and the same in an upright supercell."""
+"""g(r), S(k) and pressure in leaning boxes: against slow sums, MDAnalysis, and the same particles in a rectangular
+supercell."""
 
 from __future__ import annotations
 
@@ -53,7 +54,7 @@ def test_g_in_a_leaning_plane_equals_a_slow_count(matrix, seed, n):
 
 
 def supercell(x, by=10.0, ax=9.0):
-    """Particles of a box with b = (ax/2, by) in an upright one of twice the size, and this one."""
+    """Particles of a box with b = (ax/2, by) in a rectangular box of twice the size, and the leaning box."""
     return np.concatenate([x, x + np.array([ax / 2, by, 0])]), Box((ax, 2 * by, 11.0))
 
 
@@ -110,7 +111,8 @@ def test_shells_hold_every_vector_once():
 
 
 def test_a_crystal_in_its_primitive_cell_has_its_bragg_peaks():
-    """fcc in a rhombohedral box: every reciprocal vector of the primitive cell is a peak, and nothing between is."""
+    """fcc in a rhombohedral box: every reciprocal vector of the primitive cell is a peak, and there are no peaks in
+    between."""
     primitive = np.array([[0, 0.5, 0.5], [0.5, 0, 0.5], [0.5, 0.5, 0]])
     sites = np.stack(np.meshgrid(*[np.arange(4)] * 3), axis=-1).reshape(-1, 3)
     box, rotation = Box.from_vectors(4 * primitive)
@@ -170,7 +172,7 @@ def test_the_trace_of_the_tensor_is_the_pressure_of_the_run(tmp_path, dimensions
 
 
 def test_a_mean_squared_displacement_goes_through_leaning_walls(tmp_path):
-    """Free particles: (v t)^2, from a file that holds them inside the box."""
+    """Free particles have (v t)^2, from a file that holds the positions inside the box."""
     system = kd.System(np.random.default_rng(5).uniform(0, 9, (20, 3)), np.full((20, 3), 3.0), box=LEANING)
     path = tmp_path / "run.h5md"
     kd.Simulation(system, "velocity-verlet", 0.5).run(40, every=4, output=path, file=kd.FileOptions(write=("images",)))

@@ -34,13 +34,13 @@ def write(path, positions, velocities=None, steps=None, species=None, masses=1.0
 
 
 def walk(frames=120, n=20, seed=1) -> np.ndarray:
-    """A random walk on numbers that float32, which MDAnalysis computes with, holds exactly."""
+    """A random walk on numbers that are exact in float32, which MDAnalysis uses."""
     steps = np.random.default_rng(seed).integers(-64, 65, (frames, n, 3)) / 256
     return np.cumsum(steps, axis=0) + np.random.default_rng(seed).integers(0, 9, (n, 3))
 
 
 def plain(x: np.ndarray, displacements: bool) -> np.ndarray:
-    """Every lag and every time origin, one by one."""
+    """Sum over every lag and every time origin, one by one."""
     f = len(x)
     if displacements:
         return np.array([np.mean(((x[m:] - x[: f - m]) ** 2).sum(axis=-1)) for m in range(f)])
@@ -98,7 +98,7 @@ def test_free_particles_fly():
 
 
 def test_harmonic_oscillators_swing():
-    """v = -A w sin(w t + phase), phases spread evenly: <v v(t)> = A^2 w^2 cos(w t) / 2 on each axis."""
+    """v = -A w sin(w t + phase), with evenly spread phases: <v v(t)> = A^2 w^2 cos(w t) / 2 on each axis."""
     w, amplitude, times = 2.0, 0.3, 0.05 * np.arange(300)
     phases = 2 * np.pi * np.arange(12) / 12
     v = -amplitude * w * np.sin(w * times[:, None] + phases)
@@ -109,7 +109,7 @@ def test_harmonic_oscillators_swing():
 
 
 def test_diffusion_of_random_walks_lies_within_its_error():
-    """Steps of variance s^2 a time dt and axis have D = s^2 / (2 dt)."""
+    """Steps of variance s^2 along each axis in a time dt have D = s^2 / (2 dt)."""
     truth = 0.5 / DT
     found = []
     for seed in range(40):
@@ -118,13 +118,14 @@ def test_diffusion_of_random_walks_lies_within_its_error():
     values, errors = np.array([d.value for d in found]), np.array([d.error for d in found])
     assert np.isfinite(errors).all()
     assert values.mean() == pytest.approx(truth, abs=4 * values.std() / math.sqrt(40))
-    assert np.sqrt(np.mean(errors**2)) == pytest.approx(values.std(ddof=1), rel=0.35)  # itself known to 1/sqrt(80)
+    assert np.sqrt(np.mean(errors**2)) == pytest.approx(values.std(ddof=1), rel=0.35)  # uncertain by 1/sqrt(80)
     assert np.mean(np.abs(values - truth) < 2 * errors) > 0.8
     assert found[0].window == (DT, 20 * DT)
 
 
 def test_diffusion_of_langevin_velocities_by_green_and_kubo():
-    """v(i) = c v(i - 1) + noise has the correlation c^m, whose trapezoids to infinity are dt (1 + c) / (1 - c) / 2."""
+    """v(i) = c v(i - 1) + noise has the correlation c^m, and its trapezoidal sum to infinity is dt (1 + c) / (1 - c) /
+    2."""
     c = 0.8
     noise = np.random.default_rng(5).normal(size=(4000, 40, 3)) * math.sqrt(1 - c * c)
     v = lfilter([1.0], [1.0, -c], noise, axis=0)[200:]
@@ -198,7 +199,7 @@ def test_some_of_the_frames(tmp_path):
 
 
 def test_finite_size():
-    """The box's own constant against an Ewald sum: the potential that a unit charge's images make at its place."""
+    """Compare the box's constant with an Ewald sum: the potential of a unit charge's images at the charge."""
     alpha = 2.0
     grid = np.stack(np.meshgrid(*[np.arange(-6, 7)] * 3), axis=-1).reshape(-1, 3)
     r = np.linalg.norm(grid[np.any(grid != 0, axis=1)], axis=1)

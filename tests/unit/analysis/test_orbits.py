@@ -17,6 +17,7 @@ from kickdrift.model.orbits import invariable_axes
 from kickdrift.model.starts.elements import Elements, states
 from kickdrift.model.state import State
 from kickdrift.model.system import System
+from kickdrift.plots import figures
 from kickdrift.plots import orbits as plots_orbits
 from kickdrift.plots import runs as plots
 from kickdrift.systemfile.reading import load, loads
@@ -27,7 +28,7 @@ G, SUN = 1.0, 1.0
 
 
 def write(path: Path, system: System, moves, times) -> Path:
-    """A run's file of bodies that are at moves(t), positions and velocities (n, 3)."""
+    """A run's file of bodies at moves(t), positions and velocities (n, 3)."""
     s = system.state
     with Writer(path, system, method={"integrator": "kepler", "dt": 0.1}, every=1) as writer:
         for k, t in enumerate(times):
@@ -39,7 +40,7 @@ def write(path: Path, system: System, moves, times) -> Path:
 
 
 def planets(e=(0.1, 0.3), inc=(0.0, 0.5), a=(1.0, 4.0)):
-    """Massless planets of a fixed star: their elements stay."""
+    """Massless planets of a fixed star, whose elements are constant."""
 
     def moves(t):
         x, v = states(
@@ -90,14 +91,14 @@ def test_the_invariable_plane_is_that_of_the_angular_momentum(tmp_path):
     names = list(ecliptic.names)
     assert names == list(system.names[1:])
     tilt = np.degrees(ecliptic.elements.inc[0, names.index("Earth-Moon")])
-    assert tilt == pytest.approx(23.44, abs=0.01)  # the obliquity, since the axes are the equator's
+    assert tilt == pytest.approx(23.44, abs=0.01)  # the obliquity, since the axes are those of the equator
     level = of.orbits(path, plane="invariable").elements
     assert level.a[0] == pytest.approx(ecliptic.elements.a[0], rel=1e-12)
     turn = invariable_axes(of.paths(path))
     assert np.allclose(turn @ turn.T, np.eye(3), atol=1e-15)
     assert np.linalg.det(turn) == pytest.approx(1.0)
-    # Souami & Souchay 2012, Astron. Astrophys. 543, A133, doi:10.1051/0004-6361/201219011: the invariable plane is
-    # inclined by 1 deg 34' 43.3" to the ecliptic, its node at 107 deg 34' 56.2"
+    # Souami & Souchay 2012, Astron. Astrophys. 543, A133, doi:10.1051/0004-6361/201219011: the invariable plane has an
+    # inclination of 1 deg 34' 43.3" to the ecliptic, and its node is at 107 deg 34' 56.2"
     tilt, node, obliquity = np.radians([1 + 34 / 60 + 43.3 / 3600, 107 + 34 / 60 + 56.2 / 3600, 23.4392911])
     x, y, z = np.sin(tilt) * np.sin(node), -np.sin(tilt) * np.cos(node), np.cos(tilt)
     c, s = np.cos(obliquity), np.sin(obliquity)
@@ -118,8 +119,7 @@ def test_paths_are_about_the_barycentre(tmp_path):
 
 @pytest.fixture
 def bodies_that_leave(tmp_path):
-    """Of four planets c is absorbed by b at t = 1, the file's third frame; the star takes d up, and e is removed, at
-    t = 2."""
+    """Four planets: b absorbs c at t = 1, the file's third frame. At t = 2 the star absorbs d, and e is removed."""
     star, moves = planets(e=(0.1, 0.1, 0.2, 0.3), inc=(0.0, 0.3, 0.1, 0.2), a=(1.0, 2.0, 3.0, 4.0))
     masses = np.array([1.0, 1e-3, 1e-4, 1e-4, 1e-4])
     s = star.state
@@ -151,8 +151,8 @@ def test_bodies_that_are_gone_have_no_elements_and_the_others_do(bodies_that_lea
     orbits = of.orbits(path, frame)
     for values in (*orbits.elements, orbits.mu):
         assert np.array_equal(np.isfinite(values), there[:, 1:])
-    assert orbits.mu[5, 0] == pytest.approx(1.0012)  # of what is left
-    if frame == "heliocentric":  # e's orbit is about the star and itself
+    assert orbits.mu[5, 0] == pytest.approx(1.0012)  # masses of the remaining bodies
+    if frame == "heliocentric":  # e orbits the star, with both masses
         assert orbits.mu[0] == pytest.approx(1.0 + masses[1:])
         assert orbits.elements.e[:, 0] == pytest.approx(0.1, abs=0.01)
 
@@ -185,15 +185,15 @@ def test_bad_input(run, tmp_path):
 
 @pytest.fixture
 def drawn(monkeypatch) -> list:
-    """The figures that were saved."""
+    """Figures that were saved."""
     figures = []
-    save = plots_orbits.save_figure
+    save = plots.save_figure
 
     def keep(figure, target):
         figures.append(figure)
         return save(figure, target)
 
-    monkeypatch.setattr(plots_orbits, "save_figure", keep)
+    monkeypatch.setattr(plots, "save_figure", keep)
     return figures
 
 
@@ -291,22 +291,23 @@ seed = 1
 
 def test_the_command_draws_orbits_where_there_is_gravity(run, tmp_path, monkeypatch):
     asked = []
-    monkeypatch.setattr(plots_orbits, "plot_orbits", lambda *a, **k: asked.append("orbits"))
-    monkeypatch.setattr(plots, "plot_run", lambda *a, **k: asked.append("energies"))
+    for kind in ("orbits", "energies"):
+        draw = figures.KINDS[kind]
+        monkeypatch.setitem(figures.KINDS, kind, lambda run, kind=kind, draw=draw: asked.append(kind) or draw(run))
     for flags in ((), ("--kind", "energies"), ("--kind", "orbits")):
-        assert CliRunner().invoke(app, ["plot", str(run), *flags]).exit_code == 0
+        assert CliRunner().invoke(app, ["plot", str(run), "--overwrite", *flags]).exit_code == 0
     assert asked == ["orbits", "energies", "orbits"]
     wrong = CliRunner().invoke(app, ["plot", "--stability", "rk4", "--kind", "orbits"])
     assert isinstance(wrong.exception, InputError)
 
 
-# --- the present of a Simulation ---
+# --- elements of a Simulation ---
 
 
 @pytest.mark.parametrize("frame", ["heliocentric", "jacobi", "barycentric"])
 def test_the_table_of_the_present_is_what_a_file_of_it_gives(frame, tmp_path):
     sim, path = kd.Simulation(load("outer-solar-system"), "gauss-radau15"), tmp_path / "run.h5md"
-    tables = {"invariable": sim.elements(frame, "invariable")}  # whose plane is that of the file's first frame
+    tables = {"invariable": sim.elements(frame, "invariable")}  # its plane is that of the file's first frame
     sim.run(until=3.0, every=1_000_000, output=path)
     tables["file"] = sim.elements(frame)
     for plane, table in tables.items():

@@ -1,4 +1,4 @@
-"""The pressure tensor: the engine's own trace, ASE's stress, closed forms, and what straining does to the energy."""
+"""Pressure tensor: against the engine's trace, ASE's stress, closed forms, and the energy's change under strain."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ EDGES = (8.0, 7.0, 6.0)
 
 
 def fluid(force, n=120, species=None, extra=(), seed=1, masses=1.0):
-    """Particles on a jittered lattice, partly outside of the box, with velocities."""
+    """Particles on a jittered lattice, partly outside the box, with velocities."""
     rng = np.random.default_rng(seed)
     grid = np.stack(np.meshgrid(*[np.arange(5) for _ in EDGES], indexing="ij"), axis=-1).reshape(-1, 3)[:n]
     x = (grid + 0.5) / 5 * np.array(EDGES) + rng.uniform(-0.15, 0.15, (n, 3))
@@ -67,7 +67,8 @@ def test_equals_ases_stress():
 
 
 def test_is_the_energys_slope_in_the_strain():
-    """A cluster amid a large box, strained by (1 + e): the configurational part is -dU/de_ab / V, for all nine."""
+    """A cluster in a large box, strained by (1 + e): all nine components of the configurational part are -dU/de_ab /
+    V."""
     rng = np.random.default_rng(3)
     grid = np.stack(np.meshgrid(*[np.arange(2)] * 3), axis=-1).reshape(-1, 3)
     x = 10.0 + 1.1 * grid + rng.uniform(-0.1, 0.1, (8, 3))
@@ -92,7 +93,7 @@ def test_is_the_energys_slope_in_the_strain():
 
 
 def test_two_atoms_across_the_edge():
-    """r along x, through the wall: P_xx = (m v_x^2 + r F) / V, and nothing else but what moves."""
+    """r is along x, through the wall: P_xx = (m v_x^2 + r F) / V; all other components come from the motion."""
     r, v = 1.05, 0.7
     x = [[0.2, 3.0, 3.0], [0.2 - r + 8.0, 3.0, 3.0]]
     system = kd.System(x, [[v, 0, 0], [0, 0, 0]], masses=2.0, box=EDGES, forces=[kd.LennardJones(cutoff=2.5)])
@@ -111,7 +112,8 @@ def test_an_ideal_gas():
 
 
 def test_of_a_run(tmp_path):
-    """The file has all that is needed; the means have errors; the trace at each frame is what the run wrote there."""
+    """The file alone is enough. The means have errors, and the trace at each frame is the pressure that the run
+    wrote."""
     path = tmp_path / "run.h5md"
     Simulation(fluid(kd.LennardJones(cutoff=2.5)), "velocity-verlet", dt=0.002).run(500, every=5, output=path)
     with kd.open(path) as run:

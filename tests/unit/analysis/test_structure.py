@@ -1,4 +1,4 @@
-"""g(r) and S(k) against MDAnalysis, slow sums, and what ideal gases and crystals must give."""
+"""g(r) and S(k) against MDAnalysis, slow sums, and known results for ideal gases and crystals."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ LENGTHS = (8.0, 9.0, 11.0)
 
 
 def coordinates(frames=3, n=300) -> np.ndarray:
-    """Numbers that float32, which MDAnalysis computes with, holds exactly; partly outside the box."""
+    """Numbers that are exact in float32, which MDAnalysis uses; partly outside the box."""
     x = np.random.default_rng(5).uniform(-20, 20, (frames, n, 3))
     return x.astype("f4").astype("f8")
 
@@ -35,7 +35,7 @@ def write(path, positions, species=None):
 
 @pytest.fixture
 def quiet():
-    """The Universe of a file, closed again."""
+    """Open the Universe of a file, and close it again."""
     opened = []
     yield lambda run: opened.append(run.universe()) or opened[-1]
     for universe in opened:
@@ -102,7 +102,7 @@ def test_an_ideal_gas_gives_one_within_its_errors():
 @given(st.integers(0, 10**6), st.integers(2, 40), st.floats(0.3, 4.0), st.integers(1, 50))
 def test_neither_place_nor_order_nor_images_matter(seed, n, r_max, bins):
     rng = np.random.default_rng(seed)
-    x = rng.integers(0, 4096, (n, 3)) / 512.0  # so that moving by eighths is exact
+    x = rng.integers(0, 4096, (n, 3)) / 512.0  # so that shifts by eighths are exact
     found = radial_distribution(x, LENGTHS, r_max, bins)
     moved = x[rng.permutation(n)] + rng.integers(-9, 10, 3) / 8 + np.array(LENGTHS) * rng.integers(-3, 4, (n, 3))
     np.testing.assert_array_equal(radial_distribution(moved, LENGTHS, r_max, bins).g, found.g)
@@ -133,7 +133,7 @@ def test_structure_factor_equals_slow_sums(monkeypatch):
     found = structure_factor(x, LENGTHS, vectors=vectors)
     np.testing.assert_allclose(found.s, slow_structure_factor(x, k), rtol=1e-11)
     np.testing.assert_allclose(found.k, np.linalg.norm(k, axis=1), rtol=1e-14)
-    assert found.s[0] == pytest.approx(found.s[4], rel=1e-12), "k and -k"
+    assert found.s[0] == pytest.approx(found.s[4], rel=1e-12), "k and -k are equal"
     whole = structure_factor(x, LENGTHS, k_max=3.0)
     monkeypatch.setattr(waves, "ROOM", 100)
     np.testing.assert_allclose(structure_factor(x, LENGTHS, k_max=3.0).s, whole.s, rtol=1e-12)
@@ -159,7 +159,7 @@ def test_structure_factor_of_ideal_gases_is_one():
         found = structure_factor(x, (10.0, 10.0, 10.0))
         off.append((found.s - 1) / found.error)
     assert np.isfinite(off).all()
-    assert np.mean(np.square(off)) == pytest.approx(1, abs=0.4)  # of 88 shells; 1 +- 0.15, and errors of some blocks
+    assert np.mean(np.square(off)) == pytest.approx(1, abs=0.4)  # 88 shells: 1 +- 0.15, and errors from few blocks
     assert np.max(np.abs(off)) < 5
 
 
@@ -169,7 +169,7 @@ def fcc(cells: int) -> np.ndarray:
 
 
 def test_a_perfect_crystal_has_bragg_peaks_and_nothing_else():
-    """fcc: indices all even or all odd, in the units of the cell; S = n there, and 0 elsewhere."""
+    """fcc: indices all even or all odd, in the units of the cell; S = n at these, and 0 elsewhere."""
     x = fcc(3)
     vectors = np.stack(np.meshgrid(*[np.arange(-6, 7)] * 3), axis=-1).reshape(-1, 3)
     vectors = vectors[np.any(vectors != 0, axis=1)]
@@ -182,7 +182,8 @@ def test_a_perfect_crystal_has_bragg_peaks_and_nothing_else():
 
 
 def test_an_einstein_crystal_has_debye_and_wallers():
-    """Gaussian displacements of variance u on each axis: S = 1 + (n - 1) exp(-k^2 u) on a peak, 1 - exp(-k^2 u) off."""
+    """Gaussian displacements of variance u on each axis: S = 1 + (n - 1) exp(-k^2 u) on a peak, 1 - exp(-k^2 u)
+    elsewhere."""
     lattice, u = fcc(3), 0.05**2
     x = lattice + np.random.default_rng(3).normal(scale=np.sqrt(u), size=(600, *lattice.shape))
     vectors = np.array([[3, 3, 3], [6, 0, 0], [3, 3, -3], [1, 2, 4], [5, 0, 1]])

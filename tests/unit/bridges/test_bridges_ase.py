@@ -1,4 +1,4 @@
-"""Systems to and from ASE, and our forces as a calculator of ASE's, beside ASE's own Lennard-Jones and dynamics."""
+"""Systems to and from ASE, and our forces as a calculator of ASE's, against ASE's own Lennard-Jones and dynamics."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ from kickdrift.model.units import quantity
 from kickdrift.trajectory.export import export
 from kickdrift.trajectory.h5md import Writer
 
-EPSILON, SIGMA, RC = 0.0103, 3.4, 8.0  # of argon, eV and angstrom
-ARGON = kd.LennardJones(epsilon=EPSILON, sigma=SIGMA, cutoff=RC)  # shifted, as ASE's is
+EPSILON, SIGMA, RC = 0.0103, 3.4, 8.0  # values for argon in eV and angstrom
+ARGON = kd.LennardJones(epsilon=EPSILON, sigma=SIGMA, cutoff=RC)  # shifted, as in ASE
 
 
 def argon(periodic: bool = True, seed: int = 1) -> ase.Atoms:
@@ -42,7 +42,7 @@ def argon(periodic: bool = True, seed: int = 1) -> ase.Atoms:
 
 
 def cluster(seed: int) -> ase.Atoms:
-    """Thirteen atoms about the corners of a lattice, none too near another."""
+    """Thirteen atoms near the corners of a lattice, with no two too close."""
     rng = np.random.default_rng(seed)
     places = np.array([(i, j, k) for i in range(3) for j in range(3) for k in range(3)])[rng.permutation(27)[:13]]
     return ase.Atoms("Ar13", positions=4.0 * places + rng.uniform(-0.4, 0.4, (13, 3)))
@@ -52,10 +52,10 @@ def cluster(seed: int) -> ase.Atoms:
 
 
 def test_metal_is_ases_units_but_for_the_time():
-    """ASE's fs is CODATA 2014's, ours scipy's; u / eV differ by 9e-9 between them."""
+    """ASE's fs is CODATA 2014's, ours SciPy's; their u / eV differ by 9e-9."""
     scale = Scale.of(UNIT_SYSTEMS["metal"])
     assert (scale.length, scale.energy, scale.mass) == (1.0, 1.0, 1.0)
-    assert scale.velocity == pytest.approx(1000 * ase.units.fs, rel=1e-8)  # angstrom/ps in those of ASE
+    assert scale.velocity == pytest.approx(1000 * ase.units.fs, rel=1e-8)  # angstrom/ps in ASE's units
 
 
 @pytest.mark.parametrize("units", ["metal", "si"])
@@ -82,7 +82,7 @@ def test_units_that_ase_does_not_know_take_the_numbers_as_they_are(units):
     assert system.units.coherent_mass == 1.0  # so energies keep their numbers too
 
 
-# --- both ways ---
+# --- both directions ---
 
 
 @pytest.mark.parametrize("periodic", [True, False])
@@ -136,7 +136,7 @@ def test_exported_files_are_read_as_the_system_they_were(tmp_path, units, suffix
     back = kd.System.from_ase(ase.io.read(tmp_path / f"run.{suffix}"), [], units)
     assert [back.species[k] for k in back.species_index] == ["A", "Kr", "B", "A"]
     assert back.names == system.names
-    # The file of text has eight decimals, of velocities in ASE's unit, of which 1 angstrom/ps is a hundredth.
+    # The text file has eight decimals, and ASE's unit of velocity is about a hundred times 1 angstrom/ps.
     close = 1e-8 if suffix == "traj" else 1e-6
     np.testing.assert_allclose(back.state.phase, system.state.phase, rtol=close, atol=close)
     np.testing.assert_allclose(back.state.masses, system.state.masses, rtol=1e-8)
@@ -157,7 +157,7 @@ def test_ases_lennard_jones_is_taken_with_the_atoms(units):
 
 
 def check_same(atoms: ase.Atoms, calculator: Calculator) -> None:
-    """Energy and forces are those of ASE's own, to round-off."""
+    """Check that energy and forces equal ASE's own, to round-off."""
     other = atoms.copy()
     other.calc, atoms.calc = LennardJones(epsilon=EPSILON, sigma=SIGMA, rc=RC), calculator
     scale = np.abs(other.get_forces()).max()
@@ -183,7 +183,7 @@ CLUSTERS = Calculator([ARGON])
 @settings(max_examples=25, deadline=None)
 @given(seed=st.integers(0, 2**32))
 def test_the_calculator_agrees_with_ases_in_clusters(seed):
-    """One calculator for all of them, whose pair list must follow."""
+    """One calculator serves all clusters, and its pair list must follow."""
     check_same(cluster(seed), CLUSTERS)
 
 
@@ -218,7 +218,8 @@ def test_masses_count_where_forces_go_by_them():
 
 
 def test_ases_dynamics_run_our_forces():
-    """Velocity Verlet of ASE with ASE's forces, with ours, and ours altogether: one path, in three programs' units."""
+    """Velocity Verlet by ASE with ASE's forces, by ASE with ours, and by kickdrift: one path, in three systems of
+    units."""
     steps, dt = 20, 5 * ase.units.fs
     paths = []
     for calculator in (LennardJones(epsilon=EPSILON, sigma=SIGMA, rc=RC), Calculator([ARGON])):
@@ -244,7 +245,7 @@ def test_ases_dynamics_run_our_forces():
 
 @pytest.mark.parametrize("optimiser", [BFGS, FIRE])
 def test_ases_optimisers_find_the_minimum(optimiser):
-    """Three atoms come to the triangle with sides 2^(1/6) sigma, energy -3 epsilon but for the shift."""
+    """Three atoms end at the triangle with sides 2^(1/6) sigma and energy -3 epsilon, up to the shift."""
     atoms = ase.Atoms("Ar3", positions=[[0, 0, 0], [4.1, 0, 0], [1.7, 3.3, 0.2]])
     atoms.calc = Calculator([ARGON])
     assert optimiser(atoms, logfile=None).run(fmax=1e-7, steps=500)
@@ -255,7 +256,7 @@ def test_ases_optimisers_find_the_minimum(optimiser):
 
 
 def test_ases_cell_optimisers_use_our_stress():
-    """The crystal's lattice constant comes to where ASE's own forces bring it."""
+    """The crystal reaches the same lattice constant as with ASE's own forces."""
     edges = []
     for calculator in (LennardJones(epsilon=EPSILON, sigma=SIGMA, rc=RC), Calculator([ARGON])):
         atoms = bulk("Ar", "fcc", a=5.2, cubic=True).repeat(4)
@@ -263,7 +264,7 @@ def test_ases_cell_optimisers_use_our_stress():
         assert BFGS(FrechetCellFilter(atoms, hydrostatic_strain=True), logfile=None).run(fmax=1e-4, steps=50)
         edges.append(np.diagonal(atoms.cell))
     np.testing.assert_allclose(*edges, rtol=1e-10)
-    assert edges[0] == pytest.approx(4 * 5.26, rel=0.01)  # argon's, near absolute zero
+    assert edges[0] == pytest.approx(4 * 5.26, rel=0.01)  # argon near absolute zero
 
 
 # --- bad input ---

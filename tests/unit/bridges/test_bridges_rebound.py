@@ -1,4 +1,4 @@
-"""Systems to and from rebound: bodies and G to the bit, and methods that go on as the other program would."""
+"""Systems to and from rebound: bodies and G to the bit, and methods that continue as in the other program."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def bodies(sim: rebound.Simulation) -> list:
     return [[getattr(p, field) for field in FIELDS] + [p.name] for p in sim.particles]
 
 
-# --- both ways ---
+# --- both directions ---
 
 
 @pytest.mark.parametrize("units", UNITS)
@@ -74,7 +74,7 @@ def test_a_simulation_with_a_g_of_its_own_comes_back():
     ],
 )
 def test_units_are_ours_where_we_have_them(units, name, length, force):
-    """G is rebound's: for AU, yr and Msun 7.5e-12 more than that of DE421's G M of the Sun."""
+    """G is rebound's: for AU, yr and Msun 7.5e-12 more than from DE421's G M of the Sun."""
     system = kd.System.from_rebound(planets(units))
     assert (system.units.name, system.units.length) == (name, length)
     assert system.forces == (force,)
@@ -156,7 +156,7 @@ METHODS = [
 
 @pytest.mark.parametrize(("integrator", "fields", "run"), METHODS)
 def test_a_run_goes_on_as_rebounds(integrator, fields, run):
-    """The same path, from a Simulation as it stands, and back with the same method."""
+    """The path is the same from a Simulation in progress, and after conversion back with the same method."""
     sim = planets()
     set_fields(sim, integrator, fields)
     sim.dt = 0.05
@@ -178,7 +178,7 @@ def test_a_run_goes_on_as_rebounds(integrator, fields, run):
 
 
 def test_a_corrector_is_taken():
-    """Ours differs from rebound's by the second power of the planets' masses."""
+    """Ours differs from rebound's corrector by the second power of the planets' masses."""
     sim = planets()
     set_fields(sim, "whfast", {"corrector": 11})
     system = kd.System.from_rebound(sim)
@@ -211,7 +211,7 @@ def test_what_is_not_taken_is_said(integrator, fields, untaken):
 
 
 def test_a_central_body_elsewhere_is_no_wisdom_holman():
-    """rebound's is the first, ours the heaviest."""
+    """rebound takes the first body as central, kickdrift the heaviest."""
     sim = rebound.Simulation()
     sim.add(m=1e-3, x=1, vy=1)
     sim.add(m=1.0)

@@ -1,4 +1,4 @@
-"""Cells of any shape, periodic along any axes, to ASE and back; our forces in such cells beside ASE's own."""
+"""Cells of any shape, periodic along any axes, to ASE and back; our forces in such cells against ASE's own."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 import kickdrift as kd
 from kickdrift.bridges.ase import Calculator
 
-EPSILON, SIGMA, RC = 0.0103, 3.4, 8.0  # of argon, eV and angstrom
+EPSILON, SIGMA, RC = 0.0103, 3.4, 8.0  # values for argon in eV and angstrom
 ARGON = kd.LennardJones(epsilon=EPSILON, sigma=SIGMA, cutoff=RC)
 MATRIX = np.array([[15.0, 0.0, 0.0], [-4.0, 16.0, 0.0], [5.0, 7.5, 17.5]])
 AXES = [axes for axes in itertools.product((True, False), repeat=3) if any(axes)]
@@ -68,7 +68,7 @@ CELLS = {
 
 @pytest.mark.parametrize("name", CELLS)
 def test_distances_and_motion_are_those_of_the_atoms(name):
-    """The Box may have other axes; what does not depend on them is the same."""
+    """The Box may have other axes; quantities that do not depend on axes are the same."""
     atoms = shaken(CELLS[name].copy())
     system = kd.System.from_ase(atoms, [])
     x, v = system.state.positions, system.state.velocities
@@ -99,14 +99,14 @@ def test_any_cell_is_taken(cell, axes):
         np.linalg.norm(x[i] - x[j], axis=1), np.linalg.norm(atoms.positions[i] - atoms.positions[j], axis=1), rtol=1e-12
     )
     there = np.array(axes)
-    # Whole numbers of our edges make the cell's periodic vectors, turned with the atoms.
+    # Whole multiples of our edges make the cell's periodic vectors, rotated with the atoms.
     turned = np.linalg.lstsq(atoms.positions - atoms.positions[0], x - x[0], rcond=None)[0]
     whole = np.linalg.lstsq(system.box.matrix[there].T, (cell @ turned)[there].T, rcond=None)[0]
     np.testing.assert_allclose(whole, np.rint(whole), atol=1e-6 * (1 + np.abs(whole).max()))
 
 
 def check_same(atoms, calculator) -> None:
-    """Energy, forces and stress are those of ASE's own, to round-off."""
+    """Check that energy, forces and stress equal ASE's own, to round-off."""
     other = atoms.copy()
     other.calc, atoms.calc = LennardJones(epsilon=EPSILON, sigma=SIGMA, rc=RC), calculator
     scale = np.abs(other.get_forces()).max()

@@ -1,4 +1,4 @@
-"""The command line: what it prints, where, with which exit status, and what bad input leaves behind: nothing."""
+"""The command line: its output, streams and exit status, and that bad input leaves nothing behind."""
 
 from __future__ import annotations
 
@@ -56,14 +56,14 @@ ENERGY_KEYS = {
 
 @pytest.fixture(autouse=True)
 def folder(tmp_path, monkeypatch):
-    """Each test works in a folder of its own, where liquid.toml lies."""
+    """Each test works in its own folder, with liquid.toml."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "liquid.toml").write_text(SYSTEM, encoding="utf-8")
     return tmp_path
 
 
 def program(*arguments, **options) -> subprocess.CompletedProcess:
-    """The program in a process of its own."""
+    """The program in its own process."""
     code = "from kickdrift.cli.main import main; main()"
     return subprocess.run(
         [sys.executable, "-W", "error", "-c", code, *map(str, arguments)], capture_output=True, text=True, **options
@@ -74,7 +74,7 @@ def files() -> set[str]:
     return set(os.listdir())
 
 
-# --- as a process ---
+# --- as a separate process ---
 
 
 def test_a_run_in_a_process():
@@ -435,7 +435,7 @@ def test_a_disk_that_fills_up(kickdrift, folder):
         assert code in (1, 2)
         assert err.count("\n") == 1
         assert "cannot be written: no space left on device" in err
-        assert code == 2 or "energy error" in out  # what was computed is shown
+        assert code == 2 or "energy error" in out  # results so far are shown
         assert not (disk / "run.json").exists()
     finally:
         subprocess.run(["umount", disk], check=True)
@@ -561,7 +561,7 @@ def test_bench_of_chosen_methods_quietly(kickdrift, quick_bench):
         "--integrator", "velocity-verlet", "--quiet",
     )  # fmt: skip
     assert (code, err) == (0, "")
-    assert out.count("velocity-verlet") == 3  # a row in each table, and the note; the alias is no row of its own
+    assert out.count("velocity-verlet") == 3  # a row in each table, and the note; the alias has no row of its own
 
 
 def test_a_blow_up_is_a_row_of_the_bench(kickdrift, folder, quick_bench, monkeypatch):

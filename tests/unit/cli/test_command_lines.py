@@ -1,5 +1,5 @@
-"""Command lines that ask for too much, streams that are closed or know few letters, and texts that would steer a
-terminal: one clear line each."""
+"""Limits of the command line: too large requests, closed or limited streams, and texts that would control a terminal.
+Each gives one clear line."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ DIGITS = 5000 * "9"
 
 @pytest.fixture(autouse=True)
 def folder(tmp_path, monkeypatch):
-    """Each test works in a folder of its own."""
+    """Each test works in its own folder."""
     monkeypatch.chdir(tmp_path)
 
 
@@ -227,7 +227,7 @@ def test_cells_of_a_table_are_clean(capsys):
 
 
 def program(*arguments, shell="", **environment) -> subprocess.CompletedProcess:
-    """The program in a process of its own, its streams changed by a shell's words."""
+    """The program in its own process, with streams changed by shell syntax."""
     words = ["sh", "-c", f'exec "$@" {shell}', "sh", sys.executable, "-W", "error", "-c", PROGRAM, *arguments]
     return subprocess.run(words, capture_output=True, env=os.environ | environment)
 
@@ -264,7 +264,7 @@ def test_letters_that_a_stream_does_not_know_are_replaced():
 
 def test_ctrl_c_while_the_program_is_imported():
     code = (
-        "import os, sys, signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"  # in a background job, too
+        "import os, sys, signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"  # lost in background jobs
     )
     code += "from kickdrift_main import main\nclass Finder:\n def find_spec(self, name, *_):\n"
     code += "  if name == 'kickdrift.cli.main': os.kill(os.getpid(), signal.SIGINT)\n"
@@ -285,7 +285,7 @@ def test_ctrl_c_in_a_callback_comes_again():
             time.sleep(0.01)
 
     before = sys.unraisablehook
-    handler = signal.signal(signal.SIGINT, signal.default_int_handler)  # which a background job does not have
+    handler = signal.signal(signal.SIGINT, signal.default_int_handler)  # a background job lacks this handler
     try:
         with pytest.raises(KeyboardInterrupt), heard_everywhere():
             interrupted()
@@ -366,7 +366,7 @@ def test_ctrl_c_while_workers_start_waits_until_they_are_there(monkeypatch):
 
     class Begun(contextlib.AbstractContextManager):
         def __init__(self, *_, **__):
-            signal.pthread_kill(threading.get_ident(), signal.SIGINT)  # to this thread: another would hear it late
+            signal.pthread_kill(threading.get_ident(), signal.SIGINT)  # another thread would receive it late
             came.append("begun")
 
         def __exit__(self, *_):

@@ -1,4 +1,4 @@
-"""Outputs: which files are replaced, and what becomes of devices, pipes and odd names."""
+"""Outputs: which files are replaced, and how devices, pipes and odd names are handled."""
 
 from __future__ import annotations
 
@@ -40,12 +40,12 @@ dt = 0.01
 steps = 1
 """
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="makes devices and pipes of Linux")
-SECONDS = 60  # until what waits for a pipe is interrupted
+SECONDS = 60  # time limit, after which a process that waits for a pipe is interrupted
 
 
 @pytest.fixture(autouse=True)
 def folder(tmp_path, monkeypatch):
-    """Each test works in a folder of its own, with a system and a run; what hangs fails."""
+    """Each test works in its own folder, with a system and a run. A test that hangs fails."""
 
     def late(number, frame):
         raise AssertionError("hangs")
@@ -65,7 +65,7 @@ def content(folder="."):
     return {path.name: path.read_bytes() for path in Path(folder).iterdir() if path.is_file()}
 
 
-# --- what --overwrite replaces ---
+# --- files that --overwrite replaces ---
 
 NOT_OURS = {
     "notes.json": b"precious",
@@ -158,7 +158,7 @@ def test_a_table_that_is_not_ours_stays(kickdrift, furnished):
 
 
 def test_what_is_ours_is_replaced():
-    """And what is empty."""
+    """An empty file is replaced too."""
     outputs_of = {"output": Path("o.h5md"), "json": Path("o.json")}
     for path in outputs_of.values():
         path.touch()
@@ -229,7 +229,7 @@ def test_a_pipe_is_written_to_and_stays():
 
 
 def test_standard_output_is_written_to(capfd):
-    """Also where it is a file, as here."""
+    """This also works if standard output is a file, as in this test."""
     print("before")
     refuse_outputs({"json": Path("/dev/stdout")}, False)
     write_json(Path("/dev/stdout"), {"a": 1}, overwrite=False)
@@ -240,7 +240,7 @@ def test_standard_output_is_written_to(capfd):
 def test_a_figure_goes_to_a_pipe(kickdrift):
     os.mkfifo("figure.svg")
     reader = os.open("figure.svg", os.O_RDONLY | os.O_NONBLOCK)
-    # A pipe holds 64 KiB, and nobody reads here before all is written.
+    # A pipe holds 64 KiB, and this test reads only after all is written.
     fcntl.fcntl(reader, fcntl.F_SETPIPE_SZ, 2**20)
     assert kickdrift("plot", "--stability", "leapfrog", "--output", "figure.svg")[0] == 0
     with os.fdopen(reader, "rb") as file:
@@ -248,7 +248,7 @@ def test_a_figure_goes_to_a_pipe(kickdrift):
     assert stat.S_ISFIFO(os.lstat("figure.svg").st_mode)
 
 
-# --- what changes meanwhile, and what fails ---
+# --- changes during a run, and failures ---
 
 
 def write_meanwhile(path, overwrite, makes):
@@ -373,7 +373,7 @@ def test_a_full_disk_names_the_journal_and_releases_the_lock(monkeypatch):
 
 
 class Full(io.RawIOBase):
-    """Takes half of what it is given, and then no more; not even when closed."""
+    """A stream that takes half of the first write, and then refuses everything, even closing."""
 
     taken = False
 
@@ -406,7 +406,7 @@ def test_a_lock_changes_nothing_that_is_not_one(kind):
 
 def test_a_lock_keeps_others_away():
     lock, output = Path("table.lock"), Path("table.parquet")
-    lock.touch()  # as a kill leaves it
+    lock.touch()  # as after a kill
     first = Lock(lock, output)
     with pytest.raises(InputError, match=r"table\.parquet: another process is at work on it"):
         Lock(lock, output)
@@ -441,7 +441,7 @@ def test_a_text_in_place_of_a_journal_stays():
 
 
 def test_info_and_run_look_for_the_same_system(kickdrift):
-    """A shipped one, also where a file has its name; ./NAME is that file."""
+    """A shipped system comes first, even if a file has its name; ./NAME is that file."""
     shutil.copy("run.h5md", "sun-jupiter")
     code, out, err = kickdrift("info", "sun-jupiter")
     assert (code, err) == (0, "")

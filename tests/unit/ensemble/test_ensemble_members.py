@@ -1,4 +1,4 @@
-"""Which members an ensemble has: keys, grids, draws and seeds."""
+"""Members of an ensemble: keys, grids, draws and seeds."""
 
 import numpy as np
 import pytest
@@ -45,7 +45,7 @@ def test_values_are_put_in_their_places_of_a_copy():
     )
     assert changed["particles"]["elements"] == [{"body": "b", "a": 1.0, "e": 0.1}, {"body": "c", "a": 3.0}]
     assert changed["particles"]["positions"] == [[0.0, 5.0]]
-    assert changed["run"] == {"dt": 0.1, "time": 2}  # the steps of the file went
+    assert changed["run"] == {"dt": 0.1, "time": 2}  # a time replaces the file's steps
     assert FILE["particles"]["elements"][1] == {"body": "c", "a": 2.0}
     assert FILE["run"]["steps"] == 10
     assert with_values({}, {"dt": 0.2}) == {"run": {"dt": 0.2}}

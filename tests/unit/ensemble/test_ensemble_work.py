@@ -1,4 +1,4 @@
-"""What a member does, and what is said of it: no processes here."""
+"""Work of one member and its row, without other processes."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from kickdrift.ensemble.work import run_member
 
 
 def rows(vary=None, **options):
-    """The rows of an ensemble whose file names wisdom-holman, which carries no variations."""
+    """Rows of an ensemble whose file names wisdom-holman, which does not support variations."""
     ensemble = Ensemble("sun-jupiter", vary, measure="megno", time=50.0, **options)
     return [run_member(ensemble._recipe, ensemble.members[i]) for i in range(len(ensemble))]
 

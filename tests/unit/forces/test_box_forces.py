@@ -1,4 +1,4 @@
-"""Forces in boxes that lean, and in boxes that are open along some axes, against plain sums over images."""
+"""Forces in leaning boxes, and in boxes that are open along some axes, against plain sums over images."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ edges = st.floats(2.0, 30.0)
 
 
 def liquid(matrix, n, seed, stretch=1.0):
-    """A System of n shaken particles in a box, some moved by whole edges."""
+    """A System of n shaken particles in a box, some of them displaced by whole edges."""
     rng = np.random.default_rng(seed)
     cells = int(np.ceil(n ** (1 / 3)))
     sites = rng.permutation(np.indices((cells,) * 3).reshape(3, -1).T)[:n]
@@ -45,7 +45,7 @@ def liquid(matrix, n, seed, stretch=1.0):
     st.integers(1, 300), st.floats(0.3, 1.0), st.integers(0, 2**32 - 1),
 )  # fmt: skip
 def test_forces_are_sums_over_nearest_images(lengths, leans, axes, n, share, seed):
-    """Boxes down to the allowed tilt, flat and long ones, cutoffs up to half the least height."""
+    """Boxes up to the largest tilt, flat and long ones, with cutoffs up to half the least height."""
     a, b, c = (2 * float(on_grid(edge / 2)) for edge in lengths)  # half an edge is on the grid too
     matrix = on_grid([[a, 0, 0], [leans[0] * a, b, 0], [leans[1] * a, leans[2] * b, c]])
     both = np.array(axes)
@@ -75,7 +75,7 @@ def test_springs_go_to_the_nearest_image():
     np.testing.assert_allclose(measured.accelerations.T, forces, atol=1e-12 * np.abs(forces).max())
     assert measured.potential == pytest.approx(energy, rel=1e-12)
     assert measured.virial == pytest.approx(virial, rel=1e-12)
-    flat = np.array([[10.0, 0.0, 0.0], [0.0, 8.0, 0.0], [3.0, 1.0, 0.75]])  # the edges alone do not find the nearest
+    flat = np.array([[10.0, 0.0, 0.0], [0.0, 8.0, 0.0], [3.0, 1.0, 0.75]])  # whole edges miss the nearest
     shifted = liquid(flat, 60, 6)
     system = kd.System(shifted, box=flat, forces=[kd.Springs(pairs, 3.0)])
     i, j = np.array(pairs).T
@@ -96,7 +96,7 @@ def supercell(matrix, times):
 
 
 def test_a_leaning_box_equals_its_orthorhombic_supercell():
-    """Tilts of half an edge: 4 c - 2 b - a and 2 b - a stand upright, so that eight copies fill an upright box."""
+    """Tilts of half an edge: 4 c - 2 b - a and 2 b - a are perpendicular, so eight copies fill a rectangular box."""
     matrix = np.array([[9.0, 0, 0], [4.5, 8.0, 0], [4.5, 4.0, 8.5]])
     x = liquid(matrix, 500, 7)
     copies = supercell(matrix, (1, 2, 4))
@@ -126,7 +126,7 @@ def test_a_leaning_box_equals_its_orthorhombic_supercell():
 @pytest.mark.parametrize("number", ["2", "4"])
 @pytest.mark.parametrize("signs", [(1, 1, 1), (-1, 1, -1), (1, -1, 1)])
 def test_nist_configurations_in_a_sheared_cell_keep_their_energies(number, signs):
-    """Four copies of the cube in a cell with every tilt at its limit: a lattice within the cube's."""
+    """Four copies of the cube in a cell with every tilt at its limit; the cell's lattice is part of the cube's."""
     lines = (NIST / f"lj_sample_config_periodic{number}.txt").read_text().splitlines()
     x = np.array([[float(v) for v in line.split()[1:4]] for line in lines[2:] if line.strip()])
     expected = json.loads((NIST / "reference.json").read_text())[number]
@@ -164,7 +164,7 @@ def test_the_list_holds_every_pair_within_its_skin_once(leans, axes, n, seed):
 
 
 def listed(pairs, n):
-    """The distances of all pairs of images in the outer list that are within its reach, sorted."""
+    """Sorted distances of all pairs of images in the outer list that are within its reach."""
     clusters, chunks = int(pairs.counts[N_CLUSTERS]), len(pairs.near)
     slots = pairs.x.reshape(-1, 3, 8).transpose(0, 2, 1)  # cluster, lane, axis
     reach, found = pairs.cutoff + pairs.outer_skin, []
@@ -182,7 +182,7 @@ def listed(pairs, n):
 
 
 def images_within(pairs, system):
-    """The same from the lattice."""
+    """The same distances, computed from the lattice."""
     rows = system.box.matrix * np.array(system.box.periodic_axes)[:, None]
     x = system.state.positions - pairs.offset.T
     i, j = np.triu_indices(len(x), 1)

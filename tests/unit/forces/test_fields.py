@@ -1,7 +1,7 @@
-"""Fields and springs against the plain oracle, against closed forms, and what system files may say of them.
+"""Fields and springs against the plain oracle and closed forms, and their tables in system files.
 
-Every combination of kinds of forces is compiled anew, so few are used throughout: ``one_body``, two sets of springs (as
-in spring-net), and all together, with the trap and without.
+A few sets of forces serve all tests: ``one_body``, two sets of springs (as in spring-net), and all together, with the
+trap and without.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ NOTHING = (0.0, 0.0, 0.0)
 
 
 def one_body(trap=None, uniform=None, driven=None, drag=None):
-    """A trap, a uniform field, a driven field and drag, of which those not given do nothing."""
+    """A trap, a uniform field, a driven field and drag; forces that are not given have zero strength."""
     return [
         trap or HarmonicTrap(0.0),
         uniform or UniformField(NOTHING),
@@ -40,7 +40,7 @@ def particle(x=NOTHING, v=NOTHING, mass=0.7, units="lj", **fields):
 
 
 def after(system, time, dt, integrator="velocity-verlet"):
-    """The state at a time."""
+    """State at a time."""
     sim = kd.Simulation(system, integrator, dt)
     sim.run(round(time / dt))
     assert sim.time == pytest.approx(time, rel=1e-12)
@@ -48,7 +48,7 @@ def after(system, time, dt, integrator="velocity-verlet"):
 
 
 def cloud(seed=0, n=11, scale=1.0, trap=True, **options):
-    """Particles with every force of this module on them, of all strengths."""
+    """Particles under every force of this module, with various strengths."""
     rng = np.random.default_rng(seed)
     signed = lambda *shape: scale * rng.normal(size=shape)  # noqa: E731
     i, j = np.triu_indices(n, 1)
@@ -85,7 +85,7 @@ def assert_right(system, time=0.0):
 
 
 def gross_field_energy(system):
-    """The sum of m |g| |x|, which the potential of a field is a difference of."""
+    """Sum of m |g| |x|, the scale of a field's potential, which is a difference of such terms."""
     mx = np.abs(system.coherent_masses[:, None] * system.state.positions).sum(axis=0)
     g = [getattr(force, key, NOTHING) for force in system.forces for key in ("acceleration", "amplitude")]
     return sum(float(mx @ np.abs(each)) for each in g)
@@ -118,7 +118,7 @@ def test_in_a_periodic_box(seed):
     rng = np.random.default_rng(seed)
     moved = system.state.positions + rng.integers(-3, 4, (len(system), 3)) * np.array(system.box.lengths)
     elsewhere = kd.System(moved, system.state.velocities, system.state.masses, system.box, system.forces)
-    there = assert_right(elsewhere, 0.4)  # the potential of the fields is that of the unwrapped positions
+    there = assert_right(elsewhere, 0.4)  # the fields' potential is that of the unwrapped positions
     np.testing.assert_allclose(there.accelerations, measured.accelerations, rtol=1e-11, atol=1e-11)
     assert there.virial == pytest.approx(measured.virial, rel=1e-11)
 
@@ -128,7 +128,7 @@ def test_forces_are_the_slope_of_the_energy():
     rng = np.random.default_rng(1)
     at_rest = kd.System(system.state.positions, None, system.state.masses, forces=system.forces)
     still = kd.Simulation(at_rest, "rk4", dt=0.1)
-    forces, start = still.forces(), still.state  # without velocities: drag has no energy
+    forces, start = still.forces(), still.state  # without velocities, since drag has no energy
     for _ in range(5):
         direction = rng.normal(size=(len(system), 3))
         energies = []
@@ -194,7 +194,7 @@ def test_springs_without_a_direction():
     with pytest.raises(InputError, match="particles 0 and 1 are at the same place"):
         kd.System([[0.0, 0.0, 0.0], [0.0, 4.0, 0.0]], box=(4, 4, 4), forces=[Springs([[0, 1]], 1.0, 1.0)])
     apart = kd.System(np.eye(2, 3), forces=[Springs([[0, 1]], 3.0, 0.5), Springs([[1, 0]], 1.0)])
-    measured = BoundForces(apart).measure(0.0, np.zeros((2, 3, 2)))  # where a run came to
+    measured = BoundForces(apart).measure(0.0, np.zeros((2, 3, 2)))  # a state as runs reach it
     assert not measured.accelerations.any()
     assert (measured.potential, measured.virial, measured.pairs) == (0.5 * 3.0 * 0.5**2, 0.0, 2)
 
@@ -212,7 +212,7 @@ def test_positions_that_are_no_numbers(culprit):
 
 
 def order(error_at, dt):
-    """The order that the error shows when the step is halved."""
+    """Order of a method from the errors at a step and at half of it."""
     return math.log2(error_at(dt) / error_at(dt / 2))
 
 
@@ -222,7 +222,7 @@ def test_an_oscillator_in_a_trap():
     system = particle(x0, v0, mass, trap=HarmonicTrap(tuple(stiffness), tuple(centre)))
     omega = np.sqrt(stiffness / mass)
     phase = omega[:2] * time
-    exact = x0 + v0 * time  # along z there is no trap
+    exact = x0 + v0 * time  # the trap does not act along z
     exact[:2] = centre[:2] + (x0 - centre)[:2] * np.cos(phase) + v0[:2] * np.sin(phase) / omega[:2]
 
     def error(dt):
@@ -237,7 +237,7 @@ def test_the_trap_conserves_energy():
     report = sim.run(20_000)
     assert report.energy.max_relative_error < 1e-3
     assert abs(report.energy.drift_per_unit_time) < 1e-10
-    assert report.momentum_error is report.angular_momentum_error is None  # outside forces need not conserve them
+    assert report.momentum_error is report.angular_momentum_error is None  # external forces need not conserve these
     turning = np.array([sample.angular_momentum for sample in sim.record.samples])
     assert np.abs(turning - turning[0]).max() < 1e-12 * np.linalg.norm(turning[0])  # an isotropic trap does, about c
 
@@ -332,7 +332,7 @@ def test_springs_conserve_momentum_in_a_periodic_box():
     assert kd.Simulation(system, dt=0.005).run(2000).momentum_error < 1e-13
 
 
-# --- the net that ships ---
+# --- the shipped net of springs ---
 
 
 def test_spring_net():
@@ -522,7 +522,7 @@ def test_several_forces_in_one_file():
 
 
 def test_drag_needs_a_method_for_forces_that_depend_on_velocity():
-    """What a splitting method would make of it is not of its order."""
+    """A splitting method would lose its order with such a force."""
     system = particle(drag=LinearDrag(0.5))
     for name in ("velocity-verlet", "stormer-verlet", "yoshida6"):
         with pytest.raises(InputError, match=f"{name}: needs accelerations .* force 'linear-drag' depends on velocity"):

@@ -97,7 +97,7 @@ def test_massless_particles_feel_and_do_not_pull():
 def test_bodies_in_one_place():
     x = np.array([[1.0, 2.0, 3.0], [1.0, 2.0, 3.0], [0.0, 0.0, 0.0]])
     softened = System(x, forces=[Gravity(1.0, softening=0.5)])
-    assert_right(softened)  # no force between them, but an energy
+    assert_right(softened)  # no force between these bodies, but an energy
     system = System(x, forces=[Gravity(1.0)])
     assert BoundForces(system).measure(0.0, system.state.phase) is None
     test_particles = System(x, masses=[0.0, 0.0, 1.0], forces=[Gravity(1.0)])
@@ -123,7 +123,8 @@ def test_positions_that_are_no_numbers(culprit, massless):
 
 @pytest.mark.parametrize("massive", [1, 8, 9, 20])
 def test_test_particles_anywhere(massive):
-    """Bodies and test particles mixed up, many of those at one place: clusters part empty on both sides."""
+    """Bodies and test particles in mixed order, many test particles at one place; clusters are partly empty on both
+    sides."""
     n, rng = 61, np.random.default_rng(massive)
     masses = np.zeros(n)
     masses[rng.permutation(n)[:massive]] = rng.uniform(0.5, 2.0, massive)
@@ -135,7 +136,7 @@ def test_test_particles_anywhere(massive):
 
 
 def test_sources_are_the_massive_bodies_alone():
-    """Sun, planets and 2000 test particles: each pair of a body with another, and none more."""
+    """Sun, planets and 2000 test particles: only pairs with a massive body count."""
     system = cloud(2009, massless=2000)
     force = BoundForces(system).forces[0].parts
     assert (force.massive, force.sources, force.clusters) == (9, 2, 252)
@@ -190,7 +191,7 @@ def fingerprint(n, threads):
 
 
 def test_a_new_compilation_rounds_like_the_cached_one(tmp_path):
-    """The process that compiles and those that load its machine code get the same bits, of few bodies and of many."""
+    """The compiling process and processes that load the machine code get the same bits, for few bodies and for many."""
     package = Path(kickdrift.__file__).parent
     shutil.copytree(package, tmp_path / "kickdrift", ignore=shutil.ignore_patterns("__pycache__"))
     code = f"from {__name__} import fingerprint as f; print(f(9, 1), f(100, 1))"

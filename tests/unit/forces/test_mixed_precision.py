@@ -42,10 +42,11 @@ def test_forces_and_sums_are_those_of_float64_but_for_float32s_rounding(n, shape
     system = make_system(x, edges, **shape)
     double, mixed = (BoundForces(system, mixed=mixed).measure(0.0, system.state.phase) for mixed in (False, True))
     off = np.abs(mixed.accelerations - double.accelerations).max() / np.abs(double.accelerations).max()
-    # a coordinate is off by 2^-24 of the box, twice; r^-13 makes 13 times as much of it at r = 0.75, the nearest here
+    # each coordinate is off by 2^-24 of the box, twice; r^-13 multiplies this by 13 at r = 0.75, the smallest distance
+    # here
     assert off <= 2 * 13 / 0.6 * max(edges) * 2.0**-24
-    assert n < 33 or off > 1e-9  # within a cluster pairs are in float64
-    assert abs(mixed.pairs - double.pairs) <= 2  # at the very cutoff
+    assert n < 33 or off > 1e-9  # pairs within a cluster are in float64
+    assert abs(mixed.pairs - double.pairs) <= 2  # pairs at the cutoff itself
     assert mixed.potential == pytest.approx(double.potential, rel=1e-5)
     assert mixed.virial == pytest.approx(double.virial, rel=1e-5)
 
@@ -59,7 +60,7 @@ def test_an_open_box():
 
 
 def test_an_open_box_far_from_the_origin():
-    """Floats are measured from the middle of the particles."""
+    """Positions in float32 count from the middle of the particles."""
     x, _ = fluid(np.random.default_rng(2), 200)
     system = make_system(x + 1e5, truncation="switch")
     double, mixed = (BoundForces(system, mixed=mixed).measure(0.0, system.state.phase) for mixed in (False, True))
@@ -69,7 +70,7 @@ def test_an_open_box_far_from_the_origin():
 
 
 def test_empty_places_meet_nobody_in_a_large_thin_box():
-    """Clusters as long as the box, a row's second particle an edge away, places without particles far outside."""
+    """Clusters as long as the box, a row's second particle an edge away, and empty places far outside."""
     for seed in range(20):
         x = np.random.default_rng(seed).uniform(0, 200.0, (12, 3))
         x[1] = x[0] + (0.9, 0.5, 0.3)
@@ -91,7 +92,7 @@ def test_a_file_that_says_mixed_and_a_run_that_says_double(tmp_path):
 
 
 def test_momentum_is_conserved_as_in_float64_and_energy_nearly():
-    """The energies in a report are float64's, so that what the forces' rounding does is seen."""
+    """A report's energies are in float64, so they show the effect of rounded forces."""
     mixed, double = simulation(), kd.Simulation(liquid(), dt=0.002)
     for sim in (mixed, double):
         sim.run(2000, every=20)

@@ -17,7 +17,7 @@ from kickdrift.systemfile.reading import loads
 
 
 def bodies(seed=0, n=5, units="nbody", **options):
-    """Bodies around a heavy one in their midst."""
+    """Bodies around a heavy one in their centre."""
     rng = np.random.default_rng(seed)
     masses = rng.uniform(0.0, 1e-2, n)
     masses[n // 2], masses[0] = 1.5, 0.0
@@ -26,14 +26,15 @@ def bodies(seed=0, n=5, units="nbody", **options):
 
 
 def potential(d, gm, radius, j2, j4, pole):
-    """U / m at d from the body, from Legendre's polynomials as NumPy has them."""
+    """U / m at d from the body, with NumPy's Legendre polynomials."""
     r = np.linalg.norm(d)
     coefficients = [0.0, 0.0, j2 * (radius / r) ** 2, 0.0, j4 * (radius / r) ** 4]
     return gm / r * np.polynomial.legendre.legval(d @ pole / r, coefficients)
 
 
 def pull_of_j2(d, gm, radius, j2):
-    """For a pole along z (Vallado 2013, Fundamentals of Astrodynamics and Applications, chapter 8)."""
+    """Acceleration by J2 for a pole along z (Vallado 2013, Fundamentals of Astrodynamics and Applications, chapter
+    8)."""
     r = np.linalg.norm(d)
     z2 = (d[2] / r) ** 2
     return -1.5 * j2 * gm * radius**2 / r**5 * d * np.array([1 - 5 * z2, 1 - 5 * z2, 3 - 5 * z2])
@@ -108,9 +109,9 @@ def node_and_pericentre(state):
 
 @pytest.mark.parametrize("inclination", [0.4, 1.2, 2.5])
 def test_secular_rates(inclination):
-    """-3/2 n J2 (R / p)^2 cos i of the node, 3/4 n J2 (R / p)^2 (5 cos^2 i - 1) of the pericentre from it (Murray &
-    Dermott 1999, section 6.11), to first order in J2; looked at once a revolution, where the short periods stand
-    still."""
+    """The node moves by -3/2 n J2 (R / p)^2 cos i, the pericentre by 3/4 n J2 (R / p)^2 (5 cos^2 i - 1) relative to the
+    node (Murray & Dermott 1999, section 6.11), to first order in J2. One look in each revolution hides the short
+    periods."""
     e, j2, radius, revolutions = 0.2, 1e-6, 0.5, 20
     speed = math.sqrt((1 + e) / (1 - e))
     v = [0, speed * math.cos(inclination), speed * math.sin(inclination)]
@@ -136,7 +137,7 @@ def test_what_is_conserved():
     assert report.momentum_error < 1e-14
     change = sim.sample().angular_momentum - start.angular_momentum
     assert abs(change[2]) < 1e-12
-    assert np.abs(change[:2]).max() > 1e-5  # the pole does not give way
+    assert np.abs(change[:2]).max() > 1e-5  # the pole stays fixed
 
 
 # --- bad input ---

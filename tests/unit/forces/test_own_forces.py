@@ -1,4 +1,5 @@
-"""A user's force: named in a system file, listed, run, and refused where its name is taken or its code fails."""
+"""A user's force: named in a system file, listed, run, and refused if its name belongs to another force or its code
+fails."""
 
 from __future__ import annotations
 
@@ -51,7 +52,7 @@ steps = 20
 
 @pytest.fixture(autouse=True)
 def own(monkeypatch):
-    """What a test registers is gone after the test."""
+    """Remove a test's registrations after the test."""
     monkeypatch.setattr(registration, "REGISTERED", dict(registration.REGISTERED))
     before = dict(FORCES)
     yield
@@ -102,14 +103,14 @@ def test_a_name_that_is_taken():
         return type("Trap", (kd.HarmonicTrap,), {"__module__": "a", "__qualname__": "Trap", **body})
 
     assert kd.register_force(trap()) is registration.REGISTERED["a", "Trap"]
-    assert FORCES["harmonic-trap"] is kd.HarmonicTrap  # a class that inherits its name takes none
+    assert FORCES["harmonic-trap"] is kd.HarmonicTrap  # a class with an inherited name does not replace the force
     with pytest.raises(InputError, match=r"^force 'gravity' exists already: Gravity of kickdrift\.forces\.gravity$"):
         kd.register_force(trap(name="gravity"))
     with pytest.raises(InputError, match=r"^force 'gravity' exists already"):
         kd.register_force(trap(name="gravity"), overwrite=True)
     first = kd.register_force(trap(name="steep trap"))
     assert FORCES["steep trap"] is first
-    again = kd.register_force(trap(name="steep trap"))  # a module that is loaded anew
+    again = kd.register_force(trap(name="steep trap"))  # as when a module is loaded again
     assert FORCES["steep trap"] is again
     with pytest.raises(InputError, match=r"^force 'steep trap' exists already: Trap of a; overwrite=True replaces it"):
         kd.register_force(trap(name="steep trap", __module__="b"))
@@ -131,7 +132,7 @@ def test_a_kernel_that_does_not_compile(kickdrift, files):
 
 
 def test_laws_of_one_name():
-    """System files know the last of a user's laws of one name, and never another one than kickdrift's of its name."""
+    """A system file's name means the last of a user's laws of that name, but kickdrift's own laws keep their names."""
 
     def law(cls, module):
         made = namedtuple(cls, ["k"], defaults=[1.0])
@@ -165,7 +166,7 @@ def test_a_law_may_jump():
         height: float = 1.0
 
         def law(p, r2):
-            inside = r2 < 3.8025  # the jump lies at one of the distances where laws are checked
+            inside = r2 < 3.8025  # the jump is at one of the distances where laws are checked
             return (p.height if inside else 0.0), 0.0
 
     assert kd.pair_law(Step)(cutoff=3.0).height == 1.0

@@ -72,7 +72,7 @@ def line(axis, length=40.0):
 
 
 def blobs(rng, n):
-    """Tight clusters of points far from each other, in a huge empty box."""
+    """Tight clusters of points, far from each other, in a huge empty box."""
     centres = rng.uniform(0, 500, (4, 3))
     return on_grid(centres[rng.integers(0, 4, n)] + rng.normal(0, 1.0, (n, 3))), (512.0, 512.0, 512.0)
 
@@ -136,7 +136,7 @@ def test_any_cutoff(seed, n, cutoff):
 
 @every_combination
 def test_coordinates_that_are_no_round_numbers(truncation, mixed):
-    """Off the grid both codes round, and agree to that."""
+    """For coordinates off the grid, both implementations round, and agree within rounding."""
     rng = np.random.default_rng(3)
     sites = np.indices((8, 8, 8)).reshape(3, -1).T
     edge = 8 * (1 / 0.8442) ** (1 / 3)
@@ -158,7 +158,7 @@ def test_forces_sum_to_nothing(truncation, mixed):
 
 @every_combination
 def test_every_distance(truncation, mixed):
-    """Dimers far from each other, their lengths from 0.7 to past the cutoff."""
+    """Dimers far from each other, with lengths from 0.7 to beyond the cutoff."""
     lengths = on_grid(np.concatenate([np.linspace(0.7, 2.6, 200), 2.5 + np.linspace(-0.01, 0.01, 20), [2.0, 2.25]]))
     place = 16.0 * np.indices((6, 6, 7)).reshape(3, -1).T[: len(lengths)]
     x = np.concatenate([place, place + lengths[:, None] * [0.0, 0.0, 1.0]])
@@ -169,7 +169,7 @@ def test_every_distance(truncation, mixed):
     expected = pair_oracle(system)[0]
     pairs = interacting_pairs(system.forces[0], system)
     allowed = np.zeros(len(x))
-    allowed[pairs.i] = allowed[pairs.j] = 2 * round_off(pairs, system)  # each dimer by itself
+    allowed[pairs.i] = allowed[pairs.j] = 2 * round_off(pairs, system)  # each dimer alone
     assert (np.abs(forces - expected).max(axis=1) <= allowed).all()
 
 
@@ -194,7 +194,7 @@ def test_force_is_the_slope_of_the_energy(truncation, mixed):
         direction[0, :, rng.integers(60)] = rng.normal(size=3)
         above, below = (bound.measure(0.0, phase + s * direction) for s in (h, -h))
         if truncation == "cut" and above.pairs != below.pairs:
-            continue  # the energy jumps there
+            continue  # the energy jumps at the cutoff
         slope = (below.potential - above.potential) / (2 * h)
         assert slope == pytest.approx((forces * direction[0]).sum(), rel=1e-6, abs=1e-5)
 
@@ -241,19 +241,19 @@ def test_lists_follow_the_particles(truncation, mixed, periodic):
     x, edges = fluid(rng, 200)
     system = make_system(x, edges if periodic else None, truncation, mixed)
     bound = BoundForces(system, jumps=False)
-    steps = [0.01] * 25 + [0.1] * 15 + [0.6] * 10 + [0.01] * 10 + [1.4] * 10  # 1.4 sqrt(3) is just short of the cutoff
+    steps = [0.01] * 25 + [0.1] * 15 + [0.6] * 10 + [0.01] * 10 + [1.4] * 10  # 1.4 sqrt(3) is just below the cutoff
     for number, step in enumerate(steps):
         x = on_grid(x + rng.uniform(-step, step, x.shape))
         assert_right(moved(system, x), bound)
         if number == 24:
             builds, prunes = bound.list_builds
-            assert builds <= 3  # the lists do last a while
+            assert builds <= 3  # each list lasts for some evaluations
             assert prunes < 20
     assert bound.list_builds[0] >= 20
 
 
 def test_drift_of_everything_and_of_one():
-    """A list is also outlived by one fast particle, and by a common motion."""
+    """One fast particle makes a list invalid, and so does a common motion."""
     x, edges = fluid(np.random.default_rng(5), 150)
     system = make_system(x, edges)
     bound, one = BoundForces(system), np.zeros_like(x)
@@ -282,7 +282,7 @@ def test_thousands_of_small_steps_agree_with_fresh_lists():
 
 
 def test_lists_grow():
-    """From a gas to a drop, all pairs in reach of each other."""
+    """From a gas to a drop, with all pairs within reach of each other."""
     rng = np.random.default_rng(8)
     x = on_grid(rng.uniform(-9.0, 9.0, (500, 3)))
     system = make_system(x)
@@ -309,7 +309,7 @@ def test_positions_that_are_no_numbers(culprit, periodic):
             bound = BoundForces(system)
             assert bound.measure(0.0, phase) is None
             assert assert_right(system, bound).pairs > 0
-            assert bound.measure(0.0, phase) is None  # with a list at hand
+            assert bound.measure(0.0, phase) is None  # although a list exists
             assert_right(system, bound)
 
 
@@ -321,7 +321,7 @@ def test_jumps_past_the_cutoff_and_overlaps_are_blow_ups():
     away[3, 1] += 3.0
     for bound in (run, observer):
         assert_right(system, bound)
-        away[3, 1] -= 1.0  # two lengths
+        away[3, 1] -= 1.0  # the molecule then has two lengths
         assert_right(moved(system, away), bound)
         assert_right(system, bound)
         away[3, 1] += 1.0
@@ -336,7 +336,7 @@ def test_jumps_past_the_cutoff_and_overlaps_are_blow_ups():
         assert BoundForces(system).measure(0.0, moved(system, together).state.phase) is None
 
 
-# --- published numbers ---
+# --- published values ---
 
 
 def nist(number):
@@ -396,7 +396,7 @@ def test_tail_of_a_mixture():
 
 
 def fingerprint_of_motion(n, threads):
-    """A hash of every bit that a BoundForces gives along a short path."""
+    """Hash of all bits of a BoundForces along a short path."""
     rng = np.random.default_rng(n)
     x, edges = fluid(rng, n)
     system = make_system(x, edges)
@@ -422,7 +422,7 @@ def test_threads_that_there_are_not(threads):
         BoundForces(make_system(np.zeros((1, 3))), threads)
 
 
-# --- laws that users write ---
+# --- laws of users ---
 
 
 @pair_law

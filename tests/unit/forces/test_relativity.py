@@ -1,4 +1,4 @@
-"""The 1PN correction against the formula written out in NumPy, closed forms, and what it should conserve."""
+"""The 1PN correction against the formula in NumPy, closed forms, and its conserved quantities."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from kickdrift.systemfile.reading import loads
 
 
 def bodies(seed=0, n=5, units="nbody", **options):
-    """Bodies around a heavy one that is neither first nor at rest."""
+    """Bodies around a heavy body that is neither first nor at rest."""
     rng = np.random.default_rng(seed)
     masses = rng.uniform(0.0, 1e-2, n)
     masses[n // 2], masses[0] = 1.5, 0.0
@@ -27,7 +27,7 @@ def bodies(seed=0, n=5, units="nbody", **options):
 
 
 def formula(system, central, form, c, G):
-    """(n, 3) accelerations, the central body's from Newton's third law; potential energy of the test bodies."""
+    """Accelerations (n, 3), for the central body by Newton's third law, and potential energy of the test bodies."""
     x, v, m = system.state.positions, system.state.velocities, system.state.masses
     a, energy, gm = np.zeros_like(x), 0.0, G * m[central]
     for i in range(len(m)):
@@ -98,7 +98,7 @@ def planet(e, mass=0.0, c=30.0, form="full", central=None):
 
 
 def advance(system, period, gm, revolutions):
-    """Of the pericentre per revolution: the direction of r where r . v = 0 after so many."""
+    """Advance of the pericentre per revolution, from the direction of r where r . v = 0 after some revolutions."""
     sim = kd.Simulation(system, "dop853", rtol=2.3e-14, atol=1e-17)
     sim.run(until=(revolutions - 0.03) * period)
     while True:
@@ -124,7 +124,7 @@ def test_mercury():
 
 @pytest.mark.parametrize("e", [0.01, 0.6])
 def test_advance_to_first_order(e):
-    """What is left of it falls with c^2."""
+    """The remaining difference falls as c^-2."""
     errors = []
     for c in (300.0, 600.0):
         found = advance(planet(e, c=c), 2 * math.pi, 1.0, 5)
@@ -141,8 +141,9 @@ def largest_energy_error(system):
 
 @pytest.mark.parametrize("mass", [0.0, 0.3])
 def test_energy_to_order_four(mass):
-    """A planet of any mass: 16 times less for c twice as large. Without the correction's own energy it would be 4."""
-    if mass == 0.0:  # has no energy itself, so one of next to none
+    """For a planet of any mass, the change is 16 times smaller if c is doubled. Without the correction's own energy the
+    factor would be 4."""
+    if mass == 0.0:  # a massless body has no energy, so use a tiny mass
         mass = 1e-12
     errors = [largest_energy_error(planet(0.3, mass, c)) for c in (40.0, 80.0)]
     assert errors[0] / errors[1] == pytest.approx(16, rel=0.1)

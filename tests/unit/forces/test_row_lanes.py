@@ -1,4 +1,5 @@
-"""The widths of the pair loop: each gives the right forces on any processor, and the processor's features choose."""
+"""Lane widths of the pair loop: each gives the right forces on any processor, and the processor's features choose
+one."""
 
 from __future__ import annotations
 
@@ -37,14 +38,14 @@ def bound_with(monkeypatch, system, lanes):
 
 
 def check(system, bound, single):
-    """The forces are those of the oracle; in mixed precision those of float64 but for rounding."""
+    """Check the forces against the oracle; in mixed precision, against float64 within rounding."""
     if not single:
         assert_right(system, bound)
         return
     right, got = (each.measure(0.0, system.state.phase) for each in (BoundForces(system), bound))
     largest = np.abs(right.accelerations).max()
     assert np.abs(got.accelerations - right.accelerations).max() <= 1e-4 * largest
-    assert abs(got.pairs - right.pairs) <= 2  # at the very cutoff
+    assert abs(got.pairs - right.pairs) <= 2  # pairs at the cutoff itself
     assert got.potential == pytest.approx(right.potential, rel=1e-5, abs=1e-6 * largest)
     assert got.virial == pytest.approx(right.virial, rel=1e-5, abs=1e-6 * largest)
 
@@ -70,7 +71,7 @@ def test_the_lanes_of_every_width(lanes):
     expected = np.array([x * y + x, np.where(x < y, 1 / x, 0), x**3 - 2])
     np.testing.assert_allclose(out[:, 3 : count + 3], expected, rtol=0, atol=8 * np.finfo(dtype).eps)
     assert not out[:, :3].any()
-    assert not out[:, count + 3 :].any()  # nothing is written beside them
+    assert not out[:, count + 3 :].any()  # no other lane is written
     eight = np.append(x, np.zeros(max(WIDTH - count, 0))).astype(float)
     np.testing.assert_array_equal(wide, eight.reshape(-1, WIDTH).sum(axis=0))
 
@@ -96,7 +97,7 @@ def test_lists_of_every_width_follow_the_particles(monkeypatch, lanes):
 
 
 def pairs_of_rows(pairs):
-    """(slots, slots, shifts): how often the rows have the one particle, and the other with that shift of the first."""
+    """Number of times (slots, slots, shifts) that the rows contain each pair, by the shift of the first particle."""
     slots, per_row, width = WIDTH * pairs.counts[N_CLUSTERS], pairs.per_row, WIDTH // blocks(pairs.block)
     per_shift, apart = (STRIDE, 1) if per_row == 1 else (8 * STRIDE, 2 * STRIDE)
     found = np.zeros((slots, slots, SHIFTS), int)
@@ -119,7 +120,7 @@ def test_every_pair_of_images_stands_in_the_rows_once(monkeypatch, lanes):
     pairs = bound.forces[0].pairs
     clusters = int(pairs.counts[N_CLUSTERS])
     found = pairs_of_rows(pairs)
-    found += found[:, :, ::-1].transpose(1, 0, 2)  # of either, by the other's shift
+    found += found[:, :, ::-1].transpose(1, 0, 2)  # each pair in both orders, by the other's shift
     places = pairs.x.reshape(-1, 3, WIDTH)[:clusters].transpose(0, 2, 1).reshape(-1, 3)
     there = (np.arange(WIDTH) < pairs.filled[:clusters, None]).ravel()
     of = np.arange(len(places)) // WIDTH
@@ -161,7 +162,7 @@ for mixture in (False, True):
 @pytest.mark.long
 @pytest.mark.parametrize("processor", processors.FEATURES)
 def test_code_for_processors_without_avx_512(processor):
-    """The rows are packed otherwise there, too."""
+    """Such processors also have another packing of the rows."""
     if processor == "haswell" and "avx2" not in features():
         pytest.skip("the machine has no AVX2")
     settings = processors.settings(processor)

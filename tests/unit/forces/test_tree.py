@@ -1,4 +1,4 @@
-"""The tree against the direct sum: its accuracy for particles of all kinds, its order, its bits."""
+"""The tree against the direct sum: accuracy for many distributions of particles, order, and bits."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def measured(x, masses, force, threads=1):
 
 
 def plummer(n, rng):
-    """Plummer's density, of scale length 1."""
+    """Plummer's density with scale length 1."""
     direction = rng.normal(size=(n, 3))
     r = 1.0 / np.sqrt(rng.uniform(size=n) ** (-2 / 3) - 1.0)
     return (r / np.linalg.norm(direction, axis=1))[:, None] * direction
@@ -66,8 +66,9 @@ def relative_errors(got, direct):
 @pytest.mark.parametrize("softening", [0.0, 0.02])
 @pytest.mark.parametrize("shape", SHAPES)
 def test_accuracy(shape, softening):
-    """99 % of the particles within it. On a line, softened over many neighbours, the pulls of both sides cancel; one
-    particle in a hundred has less than a hundredth of the usual acceleration, and errors are measured by that."""
+    """The accuracy holds for 99 % of the particles. On a line softened over many neighbours, the attractions of both
+    sides cancel. There one particle in a hundred has less than a hundredth of the usual acceleration, which is the
+    scale of its errors."""
     rng = np.random.default_rng(1)
     x = SHAPES[shape](2100, rng)
     masses = rng.pareto(2.0, len(x)) + 0.01
@@ -86,7 +87,7 @@ def test_accuracy(shape, softening):
 
 @pytest.mark.parametrize("shape", ["plummer", "cube"])
 def test_the_work_is_not_for_nothing(shape):
-    """Looser accuracy leaves larger errors: a tree that opened every node would pass the test above too."""
+    """A looser accuracy leaves larger errors. A tree that opened every node would pass the test above too."""
     x = SHAPES[shape](6000, np.random.default_rng(2))
     direct = measured(x, 1.0, Gravity())
     loose, tight = (relative_errors(measured(x, 1.0, GravityTree(a)), direct).mean() for a in (1e-2, 1e-4))
@@ -124,8 +125,8 @@ def test_all_opened_is_the_direct_sum(seed, n, shape, softening):
 
 @pytest.mark.parametrize("softening", [0.0, 3.0])
 def test_quadrupoles(softening):
-    """What is left out of a far body's field falls as the third power of the distance, relatively; of monopoles alone
-    it would be the second."""
+    """The relative error of a far body's field falls as the third power of the distance; with monopoles alone, as the
+    second."""
     rng = np.random.default_rng(3)
     body, probes = rng.uniform(size=(64, 3)) * [1, 2, 3], rng.uniform(size=(64, 3))
     masses = np.concatenate([rng.uniform(1, 2, 64), np.zeros(64)])
@@ -181,7 +182,7 @@ def test_positions_that_are_no_numbers(culprit, massless):
 
 
 def test_lengths_of_any_size():
-    """The tree has no length of its own."""
+    """The tree has no intrinsic length."""
     x = plummer(1000, np.random.default_rng(8))
     plain = measured(x, 1.0, GravityTree())
     for factor in (2.0**-100, 2.0**40):

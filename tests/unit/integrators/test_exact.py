@@ -1,4 +1,4 @@
-"""leapfrog-exact: whole numbers come back whatever was in between, and are a decent leapfrog besides."""
+"""leapfrog-exact: whole numbers return exactly after a reversed run, and the method is as accurate as leapfrog."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def planets() -> kd.System:
 
 
 def drop() -> kd.System:
-    """Particles in open space, at once under a pair force and under gravity."""
+    """Particles in open space, under a pair force and gravity at once."""
     positions, _ = lattice("fcc", 32, 1.0)
     forces = [kd.LennardJones(cutoff=3.0, truncation="force-shift"), kd.Gravity(G=0.02, softening=0.1)]
     return kd.System(positions, masses=np.linspace(1.0, 3.0, 32), forces=forces)
@@ -111,7 +111,7 @@ def after(pieces: list[int], skin: float | None = None) -> Lattice:
     for steps in pieces:
         sim.run(steps)
         if skin == 0.0:
-            sim.method_state = sim.method_state  # which forgets the list
+            sim.method_state = sim.method_state  # this discards the list
     return sim.method_state
 
 
@@ -124,7 +124,7 @@ def test_bits_do_not_depend_on_pieces_or_on_the_pair_list():
 
 
 def test_list_with_cells_finds_every_pair(monkeypatch):
-    """1000 particles in 5 to 8 cells along an edge, against one cell for all."""
+    """1000 particles in 5 to 8 cells along an edge, against a single cell."""
 
     def run() -> Lattice:
         positions, edges = lattice("sc", 1000, 0.8)
@@ -209,7 +209,7 @@ def test_a_users_pair_law_runs():
 
 
 def test_a_lattice_at_rest_can_collapse():
-    """Nothing moves and hardly anything pulls at the start: the scale of momenta must not follow from that."""
+    """Bodies at rest with almost no force at the start: these must not set the scale of momenta."""
     positions, edges = lattice("sc", 64, 0.8)
     positions[0] += 0.001
     system = kd.System(positions, box=edges, forces=[kd.LennardJones(cutoff=2.0)])
@@ -297,7 +297,8 @@ def test_a_run_that_blows_up_says_who():
 
 
 def test_strict_functions_are_strict_in_fast_callers():
-    """A callee that leaves fast-math open would take the caller's, and lose what it is there to keep."""
+    """A callee that leaves fast-math open would use its caller's flags, and lose the rounding errors that it should
+    keep."""
 
     @jit
     def add(y, carry, dy):

@@ -1,4 +1,4 @@
-"""gauss-radau15: its numbers, its order, what it reaches, and that it gets through.
+"""gauss-radau15: its coefficients, order and accuracy, and hard problems.
 
 The files in ``data`` name their sources: states in binary128 from published starting values, and closed forms.
 """
@@ -36,7 +36,7 @@ def reference(file):
 
 
 def bodies(name):
-    """A System of the binary128 references, and the record that it comes from."""
+    """A System of the binary128 references, and its record."""
     record = reference("quad_states")[name]
     start = np.array(record["initial_state"], dtype=float).reshape(-1, 6)
     gravity = kd.Gravity(G=float(record["G"]))
@@ -45,7 +45,7 @@ def bodies(name):
 
 
 def errors(sim, record, count):
-    """The largest of any coordinate and velocity at the first ``count`` times."""
+    """Largest error of any coordinate and velocity at the first ``count`` times."""
     found = []
     for time, state in list(zip(record["times"], record["reference_states_quad"], strict=True))[:count]:
         sim.run(until=float(time), every=10**9)
@@ -55,11 +55,11 @@ def errors(sim, record, count):
     return np.array(found)
 
 
-# --- the numbers ---
+# --- coefficients ---
 
 
 def legendre(order, x):
-    """By the recurrence."""
+    """Legendre polynomial by recurrence."""
     before, now = Decimal(1), x
     for k in range(1, order):
         before, now = now, ((2 * k + 1) * x * now - k * before) / (k + 1)
@@ -80,12 +80,12 @@ def test_nodes_are_the_zeros_of_the_sum_of_two_legendre_polynomials():
 
 
 def test_nodes_integrate_powers_up_to_the_fourteenth_exactly():
-    """With weights from Vandermonde's equations, in sixty digits; the fifteenth they miss."""
+    """Weights are from Vandermonde's equations, in sixty digits. The fifteenth power is not exact."""
     with localcontext() as context:
         context.prec = 60
         s = nodes(60)
         weights = []
-        for k, node in enumerate(s):  # the integral of Lagrange's polynomial of the node
+        for k, node in enumerate(s):  # integral of the node's Lagrange polynomial
             product, value = [Decimal(1)], Decimal(1)
             for other in (*s[:k], *s[k + 1 :]):
                 product = [a - other * b for a, b in zip([0, *product], [*product, 0], strict=True)]
@@ -113,7 +113,7 @@ def test_weights_are_those_of_the_integrals():
     np.testing.assert_allclose(numbers.values, powers, rtol=1e-15)
     np.testing.assert_allclose(numbers.velocities, powers / np.arange(1, 9), rtol=1e-15)
     np.testing.assert_allclose(numbers.positions, powers / (np.arange(1, 9) * np.arange(2, 10)), rtol=1e-15)
-    ahead = numbers.shifts * 0.3 ** np.arange(8)[:, None]  # rows by the power of 0.3
+    ahead = numbers.shifts * 0.3 ** np.arange(8)[:, None]  # row k times 0.3^k
     np.testing.assert_allclose(ahead.sum(axis=0), 1.3 ** np.arange(8), rtol=1e-14)
 
 
@@ -153,8 +153,9 @@ def test_the_error_of_one_step_falls_as_its_sixteenth_power(problem, steps):
 
 @pytest.mark.parametrize("e", [0.0, 0.3, 0.6, 0.9, 0.99])
 def test_keplers_ellipse_over_ten_periods(e):
-    """What rounding leaves: that of the speed v at pericentre changes the semi-major axis by 2 v^2 of it, the time of a
-    later passage by as much a period, and the velocity there by that times the acceleration."""
+    """Bounds of rounding. A rounding error of the speed v at pericentre changes the semi-major axis by 2 v^2 times its
+    size, the time of a later passage by as much in each period, and the velocity there by that time times the
+    acceleration."""
     problem = ODES["kepler"](e)
     sim = kd.Simulation(problem, NAME)
     sim.run(until=20 * math.pi, interval=20 * math.pi)
@@ -181,14 +182,14 @@ def test_published_closed_forms():
     ("name", "bounds"),
     [
         ("figure_eight", [3e-15, 3e-15, 2e-14, 2e-13]),
-        # each close encounter multiplies what rounding did; IAS15 in double is 0.04 off at 70
+        # each close encounter multiplies earlier rounding errors; IAS15 in double has an error of 0.04 at 70
         ("pythagorean_burrau", [5e-11, 1e-8, 2e-8, 2e-7, 1e-4, 1e-2, 0.5]),
         ("pleiades", [3e-15, 5e-13, 2e-12]),
         ("hairer_outer_solar", [1e-14, 1e-13, 1e-12, 3e-12, 5e-12]),
     ],
 )
 def test_n_bodies_to_round_off(name, bounds):
-    """Within a small factor of what IAS15 in double reaches, which stands in the file."""
+    """Errors stay within a small factor of those of IAS15 in double, which the file gives."""
     system, record = bodies(name)
     sim = kd.Simulation(system, NAME)
     found = errors(sim, record, len(bounds))
@@ -208,7 +209,7 @@ def test_arenstorfs_orbit_as_a_first_order_problem():
 
 @pytest.mark.parametrize("name", [n for n in shipped() if n.startswith("ode-")])
 def test_every_ode_that_ships_gets_through(name):
-    """Those that are stiff for a part of their time alone, for that is what an explicit method can do."""
+    """Includes problems that are stiff for a part of the time: an explicit method can solve these."""
     problem = load(name)
     length = {"ode-robertson": 0.1, "ode-hires": 0.3, "ode-orego": 0.1, "ode-van-der-pol-stiff": 0.01}.get(name, 17.0)
     sim = kd.Simulation(problem, NAME)
@@ -220,7 +221,7 @@ def test_every_ode_that_ships_gets_through(name):
 
 
 def test_forces_that_depend_on_velocities():
-    """x'' = -g x - r x': exp(-r t / 2) cos(w t + p); both in one dimension each."""
+    """x'' = -g x - r x': exp(-r t / 2) cos(w t + p), with all three in one dimension each."""
     system = kd.System(
         [[1.0, 0.0, 0.0], [0.0, 2.0, 0.0]], [[0.0, 0.0, 1.0], [0.0, 0.0, 0.0]],
         forces=[kd.HarmonicTrap(4.0), kd.LinearDrag(0.3)],
@@ -238,7 +239,7 @@ def test_forces_that_depend_on_velocities():
 
 
 def test_sums_keep_what_rounding_loses():
-    """Steps of a free particle, each four times as long as the last, add up as if to twice the digits."""
+    """The steps of a free particle, each four times as long as the last, add up with twice the digits."""
     speed, first = 0.1, 0.7
     free = kd.Problem(lambda t, y: (y[1], 0.0), [1e6, speed], separable=True, name="free")
     sim = kd.Simulation(free, NAME, dt=first)
@@ -252,7 +253,7 @@ def test_sums_keep_what_rounding_loses():
 
 
 def test_energy_of_the_outer_planets_over_a_thousand_years():
-    """Barycentric, or rounding grows with the way of the centre of mass. IAS15's error is 9e-16."""
+    """Barycentric, since rounding grows with the distance that the centre of mass travels. IAS15's error is 9e-16."""
     system, _ = bodies("hairer_outer_solar")
     start, masses = system.state, system.state.masses
     x, v = (part - masses @ part / masses.sum() for part in (start.positions, start.velocities))
@@ -265,7 +266,7 @@ def test_energy_of_the_outer_planets_over_a_thousand_years():
 
 
 def test_the_step_is_that_of_pham_rein_and_spiegel_on_a_circle():
-    """(7! rtol)^(1/7) of 1 / omega."""
+    """The step is (7! rtol)^(1/7) / omega."""
     x, v = [[0.5, 0.0, 0.0], [-0.5, 0.0, 0.0]], [[0.0, 0.5, 0.0], [0.0, -0.5, 0.0]]
     pair = kd.System(x, v, [0.5, 0.5], forces=[kd.Gravity()], units="nbody")
     for rtol in (1e-9, 1e-7):
@@ -292,7 +293,7 @@ def test_accelerations_and_derivatives_pass_through_zero(power):
 
 
 def test_a_body_in_the_midst_of_a_ring_sets_no_steps():
-    """Its acceleration is what rounding leaves of six that cancel."""
+    """Six accelerations cancel for this body, so only rounding remains."""
     angles = 2 * np.pi * np.arange(6) / 6
     ring = np.array([np.cos(angles), np.sin(angles), 0 * angles]).T
     speed = math.sqrt(1.0 + 0.1 * sum(1 / (4 * math.sin(math.pi * k / 6)) for k in range(1, 6)))
@@ -323,7 +324,7 @@ def test_particles_without_a_force_fly_on():
 def test_a_first_step_that_is_far_too_long_is_rejected():
     problem = ODES["kepler"](0.5)
     sim = kd.Simulation(problem, NAME, dt=100.0)
-    sim.run(1)  # no end bounds the step
+    sim.run(1)  # so no end limits the step
     assert sim.record.rejected_steps >= 2
     sim.run(until=10.0)
     assert sim.state.y == pytest.approx(problem.exact(10.0), abs=1e-13)
@@ -413,4 +414,4 @@ def test_its_own_default_tolerance():
     assert (report.rtol, report.atol, report.dt) == (1e-9, None, None)
     assert integrator(NAME).tunable == ("rtol", "max_step")
     arenstorf = kd.Simulation(load("ode-arenstorf"), NAME)
-    assert arenstorf.options.rtol == 1e-10  # the file's
+    assert arenstorf.options.rtol == 1e-10  # from the file

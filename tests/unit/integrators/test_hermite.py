@@ -1,4 +1,4 @@
-"""hermite4: its order in fixed, shared and block steps, its looks, and what it cannot run."""
+"""hermite4: order in fixed, shared and block steps, looks, and refused systems."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def two_bodies(e: float, t: float = 0.0) -> kd.System:
 
 
 def cluster(n: int, seed: int = 1, massless: int = 0, softening: float = 0.05) -> kd.System:
-    """A ball of bodies of total mass 1, with a heavy pair in it that needs short steps."""
+    """A ball of bodies of total mass 1 that contains a heavy pair with short steps."""
     rng = np.random.default_rng(seed)
     x, v = rng.normal(size=(2, n, 3)) * np.array([1.0, 0.4])[:, None, None]
     masses = rng.uniform(0.5, 1.5, n) / n
@@ -41,7 +41,7 @@ def cluster(n: int, seed: int = 1, massless: int = 0, softening: float = 0.05) -
 
 
 def published(name: str) -> tuple[kd.System, np.ndarray, np.ndarray]:
-    """A problem of the references: the System, times, and states (times, n, 6) of 34 digits then."""
+    """A published problem: the System, times, and states (times, n, 6) with 34 digits."""
     case = json.loads(STATES.read_text(encoding="utf-8"))[name]
     masses = np.array(case["masses"], dtype=float)
     start = np.array(case["initial_state"], dtype=float).reshape(len(masses), 6)
@@ -54,8 +54,8 @@ def published(name: str) -> tuple[kd.System, np.ndarray, np.ndarray]:
 # --- the step ---
 
 
-def pulls_and_jerks(system: kd.System, x: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """By the definitions, (n, 3) each."""
+def accelerations_and_jerks(system: kd.System, x: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Accelerations and jerks (n, 3), from their definitions."""
     masses, softening = system.state.masses, system.forces[0].softening
     a, jerk = np.zeros_like(x), np.zeros_like(x)
     for i in range(len(x)):
@@ -67,13 +67,14 @@ def pulls_and_jerks(system: kd.System, x: np.ndarray, v: np.ndarray) -> tuple[np
 
 
 def oracle(system: kd.System, dt: float, steps: int) -> np.ndarray:
-    """(2, n, 3) after so many steps: the acceleration of each is the cubic through those at its ends, by SciPy."""
+    """State (2, 3, n) after some steps. Each body's acceleration is the cubic through the values at both ends, by
+    SciPy."""
     x, v = system.state.positions, system.state.velocities
-    a, jerk = pulls_and_jerks(system, x, v)
+    a, jerk = accelerations_and_jerks(system, x, v)
     for _ in range(steps):
         ahead_x = x + dt * v + dt**2 / 2 * a + dt**3 / 6 * jerk
         ahead_v = v + dt * a + dt**2 / 2 * jerk
-        next_a, next_jerk = pulls_and_jerks(system, ahead_x, ahead_v)
+        next_a, next_jerk = accelerations_and_jerks(system, ahead_x, ahead_v)
         cubic = CubicHermiteSpline([0.0, dt], np.array([a, next_a]), np.array([jerk, next_jerk]))
         x = x + dt * v + cubic.antiderivative(2)(dt)
         v = v + cubic.antiderivative()(dt)
@@ -104,7 +105,7 @@ def test_order_in_fixed_steps(e):
 
 @pytest.mark.parametrize("scheme", SCHEMES)
 def test_order_in_chosen_steps(scheme):
-    """Steps are as the root of eta, and so the error as its square."""
+    """Steps scale as the root of eta, so the error scales as eta squared."""
     steps, errors = [], []
     for eta in (2e-3, 5e-4, 1.25e-4):
         sim = kd.Simulation(two_bodies(0.7), "hermite4", eta=eta, scheme=scheme)
@@ -119,7 +120,7 @@ def test_order_in_chosen_steps(scheme):
 @pytest.mark.parametrize("scheme", SCHEMES)
 @pytest.mark.parametrize(("name", "looks", "bound"), [("figure_eight", 3, 1e-8), ("pythagorean_burrau", 1, 2e-6)])
 def test_published_problems(name, looks, bound, scheme):
-    """To 34 digits; the Pythagorean bodies start at rest, where there is no jerk to choose a first step by."""
+    """Compare with 34 digits. The Pythagorean bodies start at rest, without a jerk for the choice of the first step."""
     system, times, states = published(name)
     sim = kd.Simulation(system, "hermite4", eta=1e-4, scheme=scheme)
     for time, state in zip(times[:looks], states, strict=False):
@@ -128,7 +129,7 @@ def test_published_problems(name, looks, bound, scheme):
         assert np.abs(found - state).max() < bound * np.abs(state).max()
 
 
-# --- the steps chosen ---
+# --- chosen steps ---
 
 
 def test_block_steps_are_powers_of_two_that_stay_in_step():
@@ -139,7 +140,7 @@ def test_block_steps_are_powers_of_two_that_stay_in_step():
         sim.run(1)
         exponents = np.log2(bodies.steps)
         assert (exponents == np.round(exponents)).all()
-        assert (bodies.times % bodies.steps == 0.0).all()  # each began at a multiple of its step
+        assert (bodies.times % bodies.steps == 0.0).all()  # each step began at a multiple of its length
         now = sim.integration.stepper.time
         assert (bodies.times <= now).all()
         assert (now <= bodies.times + bodies.steps).all()
@@ -148,7 +149,7 @@ def test_block_steps_are_powers_of_two_that_stay_in_step():
 
 
 def energy_error(scheme: str, eta: float, **how) -> tuple[float, float]:
-    """The largest relative one over a crossing time at some hundred times, and evaluations of all bodies."""
+    """Largest relative energy error over a crossing time at some hundred times, and evaluations of all bodies."""
     sim = kd.Simulation(cluster(128), "hermite4", eta=eta, scheme=scheme)
     report = sim.run(until=2.0, **how)
     assert report.energy is not None
@@ -156,7 +157,7 @@ def energy_error(scheme: str, eta: float, **how) -> tuple[float, float]:
 
 
 def test_block_steps_cost_less_and_energy_errs_as_the_square_of_eta():
-    """Measured: 867 and 201 evaluations; ratios of 14 and 46, where the leading term alone would give 16."""
+    """Measured: 867 and 201 evaluations; ratios of 14 and 46, while the leading term alone gives 16."""
     coarse, fine = ({scheme: energy_error(scheme, eta) for scheme in SCHEMES} for eta in (0.005, 0.00125))
     assert coarse["block"][1] < coarse["shared"][1] / 4
     for scheme in SCHEMES:
@@ -166,7 +167,7 @@ def test_block_steps_cost_less_and_energy_errs_as_the_square_of_eta():
 
 @pytest.mark.parametrize("scheme", SCHEMES)
 def test_energies_between_steps_are_as_good_as_at_them(scheme):
-    """Else a velocity predicted by jerk alone, which is of third order, would show."""
+    """A velocity predicted by jerk alone has third order and would show."""
     at_points = energy_error(scheme, 0.02, every=1)[0]
     between = energy_error(scheme, 0.02, interval=0.00937)[0]
     assert between < 3 * at_points
@@ -188,7 +189,7 @@ def test_looks_and_pieces_change_no_bits(scheme):
 
 @pytest.mark.parametrize("scheme", SCHEMES)
 def test_looks_lie_on_the_path(scheme):
-    """As near to the exact one inside the steps as at their ends, and without a jump there."""
+    """States inside steps are as accurate as at their ends, and have no jump there."""
     sim = kd.Simulation(two_bodies(0.3), "hermite4", eta=0.005, scheme=scheme)
     errors = []
 
@@ -216,7 +217,7 @@ def test_threads_do_not_change_the_bits():
     assert run.stdout.split() == [fingerprint("shared", 1)] * 3 + [fingerprint("block", 1)] * 3, run.stderr
 
 
-# --- corners ---
+# --- special cases ---
 
 
 def test_massless_bodies_feel_and_do_not_pull():
@@ -232,7 +233,7 @@ def test_massless_bodies_feel_and_do_not_pull():
 
 @pytest.mark.parametrize("scheme", SCHEMES)
 def test_a_body_at_a_centre_of_symmetry_stalls_nothing(scheme):
-    """Its acceleration and derivatives are rounding, and so would be the step that they call for."""
+    """The body's acceleration and its derivatives are only rounding, and would give a meaningless step."""
     x, v = [[1.0, 0, 0], [-1.0, 0, 0], [0.0, 0, 0]], [[0.0, 0.5, 0], [0.0, -0.5, 0], [0.0, 0, 0]]
     system = kd.System(x, v, masses=[1.0, 1.0, 0.0], forces=[kd.Gravity()], units="nbody")
     sim = kd.Simulation(system, "hermite4", scheme=scheme)
@@ -243,7 +244,7 @@ def test_a_body_at_a_centre_of_symmetry_stalls_nothing(scheme):
 
 @pytest.mark.parametrize("scheme", SCHEMES)
 def test_bodies_that_begin_at_one_place_part_in_short_steps(scheme):
-    """Nothing pulls at first, but it soon will."""
+    """Forces are zero at the start, but soon grow."""
     x, v = np.zeros((2, 3)), [[1.0, 0, 0], [0.0, 0, 0]]
     system = kd.System(x, v, masses=[1.0, 1.0], forces=[kd.Gravity(softening=0.1)], units="nbody")
     report = kd.Simulation(system, "hermite4", scheme=scheme).run(until=1.0)

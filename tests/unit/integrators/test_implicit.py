@@ -1,4 +1,4 @@
-"""Implicit and stiff methods: order, structure, stiff decay, end values, and what errors say."""
+"""Implicit and stiff methods: order, structure, stiff decay, end values, and error messages."""
 
 from __future__ import annotations
 
@@ -69,7 +69,8 @@ def robertson(t, y):
     return (-0.04 * y[0] + reacted, 0.04 * y[0] - reacted - 3e7 * y[1] ** 2, 3e7 * y[1] ** 2)
 
 
-# Test Set for IVP Solvers (Mazzia & Magherini 2008, Bari): start, end, reference solution there, absolute tolerance.
+# Test Set for IVP Solvers (Mazzia & Magherini 2008, Bari): start, end, reference solution at the end, absolute
+# tolerance.
 TEST_SET = {
     "hires": (
         hires, [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0057], 321.8122,
@@ -98,7 +99,7 @@ def solved(f, y0, name, steps, end, **options):
     return sim.state.y
 
 
-# --- what the rows claim ---
+# --- claims of the rows ---
 
 
 @pytest.mark.parametrize("f", [pendulum, driven])
@@ -112,7 +113,7 @@ def test_order_is_the_slope_of_the_error(name, f):
 
 @pytest.mark.parametrize("f", [pendulum, driven])
 def test_order_of_the_rosenbrock_method(f):
-    """Steps held fixed: the tolerance lets every one pass. Without df/dt a driven problem would have order 2."""
+    """Fixed steps: the tolerance accepts every step. Without df/dt a driven problem would have order 2."""
     exact = reference(f, [1.0, 0.3], 4.0)
     errors = []
     for steps in (40, 80, 160):
@@ -125,7 +126,8 @@ def test_order_of_the_rosenbrock_method(f):
 
 
 def test_rodas_fulfils_the_order_conditions():
-    """Hairer & Wanner 1996, table IV.7.1: of order 4 the solution, 3 the embedded one; alpha and gamma_i as printed."""
+    """Hairer & Wanner 1996, table IV.7.1: order 4 of the solution and 3 of the embedded one; alpha and gamma_i as
+    printed."""
     row = rosenbrock.ROWS[0]
     s = len(row.m)
     gamma = np.linalg.inv(np.eye(s) / row.gamma - lower(row.c))
@@ -179,8 +181,8 @@ def test_reversible_rows_and_no_others_come_back(name):
 
 @pytest.mark.parametrize("iteration", implicit.ITERATIONS)
 def test_energy_does_not_drift(iteration):
-    """Not even at rounding level, where stages that are solved for less well make it drift by 2e-16 per unit of time
-    (Hairer, McLachlan & Razakarivony 2008, doi:10.1007/s10543-008-0170-3)."""
+    """The energy must not drift even at the level of rounding. Stages solved less accurately drift by 2e-16 per unit of
+    time (Hairer, McLachlan & Razakarivony 2008, doi:10.1007/s10543-008-0170-3)."""
     problem = kd.Problem(pendulum, [1.0, 0.3], energy=pendulum_energy)
     report = kd.Simulation(problem, "implicit-midpoint", dt=0.1, iteration=iteration).run(5000, every=5)
     assert abs(report.energy.drift_per_unit_time) < 1e-16
@@ -189,7 +191,7 @@ def test_energy_does_not_drift(iteration):
 
 @pytest.mark.parametrize("name", GAUSS)
 def test_compensated_sums_lose_less(name):
-    """A conserved quadratic form, which Gauss methods keep exactly but for rounding (Cooper 1987)."""
+    """Gauss methods conserve a quadratic form exactly, except for rounding (Cooper 1987)."""
 
     def oscillator(t, y):
         return (y[1], -y[0])
@@ -221,7 +223,7 @@ def test_analytic_and_difference_jacobians_agree(name):
     reports = [sim.run(until=5.0) for sim in sims]
     close = 2e-14 if name in IMPLICIT else 1e-6
     np.testing.assert_allclose(sims[0].state.y, sims[1].state.y, rtol=0, atol=close)
-    if name != "lsoda":  # it stays with its method for what is not stiff
+    if name != "lsoda":  # lsoda keeps its method for problems that are not stiff
         assert reports[1].force_evaluations < reports[0].force_evaluations
         assert all(sim.integration.stepper.counts.jacobians > 0 for sim in sims)
 
@@ -248,7 +250,7 @@ def test_backward_euler_takes_steps_a_million_times_the_decay():
 
 
 def test_gauss_legendre_does_not_damp_but_stays_stable():
-    """|R(z)| -> 1 for z -> -oo: the distance from the solution swings and does not grow."""
+    """|R(z)| -> 1 for z -> -oo: the distance from the solution oscillates and does not grow."""
     sim = kd.Simulation(kd.Problem(stiff_decay, [1.1]), "implicit-midpoint", dt=0.1)
     sim.run(20)
     assert abs(sim.state.y[0] - np.cos(2.0)) == pytest.approx(0.1, rel=0.05)
@@ -278,7 +280,7 @@ def test_newton_that_does_not_converge_says_what_to_do():
 
 
 def test_full_newton_helps_where_simplified_newton_fails(monkeypatch):
-    """Robertson's reaction in steps a thousand times its fastest part, which Gauss methods leave ringing."""
+    """Robertson's reaction in steps a thousand times its shortest time scale, which make Gauss methods oscillate."""
 
     def run():
         return solved(robertson, [1.0, 0.0, 0.0], "gauss-legendre4", 20, 20.0)
@@ -290,7 +292,7 @@ def test_full_newton_helps_where_simplified_newton_fails(monkeypatch):
 
 
 def test_a_right_hand_side_that_begins_at_the_start():
-    """sqrt(t) is no number before t = 0, where df/dt is asked for."""
+    """sqrt(t) is undefined before t = 0, where df/dt is needed."""
     sim = kd.Simulation(kd.Problem(lambda t, y: (np.sqrt(t),), [0.0]), "rosenbrock", rtol=1e-8, atol=1e-8)
     sim.run(until=1.0)
     assert sim.state.y[0] == pytest.approx(2 / 3, abs=1e-6)
@@ -357,7 +359,7 @@ def test_newton_on_particles_agrees_with_fixed_point():
     np.testing.assert_allclose(sims[0].state.phase, sims[1].state.phase, rtol=0, atol=1e-12)
 
 
-# --- runs in pieces, and times between steps ---
+# --- runs in pieces, and times inside steps ---
 
 
 @pytest.mark.parametrize("name", [*IMPLICIT, *STIFF])
@@ -438,8 +440,8 @@ def test_an_error_in_f_is_told(name):
 
 @pytest.mark.parametrize("name", [*IMPLICIT, *STIFF])
 def test_a_solution_that_leaves_for_infinity_is_one_line(name):
-    """y' = y^2, with y -> oo at t = 1. No warning of NumPy's or SciPy's leaks, for the tests
-    make errors of them."""
+    """y' = y^2, with y -> oo at t = 1. No warning of NumPy or SciPy may escape, since the tests turn warnings into
+    errors."""
     sim = kd.Simulation(kd.Problem(lambda t, y: (y[0] ** 2,), [1.0]), name, dt=0.01)
     with pytest.raises(RunError) as error:
         sim.run(until=2.0)
@@ -509,7 +511,7 @@ def test_difference_jacobian_is_good_to_nine_digits():
 
 
 def test_derivatives_of_states_that_lie_scattered_in_memory():
-    """SciPy's differences hand over columns of a matrix."""
+    """SciPy's differences pass columns of a matrix."""
     from kickdrift.integrators.flow import flow_of
 
     for problem in (

@@ -1,4 +1,4 @@
-"""Kepler's problem: every conic, any step, to round-off; and eight at a time."""
+"""Kepler's problem: every conic and any step, to round-off; and eight orbits at once."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ EPS = float(np.finfo(float).eps)
 
 @jit
 def eight(gm, dt, state, change):
-    """The increments of eight orbits, (6, 8); the mask of those that are solved, and of those with beta <= 0."""
+    """Increments of eight orbits (6, 8), the mask of the solved orbits, and the mask of those with beta <= 0."""
     move, kick, beta, solved = lanes_increments(load(gm, 0), dt, load3(state, 0, WIDTH), load3(state, 3 * WIDTH, WIDTH))
     store3(change, 0, WIDTH, move)
     store3(change, 3 * WIDTH, WIDTH, kick)
@@ -31,7 +31,7 @@ def eight(gm, dt, state, change):
 
 
 def start(e, f, gm=1.0, q=1.0, tilt=0.4):
-    """Position and velocity at the true anomaly f on a conic of eccentricity e and distance of the pericentre q."""
+    """Position and velocity at the true anomaly f on a conic with eccentricity e and pericentre distance q."""
     r, h = q * (1.0 + e) / (1.0 + e * math.cos(f)), math.sqrt(gm * q * (1.0 + e))
     x, u = r * math.cos(f), -gm / h * math.sin(f)
     y, v = r * math.sin(f), gm / h * (e + math.cos(f))
@@ -40,12 +40,11 @@ def start(e, f, gm=1.0, q=1.0, tilt=0.4):
 
 
 def errors_and_rounding(gm, dt, x, v):
-    """How far the solver is from the truth, in units of what rounding each number that it is given does to the truth
-    (with the result's own rounding)."""
+    """Error of the solver, in units of the error that rounding the given numbers and the result would cause."""
     truth = np.array(moved(gm, dt, x, v))
     found = np.array(kepler_step(gm, dt, x, v))
     allowed = EPS * np.abs(truth).max(axis=1)
-    h = 2.0**-30  # a small change, scaled down: differences of extended numbers are exact enough
+    h = 2.0**-30  # a small change, scaled down: differences in extended precision are exact enough
     for k in range(8):
         given_x, given_v, mass, time = x.copy(), v.copy(), gm, dt
         if k < 3:
@@ -79,7 +78,7 @@ def test_error_is_of_round_off(e, angle, step, gm, q):
 @pytest.mark.parametrize("periods", [0.5, 1.0, 3.25, 1000.3, -1e6])
 @pytest.mark.parametrize("e", [0.0, 0.3, 0.97])
 def test_many_periods_in_one_step(e, periods):
-    """The time within a period is known to as many roundings as there are periods."""
+    """The error of the time within a period is one rounding for each period."""
     x, v = start(e, 1.0)
     a = 1.0 / (2.0 / np.linalg.norm(x) - v @ v)
     dt = periods * 2.0 * math.pi * a**1.5
@@ -88,7 +87,7 @@ def test_many_periods_in_one_step(e, periods):
 
 @pytest.mark.parametrize("speed", [0.0, 1e-12, 1e-6, 1e-3])
 def test_near_radial_orbits(speed):
-    """From apocentre down to nearly the centre, and through it and out again."""
+    """From apocentre nearly to the centre, through it and out again."""
     x, v = np.array([1.0, 0.0, 0.0]), np.array([0.0, speed, 0.0])
     for dt in (0.1, 1.0, 1.2, 2.0, 2.2):
         assert (errors_and_rounding(1.0, dt, x, v) < 2.0).all()
@@ -97,7 +96,7 @@ def test_near_radial_orbits(speed):
 @pytest.mark.parametrize("t", [0.7, 2.2, 60.0, -1e4])
 @pytest.mark.parametrize("e", [1.001, 1.01])
 def test_hyperbolas_that_are_left_far_behind_in_one_step(e, t):
-    """From a pericentre near the star the first guess lies where exp(X) is huge, or more than a number can be."""
+    """From a pericentre near the star, at the first guess exp(X) is huge, or overflows."""
     b = math.sqrt(e * e - 1.0)
     x, v = np.array([e - 1.0, 0.0, 0.0]), np.array([0.0, b / (e - 1.0), 0.0])  # a = -1
     assert (errors_and_rounding(1.0, t, x, v) < 2.0).all()
@@ -123,7 +122,7 @@ def test_no_time_no_motion():
     step=st.floats(-0.4, 0.4),
 )
 def test_lanes_agree_with_numbers_where_they_say_so(e, angle, step):
-    """And a lane has the same bits whatever its neighbours do."""
+    """A lane also has the same bits whatever its neighbours contain."""
     orbits = [start(a, b * (math.acos(-1.0 / a) if a > 1.0 else math.pi)) for a, b in zip(e, angle, strict=True)]
     state, change = aligned((6, 8)), aligned((6, 8))
     state[...] = np.array(orbits).reshape(8, 6).T
@@ -141,7 +140,7 @@ def test_lanes_agree_with_numbers_where_they_say_so(e, angle, step):
 
 
 def test_ordinary_steps_need_no_numbers_one_by_one():
-    """Eight planets at a tenth of the innermost period and below."""
+    """Eight planets, with a tenth of the innermost period and less."""
     a = np.array([0.387, 0.723, 1.0, 1.52, 5.2, 9.5, 19.0, 30.0])
     state, change = aligned((6, 8)), aligned((6, 8))
     for k, size in enumerate(a):

@@ -1,4 +1,4 @@
-"""Integrators as values, options of a user's own step, the command line, and what a run's file keeps of options."""
+"""Integrators as values, options of a user's own step, the command line, and options in a run's file."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def system() -> kd.System:
 
 @pytest.fixture
 def damped():
-    """A registered step with options of its own."""
+    """A registered step with its own options."""
 
     @kd.register_step(
         "damped",
@@ -60,7 +60,7 @@ def damped():
 
 
 def kickdrift(monkeypatch, capsys, *arguments: str) -> tuple[int, str, str]:
-    """The status, and what a command wrote to standard output and standard error."""
+    """Exit status, standard output and standard error of a command."""
     monkeypatch.setattr("sys.argv", ["kickdrift", *arguments])
     with pytest.raises(SystemExit) as ended:
         cli.main()
@@ -144,7 +144,7 @@ class Drag(NamedTuple):
 
 @subflow_body(Drag)
 def drag(parts, t, x, v, span, step, stage):
-    """Velocities decay at a rate."""
+    """Velocities decay at this rate."""
     v *= np.exp(-parts.rate * span)
     return OK
 

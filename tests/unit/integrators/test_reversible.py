@@ -58,7 +58,7 @@ def test_first_step_is_dt_and_steps_follow_the_time_of_free_fall():
 
 
 def back(sim: kd.Simulation, steps: int) -> float:
-    """What is left of a run after its velocities are negated and as many steps more."""
+    """Remaining difference after a run, negated velocities and the same number of steps."""
     start = sim.state
     sim.run(steps)
     there = sim.state
@@ -98,14 +98,14 @@ def test_looks_between_steps_change_nothing():
     looked.run(until=10.0)
     np.testing.assert_array_equal(looked.state.phase, plain.state.phase)
     assert seen[100].time == 0.013 * 100
-    # a look lies on the path to the step's own order: no jump where a step begins or ends
+    # a look is on the path to the step's own order, without a jump between steps
     x = np.array([state.phase[0, 0, 1] for state in seen[:-1]])
     assert np.abs(np.diff(x, 3)).max() < 1e-4
 
 
 def energy_error(name: str, dt: float, orbits: int) -> tuple[float, float, float]:
-    """Largest relative energy error over the first tenth of so many orbits at e = 0.9 and over all, and evaluations
-    per orbit."""
+    """Largest relative energy error over the first tenth of the orbits at e = 0.9 and over all, and evaluations per
+    orbit."""
     sim = kd.Simulation(two_bodies(0.9), name, dt=dt)
     energies = []
     length = 2 * math.pi * orbits
@@ -120,8 +120,8 @@ def energy_error(name: str, dt: float, orbits: int) -> tuple[float, float, float
 
 
 def test_energy_error_stays_bounded_over_1000_eccentric_orbits():
-    """Measured at 200 evaluations to an orbit: 0.0073 in the first hundred orbits and in all thousand; fixed steps with
-    as many evaluations err by 150 % within a hundred."""
+    """Measured with 200 evaluations an orbit: 0.0073 both in the first hundred orbits and in all thousand. Fixed steps
+    with as many evaluations err by 150 % within a hundred orbits."""
     early, late, evaluations = energy_error("leapfrog-adaptive", 0.00133, 1000)
     assert late == pytest.approx(early, rel=0.01)
     assert late < 0.01

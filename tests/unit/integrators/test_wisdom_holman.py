@@ -1,4 +1,4 @@
-"""wisdom-holman and saba: against WHFast's numbers and a plain map, their orders, other forces, looks and refusals."""
+"""wisdom-holman and saba: against WHFast's results and a plain map; order, other forces, looks and refusals."""
 
 from __future__ import annotations
 
@@ -24,7 +24,8 @@ BOTH = pytest.mark.parametrize("coordinates", [JACOBI, HELIOCENTRIC])
 
 
 def planets(count=4, massless=0, scale=1e-3, seed=1, boost=0.0, forces=(), **options) -> kd.System:
-    """A star of mass 1 and bodies on near-circular orbits 1.8 times as far out each, the massless among them."""
+    """A star of mass 1 and bodies on near-circular orbits, each 1.8 times as large as the last; some may be
+    massless."""
     rng = np.random.default_rng(seed)
     a, f = 1.8 ** np.arange(count), rng.uniform(0.0, 2.0 * np.pi, count)
     speed = (1.0 + rng.uniform(-0.05, 0.05, count)) / np.sqrt(a)
@@ -44,12 +45,13 @@ def after(system, steps, name="wisdom-holman", dt=0.1, pieces=1, **options) -> k
     return sim.state
 
 
-# --- the same trajectory as others' ---
+# --- the same trajectory as other programs ---
 
 
 @pytest.mark.parametrize("case", WHFAST["cases"], ids=lambda case: f"{case['coordinates']}-{case['steps']}")
 def test_positions_are_whfasts(case):
-    """1e-14 after 10 steps, 1e-11 after 1000, of the largest coordinate: rounding, and its growth with time."""
+    """Errors of 1e-14 after 10 steps and 1e-11 after 1000, relative to the largest coordinate: rounding, growing with
+    time."""
     start = WHFAST["start"]
     system = kd.System(
         start["positions"], start["velocities"], masses=start["masses"], forces=[kd.Gravity(start["G"])], units="nbody"
@@ -62,7 +64,7 @@ def test_positions_are_whfasts(case):
 
 
 def accelerations(x, masses):
-    """(n, 3), Newton's, pair by pair."""
+    """Newton's accelerations (n, 3), pair by pair."""
     a = np.zeros_like(x)
     for i, j in product(range(len(x)), repeat=2):
         if i != j:
@@ -72,7 +74,7 @@ def accelerations(x, masses):
 
 
 def plain_map(system, dt, steps, jacobi):
-    """Drift, kick, drift in extended precision with matrices for coordinates, and differences taken as they come."""
+    """Drift, kick, drift in extended precision, with matrices for coordinates and plain differences."""
     m = system.state.masses.astype(L)
     x, v = system.state.positions.astype(L), system.state.velocities.astype(L)
     n = len(m)
@@ -133,7 +135,7 @@ def test_a_body_alone_moves_straight_on():
 
 
 def test_the_central_body_may_stand_anywhere():
-    """The others keep their order, which Jacobi's coordinates depend on."""
+    """The other bodies keep their order, because Jacobi's coordinates depend on it."""
     system = planets(3)
     order = [1, 2, 0, 3]
     own = system.state
@@ -180,7 +182,7 @@ def test_force_evaluations_are_the_kicks():
 
 
 def energy_error(system, dt, name="wisdom-holman", **options) -> float:
-    """The largest change of the energy over a few orbits, by exact summation of the start's and each state's."""
+    """Largest energy change over a few orbits, with exact summation of the first and each later energy."""
 
     def energy(state):
         x, v, m = state.positions.astype(L), state.velocities.astype(L), state.masses.astype(L)
@@ -196,7 +198,7 @@ def energy_error(system, dt, name="wisdom-holman", **options) -> float:
 
 @BOTH
 def test_error_goes_with_dt_squared_and_with_the_planets_masses(coordinates):
-    """Relative to the planets' own energy: epsilon dt^2."""
+    """Relative to the planets' own energy, the error is epsilon dt^2."""
     errors = {
         (scale, dt): energy_error(planets(3, scale=scale), dt, coordinates=coordinates)
         for scale, dt in ((1e-3, 0.2), (1e-3, 0.1), (1e-4, 0.1))
@@ -207,7 +209,7 @@ def test_error_goes_with_dt_squared_and_with_the_planets_masses(coordinates):
 
 @BOTH
 def test_corrected_error_goes_with_the_masses_squared(coordinates):
-    """epsilon dt^4 with the lowest corrector, epsilon^2 dt^2 with a high one."""
+    """The error is epsilon dt^4 with the lowest corrector, epsilon^2 dt^2 with a high one."""
     low = [energy_error(planets(3, scale=1e-5), dt, coordinates=coordinates, corrector=3) for dt in (0.4, 0.2)]
     assert 12.0 < low[0] / low[1] < 24.0
     high = [energy_error(planets(3, scale=s), 0.1, coordinates=coordinates, corrector=11) for s in (1e-2, 1e-3)]
@@ -218,23 +220,24 @@ def test_corrected_error_goes_with_the_masses_squared(coordinates):
 
 @pytest.mark.parametrize("order", SABA)
 def test_saba_converges_as_its_name_says(order):
-    """With heavy planets, where what is quadratic in their masses rules: by the second power of dt in the name, or by
-    the third number, which is the smaller one."""
+    """With heavy planets, terms quadratic in their masses dominate. The order is then the second number of the name, or
+    the third number, which is smaller."""
     coarse, fine = (energy_error(planets(3, scale=3e-2), dt, "saba", order=order) for dt in (0.2, 0.1))
     last = int(order.split(",")[-1])
     assert np.log2(coarse / fine) == pytest.approx(last, abs=0.8 if order.count(",") == 2 else 0.3)
 
 
 def words(kicks: int, length: int):
-    """All words of A and B with that many B."""
+    """All words of A and B with this number of B."""
     return [word for word in product("AB", repeat=length) if word.count("B") == kicks]
 
 
 def coefficient(word, drifts, kicks) -> float:
-    """Of a word of non-commuting A and B in the product of exp(a A) and exp(b B): the sum over all ways of cutting the
-    word into powers of the factors in their order."""
+    """Coefficient of a word of non-commuting A and B in the product of exp(a A) and exp(b B).
+
+    It is the sum over all ways to cut the word into powers of the factors in their order."""
     factors = [pair for both in zip(drifts, [*kicks, 0.0], strict=True) for pair in (("A", both[0]), ("B", both[1]))]
-    reach = [1.0] + [0.0] * len(word)  # the coefficient of each beginning of the word so far
+    reach = [1.0] + [0.0] * len(word)  # coefficients of the beginnings of the word so far
     for letter, weight in factors:
         new = list(reach)
         for end in range(1, len(word) + 1):
@@ -250,8 +253,8 @@ def coefficient(word, drifts, kicks) -> float:
 
 @pytest.mark.parametrize("order", SABA)
 def test_order_conditions_of_the_tables(order):
-    """exp(dt (A + B)) has every word of n letters with 1 / n!; the m-th number of the name says how long the words
-    with m B are that the product gets right."""
+    """exp(dt (A + B)) has every word of n letters with 1 / n!. The m-th number of the name is the longest length at
+    which the product has the right coefficients for words with m letters B."""
     row = SABA[order]
     for kicks, longest in enumerate(map(int, order.split(",")), 1):
         for length in range(kicks, longest + 1):
@@ -265,7 +268,8 @@ def test_order_conditions_of_the_tables(order):
 
 
 def test_correctors_are_the_published_ones():
-    """The lowest: -+ 1 / (48 alpha) at +- alpha, alpha = sqrt(7 / 40); they undo themselves."""
+    """The lowest corrector: -+ 1 / (48 alpha) at +- alpha, alpha = sqrt(7 / 40). Correctors are their own inverses
+    under reversal."""
     alpha = sqrt(7 / 40)
     np.testing.assert_allclose(corrector(3), [[alpha, -2 * alpha, alpha], [-1 / (48 * alpha), 1 / (48 * alpha), 0.0]])
     for order in CORRECTORS[1:]:
@@ -281,7 +285,7 @@ def test_correctors_are_the_published_ones():
 
 @BOTH
 def test_other_forces_join_the_kicks(coordinates):
-    """All of them, against an eighth-order method; the difference goes with dt^2."""
+    """All other forces at once, against an eighth-order method; the difference scales as dt^2."""
     system = planets(3, forces=[kd.HarmonicTrap(1e-5), FIELD])
     truth = kd.Simulation(system, "dop853", rtol=1e-12, atol=1e-12)
     truth.run(until=8.0)
@@ -295,7 +299,7 @@ def test_other_forces_join_the_kicks(coordinates):
 
 @BOTH
 def test_other_forces_know_the_bodies_by_name_and_number(coordinates):
-    """Also once a body has been absorbed, and the star is another row than its number says."""
+    """This also holds once a body has been absorbed, and the star's row differs from its number."""
     own = planets(2).state
     x, order = own.positions.copy(), [1, 2, 0]
     x[2] = 1.01 * x[1]

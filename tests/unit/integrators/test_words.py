@@ -17,11 +17,11 @@ from kickdrift.integrators.splitting import Splitting, even_weights
 from kickdrift.integrators.subflow_code import BoundSubflow, subflow_body
 from kickdrift.integrators.subflows import FLOWS, Subflow
 
-FIELD = np.array([0.3, -0.2, 1.1])  # the angular velocity of every particle's velocity in a magnetic field
+FIELD = np.array([0.3, -0.2, 1.1])  # angular velocity of the rotation of every particle's velocity in a magnetic field
 
 
 class Rotation(NamedTuple):
-    """An angular velocity, and the step from which on the flow fails."""
+    """An angular velocity, and the first step at which the flow fails."""
 
     wx: float
     wy: float
@@ -47,7 +47,7 @@ def rotation(parts, t, x, v, span, step, stage):
 
 
 class Push(NamedTuple):
-    """Where a flow notes what it was told: (calls, 4) time, span, step and stage."""
+    """Record of a flow's calls: (calls, 4) time, span, step and stage."""
 
     notes: np.ndarray
     count: np.ndarray
@@ -55,7 +55,7 @@ class Push(NamedTuple):
 
 @subflow_body(Push)
 def push(parts, t, x, v, span, step, stage):
-    """Move every particle along x, and note it."""
+    """Move every particle along x, and record the call."""
     note, parts.count[0] = parts.notes[parts.count[0]], parts.count[0] + 1
     note[0], note[1], note[2], note[3] = t, span, step, stage
     for i in range(x.shape[1]):
@@ -65,7 +65,8 @@ def push(parts, t, x, v, span, step, stage):
 
 @pytest.fixture
 def magnetic(monkeypatch):
-    """The letter R: a magnetic field turns velocities; the returned list says from which step on it fails."""
+    """The letter R: a magnetic field rotates velocities. The returned list holds the first step at which the flow
+    fails."""
     fails = [2**62]
     made = Subflow("rotation", moves=False, symplectic=False, bind=lambda *_: BoundSubflow(Rotation(*FIELD, fails[0])))
     monkeypatch.setitem(FLOWS, "R", made)

@@ -1,4 +1,5 @@
-"""Every edit of what compiled code comes from is seen, in the package and in a user's modules; nothing else is."""
+"""Edits of the sources of compiled code, in the package and in a user's modules: every such edit causes a compilation,
+and no other edit does."""
 
 from __future__ import annotations
 
@@ -38,7 +39,7 @@ from kickdrift.jit.compile import jit as planted_jit
 def planted(x):
     return 2.0 * x
 """
-FILES = {  # of a copy of the package: what is added to them
+FILES = {  # text that is added to files in a copy of the package
     "jit/masks.py": PLANTED,
     "forces/truncation.py": PLANTED,
     "integrators/kepler.py": PLANTED,
@@ -122,7 +123,7 @@ counts = pair_counts(np.eye(3)[:2], Box((9.0, 9.0, 9.0)), np.zeros(2, int), Fals
 print(d.by_jit(1.0), d.by_forces(1.0), d.by_integrators(1.0), d.by_constant(1.0), d.by_folder(1.0))
 print(d.by_class(Kind(1.0)), d.by_far(1.0), counts[0])
 """
-EDITS = [  # file, old, new, which of the numbers changes
+EDITS = [  # file, old, new, index of the number that changes
     ("jit/masks.py", "2.0 * x", "3.0 * x", 0),
     ("forces/truncation.py", "2.0 * x", "3.0 * x", 1),
     ("integrators/kepler.py", "2.0 * x", "3.0 * x", 2),
@@ -135,7 +136,7 @@ EDITS = [  # file, old, new, which of the numbers changes
 
 
 class Copy:
-    """A copy of the package, with a cache of its own."""
+    """A copy of the package with its own cache."""
 
     def __init__(self, path):
         self.path, self.cache = path, path / "cache"
@@ -152,7 +153,7 @@ class Copy:
         path.write_text(path.read_text().replace(old, new))
 
     def run(self):
-        """What the script printed, and which functions it compiled."""
+        """Output of the script, and names of the functions that it compiled."""
         before = set(self.cache.rglob("*.nbc"))
         environment = os.environ | {"PYTHONPATH": str(self.path)}
         command = [sys.executable, "-B", "script.py", str(self.cache)]
@@ -167,7 +168,7 @@ def test_edits_of_the_package(tmp_path):
     copy = Copy(tmp_path)
     wanted = [2.0] * 7 + [1.0]
     everything = ["by_class", "by_constant", "by_folder", "by_forces", "by_integrators", "by_jit", "count_pairs"]
-    assert copy.run() == (wanted, everything)  # by_far may come from a file that it does not import: it is not kept
+    assert copy.run() == (wanted, everything)  # by_far may come from another file, so it is not saved
     assert copy.run() == (wanted, [])
     for path in (
         "cli/main.py",
@@ -186,7 +187,7 @@ def test_edits_of_the_package(tmp_path):
 
 
 def modules():
-    """Every module of the package, and its file."""
+    """Every module of the package, with its file."""
     return {name: Path(file.path) for name, file in package_files._FILES.items()}
 
 
@@ -197,7 +198,7 @@ def test_every_module_is_known():
 
 
 def imported(tree):
-    """What Python's own parser finds imported from the package, but for what only type checkers read."""
+    """Imports of the package by Python's own parser, without those for type checkers alone."""
     for node in ast.iter_child_nodes(tree):
         if isinstance(node, ast.If) and isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING":
             yield from (each for part in node.orelse for each in imported(part))
@@ -226,13 +227,13 @@ def test_code_comes_from_what_a_module_imports():
     assert of("forces.pair_terms") > {"forces.pair_terms", "forces.law_lanes", "forces.truncation", "jit.lanes"}
     for name in ("forces.pair_terms", "integrators.loops", "integrators.wisdom_holman_loop", "forces.tree_kernel"):
         assert not of(name) & {"cli.main", "plots.runs", "run.simulation", "run.report", "trajectory.layout"}
-        for module in of(name) - {"jit.numba_private"}:  # which imports from numba
+        for module in of(name) - {"jit.numba_private"}:  # this one imports from numba
             text = modules()[f"kickdrift.{module}"].read_text()
             assert not {"import_module", "__import__"} & set(text.replace("(", " ").split()), module
 
 
 def test_a_file_that_is_edited_while_the_process_runs(tmp_path, monkeypatch):
-    """The process may have the code of before or after in its memory."""
+    """The process may hold the code from before or after the edit in its memory."""
     path = tmp_path / "module.py"
     path.write_text("x = 1\n")
     entry = package_files._File(str(path), package_files._stamp(os.stat(path)))
@@ -335,8 +336,8 @@ def called(x):
     "outer/__init__.py": "",
     "outer/inner.py": "DEEP = 8.0\n",
 }
-RETURNED = 221.75  # by everything(2.0)
-USES = {  # what is edited: file, old, new, how much more is returned then
+RETURNED = 221.75  # result of everything(2.0)
+USES = {  # edits: file, old, new, and the change of the result
     "a global number": ("mine.py", "SCALE = 2.0", "SCALE = 3.0", 2.00),
     "a global array": ("mine.py", "np.arange(30.0)", "np.arange(30.0) * 2.0", 7.00),
     "a tuple in a tuple": ("mine.py", "(2.0, 3.0)", "(4.0, 3.0)", 2.00),
@@ -363,7 +364,7 @@ USES = {  # what is edited: file, old, new, how much more is returned then
 
 @pytest.fixture
 def user(tmp_path, monkeypatch):
-    """A user's folder of modules: writes them, and imports them anew."""
+    """A user's folder of modules: write them, and import them again."""
     names = [name.removesuffix("/__init__.py").removesuffix(".py").replace("/", ".") for name in OTHERS]
 
     def load(name=None, old="", new=""):
@@ -398,20 +399,20 @@ def test_every_edit_of_a_users_code_is_described(user, use):
 
 @pytest.fixture
 def home(tmp_path, monkeypatch):
-    """A folder of compiled code of one's own."""
+    """A separate folder of compiled code."""
     monkeypatch.setattr(code_cache, "folder", lambda: tmp_path / "home")
     monkeypatch.setattr(code_cache, "warm", lambda: ())
     return tmp_path / "home"
 
 
 def hits(function, *args):
-    """What a function returns, compiled, and whether its code came from the disk."""
+    """Result of a function, compiled, and whether its code came from the disk."""
     made = driver(function)
     return made(*args), bool(sum(made.stats.cache_hits.values()))
 
 
 def test_no_stale_code_of_a_user(user, home):
-    """Each edit is compiled, once, and changes what is returned."""
+    """Each edit is compiled once, and changes the result."""
     for k, use in enumerate([None, None, *USES, None]):
         *edit, more = USES.get(use, (0.0,))
         found = hits(user(*edit).everything, 2.0)
@@ -530,7 +531,7 @@ def test_code_that_cannot_be_described_runs(home):
 
 
 def test_a_global_that_changes_while_compiling(home, monkeypatch):
-    """Then nobody knows which of the two the code has."""
+    """The code may then have either value."""
     load = code_cache.DriverCache.load_overload
 
     def late(self, sig, context):
@@ -547,7 +548,7 @@ _SHIFTING = 1.0
 
 
 def test_classes_of_one_name_in_two_orders():
-    """The types have one name in numba, whichever comes first."""
+    """The types have one name in numba, in either order."""
 
     def made(module, scale):
         cls = namedtuple("Law", "k")
@@ -566,7 +567,7 @@ def test_classes_of_one_name_in_two_orders():
 
 
 def test_what_a_users_code_takes_from_the_package_is_in_its_key():
-    """Its functions for compiled code, its intrinsics and what it overloads, each by the file where it stands."""
+    """The key covers its functions for compiled code, its intrinsics and its overloads, each by its file."""
 
     def kernel(forces, x, v, a):
         never_inline()
@@ -580,7 +581,7 @@ def test_what_a_users_code_takes_from_the_package_is_in_its_key():
 
 
 def test_how_a_force_was_registered_is_in_its_key(monkeypatch):
-    """The number of rows of its arrays is no part of the force's own code."""
+    """The number of rows of its arrays is not part of the force's own code."""
     kind = typeof(namedtuple("Field", "k")(1.0))
     keys = set()
     for rows in (3, 1, 3):

@@ -1,4 +1,4 @@
-"""Where compiled code is kept: in folders that are the user's alone, and whatever happens to the files there."""
+"""Folders of compiled code: they are the user's alone, and damaged or foreign files in them do no harm."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ pytestmark = pytest.mark.skipif(not hasattr(os, "getuid"), reason="permissions o
 
 @pytest.fixture
 def place(tmp_path, monkeypatch):
-    """A package whose own folder cannot be had, and a user with a home of their own."""
+    """A package whose own folder is not writable, and a user with a separate home."""
     (tmp_path / "site-packages").write_text("a file where a folder would be")
     (tmp_path / "tmp").mkdir()
     monkeypatch.setattr(folders, "__file__", str(tmp_path / "site-packages" / "jit" / "folders.py"))
@@ -57,7 +57,7 @@ def test_a_folder_that_others_can_write_to_is_not_used(place, what):
     wanted = own.with_name("kickdrift-private") if what != "around" else place / "tmp" / f"kickdrift-{os.getuid()}"
     assert folders.folder() == wanted
     assert mode(wanted) == 0o700
-    os.chmod(own.parent, 0o1777)  # sticky: nobody can replace what is another's
+    os.chmod(own.parent, 0o1777)  # sticky: nobody can replace another user's files
     assert folders.folder() == own.with_name("kickdrift-private" if what != "around" else "kickdrift")
 
 
@@ -75,7 +75,7 @@ def test_no_home(place, monkeypatch):
     own = place / "tmp" / f"kickdrift-{os.getuid()}"
     assert folders.folder() == own
     assert mode(own) == 0o700
-    monkeypatch.setenv("XDG_CACHE_HOME", "relative")  # would be in whatever folder this is
+    monkeypatch.setenv("XDG_CACHE_HOME", "relative")  # would mean a folder in the current directory
     assert folders.folder() == own
     assert not Path("relative").exists()
 
@@ -95,7 +95,7 @@ def test_a_temporary_folder_goes_with_the_process(place, monkeypatch):
     (clear,) = removed
     monkeypatch.setattr(folders.os, "getpid", lambda: -1)
     clear()
-    assert made.exists(), "a copy of the process leaves the folder alone"
+    assert made.exists(), "a forked process must leave the folder alone"
     monkeypatch.undo()
     clear()
     assert not made.exists()
@@ -119,7 +119,7 @@ def test_a_warm_folder_that_cannot_be_written_is_read(place, monkeypatch):
 
 
 class Harmful:
-    """A pickle that says that it was loaded."""
+    """A pickle that records that it was loaded."""
 
     def __init__(self, path):
         self.path = path
@@ -140,7 +140,7 @@ def test_damaged_files_count_as_not_there(tmp_path):
     for bad in (b"", good[: DIGEST - 1], good[:DIGEST], good[:-1], good + b"x", flipped, foreign, b"\0" * 500):
         path.write_bytes(bad)
         assert load(path, "key") is None
-        save(path, "key", {"code": b"new"})  # what was compiled anew is found again
+        save(path, "key", {"code": b"new"})  # newly compiled code is found again
         assert load(path, "key") == {"code": b"new"}
     path.unlink()
     path.mkdir()
@@ -159,11 +159,11 @@ def test_damaged_files_count_as_not_there(tmp_path):
     os.chmod(path, 0o666)
     assert load(path, "key") is None
     assert not mark.exists()
-    assert sorted(each.name for each in tmp_path.iterdir()) == ["elsewhere", "function.nbc"], "nothing unfinished"
+    assert sorted(each.name for each in tmp_path.iterdir()) == ["elsewhere", "function.nbc"], "an unfinished file stays"
 
 
 def test_what_is_saved_counts_whatever_the_users_mask(tmp_path):
-    previous = os.umask(0o002)  # as on many systems: files that the group can write to
+    previous = os.umask(0o002)  # as on many systems: the group may write to new files
     try:
         save(tmp_path / "function.nbc", "key", 1.0)
     finally:
@@ -191,11 +191,11 @@ def test_a_function_whose_files_are_damaged_is_compiled_anew(tmp_path, monkeypat
     assert (hits(), hits()) == (0, 1)
     monkeypatch.setattr(code_cache, "warm", lambda: (home,))
     monkeypatch.setattr(code_cache, "folder", lambda: None)
-    assert hits() == 1, "a warm cache is read where nothing can be written"
+    assert hits() == 1, "a warm cache must be readable without write permission"
     monkeypatch.setattr(code_cache, "warm", lambda: ())
     assert hits() == 0
     monkeypatch.setattr(code_cache, "folder", lambda: Path("/dev/null"))
-    assert hits() == 0, "what cannot be saved is no error"
+    assert hits() == 0, "code that cannot be saved must be no error"
 
 
 def test_a_process_without_a_home_leaves_nothing(tmp_path):

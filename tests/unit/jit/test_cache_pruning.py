@@ -1,4 +1,5 @@
-"""Old compiled code leaves the disk: what nobody used for long, and what is too much; never what is in use."""
+"""Pruning of old compiled code: code that nobody used for long, and code beyond the size limit, but never code in
+use."""
 
 from __future__ import annotations
 
@@ -17,7 +18,7 @@ from kickdrift.jit.compile import driver
 
 @pytest.fixture
 def code(tmp_path, monkeypatch):
-    """A folder of compiled code, and a way to put files of some size there that were used some days ago."""
+    """A folder of compiled code, and a function that puts files of some size there, last used some days ago."""
     place = tmp_path / "code"
     place.mkdir()
     monkeypatch.setattr(pruning, "_used", set())
@@ -43,11 +44,11 @@ def left(code):
 def test_code_that_nobody_used_for_long_is_removed(code):
     code("new.nbc", days=pruning.DAYS - 1)
     code("old.nbc", days=pruning.DAYS + 1)
-    code("old.txt", days=pruning.DAYS + 1)  # somebody else's
+    code("old.txt", days=pruning.DAYS + 1)  # another program's file
     code("from-the-future.nbc", days=-1000)
-    code("half.nbc.tmp0123", days=0.5)  # another process may be at it
+    code("half.nbc.tmp0123", days=0.5)  # another process may be writing it
     code("given-up.nbc.tmp0123", days=1.5)
-    code("abc/old-1.py311.nbi", days=pruning.DAYS + 1)  # of earlier versions
+    code("abc/old-1.py311.nbi", days=pruning.DAYS + 1)  # from earlier versions
     code("abc/old-1.py311.1.nbc", days=pruning.DAYS + 1)
     code("def/new-1.py311.1.nbc")
     kept = {"new.nbc", "old.txt", "from-the-future.nbc", "half.nbc.tmp0123", "def", "def/new-1.py311.1.nbc"}
@@ -69,19 +70,19 @@ def test_what_this_process_uses_stays(code, monkeypatch):
     for k in range(5):
         pruning.use(code(f"{k}.nbc", 90, pruning.DAYS + k))
     assert left(code) == {f"{k}.nbc" for k in range(5)}
-    assert time.time() - os.stat(code("x.txt").parent / "4.nbc").st_mtime < pruning.DAY, "others see that it was used"
+    assert time.time() - os.stat(code("x.txt").parent / "4.nbc").st_mtime < pruning.DAY, "others must see the use"
 
 
 def test_what_is_used_again_counts_as_recent(code):
     path = code("old.nbc", days=pruning.DAYS + 1)
     pruning.use(path)
-    pruning._used.clear()  # as another process sees it
+    pruning._used.clear()  # as in another process
     assert left(code) == {"old.nbc"}
 
 
 @pytest.mark.parametrize("error", [FileNotFoundError, PermissionError])
 def test_other_processes_prune_too(code, monkeypatch, error):
-    """What another process has removed, or holds, is no error, and keeps no other file from going."""
+    """A file that another process has removed, or holds open, is no error, and does not stop the removal of others."""
     for k in range(3):
         code(f"{k}.nbc", days=pruning.DAYS + 1 + k)
     unlink = os.unlink
@@ -122,15 +123,15 @@ def test_code_is_pruned_when_more_is_saved(tmp_path, monkeypatch):
         return {path.name for path in home.rglob("*.nbc")}
 
     assert len(compiled(1.0)) == 1
-    assert len(compiled(2.0)) == 2, "this process uses the first"
+    assert len(compiled(2.0)) == 2, "this process still uses the first"
     pruning._used.clear()
     assert len(compiled(3.0)) == 1
     monkeypatch.setattr(code_cache, "prune", lambda folder: (_ for _ in ()).throw(AssertionError))
-    assert len(compiled(3.0)) == 1, "nothing is saved"
+    assert len(compiled(3.0)) == 1, "nothing may be saved"
 
 
 def test_processes_that_save_and_prune_at_once(tmp_path):
-    """Each gets what it computes, whatever the others remove."""
+    """Each process gets its results, whatever the others remove."""
     script = (
         "import sys; from pathlib import Path; import kickdrift.jit.cache as c; from kickdrift.jit import pruning;"
         "pruning.BYTES = 1; c.folder = lambda: Path(sys.argv[1]); c.warm = lambda: ();"

@@ -1,4 +1,4 @@
-"""Functions that compiled code alone calls: in their callers' machine code, and none of their own."""
+"""Functions that only compiled code calls: they are part of their callers' machine code, and have none of their own."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def halved(x):
 
 
 def doubled(x):
-    """For compiled code."""
+    """Double a number, in compiled code."""
 
 
 @overload(doubled)
@@ -46,7 +46,7 @@ def test_what_compiled_code_calls_is_in_its_machine_code_alone(kind):
         (made,) = function.overloads.values()
         assert isinstance(made.library, _InnerLibrary)
         assert not made.library.codegen._engine.is_symbol_defined(made.fndesc.llvm_cpython_wrapper_name)
-    assert half(3.0) == 1.5  # compiled for itself, then
+    assert half(3.0) == 1.5  # compiled for itself here
     assert half(np.float32(3.0)) == 1.5
     assert compiled(5.0) == 1.25
 
@@ -61,7 +61,7 @@ def sum_is_finite(a):
 
 @pytest.mark.parametrize("wrong", [np.nan, np.inf, -np.inf])
 def test_a_sum_that_may_be_reassociated_is_seen_to_be_no_number(wrong):
-    """np.isfinite asks whether (a + b + c) - (a + b + c) is 0, which reassociation makes 0."""
+    """np.isfinite tests whether (a + b + c) - (a + b + c) is 0, which reassociation makes 0."""
     compiled = driver(sum_is_finite)
     assert compiled(np.array([1.0, 2.0, 3.0]))
     assert not compiled(np.array([1.0, wrong, 3.0]))

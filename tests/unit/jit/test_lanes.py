@@ -1,4 +1,4 @@
-"""Lanes against NumPy: the arithmetic, and NaN and infinity, which blow-up detection lives on."""
+"""Lanes against NumPy: arithmetic, and NaN and infinity, which reveal a blow-up."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from numba.core.errors import TypingError
 from kickdrift.jit.compile import as_written, jit
 from kickdrift.jit.lanes import inverse_sqrt, lane_max, lane_numbers, lane_sum, multiply_add, rotated, splat
 from kickdrift.jit.masks import any_lane, mask_bits, select
-from kickdrift.jit.memory import aligned, flat, load, load_first, store, store_first
+from kickdrift.jit.memory import aligned, flat, load, masked_load, masked_store, store
 from kickdrift.jit.vectors import WIDTH
 from tests.processes import python
 
@@ -93,7 +93,7 @@ def numpy_functions(a):
 
 
 def ulps(got, expected):
-    """The largest error, in units in the last place; of finite numbers above the subnormal ones."""
+    """Largest error in units in the last place, among finite numbers above the subnormal ones."""
     normal = np.isfinite(expected) & (np.abs(expected) > 1e-290)
     return np.max(np.abs(got - expected)[normal] / np.spacing(np.abs(expected[normal])), initial=0.0)
 
@@ -127,7 +127,7 @@ def test_arithmetic_is_numpys(a, b, c):
 def test_what_is_not_finite_stays_visible(a, b, c):
     """A number in place of NaN or infinity would hide a blow-up; NaN in place of infinity would not."""
     got, expected = computed(arithmetic, 12, a, b, c), numpy_arithmetic(a, b, c)
-    np.testing.assert_array_equal(got[EXACT], expected[EXACT])  # NaN where NumPy has NaN
+    np.testing.assert_array_equal(got[EXACT], expected[EXACT])  # NaN exactly where NumPy has NaN
     quotients, right = got[DIVISIONS], expected[DIVISIONS]
     assert not np.isfinite(quotients[~np.isfinite(right)]).any()
     both = np.isfinite(quotients)
@@ -190,7 +190,7 @@ def test_comparisons_masks_and_folds(a, b):
     if np.isnan(a).all():
         assert np.isnan(largest)
     else:
-        assert largest == np.nanmax(a)  # of zeros with either sign, one
+        assert largest == np.nanmax(a)  # one of two zeros with different signs
 
 
 @pytest.mark.parametrize("lane", range(WIDTH))
@@ -207,7 +207,7 @@ def test_every_lane_shows_in_the_sum(lane, culprit):
 def test_select_ignores_what_it_does_not_choose():
     a, b, c = np.zeros(8), np.array([1.0, -1.0] * 4), np.full(8, np.nan)
     np.testing.assert_array_equal(computed(arithmetic, 12, a, b, c)[5], np.where(b > 0, 0.0, np.nan))
-    np.testing.assert_array_equal(computed(arithmetic, 12, c, b, a)[5], np.zeros(8))  # NaN < 1 is no
+    np.testing.assert_array_equal(computed(arithmetic, 12, c, b, a)[5], np.zeros(8))  # NaN < 1 is false
 
 
 @pytest.mark.parametrize("start", range(9))
@@ -245,14 +245,14 @@ def test_an_inverse_square_root_never_hides_what_is_no_number():
 @jit
 def first_lanes(a, start, count, out, to):
     whole = flat(a)
-    store_first(flat(out), to, load_first(whole, start, count) + 1.0, count)
+    masked_store(flat(out), to, masked_load(whole, start, count) + 1.0, count)
     return whole.size
 
 
 @pytest.mark.parametrize("count", range(9))
 def test_the_first_lanes_alone(count):
     a, out = np.arange(24.0).reshape(2, 3, 4), np.zeros((4, 6))
-    assert first_lanes(a, 24 - count, count, out, 24 - count) == 24  # nothing beyond the end is touched
+    assert first_lanes(a, 24 - count, count, out, 24 - count) == 24  # memory beyond the end is not touched
     assert out.ravel().tolist() == [0.0] * (24 - count) + list(np.arange(25.0 - count, 25.0))
 
 
@@ -278,7 +278,7 @@ def test_other_powers_are_refused(exponent):
         power(np.ones(8))
 
 
-# --- what is compiled for ---
+# --- processor features of compiled code ---
 
 WITHOUT_AVX = """
 import numpy as np
@@ -299,7 +299,7 @@ np.testing.assert_allclose(out, [1 / a, a**-0.5], rtol=5e-16)
 
 
 def test_code_follows_the_features_that_numba_compiles_for():
-    """NUMBA_ENABLE_AVX=0 on a machine with AVX-512: the estimates of AVX-512 would end the process inside LLVM."""
+    """NUMBA_ENABLE_AVX=0 on a machine with AVX-512: AVX-512's estimates would crash the process inside LLVM."""
     done = python(WITHOUT_AVX, NUMBA_ENABLE_AVX="0")
     assert done.returncode == 0, done.stderr
 
@@ -313,7 +313,7 @@ def sums_of_products(a, b, c, out):
 
 
 def test_a_product_inside_a_sum_is_fused_in_one_way_only():
-    """In a function without fast-math flags: with one rounding where the machine can, else always with two."""
+    """In a function without fast-math flags: one rounding if the machine can fuse, else always two."""
     written = as_written(sums_of_products.py_func)
     rng = np.random.default_rng(3)
     a, b, c = rng.normal(size=(3, WIDTH))
@@ -332,7 +332,7 @@ def test_a_product_inside_a_sum_is_fused_in_one_way_only():
 
 @pytest.mark.parametrize(("first", "whole"), [("strict", types.int8), ("fast", types.int16)])
 def test_a_power_has_the_flags_of_its_own_function(first, whole):
-    """numba compiles x**k once for each pair of types, whatever flags the functions have that use it."""
+    """numba compiles x**k once for each pair of types, whatever the flags of the functions that use it."""
     flags = {"strict": False, "fast": {"contract"}}
     marked = {}
     for name in sorted(flags, key=lambda name: name != first):

@@ -1,4 +1,4 @@
-"""Vectors of three against the formula of each component, written out in lanes and numbers, to the last bit."""
+"""Vectors of three components against the formula of each component, in lanes and numbers, to the last bit."""
 
 from __future__ import annotations
 
@@ -30,10 +30,10 @@ from kickdrift.jit.vectors import WIDTH, lanes_type
 
 KINDS = {"jit": jit, "inlined": inlined, "in_order": in_order, "strict": strict, "as_written": as_written}
 EACH = pytest.mark.parametrize("kind", KINDS)
-ROWS = 11  # vectors that the formulas below give
+ROWS = 11  # number of vectors from the formulas below
 
 
-# One formula in vectors and once more without; ``a``, ``b`` are vectors, ``w`` is a number or lanes.
+# The same formula with vectors and without; ``a``, ``b`` are vectors, ``w`` is a number or lanes.
 
 
 def in_vectors(a, b, w, out, stride):
@@ -69,8 +69,8 @@ def written_out(a, b, w, out, stride):
 
 
 def compiled(formula, kind: str, lanes: tuple[bool, bool, bool]):
-    """A function of arrays a, b (3, 8), w (8,) and out (ROWS, 3, 8) that runs the formula; which of a, b, w are lanes,
-    the others being the numbers in lane 0."""
+    """Compiled formula for arrays a, b (3, 8), w (8,) and out (ROWS, 3, 8). Flags say which of a, b, w are lanes; the
+    others are the numbers in lane 0."""
     inside = KINDS[kind](formula)
     a_lanes, b_lanes, w_lanes = lanes
 
@@ -88,7 +88,7 @@ RUNS = {
     (kind, lanes): [compiled(f, kind, lanes) for f in (in_vectors, written_out)] for kind in KINDS for lanes in MIXTURES
 }
 moderate = st.floats(1e-60, 1e60) | st.floats(-1e60, -1e-60)
-near_one = st.floats(0.5, 2.0) | st.floats(-2.0, -0.5)  # where sums cancel
+near_one = st.floats(0.5, 2.0) | st.floats(-2.0, -0.5)  # sums cancel here
 
 
 @st.composite
@@ -120,7 +120,7 @@ def test_bits_are_those_of_components_written_out(kind, lanes, numbers):
 @given(operands())
 @settings(max_examples=60, deadline=None)
 def test_values_are_numpys(kind, lanes, numbers):
-    """To the last bit where there is one rounding, else within that of the largest term."""
+    """Equal to the last bit if there is one rounding, else within that of the largest term."""
     a, b, w = numbers
     got = found(RUNS[kind, lanes][0], a, b, w)
     if not lanes[0]:
@@ -144,7 +144,7 @@ def one_less(a, b, e, out):
 
 
 def test_a_product_in_a_sum_is_fused_where_nothing_else_may_be():
-    """As lanes are: 1 - (1 + e) (1 - e) is e^2, which two roundings lose."""
+    """The rule is that of lanes: 1 - (1 + e) (1 - e) is e^2, which two roundings lose."""
     e = 2.0**-40
     a, b, out = np.full((3, WIDTH), 1.0), np.full((3, WIDTH), 1.0 - e), np.zeros((3, WIDTH))
     one_less(a, b, e, out)
@@ -179,7 +179,7 @@ def test_turns_choices_and_sums_are_by_component(numbers):
 
 @jit
 def carried(a, count):
-    """Through a loop, a branch and a tuple."""
+    """A vector carried through a loop, a branch and a tuple."""
     total, last = thrice(splat(0.0)), thrice(0.0)
     for p in range(count):
         here = load3(a, p * WIDTH, count * WIDTH)

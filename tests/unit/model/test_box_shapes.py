@@ -1,4 +1,4 @@
-"""Boxes of any shape: nearest images, wrapping, heights, and what is refused."""
+"""Boxes of any shape: nearest images, wrapping, heights, and refused input."""
 
 from __future__ import annotations
 
@@ -34,11 +34,11 @@ def open_along(matrix: np.ndarray, axes: tuple[bool, bool, bool]) -> np.ndarray:
 
 
 def nearest(box: Box, separation: np.ndarray) -> float:
-    """The least distance of 5 x 5 x 5 images by the lattice's shortest vectors, about the image in their cell."""
+    """Least distance of 5 x 5 x 5 images by the lattice's shortest vectors, around the image in their cell."""
     rows = box.matrix[list(box.periodic_axes)]
     shortest = box.images.reduced
     whole = np.linalg.lstsq(rows.T, shortest.T, rcond=None)[0]
-    np.testing.assert_allclose(whole, np.rint(whole), atol=1e-9)  # of the same lattice
+    np.testing.assert_allclose(whole, np.rint(whole), atol=1e-9)  # both are of the same lattice
     assert abs(round(np.linalg.det(whole))) == 1
     begun = separation - np.rint(np.linalg.lstsq(shortest.T, separation, rcond=None)[0]) @ shortest
     steps = np.array(list(itertools.product(range(-2, 3), repeat=len(rows)))) @ shortest

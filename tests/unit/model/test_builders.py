@@ -39,7 +39,7 @@ def test_every_site_has_the_neighbours_of_its_lattice(kind, cells, density):
     r = np.sort(np.linalg.norm(separations, axis=1))[1:]
     cell = edges[0] / cells
     assert r[0] == pytest.approx(distance * cell, rel=1e-9)
-    if cells > 2:  # in two cells an edge, a neighbour to the left is the one to the right
+    if cells > 2:  # with two cells along an edge, a neighbour on both sides is the same particle
         assert np.count_nonzero(r < r[0] * (1 + 1e-9)) == count
 
 
@@ -141,7 +141,7 @@ def test_particles_at_the_same_place(force):
 def test_far_cells_with_the_same_number_are_no_neighbours():
     from kickdrift.model.nearness import CELLS
 
-    apart = 2.0 * CELLS  # in cells of twice the limit
+    apart = 2.0 * CELLS  # cells have twice the limit
     assert not any_nearer(np.array([[0.0] * 3, [apart, 0.0, 0.0], [0.0, 0.0, -apart]]), None, 1.0)
     assert any_nearer(np.array([[0.0] * 3, [apart, 0.0, 0.0], [apart + 0.9, 0.0, 0.0]]), None, 1.0)
 
@@ -171,7 +171,7 @@ def test_ase_round_trip(tmp_path):
     assert read.edges == pytest.approx([10, 11, 12])
     assert read.species == ["Ar", "Kr"]
     assert read.masses == pytest.approx(atoms.get_masses())
-    assert read.velocities == pytest.approx(velocity, rel=1e-6)  # ASE's constants are CODATA 2014, eight digits in text
+    assert read.velocities == pytest.approx(velocity, rel=1e-6)  # ASE: CODATA 2014, eight digits in text
 
 
 def test_bad_structure_files(tmp_path, monkeypatch):
@@ -207,7 +207,7 @@ def test_any_nearer_agrees_with_a_tree(count, edge, stretch, periodic, factor, s
     edges = (edge, stretch * edge, edge / stretch) if periodic else None
     positions = np.random.default_rng(seed).random((count, 3)) * (edges or 3 * (edge,))
     closest = cKDTree(positions, boxsize=edges).query(positions, k=2)[0][:, 1].min()
-    if factor * closest < min(edges or [np.inf]) / 2:  # nearest images, as the tree has them
+    if factor * closest < min(edges or [np.inf]) / 2:  # the tree returns nearest images
         assert any_nearer(positions, edges, factor * closest) == (factor > 1)
 
 

@@ -1,4 +1,4 @@
-"""A compiled f that is not the f that was written is refused before a step."""
+"""A compiled f with other values than the Python code is refused before the first step."""
 
 import json
 import math
@@ -18,7 +18,7 @@ FACTOR = 1.0
 
 
 def pollu(t, y):
-    """As the Test Set writes it, with a list that begins as whole numbers."""
+    """Problem as the Test Set writes it, with a list that begins as whole numbers."""
     k = (
         0.35, 26.6, 1.23e4, 8.6e-4, 8.2e-4, 1.5e4, 1.3e-4, 2.4e4, 1.65e4, 9e3, 0.022, 1.2e4, 1.88, 1.63e4, 4.8e6,
         3.5e-4, 0.0175, 1e8, 4.44e11, 1240.0, 2.1, 5.78, 0.0474, 1780.0, 3.12,
@@ -87,7 +87,7 @@ def single(t, y):
 
 
 def later(t, y):
-    """Right at the start, where both are zero."""
+    """Correct at the start, where both values are zero."""
     d = [0]
     d[0] = 0.5 * y[0] * t
     return d
@@ -131,7 +131,7 @@ def test_pollu_as_the_test_set_writes_it(integrator):
 
 
 def same(t, y):
-    """What numba does as Python does: division, remainders, roundings and comparisons of whole numbers."""
+    """Operations that numba does like Python: division, remainders, rounding and comparisons of whole numbers."""
     total = 0.0
     for n in (-7, -2, 3, 8):
         total += n // 3 + n % 3 + n / 3 + n**3 + round(n + 0.5) + (n > 0) + abs(n) + int(n / 2)
@@ -144,7 +144,7 @@ def cancelling(t, y):
 
 
 def beyond(t, y):
-    """No value at later times, nor below zero."""
+    """Undefined at later times and below zero."""
     return [math.sqrt(1e-8 - t), math.log(y[1]), -math.sqrt(y[2])]
 
 

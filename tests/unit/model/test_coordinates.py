@@ -1,4 +1,4 @@
-"""Coordinates of planetary systems against their definitions, and back again."""
+"""Coordinates of planetary systems against their definitions, and the inverse maps."""
 
 import numpy as np
 import pytest
@@ -43,7 +43,7 @@ def test_heliocentric_and_democratic():
     assert np.allclose(velocities[1:], v[1:] - moving, rtol=0, atol=EPS)
     assert np.allclose(relative[0], centre, rtol=0, atol=EPS)
     assert np.allclose(velocities[0], moving, rtol=0, atol=EPS)
-    # canonical: the sum of p dq is kept (Duncan, Levison & Lee 1998), here as that of angular momentum
+    # canonical: the sum of p dq is conserved (Duncan, Levison & Lee 1998), tested here by the angular momentum
     sun = m.sum() * np.cross(relative[0], velocities[0])
     total = sun + (m[1:, None] * np.cross(relative[1:], velocities[1:])).sum(axis=0)
     assert np.allclose(total, (m[:, None] * np.cross(x, v)).sum(axis=0), rtol=0, atol=1e-15)

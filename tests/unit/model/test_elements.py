@@ -1,4 +1,4 @@
-"""Kepler's elements and states on every conic, against 50 digits and against themselves."""
+"""Kepler's elements and states on every conic, against 50 digits and against their inverses."""
 
 import math
 from functools import partial
@@ -18,7 +18,7 @@ ECCENTRICITIES = [0.0, 1e-12, 0.1, 0.9, 0.999999, 1 - 1e-15, 1.0, 1 + 1e-15, 1.0
 
 
 def exact_plane(q, e, since):
-    """Position and velocity in the orbit's plane at 50 digits, G M = 1, by the textbook's equation of each conic."""
+    """Position and velocity in the orbit's plane with 50 digits, G M = 1, by the textbook equation of each conic."""
     q, e, t = mp.mpf(q), mp.mpf(e), mp.mpf(since)
     if e == 1:  # Barker's equation, in closed form
         w = 3 * t / mp.sqrt(2 * q**3) / 2
@@ -50,7 +50,7 @@ def test_positions_at_a_time_agree_with_fifty_digits(e):
     with mp.workdps(50):
         for since in (-700.0, -3.0, -1e-3, 0.0, 1e-9, 0.4, 2.0, 41.0):
             if e < 1 and abs(since) > math.pi * (1 - e) ** -1.5:
-                continue  # more than half a turn: the rounding of 2 pi counts, below
+                continue  # more than half a turn: tested below, where the rounding of 2 pi counts
             exact, f = exact_plane(1.0, e, since)
             x, v = states(1.0, q=1.0, e=e, T=-since)
             size, speed = mp.hypot(*exact[:2]), mp.hypot(*exact[2:])
@@ -59,7 +59,7 @@ def test_positions_at_a_time_agree_with_fifty_digits(e):
             worst = max(worst, float(off))
             again = elements(x, v, 1.0)
             assert float(again.since_pericentre(1.0)) == pytest.approx(since, rel=1e-12, abs=1e-14) or e < 1e-3
-            # an error of eps in the state turns the pericentre by eps (1 + r / q) / e, and f with it
+            # an error of eps in the state rotates the pericentre by eps (1 + r / q) / e, and f with it
             assert abs(float(again.f) - float(f)) < 4 * EPS * (1 + float(size)) / min(max(e, 1e-30), 1.0)
     assert worst < 6 * EPS  # 3.4 measured
 
@@ -87,7 +87,7 @@ def test_stumpffs_functions():
     with mp.workdps(40):
         for k, found in enumerate(stumpff(z)):
             exact = [mp.nsum(partial(term, mp.mpf(zz), k), [0, mp.inf], method="direct") for zz in z]
-            # where they swing through zero, the size of the swing counts
+            # near a zero of an oscillation, its amplitude is the scale
             scale = [max(abs(x), zz ** (-k / 2) if zz > 1 else 0.0) for x, zz in zip(exact, z, strict=True)]
             off = max(float(abs(f - x) / s) for f, x, s in zip(found, exact, scale, strict=True) if s)
             assert off < 6e-15
@@ -104,7 +104,7 @@ def test_states_come_back_whole(e, size, Omega, omega, inc, since, mass):
     x, v = states(mu, q=q, e=e, inc=inc, Omega=Omega, omega=omega, T=-since * unit)
     found = elements(x, v, mu)
     again = states(mu, q=found.q, e=found.e, inc=found.inc, Omega=found.Omega, omega=found.omega, f=found.f)
-    # f near the asymptote says little about the distance: that is its condition, r / q times the slope of the conic
+    # near the asymptote, f fixes the distance poorly: its condition is r / q times the slope of the conic
     reach = np.linalg.norm(x) / q * (1 + e)
     assert np.linalg.norm(again[0] - x) <= 60 * EPS * reach * np.linalg.norm(x)
     assert np.linalg.norm(again[1] - v) <= 60 * EPS * reach * np.linalg.norm(v)

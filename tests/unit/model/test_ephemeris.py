@@ -1,4 +1,4 @@
-"""JPL's ephemeris: its states at J2000, what it refuses, and the files made from it."""
+"""JPL's ephemeris: its states at J2000, refused input, and the system files made from it."""
 
 import json
 import sys
@@ -16,7 +16,7 @@ from kickdrift_validation.folders import DATA
 DE421 = DATA / "solar-system" / "de421.json"
 STORED = json.loads(DE421.read_text(encoding="utf-8"))["bodies"]
 KEYS = {"Earth-Moon": "earthmoon"}
-SHORTER = 149597870.6996262 / 149597870.7  # DE421's AU over that of the IAU
+SHORTER = 149597870.6996262 / 149597870.7  # ratio of DE421's AU to the IAU's
 G_ASTRO = UNIT_SYSTEMS["astro"].gravity
 
 
@@ -30,7 +30,7 @@ def test_the_shipped_solar_system_is_the_ephemeris():
     system = load("solar-system")
     assert system.names == ("Sun", "Mercury", "Venus", "Earth-Moon", "Mars", "Jupiter", "Saturn", "Uranus", "Neptune",
                             "Pluto")  # fmt: skip
-    gm, x, v = stored(system.names[:9])  # Pluto's are not stored: compared relative to the Sun
+    gm, x, v = stored(system.names[:9])  # Pluto is not stored, so compare relative to the Sun
     assert system.state.masses[:9] * G_ASTRO == pytest.approx(gm, rel=2e-12)
     for ours, theirs in ((system.state.positions, x), (system.state.velocities, v)):
         assert np.abs((ours - ours[0])[:9] - (theirs - theirs[0])).max() < 2e-14

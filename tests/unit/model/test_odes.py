@@ -1,8 +1,6 @@
-"""The textbook equations: what stands in the registry, published and closed-form solutions, and SciPy beside ours.
-
-The files in ``data`` name their sources: states in binary128 from published starting values, the Test Set for IVP
-Solvers (Mazzia & Magherini 2008), and closed forms.
-"""
+"""Textbook equations: the registry, published and closed-form solutions, and SciPy's methods next to ours. The files in
+``data`` name their sources: states in binary128 from published starting values, the Test Set for IVP Solvers (Mazzia &
+Magherini 2008), and closed forms."""
 
 import json
 import math
@@ -27,7 +25,7 @@ FILES = [name for name in shipped() if name.startswith("ode-")]
 SCIPY = {"bogacki-shampine23": "RK23", "dormand-prince45": "RK45", "dop853": "DOP853"}
 JACOBIANS = [name for name, factory in ODES.items() if factory().jacobian]
 INVARIANTS = [name for name, factory in ODES.items() if factory().energy]
-# How long the tight run with dop853 is, and the error that its invariant may have, relative
+# Length of the tight run with dop853, and the largest relative error of its invariant
 TIGHT = {
     "harmonic-oscillator": (100.0, 1e-11),
     "pendulum": (100.0, 1e-11),
@@ -125,7 +123,7 @@ def test_keplers_closed_form_to_ten_thousand_periods():
     for case in reference("kepler_closed_form")["cases"]:
         problem = ODES["kepler"](float(case["e"]))
         time = float(case["t"])
-        # what the rounding of the start does to the period has grown with time
+        # rounding of the start changes the period, and this error grows with time
         assert problem.exact(time) == pytest.approx(list(map(float, case["state"])), abs=1e-14 + 4e-15 * time)
 
 
@@ -214,7 +212,7 @@ def test_arenstorfs_orbit_at_every_time():
     sim = kd.Simulation(ODES["arenstorf"](), "dop853", rtol=1e-13, atol=1e-13)
     for time, state in zip(data["times"], data["states_quad_x_y_vx_vy"], strict=True):
         sim.run(until=float(time))
-        # each passage of the Moon multiplies an error; over the period it grows to some 1e4 times
+        # each passage of the Moon multiplies an error, by some 1e4 over the period
         assert sim.state.y == pytest.approx(list(map(float, state)), abs=3e-9 if float(time) < 17 else 1e-7)
 
 
@@ -234,8 +232,8 @@ def test_pleiades():
     ("name", "bounds"),
     [
         ("figure_eight", [1e-11, 1e-11, 1e-10, 1e-10]),
-        # Close encounters: IAS15 in double, too, is 1e-5 off at 50, 1e-3 at 60 and 0.04 at 70. From 24 starts that are
-        # one rounding apart, dop853 is 5e-6 off at 50 (median), and 1.4e-5 at most.
+        # Close encounters: the errors of IAS15 in double are 1e-5 at 50, 1e-3 at 60 and 0.04 at 70. From 24 starts that
+        # differ by one rounding, dop853's error at 50 has the median 5e-6 and is at most 1.4e-5.
         ("pythagorean_burrau", [1e-8, 1e-6, 1e-6, 2e-5, 1e-2, 0.5]),
         ("hairer_outer_solar", [1e-11, 1e-11, 3e-10, 2e-9, 1e-8]),
         ("pleiades", [1e-11, 1e-11, 1e-10]),
@@ -269,10 +267,10 @@ def test_stiff_problems_where_an_explicit_method_reaches():
     assert sim.state.y == pytest.approx(data["hires"]["reference"], rel=1e-8)
 
 
-# --- SciPy's same methods ---
+# --- the same methods in SciPy ---
 
-# problem -> its parameters and the time to go to. Errors are the largest over all step points: at one time alone they
-# may pass through zero.
+# problem -> its parameters and the end time. Errors are the largest over all step points: at a single time they may
+# pass through zero.
 BESIDE = {
     "harmonic-oscillator": ({}, 20.0),
     "pendulum": ({}, 20.0),
@@ -288,19 +286,20 @@ LADDERS = {
     "dormand-prince45": 10.0 ** -np.arange(5, 11),
     "dop853": 10.0 ** -np.arange(5, 11),
 }
-# Where the error is not proportional to rtol, or the ratio of ours to SciPy's is not below 3: (slope, ratio), and why.
+# Cases whose error is not proportional to rtol, or is more than 3 times SciPy's: (slope, ratio), and the reason.
 EXCEPTIONS = {
-    # SciPy's slope is 1.26 too, at the same steps: over whole swings the leading term of the error cancels in part
+    # SciPy's slope is 1.26 too, with the same steps: over full oscillations the leading term of the error partly
+    # cancels
     ("pendulum", "bogacki-shampine23"): (1.26, 3.0),
-    # 6.2 at rtol = 1e-5 alone, where SciPy's error (1.4e-5) is smaller than at 1e-6 (1.6e-5): luck near the Moon, with
-    # 30 steps in all. With SciPy's own controller the ratio is 1
+    # 6.2 at rtol = 1e-5 alone, where SciPy's error (1.4e-5) is smaller than at 1e-6 (1.6e-5): chance near the Moon,
+    # with 30 steps in all. With SciPy's own controller the ratio is 1
     ("arenstorf", "dop853"): (1.0, 7.0),
 }
 
 
 @pytest.fixture(scope="module", params=BESIDE)
 def beside(request):
-    """A problem, compiled once; how far to go; and its solution at any times."""
+    """A problem, compiled once, with its end time and its solution at any times."""
     parameters, time = BESIDE[request.param]
     made = ODES[request.param](**parameters)
     problem = kd.Problem(numba.njit(made.f), made.y0, name=made.name)
@@ -325,7 +324,7 @@ def ours(problem, integrator, rtol, time, controller=None):
 
 
 def scipys(problem, integrator, rtol, time):
-    """The same; both runs go on, for their last step is shortened to end at the time asked for."""
+    """The same with SciPy. Both runs go beyond ``time``, since a run's last step is shortened."""
     found = solve_ivp(problem.f, (0.0, 1.5 * time), problem.y0, SCIPY[integrator], rtol=rtol, atol=rtol)
     before = found.t < time
     return found.t[before], found.y[:, before]
@@ -341,7 +340,7 @@ def test_steps_and_errors_beside_scipys(beside, integrator):
         for controller in ("i", "pi"):
             our_t, our_y = ours(problem, integrator, rtol, time, controller)
             errors[controller].append(np.abs(our_y - exact(our_t)).max())
-            if controller == "i":  # SciPy's own: the very same steps, but for rounding in the estimates of the error
+            if controller == "i":  # SciPy's own: the same steps, up to rounding in the error estimates
                 assert len(our_t) == len(t)
                 assert our_t == pytest.approx(t, abs=1e-5 * time)
     scipy, same, default = (np.array(errors[key]) for key in ("scipy", "i", "pi"))

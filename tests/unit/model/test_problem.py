@@ -1,6 +1,7 @@
-"""Problems: what f may be and return, what is refused, and how adaptive methods go along their steps."""
+"""Problems: allowed forms of f and its results, refused input, and adaptive methods along their steps."""
 
 import math
+import pickle
 import re
 
 import numba
@@ -72,7 +73,7 @@ def end(problem, integrator="dormand-prince45", time=3.0, **given):
     return sim.state.y
 
 
-# --- what f may be ---
+# --- allowed forms of f ---
 
 
 @pytest.fixture(scope="module")
@@ -129,13 +130,14 @@ def test_a_function_that_does_not_compile_is_told_with_numbas_line():
     assert "compiled=False runs it as plain Python" in message
 
 
-def test_what_python_raises_inside_f_is_one_line():
+@pytest.mark.parametrize("compiled", [True, False])
+def test_what_f_raises_is_one_line(compiled):
     def fails(t, y):
         if t > 0.5:
             raise ArithmeticError("no such\nspecies")
         return -y
 
-    problem = kd.Problem(fails, [1.0], compiled=False)
+    problem = kd.Problem(fails, [1.0], compiled=compiled)
     for integrator, step in (("rk4", {"dt": 0.1}), ("dormand-prince45", {}), ("dop853", {})):
         sim = kd.Simulation(problem, integrator, **step)
         sim.run(until=0.3)
@@ -161,6 +163,62 @@ def test_ctrl_c_inside_python_code_is_not_swallowed():
     sim = kd.Simulation(kd.Problem(interrupted, [1.0], compiled=False))
     with pytest.raises(KeyboardInterrupt):
         sim.run(until=50.0)
+
+
+# --- further arguments ---
+
+
+def mixture(t, y, rates, first, wait, how):
+    return [-rates[first] * y[0], rates[1 - first] * y[0] if how == "all" and t > wait else 0.0]
+
+
+def slopes(t, y, rates, first, wait, how):
+    return [[-rates[first], 0.0], [rates[1 - first] if how == "all" and t > wait else 0.0, 0.0]]
+
+
+def left(t, y, rates, first, wait, how):
+    return y[0] * math.exp(rates[first] * t)
+
+
+def half(t, y, rates, first, wait, how):
+    return y[0] - math.exp(-rates[first] * wait)
+
+
+@pytest.mark.parametrize("compiled", [True, False])
+@pytest.mark.parametrize("integrator", ["dop853", "radau"])
+def test_further_arguments_reach_f_jacobian_energy_and_events(integrator, compiled):
+    args = (np.array([0.5, 2.0]), 1, 0.25, "all")
+    problem = kd.Problem(mixture, [1.0, 0.0], slopes, args=args, energy=left, compiled=compiled)
+    assert problem.args == args
+    sim = kd.Simulation(problem, integrator, events=[kd.Crossing(half, "half")], max_step=0.05)
+    report = sim.run(until=1.0)
+    y = [math.exp(-2.0), 0.25 * (math.exp(-0.5) - math.exp(-2.0))]
+    assert sim.state.y == pytest.approx(y, abs=1e-3 if integrator == "radau" else 1e-4)  # f jumps at t = 0.25
+    assert report.energy.initial == 1.0
+    assert report.energy.max_relative_error < 1e-6
+    assert sim.events[0]["time"] == pytest.approx(0.25, abs=1e-6)
+
+
+def test_a_problem_with_arguments_travels_to_another_process_and_stands_for_its_functions():
+    args = (np.array([0.5, 2.0]), 1, 0.25, "none")
+    problem = kd.Problem(mixture, [1.0, 0.0], slopes, args=args, energy=left)
+    kd.Simulation(problem)  # compiles f
+    for other in (pickle.loads(pickle.dumps(problem)), kd.Problem(problem.f, problem.y0)):
+        assert end(other, time=1.0) == pytest.approx([math.exp(-2.0), 0.0], abs=1e-7)
+
+
+def test_two_problems_of_one_function_keep_their_own_arguments():
+    rates = ([1.0, 1.0], np.array([1.0, 2.0]), np.array([1.0, 3.0]))  # a constant of the code, and parameters
+    sims = [kd.Simulation(kd.Problem(mixture, [1.0, 0.0], args=(each, 1, 0.0, ""))) for each in rates]
+    for time in (0.5, 1.0):
+        for sim in sims:
+            sim.run(until=time)
+    assert [sim.state.y[0] for sim in sims] == pytest.approx(np.exp([-1.0, -2.0, -3.0]), abs=1e-7)
+
+
+def test_arguments_that_are_no_sequence_are_refused():
+    with pytest.raises(kd.InputError, match=r"`args=\(2.0,\)`"):
+        kd.Problem(mixture, [1.0, 0.0], args=2.0)
 
 
 # --- what is refused ---
@@ -356,15 +414,15 @@ def test_rejected_steps_and_evaluations_are_counted():
     sim.run(0)
     calls.clear()
     seen = []
-    report = sim.run(150, observe=lambda sim: seen.append(len(calls)))  # at its end a run is looked at for stiffness
+    report = sim.run(150, observe=lambda sim: seen.append(len(calls)))  # the final check for stiffness also calls f
     assert report.rejected_steps == sim.record.rejected_steps > 10
     assert report.force_evaluations == 1 + 6 * (150 + report.rejected_steps)
     assert seen[-1] == report.force_evaluations
 
 
 def test_hairers_counts():
-    # scipy.integrate.ode("dopri5"), Hairer's Fortran, beta = 0.04: 1442 evaluations, 216 accepted steps. Ours makes
-    # one more, since it measures f at the end of the last step
+    # scipy.integrate.ode("dopri5"), Hairer's Fortran, beta = 0.04: 1442 evaluations, 216 accepted steps. Ours makes one
+    # more evaluation, at the end of the last step
     sim = kd.Simulation(ODES["arenstorf"](), "dormand-prince45", rtol=1e-7, atol=1e-7)
     sim.run(until=17.0652165601579625588917206249)
     assert sim.steps_done == 216
@@ -432,7 +490,7 @@ def orbits():
     problem = ODES["kepler"](0.3)
     return problem, {
         name: kd.Simulation(problem, name, rtol=rtol, atol=rtol) for name, rtol in DENSE.items()
-    }  # one for all examples: compiling is what takes long
+    }  # one dictionary for all examples, since compiling takes longest
 
 
 @given(st.sampled_from(list(DENSE)), st.lists(st.floats(0.0, 6.0), min_size=1, max_size=20))

@@ -30,7 +30,7 @@ def liquid(lattice="hexagonal", count=480, truncation="switch", tail="false"):
 
 
 def plane_sums(system, x):
-    """Energy, virial and pairs, summed over all pairs in the plane with the law written out."""
+    """Energy, virial and pairs, summed over all pairs in the plane by the formula of the law."""
     edges = np.array(system.box.lengths[:2])
     i, j = np.triu_indices(len(x), 1)
     apart = (x[i] - x[j])[:, :2]
@@ -74,7 +74,7 @@ def test_particles_stay_in_the_plane_and_keep_their_energy(precision):
 
 
 def test_the_tail_is_that_of_a_uniform_plane():
-    """Per particle pi rho times the integrals of U r and of -U' r^2 beyond the cutoff."""
+    """Per particle, pi rho times the integrals of U r and of -U' r^2 beyond the cutoff."""
     system = liquid(truncation="cut", tail="true")
     without = liquid(truncation="cut")
     energy, virial = system.forces[0].tail_corrections(system)

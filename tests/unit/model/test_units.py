@@ -161,7 +161,7 @@ def test_pint_is_imported_only_for_text():
 
 
 def test_constants_are_those_of_scipy():
-    """Exact ones; the others to the digits by which CODATA's of other years differ."""
+    """Exact constants agree; others agree to the digits that differ between years of CODATA."""
     pairs = {
         "BOLTZMANN": "k", "ELEMENTARY_CHARGE": "e", "LIGHT": "c", "AVOGADRO": "N_A", "AU": "astronomical_unit",
         "DAY": "day",

@@ -1,4 +1,4 @@
-"""Figures come out as pictures, change nothing outside themselves, and refuse what they should."""
+"""Figures are valid pictures, change nothing outside themselves, and refuse bad input."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def rows() -> list[dict]:
 
 @pytest.fixture
 def drawn(monkeypatch) -> list:
-    """The figures that were saved."""
+    """Figures that were saved."""
     figures = []
     save = plots.save_figure
 
@@ -85,7 +85,7 @@ def test_a_run_has_four_panels_with_true_units(tmp_path, output, drawn):
     assert len(total) == 50
     error = axes[1].lines[-1].get_ydata()
     assert np.max(np.abs(error)) < 10
-    assert np.max(np.abs(error)) >= 1, "the power of ten stands in the label"
+    assert np.max(np.abs(error)) >= 1, "the power of ten must be in the label"
 
 
 def test_an_open_box_and_no_temperature_leave_two(tmp_path, output, drawn):
@@ -122,7 +122,7 @@ def test_a_benchmark_has_a_panel_for_each_table(output, drawn):
     assert all(a.get_yscale() == "log" for a in axes)
     labels = [text.get_text() for text in axes[0].get_legend().get_texts()]
     assert labels == ["velocity-verlet, dt = 0.005: bounded", "rk4, dt = 0.005: drift"]
-    assert axes[1].lines[0].get_xdata().max() < 50, "nothing is drawn after a blow-up"
+    assert axes[1].lines[0].get_xdata().max() < 50, "nothing may be drawn after a blow-up"
     faint, strong = axes[0].lines[:2]
     assert len(strong.get_xdata()) == plots.WINDOWS
     raw = np.abs(np.sin(np.linspace(0, 100, 400)))[1:] * 1e-5
@@ -201,9 +201,9 @@ def test_the_energy_error_excludes_what_a_merger_takes_out(tmp_path, monkeypatch
     report = kd.Simulation(system, "leapfrog", dt=0.01).run(500, every=5, output=path)
     assert report.energy_taken
     titles = []
-    for module, draw in ((plots, plots.plot_run), (orbits, orbits.plot_orbits)):
+    for draw in (plots.plot_run, orbits.plot_orbits):
         monkeypatch.setattr(
-            module, "save_figure",
+            plots, "save_figure",
             lambda figure, target: titles.extend(
                 axes.get_title() for sub in (figure, *figure.subfigs) for axes in sub.axes
             ),

@@ -1,4 +1,4 @@
-"""Figures of ensembles: what is drawn is what the table holds, and what has no value is seen to have none."""
+"""Figures of ensembles: they draw the table's values and mark missing ones."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ MEGNO = {"x.e": [0.0, 0.1, 0.2], "x.a": [5.0, 5.5]}
 
 
 def write(path, vary, value, column="megno", replicas=1, units="astro"):
-    """A table with ``value(member)`` in a column: a number, or None where the member failed."""
+    """A table with ``value(member)`` in a column: a number, or None for a failed member."""
     members = members_of(vary, replicas, 0)
     rows = []
     for member in (members[i] for i in range(len(members))):
@@ -36,7 +36,7 @@ def write(path, vary, value, column="megno", replicas=1, units="astro"):
 
 @pytest.fixture
 def draw(tmp_path, monkeypatch):
-    """Writes a table, draws it and returns its figure."""
+    """Function that writes a table, draws it and returns its figure."""
     figures = []
     save = of.save_figure
 
@@ -56,12 +56,12 @@ def draw(tmp_path, monkeypatch):
 
 
 def legend(figure):
-    """The words of a figure's legend."""
+    """Texts in a figure's legend."""
     return [text.get_text() for each in figure.legends for text in each.get_texts()]
 
 
 def mesh_of(figure):
-    """The mesh of a map, and its values."""
+    """Mesh of a map, and its values."""
     mesh = figure.axes[0].collections[-1]
     return mesh, np.ma.filled(mesh.get_array().astype(float), np.nan)
 

@@ -1,4 +1,4 @@
-"""Figures of observables: what is drawn is what was computed, with its errors, species by species."""
+"""Figures of observables: they draw the computed values with their errors, for each species."""
 
 from __future__ import annotations
 
@@ -14,11 +14,12 @@ from kickdrift.cli.main import app
 from kickdrift.errors import InputError
 from kickdrift.model.state import State
 from kickdrift.plots import observables as of
+from kickdrift.plots import runs
 from kickdrift.trajectory.h5md import Writer
 
 
 def write(path, frames=200, species=None, box=(6.0, 6.0, 6.0)):
-    """A gas of walkers whose velocities forget themselves in a few frames."""
+    """A gas of walkers whose velocities decorrelate in a few frames."""
     rng = np.random.default_rng(2)
     x, v = rng.uniform(0, 6, (30, 3)), rng.normal(size=(30, 3))
     system = kd.System(x, v, box=box, species=species, name="walkers")
@@ -33,15 +34,15 @@ def write(path, frames=200, species=None, box=(6.0, 6.0, 6.0)):
 
 @pytest.fixture
 def drawn(monkeypatch):
-    """The figures that were saved."""
+    """Figures that were saved."""
     figures = []
-    save = of.save_figure
+    save = runs.save_figure
 
     def keep(figure, target):
         figures.append(figure)
         return save(figure, target)
 
-    monkeypatch.setattr(of, "save_figure", keep)
+    monkeypatch.setattr(runs, "save_figure", keep)
     return figures
 
 
@@ -53,7 +54,7 @@ def test_every_kind_is_a_picture_with_its_errors(tmp_path, drawn, kind):
     above, below = drawn[0].axes
     assert below.get_ylabel() == "standard error"
     assert len(below.lines[0].get_xdata()) > 3
-    assert above.collections, "bars or a band"
+    assert above.collections, "errors must be bars or a band"
     assert below.get_xlim() == above.get_xlim()
     assert "walkers" in drawn[0].get_suptitle()
 
@@ -66,7 +67,7 @@ def test_lines_are_the_observables(tmp_path, drawn):
     np.testing.assert_array_equal(above.lines[0].get_ydata(), found.values[1:])
     known = np.isfinite(found.error) & (found.error > 0)
     np.testing.assert_array_equal(below.lines[0].get_ydata(), found.error[known])
-    assert not known[-1], "the longest lags have none"
+    assert not known[-1], "the longest lags have no error"
     of.plot_observable(path, "rdf", tmp_path / "rdf.png")
     with kd.open(path) as run:
         rdf = radial_distribution(run[1:])

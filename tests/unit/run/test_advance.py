@@ -1,4 +1,4 @@
-"""Steps without a look: ``Simulation.advance``; and the state that a method keeps for itself."""
+"""Steps without a look (``Simulation.advance``), and methods with a state of their own."""
 
 from __future__ import annotations
 

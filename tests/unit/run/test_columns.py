@@ -1,4 +1,4 @@
-"""Columns of the user's own: written at each look, read back, shown, and refused where they make no sense."""
+"""The user's own columns: written at each look, read back, shown, and refused if they make no sense."""
 
 from __future__ import annotations
 
@@ -139,7 +139,7 @@ def test_resume_needs_them_again(tmp_path):
     assert isinstance(refused.exception, InputError)
     assert "radius_of_gyration" in str(refused.exception)
     assert path.read_bytes() == before
-    assert kickdrift("resume", path).exit_code == 0  # it is finished
+    assert kickdrift("resume", path).exit_code == 0  # the run is finished
     sim = kd.resume(path)
     assert [sample.columns for sample in sim.record.samples] == [sample.columns for sample in whole.record.samples]
     sim.run(20, columns=[RADIUS])

@@ -1,4 +1,4 @@
-"""Events of a run: what is found, when, and what collisions and escapes do to the bodies."""
+"""Events of a run: detection, times, and changes of the bodies by collisions and escapes."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from kickdrift.integrators import INTEGRATORS, integrator
 from kickdrift.run.watch.encounters import POINTS, cubic, separation2, turning_points
 from kickdrift_validation.problems import kepler
 
-FREE = 1e-30  # a G under which bodies go straight on
+FREE = 1e-30  # a G so small that bodies move straight
 METHODS = [name for name, method in INTEGRATORS.items() if method.name == name]
 
 
 def straight(x, v, masses=1.0, radii=None, G=FREE, **more) -> kd.System:
-    """Bodies that go straight on."""
+    """Bodies that move straight."""
     return kd.System(x, v, masses=masses, forces=[kd.Gravity(G=G)], units="nbody", radii=radii, **more)
 
 
@@ -43,7 +43,7 @@ def ellipse(e: float = 0.3, inclination: float = 0.0) -> kd.System:
 
 
 def run_to(sim: kd.Simulation, time: float):
-    """A run of any method to (at least) a time."""
+    """Run with any method to at least a time."""
     return sim.run(until=time) if sim.method.chooses_steps else sim.run(math.ceil(time / sim.dt - 1e-9))
 
 
@@ -57,9 +57,9 @@ def momentum(sim: kd.Simulation) -> np.ndarray:
 @settings(max_examples=300, deadline=None)
 @given(st.lists(st.floats(-10, 10, allow_subnormal=False), min_size=12, max_size=12), st.booleans())
 def test_turning_points_are_those_of_the_polynomial(numbers, whole):
-    """Against a dense search: no minimum of the separation that 2001 points show is missed."""
+    """Compare with a dense search: no minimum of the separation among 2001 points is missed."""
     ends = np.array(numbers).reshape(2, 2, 3)
-    if whole:  # zeros in odd places
+    if whole:  # zeros at special places
         ends = np.rint(ends)
     y0, y1 = np.zeros((2, 3, 2)), np.zeros((2, 3, 2))
     y0[:, :, 0], y1[:, :, 0] = ends[0], ends[1]
@@ -84,7 +84,7 @@ def test_turning_points_are_those_of_the_polynomial(numbers, whole):
 
 
 def test_a_fast_flyby_between_two_step_points_is_seen():
-    """Two bodies pass at 0.2 in one step of length 3, 1e4 times as long as the passage takes."""
+    """Two bodies pass at 0.2 in one step of length 3, which is 1e4 times as long as the passage."""
     system = straight([[-1e3, 0, 0], [1e3, 0.2, 0]], [[1e3, 0, 0], [-1e3, 0, 0]])
     report = kd.Simulation(system, dt=3.0, events=[kd.CloseApproach(0.3)]).run(2)
     (event,) = report.events
@@ -103,7 +103,7 @@ def test_a_passage_over_many_steps_is_one_event():
 
 
 def test_a_passage_that_goes_on_stands_in_the_report():
-    """A circular orbit inside the distance is one passage for ever, not one for each step."""
+    """A circular orbit inside the distance is one endless passage, not one for each step."""
     sim = kd.Simulation(ellipse(0.0), dt=0.05, events=[kd.CloseApproach(1.5)])
     report = sim.run(1000)
     (event,) = report.events
@@ -166,7 +166,7 @@ def test_pericentres_and_apocentres_of_an_ellipse(name):
 
 
 def test_the_error_of_a_pericentres_time_falls_as_the_methods_does():
-    """Of order 2 and 4, not that of the interpolation."""
+    """The error has order 2 and 4, not the order of the interpolation."""
     for name, order in (("velocity-verlet", 2), ("blanes-moan4", 4)):
         errors = []
         for steps in (100.3, 200.3, 400.3):
@@ -178,7 +178,7 @@ def test_the_error_of_a_pericentres_time_falls_as_the_methods_does():
 
 
 def test_nodes_of_an_inclined_ellipse():
-    """From pericentre on the node the body rises; half the angle later, at apocentre, it sinks."""
+    """From pericentre on the node the body rises; half a turn later, at apocentre, it descends."""
     watched = [kd.Crossing.ascending_node("P", "S"), kd.Crossing.descending_node("P", "S")]
     sim = kd.Simulation(ellipse(0.3, 0.5), "dop853", rtol=1e-12, atol=1e-12, events=watched)
     sim.run(until=13.0)
@@ -244,7 +244,7 @@ def test_a_function_that_fails_is_named(function, message):
 
 @pytest.mark.parametrize("dt", [0.01, 0.1, 0.75, 3.0])
 def test_a_head_on_merger_by_hand(dt):
-    """Masses 2 and 1 at +-1 with speeds +-1: together 3 with 1/3, at x = -1/3 + t / 3; the energy 4/3 is lost."""
+    """Masses 2 and 1 at +-1 with speeds +-1 become 3 with speed 1/3, at x = -1/3 + t / 3; the energy 4/3 is lost."""
     sim = kd.Simulation(head_on(), dt=dt, events=[kd.Collision()])
     report = sim.run(round(3 / dt))
     (event,) = report.events
@@ -264,8 +264,8 @@ def test_a_head_on_merger_by_hand(dt):
 
 
 def test_a_glancing_bounce_by_hand():
-    """Equal spheres of radius 1/2, offset by 1/sqrt 2 along y: the line of centres lies at 45 degrees, and what moved
-    with (1, 0) along it stops while the other leaves at 45 degrees."""
+    """Equal spheres of radius 1/2, offset by 1/sqrt 2 along y: the line of centres is at 45 degrees. The component of
+    (1, 0) along the line passes to the other sphere."""
     h = math.sqrt(0.5)
     system = straight([[-2, 0, 0], [0, h, 0]], [[1, 0, 0], [0, 0, 0]], radii=0.5)
     sim = kd.Simulation(system, dt=0.3, events=[kd.Collision(action="bounce")])
@@ -305,7 +305,7 @@ def test_stop(name, dt):
     assert event["time"] == pytest.approx(0.75, abs=1e-9)
     assert report.stopped == sim.stopped == "A and B touch at t = 0.75"
     assert sim.time == pytest.approx(0.9 if dt else 0.75, abs=1e-9)
-    again = sim.run(5)  # they are known to touch, and are let through
+    again = sim.run(5)  # their contact is known, so they continue
     assert again.stopped == ""
     assert len(again.events) == 1
 
@@ -357,7 +357,7 @@ def test_massless_bodies_pass_each_other_and_fall_onto_massive_ones():
 
 
 def test_balls_that_come_to_rest_say_so():
-    """Half the speed each time, towards each other all the time: infinitely many bounces in a finite time."""
+    """Half the speed at each bounce, with a constant attraction: infinitely many bounces in a finite time."""
     system = straight([[-1, 0, 0], [1, 0, 0]], [[0, 0, 0], [0, 0, 0]], radii=0.4, G=1.0)
     for name, dt in (("velocity-verlet", 0.01), ("dop853", None)):
         sim = kd.Simulation(system, name, dt, events=[kd.Collision(action="bounce", restitution=0.5)])
@@ -376,7 +376,7 @@ def cloud(seed: int, n: int = 40, G: float = 1e-3) -> kd.System:
 @settings(max_examples=8, deadline=None)
 @given(st.integers(0, 10**6))
 def test_mergers_conserve_what_they_must(seed):
-    system = cloud(seed, G=1e-6)  # hardly any pull: what is left of an energy error is that of mergers
+    system = cloud(seed, G=1e-6)  # almost no attraction: an energy error could only come from mergers
     sim = kd.Simulation(system, dt=0.1, events=[kd.Collision()])
     total = system.state.masses.sum()
     at_start = system.state.masses @ system.state.positions, system.state.masses @ system.state.velocities
@@ -391,7 +391,7 @@ def test_mergers_conserve_what_they_must(seed):
     assert len(set(sim.state.ids.tolist())) == len(sim.state)
     taken = sum(event["energy"] for event in report.events)
     assert (report.energy_taken or 0.0) == pytest.approx(taken, rel=1e-12)
-    assert report.energy.max_relative_error < 1e-5  # mergers take a third of it
+    assert report.energy.max_relative_error < 1e-5  # mergers take a third of the energy
 
 
 @settings(max_examples=8, deadline=None)
@@ -413,7 +413,7 @@ def test_hard_spheres_keep_energy_and_momentum(seed):
 
 
 def escaping(action: str, **more) -> kd.Simulation:
-    """A body that leaves two others faster than they hold it, and one that is as far and bound."""
+    """A body that leaves two others faster than their escape speed, and a bound body at the same distance."""
     x = [[0, 0, 0], [1, 0, 0], [3, 0, 0], [0, 9, 0]]
     v = [[0, 0, 0], [0, 1, 0], [2, 0, 0], [0.33, 0, 0]]
     system = straight(x, v, [1, 0, 1e-3, 1e-6], G=1.0, names=["sun", "near", "out", "far"])
@@ -474,7 +474,7 @@ def test_every_method_is_watched_without_changing_its_bits(name):
     report = run_to(watched, 6.9)
     assert watched.state.phase.tobytes() == plain.state.phase.tobytes()
     assert report.steps == plain.report().steps
-    if not method.chooses_steps:  # looks inside a step cost those something
+    if not method.chooses_steps:  # for an adaptive method, looks inside a step cost evaluations
         assert report.force_evaluations == plain.report().force_evaluations
     found = [event for event in report.events if event["kind"] == "pericentre"]
     if method.order > 1 or method.adaptive:
@@ -483,7 +483,7 @@ def test_every_method_is_watched_without_changing_its_bits(name):
 
 @pytest.mark.parametrize("name", METHODS)
 def test_every_method_merges(name):
-    """Two bodies fall onto each other; after that one goes straight on, with a third far away."""
+    """Two bodies fall onto each other and merge; the merged body moves straight, with a third body far away."""
     method = integrator(name)
     system = straight(
         [[0, 0, 0], [1.0, 0.2, 0], [40, 0, 0]], [[0.1, 0, 0], [-0.8, 0, 0], [0, 0, 0]], [1, 1e-3, 1e-9], 0.3, G=1.0
@@ -539,7 +539,7 @@ def test_setting_the_state_begins_anew():
 
 
 def test_events_stay_behind_a_blow_up():
-    """The state goes back to the last sample, and so do events after it: an unstable step turns y around."""
+    """The state goes back to the last sample, and later events are dropped: an unstable step reverses y."""
     problem = kd.Problem(lambda t, y: np.array([-1e3 * y[0]]), [1.0])
     sim = kd.Simulation(problem, "euler", 1.0, events=[kd.Crossing(lambda t, y: y[0], "turn")])
     with pytest.raises(RunError, match="blew up"):
@@ -599,7 +599,7 @@ def test_a_file_holds_the_events_and_n_bodies(tmp_path):
         last = run[-1].positions
         assert last.shape == (3, 3)
         assert last[0] == pytest.approx([2 / 3, 0, 0], abs=1e-10)
-        assert last[1].tolist() == last[0].tolist()  # at its survivor's place
+        assert last[1].tolist() == last[0].tolist()  # at the survivor's position
         assert np.isnan(last[2]).all()  # removed
         assert run[0].positions[1].tolist() == [1, 0, 0]
         universe = run.universe()
@@ -613,7 +613,7 @@ def test_a_file_holds_the_events_and_n_bodies(tmp_path):
 
 
 def test_a_file_without_its_end_has_its_events(tmp_path):
-    """What goes on when a run ends stands in its report; the table grows with the frames."""
+    """A passage in progress at the end is in the report; the table of events grows with the frames."""
     path = tmp_path / "run.h5md"
     text = FILE.replace('[[event]]\ntype = "collision"\n', "").replace("[1, 0, 0], [0, 9", "[1, 0.1, 0], [0, 9")
     sim = kd.Simulation(loaded(text))
@@ -629,7 +629,7 @@ def test_a_file_without_its_end_has_its_events(tmp_path):
 
 
 def test_a_file_begun_after_a_merger_has_all_bodies(tmp_path):
-    """As one has that was begun before it: the run goes on from either."""
+    """The file equals one that was begun before the merger, and the run continues from either."""
     sim = kd.Simulation(loaded(FILE))
     sim.run(9)
     sim.run(5, output=tmp_path / "run.h5md", every=1)

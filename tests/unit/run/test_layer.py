@@ -1,4 +1,4 @@
-"""A layer in three dimensions: a run says that its temperature counts a direction in which nothing moves."""
+"""A layer in three dimensions: the run warns that its temperature counts a direction without motion."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Looks at a run: what they say, that they change no bit of it, how many there are, when the verdict is worked out."""
+"""Looks at a run: their values, their number, the time of the verdict, and that they change no bit."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ VALUES = ("energies", "momentum", "angular_momentum", "centre_of_mass", "centre_
 
 
 def planets() -> kd.System:
-    """A central body, two with a mass and one without."""
+    """A central body, two bodies with mass and one without."""
     r = np.array([1.0, 1.6, 2.3])
     x = np.concatenate([np.zeros((1, 3)), np.stack([r, 0.1 * r, 0.02 * r], axis=1)])
     v = np.concatenate([np.zeros((1, 3)), np.stack([-0.1 / r**0.5, 1.0 / r**0.5, 0.03 * r], axis=1)])
@@ -33,7 +33,7 @@ def liquid(**given) -> kd.System:
 
 
 def unit_masses() -> kd.System:
-    """Of so many bodies that sums are made block by block."""
+    """Enough bodies for sums in several blocks."""
     rng = np.random.default_rng(4)
     x, v = rng.normal(size=(2, 600, 3))
     return kd.System(x, v, masses=rng.uniform(0.5, 2.0, 600), forces=[kd.Gravity(softening=0.05)], units="nbody")
@@ -55,7 +55,7 @@ RUNS = {
 }
 
 
-# --- what they say ---
+# --- values of looks ---
 
 
 @pytest.mark.parametrize("make", [planets, liquid, unit_masses])
@@ -67,7 +67,7 @@ def test_a_look_is_the_sum_over_the_particles(make):
     assert (found.step, found.time, found.pairs, found.taken) == (5, 0.02, wanted.pairs, wanted.taken)
     for name in ("temperature", "pressure"):
         assert getattr(found, name) == pytest.approx(getattr(wanted, name), rel=1e-12, nan_ok=True)
-    scale = np.abs(sim.state.phase).sum()  # of what the sums' terms add up to
+    scale = np.abs(sim.state.phase).sum()  # size of the terms in the sums
     for name in VALUES:
         np.testing.assert_allclose(getattr(found, name), getattr(wanted, name), rtol=1e-12, atol=1e-15 * scale)
 
@@ -104,7 +104,7 @@ def test_a_second_look_at_one_point_takes_the_first_ones_place_but_not_in_what_w
     assert held[0].tolist() != looks.held()[1][0].tolist()
 
 
-# --- that they change nothing ---
+# --- looks change nothing ---
 
 
 @pytest.mark.parametrize("kind", RUNS)
@@ -173,7 +173,7 @@ def test_what_is_not_finite_is_seen():
         (0, 1.0, OK), (0, np.inf, BLOWN_UP), (0, np.nan, BLOWN_UP), (1, np.nan, BLOWN_UP), (1, np.inf, BLOWN_UP),
         (1, 1e200, NO_ENERGY),
     ):  # fmt: skip
-        for forces in ([kd.Gravity()], []):  # without forces, nothing else looks at positions
+        for forces in ([kd.Gravity()], []):  # without forces, nothing else checks the positions
             sim = kd.Simulation(kd.System(*state_of(system), forces=forces, units="nbody"), dt=0.01)
             y = sim.state.phase
             y[half, 1, 3 if value != 1e200 else 0] = value
@@ -187,7 +187,7 @@ def state_of(system):
 def test_a_run_that_blows_up_in_a_series_of_looks_goes_back_to_the_last_one():
     field = kd.HarmonicTrap(stiffness=1.0)
     system = kd.System(np.eye(3), np.zeros((3, 3)), forces=[field], units="nbody")
-    sim = kd.Simulation(system, "leapfrog", 3.0)  # stable to 2
+    sim = kd.Simulation(system, "leapfrog", 3.0)  # stable only up to 2
     with pytest.raises(kd.RunError, match="blew up at step") as error:
         sim.run(10_000, every=2)
     last = sim.record.samples[-1]
@@ -198,7 +198,7 @@ def test_a_run_that_blows_up_in_a_series_of_looks_goes_back_to_the_last_one():
     assert sim.report().steps == last.step
 
 
-# --- how many ---
+# --- number of looks ---
 
 
 @pytest.mark.parametrize(
@@ -238,7 +238,7 @@ def test_a_file_keeps_how_often(tmp_path):
     path = tmp_path / "a.h5md"
     sim = kd.Simulation(planets(), "leapfrog", 0.01)
     sim.run(20, every=10, output=path)
-    sim.run(20)  # elsewhere
+    sim.run(20)  # a run without the file
     path_b = tmp_path / "b.h5md"
     sim.run(4, every=2, output=path_b)
     sim.run(4, output=path_b)
@@ -267,7 +267,7 @@ def test_the_verdict_is_worked_out_once_and_when_it_is_read(monkeypatch):
     assert report.energy.initial == sim.record.samples[0].energies.total
     assert not asked
     verdict = report.energy.verdict
-    sim.run(2000)  # which the first report knows nothing of
+    sim.run(2000)  # steps after the first report
     assert (report.energy.verdict, report.as_json()["energy"]["verdict"], len(asked)) == (verdict, verdict, 1)
     assert np.isfinite(report.energy.drift_error)
     with pytest.raises(AttributeError, match="no attribute 'colour'"):

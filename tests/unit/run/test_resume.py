@@ -1,4 +1,4 @@
-"""Runs taken up again from their files go on to the bits that they would have had."""
+"""Runs resumed from their files have the bits of uninterrupted runs."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ from tests.systems import liquid, needed
 
 
 class Stopped(Exception):
-    """What ends a run without its last flush's checkpoint."""
+    """Exception that ends a run without the checkpoint of its last flush."""
 
 
 def interrupted(sim, path, at, length, **how):
-    """Run into the file, and end at step ``at`` as a kill does, without a last checkpoint or report."""
+    """Run into the file, and stop at step ``at`` like a kill, without a last checkpoint or report."""
 
     def observe(sim):
         if sim.steps_done >= at:
@@ -47,13 +47,13 @@ def content(path):
 
 
 def timeless(report):
-    """A report without what the clock says."""
+    """A report without wall times."""
     clock = ("wall_seconds", "compile_seconds", "steps_per_second", "ns_per_pair")
     return {key: value for key, value in report.as_json().items() if key not in clock}
 
 
 def trio(**how):
-    """Three bodies, two of which collide on the way: after it there are two."""
+    """Three bodies; two of them merge during the run."""
     x = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 3.0, 0.0]]
     v = [[0.0, 0.0, 0.0], [0.0, 0.35, 0.0], [-0.5, 0.0, 0.0]]
     events = [kd.Collision(0.05), kd.CloseApproach(2.5)]
@@ -106,7 +106,7 @@ def test_files_of_every_method_and_choice_are_opened_and_resumed(tmp_path, name,
 
 
 def taken_by(name, given):
-    """A Simulation by a method, of planets, or where it refuses them of a liquid."""
+    """A Simulation with a method, of planets, or of a liquid if the method refuses planets."""
     method = METHODS[name]
     options = given | ({"dt": 0.002} if method.needs_dt else {})
     options |= needed(name) | ({"rtol": 1e-6} if "rtol" in method.tunable else {})
@@ -142,7 +142,7 @@ def test_any_step_of_a_file(tmp_path):
 
 
 def test_the_cost_does_not_depend_on_the_length(tmp_path, monkeypatch):
-    """Steps are taken from the last checkpoint on, which are no further apart in a longer run."""
+    """A restart begins at the last checkpoint, and checkpoints are no further apart in a longer run."""
     monkeypatch.setattr(cadence, "SHARE", 1e-9)
     monkeypatch.setattr(cadence, "SECONDS", 1e9)
     path, longer = tmp_path / "a.h5md", tmp_path / "b.h5md"
@@ -157,7 +157,7 @@ def test_the_cost_does_not_depend_on_the_length(tmp_path, monkeypatch):
     kd.resume(path)
     assert taken == []
     kd.resume(path, step=299)
-    assert sum(steps for steps, *_ in taken) == 299  # a short run, with no flush between its start and its end
+    assert sum(steps for steps, *_ in taken) == 299  # a short run, without a flush between start and end
     for step in (99, 599):
         taken.clear()
         kd.resume(longer, step=step)
@@ -181,7 +181,7 @@ def test_it_goes_on_into_the_file_with_the_same_cadence(tmp_path):
 
 
 def test_a_start_from_heat(tmp_path):
-    """Drawn velocities and an equilibration before: the file begins behind both."""
+    """Velocities are drawn and the system is equilibrated first: the file begins after both."""
     sim, path = kd.Simulation(liquid(), dt=0.004), tmp_path / "a.h5md"
     sim.equilibrate(1.0, 0.4)
     interrupted(sim, path, 40, {"steps": 100}, every=20)
@@ -194,7 +194,7 @@ def test_a_start_from_heat(tmp_path):
 
 
 def test_nothing_but_a_start(tmp_path):
-    """A kill before the first flush."""
+    """A kill comes before the first flush."""
     sim, path = kd.Simulation(liquid(), dt=0.004), tmp_path / "a.h5md"
     sim.run(20, every=10, output=tmp_path / "whole.h5md")
 
@@ -210,7 +210,7 @@ def test_nothing_but_a_start(tmp_path):
     assert content(path) == content(tmp_path / "whole.h5md")
 
 
-# --- what is refused, and what is said ---
+# --- refusals and warnings ---
 
 
 @pytest.fixture
@@ -236,7 +236,7 @@ def test_other_versions_are_named(path, monkeypatch):
 
 
 def test_other_processor_features_are_named(path, monkeypatch):
-    """One kind of processor can be compiled for in several ways (NUMBA_CPU_FEATURES)."""
+    """The compiler may use different features of one processor (NUMBA_CPU_FEATURES)."""
     assert kd.resume(path).run(10).warnings == []
     monkeypatch.setattr(restart, "features", lambda: ("abacus", "beads"))
     (warning,) = kd.resume(path).run(10).warnings
@@ -246,7 +246,7 @@ def test_other_processor_features_are_named(path, monkeypatch):
 
 @pytest.mark.parametrize("checksums", [True, False])
 def test_a_frame_that_was_changed_is_noticed(path, checksums):
-    """By its checksum; in a file of an older version, which has none, by the run that comes there."""
+    """The checksum shows the change. An older file has no checksum; the resumed run notices the difference."""
     with h5py.File(path, "r+") as file:
         file["particles/trajectory/position/value"][-1, 3, 0] += 1e-9
         if not checksums:
@@ -291,7 +291,7 @@ def test_bytes_hold_everything_that_may_be_in_a_checkpoint():
             encoded(bad)
 
 
-# --- what happened to the run before ---
+# --- earlier parts of the run ---
 
 
 def test_a_state_that_was_replaced(tmp_path):

@@ -1,4 +1,4 @@
-"""A Simulation: the same bits however it is run, what it reports, and how it ends when it ends badly."""
+"""A Simulation: the same bits for every division of a run, its report, and its failures."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ EDGE = (216 / 0.8442) ** (1 / 3)
 
 
 def liquid(count=216, temperature=1.0, seed=1, density=0.8442, run=None, **force) -> kd.System:
-    """Lennard-Jones particles a little off a simple cubic lattice."""
+    """Lennard-Jones particles near the sites of a simple cubic lattice."""
     rng = np.random.default_rng(seed)
     edge = round(count ** (1 / 3))
     length = (count / density) ** (1 / 3)
@@ -130,7 +130,7 @@ def test_a_simulation_does_not_change_its_system():
     sim.run(10)
     np.testing.assert_array_equal(system.state.phase, before)
     assert system.state.steps_done == 0
-    system.state.phase[:] = 0.0  # nor the other way around
+    system.state.phase[:] = 0.0  # the reverse also holds
     assert np.isfinite(sim.energy().total)
 
 
@@ -150,13 +150,13 @@ def test_setting_the_state_goes_on_from_there():
     second.state = first.state
     assert (second.steps_done, second.time) == (50, first.time)
     state = first.state
-    first.state = state  # its pair lists begin anew, too
-    state.phase[:] = 0.0  # a copy was taken
+    first.state = state  # its pair lists start again, too
+    state.phase[:] = 0.0  # the run uses a copy
     for sim in (first, second):
         sim.run(50)
     assert bits(first) == bits(second)
     report = second.report()
-    assert (report.steps, second.steps_done) == (50, 100)  # conservation counts from the state that was set
+    assert (report.steps, second.steps_done) == (50, 100)  # conservation counts from the assigned state
 
 
 @pytest.mark.parametrize(
@@ -187,11 +187,11 @@ def test_time_and_steps():
     sim.run(until=2.5)
     assert sim.steps_done == sim.state.steps_done == 25
     assert sim.time == sim.state.time == 2.5
-    sim.run(until=2.5)  # here already
+    sim.run(until=2.5)  # no step to take
     sim.run(0)
     assert sim.steps_done == 25
     sim.run(10**5)
-    assert sim.time == 0.1 * (10**5 + 25)  # no sum of steps, which would drift
+    assert sim.time == 0.1 * (10**5 + 25)  # not a sum of steps, which would drift
 
 
 @pytest.mark.parametrize(
@@ -314,7 +314,7 @@ def test_equilibrate_reaches_the_temperature_and_starts_anew():
     assert sim.record == Record(compile_seconds=compiled)
     assert seen[-1] == (2000, 2000)
     report = sim.run(4000, every=10)
-    # The mean over 16 time units: its standard error is 0.004, in ten blocks of which each is nearly independent.
+    # The mean over 16 time units has a standard error of 0.004, from ten nearly independent blocks.
     temperatures = np.array([sample.temperature for sample in sim.record.samples])
     blocks = np.array([block.mean() for block in np.array_split(temperatures, 10)])
     error = blocks.std(ddof=1) / math.sqrt(10)
@@ -357,11 +357,11 @@ def test_what_cannot_be_equilibrated():
         kd.Simulation(alone, dt=DT).equilibrate(1.0, 1.0)
 
 
-# --- ending badly ---
+# --- failures ---
 
 
 def closing_in() -> kd.System:
-    """Particle 2 flies at particle 5, so fast that after a few steps it lands in its core."""
+    """Particle 2 flies at particle 5, so fast that it reaches its core after a few steps."""
     x = [[9.0, 9.0, 9.0], [20.0, 0.0, 0.0], [0.0, 0.0, 0.0], [9.0, -9.0, 0.0], [-20.0, 3.0, 0.0], [5.0, 0.0, 0.0]]
     v = np.zeros((6, 3))
     v[2, 0] = 20.0
@@ -387,14 +387,14 @@ def test_blow_up_names_step_particle_neighbour_and_frame(tmp_path):
     assert int(step) in (5, 6, 7)
     assert int(last) == (int(step) - 1) // 2 * 2
     assert float(time) == pytest.approx(int(step) * 0.0497)
-    # The state went back to the last good frame, the file is whole and ends with that frame.
+    # The state went back to the last good frame; the file is whole and ends with that frame.
     assert sim.steps_done == int(last)
     with kd.open(path) as run:
         assert [frame.step for frame in run] == list(range(0, int(last) + 1, 2))
         np.testing.assert_array_equal(run[-1].positions, sim.state.positions)
     report = sim.report()
     assert report.steps == sim.steps_done
-    # And from there a run with more care goes on.
+    # A run with shorter steps continues from this state.
     careful = kd.Simulation(closing_in(), dt=0.0005)
     careful.state = sim.state
     careful.run(500)
@@ -452,7 +452,7 @@ def test_ctrl_c_ends_a_run_cleanly(tmp_path):
     with kd.open(path) as run:
         assert run[-1].step == sim.steps_done
         np.testing.assert_array_equal(run[-1].positions, sim.state.positions)
-    sim.run(10)  # and it can go on
+    sim.run(10)  # the run can continue
 
 
 def test_ctrl_c_while_equilibrating():
@@ -472,10 +472,10 @@ def test_observers_see_each_sample():
     sim = kd.Simulation(two_bodies(), dt=0.1)
     seen = []
     sim.run(10, every=4, observe=lambda s: seen.append((s.steps_done, s.time, s.energy().total)))
-    assert [step for step, _, _ in seen] == [0, 4, 8, 10]  # counted from step 0, and the start and the end
+    assert [step for step, _, _ in seen] == [0, 4, 8, 10]  # every 4 steps from step 0, and at the start and the end
     assert [time for _, time, _ in seen] == [0.0, 0.4, 0.8, 1.0]
     sim.run(3, observe=lambda s: seen.append((s.steps_done,)))
-    assert [entry[0] for entry in seen[4:]] == [10, 11, 12, 13]  # the cadence was that run's alone
+    assert [entry[0] for entry in seen[4:]] == [10, 11, 12, 13]  # the cadence was for that run only
 
 
 def test_observers_cannot_change_the_run():
@@ -551,7 +551,7 @@ def test_report_of_a_liquid():
     assert (report.system, report.engine, report.integrator) == ("liquid", "native", "velocity-verlet")
     assert (report.particles, report.units, report.dt, report.seed, report.threads) == (216, "lj", DT, 1, 1)
     assert (report.steps, report.time, report.samples) == (500, 500 * DT, 101)
-    assert 501 <= report.force_evaluations <= 505  # and those asked for again when a list had no room
+    assert 501 <= report.force_evaluations <= 505  # includes evaluations repeated after a list was full
     assert report.steps_per_second == pytest.approx(500 / report.wall_seconds)
     e = report.energy
     assert (e.initial, e.final, e.relative_to) == (total[0], total[-1], "initial energy")

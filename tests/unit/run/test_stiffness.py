@@ -1,4 +1,4 @@
-"""Eigenvalues along solutions that are known, and the warning of a run that stability holds back."""
+"""Eigenvalues along known solutions, and the warning of a run whose steps are limited by stability."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def test_an_undamped_problem_has_no_stiffness_ratio():
 
 @pytest.mark.parametrize("jacobian", [None, robertson_jacobian])
 def test_robertsons_conserved_sum_does_not_count(jacobian):
-    """At t = 40 of the reference solution: the eigenvalues by the characteristic polynomial, less its root 0."""
+    """At t = 40 of the reference solution: eigenvalues from the characteristic polynomial, without its root 0."""
     y = [0.7158270687194307, 9.185534764558627e-06, 0.2841637457458067]
     problem = kd.Problem(robertson, y, jacobian)
     found = stiffness(problem)[0]
@@ -96,19 +96,19 @@ def test_states_along_a_run_and_its_step():
     sim.run(until=1e4, interval=1e3, observe=lambda sim: states.append(sim.state))
     ratios = [point.ratio for point in stiffness(sim, states)]
     assert len(ratios) == 11
-    assert ratios[0] == 1.0  # at rest but for the slow reaction
+    assert ratios[0] == 1.0  # at rest except for the slow reaction
     assert (np.diff(ratios) > 0).all()
     assert ratios[-1] > 1e6
     now = stiffness(sim)[0]
     assert now.step == sim.integration.stepper.last_step > 0
-    assert now.step_times_rate > 1e4  # no explicit method could
+    assert now.step_times_rate > 1e4  # too large for any explicit method
 
 
 def test_a_pair_of_particles_swings_at_its_frequency():
     r = 2 ** (1 / 6)
     pair = kd.System([[0.0, 0.0, 0.0], [r, 0.0, 0.0]], forces=[kd.LennardJones(cutoff=2.5)])
     found = stiffness(pair)[0]
-    k = 72.0 / r**2  # of the well, in epsilon / sigma^2
+    k = 72.0 / r**2  # of the potential well, in epsilon / sigma^2
     assert abs(found.fastest) == pytest.approx(np.sqrt(2 * k), rel=1e-6)
 
 
@@ -118,7 +118,7 @@ def test_a_state_of_another_problem_is_refused():
 
 
 @pytest.mark.parametrize(
-    ("name", "direction", "boundary"),  # Hairer & Wanner 1996, IV.2; dopri5 and dop853 by their figures
+    ("name", "direction", "boundary"),  # Hairer & Wanner 1996, IV.2; dopri5 and dop853 from their figures
     [("euler", -1, 2.0), ("rk4", -1, 2.785), ("rk4", 1j, 2.828), ("dormand-prince45", -1, 3.307)],
 )
 def test_boundaries_of_stability_are_those_known(name, direction, boundary):

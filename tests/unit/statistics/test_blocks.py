@@ -1,4 +1,4 @@
-"""Standard errors by block averages, on series whose error is known in closed form."""
+"""Standard errors by block averages, for series with an error in closed form."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from kickdrift.statistics.blocks import FEWEST, block_average, mean_over_frames
 
 
 def autoregressive(phi: float, k: int, series: int = 500) -> np.ndarray:
-    """(k, series) of x(i) = phi x(i - 1) + white noise of unit variance, from its stationary state."""
+    """Stationary series (k, series) of x(i) = phi x(i - 1) + white noise of unit variance."""
     noise = np.random.default_rng(7).normal(size=(k + 400, series))
     return lfilter([1.0], [1.0, -phi], noise, axis=0)[400:]
 
 
 def true_error(phi: float, k: int) -> float:
-    """Of the mean of k values: the variance times 1 + 2 sum (1 - j / k) phi^j, over k."""
+    """Standard error of the mean of k values. Its square is the variance times 1 + 2 sum (1 - j / k) phi^j, over k."""
     j = np.arange(1, k)
     return float(np.sqrt((1 + 2 * np.sum((1 - j / k) * phi**j)) / (1 - phi**2) / k))
 
@@ -30,7 +30,7 @@ def test_the_error_of_an_autoregressive_series_is_the_known_one(phi, k):
     assert np.isfinite(found.error).all()
     assert np.sqrt(np.mean(found.error**2)) == pytest.approx(true_error(phi, k), rel=0.07)
     held = np.mean(np.abs(found.value) < 2 * found.error)
-    assert 0.90 < held < 0.98  # 0.954 of a Gaussian; a few blocks have Student's tails
+    assert 0.90 < held < 0.98  # 0.954 for a Gaussian; few blocks have Student's tails
 
 
 def test_a_single_row_would_have_misjudged_it():

@@ -106,7 +106,7 @@ def test_correlation_time_of_known_noise():
     """AR(1) with coefficient f has integrated autocorrelation time (1 + f) / (2 (1 - f)) samples."""
     values = drift_statistics.autoregressive(np.random.default_rng(2), 2000, 0.8)
     result = drift(0.1 * np.arange(2000), values)
-    # log of the estimate has variance 4 / effective samples; four of its standard deviations.
+    # The log of the estimate has variance 4 / effective samples; allow four standard deviations.
     assert abs(np.log(result.correlation_time / (0.1 * 4.5))) < 4.0 * np.sqrt(4.0 / (2000 / 9.0))
     assert result.effective_samples == pytest.approx(2000 * 0.1 / (2.0 * result.correlation_time))
 
@@ -124,7 +124,7 @@ def test_correlation_time_of_known_noise():
 )
 def test_units_do_not_matter(seed, kind, scale, sign, step):
     values, _ = JUDGED[kind].make(np.random.default_rng(seed))
-    # Without noise only rounding is left, which does not scale.
+    # Without noise only rounding remains, which does not scale.
     values = values + 1e-6 * np.random.default_rng(seed + 1).normal(size=len(values))
     here = drift(np.arange(len(values)), values)
     there = drift(step * np.arange(len(values)), sign * scale * values)
@@ -142,7 +142,7 @@ def test_adding_a_line_adds_its_slope(seed, slope, clear):
     times = np.arange(400)
     added, plain = drift(times, values + slope * times), drift(times, values + clear * times)
     assert added.slope - plain.slope == pytest.approx(slope - clear, abs=1e-6 * plain.error)
-    # A small slope may be a walk's as well, and its error is then the larger one. A clear slope has the noise's error.
+    # A small slope may also be a random walk's, which has the larger error. A clear slope has the noise's error.
     assert added.error >= plain.error * (1.0 - 1e-6)
     if abs(slope) >= 0.1:
         assert added.error == pytest.approx(plain.error, rel=1e-6)
@@ -189,7 +189,7 @@ def test_long_series_is_quick_and_right():
     drifting, bounded, walking = drift(times, 0.5 * times + noise), drift(times, noise), drift(times, walk)
     assert time.perf_counter() - begin < 1.5  # three series of at most 0.5 s; some 0.03 s measured
     assert (drifting.verdict, bounded.verdict, walking.verdict) == ("secular drift", "bounded", "random walk")
-    # The noise level at zero frequency gives the standard error of the slope, n^(-3/2) sqrt(12) / (1 - f) a sample.
+    # The noise level at zero frequency gives the slope's standard error per sample, n^(-3/2) sqrt(12) / (1 - f).
     assert bounded.error == pytest.approx(1.96e3 * np.sqrt(12.0) / 0.1 / len(times) ** 1.5, rel=0.2)
     assert abs(drifting.slope - 0.5) < 2.0 * drifting.error
 
@@ -198,7 +198,7 @@ def test_long_series_is_quick_and_right():
 
 
 def rate_of(times, values):
-    """The slope of least squares."""
+    """Slope by least squares."""
     return np.polyfit(times - times.mean(), values, 1)[0]
 
 
@@ -258,7 +258,8 @@ def test_one_jump_is_no_drift():
 
 
 def test_a_walk_beneath_the_noise_is_no_drift():
-    """As the energy of a liquid with cut-off forces has it. A unit-root test alone calls half of these a drift."""
+    """The energy of a liquid with cut-off forces is such a series. A unit-root test alone calls half of these a
+    drift."""
     rng = np.random.default_rng(6)
     series = [rng.normal(size=700) + np.cumsum(rng.normal(size=700)) / np.sqrt(700.0) for _ in range(40)]
     verdicts = [drift(np.arange(700), each).verdict for each in series]
@@ -266,7 +267,7 @@ def test_a_walk_beneath_the_noise_is_no_drift():
 
 
 def test_a_folded_wave_is_no_drift():
-    """Sharp peaks, every 24.02 samples: the 24th harmonic folds to 0.35 cycles in the whole series."""
+    """Sharp peaks every 24.02 samples: the 24th harmonic is aliased to 0.35 cycles in the whole series."""
     n = np.arange(420)
     for phase in np.linspace(0.0, 6.0, 7):
         result = drift(n, 1.0 / (1.0 - 0.7 * np.cos(2.0 * np.pi * n / 24.02 + phase)) ** 3)
@@ -302,7 +303,7 @@ def test_what_is_not_resolved_foresees_nothing():
 
 
 def drift_of(sim, steps, every):
-    """The report's energy after a run, the slope of least squares and the range over the time."""
+    """Energy in a run's report, the slope by least squares and the range over the time."""
     report = sim.run(steps, every=every)
     series = sim.record.series()
     energies = (series.total - series.total[0]) / abs(series.total[0])
@@ -312,7 +313,7 @@ def drift_of(sim, steps, every):
 
 @pytest.mark.parametrize("dt", [0.1, 0.2])
 def test_rk4_of_sun_and_jupiter_loses_energy(dt):
-    """It loses 8.5e-4 at the longer step, a bend that 40 waves were fitted to."""
+    """The energy falls by 8.5e-4 at the longer step, along a curve that a fit of 40 waves could also match."""
     energy, rate, widest = drift_of(kd.Simulation(kd.load("sun-jupiter"), "rk4", dt=dt), 20_000, 20)
     assert energy.verdict == "secular drift"
     assert abs(energy.drift_per_unit_time - rate) <= energy.drift_error <= widest
@@ -349,7 +350,8 @@ def test_rk4_on_a_liquid_loses_energy():
 
 @pytest.mark.parametrize("kind", JUDGED, ids=lambda kind: kind.name)
 def test_coverage_and_verdicts(kind):
-    """Fails by chance once in 10^4 where the true coverage is 95 % and the true share of wrong verdicts 2.5 %."""
+    """By chance this fails once in 10^4 runs, if the true coverage is 95 % and the true share of wrong verdicts 2.5
+    %."""
     outcome = drift_statistics.study(kind, SERIES, seed=20)
     wrong = round(outcome.wrong * SERIES)
     assert wrong <= stats.binom.ppf(1.0 - 1e-4, SERIES, 0.025), outcome.verdicts
@@ -390,7 +392,7 @@ def test_windows_end_where_the_energy_has_changed_by_half():
 
 
 def test_rounding_beneath_a_wave_is_no_random_walk():
-    """An oscillator's energy error: a wave, and a walk of its rounding that is a billionth of it."""
+    """An oscillator's energy error is a wave, and a random walk of its rounding at a billionth of the wave."""
     rng = np.random.default_rng(5)
     times = np.arange(1000) * 0.5
     wave = 1e-3 * np.sin(1.7 * times)

@@ -1,4 +1,4 @@
-"""Bodies on orbits and clusters in system files: what they build, what their invariants are, and bad ones' one line."""
+"""Bodies on orbits and clusters in system files: the Systems, their invariants, and one line for each bad input."""
 
 import math
 
@@ -210,11 +210,11 @@ def test_a_drawn_sphere_follows_plummers_profile():
     x, v, _ = plummer(n, seed=7, scaled=False)
     b = 3 * math.pi / 16
     r, speed = np.linalg.norm(x, axis=1), np.linalg.norm(v, axis=1)
-    # Kolmogorov & Smirnov: 1.95 / sqrt(n) is passed by one draw in a thousand
+    # Kolmogorov & Smirnov: one draw in a thousand exceeds 1.95 / sqrt(n)
     limit = 1.95 / math.sqrt(n)
     inside = np.sort(r**3 / (r**2 + b**2) ** 1.5)
     assert np.abs(inside - (np.arange(n) + 0.5) / n).max() < limit
-    fraction = np.sort(speed / np.sqrt(2 / np.sqrt(r**2 + b**2)))  # of the escape speed
+    fraction = np.sort(speed / np.sqrt(2 / np.sqrt(r**2 + b**2)))  # divided by the escape speed
     grid = np.linspace(0, 1, 4001)
     density = grid**2 * (1 - grid**2) ** 3.5
     law = np.interp(fraction, grid, np.cumsum(density) / density.sum())
@@ -222,7 +222,7 @@ def test_a_drawn_sphere_follows_plummers_profile():
     for directions in (x / r[:, None], v / speed[:, None]):
         assert np.abs(directions.mean(axis=0)).max() < 4 / math.sqrt(3 * n)
         assert np.abs((directions**2).mean(axis=0) - 1 / 3).max() < 4 * 0.3 / math.sqrt(n)
-    # the virial ratio of the smooth sphere: K = 1/4 (Aarseth, Henon & Wielen 1974), |U| = 3 pi / (32 b) = 1/2
+    # virial ratio of the smooth sphere: K = 1/4 (Aarseth, Henon & Wielen 1974), |U| = 3 pi / (32 b) = 1/2
     kinetic = 0.5 * (speed**2).mean()
     assert kinetic == pytest.approx(0.25, abs=4 * 0.5 * (speed**2).std() / math.sqrt(n))
 
@@ -237,7 +237,7 @@ def test_seeds_tell_spheres_apart():
 # -- TRAPPIST-1
 
 # Days (BJD - 2450000) and one standard deviation: the posterior of Agol et al. 2021 (doi:10.3847/PSJ/abd022), from
-# data/times_obs_and_posterior.txt of github.com/ericagol/TRAPPIST1_Spitzer; the system file has its likeliest orbits.
+# data/times_obs_and_posterior.txt of github.com/ericagol/TRAPPIST1_Spitzer. The system file has the most likely orbits.
 TRANSITS = {
     "b": (7322.517901124098, 1.27e-4),
     "c": (7282.805833542454, 2.31e-4),
@@ -264,4 +264,4 @@ def test_trappist_1s_planets_transit_when_they_were_seen_to():
         (x, y, _), (v, _, _) = np.array([phase for _, phase in seen]).transpose(1, 2, 0)
         (transit,) = CubicHermiteSpline(days, x, v / 365.25).roots(extrapolate=False)
         assert abs(transit - published) < deviation, name
-        assert np.interp(transit, days, y) < 0, "in front of the star, which is seen from below"
+        assert np.interp(transit, days, y) < 0, "the planet must be in front of the star, seen from below"

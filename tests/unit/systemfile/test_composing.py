@@ -73,7 +73,7 @@ def test_a_moon_is_about_its_primary():
     found = system["Io"].elements("Jupiter")
     assert found.a == pytest.approx(421800e3 / 149597870700, rel=1e-12)
     assert (found.e, found.inc, found.f) == pytest.approx((0.004, 2.2, 50.0), rel=1e-9)
-    assert pytest.approx(1.77 / 365.25, rel=5e-3) == found.P  # Io goes round in 1.77 days
+    assert pytest.approx(1.77 / 365.25, rel=5e-3) == found.P  # Io's period is 1.77 days
     assert system["Jupiter"].elements().a == pytest.approx(5.2, rel=1e-13)
     momentum = system.state.masses @ system.state.velocities
     assert np.abs(momentum).max() < 1e-18
@@ -134,7 +134,7 @@ def test_a_new_body_leaves_the_old_system_as_it_is():
 
 
 def test_an_orbit_read_off_a_body_makes_another():
-    """A Trojan 60 degrees ahead of Jupiter, with Jupiter's own elements: what comes out goes in."""
+    """A Trojan 60 degrees ahead of Jupiter, with Jupiter's own elements: the elements of the result equal the input."""
     system = planets()
     j = system["Jupiter"].elements()
     system = system.with_body("Trojan", mass=9.5e-4, a=j.a, e=j.e, inc=j.inc, Omega=j.Omega, omega=j.omega, f=j.f)
@@ -299,7 +299,7 @@ def test_a_dict_is_a_system_file():
 
 
 class Nameless(kd.HarmonicTrap):
-    """A class of forces that nothing has registered."""
+    """A class of forces that is not registered."""
 
 
 def test_what_a_file_cannot_say_is_refused_by_name():

@@ -1,4 +1,4 @@
-"""What Python code and small files may give as numbers, counts, laws and steps; every refusal is one clear line."""
+"""Numbers, counts, laws and steps from Python code and small files; every refusal is one clear line."""
 
 import math
 import resource
@@ -280,7 +280,7 @@ def test_numbers_of_numpy_and_of_python_are_taken():
         (lambda s: kd.load(3), "system: expected the path of a file, got 3"),
         (lambda s: kd.load("plummer-1000", seed=-1), "seed must be a whole number, zero or more, got -1"),
         (lambda s: kd.open(None), "path: expected the path of a file, got None"),
-        (lambda s: kd.resume(s), "path: expected the path of a file, got System"),
+        (lambda s: kd.resume(s), "path: expected the path of a file, got <System "),
         (lambda s: kd.resume("x.h5md", system=3), "system: expected a System, got 3"),
     ],
 )  # fmt: skip
@@ -403,7 +403,7 @@ def test_laws_that_cannot_be_tried_or_mixed_are_refused():
 
 
 def circle(**changes):
-    """Two bodies of period 2 pi."""
+    """Two bodies with period 2 pi."""
     v = [[0, 0, 0], [0, 1.0, 0]]
     return kd.System([[0, 0, 0], [1.0, 0, 0]], v, [1.0, 0.0], forces=[kd.Gravity(G=1.0)], **changes)
 

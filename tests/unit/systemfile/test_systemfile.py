@@ -1,4 +1,4 @@
-"""System files: what they build, and the one line that each bad one gets."""
+"""System files: the Systems they make, and one line for each bad file."""
 
 import subprocess
 import sys

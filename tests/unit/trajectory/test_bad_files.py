@@ -1,4 +1,4 @@
-"""What is no run's file, and what happens to one on a bad day: one clear line, an exit status, a file that opens."""
+"""Files that are not a run's, and run files after failures: one clear line, an exit status, and a file that opens."""
 
 from __future__ import annotations
 
@@ -137,7 +137,7 @@ def test_info_says_what_a_kill_left(whole):
     assert "not properly: the run did not finish, and there is no report" in told
     assert "behind the last whole ones, 2 frames, 3 samples and 1 event were left half written" in told
     assert "checkpoints" in told
-    assert whole.read_bytes() == before, "info repairs nothing"
+    assert whole.read_bytes() == before, "info must repair nothing"
 
 
 ENV = dict(os.environ)
@@ -154,7 +154,7 @@ RUN = ("run", "lj-1000", "--steps", "400", "--every", "1", "--flush", "1e-6", "-
 
 
 def refused_for_room(done, path, why="disk full: "):
-    """One line, exit status 1, and a file that holds whole frames."""
+    """Check for one line, exit status 1, and a file that holds whole frames."""
     assert (done.returncode, done.stdout) == (1, ""), done.stderr
     assert done.stderr.startswith(f"kickdrift: {path}: {why}")
     assert "the file is whole and holds" in done.stderr
@@ -176,7 +176,7 @@ def test_a_limit_on_a_files_size(tmp_path):
 
 @pytest.mark.skipif(shutil.which("unshare") is None, reason="needs unshare")
 def test_the_program_on_a_full_disk(tmp_path):
-    """A tmpfs of 4 MB in a mount namespace of its own."""
+    """A tmpfs of 4 MB in a separate mount namespace."""
     path = tmp_path / "run.h5md"
     read = f"import kickdrift as kd; run = kd.open({str(path)!r}); print(len(run), run.positions.sum() > 0)"
     script = 'mount -t tmpfs -o size=4m tmpfs "$0" || exit 77; "$@"; status=$?; "$1" -c "$READ" >&2; exit $status'

@@ -1,4 +1,4 @@
-"""Damage to a run's file: a changed row is named, anything else that is wrong is one line, and a run goes on."""
+"""Damage to a run's file: a changed row is named, any other fault is one line, and the run can continue."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ RECORD, METHOD = "kickdrift/system/record", "kickdrift/method"
 
 @pytest.fixture(scope="module")
 def written(tmp_path_factory):
-    """A file with everything in it, that no test may change."""
+    """A file with every kind of content; tests must not change it."""
     path = tmp_path_factory.mktemp("damage") / "run.h5md"
     rng = np.random.default_rng(1)
     system = kd.System(rng.uniform(0, 9, (N, 3)), rng.normal(size=(N, 3)), box=(9.0,) * 3, units="metal", masses=20.0)
@@ -61,7 +61,7 @@ def changed(path, name, row, value):
 
 
 def older(path):
-    """The file as version 0.1.0 has it, without checksums."""
+    """Change the file to version 0.1.0, without checksums."""
     with h5py.File(path, "r+") as file:
         del file["kickdrift"].attrs["sha256"], file["kickdrift/checksums"]
 
@@ -150,11 +150,11 @@ def test_a_file_without_checksums_is_read_and_says_so(path, written):
     assert "no frame has one" in describe(info(path))
     changed(path, "kickdrift/samples/step", FRAMES - 1, 2**61)
     with kd.open(path) as run, pytest.raises(InputError, match="damaged: sample 5"):
-        run.sample_steps  # step 2^61 lies behind the plan's end
+        run.sample_steps  # step 2^61 is beyond the plan's end
 
 
 def test_what_older_versions_added_has_no_checksum(path):
-    """They know of none, and make the other datasets longer."""
+    """Older versions do not write checksums, but add rows to the other datasets."""
     with h5py.File(path, "r+") as file:
         for name in ("frame", "sample"):
             file[f"kickdrift/checksums/{name}"].resize(FRAMES - 2, axis=0)
@@ -183,11 +183,11 @@ def test_checksums_see_bits_and_places():
             other[0, place] ^= np.uint64(1 << bit)
             assert checksums.sums(other) != truth
         assert checksums.sums(np.roll(raw, place, axis=1)) != truth or place == 0
-    assert checksums.sums(np.zeros((1, 64))) == 1, "what was never written, 0, is no checksum of zeros"
+    assert checksums.sums(np.zeros((1, 64))) == 1, "0, the fill value, must not be a checksum of zeros"
     assert checksums.sums_of_vectors(rng.normal(size=(4, 7, 3)).astype("f4"), 3).shape == (4, 3)
 
 
-# --- what is written once ---
+# --- parts that are written once ---
 
 CHANGES = {
     "gravity": lambda file: file["kickdrift/units"].attrs.__setitem__("boltzmann", 1.5),
@@ -215,7 +215,7 @@ def test_what_the_run_was_given_is_covered_by_a_hash(path, change):
 
 
 def put_text(name, change):
-    """A file whose JSON text is another."""
+    """A file with another JSON text."""
 
     def make(file):
         text = file[name].asstr()[()]
@@ -225,7 +225,7 @@ def put_text(name, change):
 
 
 def put(name, **how):
-    """A file with another dataset, group or type in a place."""
+    """A file with another dataset, group or type at a place."""
 
     def make(file):
         del file[name]
@@ -314,7 +314,7 @@ def test_whatever_is_wrong_is_one_line(path, bad):
         assert len(line) < 400
 
 
-# --- texts, which lie in a heap ---
+# --- texts, which are in a heap ---
 
 
 def heap_of(data):
@@ -322,11 +322,11 @@ def heap_of(data):
 
 
 def reference(data, text):
-    """Where a reference to a text is; its length, heap and index are there."""
+    """Place of a reference to a text, with its length, heap and index."""
     return data.index(struct.pack("<IQ", len(text), heap_of(data)))
 
 
-HEAPS = {  # where in the heap, and the bytes there: its size at 8, the first object's index at 16 and its size at 24
+HEAPS = {  # offset and bytes: the heap's size at 8, the first object's index at 16 and its size at 24
     "zeros": (16, bytes(512)),
     "a free object of no size": (16, bytes(16)),
     "a free object for a text": (16, bytes(2)),
@@ -343,7 +343,7 @@ HEAPS = {  # where in the heap, and the bytes there: its size at 8, the first ob
 
 @pytest.mark.parametrize("change", HEAPS)
 def test_a_damaged_heap_of_texts_is_one_line(path, change):
-    """HDF5 itself would go round in some of these for ever."""
+    """HDF5 itself would loop for ever on some of these."""
     place, new = HEAPS[change]
     data = bytearray(path.read_bytes())
     place += heap_of(data)
@@ -461,7 +461,7 @@ def test_a_file_of_fixed_size_is_read_but_not_continued(path, written):
 
 
 def test_a_file_that_another_program_wrote_anew_is_not_continued(path, written):
-    """Another superblock stands elsewhere, and a commit would write into the middle of the file."""
+    """The new file has another superblock, so a commit would write into the middle of the file."""
     path.unlink()
     with h5py.File(written) as file, h5py.File(path, "w", libver="latest") as other:
         for name in file:
@@ -507,7 +507,7 @@ def test_a_checkpoint_is_decoded_as_it_was():
     assert (found["none"], found["empty"].shape, found["i"]) == (None, (0, 3), [1, "a"])
 
 
-# --- going on ---
+# --- continuation ---
 
 
 def bodies():
@@ -551,7 +551,7 @@ HURT = {
 @pytest.mark.parametrize("old", [False, True], ids=["checksums", "none"])
 @pytest.mark.parametrize("hurt", HURT)
 def test_a_run_goes_on_from_what_is_whole(whole, tmp_path, hurt, old):
-    """The damaged end is computed again, to the same bits; 50 steps more, and all is as in a run without damage."""
+    """The run computes the damaged end again with the same bits. After 50 steps more, all is as without damage."""
     path = tmp_path / "run.h5md"
     if old and hurt in ("last frame", "last frames", "last sample and checkpoint"):
         pytest.skip("nobody can tell")

@@ -1,4 +1,4 @@
-"""Exports and Universes, read back with MDAnalysis and ASE and compared with the states that were written."""
+"""Exports and Universes, read back with MDAnalysis and ASE, against the written states."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from tests.run_files import ANGSTROM, FRAMES, PS, UNITS, N, make_system, states,
 
 ase_io = pytest.importorskip("ase.io")
 MDAnalysis = pytest.importorskip("MDAnalysis")
-pytestmark = [  # MDAnalysis', of its own readers
+pytestmark = [  # of MDAnalysis, about its own readers
     pytest.mark.filterwarnings("ignore:DCDReader currently makes:DeprecationWarning"),
     pytest.mark.filterwarnings("ignore:Reader has no dt information:UserWarning"),
     pytest.mark.filterwarnings("ignore:1 A\\^3 CRYST1 record:UserWarning"),
@@ -33,7 +33,7 @@ pytestmark = [  # MDAnalysis', of its own readers
 ]
 
 PAGE = (DOCS / "export.md").read_text(encoding="utf-8")
-FLOAT32 = 3 * 2.0**-24  # three roundings: to float32, and to TRR's nm and back
+FLOAT32 = 3 * 2.0**-24  # three roundings: to float32, to nm for TRR, and back
 READ_BY_MDANALYSIS = tuple(suffix for suffix, format in formats.FORMATS.items() if format.package == "MDAnalysis")
 READ_BY_ASE = tuple(suffix for suffix, format in formats.FORMATS.items() if format.package == "ASE")
 
@@ -43,7 +43,7 @@ def path(tmp_path) -> Path:
     return tmp_path / "run.h5md"
 
 
-# -- exports, read by the programs that they are for
+# -- exports, read by their own programs
 
 
 @pytest.mark.parametrize("unwrapped", [False, True])
@@ -99,7 +99,7 @@ def test_ase_reads_what_was_exported(path, suffix, units, unwrapped):
     kd.export(path, path.with_suffix(suffix), unwrapped=unwrapped, stop=-1)
     found = ase_io.read(path.with_suffix(suffix), ":")
     assert len(found) == len(written)
-    # Of a unit of length, time and mass: in ASE's, by ASE's own constants. Nominal numbers stay as they are.
+    # Value of a unit of length, time and mass in ASE's units, by ASE's own constants. Nominal numbers stay unchanged.
     length, time, mass = {
         "metal": (1e-10 * m, 1e-12 * second, constants.atomic_mass * kg),
         "si": (m, second, kg),
@@ -109,7 +109,7 @@ def test_ase_reads_what_was_exported(path, suffix, units, unwrapped):
     for atoms, state in zip(found, written, strict=True):
         x = state.positions if unwrapped else state.wrapped()
         np.testing.assert_allclose(atoms.positions, x * length, rtol=1e-14, atol=rounded["atol"])
-        # ASE's constants are CODATA's of 2014, which makes 5e-9 of a time.
+        # ASE's constants are CODATA's of 2014, which changes times by 5e-9.
         np.testing.assert_allclose(atoms.get_velocities(), state.velocities * length / time, rtol=2e-8, atol=1e-8)
         np.testing.assert_allclose(atoms.get_masses(), state.masses * mass, rtol=1e-7)
         energy = 0.5 * np.sum(state.masses[:, None] * state.velocities**2) * mass * (length / time) ** 2
@@ -129,7 +129,7 @@ def test_ase_reads_what_was_exported(path, suffix, units, unwrapped):
 
 @pytest.mark.parametrize("units", UNITS)
 def test_ase_makes_the_system_of_a_frame_again(path, units):
-    """What `System.from_ase` reads of an export is the run's own."""
+    """`System.from_ase` reads the run's own System from an export."""
     system = make_system(units)
     written = write(path, system)
     kd.export(path, path.with_suffix(".traj"), unwrapped=True)
@@ -201,7 +201,7 @@ def test_xtc_of_reduced_units_is_near(tmp_path_factory):
 
 def test_xtc_too_coarse_for_a_far_particle_is_refused(path):
     x = np.zeros((30, 3))
-    x[17] = 0, 3000.03, 0  # float32, in which XTC is computed, has steps of 2.4e-4 there
+    x[17] = 0, 3000.03, 0  # XTC is computed in float32, whose steps are 2.4e-4 here
     system = System(x, box=(10.0, 10.0, 10.0))
     write(path, system, [system.state])
     target = path.with_suffix(".xtc")
@@ -223,7 +223,7 @@ def test_xtc_beyond_32_bits_is_refused(path, there):
 
 
 def test_xtc_spread_beyond_32_bits_is_refused(path):
-    """libxdrfile packs differences from the lowest coordinate, which must fit too."""
+    """libxdrfile stores differences from the lowest coordinate, and these must also fit."""
     x = np.zeros((30, 3))
     x[5, 2], x[7, 2] = 1.5e5, -1.5e5
     system = System(x)
@@ -332,7 +332,7 @@ def test_a_stopped_export_leaves_nothing(path, suffix):
 
 @pytest.mark.skipif(sys.platform == "win32", reason="needs a limit on the size of files")
 def test_a_full_disk_leaves_nothing(path):
-    """A limit on the size of files stands for the disk: writes beyond it fail in the same way."""
+    """A limit on file sizes stands in for the full disk: writes beyond it fail in the same way."""
     write(path, make_system("lj", n=900))
     code = """
 import resource, signal, sys

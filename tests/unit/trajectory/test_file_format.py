@@ -1,4 +1,4 @@
-"""What docs/file-format.md says is what is written: the reader made from that page against our own."""
+"""A run's file agrees with docs/file-format.md: a reader made from that page finds the same as our own."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def boxed(box):
 
 
 def written(path, system, options):
-    """A file with everything in it, three frames among five samples; the third body of three is absorbed on the way."""
+    """A file with every kind of content: three frames among five samples, and the third of three bodies is absorbed."""
     s = system.state
     with Writer(
         path, system, method={"integrator": "x"}, every=5, options=options, plan=[0, 0.0, 20, np.inf, 5, 0, 1],

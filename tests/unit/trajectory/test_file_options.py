@@ -1,4 +1,4 @@
-"""How a run's file is written: precision, compression, forces and images, the flush interval; who reads it."""
+"""Options of a run's file: precision, compression, forces and images, the flush interval; and its readers."""
 
 from __future__ import annotations
 
@@ -94,7 +94,7 @@ def test_what_is_written_is_read_and_continued(path, options):
         group = file["particles/trajectory"]
         assert group["position/value"].dtype == options.dtype
         assert group["position/value"].compression == ("gzip" if options.compress else None)
-        assert group["velocity/step"] == group["position/step"], "hard links survive compression"
+        assert group["velocity/step"] == group["position/step"], "hard links must survive compression"
         assert ("image" in group, "force" in group) == ("images" in options.write, "forces" in options.write)
         assert system_hash(file) == file["kickdrift/system"].attrs["sha256"]
     assert [each.name for each in path.parent.iterdir()] == [path.name]
@@ -129,7 +129,7 @@ def test_forces_in_real_units_are_those_that_mdanalysis_says(path, units, factor
     write(path, start, kd.FileOptions(write=("forces",)))
     universe = MDAnalysis.Universe(str(path))
     expected = forces(start, 0) * factor
-    # MDAnalysis' own constants are those of CODATA 2010.
+    # MDAnalysis' own constants are CODATA's of 2010.
     np.testing.assert_allclose(universe.trajectory[0].forces, expected, rtol=3e-7, atol=1e-7 * abs(expected).max())
     universe.trajectory.close()
     with reader.open(path) as run:
@@ -137,7 +137,7 @@ def test_forces_in_real_units_are_those_that_mdanalysis_says(path, units, factor
 
 
 def test_positions_and_images_are_those_of_h5md(path):
-    """Where there are images, a position lies in the box, and position + image x edge is where the particle is."""
+    """With images, a position is inside the box, and position + image x edge is the particle's unwrapped position."""
     start = system()
     write(path, start, kd.FileOptions(write=("images",)))
     edges = np.array(start.box.lengths)
@@ -160,7 +160,7 @@ def test_a_particle_just_below_zero_is_not_an_edge_away(path):
 
 
 def test_a_run_writes_what_it_is_asked_for(path):
-    """Forces of a run are those of its frames, here of a trap, whose law is linear."""
+    """Forces of a run are those at its frames; the trap in this run has a linear law."""
     start = kd.System([[0.5, 0, 0], [-0.5, 1, 0]], forces=[kd.HarmonicTrap(2.0)], masses=[1.0, 3.0])
     sim = kd.Simulation(start, dt=0.01)
     sim.run(20, every=5, output=path, file=kd.FileOptions(write=("forces",), flush=0.5))
@@ -217,7 +217,7 @@ def test_frames_without_forces_say_so(path):
 
 
 def test_what_waits_is_flushed_in_time_though_no_frame_follows(path):
-    """A run whose looks are far apart: what is in memory goes out while it runs on."""
+    """In a run with looks far apart, data in memory are flushed during the run."""
     start = kd.System([[0.5, 0, 0]], forces=[kd.HarmonicTrap(2.0)])
     sim = kd.Simulation(start, dt=0.01)
     seen = []

@@ -1,4 +1,4 @@
-"""The native file: what MDAnalysis and plain h5py read in it, and what kills, full disks and rivals leave of it."""
+"""Native file format: reading by MDAnalysis and plain h5py, and the file after kills, full disks and second writers."""
 
 from __future__ import annotations
 
@@ -118,7 +118,7 @@ def test_mdanalysis_opens_with_no_keyword(path, box):
         np.testing.assert_array_equal(frame.velocities, state.velocities.astype("f4"))
         assert frame.time == state.time
         assert frame.data["step"] == 20 * index
-        # The samples between frames do not shift the observables that MDAnalysis gives a frame.
+        # Samples between frames do not shift the observables that MDAnalysis assigns to a frame.
         assert frame.data["total_energy"] == sample(20 * index)["total_energy"]
         np.testing.assert_array_equal(frame.data["momentum"], sample(20 * index)["momentum"])
         assert frame.dimensions is None if box is None else list(frame.dimensions) == [*box, 90, 90, 90]
@@ -164,7 +164,7 @@ def test_si_is_stored_in_angstrom_and_ps(path):
 
 
 def test_plain_h5py_finds_h5md_1_1(path):
-    """From the H5MD 1.1 specification (de Buyl, Colberg & Höfling 2014) and the layout that `h5md.py` writes down."""
+    """Based on the H5MD 1.1 specification (de Buyl, Colberg & Höfling 2014) and the layout in `h5md.py`."""
     system = write(path, report={"verdict": "bounded"})
     with open(path, "rb") as raw:
         assert raw.read(9)[8] == 0, "superblock version 0: HDF5's earliest format"
@@ -180,7 +180,7 @@ def test_plain_h5py_finds_h5md_1_1(path):
         assert group["position/value"].dtype == group["velocity/value"].dtype == np.float64
         for key in ("step", "time"):
             for element in (group["velocity"], group["box/edges"], file["observables/momentum"]):
-                assert element[key] == group["position"][key], "a hard link to the same dataset"
+                assert element[key] == group["position"][key], "must be a hard link to the same dataset"
         for index, step in enumerate((0, 20, 40)):
             state = make_state(system, step)
             assert group["position/step"][index] == step
@@ -319,7 +319,7 @@ def test_append_to_continues_the_same_run(path):
         run_id = run.run_id
     with Writer.append_to(path, run_id) as writer:
         assert writer.last_sample[0] == writer.last_frame[0] == 40
-        for step in (40, 50, 60):  # 40 is there already and stays as it is
+        for step in (40, 50, 60):  # 40 exists already and stays unchanged
             writer.append(make_state(system, step), sample(step), frame=step != 50)
         with pytest.raises(InputError, match="ends at step 60"):
             writer.append(make_state(system, 50), sample(50))
@@ -348,7 +348,7 @@ def test_append_to_refuses_another_run(path):
 
 def test_append_to_cuts_what_a_kill_left(path):
     system = write(path)
-    with h5py.File(path, "r+") as file:  # two frames more, as if killed before the commit
+    with h5py.File(path, "r+") as file:  # two more frames, as after a kill before the commit
         run_id = file["kickdrift"].attrs["run_id"]
         for name in ("position/value", "velocity/value", "position/step"):
             file["particles/trajectory"][name].resize(5, axis=0)
@@ -365,7 +365,7 @@ def test_append_to_cuts_what_a_kill_left(path):
         np.testing.assert_array_equal(file["kickdrift/samples/step"], [0, 10, 20, 30, 40, 60])
 
 
-# -- bad days
+# -- failures
 
 CHILD = """
 import sys, numpy as np
@@ -394,7 +394,7 @@ def start_child(path) -> subprocess.Popen:
 @pytest.mark.skipif(sys.platform == "win32", reason="needs kill -9")
 @pytest.mark.parametrize("delay", [0.0, 0.03, 0.11, 0.23])
 def test_a_killed_run_leaves_whole_frames(path, delay):
-    """The child flushes every sample, so that nearly every moment is inside a flush."""
+    """The child flushes every sample, so nearly every moment is inside a flush."""
     child = start_child(path)
     time.sleep(delay)
     child.kill()
@@ -408,7 +408,7 @@ def test_a_killed_run_leaves_whole_frames(path, delay):
             assert np.all(frame.velocities == frame.step)
         np.testing.assert_array_equal(run.observables["total_energy"], run.sample_steps)
         assert run.report is None
-    with h5py.File(path) as file:  # and whoever counts frames by the positions finds the rest of them
+    with h5py.File(path) as file:  # a program that counts frames by the positions finds the other data
         n = len(file["particles/trajectory/position/value"])
         assert len(file["particles/trajectory/velocity/value"]) >= n
         assert len(file["observables/total_energy/value"]) >= n
@@ -440,7 +440,7 @@ def test_a_second_writer_in_this_process_is_refused(path):
 
 
 def test_a_full_disk_keeps_what_was_flushed(path, monkeypatch):
-    """A disk that takes half of what is new and then no more: the file is as it was, to the byte."""
+    """A disk takes half of the new data and then no more: the file is unchanged to the byte."""
     system = make_system()
     writer = Writer(path, system, method=METHOD, every=10)
     writer.append(make_state(system, 0), sample(0))
@@ -468,7 +468,7 @@ def test_a_full_disk_keeps_what_was_flushed(path, monkeypatch):
 
 
 def test_a_real_full_disk(tmp_path):
-    """A tmpfs of 4 MB in a mount namespace of the child's own; HDF5 alone dies of it at close."""
+    """A tmpfs of 4 MB in the child's own mount namespace; HDF5 alone would crash on it at close."""
     if shutil.which("unshare") is None:
         pytest.skip("needs unshare")
     code = """
@@ -564,7 +564,7 @@ def test_an_interrupt_inside_a_flush_loses_nothing(path, monkeypatch):
         np.testing.assert_array_equal(run[0].velocities, system.state.velocities)
 
 
-# -- what a user can get wrong
+# -- mistakes of users
 
 
 def test_an_existing_file_stays(path):

@@ -1,4 +1,4 @@
-"""MDAnalysis and ASE read the box of a run, whatever its shape: from the run's file and from exports."""
+"""MDAnalysis and ASE read a run's box of any shape, from the run's file and from exports."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def test_mdanalysis_reads_the_box_of_a_file(tmp_path, units, images):
     with kd.open(path) as run:
         ours = run.universe()
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # it guesses types and masses, and says that it cannot
+        warnings.simplefilter("ignore")  # MDAnalysis guesses types and masses, and warns if it cannot
         plain = MDAnalysis.Universe(str(path))
     scale = ANGSTROM.get(units, 1.0)
     for universe in (ours, plain):

@@ -1,4 +1,4 @@
-"""Run files of boxes that lean, and of boxes that are open along an axis."""
+"""Run files of leaning boxes, and of boxes that are open along an axis."""
 
 from __future__ import annotations
 
@@ -108,7 +108,7 @@ def test_info_shows_the_box(tmp_path, name, text):
 
 
 def test_frames_may_have_boxes_of_their_own(tmp_path):
-    """As the H5MD files of other programs have; no run here changes its box so far."""
+    """Other programs' H5MD files have such boxes; no run of kickdrift changes its box so far."""
     path, system = tmp_path / "run.h5md", falling(LEANING)
     s = system.state
     boxes = [kd.Box(matrix=LEANING.matrix * (1 + step / 100)) for step in range(4)]

@@ -1,4 +1,4 @@
-"""A System comes back from a run's file as it was."""
+"""A System from a run's file equals the System of the run."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ SYSTEMS = [name for name in shipped() if isinstance(load(name), kd.System)]
 
 
 def written(path, system):
-    """What the file of a run of this system says that it was."""
+    """Write the file of a run of this system, and return the System from the file."""
     with Writer(path, system, method={}, every=1):
         pass
     with kd.open(path) as run:
@@ -73,7 +73,7 @@ def test_a_force_of_ones_own_is_found_where_it_was_registered(tmp_path, monkeypa
     module.Trap, Trap.__module__, Trap.__qualname__ = Trap, module.__name__, "Trap"
     system = kd.System(np.eye(3), forces=[Trap(2.0)])
     with pytest.raises(InputError, match=r"force Trap belongs to module somebodys_forces, which is not loaded"):
-        written(tmp_path / "b.h5md", system)  # an imported class is not a registered one
+        written(tmp_path / "b.h5md", system)  # importing a class does not register it
     monkeypatch.setattr(registration, "REGISTERED", {})
     assert kd.register_force(Trap) is Trap
     same(system, written(tmp_path / "a.h5md", system))

@@ -1,4 +1,4 @@
-"""A run's frames as values: sequences that read when asked, tables, and Systems to start anew from."""
+"""Frames of a run as values: sequences that read on demand, tables, and Systems for new runs."""
 
 from __future__ import annotations
 
@@ -104,7 +104,7 @@ places = st.none() | st.integers(-FRAMES - 3, FRAMES + 3)
 
 @given(first=st.tuples(places, places, places), second=st.tuples(places, places, places))
 def test_slices_are_those_of_a_list(file, first, second):
-    """A slice, and a slice of it, in every direction, beside numpy's own."""
+    """A slice, and a slice of that slice, in every direction, against NumPy's own."""
     with kd.open(file[0]) as run:
         cuts = [slice(start, stop, step or None) for start, stop, step in (first, second)]
         part, steps = run[cuts[0]][cuts[1]], run.steps[cuts[0]][cuts[1]]
@@ -142,12 +142,12 @@ def test_nothing_is_read_before_it_is_asked_for(file, monkeypatch):
         part = run[1:9:2]
         part[1:][0].time
         assert not read
-        run.refuse_changed()  # which reads what the file says once
+        run.refuse_changed()  # reads the parts that are written once
         read.clear()
         part[-1].positions
         assert read == [(slice(7, 8, 1), slice(0, 7))]
         part.path_of(3)
-        assert read[1:] == [(slice(1, 8, 2), slice(0, 7))], "the block of particles that has one checksum, here all 7"
+        assert read[1:] == [(slice(1, 8, 2), slice(0, 7))], "one checksum covers a block of particles, here all 7"
 
 
 def test_units_of_si_come_back(tmp_path):
@@ -260,7 +260,7 @@ def test_any_frame_starts_a_new_run(tmp_path, make):
 
 
 def test_a_frames_state_is_taken_by_a_simulation(tmp_path):
-    """And a run that goes on from it goes on as the first one did."""
+    """A run that continues from the state equals the first run."""
     system = kd.System(
         [[0.0, 0, 0], [1.0, 0, 0]], [[0, -1e-3, 0], [0, 1.0, 0]], [1.0, 1e-3], forces=[kd.Gravity()], units="nbody"
     )
@@ -277,7 +277,7 @@ def test_a_frames_state_is_taken_by_a_simulation(tmp_path):
 
 
 def test_a_run_that_nobody_has_any_more_is_gone_and_so_closed(file):
-    """At once, without the garbage collector: it and its slices make no circle."""
+    """The run closes at once, without the garbage collector: the run and its slices form no reference cycle."""
     run = kd.open(file[0])
     alive, part = weakref.ref(run), run[2:]
     del run

@@ -1,4 +1,4 @@
-"""A file is data: whatever it names, nothing of it is called, and one line says what was refused."""
+"""A file is data: nothing that it names is called, and one line says what was refused."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from kickdrift.trajectory.h5md import Writer
 from kickdrift.trajectory.layout import run_hash, system_hash
 
 CANARY = "the-canary"
-FORCES = {  # module and name of what no file may name
+FORCES = {  # module and name that no file may give
     "a shell": ("os", "system"),
     "another shell": ("posix", "system"),
     "a process": ("subprocess", "Popen"),
@@ -71,7 +71,7 @@ def whole(tmp_path_factory):
 
 
 def changed(path, whole, change, where="system/record"):
-    """A copy of a run's file with other JSON in it, and the hash that belongs to it: whoever writes a file can."""
+    """A copy of a run's file with other JSON and the right hash: an attacker can write such a file."""
     path.write_bytes(whole.read_bytes())
     with h5py.File(path, "r+") as file:
         record = json.loads(file["kickdrift"][where].asstr()[()])
@@ -85,7 +85,7 @@ def changed(path, whole, change, where="system/record"):
 
 @pytest.fixture
 def called(monkeypatch):
-    """What was called with the canary, of all that a hostile file names."""
+    """Names in a hostile file that were called with the canary."""
     calls = []
     module = types.ModuleType("somebodys_module")
 
@@ -116,7 +116,7 @@ def called(monkeypatch):
 
 
 def commanded(monkeypatch, capfd, *words):
-    """Exit status, standard output and error of a command."""
+    """Exit status, standard output and standard error of a command."""
     monkeypatch.setattr(sys, "argv", ["kickdrift", *map(str, words)])
     with pytest.raises(SystemExit) as ended:
         MAIN()
@@ -135,7 +135,7 @@ def test_a_file_names_no_callable(tmp_path, whole, called, monkeypatch, capfd, k
 
     path = changed(tmp_path / "bad.h5md", whole, hostile)
     before = path.read_bytes()
-    with kd.open(path) as run:  # which is data, and can be looked at
+    with kd.open(path) as run:  # the run is data and can be read
         assert len(run) == 5
         for ask in (run.system, run[1].system, lambda: kd.resume(path), lambda: kd.resume(path, step=1)):
             with pytest.raises(
@@ -269,7 +269,7 @@ def test_a_law_of_a_loaded_file(tmp_path, monkeypatch):
             if name != "Trap":
                 assert run.system().forces == (force,)
             for table in ({}, {("loaded_law", "Mine"): kd.LennardJones} if name != "Mine" else {}):
-                with monkeypatch.context() as patch:  # a class of a module that is there is not found there
+                with monkeypatch.context() as patch:  # a class of a loaded module is not found in that module
                     patch.setattr(registration, "REGISTERED", table)
                     with pytest.raises(
                         InputError, match=f"force {name} belongs to module loaded_law, which is not loaded"
@@ -278,7 +278,7 @@ def test_a_law_of_a_loaded_file(tmp_path, monkeypatch):
     monkeypatch.delitem(sys.modules, "loaded_law")
 
 
-# --- checkpoints: compiled code looks at no bounds ---
+# --- checkpoints: compiled code checks no bounds ---
 
 
 def short(array):
@@ -346,7 +346,7 @@ def test_checkpoints_of_solvers(method):
     else:
         key = "_lsoda_solver._integrator."
         changes += [
-            lambda s: s[key + "state_ints"].__setitem__(3, 10**6),  # where its table begins
+            lambda s: s[key + "state_ints"].__setitem__(3, 10**6),  # first index of its table
             lambda s: s[key + "state_ints"].__setitem__(34, 10**6),  # its order
             lambda s: s[key + "iwork"].__setitem__(20, 10**6),  # a row
             lambda s: s.update({key + "rwork": np.zeros(3)}),
@@ -445,7 +445,7 @@ def test_processes_of_an_engine_import_nothing_from_the_folder(tmp_path, monkeyp
     monkeypatch.delenv("PYTHONPATH", raising=False)
     with pytest.raises(OSError, match="enough"):
         lammps_processes.Processes(2)
-    assert words["safe"] == "1"  # the current folder may be anybody's
+    assert words["safe"] == "1"  # the current folder may be another user's
     assert "" not in words["path"].split(os.pathsep)
 
 

@@ -1,4 +1,4 @@
-"""What MDAnalysis finds in a run's file, and what it computes from it beside our own."""
+"""MDAnalysis on a run's file: its content, and its results against our own."""
 
 from __future__ import annotations
 
@@ -60,23 +60,23 @@ def test_universe_has_all_that_the_file_knows(path, units):
 def test_mdanalysis_alone_reads_the_same(path):
     written = write(path, make_system("metal"))
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # it guesses types and masses, and says that it cannot
+        warnings.simplefilter("ignore")  # MDAnalysis guesses types and masses, and warns if it cannot
         universe = MDAnalysis.Universe(str(path))
     for ts, state in zip(universe.trajectory, written, strict=True):
         np.testing.assert_allclose(ts.positions, state.positions, rtol=1e-7)
         assert ts.time == pytest.approx(state.time, rel=1e-12)
-    # All but the time between frames, which it reads from no H5MD file; times of frames are the file's.
+    # MDAnalysis reads no time between frames from H5MD files; the times of frames are the file's.
     assert universe.trajectory.dt == 1.0
     universe.trajectory.close()
 
 
 @pytest.mark.parametrize("units", ["metal", "si"])
 def test_positions_inside_the_box_are_unwrapped(path, units):
-    """Where a run wrote images, the file has positions inside the box."""
+    """A run with images stores positions inside the box."""
     written = write(path, make_system(units), write=("images",), store="float32")
     with kd.open(path) as run:
         universe = run.universe()
-    for _ in range(2):  # also a second time through
+    for _ in range(2):  # a second pass through the frames works too
         for ts, state in zip(universe.trajectory, written, strict=True):
             np.testing.assert_allclose(ts.positions, state.positions * ANGSTROM.get(units, 1.0), rtol=0, atol=4e-6)
     again = pickle.loads(pickle.dumps(universe))
@@ -134,11 +134,11 @@ def test_a_file_without_frames_is_refused(path):
         kd.export(path, path.with_suffix(".xyz"))
 
 
-# -- what MDAnalysis computes from the file, beside our own
+# -- results that MDAnalysis computes from the file, against our own
 
 
 def on_a_grid(system: System) -> list[State]:
-    """Frames whose positions float32 holds to the last bit, as it does the box: what differs then is no rounding."""
+    """Frames whose positions and box are exact in float32, so that differences are not rounding."""
     of = states(system, range(0, 200, 20))
     for state in of:
         state.phase[0] = np.round(state.phase[0] * 1024) / 1024
@@ -154,9 +154,10 @@ def test_radial_distribution_is_ours(path):
         ours = radial_distribution(run, r_max=7.3, bins=40)
     theirs = rdf.InterRDF(universe.atoms, universe.atoms, nbins=40, range=(0.0, 7.3), exclusion_block=(1, 1)).run()
     np.testing.assert_allclose(ours.r, theirs.results.bins, rtol=1e-12)
-    np.testing.assert_allclose(ours.g, theirs.results.rdf, rtol=1e-6)  # its volume is float32
+    np.testing.assert_allclose(ours.g, theirs.results.rdf, rtol=1e-6)  # MDAnalysis' volume is float32
     ideal = len(written) * 60 * 59 * 4 / 3 * np.pi * np.diff(theirs.results.edges**3) / system.box.volume
-    # The pairs are the same ones. (It computes distances in float32, wrong by 2e-6 here; none is that near to an edge.)
+    # The pairs are the same. (MDAnalysis' distances in float32 are wrong by 2e-6 here, and none is so near to a bin's
+    # edge.)
     np.testing.assert_allclose(ours.g * ideal, theirs.results.count, rtol=1e-12)
     universe.trajectory.close()
 

@@ -1,4 +1,4 @@
-"""A file reaches no other file: what leads out of a run's file or a table is refused before anything is read."""
+"""A file gives no access to other files: links out of a run's file or a table are refused before anything is read."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ from tests import run_files
 
 SOURCE = Path(kd.__file__).parent
 FEW = 200  # objects in a file, for these tests
-SECONDS = 30  # until what waits for a pipe is interrupted
-IN_ACCESS, IN_MODIFY, IN_OPEN = 0x1, 0x2, 0x20  # of inotify(7)
+SECONDS = 30  # time limit, after which a process that waits for a pipe is interrupted
+IN_ACCESS, IN_MODIFY, IN_OPEN = 0x1, 0x2, 0x20  # events of inotify(7)
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="watches files with inotify")
 
@@ -46,7 +46,7 @@ class Canary:
         assert self._libc.inotify_add_watch(self._watch, os.fsencode(path), IN_ACCESS | IN_MODIFY | IN_OPEN) >= 0
 
     def sang(self) -> bool:
-        """Whether anybody opened, read or changed the file."""
+        """Whether the file was opened, read or changed."""
         try:
             return bool(os.read(self._watch, 4096))
         except BlockingIOError:
@@ -71,7 +71,7 @@ def _few(monkeypatch):
 
 @pytest.fixture(autouse=True)
 def _interrupted():
-    """What hangs fails."""
+    """Interrupt a test that hangs."""
 
     def late(number, frame):
         raise AssertionError("hangs")
@@ -100,7 +100,7 @@ def whole_table(tmp_path_factory):
     return path
 
 
-# --- the ways out of a file, each made in a good one ---
+# --- links out of a file, each made in a good file ---
 
 
 def external_link(file, canary):
@@ -240,7 +240,7 @@ def assert_one_line(said, path, part):
 
 
 def made(path, whole, way, canary):
-    """A copy of a good file with the way out in place of a dataset, ``x``."""
+    """A copy of a good file with the link in place of a dataset, ``x``."""
     shutil.copy(whole, path)
     with h5py.File(path, "r+") as file:
         file["x"] = 1.0
@@ -295,7 +295,7 @@ def test_no_way_leads_out_of_a_table(tmp_path, monkeypatch, capfd, whole_table, 
     assert (path.read_bytes(), canary.path.read_bytes()) == (before, canary.before)
 
 
-# --- what is no regular file ---
+# --- files that are not regular ---
 
 
 def fifo(path):
@@ -356,16 +356,16 @@ def test_a_structure_file_that_is_a_pipe(tmp_path, monkeypatch, capfd):
 def test_a_system_file_has_a_largest_size(tmp_path):
     path = tmp_path / "s.toml"
     with path.open("wb") as file:
-        file.truncate(2**40)  # of which nothing is on the disk
+        file.truncate(2**40)  # a sparse file
     with pytest.raises(InputError, match=r"s\.toml: too large: a system file has at most 16,777,216 bytes"):
         kd.load(path)
 
 
-# --- what changes meanwhile ---
+# --- changes between the check and the use ---
 
 
 def swapped(path, makes):
-    """Another thing in the file's place."""
+    """Put another object in the file's place."""
     path.rename(path.with_name("was"))
     makes(path)
 
@@ -385,7 +385,7 @@ def test_a_pipe_that_takes_the_name_between_look_and_open(tmp_path, monkeypatch,
 
 
 def test_a_link_that_takes_the_name_of_a_file_that_was_looked_at(tmp_path, monkeypatch, whole, canary):
-    """What was looked at is what is read."""
+    """The checked file is the one that is read."""
     path = Path(shutil.copy(whole, tmp_path / "run.h5md"))
     with kd.open(path) as run:
         expected = run.positions
@@ -450,7 +450,7 @@ def append_one(path):
 
 
 def test_what_has_another_name_is_not_written_to(tmp_path, whole):
-    """A hard link keeps what it has; the run goes on in a file of its own."""
+    """A hard link keeps its content; the run continues in a separate file."""
     path, other = tmp_path / "run.h5md", tmp_path / "elsewhere.h5md"
     shutil.copy(whole, other)
     os.link(other, path)
@@ -473,7 +473,7 @@ def test_a_hard_link_to_a_read_only_file(tmp_path, whole):
     assert other.read_bytes() == path.read_bytes() == whole.read_bytes()
 
 
-# --- what stays allowed ---
+# --- allowed links ---
 
 
 def test_unknown_things_that_lead_nowhere_stay_allowed(tmp_path, whole):
@@ -510,7 +510,7 @@ def test_code_that_hdf5_would_load_for_a_filter_is_not_asked_for(tmp_path, whole
 
 
 def test_a_journal_cannot_reach_behind_the_file(tmp_path, whole):
-    """What a commit left unfinished is finished inside of the file, or not at all."""
+    """An unfinished commit is finished inside the file, or not at all."""
     path = Path(shutil.copy(whole, tmp_path / "run.h5md"))
     stored = path.read_bytes()
     end = struct.unpack("<q", stored[40:48])[0]
@@ -524,7 +524,7 @@ def test_a_journal_cannot_reach_behind_the_file(tmp_path, whole):
 
 
 def test_one_module_opens_hdf5_files():
-    """Every call of h5py.File is in ``opening``."""
+    """Every call of h5py.File is in the module ``opening``."""
     found = {path.name for path in SOURCE.rglob("*.py") if "h5py.File(" in path.read_text(encoding="utf-8")}
     assert found == {"opening.py"}
 

@@ -1,4 +1,4 @@
-"""The emulated ARM processor: when two runs agree, and errors of child processes."""
+"""The emulated ARM processor: agreement of two runs, and errors of child processes."""
 
 import json
 import sys

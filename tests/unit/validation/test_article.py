@@ -25,7 +25,7 @@ def failed(rows):
 
 
 def test_every_script_has_claims():
-    """And the one that runs them all forgets none."""
+    """The script that runs all others includes every one."""
     assert {study.__name__.rpartition(".")[2] for study in STUDIES} == {*NAMES} - {"article"}
     assert all(callable(study.claims) for study in STUDIES)
 
@@ -40,7 +40,7 @@ def test_oscillator():
 
 
 def test_a_method_that_is_wrong_fails(monkeypatch):
-    """A weight of leapfrog off by one in a million."""
+    """A weight of leapfrog is wrong by one in a million."""
     method = INTEGRATORS["velocity-verlet"]
     wrong = replace(method, weights=(0.5 - 1e-6, 1.0, 0.5 + 1e-6))
     monkeypatch.setitem(INTEGRATORS, "velocity-verlet", wrong)

@@ -1,4 +1,4 @@
-"""The peaks of the machine, and the table of the kernels beside them."""
+"""Peaks of the machine, and the table of kernels with their share of the peaks."""
 
 from kickdrift_validation.performance import peaks, roofline
 from tests.folders import DOCS
@@ -7,7 +7,7 @@ from tests.folders import DOCS
 def test_peaks_are_above_what_one_chain_and_memory_give():
     found = peaks.measure(turns=3, seconds=0.01)
     one_chain = 2 * 8 / found["fma_latency_ns"]
-    assert found["fma_gflops"] > 1.5 * one_chain  # several are under way at a time
+    assert found["fma_gflops"] > 1.5 * one_chain  # several chains run at a time
     assert found["L1_gb_per_s"] > 1.5 * found["memory_gb_per_s"] > 0.0
 
 
@@ -17,7 +17,7 @@ def test_every_kernel_has_a_row_with_its_share_of_the_peak():
     rows = {row[0]: row for row in roofline.rows(found)}
     assert len(rows) == len(roofline.KERNELS)
     pair = rows["direct gravity, n = 1000"]
-    assert pair[5:8] == ["18.0", "20", "22 %"]  # 36 operations and 40 bytes in 2 ns, beside 80 a nanosecond
+    assert pair[5:8] == ["18.0", "20", "22 %"]  # 36 operations and 40 bytes in 2 ns, against 80 per nanosecond
     text = roofline.tables_of(found)
     page = (DOCS / "roofline.md").read_text(encoding="utf-8")
     for name in rows:

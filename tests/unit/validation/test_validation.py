@@ -1,4 +1,4 @@
-"""What the validation scripts rest on: the equations of state, and the scripts that take no time."""
+"""Basis of the validation scripts: the equations of state, and the scripts that take no time."""
 
 import inspect
 import json
@@ -138,7 +138,7 @@ def test_lammps_missing_is_not_a_failure(monkeypatch):
 
 
 def test_integrators_in_small(capsys):
-    """One of each kind; the claims are about those."""
+    """One method of each kind; the claims cover the others."""
     rows = list(integrators.study(["symplectic-euler", "rk4", "dormand-prince45"]))
     assert {row["verdict"] for row in rows} == {"pass"}
     assert len(rows) == 9
@@ -181,7 +181,7 @@ def test_what_agrees_with_a_bound(bound, found, holds):
 
 
 def test_the_pages_table_is_the_registrys():
-    """Else: python -m kickdrift_validation.integrators --docs docs/integrators.md"""
+    """If this fails, run: python -m kickdrift_validation.integrators --docs docs/integrators.md"""
     page = (DOCS / "integrators.md").read_text(encoding="utf-8")
     assert page.split(integrators.BEGIN)[1].split(integrators.END)[0].strip() == integrators.docs_table()
 
@@ -216,7 +216,8 @@ def test_verdicts_on_chaos_are_judged():
 
 
 def test_leading_terms_in_rational_numbers():
-    """By hand for forward Euler: E = (1 + dt^2) / 2 - (1 + dt^2)^(-1/2) after one step. RK4's is that of a step."""
+    """Forward Euler by hand: E = (1 + dt^2) / 2 - (1 + dt^2)^(-1/2) after one step. RK4's term is also that of one
+    step."""
     assert kepler_energies.energy_of_a_step(integrator("euler"))[:5] == [0, 0, 1, 0, Fraction(-3, 8)]
     exponent, c = kepler_energies.leading("rk4")
     sim = kd.Simulation(kepler(eccentricity=0.0), "rk4", dt=0.05)
@@ -224,7 +225,7 @@ def test_leading_terms_in_rational_numbers():
     assert gained == pytest.approx(float(c) * 0.05**exponent, rel=0.01)
 
 
-@pytest.mark.filterwarnings("ignore::UserWarning")  # MDAnalysis guesses masses, and says so
+@pytest.mark.filterwarnings("ignore::UserWarning")  # MDAnalysis warns that it guesses masses
 def test_the_file_for_mdanalysis_tests_is_its_reference(tmp_path):
     MDAnalysis = pytest.importorskip("MDAnalysis")
     mdanalysis_readers.write(tmp_path / "run.h5md")
@@ -243,7 +244,7 @@ def test_the_file_for_mdanalysis_tests_is_its_reference(tmp_path):
 
 
 def test_each_fault_has_one_place():
-    """A planted fault replaces exactly one place of the source, or planting fails."""
+    """A planted fault must replace exactly one place of the source."""
     package = Path(kd.__file__).parent
     faults = planted.FAULTS
     assert len({fault.name for fault in faults}) == len(faults) == 10

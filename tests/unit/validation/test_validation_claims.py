@@ -1,4 +1,4 @@
-"""What the claims rest on: sums in NumPy, quadrature, anomalies, matrices. Nothing here compiles a loop."""
+"""Basis of the claims: sums in NumPy, quadrature, anomalies, matrices. Nothing here compiles a loop."""
 
 import math
 from decimal import Decimal
@@ -95,7 +95,7 @@ def test_the_period_of_a_small_swing():
 
 @pytest.mark.parametrize("name", ["circle", "ellipse, e = 0.9", "parabola", "hyperbola, e = 3"])
 def test_anomalies_solve_keplers_problem(name):
-    """Energy and angular momentum stay, and the velocity is the slope of the place."""
+    """Energy and angular momentum are constant, and the velocity is the derivative of the position."""
     q, v = closed_forms.CONICS[name]
     with mpmath.workdps(closed_forms.DIGITS):
         for t in (0.3, 2.0):
@@ -150,7 +150,7 @@ def test_slopes_and_places():
     assert np.abs(r - force_gradients.CUTOFF).min() > force_gradients.CLEAR
 
 
-# --- peers that are missing ---
+# --- missing peers ---
 
 
 @pytest.mark.parametrize("name", ["lj_ase", "solar_system_rebound"])

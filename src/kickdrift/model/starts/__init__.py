@@ -1,1 +1,1 @@
-"""Where Systems begin: lattices, velocities, star clusters, orbits and the planets."""
+"""Initial states: lattices, velocities, star clusters, orbits and the planets."""

@@ -1,4 +1,4 @@
-"""Positions and velocities to start from, and the check that no two particles of a start overlap."""
+"""Initial positions and velocities, and the check that no two particles overlap."""
 
 from __future__ import annotations
 
@@ -32,8 +32,8 @@ LATTICES: dict[str, tuple[tuple[float, float, float], ...]] = {
     "fcc": ((0.25, 0.25, 0.25), (0.25, 0.75, 0.75), (0.75, 0.25, 0.75), (0.75, 0.75, 0.25)),
 }
 
-MOST = 10**8  # particles on a lattice, however large the memory
-OVERLAP = 0.3  # of a force's shortest length; at 0.3 sigma Lennard-Jones is 7 million epsilon
+MOST = 10**8  # most particles on a lattice, whatever the memory
+OVERLAP = 0.3  # part of a force's shortest length; at 0.3 sigma Lennard-Jones is 7 million epsilon
 
 
 def lattice(kind: str, count: int, density: float) -> tuple[Floats, tuple[float, float, float]]:
@@ -42,14 +42,14 @@ def lattice(kind: str, count: int, density: float) -> tuple[Floats, tuple[float,
     Parameters
     ----------
     kind : "sc", "bcc" or "fcc"
-    count : particles; k^3, 2 k^3 or 4 k^3, so that the lattice goes on across the periodic faces without a gap
+    count : particles; k^3, 2 k^3 or 4 k^3, so that the lattice continues across the periodic faces without a gap
     density : particles per volume
 
     Raises
     ------
     InputError
         For another kind, for a density that is not positive and finite, and for a count that leaves the last cells
-        part empty; the message names the nearest counts that do not.
+        part empty; the message names the nearest counts that fill all cells.
     """
     check_lattice(kind, LATTICES, count, density)
     sites = np.array(LATTICES[kind])
@@ -71,8 +71,8 @@ def lattice(kind: str, count: int, density: float) -> tuple[Floats, tuple[float,
 
 
 def check_lattice(kind: str, kinds: Iterable[str], count: int, density: float) -> None:
-    """Refuse a lattice that is none of the ``kinds``, a count that is no number of particles, and a density that is not
-    positive and finite."""
+    """Refuse a lattice that is not among the ``kinds``, a wrong count of particles, and a density that is not positive
+    and finite."""
     if kind not in kinds:
         raise InputError(f"lattice: expected one of {', '.join(kinds)}, got {kind!r}{suggestion(kind, kinds)}")
     if isinstance(count, bool) or not isinstance(count, int | np.integer) or not 1 <= count <= MOST:
@@ -85,12 +85,12 @@ def check_lattice(kind: str, kinds: Iterable[str], count: int, density: float) -
 def maxwell_boltzmann(
     masses: ArrayLike, temperature: float, boltzmann: float, seed: int, dimensions: int = 3
 ) -> Floats:
-    """Velocities (n, 3) drawn from the Maxwell-Boltzmann distribution, then made exact.
+    """Velocities (n, 3) drawn from the Maxwell-Boltzmann distribution, then adjusted to the exact temperature.
 
-    The total momentum is taken out and the velocities are scaled so that 2 K = d (N - 1) k_B T holds to rounding. N is
-    the number of particles that have a mass and d the number of dimensions. Massless ones stand still. The draws are
-    NumPy's PCG64 with ``seed``; they are the same on every machine, but NumPy does not promise normal deviates across
-    its versions.
+    The total momentum is subtracted, and the velocities are scaled so that 2 K = d (N - 1) k_B T holds to rounding. N
+    is the number of particles with a mass and d the number of dimensions. Massless particles stand still. The draws are
+    from NumPy's PCG64 with ``seed`` and are the same on every machine. NumPy may change its normal deviates between
+    versions.
 
     Parameters
     ----------
@@ -113,7 +113,7 @@ def maxwell_boltzmann(
     if np.count_nonzero(moving) < 2:
         raise InputError("temperature: needs two or more particles with mass, since the total momentum is removed")
     draws = rng.standard_normal((len(m), dimensions))[moving]
-    weight = m[moving, None] / m.max()  # relative masses keep kilograms of single atoms clear of underflow
+    weight = m[moving, None] / m.max()  # relative masses, since single atoms in kilograms would underflow
     drawn = draws / np.sqrt(weight)
     drawn -= (weight * drawn).sum(axis=0) / weight.sum()
     wanted = dimensions * (len(drawn) - 1) * (boltzmann * temperature / m.max())
@@ -130,8 +130,8 @@ def drawn_velocities(system: Subject, temperature: float | str | None, seed: int
 
 
 class Structure(NamedTuple):
-    """Particles to start from: masses are one number or each their own; edges and velocities where they are known,
-    and the seed where they were drawn; ``barycentric`` ones are to be moved there."""
+    """Particles of an initial state. ``masses`` is one number or one for each. Edges and velocities are None if
+    unknown, ``seed`` if nothing was drawn. ``barycentric`` particles are still to be moved to their centre of mass."""
 
     positions: Floats
     masses: Any
@@ -146,7 +146,7 @@ class Structure(NamedTuple):
 
 
 def read_structure(path: Path, units: UnitSystem) -> Structure:
-    """The last structure in any file that ASE reads: positions, cell, masses, symbols as species, momenta if any.
+    """Last structure in any file that ASE reads: positions, cell, masses, symbols as species, momenta if any.
 
     ASE's units are angstrom, u and eV, so ``units`` must be metal. The cell must be orthorhombic, along x, y, z.
     """
@@ -162,9 +162,9 @@ def read_structure(path: Path, units: UnitSystem) -> Structure:
         _check_xyz(path)
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # what ASE says of keys that are not read here
-            atoms = read(path.absolute())  # a name such as postgres… would be taken for a database
-    except Exception as error:  # each of ASE's readers raises its own
+            warnings.simplefilter("ignore")  # ASE warns of keys that are not used here
+            atoms = read(path.absolute())  # ASE would take a name such as postgres… for a database
+    except Exception as error:  # each of ASE's readers raises errors of its own
         raise InputError(f"ASE cannot read {path}: {shown(str(error) or type(error).__name__)}") from None
     if len(atoms) == 0:
         raise InputError(f"{path} holds no atoms")
@@ -178,14 +178,14 @@ def read_structure(path: Path, units: UnitSystem) -> Structure:
         raise InputError(f"{path} is periodic along some axes only; expected all three or none")
     masses = atoms.get_masses()
     velocities = None
-    if atoms.has("momenta"):  # u angstrom per ASE's own time unit, in which a mass of 1 u is coherent
+    if atoms.has("momenta"):  # in u angstrom over ASE's unit of time, in which a mass of 1 u is coherent
         velocities = atoms.get_momenta() / masses[:, None] / math.sqrt(units.coherent_mass)
     return Structure(atoms.positions, masses, atoms.get_chemical_symbols(), edges, bool(atoms.pbc.all()), velocities)
 
 
 def _check_xyz(path: Path) -> None:
-    """Refuse an xyz file that claims more atoms or columns than its bytes can hold; ASE would collect them without
-    end."""
+    """Refuse an xyz file that claims more atoms or columns than its bytes can hold; ASE would collect these for
+    ever."""
     size, frame = path.stat().st_size, 0
     with path.open("rb") as file:
         while (head := file.readline().strip()).isdigit():
@@ -201,14 +201,15 @@ def _check_xyz(path: Path) -> None:
 
 
 def generator(seed: int) -> np.random.Generator:
-    """NumPy's PCG64 with that seed; an InputError where the seed is no whole number, zero or more."""
+    """NumPy's PCG64 with this seed. Raises InputError unless the seed is a whole number, zero or more."""
     if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
         raise InputError(f"seed: expected a whole number, zero or more, got {shown(seed)}")
     return np.random.Generator(np.random.PCG64(int(seed)))
 
 
 def mixture(fractions: Mapping[str, float], count: int, seed: int) -> list[str]:
-    """``count`` names in the given fractions, as near as whole particles allow, in an order drawn with the seed."""
+    """List of ``count`` names in the given fractions, as near as whole particles allow, in a random order by the
+    seed."""
     share = {name: part * count for name, part in fractions.items()}
     whole = {name: int(part + 1e-9) for name, part in share.items()}
     most_cut = sorted(share, key=lambda name: whole[name] - share[name])
@@ -220,18 +221,19 @@ def mixture(fractions: Mapping[str, float], count: int, seed: int) -> list[str]:
 
 
 def check_overlaps(system: Subject) -> None:
-    """Raise an InputError that names the closest pair and its distance, where two particles overlap.
+    """Raise an InputError that names the closest pair and its distance if two particles overlap.
 
-    Overlapping means: nearer than ``OVERLAP`` times the smallest length that any force names in its ``shortest()``;
-    where none does, at the very same place. Distances are between nearest images. Without forces nothing overlaps, and
-    with those alone that say ``may_overlap``; massless particles, which do not act on each other, may be at one place.
+    Particles overlap if they are nearer than ``OVERLAP`` times the smallest length in any force's ``shortest()``; if no
+    force has such a length, only at the very same place. Distances are between nearest images. Without forces, and if
+    all forces have ``may_overlap``, nothing overlaps. Massless particles do not act on each other and may be at one
+    place.
     """
     if all(getattr(force, "may_overlap", False) for force in system.forces) or len(system) < 2:
         return
     lengths = [length for force in system.forces if (length := getattr(force, "shortest", lambda: None)())]
     wrapped = np.asarray(system.state.wrapped())
     massless = system.state.masses == 0
-    order = np.lexsort((massless, *wrapped.T))  # of those at one place the massive ones come first
+    order = np.lexsort((massless, *wrapped.T))  # at one place, massive particles come first
     same = np.flatnonzero(np.all(wrapped[order[1:]] == wrapped[order[:-1]], axis=1) & ~massless[order[:-1]])
     if same.size:
         first, second = sorted((int(order[same[0]]), int(order[same[0] + 1])))

@@ -1,8 +1,10 @@
-"""Coordinates of planetary systems: barycentric, heliocentric, democratic heliocentric and Jacobi's, and back.
+"""Coordinates of planetary systems: barycentric, heliocentric, democratic heliocentric and Jacobi's, and their
+inverses.
 
-Arrays are (…, n, 3), the central body first, with masses (n,) or (…, n); massless bodies may stand anywhere but
-there. Row 0 of every other coordinate is the centre of mass of all, so that no information is lost and each map has an
-inverse, exact but for rounding. Positions and velocities go through the same linear map, except in ``democratic``.
+Arrays are (…, n, 3), the central body first, with masses (n,) or (…, n). Massless bodies may be in any row but the
+first. In all coordinates but barycentric, row 0 is the centre of mass of all bodies. So no information is lost and each
+map has an inverse, exact to rounding. Positions and velocities go through the same linear map, except in
+``democratic``.
 
 Sources: Murray & Dermott 1999, 9.2 (Jacobi); Duncan, Levison & Lee 1998, doi:10.1086/300541 (democratic heliocentric).
 """
@@ -19,7 +21,7 @@ from kickdrift.text import shown, suggestion
 
 
 def barycentre(x: ArrayLike, masses: ArrayLike) -> Floats:
-    """(…, 3), the mean of the rows of x (…, n, 3), weighted with the masses."""
+    """Mean (…, 3) of the rows of x (…, n, 3), weighted with the masses."""
     x, m = _checked(x, masses, heavy_first=False)
     return np.einsum("...n,...nk->...k", m, x) / m.sum(axis=-1, keepdims=True)
 
@@ -39,21 +41,21 @@ def to_heliocentric(x: ArrayLike, masses: ArrayLike) -> Floats:
 
 
 def from_heliocentric(x: ArrayLike, masses: ArrayLike) -> Floats:
-    """The inverse of ``to_heliocentric``."""
+    """Inverse of ``to_heliocentric``."""
     x, m = _checked(x, masses)
     central = x[..., :1, :] - _share(m, x, m.sum(axis=-1, keepdims=True))
     return np.concatenate([central, x[..., 1:, :] + central], axis=-2)
 
 
 def to_democratic(x: ArrayLike, v: ArrayLike, masses: ArrayLike) -> tuple[Floats, Floats]:
-    """Heliocentric positions and barycentric velocities, a canonical pair; row 0 of both is the centre of mass's."""
+    """Heliocentric positions and barycentric velocities, a canonical pair; row 0 of both is of the centre of mass."""
     relative, moving = to_barycentric(v, masses)
     relative[..., 0, :] = moving
     return to_heliocentric(x, masses), relative
 
 
 def from_democratic(x: ArrayLike, v: ArrayLike, masses: ArrayLike) -> tuple[Floats, Floats]:
-    """The inverse of ``to_democratic``."""
+    """Inverse of ``to_democratic``."""
     v, m = _checked(v, masses)
     moving = v[..., :1, :]
     central = moving - _share(m, v, m[..., :1])
@@ -68,10 +70,10 @@ def to_jacobi(x: ArrayLike, masses: ArrayLike) -> Floats:
 
 
 def from_jacobi(x: ArrayLike, masses: ArrayLike) -> Floats:
-    """The inverse of ``to_jacobi``."""
+    """Inverse of ``to_jacobi``."""
     x, m = _checked(x, masses)
     share = (m / np.cumsum(m, axis=-1))[..., 1:, None] * x[..., 1:, :]
-    # The centre of the rows before i is that of all, less what i and the rows after it have moved it by.
+    # Centre of the rows before i: the centre of all rows, less the shifts by row i and the rows after it.
     before = x[..., :1, :] - np.cumsum(share[..., ::-1, :], axis=-2)[..., ::-1, :]
     central = before[..., :1, :] if x.shape[-2] > 1 else x
     return np.concatenate([central, x[..., 1:, :] + before], axis=-2)
@@ -81,9 +83,10 @@ FRAMES = ("heliocentric", "jacobi", "barycentric")
 
 
 def attracting_masses(masses: ArrayLike, frame: str) -> Floats:
-    """(n - 1,) masses that, times G, are the mu of each body's orbit in a frame of ``FRAMES``, the central one's not.
+    """Masses (n - 1,) whose product with G is the mu of each body's orbit in a frame of ``FRAMES``, without the central
+    body.
 
-    Heliocentric: its own and the central body's; jacobi: its own and those before it; barycentric: all.
+    Heliocentric: the body and the central body; jacobi: the body and all bodies before it; barycentric: all bodies.
     """
     m = np.asarray(masses, dtype=float)
     _known(frame)
@@ -93,7 +96,8 @@ def attracting_masses(masses: ArrayLike, frame: str) -> Floats:
 
 
 def about_centre(x: ArrayLike, masses: ArrayLike, frame: str) -> Floats:
-    """(…, n - 1, 3): each body relative to what it orbits in a frame of ``FRAMES``; goes for velocities too."""
+    """Positions (…, n - 1, 3) of the bodies relative to their centres of motion in a frame of ``FRAMES``; velocities
+    too."""
     _known(frame)
     if frame == "barycentric":
         return to_barycentric(x, masses)[0][..., 1:, :]
@@ -101,7 +105,7 @@ def about_centre(x: ArrayLike, masses: ArrayLike, frame: str) -> Floats:
 
 
 def at_barycentre(x: ArrayLike, masses: ArrayLike, frame: str) -> Floats:
-    """(…, n, 3) relative to the centre of mass, from rows in a frame of ``FRAMES``; row 0 of x is not looked at."""
+    """Rows (…, n, 3) relative to the centre of mass, from rows in a frame of ``FRAMES``; row 0 of x is ignored."""
     _known(frame)
     x, m = _checked(x, masses)
     x = np.concatenate([np.zeros_like(x[..., :1, :]), x[..., 1:, :]], axis=-2)
@@ -112,7 +116,7 @@ def at_barycentre(x: ArrayLike, masses: ArrayLike, frame: str) -> Floats:
 
 
 def _share(masses: Floats, x: Floats, by: Floats) -> Floats:
-    """(…, 1, 3) sum of m x over the rows but the first, over a mass (…, 1)."""
+    """Sum (…, 1, 3) of m x over all rows but the first, divided by a mass (…, 1)."""
     return np.asarray((np.einsum("...n,...nk->...k", masses[..., 1:], x[..., 1:, :]) / by)[..., None, :])
 
 

@@ -5,8 +5,8 @@ a hyperbola (e > 1). The semi-major axis a = q / (1 - e) is negative on a hyperb
 inclination inc, the longitude of the ascending node Omega and the argument of pericentre omega give the orientation of
 the orbit. The true anomaly f gives the body's place on it. Angles are in radians here (system files have degrees).
 
-An angle that is not defined is zero: Omega where inc is 0 or pi, omega where e = 0. The other angles then count from
-the x axis, or from the node, so that elements give back the same state.
+An undefined angle is zero: Omega if inc is 0 or pi, omega if e = 0. The other angles then count from the x axis, or
+from the node, so that elements give back the same state.
 
 Source: Murray & Dermott 1999, Solar System Dynamics, ch. 2, doi:10.1017/CBO9781139174817.
 """
@@ -48,7 +48,7 @@ class Elements(NamedTuple):
 
     @property
     def E(self) -> Floats:
-        """Eccentric anomaly; on a hyperbola the H of e sinh H - H; nan on a parabola."""
+        """Eccentric anomaly; on a hyperbola H, with e sinh H - H the mean anomaly; nan on a parabola."""
         e = np.asarray(self.e, dtype=float)
         return np.where(e == 1.0, np.nan, universal_anomaly(e, self.f) * np.sqrt(np.abs(1.0 - e)))
 
@@ -90,8 +90,8 @@ def states(
 ) -> tuple[Floats, Floats]:
     """Positions and velocities (…, 3) relative to the centre, of bodies on orbits with these elements.
 
-    Arguments are numbers or arrays, broadcast together. With a time T the state is right to rounding on every conic:
-    within 3.4 eps of its size, measured against 50 digits for e from 0 to 30 up to half a period, or 1000 sqrt(q^3/mu).
+    Arguments are numbers or arrays, broadcast together. For a time T the state's error is within 3.4 eps of its size on
+    every conic, measured against 50 digits for e from 0 to 30 up to half a period, or 1000 sqrt(q^3/mu).
 
     Parameters
     ----------
@@ -139,8 +139,7 @@ def states(
 def elements(positions: ArrayLike, velocities: ArrayLike, mu: ArrayLike) -> Elements:
     """Elements (…) of bodies at positions and velocities (…, 3) relative to the centre.
 
-    A body that moves straight to or from the centre has no plane: its e is 1, its q 0 and its angles nan.
-
+    A body that moves straight to or from the centre has no orbital plane: its e is 1, its q 0 and its angles nan.
     Parameters
     ----------
     mu : G times the masses of centre and body; a number or (…)
@@ -178,7 +177,7 @@ def elements(positions: ArrayLike, velocities: ArrayLike, mu: ArrayLike) -> Elem
 
 
 def true_anomaly(M: ArrayLike, e: ArrayLike) -> Floats:
-    """True anomaly f (radians) from the mean anomaly M, on an ellipse or a hyperbola, right to rounding."""
+    """True anomaly f (radians) from the mean anomaly M, on an ellipse or a hyperbola, accurate to rounding."""
     m, e_ = np.broadcast_arrays(numbers("M", M), numbers("e", e))
     _refuse(~(e_ >= 0) | ~np.isfinite(e_), "e", e_, "expected an eccentricity, zero or more")
     _refuse(~np.isfinite(m), "M", m, "expected a finite number")
@@ -213,7 +212,7 @@ def _in_plane(
         turn = TAU / root**3
         s = anomaly_at(lapse - np.where(alpha > 0, np.round(lapse / turn) * turn, 0.0), e)
     c0, c1, c2, _ = stumpff(alpha * s * s)
-    r = 1.0 + e * s * s * c2  # over q
+    r = 1.0 + e * s * s * c2  # in units of q
     wide = np.sqrt(1.0 + e)
     return q * (1.0 - s * s * c2), q * wide * s * c1, -speed * s * c1 / r, speed * wide * c0 / r
 

@@ -1,4 +1,4 @@
-"""The Sun and the planets as JPL's ephemeris DE421 has them, to make system files from; no run needs it.
+"""Sun and planets in JPL's ephemeris DE421, for making system files; no run needs it.
 
 Folkner, Williams & Boggs 2009, The Planetary and Lunar Ephemeris DE421, IPN Progress Report 42-178. Read with the
 packages jplephem and de421: pip install 'kickdrift[ephemeris]'.
@@ -20,7 +20,7 @@ from kickdrift.text import shown, suggestion
 
 DAY = 86400.0
 J2000 = 2451545.0
-EARTH_MOON = "Earth-Moon"  # their barycentre
+EARTH_MOON = "Earth-Moon"  # barycentre of the Earth and the Moon
 SOLAR_SYSTEM = (
     "Sun", "Mercury", "Venus", EARTH_MOON, "Mars", "Jupiter", "Saturn", "Uranus", "Neptune", "Pluto",
 )  # fmt: skip
@@ -49,17 +49,17 @@ class EphemerisStates(NamedTuple):
 
 
 def ephemeris_states(when: float | str | date, bodies: Sequence[str] = SOLAR_SYSTEM) -> EphemerisStates:
-    """The bodies' states and G M at a date.
+    """States and G M of bodies at a date.
 
     Parameters
     ----------
     when : a Julian date, or a calendar date ("2000-01-01T12:00", a datetime), both as barycentric dynamical time (TDB)
-    bodies : names from ``BODIES``; "Earth-Moon" is the barycentre of the two
+    bodies : names from ``BODIES``; "Earth-Moon" is the barycentre of the Earth and the Moon
 
     Raises
     ------
     InputError
-        For a date that DE421 does not reach, a body that it does not have, and where the packages are missing.
+        For a date or a body that DE421 does not have, and if the packages are missing.
     """
     known = {name.lower(): name for name in BODIES}
     if isinstance(bodies, str) or not len(bodies):
@@ -80,7 +80,7 @@ def ephemeris_states(when: float | str | date, bodies: Sequence[str] = SOLAR_SYS
 
 
 def julian_date(when: float | str | date) -> float:
-    """The Julian date of a calendar date, or the number itself."""
+    """Julian date of a calendar date; a number is returned as it is."""
     if isinstance(when, str):
         try:
             when = datetime.fromisoformat(when)
@@ -102,7 +102,7 @@ def julian_date(when: float | str | date) -> float:
 
 
 def calendar(julian: float) -> str:
-    """The calendar date of a Julian date."""
+    """Calendar date of a Julian date."""
     return (datetime(2000, 1, 1, 12) + timedelta(days=julian - J2000)).isoformat(timespec="minutes")
 
 
@@ -116,7 +116,7 @@ def _de421() -> Any:
 
 
 def _state(ephemeris: Any, name: str, day: float) -> Floats:
-    """(2, 3) barycentric position and velocity, km and km/day."""
+    """Barycentric position and velocity, shape (2, 3), in km and km/day."""
     if name in ("Earth", "Moon"):  # the ephemeris has their barycentre, and the Moon relative to the Earth
         from_earth = _read(ephemeris, "moon", day)
         share = 1.0 / (1.0 + ephemeris.EMRAT)

@@ -11,12 +11,12 @@ from kickdrift.errors import InputError
 from kickdrift.model.starts.builders import check_lattice
 from kickdrift.model.state import Floats
 
-# Sites of one rectangular cell in units of its edges, moved off its sides, and the cell's height over its width.
+# Sites of one rectangular cell in units of its edges, moved off its sides, and the ratio of height to width.
 PLANE_LATTICES: dict[str, tuple[tuple[tuple[float, float], ...], float]] = {
     "square": (((0.5, 0.5),), 1.0),
     "hexagonal": (((0.25, 0.25), (0.75, 0.75)), math.sqrt(3.0)),
 }
-LONGEST = 1.5  # times the shorter edge of a hexagonal lattice, which fills no square
+LONGEST = 1.5  # largest ratio of the edges of a hexagonal lattice, which cannot fill a square
 
 
 def plane_lattice(kind: str, count: int, density: float) -> tuple[Floats, tuple[float, float]]:
@@ -25,17 +25,17 @@ def plane_lattice(kind: str, count: int, density: float) -> tuple[Floats, tuple[
     Parameters
     ----------
     kind : "square" or "hexagonal"
-        Hexagonal: each particle has six nearest neighbours. Its rows lie along x.
+        Hexagonal: each particle has six nearest neighbours. The rows lie along x.
     count : particles
-        k^2 for a square. 2 a b for the hexagonal lattice, which fills a rectangle as near to a square as a and b
-        allow; the longer edge is at most 1.5 times the shorter one.
+        k^2 for a square. 2 a b for the hexagonal lattice, which fills a rectangle as near to a square as a and b allow;
+        the longer edge is at most 1.5 times the shorter one.
     density : particles per area
 
     Raises
     ------
     InputError
         For another kind, for a density that is not positive and finite, and for a count that leaves the last cells
-        part empty; the message names the nearest counts that do not.
+        part empty; the message names the nearest counts that fill all cells.
     """
     check_lattice(kind, PLANE_LATTICES, count, density)
     sites, height = PLANE_LATTICES[kind]
@@ -58,7 +58,7 @@ def plane_lattice(kind: str, count: int, density: float) -> tuple[Floats, tuple[
 
 
 def _cells(kind: str, count: int) -> tuple[int, int] | None:
-    """Numbers of cells along x and y that fill a rectangle as near to a square as may be; None where none do."""
+    """Numbers of cells along x and y in the rectangle nearest to a square; None if there is none."""
     sites, height = PLANE_LATTICES[kind]
     cells, rest = divmod(count, len(sites))
     if rest or not cells:

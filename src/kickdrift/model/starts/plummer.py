@@ -12,8 +12,8 @@ from kickdrift.model.checks import whole_number
 from kickdrift.model.starts.builders import generator
 from kickdrift.model.state import Floats
 
-MOST_SCALED = 50_000  # stars whose potential energy is summed over all pairs: some ten seconds
-BLOCK = 4_000_000  # pairs of that sum at a time
+MOST_SCALED = 50_000  # most stars whose potential energy is summed over all pairs, in some ten seconds
+BLOCK = 4_000_000  # pairs that are summed at a time
 
 
 def plummer(count: int, seed: int, scaled: bool = True) -> tuple[Floats, Floats, Floats]:
@@ -29,8 +29,8 @@ def plummer(count: int, seed: int, scaled: bool = True) -> tuple[Floats, Floats,
     ----------
     count : stars, two or more
     scaled : stretch lengths and velocities, so that the energy of these very stars is -1/4 and twice their kinetic
-        energy is minus their potential energy, to rounding. Otherwise both hold for the smooth sphere, and a drawn one
-        misses them by some 1 / sqrt(count). It sums over pairs: refused above 50,000 stars.
+        energy is minus their potential energy, to rounding. Unscaled, both hold for the smooth sphere, and drawn stars
+        deviate by some 1 / sqrt(count). Scaling sums over pairs and is refused above 50,000 stars
     """
     count = whole_number("count", count, 2)
     check_room("count", count)
@@ -41,7 +41,7 @@ def plummer(count: int, seed: int, scaled: bool = True) -> tuple[Floats, Floats,
         )
     rng = generator(seed)
     b = 3 * math.pi / 16
-    within = np.minimum(np.cbrt(rng.random(count)), 1.0 - 1e-15)  # the cube root of the mass inside of r
+    within = np.minimum(np.cbrt(rng.random(count)), 1.0 - 1e-15)  # the cube root of the mass inside r
     r = b * within / np.sqrt(1.0 - within**2)
     x = r[:, None] * _directions(rng, count)
     escape = np.sqrt(2.0) * (r**2 + b**2) ** -0.25
@@ -51,7 +51,7 @@ def plummer(count: int, seed: int, scaled: bool = True) -> tuple[Floats, Floats,
     v -= v.mean(axis=0)
     if scaled:
         potential, kinetic = -_pair_sum(x) / count**2, 0.5 * float(np.sum(v**2)) / count
-        x *= -2.0 * potential  # to U = -1/2 and K = 1/4
+        x *= -2.0 * potential  # scales to U = -1/2 and K = 1/4
         v *= math.sqrt(0.25 / kinetic)
     return x, v, masses
 
@@ -63,7 +63,7 @@ def _directions(rng: np.random.Generator, count: int) -> Floats:
 
 
 def _speeds(rng: np.random.Generator, count: int) -> Floats:
-    """Fractions of the escape speed, by von Neumann's rejection: the density is nowhere above 0.1 (0.0922)."""
+    """Fractions of the escape speed by von Neumann's rejection. The density is at most 0.0922, below the bound 0.1."""
     taken = np.empty(0)
     while len(taken) < count:
         q, level = rng.random(2 * count), 0.1 * rng.random(2 * count)
@@ -72,7 +72,7 @@ def _speeds(rng: np.random.Generator, count: int) -> Floats:
 
 
 def _pair_sum(x: Floats) -> float:
-    """The sum of 1 / r over pairs."""
+    """Sum of 1 / r over pairs."""
     rows = max(1, BLOCK // len(x))
     total = 0.0
     for start in range(0, len(x), rows):

@@ -16,9 +16,9 @@ from kickdrift.model.system import System
 class Change(NamedTuple):
     """Result of an event that acts on bodies."""
 
-    system: System  # with the remaining bodies
+    system: System  # the remaining bodies
     y: Floats
-    done: str  # words for the log
+    done: str  # text for the log
     gone: int | None = None  # row of a body that left
     survivor: int | None = None  # row of the body that absorbed it
 
@@ -37,13 +37,13 @@ def changed(event: Collision | Escape, system: System, y: Floats, bodies: tuple[
 
 
 def without(system: System, y: Floats, gone: int) -> tuple[System, Floats]:
-    """The system and y (2, 3, n) less one body."""
+    """Return the system and y (2, 3, n) without one body."""
     left = system.remaining(np.arange(len(system)) != gone, y, system.state.masses, system.radii)
     return left, left.state.phase.copy()
 
 
 def merged(system: System, y: Floats, survivor: int, absorbed: int) -> tuple[System, Floats]:
-    """The system and y with two bodies made one, in the survivor's place.
+    """Return the system and y with two bodies merged, at the survivor's index.
 
     Mass, momentum, centre of mass and volume are conserved. The lost energy and spin are not recorded.
     """
@@ -59,7 +59,8 @@ def merged(system: System, y: Floats, survivor: int, absorbed: int) -> tuple[Sys
 
 
 def joined(radii: Floats, survivor: int, absorbed: int) -> Floats:
-    """Copy of radii (n,) in which one body has taken another's volume. The absorbed body's radius stays in it."""
+    """Copy of radii (n,) in which the survivor has taken the other body's volume. The other radius stays in the
+    array."""
     radii = radii.copy()
     radii[survivor] = np.cbrt(radii[survivor] ** 3 + radii[absorbed] ** 3)
     return radii
@@ -74,14 +75,14 @@ def bounced(masses: Floats, y: Floats, i: int, j: int, restitution: float) -> Fl
     normal = y[0, :, i] - y[0, :, j]
     normal /= np.linalg.norm(normal)
     speed = float((y[1, :, i] - y[1, :, j]) @ normal)
-    impulse = -(1.0 + restitution) * speed / (masses[i] + masses[j])  # over m_i m_j
+    impulse = -(1.0 + restitution) * speed / (masses[i] + masses[j])  # divided by m_i m_j
     y[1, :, i] += impulse * masses[j] * normal
     y[1, :, j] -= impulse * masses[i] * normal
     return y
 
 
 def remaining_memory(first: Any, system: Any) -> Memory | None:
-    """Remaining bodies of ``first`` in a system, and their start; None if all remain."""
+    """Remaining bodies of ``first`` in a system, and their start; None if all bodies remain."""
     if system is first:
         return None
     state = system.state

@@ -11,7 +11,7 @@ import numpy as np
 from kickdrift.errors import RunError
 from kickdrift.model.event_log import Row, entry
 from kickdrift.model.events import Between, Crossing
-from kickdrift.model.memory import Remembering
+from kickdrift.model.memory import Checkpointed
 from kickdrift.model.state import Floats
 from kickdrift.model.subject import index_of
 from kickdrift.model.system import System
@@ -22,10 +22,10 @@ if TYPE_CHECKING:
     from kickdrift.model.problem import Problem
 
 
-class Crossings(Remembering):
+class Crossings(Checkpointed):
     """Zeros of scalars."""
 
-    keeps = ("_signs", "_last", "_fresh")
+    saved = ("_signs", "_last", "_fresh")
 
     def __init__(self, events: Sequence[Crossing], subject: System | Problem) -> None:
         self._events = events
@@ -59,7 +59,7 @@ class Crossings(Remembering):
         self._indices = np.array([self._rows[m] for m in self._built], dtype=np.int64).reshape(-1, 2).T.copy()
         functions = [self._events[self._live[m]].function for m in self._built]
         self._approach = np.array([f.quantity == "approach" for f in functions if isinstance(f, Between)], dtype=bool)
-        # Scalars of two bodies come first, then functions. Each has its value and its last sign other than zero.
+        # Scalars of two bodies come first, then functions. Each has its value and its last nonzero sign.
         self._order = [*self._built, *self._own]
         self._values, self._signs = np.zeros(len(self._order)), np.zeros(len(self._order))
         self._last: Floats | None = None
@@ -106,10 +106,13 @@ class Crossings(Remembering):
         if rows is not None:
             quantity = event.function.quantity  # type: ignore[union-attr]
             return approach(y, *rows) if quantity == "approach" else float(y[0, 2, rows[0]] - y[0, 2, rows[1]])
-        copies = (y[0].T.copy(), y[1].T.copy()) if isinstance(self._subject, System) else (y.reshape(-1).copy(),)
+        if isinstance(self._subject, System):
+            arguments = (y[0].T.copy(), y[1].T.copy())
+        else:
+            arguments = (y.reshape(-1).copy(), *self._subject.args)
         where = f"event {event.name!r}: step {step} (t = {time:.9g})"
         try:
-            given = event.function(time, *copies)  # type: ignore[operator]
+            given = event.function(time, *arguments)  # type: ignore[operator]
         except Exception as error:  # a user's function may raise anything
             raise RunError(" ".join(f"{where}: raised {type(error).__name__}: {error}".split())) from error
         try:

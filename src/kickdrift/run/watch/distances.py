@@ -10,7 +10,7 @@ from kickdrift.forces.central import gravitational_constant
 from kickdrift.model.event_checks import binding
 from kickdrift.model.event_log import Row, entry
 from kickdrift.model.events import CloseApproach, Collision, Escape
-from kickdrift.model.memory import Memory, Remembering
+from kickdrift.model.memory import Checkpointed, Memory
 from kickdrift.model.state import Floats
 from kickdrift.model.subject import index_of
 from kickdrift.model.system import System
@@ -21,10 +21,10 @@ if TYPE_CHECKING:
     pass
 
 
-class Approaches(Remembering):
+class Approaches(Checkpointed):
     """Passages of a `CloseApproach`."""
 
-    keeps = ("_closest_of",)
+    saved = ("_closest_of",)
 
     def __init__(self, event: CloseApproach, system: System) -> None:
         self.event = event
@@ -94,10 +94,10 @@ class Approaches(Remembering):
         return [self._entry(int(p), "going on") for p in np.flatnonzero(np.isfinite(self._closest_of[:, 0]))]
 
 
-class Contacts(Remembering):
+class Contacts(Checkpointed):
     """Contacts of a `Collision`."""
 
-    keeps = ("radii", "_touching")
+    saved = ("radii", "_touching")
 
     def __init__(self, event: Collision, system: System) -> None:
         self.event = event
@@ -155,10 +155,10 @@ class Contacts(Remembering):
         self._touching |= (self._pairs == np.array(bodies)[:, None]).all(axis=0)
 
 
-class Escapes(Remembering):
+class Escapes(Checkpointed):
     """Bodies that meet an `Escape`."""
 
-    keeps = ("_known_ids", "_known")
+    saved = ("_known_ids", "_known")
 
     def __init__(self, event: Escape, system: System) -> None:
         self.event = event

@@ -118,7 +118,7 @@ def turning_points(c, points):
                 count += 1
             continue
         halve(stack[top], left, right)
-        if right[0] == 0.0:  # a zero exactly at the middle, which neither half shows
+        if right[0] == 0.0:  # a zero exactly at the middle, which neither half counts
             right[0] = -1e-30 * right[1]
         stack[top], stack[top + 1] = right, left
         spans[top, 0], spans[top, 1] = middle, b

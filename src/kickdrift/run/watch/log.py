@@ -18,8 +18,8 @@ class Recorded(Protocol):
 class Log:
     """Entries for the record of a run.
 
-    The present of an adaptive run may lie inside a step, but the search covers whole steps. An event beyond the present
-    waits until the present reaches it.
+    The present of an adaptive run may lie inside a step, but the search covers whole steps. A later event waits until
+    the present reaches it.
     """
 
     def __init__(self, run: Recorded) -> None:
@@ -58,7 +58,7 @@ class Log:
         return [[due, row] for due, row in self._waiting]
 
     def recall(self, memory: Any) -> None:
-        """Restore waiting entries. An InputError refuses anything else."""
+        """Restore waiting entries. Raises InputError for anything else."""
         self._waiting = [(due, row) for due, row in memory]
         if not all(isinstance(due, int | float) and is_row(row) for due, row in self._waiting):
-            raise InputError("checkpoint: what its events wait for are none")
+            raise InputError("checkpoint: its waiting events are invalid")

@@ -31,7 +31,7 @@ class Search:
     ----------
     log : entries for the run's record
     trials : shorter steps, for positions inside a step
-    act, span : the first event that changes the bodies, and the step that it is in; None if there is none
+    act, span : the first event that changes the bodies, and its step; None if there is none
     """
 
     def __init__(self, run: Watched, events: Sequence[Event]) -> None:
@@ -55,7 +55,7 @@ class Search:
             watch.begin(self._run.system)
 
     def begin_crossings(self) -> None:
-        """Take the signs of crossings anew: a jump is no crossing."""
+        """Read the signs of crossings again, because a jump of the state is no crossing."""
         self._crossings.begin(self._run.system)
 
     def prepare(self, inner: Stepper) -> None:
@@ -86,7 +86,7 @@ class Search:
             watch.follow(system)
 
     def know(self, act: Act) -> None:
-        """Report this contact, or this escape, no further."""
+        """Report this contact, or this escape, only once."""
         if isinstance(act.event, Collision):
             for contacts in self._contacts:
                 contacts.touch(act.bodies)
@@ -97,7 +97,7 @@ class Search:
     # --- steps ---
 
     def scan(self, inner: Stepper, y0: Floats, t0: float, y1: Floats, t1: float) -> None:
-        """Log the events of a span up to the first that changes the bodies, and keep that event in ``act``."""
+        """Log the events of a span up to the first that changes the bodies, and store that event in ``act``."""
         step, whole = inner.steps_done, None
         for watch in self._contacts:
             if watch.scan(y0, t0, y1, t1, step):
@@ -124,7 +124,7 @@ class Search:
         return Span(y0, t0, y1, t1, step, lambda time: self.trials.at(y0, t0, time, step))
 
     def _escaped(self, watch: Escapes, span: Span) -> list[tuple[float, Row]]:
-        """Entries for escapes that only need logging. The first of the others becomes ``act``."""
+        """Entries for escapes that are only logged. The first of the others becomes ``act``."""
         found = []
         for act in watch.gone(span):
             if watch.event.action == "log":
@@ -136,7 +136,7 @@ class Search:
         return found
 
     def going_on(self) -> list[Row]:
-        """Passages that have begun and not ended at the present."""
+        """Entries for passages that have not ended."""
         rows = self.log.waiting_rows + [row for watch in self._approaches for row in watch.going_on()]
         return [{**row, "done": "going on"} for row in rows if row["time"] <= self._run.time]
 

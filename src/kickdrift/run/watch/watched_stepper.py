@@ -1,11 +1,11 @@
 """A stepper that searches each step for events and lets these change the bodies.
 
 It replaces the method's own stepper, which it uses through the ``Stepper`` protocol. The search covers whole steps of
-the method. So neither samples nor the pieces that a run is cut into change the events, their times, or the run's bits.
-There is one exception. If f depends on time and the method chooses its steps, the last step of a run until some time
-ends at this time, because f may have no value beyond.
+the method. So neither samples nor the division of a run change the events, their times, or the run's bits. There is one
+exception: if f depends on time, an adaptive run's last step before a given end time ends there, because f may have no
+value beyond.
 
-The present of an adaptive run may lie inside a step. An event beyond the present waits until the present reaches it.
+The present of an adaptive run may lie inside a step. A later event waits until the present reaches it.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ from kickdrift.run.watch.watcher import Watcher
 if TYPE_CHECKING:
     from kickdrift.integrators.stepper import Stepper
 
-MOST_ACTS = 1000  # most collisions at one time: balls that come to rest on each other bounce for ever
-NEVER_BACK = -1  # in place of a survivor, for a body that was removed
+MOST_ACTS = 1000  # most collisions at one time: balls at rest on each other would bounce for ever
+NEVER_BACK = -1  # survivor's id for a removed body
 
 
 class Events(Watcher):
@@ -54,17 +54,17 @@ class WatchedStepper:
     Attributes
     ----------
     inner : the method's own stepper; a new one after bodies have left
-    stopped : the event that ended the last run, in words, or ""
+    stopped : text of the event that ended the last run, or ""
     absorbed : id of the survivor, or ``NEVER_BACK``, by the id of each body that left
     horizon : time of the last sample before the next ``advance``
-    end : last time at which f may be evaluated; the step beyond is cut off there, and searched like others
+    end : last time at which f may be evaluated; a step beyond is cut off there, and searched like others
     first : the system with all its bodies, including those that have left
     acting : whether an event may change conserved quantities
     """
 
     def __init__(self, run: Watched, inner: Stepper, events: Sequence[Event]) -> None:
         self._run, self.inner = run, inner
-        self.first = run.system  # with all its bodies
+        self.first = run.system  # has all bodies
         self.stopped = ""
         self.horizon = self.end = np.inf
         self.absorbed: dict[int, int] = {}
@@ -110,7 +110,7 @@ class WatchedStepper:
         return self.inner.reached(inside_step)
 
     def reset(self, y: Floats, time: float, steps: int) -> None:
-        """Begin anew at y, and forget all events. Bodies that left stay away."""
+        """Restart from y and forget all events. Bodies that left do not return."""
         self.inner.reset(y, time, steps)
         self.forget()
 
@@ -202,7 +202,7 @@ class WatchedStepper:
         return self._run.system
 
     def _apply(self, act: Act) -> int:
-        """Let an event act, at its time. With fixed steps, complete the rest of the step."""
+        """Apply an event at its time. With fixed steps, complete the rest of the step."""
         span, self._search.act = self._search.span, None
         assert span is not None
         event, step, adaptive = act.event, span.step, self._run.method.chooses_steps
@@ -213,7 +213,7 @@ class WatchedStepper:
             pair = " and ".join(self._system.body(i) for i in act.bodies)
             raise RunError(
                 f"step {step} (t = {act.time:.9g}): more than {MOST_ACTS} collisions at one time, the last of {pair}: "
-                f"bodies come to rest on each other, which bounces cannot say"
+                f"bodies come to rest on each other, which bounces cannot describe"
             )
         if event.action == "stop":
             self._stop(act, span)
@@ -248,7 +248,7 @@ class WatchedStepper:
         self.stopped = f"{names} {what} at t = {act.time:.9g}"
 
     def _change(self, act: Act, y: Floats, step: int) -> None:
-        """Bounce, merge or remove bodies, and begin anew."""
+        """Bounce, merge or remove bodies, and restart from y."""
         system, event = self._system, act.event
         row = entry(system, event.kind, act.time, step, act.bodies, act.distance, "")
         before = self._run.sample_at(y, act.time)
@@ -270,7 +270,7 @@ class WatchedStepper:
         self._run.bodies_changed()
 
     def going_on(self) -> list[Row]:
-        """Passages that have begun and not ended at the present."""
+        """Entries for passages that have not ended."""
         return self._search.going_on()
 
 

@@ -1,0 +1,130 @@
+"""Comparison of integrators on a user's own system: which method, and which step?"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any
+
+from numpy.typing import ArrayLike
+
+from kickdrift.analysis import work_precision as work
+from kickdrift.analysis.compared_methods import chosen_methods
+from kickdrift.analysis.comparison import Comparison
+from kickdrift.analysis.recommendation import recommendation
+from kickdrift.display.showing import Bar, progress_bar
+from kickdrift.errors import InputError
+from kickdrift.integrators.asked import Integrator
+from kickdrift.model.problem import Problem
+from kickdrift.model.system import System
+from kickdrift.systemfile.python_file import problem_of, refuse_beside
+from kickdrift.systemfile.reading import load
+from kickdrift.text import shown
+
+
+def compare(
+    subject: System | Problem | str | os.PathLike[str] | Callable[..., Any],
+    integrators: str | Integrator | Sequence[str | Integrator] | None = None,
+    *,
+    time: float | None = None,
+    accuracy: float | None = None,
+    length: float | None = None,
+    seed: int | None = None,
+    threads: int = 1,
+    progress: bool | Callable[[int, int], Any] | None = None,
+    y0: ArrayLike | None = None,
+    t_span: Sequence[float] | None = None,
+    args: Sequence[Any] | None = None,
+    jacobian: Callable[..., Any] | None = None,
+    energy: Callable[..., Any] | None = None,
+    exact: Callable[[float], Any] | None = None,
+    **options: Any,
+) -> Comparison:
+    """Measure work against precision: the error and the cost of each integrator over steps or tolerances.
+
+    Takes about a minute, as ``kickdrift compare`` does. Errors are against a closed form or a reference run with more
+    correct digits; in chaos the energy error takes their place.
+
+    Parameters
+    ----------
+    subject : System, Problem, a system file or a shipped system's name, or a function f(t, y), given with ``y0``
+    integrators : names, or values of ``kickdrift.integrator``; default a choice that suits the subject
+    time : length of the pilot runs; default about a minute's worth
+    accuracy : wanted relative error; the result then has a ``recommendation`` of a method and a step
+    length : length of the planned run; default the subject's
+    seed : seed of random velocities of a system file
+    threads : number of threads; they do not change the results but the seconds
+    progress : True shows a bar; a function is called as ``progress(done, of)``
+    y0, t_span, args, jacobian, energy, exact : beside a function: values at the start; the times of start and end; and
+        as a `Problem` takes them
+    options : options for the methods that take them, such as ``corrector=17``
+
+    Returns
+    -------
+    Comparison
+        With ``rows``, ``slopes``, ``recommendation``, ``plot()`` and ``as_json()``; ``print`` shows the tables.
+
+    Raises
+    ------
+    InputError
+        For arguments that make no sense, and methods that cannot run the subject.
+    RunError
+        For a subject with neither a reference nor an energy.
+    """
+    function = {"y0": y0, "t_span": t_span, "args": args, "jacobian": jacobian, "energy": energy, "exact": exact}
+    found, asked = _subject(subject, seed, {key: value for key, value in function.items() if value is not None})
+    if not (progress is None or isinstance(progress, bool) or callable(progress)):
+        raise InputError(f"compare: progress must be True, False or a function, got {shown(progress)}")
+    names = [integrators] if isinstance(integrators, str | Integrator) else integrators
+    with progress_bar(quiet=progress is not True) as bar:
+        label: Callable[[str], Bar] = bar
+        if callable(progress) and not isinstance(progress, bool):
+            told = progress
+            label = lambda text: told  # noqa: E731
+        return compared(found, names, label, time, accuracy, length, threads, options, asked)
+
+
+def compared(
+    subject: System | Problem,
+    integrators: Sequence[str | Integrator] | None,
+    bar: Callable[[str], Bar],
+    time: float | None,
+    accuracy: float | None,
+    length: float | None,
+    threads: int,
+    options: dict[str, Any],
+    asked: str = "",
+    begin: Callable[[], None] = lambda: None,
+) -> Comparison:
+    """The Comparison of a System or Problem, with a recommendation for an ``accuracy``.
+
+    ``begin`` is called after the arguments are checked, ``bar`` as ``bar(label)``; ``asked`` names the subject."""
+    work.check_arguments(time, length, accuracy, threads)
+    if isinstance(subject, System):
+        subject = subject.watched(())  # every method and step is compared with one reference trajectory
+    chosen_methods(subject, integrators, options)
+    begin()
+    start = work.equilibrated(subject, threads, bar)
+    found = work.work_precision(
+        subject, integrators, time, whole=length, accuracy=accuracy, start=start, threads=threads, options=options,
+        progress=bar("comparing"),
+    )  # fmt: skip
+    advice = recommendation(found, accuracy) if accuracy is not None else None
+    return replace(found, recommendation=advice, asked=asked)
+
+
+def _subject(subject: Any, seed: int | None, function: dict[str, Any]) -> tuple[System | Problem, str]:
+    """The System or Problem, and what the command line calls it."""
+    if callable(subject) and not isinstance(subject, System | Problem | type):
+        if seed is not None:
+            raise InputError("seed: a function draws no velocities")
+        return problem_of(subject, function.pop("y0", None), **function), ""
+    refuse_beside(function, subject)
+    if isinstance(subject, str | os.PathLike):
+        return load(subject, seed), os.fspath(subject)
+    if not isinstance(subject, System | Problem):
+        raise InputError(f"compare: takes a System, a Problem, a system's name or a function, got {shown(subject)}")
+    if seed is not None:
+        raise InputError("seed: only a system file draws velocities here; this System has its own")
+    return subject, ""

@@ -1,0 +1,1 @@
+"""Objects as people see them: text, HTML, progress bars."""

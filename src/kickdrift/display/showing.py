@@ -1,0 +1,190 @@
+"""Objects, tables and progress as people see them: lines of text, HTML in notebooks, bars on a terminal."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from html import escape
+from time import monotonic
+from typing import Any
+
+from kickdrift.text import CELL, clean
+
+KEY = 17  # width of a line's key
+NOTEBOOK_SECONDS = 0.2  # between updates of a bar in a notebook
+
+Lines = list[tuple[str, str]]
+Table = tuple[str | None, list[str], list[list[str]]]  # title, columns, rows
+Bar = Callable[[int, int], Any]
+
+ABOVE: dict[str, Callable[[], Callable[..., Any]]] = {}  # by what a function makes, what loads it from a layer above
+
+
+def above(what: str) -> Callable[..., Any]:
+    """The function of a layer above that makes ``what``; the package's ``__init__`` fills the table."""
+    return ABOVE[what]()
+
+
+class Shown:
+    """An object that prints as tables and as lines of key and text, and that a notebook shows as tables."""
+
+    _lines_first = False  # whether the lines stand above the tables
+
+    def _lines(self) -> Lines:
+        """Return each line's key and text; a line that goes on has an empty key."""
+        raise NotImplementedError
+
+    def _tables(self) -> list[Table]:
+        """Return the tables above the lines."""
+        return []
+
+    def __str__(self) -> str:
+        lines = "\n".join(clean(f"{key:{KEY}} {text}").rstrip() for key, text in self._lines())
+        tables = [text_table(*each) for each in self._tables()]
+        return "\n\n".join(part for part in ([lines, *tables] if self._lines_first else [*tables, lines]) if part)
+
+    def _repr_html_(self) -> str:
+        lines = [html_table(None, [], found)] if (found := self._lines()) else []
+        tables = [html_table(*each) for each in self._tables()]
+        return "\n".join(lines + tables if self._lines_first else tables + lines)
+
+
+def lines_of(shown: Shown) -> Lines:
+    """Each line's key and text, of an object that prints itself."""
+    return shown._lines()
+
+
+def tables_of(shown: Shown) -> list[Table]:
+    """Title, columns and rows of each table, of an object that prints itself."""
+    return shown._tables()
+
+
+def text_table(title: str | None, columns: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """A table as text: the columns side by side, a line below their names."""
+    body = [[clean(cell, CELL) for cell in row] for row in (columns, *rows)]
+    widths = [max(map(len, column)) for column in zip(*body, strict=True)]
+    lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in body]
+    lines.insert(1, "  ".join("-" * width for width in widths))
+    return "\n".join([clean(title), *lines] if title else lines)
+
+
+def html_table(title: str | None, columns: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """A table for a notebook: the first cell of each row is its heading. All texts are escaped."""
+
+    def row(cells: Sequence[str], tags: Sequence[str]) -> str:
+        made = [
+            f'<{tag} style="text-align: left">{escape(clean(text))}</{tag}>'
+            for text, tag in zip(cells, tags, strict=True)
+        ]
+        return f"<tr>{''.join(made)}</tr>"
+
+    body = [row(cells, ["th", *["td"] * (len(cells) - 1)]) for cells in rows]
+    head = [row(columns, ["th"] * len(columns))] if columns else []
+    caption = [f"<caption>{escape(clean(title))}</caption>"] if title else []
+    return "\n".join(["<table>", *caption, *head, *body, "</table>"])
+
+
+@contextmanager
+def following(progress: bool | Callable[..., Any] | None, label: str) -> Iterator[Callable[..., Any] | None]:
+    """Yield what is called with the progress: a bar for True, the function itself, or None for False and None."""
+    if progress is True:
+        with progress_bar() as bar:
+            yield bar(label)
+    else:
+        yield progress or None
+
+
+@contextmanager
+def progress_bar(quiet: bool = False) -> Iterator[Callable[[str], Bar]]:
+    """Yield ``bar(label)``, which returns a function (done, of) that moves a bar: on standard error where this is a
+    terminal, in a notebook below its cell, else nowhere."""
+    if not quiet and _in_notebook():
+        yield _notebook_bar
+        return
+    if not _has_terminal(quiet):
+        yield lambda label: _nothing
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+    layout = (
+        TextColumn("{task.description}", markup=False),
+        BarColumn(),
+        TextColumn("{task.percentage:3.0f} %"),
+        TimeRemainingColumn(),
+    )
+    with Progress(*layout, console=Console(stderr=True), transient=True) as progress:
+
+        def bar(label: str) -> Bar:
+            task = progress.add_task(clean(label, CELL), total=None)
+            return lambda done, of: progress.update(task, completed=done, total=of)
+
+        yield bar
+
+
+@contextmanager
+def members_bar(quiet: bool = False) -> Iterator[Callable[[int, int, int], None] | None]:
+    """Yield a function (done, of, failed) that shows these with the rate and the remaining time; None without a
+    terminal or notebook."""
+    if not quiet and _in_notebook():
+        bar = _notebook_bar("members")
+        yield lambda done, of, failed: bar(done, of)
+        return
+    if not _has_terminal(quiet):
+        yield None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    rate = TextColumn("{task.fields[rate]}")
+    layout = TextColumn("members"), BarColumn(), MofNCompleteColumn(), rate, TimeRemainingColumn()
+    with Progress(
+        *layout, TextColumn("{task.fields[failed]}"), console=Console(stderr=True), transient=True
+    ) as progress:
+        task = progress.add_task("members", total=None, rate="", failed="")
+        begun: list[int] = []
+
+        def show(done: int, of: int, failed: int) -> None:
+            if not begun:  # members done earlier have no rate
+                begun.append(done)
+                progress.reset(task, total=of, completed=done)
+            speed = progress.tasks[0].speed
+            rate = f"{speed:.3g}/s" if speed else ""
+            progress.update(task, completed=done, rate=rate, failed=f"{failed} failed" if failed else "")
+
+        yield show
+
+
+def _has_terminal(quiet: bool) -> bool:
+    """Whether bars can be seen on standard error."""
+    return not quiet and sys.stderr is not None and sys.stderr.isatty()
+
+
+def _in_notebook() -> bool:
+    """Whether the program runs in a notebook, which has loaded IPython."""
+    ipython = sys.modules.get("IPython")
+    shell = ipython.get_ipython() if ipython else None
+    return shell is not None and type(shell).__name__ not in ("TerminalInteractiveShell", "InteractiveShell")
+
+
+def _notebook_bar(label: str) -> Bar:
+    """A bar below the notebook's cell, which goes when all is done."""
+    from IPython.display import HTML, display  # type: ignore[import-not-found]
+
+    handle = display(HTML(""), display_id=True)
+    last = 0.0
+
+    def show(done: int, of: int) -> None:
+        nonlocal last
+        if done < of and monotonic() - last < NOTEBOOK_SECONDS:
+            return
+        last = monotonic()
+        text = f"{escape(label)} <progress value={done} max={of}></progress> {100 * done // max(of, 1)} %"
+        handle.update(HTML(text if done < of else ""))
+
+    return show
+
+
+def _nothing(done: int, of: int) -> None:
+    """Ignore progress: no bar is shown."""

@@ -1,0 +1,54 @@
+"""Lines that describe a System or a Problem to people."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from kickdrift.display.showing import Lines, Shown
+from kickdrift.text import counted
+
+
+class ShownSystem(Shown):
+    """A System that prints what it holds."""
+
+    def __repr__(self: Any) -> str:
+        return f"<System {self.name}: {counted(len(self), 'particle')}>"
+
+    def _lines(self: Any) -> Lines:
+        units = self.units
+        lines = [
+            ("system", self.name),
+            ("particles", f"{len(self):,} ({', '.join(self.species)})"),
+            ("box", self.box.described(units.symbol("length"))),
+            *([("dimensions", "2")] if self.dimensions == 2 else []),
+            ("units", f"{units.name}: {units.described(('length', 'time', 'mass', 'energy'))}"),
+            *(("force", str(force)) for force in self.forces),
+            *_run_line(self),
+        ]
+        if self.equilibration:
+            wanted = vars(self.equilibration).items()
+            lines.append(("equilibrate", ", ".join(f"{key} = {value}" for key, value in wanted)))
+        return lines
+
+
+class ShownProblem(Shown):
+    """A Problem that prints what it holds."""
+
+    def __repr__(self: Any) -> str:
+        return f"<Problem {self.name}: {counted(len(self), 'unknown')}>"
+
+    def _lines(self: Any) -> Lines:
+        about = [key for key in ("jacobian", "energy", "exact") if getattr(self, key)]
+        return [
+            ("system", self.name),
+            ("problem", f"{counted(len(self), 'unknown')}, separable: {'yes' if self.separable else 'no'}"),
+            ("y0", f"{', '.join(f'{value:.10g}' for value in self.y0)} at t = {self.t0:g}"),
+            ("known", ", ".join(about) or "only f"),
+            *_run_line(self),
+        ]
+
+
+def _run_line(subject: Any) -> Lines:
+    """The defaults of a run, if there are any."""
+    said = ", ".join(f"{key} = {value}" for key, value in subject.run.said().items())
+    return [("run", said)] if said else []

@@ -1,0 +1,33 @@
+"""A run's file as people see it: its content in lines, and its figures."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from kickdrift.display.showing import Lines, Shown, above
+
+
+class ShownRun(Shown):
+    """An open run's file that prints what ``kickdrift info`` prints, and draws what ``kickdrift plot`` draws."""
+
+    def _lines(self) -> Lines:
+        return above("run lines")(self)
+
+    def __str__(self) -> str:
+        return above("run text")(self)
+
+    def plot(self, kind: str | None = None, *, column: str | None = None) -> Any:
+        """Draw the run; a matplotlib Figure.
+
+        Parameters
+        ----------
+        kind : "orbits", "energies", "rdf", "msd", "vacf" or "structure-factor"; default orbits under gravity, else
+            energies with their error, the temperature and g(r)
+        column : a column of the samples, drawn against time instead
+
+        Raises
+        ------
+        InputError
+            For an unknown name, and a run without what the figure shows.
+        """
+        return above("run figure")(self, kind, column)
