@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -15,7 +17,10 @@ from kickdrift.analysis.certificate import FAIL, PASS, Check, EnsembleChecks
 from kickdrift.analysis.sampled_run import BAR, SampledRun, sampled_run
 from kickdrift.analysis.vectors import Source
 from kickdrift.errors import InputError
+from kickdrift.model.checks import whole_number
 from kickdrift.model.state import Floats
+from kickdrift.model.system import System
+from kickdrift.run.simulation import Simulation
 
 LEVEL = 0.01  # probability that a right run fails; certify.py of kickdrift_validation measures the true rate
 
@@ -25,6 +30,7 @@ def ensemble_checks(
     temperature: float | Sequence[float] | None = None,
     pressure: float | Sequence[float] | None = None,
     *,
+    constraints: int = 0,
     level: float = LEVEL,
 ) -> EnsembleChecks:
     """Test whether one or two runs sample the canonical ensemble; an `EnsembleChecks`.
@@ -43,6 +49,7 @@ def ensemble_checks(
         Universe or AtomGroup with velocities. A Simulation keeps no velocities, so axes and species are not tested.
     temperature, pressure : number, or one for each run
         Default: the run's heat bath and barostat. In the run's units; K and bar for a Universe.
+    constraints : number of rigid bonds and angles, of runs of other programs
     level : probability that a right run fails any test, shared equally by all tests
 
     Raises
@@ -59,10 +66,12 @@ def ensemble_checks(
         raise InputError(f"runs: expected one or two, got {len(given)}")
     if not 0 < level < 1:
         raise InputError(f"level must lie between 0 and 1, got {level}")
+    constraints = whole_number("constraints", constraints, 0)
     temperatures, pressures = _each("temperature", temperature, len(given)), _each("pressure", pressure, len(given))
     found = []
     for source, each, press in zip(given, temperatures, pressures, strict=True):
         run = sampled_run(source)
+        run = run.constrained(constraints) if constraints else run
         if press is not None and run.name == "the Universe":
             press *= BAR
         found.append(
@@ -73,6 +82,30 @@ def ensemble_checks(
             )
         )
     return checked(found, level)
+
+
+def engine_checks(
+    system: System,
+    engine: str,
+    integrator: str | None = None,
+    steps: int | None = None,
+    every: int | None = None,
+    progress: Callable[..., Any] | None = None,
+    *,
+    temperature: float | None = None,
+    **options: Any,
+) -> EnsembleChecks:
+    """Run a System on an engine and test the run, which is written to a temporary file; an `EnsembleChecks`.
+
+    Engines without a heat bath run at constant energy, so that only axes and species are tested. Raises InputError if
+    the engine cannot run the system or the integrator."""
+    canonical.packages()
+    sim = Simulation(system, integrator, engine=engine, **options)
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / f"{system.name}.h5md"
+        sim.run(steps, every=every, output=path, progress=progress)
+        run = replace(sampled_run(path), name=f"{system.name} on {engine}")
+    return checked([run if temperature is None else replace(run, temperature=temperature)])
 
 
 def checked(runs: Sequence[SampledRun], level: float = LEVEL) -> EnsembleChecks:

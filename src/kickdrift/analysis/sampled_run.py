@@ -87,6 +87,16 @@ class SampledRun:
             self, kinetic=self.kinetic[first:], groups=groups, potential=potential, volume=self.volume[first:]
         )
 
+    def constrained(self, count: int) -> SampledRun:
+        """The same run with rigid bonds or angles. Each takes a degree of freedom, a third on average from each axis.
+        Which species it takes from is unknown, so species are left out."""
+        axes = [each for each in self.groups if each.name.startswith("axis")]
+        groups = tuple(replace(each, freedom=each.freedom - count / len(axes)) for each in axes)
+        if self.freedom <= count:
+            raise InputError(f"constraints: {count} leave none of {self.freedom:g} degrees of freedom")
+        note = f"{count} constraints: {self.freedom - count:g} degrees of freedom, and species are not tested"
+        return replace(self, freedom=self.freedom - count, groups=groups, notes=(*self.notes, note))
+
     @property
     def point(self) -> Point:
         """Where the run stands. The run must have a temperature."""
@@ -232,7 +242,7 @@ def _of_universe(given: Any) -> SampledRun:
         pressure=None,
         bath=True,
         likeness=(tuple(masses), tuple(kinds)),
-        notes=(f"{name}'s total momentum {motion} degrees of freedom, without constraints",),
+        notes=(f"{name}'s total momentum {motion} degrees of freedom, less constraints",),
     )
 
 

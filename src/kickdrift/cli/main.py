@@ -16,14 +16,14 @@ from kickdrift.cli.console import open_streams, say
 from kickdrift.cli.ensemble import ensemble
 from kickdrift.cli.files import export, info, plot
 from kickdrift.cli.listing import list_, show
-from kickdrift.cli.measuring import chaos, compare
+from kickdrift.cli.measuring import certify, chaos, compare
 from kickdrift.cli.running import resume, run
 from kickdrift.cli.usage import plain
 from kickdrift.disk.interrupt import heard_everywhere
 from kickdrift.disk.outputs import reason
 from kickdrift.errors import KickdriftError
 
-COMMANDS = (ensemble, run, resume, compare, chaos, plot, export, info, show, validate)  # in the order of --help
+COMMANDS = (ensemble, run, resume, compare, chaos, certify, plot, export, info, show, validate)  # in the order of --help
 
 app = typer.Typer(
     name="kickdrift",
