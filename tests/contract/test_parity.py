@@ -74,6 +74,20 @@ OPTIONS: dict[str, dict[str, str]] = {
         "--json": "ChaosReport.as_json",
         "--quiet": "megno(progress)",
     },
+    "certify": {
+        "runs": "analysis.ensemble_checks(runs)",
+        "--temperature": "analysis.ensemble_checks(temperature)",
+        "--pressure": "analysis.ensemble_checks(pressure)",
+        "--constraints": "analysis.ensemble_checks(constraints)",
+        "--topology": "analysis.ensemble_checks(runs)",
+        "--engine": "analysis.engine_checks(engine)",
+        "--integrator": "analysis.engine_checks(integrator)",
+        "--steps": "analysis.engine_checks(steps)",
+        "--every": "analysis.engine_checks(every)",
+        "--dt": "Simulation(dt)",
+        "--json": "analysis.EnsembleChecks.as_json",
+        "--quiet": "analysis.engine_checks(progress)",
+    },
     "ensemble": {
         "system": "Ensemble(system)",
         "--vary": "Ensemble(vary)",
@@ -114,7 +128,12 @@ OPTIONS: dict[str, dict[str, str]] = {
 }
 
 # Options that need no twin: a figure in Python is saved by the user, who names the file and may replace it.
-OF_FILES = {"plot": {"--output", "--overwrite"}, "compare": {"--overwrite"}, "chaos": {"--overwrite"}}
+OF_FILES = {
+    "plot": {"--output", "--overwrite"},
+    "compare": {"--overwrite"},
+    "chaos": {"--overwrite"},
+    "certify": {"--overwrite"},
+}
 OLD = {"--precision"}  # hidden: the old name of --store
 
 # Commands for kickdrift's developers, whose twins are not public.
@@ -137,8 +156,8 @@ ELSEWHERE = {
     "FILE.py in a system's place": ("Problem", "Solution", "solve"),
     "list": ("Listing", "engines", "integrators"),
     "exit status": ("InputError", "KickdriftError", "RunError"),
-    "only in Python: values of a running Simulation, orbits of the present, and analysis of frames": (
-        "Column", "Energies", "Orbit", "OrbitTable", "State", "analysis",
+    "only in Python: values of a running Simulation, and orbits of the present": (
+        "Column", "Energies", "Orbit", "OrbitTable", "State",
     ),
 }  # fmt: skip
 

@@ -209,9 +209,7 @@ def claims(long: bool = False) -> Iterator[Claim]:
     names = list(BATHS)
     with TemporaryDirectory() as folder:
         path = Path(folder) / "run.h5md"
-        clean = (
-            ensemble_checks(written(simulation(names[seed % 4], 1000 + seed), path)) for seed in range(runs)
-        )
+        clean = (ensemble_checks(written(simulation(names[seed % 4], 1000 + seed), path)) for seed in range(runs))
         found = alarms(clean, "clean run")
         most = int(FALSE_ALARMS * runs) if long else 1
         reference = f"{runs} runs with {', '.join(names)}"

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from kickdrift.analysis.certificate import EnsembleChecks
-    from kickdrift.analysis.certifying import ensemble_checks
+    from kickdrift.analysis.certifying import engine_checks, ensemble_checks
     from kickdrift.analysis.motion import Diffusion, mean_squared_displacement, velocity_autocorrelation
     from kickdrift.analysis.orbits import orbital_elements
     from kickdrift.analysis.pressure import pressure_tensor
@@ -22,6 +22,7 @@ _HOMES = {
     "Diffusion": "analysis.motion",
     "EnsembleChecks": "analysis.certificate",
     "block_average": "statistics.blocks",
+    "engine_checks": "analysis.certifying",
     "ensemble_checks": "analysis.certifying",
     "mean_squared_displacement": "analysis.motion",
     "orbital_elements": "analysis.orbits",
@@ -35,6 +36,7 @@ __all__ = [
     "Diffusion",
     "EnsembleChecks",
     "block_average",
+    "engine_checks",
     "ensemble_checks",
     "mean_squared_displacement",
     "orbital_elements",

@@ -1,7 +1,7 @@
 """Tests of canonical ensembles, made by the package physical_validation.
 
-Merz & Shirts 2018, PLoS ONE 13, e0202764, doi:10.1371/journal.pone.0202764; Shirts 2013, J. Chem. Theory Comput. 9, 909,
-doi:10.1021/ct300688p. The package is imported at the first test.
+Merz & Shirts 2018, PLoS ONE 13, e0202764, doi:10.1371/journal.pone.0202764; Shirts 2013, J. Chem. Theory Comput. 9,
+909, doi:10.1021/ct300688p. The package is imported at the first test.
 """
 
 from __future__ import annotations
@@ -9,14 +9,16 @@ from __future__ import annotations
 import logging
 import math
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.special import expit
 
 from kickdrift.errors import InputError
 from kickdrift.model.state import Floats
+from kickdrift.statistics.blocks import block_average
 
 FEWEST = 100  # independent samples: with fewer, bootstrapped errors are too small
 LEFT = 1.05  # inefficiency that a thinned series may still have
@@ -68,6 +70,28 @@ def equilibrated(series: Floats) -> int:
     return int(timeseries.detect_equilibration(series, nskip=max(1, len(series) // STARTS))[0])
 
 
+def inefficiency(series: Floats) -> float:
+    """Number of correlated samples that count as one: the larger of pymbar's estimate and that of block averages."""
+    _, timeseries = packages()
+    if np.ptp(series) == 0:
+        return float(len(series))
+    with quietly():
+        summed = float(timeseries.statistical_inefficiency(series))
+    blocks = float(block_average(series).error) ** 2 * len(series) / float(series.var())
+    return min(max(summed, blocks, 1.0), float(len(series)))
+
+
+def enough(count: float, total: int, name: str) -> int:
+    """The number of independent samples. Raises InputError if there are too few."""
+    if count < FEWEST:
+        raise InputError(
+            f"{name}: {int(count)} independent samples of {total}; the tests need {FEWEST}. "
+            f"Run about {math.ceil(1.2 * FEWEST / max(count, 1.0))} times as long, "
+            "or sample more often if neighbouring samples are independent"
+        )
+    return int(count)
+
+
 def independent(series: Floats, name: str) -> Floats:
     """Samples of a series that are far enough apart to be independent.
 
@@ -76,23 +100,27 @@ def independent(series: Floats, name: str) -> Floats:
     physical_validation, leaves 1.3: errors would be too small by 14 %.)
 
     Raises InputError if too few samples remain."""
-    _, timeseries = packages()
-    with quietly():
-        g = float(timeseries.statistical_inefficiency(series)) if np.ptp(series) > 0 else float(len(series))
+    g = inefficiency(series)
     ratio, wanted = (g - 1) / (g + 1), (LEFT - 1) / (LEFT + 1)
     spacing = math.log(wanted) / math.log(ratio) if ratio > wanted else 1.0
     chosen: Floats = series[np.arange(0, len(series), spacing).astype(int)]
-    if len(chosen) < FEWEST:
-        raise InputError(
-            f"{name}: {len(chosen)} independent samples of {len(series)}; the tests need {FEWEST}. "
-            f"Run about {math.ceil(1.2 * FEWEST / max(len(chosen), 1))} times as long, "
-            "or sample more often if neighbouring samples are independent"
-        )
+    enough(len(chosen), len(series), name)
     return chosen
 
 
+def mean_temperature(kinetic: Floats, freedom: float, point: Point, name: str) -> Deviation:
+    """Temperature from the mean of correlated kinetic energies, beside the expected temperature.
+
+    physical_validation has no test of an axis. Raises InputError for too few independent samples."""
+    g = inefficiency(kinetic)
+    count = enough(len(kinetic) / g, len(kinetic), name)
+    scale = 2 / (freedom * point.boltzmann)
+    found, error = scale * float(kinetic.mean()), scale * float(kinetic.std()) * math.sqrt(g / len(kinetic))
+    return Deviation(found, point.temperature, (found - point.temperature) / error, count)
+
+
 def mean_and_width(kinetic: Floats, freedom: float, point: Point) -> tuple[Deviation, Deviation]:
-    """Temperatures from the mean and from the width of independent kinetic energies, beside the expected temperature."""
+    """Temperatures from the mean and from the width of independent kinetic energies, beside the expected one."""
     validation, _ = packages()
     with quietly():
         errors = validation.kinetic_energy.distribution(
@@ -115,9 +143,7 @@ def distribution(kinetic: Floats, freedom: float, point: Point) -> float:
     validation, _ = packages()
     with quietly():
         data = _data(point, freedom, kinetic_energy=kinetic)
-        return float(
-            validation.kinetic_energy.distribution(data, strict=True, verbosity=0, data_is_uncorrelated=True)
-        )
+        return float(validation.kinetic_energy.distribution(data, strict=True, verbosity=0, data_is_uncorrelated=True))
 
 
 def ratio(one: Floats, two: Floats, points: tuple[Point, Point]) -> Deviation:
@@ -136,9 +162,9 @@ def ratio(one: Floats, two: Floats, points: tuple[Point, Point]) -> Deviation:
     low, high = max(one.min(), two.min()), min(one.max(), two.max())
     inside = [each[(each >= low) & (each <= high)] for each in (one, two)]
     if min(map(len, inside)) < FEWEST // 2:
-        apart = 2 / math.sqrt(one.std() * two.std())
-        wanted = apart * thermal[0] * (second.temperature if first.temperature != second.temperature else 1.0)
-        what = "temperatures" if first.temperature != second.temperature else "pressures"
+        hot = first.temperature != second.temperature
+        wanted = 2 * thermal[0] / float(one.std()) * (first.temperature if hot else 1.0)
+        what = "temperatures" if hot else "pressures"
         raise InputError(f"the two runs hardly overlap: choose {what} that differ by about {wanted:.2g}")
     validation, _ = packages()
     pressed = first.pressure is not None and first.temperature == second.temperature
@@ -148,7 +174,7 @@ def ratio(one: Floats, two: Floats, points: tuple[Point, Point]) -> Deviation:
             for point, each in zip(_free(points) if not pressed else points, (one, two), strict=True)
         ]
         errors = validation.ensemble.check(*data, verbosity=0, data_is_uncorrelated=True)
-    slope = _slope(*inside, expected)
+    slope = _slope(*inside)
     return Deviation(slope, expected, math.copysign(float(errors[0]), slope - expected), min(len(one), len(two)))
 
 
@@ -157,15 +183,15 @@ def _free(points: tuple[Point, Point]) -> list[Point]:
     return [point._replace(pressure=None) for point in points]
 
 
-def _slope(one: Floats, two: Floats, expected: float) -> float:
+def _slope(one: Floats, two: Floats) -> float:
     """Most likely slope of ln(P_2 / P_1): logistic regression by Newton's method (Shirts 2013, eq. 8)."""
     middle = np.concatenate([one, two]).mean()
     x = np.concatenate([one, two]) - middle
     of_two = np.concatenate([np.zeros(len(one)), np.ones(len(two))])
     design = np.column_stack([np.ones_like(x), x])
-    found = np.array([0.0, expected])
+    found = np.zeros(2)
     for _ in range(50):
-        likely = 1 / (1 + np.exp(-design @ found))
+        likely = expit(design @ found)
         change = np.linalg.solve((design.T * (likely * (1 - likely))) @ design, design.T @ (of_two - likely))
         found += change
         if abs(change[1]) <= 1e-9 * abs(found[1]):
@@ -198,8 +224,7 @@ def _data(point: Point, freedom: float, **observables: Floats) -> Any:
 @contextmanager
 def quietly() -> Iterator[None]:
     """Keep the warnings of other packages to themselves, and NumPy's global random numbers as they were."""
-    before: Callable[[], Any] = np.random.get_state  # noqa: NPY002 - physical_validation seeds the global generator
-    state = before()
+    state: Any = np.random.get_state()  # noqa: NPY002 - physical_validation seeds the global generator
     try:
         with warnings.catch_warnings(), np.errstate(all="ignore"):
             warnings.simplefilter("ignore")

@@ -46,7 +46,7 @@ class EnsembleChecks(Shown):
     level : probability that a right run fails any of the tests; each test has an equal share of this probability
     notes : remarks for the user, such as degrees of freedom and tests that a run does not allow
 
-    ``print(checks)`` shows the page that ``kickdrift certify`` prints, and ``as_json()`` returns what ``--json`` writes.
+    ``print(checks)`` shows the page of ``kickdrift certify``, and ``as_json()`` returns what ``--json`` writes.
     """
 
     rows: tuple[Check, ...]
@@ -89,7 +89,10 @@ class EnsembleChecks(Shown):
         share = self.level / max(len(self.rows), 1)
         return [
             *(("note", note) for note in self.notes),
-            ("threshold", f"a test fails below p = {share:.2g}; a right run fails any test in {self.level:.0%} of cases"),
+            (
+                "threshold",
+                f"a test fails below p = {share:.2g}; a right run fails any test in {self.level:.0%} of cases",
+            ),
             ("verdict", verdict),
         ]
 

@@ -169,9 +169,8 @@ def _even(run: SampledRun) -> list[tuple[str, Deviation | float, int]]:
 def _groups(run: SampledRun, point: Point) -> list[tuple[str, Deviation | float, int]]:
     rows: list[tuple[str, Deviation | float, int]] = []
     for group in run.groups:
-        kinetic = canonical.independent(group.kinetic, f"{run.name}: {group.name}")
-        found = canonical.mean_and_width(kinetic, group.freedom, point)[0]
-        rows.append((f"temperature of {group.name}", found, len(kinetic)))
+        found = canonical.mean_temperature(group.kinetic, group.freedom, point, f"{run.name}: {group.name}")
+        rows.append((f"temperature of {group.name}", found, found.samples))
     return rows
 
 

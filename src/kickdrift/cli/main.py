@@ -23,7 +23,19 @@ from kickdrift.disk.interrupt import heard_everywhere
 from kickdrift.disk.outputs import reason
 from kickdrift.errors import KickdriftError
 
-COMMANDS = (ensemble, run, resume, compare, chaos, certify, plot, export, info, show, validate)  # in the order of --help
+COMMANDS = (
+    ensemble,
+    run,
+    resume,
+    compare,
+    chaos,
+    certify,
+    plot,
+    export,
+    info,
+    show,
+    validate,
+)  # in the order of --help
 
 app = typer.Typer(
     name="kickdrift",
