@@ -21,12 +21,13 @@ def on_files(files: Any, config: Any) -> Any:
 
 
 def command_line() -> str:
-    """``kickdrift --help`` of every command."""
+    """The help page of every command."""
     import typer
-    from typer.cli import get_docs_for_click
 
+    from kickdrift.cli.help import pages
     from kickdrift.cli.main import app
 
-    command: Any = typer.main.get_command(app)
-    with command.make_context("kickdrift", [], resilient_parsing=True) as context:
-        return get_docs_for_click(obj=command, ctx=context, name="kickdrift", title="The command line")
+    parts = ["# The command line", "`kickdrift COMMAND --help` prints these pages."]
+    for name, page in pages(typer.main.get_command(app), "kickdrift"):
+        parts += [f"## {name}", f"```text\n{page}\n```"]
+    return "\n\n".join(parts) + "\n"

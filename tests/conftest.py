@@ -8,6 +8,7 @@ import sys
 import pytest
 
 from tests import own_methods
+from tests.compiled import without_compiling
 from tests.folders import TOP
 
 # Before NumPy is loaded: two test processes whose BLAS threads wait for each other are many times slower.
@@ -43,7 +44,9 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 @pytest.fixture
 def kickdrift(monkeypatch, capfd):
-    """The program in this process: ``kickdrift("run", "x.toml")`` returns exit status, standard output and error."""
+    """The program in this process: ``kickdrift("run", "x.toml")`` returns exit status, standard output and error.
+
+    Lines about what was compiled are left out."""
 
     def call(*arguments) -> tuple[int, str, str]:
         monkeypatch.setattr(sys, "argv", ["kickdrift", *map(str, arguments)])
@@ -52,6 +55,7 @@ def kickdrift(monkeypatch, capfd):
 
         with pytest.raises(SystemExit) as ended:
             main()
-        return (ended.value.code, *capfd.readouterr())
+        out, err = capfd.readouterr()
+        return ended.value.code, out, without_compiling(err)
 
     return call

@@ -53,8 +53,8 @@ if TYPE_CHECKING:
     from kickdrift.run.solve import Solution, solve
     from kickdrift.systemfile.reading import load
     from kickdrift.trajectory.export import export
+    from kickdrift.trajectory.opened import open
     from kickdrift.trajectory.options import FileOptions
-    from kickdrift.trajectory.reader import open
 
 __version__ = version("kickdrift")
 
@@ -91,7 +91,7 @@ _HOMES = {
     "listing": "run.listing",
     "load": "systemfile.reading",
     "megno": "analysis.chaos",
-    "open": "trajectory.reader",
+    "open": "trajectory.opened",
     "pair_law": "forces.pair_law",
     "register_force": "forces.registration",
     "register_splitting": "integrators.registration",
@@ -217,10 +217,12 @@ ABOVE.update(
     {
         "comparison figure": _loader("plots.compare", "comparison_figure"),
         "ensemble figure": _loader("plots.ensemble", "ensemble_figure"),
+        "methods figure": _loader("plots.problems", "methods_figure"),
+        "problem figure": _loader("plots.problems", "problem_figure"),
         "report figure": _loader("plots.runs", "report_figure"),
         "run figure": _loader("plots.figures", "figure_of"),
-        "run lines": _loader("trajectory.info", "run_lines"),
-        "run text": _loader("trajectory.info", "run_text"),
+        "run content": _loader("trajectory.info", "info_of"),
+        "run lines": _loader("trajectory.overview", "overview_of"),
     }
 )
 

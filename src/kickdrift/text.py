@@ -62,9 +62,9 @@ def suggestion(word: object, known: Iterable[Any]) -> str:
     return f"; did you mean {next(str(k) for k in known if str(k).lower() == near[0])!r}?" if near else ""
 
 
-def counted(number: int, noun: str) -> str:
-    """A number with its noun: "1 thread", "2 threads"."""
-    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
+def counted(number: int, noun: str, style: str = "") -> str:
+    """A number with its noun: "1 thread", "2 threads"; with the style ",", "2,000 threads"."""
+    return f"{number:{style}} {noun}" if number == 1 else f"{number:{style}} {noun}s"
 
 
 def measured(number: str, unit: str) -> str:

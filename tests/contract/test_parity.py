@@ -29,6 +29,7 @@ OPTIONS: dict[str, dict[str, str]] = {
         "--time": "Simulation.run(until)",
         "--every": "Simulation.run(every)",
         "--interval": "Simulation.run(interval)",
+        "--exact": "Simulation.run(exact)",
         "--output": "Simulation.run(output)",
         "--overwrite": "Simulation.run(overwrite)",
         "--flush": "FileOptions(flush)",
@@ -111,6 +112,10 @@ OPTIONS: dict[str, dict[str, str]] = {
         "--kind": "open().plot(kind)",
         "--stability": "stability(integrators)",
         "--column": "open().plot(column)",
+        "--integrator": "Problem.plot(integrators)",
+        "--dt": "Simulation(dt)",
+        "--time": "Problem.plot(time)",
+        "--quiet": "Simulation.run(progress)",
     },
     "export": {
         "file": "export(path)",
@@ -122,18 +127,17 @@ OPTIONS: dict[str, dict[str, str]] = {
         "--overwrite": "export(overwrite)",
         "--quiet": "export(progress)",
     },
-    "info": {"file": "open(path)"},
+    "info": {"file": "open(path)", "--all": "open().as_json", "--json": "open().as_json"},
     "show": {"system": "load(name_or_path)"},
-    "list": {"what": "listing(what)", "name": "listing(name)"},
+    "list": {"what": "listing(what)", "name": "listing(name)", "--json": "Listing.as_json"},
 }
 
-# Options that need no twin: a figure in Python is saved by the user, who names the file and may replace it.
+# Options that need no twin: a figure in Python is saved by the user, who names the file and may replace it, and a list
+# has all its columns.
 OF_FILES = {
-    "plot": {"--output", "--overwrite"},
-    "compare": {"--overwrite"},
-    "chaos": {"--overwrite"},
-    "certify": {"--overwrite"},
-}
+    "plot": {"--output", "--overwrite"}, "compare": {"--overwrite"}, "chaos": {"--overwrite"}, "info": {"--overwrite"},
+    "list": {"--all", "--overwrite"}, "certify": {"--overwrite"},
+}  # fmt: skip
 OLD = {"--precision"}  # hidden: the old name of --store
 
 # Commands for kickdrift's developers, whose twins are not public.
@@ -153,8 +157,8 @@ ELSEWHERE = {
     "--load FILE.py": (
         "accelerations", "pair_law", "register_force", "register_splitting", "register_step", "register_tableau",
     ),
-    "FILE.py in a system's place": ("Problem", "Solution", "solve"),
-    "list": ("Listing", "engines", "integrators"),
+    "FILE.py in a system's place": ("Solution", "solve"),
+    "list": ("engines", "integrators"),
     "exit status": ("InputError", "KickdriftError", "RunError"),
     "only in Python: values of a running Simulation, and orbits of the present": (
         "Column", "Energies", "Orbit", "OrbitTable", "State",
@@ -180,6 +184,8 @@ def commands() -> dict[str, Any]:
 def options(command: Any) -> list[str]:
     """Arguments by name, and options by the first of their names; without -o and those that it can set."""
     known = {f"--{name.replace('_', '-')}" for name in known_options()} | {"-o", "--mixed"}
+    known -= {"--seed"}  # the seed of the system, which the noise of a heat bath takes unless -o seed says otherwise
+    known -= {"--temperature"}  # what certify expects of a run
     return [each.opts[0] for each in command.params if each.opts[0] not in known | OLD]
 
 

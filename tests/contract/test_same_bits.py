@@ -30,7 +30,7 @@ from tests.processes import python
 from tests.systems import liquid, needed
 
 METHODS = [name for name, method in INTEGRATORS.items() if method.name == name]
-CLOCKS = {"wall_seconds": 0.0, "compile_seconds": 0.0}  # values of a record in which any two runs differ
+CLOCKS = {"wall_seconds": 0.0, "compile_seconds": 0.0, "spent": {}}  # values of a record in which any two runs differ
 
 
 def planets() -> kd.System:

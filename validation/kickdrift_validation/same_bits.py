@@ -144,7 +144,8 @@ def simulation(case: Case, threads: int = 1) -> kd.Simulation:
     if "iteration" in method.tunable:  # fixed-point iteration in a hot liquid converges for short steps alone
         dt *= 0.25
     options: dict[str, Any] = {"dt": dt} if method.needs_dt else {}
-    options |= {"rtol": 1e-6} if "rtol" in method.tunable else {}
+    wanted = {"rtol": 1e-6, "temperature": 1.0, "friction": 1.0, "tau": 1.0, "collision_rate": 1.0}
+    options |= {key: value for key, value in wanted.items() if key in method.tunable}
     return kd.Simulation(system, case.method, threads=threads, precision=case.precision, **options)
 
 

@@ -7,52 +7,57 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from kickdrift.analysis.chaos_report import ChaosReport, report_of
-from kickdrift.analysis.deviations import LARGEST, cadence, first_deviation, scale_of
+from kickdrift.analysis.deviations import LARGEST, LARGEST_OF_PROBLEM, cadence, direction, first_deviation, scale_of
 from kickdrift.display.showing import following
 from kickdrift.errors import InputError, RunError
+from kickdrift.forces.problem_variations import varied_problem
 from kickdrift.forces.variations import varied
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators import integrator as method_named
 from kickdrift.integrators.asked import Integrator, unpacked
+from kickdrift.jit.notices import compiling_for
 from kickdrift.looks.observers import Energies
 from kickdrift.model.limits import MOST_STEPS
+from kickdrift.model.problem import Problem
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
+from kickdrift.model.units import time_in
 from kickdrift.run.simulation import Simulation
-
-if TYPE_CHECKING:
-    from kickdrift.model.problem import Problem
-
 
 DEFAULT = "dop853"  # for a system file without an integrator, or with one that carries no variations
 
 
 def megno(
     system: System | Problem,
-    time: float | None = None,
+    time: float | str | None = None,
     integrator: str | Integrator | None = None,
-    dt: float | None = None,
+    dt: float | str | None = None,
     *,
     seed: int = 0,
     threads: int = 1,
     progress: bool | Callable[[int, int], Any] | None = None,
     **options: Any,
 ) -> ChaosReport:
-    """Run a System with a deviation vector, and tell whether the motion is chaotic.
+    """Run a System or a Problem with a deviation vector, and tell whether the motion is chaotic.
+
+    The deviation obeys the variational equation, d' = J(t, y) d with the Jacobian J of the right-hand side. The same
+    method integrates both.
 
     Parameters
     ----------
-    system : gravity and fields; not pair forces on a neighbour list
+    system : gravity and fields; not pair forces on a neighbour list. A Problem gives J by its ``jacobian`` if that
+        compiles; else central differences along d stand in
     time : length of the run; default the system file's. A regular motion shows after some hundred of its longest
         periods, a chaotic one after some tens of Lyapunov times. A Lyapunov time longer than the run looks regular
     integrator, dt, options : as in a Simulation; default the system file's integrator if it carries variations, else
-        dop853. With fixed steps, particles move as without deviations, to the last bit
-    seed : seed of the first deviation, a random direction in phase space with positions in units of their scatter
+        dop853. With fixed steps, particles move as without deviations, to the last bit. A Problem takes any method
+    seed : seed of the first deviation, a random direction in phase space with positions in units of their scatter; of a
+        Problem, a random direction of y
     progress : True shows a bar; a function is called as ``progress(done, of)``
 
     Raises
@@ -62,24 +67,70 @@ def megno(
     RunError
         If the run blows up.
     """
-    if not isinstance(system, System):
-        raise InputError(f"megno: takes a System of particles, got {type(system).__name__}")
+    if not isinstance(system, System | Problem):
+        raise InputError(f"megno: takes a System or a Problem, got {type(system).__name__}")
     seed = _checked_seed(seed)
     asked, given = unpacked(integrator, {"dt": dt, **options})
-    n, name, length = len(system), carrier(system, asked), length_of(system, time)
+    length = length_of(system, time)
+    if isinstance(system, Problem):
+        return _of_problem(system, length, asked or system.run.integrator or DEFAULT, given, seed, threads, progress)
+    n, name = len(system), carrier(system, asked)
     sim = Simulation(varied(system, np.zeros_like(system.state.phase)), name, threads=threads, **given)
     state = sim.state
     try:
-        accelerations = sim.accelerations()[:n].T
+        with compiling_for(sim.integration.purpose):
+            accelerations = sim.accelerations()[:n].T
     except RunError:  # not finite; the run gives the reason
         accelerations = np.zeros((3, 1))
     scale = scale_of(state.phase[:, :, :n], accelerations)
     state.phase[:, :, n:] = first_deviation(n, seed) * scale
     sim.state = state
-    begin = sim.energy()
-    with following(progress, "running") as told:
-        times, growth = _growth(sim, length, scale, told)
-    end = sim.energy()
+
+    def size() -> float:
+        return float(np.linalg.norm(sim.integration.y[:, :, n:] / scale))
+
+    def shrink(factor: float) -> None:
+        state = sim.state
+        state.phase[:, :, n:] *= factor
+        sim.state = state
+
+    return _measured(system, sim, length, Deviation(size, shrink, LARGEST), seed, progress)
+
+
+def _of_problem(
+    problem: Problem, length: float, name: str, given: dict[str, Any], seed: int, threads: int, progress: Any
+) -> ChaosReport:
+    """``megno`` of a Problem."""
+    made, place = varied_problem(problem, direction(len(problem), seed))
+    sim = Simulation(made, name, threads=threads, **given)
+
+    def size() -> float:
+        return float(np.linalg.norm(sim.integration.y.reshape(-1)[place]))
+
+    def shrink(factor: float) -> None:
+        state = sim.state
+        state.y[place] *= factor
+        sim.state = state
+
+    return _measured(problem, sim, length, Deviation(size, shrink, LARGEST_OF_PROBLEM), seed, progress)
+
+
+class Deviation(NamedTuple):
+    """The deviation in a run: its length, how to multiply it, and how far it may grow or fall before that."""
+
+    size: Callable[[], float]
+    shrink: Callable[[float], None]
+    largest: float
+
+
+def _measured(
+    system: System | Problem, sim: Simulation, length: float, deviation: Deviation, seed: int, progress: Any
+) -> ChaosReport:
+    """Run a varied System or Problem, and return the report."""
+    with compiling_for(sim.integration.purpose), following(progress, "running") as told:
+        begin = sim.energy()
+        times, growth = _growth(sim, length, deviation, told)
+        end = sim.energy()
     chosen = None if sim.method.chooses_steps else sim.dt
     return report_of(system, sim.integrator, chosen, sim.steps_done, seed, (begin, end.total), times, growth)
 
@@ -152,9 +203,9 @@ def _checked_seed(seed: Any) -> int:
     return int(seed)
 
 
-def length_of(system: System, time: float | None) -> float:
+def length_of(system: System | Problem, time: float | str | None) -> float:
     """Length of the run."""
-    length = system.run.time if time is None else time
+    length = system.run.time if time is None else time_in(time, getattr(system, "units", None), "time")
     if time is None and length is None and system.run.steps and system.run.dt:
         length = system.run.steps * system.run.dt
     if length is None:
@@ -175,23 +226,22 @@ def carrier(system: System, integrator: str | None) -> str:
 
 
 def _growth(
-    sim: Simulation, length: float, scale: Floats, progress: Callable[[int, int], Any] | None
+    sim: Simulation, length: float, deviation: Deviation, progress: Callable[[int, int], Any] | None
 ) -> tuple[Floats, Floats]:
-    """Run a varied System for a time. Return times since the start, and ln of the deviation's length then."""
-    start = sim.time
-    n = len(sim.system) // 2
+    """Run a varied System or Problem. Return times since the start, and ln of the deviation's length at these times."""
+    start, largest = sim.time, deviation.largest
     steps, every = (MOST_STEPS, 1) if sim.method.chooses_steps else cadence(length, sim.dt or length)
     times, growth, scaled, exponent = [0.0], [0.0], 0.0, 0
 
     def visit(sim: Simulation) -> bool:
         """Record the deviation's length. Return whether the time is over or the deviation needs scaling."""
         nonlocal scaled, exponent
-        size = float(np.linalg.norm(sim.integration.y[:, :, n:] / scale))
+        size = deviation.size()
         if not size > 0.0:
             raise InputError("megno: the deviation vanished: these forces lose every trace of the start")
         times.append(sim.time - start)
         growth.append(math.log(size) + scaled)
-        exponent = 0 if 1.0 / LARGEST < size < LARGEST else round(math.log2(size))
+        exponent = 0 if 1.0 / largest < size < largest else round(math.log2(size))
         scaled += exponent * math.log(2.0)
         if progress and len(times) % 64 == 0:
             progress(int(1000 * min(1.0, times[-1] / length)), 1000)
@@ -203,7 +253,6 @@ def _growth(
     while not over():
         sim.advance(steps - sim.steps_done, every=every, visit=visit)
         if exponent:
-            state = sim.state
-            state.phase[:, :, n:] *= 2.0**-exponent  # scaling by a power of two changes no digit
-            sim.state, exponent = state, 0
+            deviation.shrink(2.0**-exponent)  # scaling by a power of two changes no digit
+            exponent = 0
     return np.array(times), np.array(growth)

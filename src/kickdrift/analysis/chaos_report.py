@@ -11,6 +11,7 @@ doi:10.1016/S0167-2789(03)00103-9).
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, fields
 from typing import Any, Literal
 
@@ -19,6 +20,7 @@ import numpy as np
 from kickdrift.display.showing import Lines, Shown
 from kickdrift.errors import InputError
 from kickdrift.looks.observers import Energies
+from kickdrift.model.problem import Problem
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 from kickdrift.model.unit_systems import symbol_of
@@ -28,6 +30,7 @@ Verdict = Literal["regular", "chaotic", "undecided"]
 
 REGULAR = 0.1  # largest |<Y> - 2| of a regular motion
 CHAOTIC = 4.0  # least <Y> of a chaotic motion
+MARGIN = 1.5  # of the time that an undecided run should have had
 KEPT = 500  # most samples in a report's JSON
 SETTLED = 0.2  # first part of the run, left out of the fit of the Lyapunov exponent (Cincotta & Simo 2000, section 3)
 
@@ -38,13 +41,14 @@ class ChaosReport(Shown):
 
     Attributes
     ----------
-    system, integrator, dt, time, time_unit, steps, seed : the run, and the seed of the first deviation
+    system, integrator, dt, time, time_unit, steps, seed : the run, and the seed of the first deviation; ``time_unit``
+        is "" for a Problem
     megno : running mean <Y> at the end
     verdict : "regular" for |megno - 2| < 0.1, "chaotic" for megno above 4, else "undecided"
     lyapunov : largest Lyapunov exponent, per the system's unit of time: twice the slope of <Y> over the last four
         fifths of the run (Cincotta & Simo 2000). A regular motion gives a small number of either sign.
     lyapunov_error : half the difference between the results of the two halves of this part
-    energy_error : relative, at the end
+    energy_error : relative, at the end; nan for a Problem without energy
     times, means, growth : (k,) times since the start, <Y> at these times, and ln d(t) / d(0)
     """
 
@@ -64,33 +68,57 @@ class ChaosReport(Shown):
     means: Floats = field(repr=False)
     growth: Floats = field(repr=False)
 
+    @property
+    def time_to_decide(self) -> float | None:
+        """Length of a run that should decide, an estimate from this run; None if this run decides.
+
+        A regular motion has <Y> - 2 fall about as 1 / t, and a chaotic one has <Y> grow as t (Cincotta & Simo 2000). A
+        <Y> above 3 is nearer to chaos. Half as much again covers the logarithm of t in the first law, and the
+        oscillations about both."""
+        if self.verdict != "undecided":
+            return None
+        nearer_chaos = self.megno > 0.5 * (2.0 + CHAOTIC)
+        return MARGIN * self.time * (CHAOTIC / self.megno if nearer_chaos else abs(self.megno - 2.0) / REGULAR)
+
+    @property
+    def bound(self) -> float:
+        """Largest Lyapunov exponent that this run allows: the modulus of its estimate, and the error."""
+        return abs(self.lyapunov) + self.lyapunov_error
+
     def __repr__(self) -> str:
         return str(self)
 
     def _lines(self) -> Lines:
-        unit = symbol_of(self.time_unit)
+        unit, longer = symbol_of(self.time_unit), self.time_to_decide
         step = "" if self.dt is None else f", dt = {measured(f'{self.dt:g}', unit)}"
-        return [
+        exponent = f"{self.lyapunov:.2e} ± {self.lyapunov_error:.1e}" if longer is None else f"below {self.bound:.1e}"
+        lines = [
             ("system", self.system),
             ("integrator", self.integrator + step),
             ("length", f"{self.steps:,} steps, {measured(f'{self.time:g}', unit)}"),
             ("MEGNO", f"{self.megno:.4g}: {self.verdict} over this length"),
-            ("Lyapunov", f"exponent {self.lyapunov:.2e} ± {self.lyapunov_error:.1e} per {unit or 'unit of time'}"),
-            ("energy error", f"{self.energy_error:.2e} at the end"),
+            ("Lyapunov", f"exponent {exponent} per {unit or 'unit of time'}"),
         ]
+        if not math.isnan(self.energy_error):
+            lines.append(("energy error", f"{self.energy_error:.2e} at the end"))
+        if longer is not None:
+            times = longer / self.time
+            lines.append(("to decide", f"run about {times:.2g} times as long: --time {float(f'{longer:.2g}'):g}"))
+        return lines
 
     def as_json(self) -> dict[str, Any]:
         """The report as one JSON object, with series of at most some 500 points."""
         every = -(-len(self.times) // KEPT)
         series = ("times", "means", "growth")
-        return {
+        kept = {
             name: value[::-every][::-1].tolist() if name in series else value
             for name, value in ((f.name, getattr(self, f.name)) for f in fields(self))
         }
+        return kept | {"time_to_decide": self.time_to_decide}
 
 
 def report_of(
-    system: System,
+    system: System | Problem,
     integrator: str,
     dt: float | None,
     steps: int,
@@ -103,19 +131,20 @@ def report_of(
     means = mean_megno(times, growth)
     slope, error = _slope(times, means)
     found, (begin, end) = float(means[-1]), energies
+    kinetic = 0.0 if np.isnan(begin.kinetic) else begin.kinetic  # a Problem has none
     return ChaosReport(
         system=system.name,
         integrator=integrator,
         dt=dt,
         time=float(times[-1]),
-        time_unit=system.units.time,
+        time_unit=system.units.time if isinstance(system, System) else "",
         steps=steps,
         seed=seed,
         megno=found,
         verdict=verdict(found),
         lyapunov=2.0 * slope,
         lyapunov_error=2.0 * error,
-        energy_error=abs(end - begin.total) / (abs(begin.total) or abs(begin.kinetic) or 1.0),
+        energy_error=abs(end - begin.total) / (abs(begin.total) or abs(kinetic) or 1.0),
         times=times,
         means=means,
         growth=growth,

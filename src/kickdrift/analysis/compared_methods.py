@@ -41,6 +41,10 @@ def chosen_methods(
         if found and not any(key in each.options for each in found):
             raise InputError(f"{key}: {' or '.join(map(str, found))} does not take it; {takers_text(key)} it")
     for each in found:
+        if each.method.bath:
+            raise InputError(
+                f"{each.name}: compare measures errors against an exact path, and a method with a heat bath has none"
+            )
         Simulation(subject, each, dt=ANY_STEP)  # raises an InputError for a method that cannot run the subject
     return found
 

@@ -15,9 +15,11 @@ from kickdrift.analysis.comparison import Comparison
 from kickdrift.analysis.recommendation import recommendation
 from kickdrift.display.showing import Bar, progress_bar
 from kickdrift.errors import InputError
-from kickdrift.integrators.asked import Integrator
+from kickdrift.integrators.asked import Integrator, in_units, known_options
+from kickdrift.integrators.option import DT
 from kickdrift.model.problem import Problem
 from kickdrift.model.system import System
+from kickdrift.model.units import time_in
 from kickdrift.systemfile.python_file import problem_of, refuse_beside
 from kickdrift.systemfile.reading import load
 from kickdrift.text import shown
@@ -27,9 +29,9 @@ def compare(
     subject: System | Problem | str | os.PathLike[str] | Callable[..., Any],
     integrators: str | Integrator | Sequence[str | Integrator] | None = None,
     *,
-    time: float | None = None,
+    time: float | str | None = None,
     accuracy: float | None = None,
-    length: float | None = None,
+    length: float | str | None = None,
     seed: int | None = None,
     threads: int = 1,
     progress: bool | Callable[[int, int], Any] | None = None,
@@ -50,7 +52,7 @@ def compare(
     ----------
     subject : System, Problem, a system file or a shipped system's name, or a function f(t, y), given with ``y0``
     integrators : names, or values of ``kickdrift.integrator``; default a choice that suits the subject
-    time : length of the pilot runs; default about a minute's worth
+    time : length of the pilot runs, a number or a text such as "5 ps"; default about a minute's worth
     accuracy : wanted relative error; the result then has a ``recommendation`` of a method and a step
     length : length of the planned run; default the subject's
     seed : seed of random velocities of a system file
@@ -89,9 +91,9 @@ def compared(
     subject: System | Problem,
     integrators: Sequence[str | Integrator] | None,
     bar: Callable[[str], Bar],
-    time: float | None,
+    time: float | str | None,
     accuracy: float | None,
-    length: float | None,
+    length: float | str | None,
     threads: int,
     options: dict[str, Any],
     asked: str = "",
@@ -100,14 +102,18 @@ def compared(
     """The Comparison of a System or Problem, with a recommendation for an ``accuracy``.
 
     ``begin`` is called after the arguments are checked, ``bar`` as ``bar(label)``; ``asked`` names the subject."""
-    work.check_arguments(time, length, accuracy, threads)
+    units = subject.units if isinstance(subject, System) else None
+    pilot: float | None = time_in(time, units, "time")
+    whole: float | None = time_in(length, units, "length")
+    options = in_units(options, [DT, *known_options().values()], units)
+    work.check_arguments(pilot, whole, accuracy, threads)
     if isinstance(subject, System):
         subject = subject.watched(())  # every method and step is compared with one reference trajectory
     chosen_methods(subject, integrators, options)
     begin()
     start = work.equilibrated(subject, threads, bar)
     found = work.work_precision(
-        subject, integrators, time, whole=length, accuracy=accuracy, start=start, threads=threads, options=options,
+        subject, integrators, pilot, whole=whole, accuracy=accuracy, start=start, threads=threads, options=options,
         progress=bar("comparing"),
     )  # fmt: skip
     advice = recommendation(found, accuracy) if accuracy is not None else None

@@ -92,16 +92,16 @@ class Comparison(Shown):
     def _tables(self) -> list[Table]:
         energy = self.measure == "energy"
         unit = measured("", symbol_of(self.time_unit))
-        columns = ["method", "dt or rtol", "evaluations", "seconds", "error"]
+        columns = ["method", "dt or rtol", "evaluations", "seconds"]
         columns += [] if energy else ["energy error"]
-        columns += ["error of a step"]
+        columns += ["step error", "error"]
         rows = [_cells(row, energy) for row in self.rows]
         slopes = [[name, _slope(of_all), _slope(of_one)] for name, (of_all, of_one) in self.slopes.items()]
         return [
             (f"{self.system}: work against precision, {self.length:.6g}{unit}", columns, rows),
             (
                 "Slope against the step: p, and p + 1 for one step",
-                ["method", "error", "error of a step"],
+                ["method", "error", "step error"],
                 slopes,
             ),
         ]
@@ -132,11 +132,11 @@ def _cells(row: Row, energy: bool) -> list[str]:
     knob = f"{row.dt:.4g}" if row.dt is not None else f"{row.rtol:.0e}"
     if row.failure:
         took = f"{row.seconds:.2g}" if row.seconds else "–"
-        return [row.method, knob, "–", took, row.failure[:60], *([] if energy else ["–"]), "–"]
+        return [row.method, knob, "–", took, *([] if energy else ["–"]), "–", row.failure]
     error = f"{row.error:.2e}" if row.believed else f"{row.error:.0e} (of the reference)"
     others = [] if energy else ["–" if row.energy_error is None else f"{row.energy_error:.1e}"]
     local = "–" if row.local_error is None else f"{row.local_error:.1e}"
-    return [row.method, knob, f"{row.evaluations:,}", f"{row.seconds:.2g}", error, *others, local]
+    return [row.method, knob, f"{row.evaluations:,}", f"{row.seconds:.2g}", *others, local, error]
 
 
 def _slope(value: float | None) -> str:

@@ -9,6 +9,7 @@ from kickdrift.model.state import Floats
 
 LOOKS = 10_000  # most samples of the deviation in a run of fixed steps
 LARGEST = 2.0**200  # growth or decay of a deviation before it is scaled back
+LARGEST_OF_PROBLEM = 2.0**10  # the same, where an absolute tolerance would lose a smaller one
 
 
 def scale_of(phase: Floats, accelerations: Floats) -> Floats:
@@ -35,6 +36,12 @@ def _rms(vectors: Floats) -> Floats:
 def first_deviation(n: int, seed: int) -> Floats:
     """Deviation (2, 3, n) of length 1 in a random direction."""
     drawn = np.random.Generator(np.random.PCG64(seed)).standard_normal((2, 3, n))
+    return drawn / np.linalg.norm(drawn)
+
+
+def direction(n: int, seed: int) -> Floats:
+    """Deviation (n,) of length 1 in a random direction."""
+    drawn = np.random.Generator(np.random.PCG64(seed)).standard_normal(n)
     return drawn / np.linalg.norm(drawn)
 
 

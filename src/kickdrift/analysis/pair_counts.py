@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from kickdrift.jit.compile import driver
 from kickdrift.model.box import Box
-from kickdrift.model.cell import cell_of, square_by_edges
+from kickdrift.model.cell import minimum_image_of, squared_distances
 from kickdrift.model.state import Floats
 
 
@@ -21,45 +21,29 @@ def pair_counts(
     ``r_max`` is at most half the least height of the periodic box. Each pair of the (n, 3) ``positions`` counts once if
     its ``kinds`` (n,) differ, or, without ``unlike``, if they are equal.
     """
-    cell = cell_of(box)
-    edges = np.where(cell.edges > 0, cell.edges, np.inf)
-    # Only the last periodic edge leans along its own axis, so positions along that axis repeat after the edge's length.
-    sorted_by = int(np.flatnonzero(box.periodic_axes)[-1])
-    wrapped = box.wrap(positions)
-    order = np.argsort(wrapped[:, sorted_by], kind="stable")
+    image, wrapped = minimum_image_of(box), box.wrap(positions)
+    order = np.argsort(wrapped[:, image.axis], kind="stable")
     counts = np.zeros(bins, np.int64)
     x = np.ascontiguousarray(wrapped[order].T)
-    count_pairs(x, kinds[order], unlike, cell.matrix, cell.leans, edges, sorted_by, r_max, np.empty(len(order)), counts)
+    count_pairs(x, kinds[order], unlike, image, r_max, np.empty(len(order)), counts)
     return counts
 
 
 @driver
-def count_pairs(x, kinds, unlike, matrix, leans, edges, sorted_by, r_max, row, counts):
-    """Add to counts the pairs of x (3, n), sorted by its row ``sorted_by``. ``row`` (n,) holds one particle's
-    distances.
+def count_pairs(x, kinds, unlike, image, r_max, row, counts):
+    """Add to counts the pairs of x (3, n), sorted along ``image.axis``. ``row`` (n,) holds one particle's distances.
 
     A pair may be close along that axis directly or across the boundary, so two stretches of the sorted row are
     searched.
     """
     n, bins = x.shape[1], counts.size
     widths, limit = bins / r_max, r_max * r_max
-    sorted_row, period = x[sorted_by], matrix[sorted_by, sorted_by]
-    inverse = np.array([1.0 / matrix[k, k] if matrix[k, k] > 0.0 else 0.0 for k in range(3)])
+    sorted_row, period = x[image.axis], image.period
     for i in range(n):
         near = np.searchsorted(sorted_row, sorted_row[i] + r_max, side="right")
         far = np.searchsorted(sorted_row, sorted_row[i] + period - r_max)
         for begin, end in ((i + 1, near), (max(far, i + 1), n)):
-            if leans:
-                for j in range(begin, end):
-                    row[j] = square_by_edges(matrix, inverse, x[0, i] - x[0, j], x[1, i] - x[1, j], x[2, i] - x[2, j])
-            else:
-                for j in range(begin, end):
-                    squared = 0.0
-                    for k in range(3):
-                        d = abs(x[k, i] - x[k, j])
-                        d = min(d, edges[k] - d)
-                        squared += d * d
-                    row[j] = squared
+            squared_distances(image, x, i, begin, end, row)
             for j in range(begin, end):
                 if row[j] < limit and (kinds[i] != kinds[j]) == unlike:
                     counts[min(int(math.sqrt(row[j]) * widths), bins - 1)] += 1

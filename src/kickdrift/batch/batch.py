@@ -21,12 +21,14 @@ from kickdrift.errors import InputError
 from kickdrift.integrators.asked import Integrator
 from kickdrift.integrators.batch_stepping import LaneStepper, from_lanes
 from kickdrift.integrators.step_length import start_warning
-from kickdrift.looks.record import Record, Series
+from kickdrift.jit.notices import compiling_for
+from kickdrift.looks.record import BOTH, Record, Series
 from kickdrift.model.capacity import check_room
 from kickdrift.model.limits import whole_number
 from kickdrift.model.state import Floats, State
 from kickdrift.model.system import System
 from kickdrift.run.plan import looks_at
+from kickdrift.run.purpose import purpose_of
 from kickdrift.run.report import Report, report
 
 LOOK_BYTES = 2 * 64  # memory of a member's sample while the pieces become one array
@@ -117,7 +119,8 @@ class Batch:
         stops = sampled_steps(self.steps_done, steps, cadence)
         counts = np.diff(stops, prepend=self.steps_done)
         began = perf_counter()
-        self._stepper.run(0, np.zeros(0, np.int64), self.steps_done)  # compiles the code, unless done before
+        with compiling_for(purpose_of(self.integrator, self.systems[0])):
+            self._stepper.run(0, np.zeros(0, np.int64), self.steps_done)  # compiles the code, unless done before
         compiled = perf_counter()
         self._compiling += compiled - began
         again = bool(self._steps) and self._steps[-1] == self.steps_done
@@ -162,6 +165,7 @@ class Batch:
             force_evaluations=self._stepper.evaluations,
             wall_seconds=self._seconds / len(self),
             compile_seconds=self._compiling / len(self),
+            spent={BOTH: self._seconds / len(self)},
             warnings=[*self._stepper.warnings(i), *([warning] if warning else [])],
             found=series,
         )

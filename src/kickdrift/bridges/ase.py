@@ -21,11 +21,11 @@ from ase.calculators.calculator import all_changes
 from ase.calculators.lj import LennardJones as AseLennardJones
 from ase.data import atomic_numbers
 from ase.stress import full_3x3_to_voigt_6_stress
-from numpy.typing import NDArray
 
 from kickdrift.errors import InputError, RunError
 from kickdrift.forces import LennardJones
 from kickdrift.looks.blow_up import nearest_pair
+from kickdrift.model.any_cell import oriented, without_rounding
 from kickdrift.model.box import Box, Oriented
 from kickdrift.model.file_units import FileUnits
 from kickdrift.model.state import Floats
@@ -36,9 +36,8 @@ from kickdrift.text import shown
 
 NAMES, RADII = "names", "radii"  # arrays of Atoms for data without a place in ASE
 UNKNOWN = "X"  # ASE's symbol for no element; info["species"] then names the species, by the atoms' tags
+DIMENSIONS = "dimensions"  # 2 in info, for particles in a plane
 SQUARE = 1e-12  # tilt of a cell vector, relative to its length, that counts as rounding
-UPRIGHT = 1e-6  # least part of a vector, relative to its length, perpendicular to the other vectors
-LEAST = 0.3  # of three unit vectors, one has at least a third of its square perpendicular to two others
 
 
 class Scale(NamedTuple):
@@ -107,8 +106,15 @@ def _system(
         atoms.get_chemical_formula(),
         names=_names(atoms),
         radii=arrays[RADII] * scale.length if RADII in arrays else None,
+        dimensions=_dimensions(atoms),
     )
     return system, rotation
+
+
+def _dimensions(atoms: Any) -> int:
+    """Return 2 for atoms whose ``info`` says so, as `atoms_of` and exports write it; else 3."""
+    given = atoms.info.get(DIMENSIONS)
+    return 2 if isinstance(given, int | np.integer) and given == 2 else 3
 
 
 def _species(atoms: Any) -> list[str]:
@@ -134,43 +140,7 @@ def _box(atoms: Any, scale: Scale) -> Oriented:
     cell = np.array(atoms.cell, dtype=float) * scale.length
     if not np.isfinite(cell).all():
         raise InputError(f"atoms: cell: expected finite numbers, got {shown(cell.tolist())}")
-    rounding = SQUARE * np.linalg.norm(cell, axis=1, keepdims=True)
-    cell = np.where(np.abs(cell) <= rounding, 0.0, cell)
-    whole, heights = _completed(cell, axes)
-    with np.errstate(all="ignore"):
-        left_handed = np.linalg.det(whole) < 0
-    # Reversed edge vectors span the same lattice.
-    box, rotation = Box.from_vectors(-whole if left_handed else whole, axes.tolist())
-    if axes.all():
-        return Oriented(box, rotation)
-    matrix = np.where(axes[:, None], box.matrix, np.diag(heights))
-    return Oriented(Box(matrix=matrix, periodic=axes.tolist()), rotation)
-
-
-def _completed(cell: Floats, axes: NDArray[np.bool_]) -> tuple[Floats, Floats]:
-    """Return the cell (3, 3) with new vectors along its open axes, and the heights (3,) of its own vectors there.
-
-    A new vector is perpendicular to all others, and as long as the longest periodic vector."""
-    rows, heights = np.where(axes[:, None], cell, 0.0), np.zeros(3)
-    longest = np.linalg.norm(rows, axis=1).max() or 1.0
-    for k in np.flatnonzero(~axes):
-        others = rows[rows.any(axis=1)]
-        upright = _upright(cell[k], others)
-        heights[k] = np.linalg.norm(upright)
-        if heights[k] <= UPRIGHT * np.linalg.norm(cell[k]):
-            heights[k] = 0.0
-            units = [_upright(unit, others) for unit in np.eye(3)[[k, k - 1, k - 2]]]
-            upright = next(unit for unit in units if unit @ unit > LEAST)
-        rows[k] = longest * (upright / np.linalg.norm(upright))
-    return rows, heights
-
-
-def _upright(vector: Floats, others: Floats) -> Floats:
-    """Return the part of a vector (3,) that is perpendicular to others (m, 3)."""
-    for _ in range(2):  # one pass leaves rounding errors
-        if (others @ vector).any():
-            vector = vector - np.linalg.lstsq(others.T, vector)[0] @ others
-    return vector
+    return oriented(without_rounding(cell, SQUARE), axes)
 
 
 def _forces_of(atoms: Any, units: UnitSystem, scale: Scale) -> tuple[Any, ...]:
@@ -235,6 +205,8 @@ def atoms_of(system: System, symbols: Mapping[str, str] | None = None, calculato
         atoms.set_array(NAMES, np.array(system.names))
     if system.radii is not None:
         atoms.set_array(RADII, system.radii / scale.length)
+    if system.dimensions == 2:
+        atoms.info[DIMENSIONS] = 2
     if calculator and system.forces:
         atoms.calc = Calculator(system.forces, system.units)
     return atoms
@@ -258,7 +230,8 @@ class Calculator(AseCalculator):
     Raises
     ------
     InputError
-        In a calculation, for atoms that `System.from_ase` refuses. Constraints are allowed: ASE applies them.
+        In a calculation, for atoms that `System.from_ase` refuses, and for the stress in two dimensions. Constraints
+        are allowed: ASE applies them.
     RunError
         If the forces are not finite.
     """
@@ -316,5 +289,7 @@ class Calculator(AseCalculator):
         """
         from kickdrift.looks.pressure import instantaneous_pressure
 
+        if system.dimensions == 2:
+            raise InputError("stress: ASE's is a force over an area, and in two dimensions it is a force over a length")
         pressure = turn.T @ instantaneous_pressure(system, x, np.zeros_like(x)) @ turn
         return -full_3x3_to_voigt_6_stress(pressure) / (self._scale.energy / self._scale.length**3)

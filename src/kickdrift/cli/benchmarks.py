@@ -8,6 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
+from kickdrift.cli.amounts import whole
 from kickdrift.cli.console import print_table, progress_bar, say
 from kickdrift.cli.options import (
     JsonOption,
@@ -30,7 +31,9 @@ def bench_lj_energy(
     ] = 1000,
     steps: Annotated[
         int | None,
-        typer.Option(metavar="N", min=1, help="Steps of 0.005 (default 2000; the full benchmark has 1000000)."),
+        typer.Option(
+            metavar="N", parser=whole(1), help="Steps of 0.005 (default 2000; the full benchmark has 1000000)."
+        ),
     ] = None,
     integrator: Annotated[
         list[str] | None, typer.Option(metavar="NAME", help="Integrator; repeat for several.")
@@ -50,7 +53,7 @@ def bench_lj_energy(
     methods = list(dict.fromkeys(method_named(name).name for name in integrator or bench.METHODS))
     check_threads(threads)
     system = bench.benchmark_system(particles)
-    say("compiling (the first time on a machine takes longest) and timing a short pilot run …", quiet)
+    say("timing a short pilot run …", quiet)
     plan = bench.plan(system, methods, steps if steps is not None else bench.DEFAULT_STEPS, threads)
     say(f"expected time: {duration(plan.seconds)}", quiet)
     with progress_bar(quiet) as bar:

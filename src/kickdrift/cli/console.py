@@ -8,12 +8,13 @@ from __future__ import annotations
 import codecs
 import os
 import sys
-from collections.abc import Iterable
-from contextlib import suppress
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager, suppress
+from typing import Any, TextIO
 
+from kickdrift.display import layout, showing
 from kickdrift.display.showing import KEY
 from kickdrift.display.showing import members_bar as members_bar
-from kickdrift.display.showing import progress_bar as progress_bar
 from kickdrift.text import CELL, clean, escaped
 
 PLAIN = {
@@ -29,6 +30,12 @@ PLAIN = {
     "∞": "inf",
 }  # replacements for streams that cannot encode these
 PLAINLY = "kickdrift-plain"  # name of the error handler
+HINT = "A wider terminal or a pipe shows every column."
+NARROW, WIDE = 40, 80  # columns: of the narrowest terminal that lines wrap for, and of a terminal that tells no width
+
+_json_alone = False  # whether standard output is kept for a JSON object
+_quiet = False  # whether --quiet was given
+_doing = ""  # the progress bar that moved last, and how far
 
 
 def open_streams() -> None:
@@ -36,6 +43,8 @@ def open_streams() -> None:
 
     Output to a closed stream is lost. Plain letters replace a character that a stream cannot encode.
     """
+    global _json_alone, _quiet, _doing
+    _json_alone, _quiet, _doing = False, False, ""
     for number in range(3):
         try:
             os.fstat(number)
@@ -56,9 +65,41 @@ def _plainly(error: UnicodeError) -> tuple[str, int]:
     return "".join(PLAIN.get(each) or escaped(each) for each in error.object[error.start : error.end]), error.end
 
 
+def results_on_stderr() -> None:
+    """Keep standard output for a JSON object: results for people go to standard error from now on."""
+    global _json_alone
+    _json_alone = True
+
+
+def hush() -> None:
+    """Show nothing for people on standard error but errors."""
+    global _quiet
+    _quiet = True
+
+
+def _show(lines: Callable[[int | None], Iterable[str]]) -> None:
+    """Print the lines that the function makes for a width."""
+    if _json_alone and _quiet:
+        return
+    to = sys.stderr if _json_alone else sys.stdout
+    for line in lines(width_of(to)):
+        print(line, file=to)
+
+
+def width_of(stream: TextIO) -> int | None:
+    """Columns of the terminal that the stream writes to; None without a terminal, where no line wraps."""
+    if not stream.isatty():
+        return None
+    try:
+        wide = int(os.environ.get("COLUMNS") or os.get_terminal_size(stream.fileno()).columns)
+    except (OSError, ValueError):
+        wide = 0
+    return max(wide, NARROW) if wide > 0 else WIDE
+
+
 def out(text: str) -> None:
-    """Print a line on standard output."""
-    print(clean(text))
+    """Print a result; on a terminal it wraps between words."""
+    _show(lambda width: layout.folded(clean(text), width))
 
 
 def verbatim(text: str) -> None:
@@ -68,28 +109,59 @@ def verbatim(text: str) -> None:
     sys.stdout.write(text)
 
 
-def print_lines(lines: Iterable[tuple[str, str]]) -> None:
-    """Print lines of key and text on standard output."""
-    for key, text in lines:
-        out(f"{key:{KEY}} {text}")
+def print_lines(lines: Iterable[tuple[str, str]], key_width: int = KEY) -> None:
+    """Print lines of key and text; on a terminal the text wraps beside its key."""
+    cleaned = [(clean(key), clean(text)) for key, text in lines]
+    _show(lambda width: (each for key, text in cleaned for each in layout.beside(key, text, key_width + 1, width)))
 
 
-def print_table(title: str | None, columns: list[str], rows: list[list[str]]) -> None:
-    """Print a table on standard output; without a terminal, as wide as needed."""
-    from rich import box
-    from rich.console import Console
-    from rich.table import Table
+def print_table(title: str | None, columns: list[str], rows: list[list[str]], whole: bool = False) -> None:
+    """Print a table, after an empty line if it has a title.
 
-    console = Console(width=None if sys.stdout.isatty() else 200, markup=False, emoji=False)
-    title = None if title is None else clean(title, CELL)
-    table = Table(*(clean(each, CELL) for each in columns), title=title, title_justify="left", box=box.SIMPLE_HEAD)
-    for row in rows:
-        table.add_row(*(clean(each, CELL) for each in row))
-    console.print(table)
+    Without a terminal, each row is a line with every column. In a narrow terminal the table leaves out some columns,
+    and a last line names them; a ``whole`` table becomes a list instead.
+    """
+    heads = [clean(each, CELL) for each in columns]
+    body = [[clean(each, CELL) for each in row] for row in rows]
+
+    def lines(width: int | None) -> list[str]:
+        found, left_out = layout.table(heads, body, width, whole)
+        above = [] if title is None else ["", *layout.folded(clean(title), width)]
+        below = layout.folded(f"Not shown: {', '.join(left_out)}. {HINT}", width)
+        return [*above, *found, *(["", *below] if left_out else [])]
+
+    _show(lines)
 
 
 def say(text: str, quiet: bool = False) -> None:
-    """Print a message on standard error, or lose it if the stream is closed."""
+    """Print a message on standard error, or lose it if the stream is closed; on a terminal it wraps between words."""
     if not quiet:
         with suppress(OSError):
-            print(clean(text), file=sys.stderr, flush=True)
+            for line in layout.folded(clean(text), width_of(sys.stderr)):
+                print(line, file=sys.stderr)
+            sys.stderr.flush()
+
+
+@contextmanager
+def progress_bar(quiet: bool) -> Iterator[Callable[[str], Callable[[int, int], Any]]]:
+    """Yield ``bar(label)``, which returns a function (done, of) that moves a bar on standard error, on a terminal."""
+    with showing.progress_bar(quiet) as bar:
+        yield lambda label: _noting(clean(label, CELL), bar(label))
+
+
+def _noting(label: str, move: Callable[[int, int], Any]) -> Callable[[int, int], Any]:
+    """Function (done, of) that moves a bar, and remembers where the bar stands for `stopped_at`."""
+
+    def note(done: int, of: int) -> None:
+        global _doing
+        _doing = f"{100 * done // max(of, 1)} % of {label}"
+        move(done, of)
+
+    return note
+
+
+def stopped_at() -> str:
+    """Where Ctrl-C stopped a command that writes nothing before its end."""
+    if not _doing:
+        return "interrupted; all written files are whole"
+    return f"stopped at {_doing}; nothing is kept, and the same command begins again"

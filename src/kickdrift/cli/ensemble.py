@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import shlex
+import sys
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
+from kickdrift.cli.amounts import length, whole
 from kickdrift.cli.console import members_bar, say
+from kickdrift.cli.interruption import Interrupted
 from kickdrift.cli.options import QuietOption, SystemArgument, with_options
 from kickdrift.disk.files import unfit
 from kickdrift.errors import InputError, RunError
@@ -37,9 +41,13 @@ def ensemble(
     ] = "run",
     integrator: Annotated[str | None, typer.Option(metavar="NAME", help="See: kickdrift list integrators.")] = None,
     options: Any = None,
-    steps: Annotated[int | None, typer.Option(metavar="N", min=1, help="Steps of each member.")] = None,
-    time: Annotated[float | None, typer.Option(metavar="T", help="Time of each member, instead of --steps.")] = None,
-    every: Annotated[int | None, typer.Option(metavar="K", min=1, help="Steps between samples.")] = None,
+    steps: Annotated[
+        int | None, typer.Option(metavar="N", parser=whole(1), help="Steps of each member, such as 1e6.")
+    ] = None,
+    time: Annotated[
+        Any, typer.Option(metavar="T", parser=length, help="Time of each member, such as '5 ps', instead of --steps.")
+    ] = None,
+    every: Annotated[int | None, typer.Option(metavar="K", parser=whole(1), help="Steps between samples.")] = None,
     workers: Annotated[
         int | None, typer.Option(metavar="K", min=1, help="Processes on this machine (default: one for each core).")
     ] = None,
@@ -53,7 +61,7 @@ def ensemble(
     ] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the table of another ensemble.")] = False,
     trajectories: Annotated[
-        Path | None, typer.Option(metavar="FOLDER", help="Write a .h5md file for each member.")
+        Path | None, typer.Option(metavar="FOLDER", help="Write a .h5md file for each member, .h5 for an ODE.")
     ] = None,
     quiet: QuietOption = False,
 ) -> None:
@@ -89,11 +97,17 @@ def ensemble(
                     if not client.nthreads():
                         say(f"{scheduler}: no workers yet; waiting", quiet)
                     table = planned.run(client, progress=progress, **where)
-        except (KeyboardInterrupt, RunError):
+        except (KeyboardInterrupt, RunError) as error:
             journal = output and journal_of(output)
             if journal and journal.exists():
-                again = "the same command without --overwrite" if overwrite else "the same command"
-                say(f"{journal}: {max(done, 0)} of {counted(len(planned), 'member')} done; {again} continues")
+                again = shlex.join(["kickdrift", *(each for each in sys.argv[1:] if each != "--overwrite")])
+                kept = f"{journal} holds {max(done, 0)} of {counted(len(planned), 'member')}; continue with: {again}"
+                if isinstance(error, KeyboardInterrupt):
+                    raise Interrupted(f"stopped; {kept}") from None
+                say(kept)
+            elif isinstance(error, KeyboardInterrupt):
+                why = "no member is done" if output else "nothing is kept; --output FILE.parquet keeps members"
+                raise Interrupted(f"stopped; {why}") from None
             raise
     print_ensemble(table, output)
     if not (table["status"] == "done").any():

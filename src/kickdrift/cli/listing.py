@@ -8,6 +8,8 @@ from typing import Annotated
 import typer
 
 from kickdrift.cli.console import print_lines, print_table, verbatim
+from kickdrift.cli.options import JsonOption, OverwriteOption
+from kickdrift.disk.outputs import refuse_outputs, write_json
 from kickdrift.display.showing import lines_of, tables_of
 
 
@@ -30,13 +32,18 @@ def show(
 
 
 def list_(
-    what: Annotated[Lists, typer.Argument()],
+    what: Annotated[Lists, typer.Argument(metavar="WHAT", help=f"{', '.join(Lists)}.")],
     name: Annotated[str | None, typer.Argument(metavar="[NAME]", help="Explain this integrator.")] = None,
+    all_: Annotated[bool, typer.Option("--all", help="Every column, whatever the terminal's width.")] = False,
+    json_file: JsonOption = None,
+    overwrite: OverwriteOption = False,
 ) -> None:
     """List integrators, forces, systems or engines, or explain an integrator and its options."""
+    refuse_outputs({"json": json_file}, overwrite)
     from kickdrift.run.listing import listing
 
     found = listing(str(what), name)
     print_lines(lines_of(found))
     for title, columns, rows in tables_of(found):
-        print_table(title, columns, rows)
+        print_table(title, columns, rows, whole=all_)
+    write_json(json_file, found.as_json(), overwrite=overwrite)

@@ -12,9 +12,12 @@ from typing import Annotated, Any
 import typer
 
 from kickdrift.cli.benchmarks import bench_lj_energy, bench_speed, validate
-from kickdrift.cli.console import open_streams, say
+from kickdrift.cli.compiling import telling
+from kickdrift.cli.console import open_streams, out, say, stopped_at
 from kickdrift.cli.ensemble import ensemble
 from kickdrift.cli.files import export, info, plot
+from kickdrift.cli.help import Command, Group
+from kickdrift.cli.interruption import INTERRUPTED, Interrupted
 from kickdrift.cli.listing import list_, show
 from kickdrift.cli.measuring import certify, chaos, compare
 from kickdrift.cli.running import resume, run
@@ -22,7 +25,9 @@ from kickdrift.cli.usage import plain
 from kickdrift.disk.interrupt import heard_everywhere
 from kickdrift.disk.outputs import reason
 from kickdrift.errors import KickdriftError
+from kickdrift.model.other_names import other_name
 
+<<<<<<< HEAD
 COMMANDS = (
     ensemble,
     run,
@@ -36,27 +41,38 @@ COMMANDS = (
     show,
     validate,
 )  # in the order of --help
+=======
+COMMANDS = (run, resume, ensemble, compare, chaos, plot, export, info, show, validate)  # in the order of --help
+>>>>>>> baths
 
 app = typer.Typer(
     name="kickdrift",
+    cls=Group,
     help="Molecular dynamics and N-body simulation in which you choose and measure the integrator.",
-    no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-bench_app = typer.Typer(help="Benchmarks.", no_args_is_help=True)
+bench_app = typer.Typer(cls=Group, help="Measure energy errors and speeds.")
 app.add_typer(bench_app, name="bench")
 
-INTERRUPTED = 130
 BAD_NAMES = (errno.ENAMETOOLONG, errno.ELOOP, errno.EILSEQ, errno.ENOTDIR, errno.EISDIR, errno.ENOENT)
 TRACEBACK = "KICKDRIFT_TRACEBACK"  # the environment variable that shows the source of a bug
 
 for command in COMMANDS:
-    app.command()(command)
-app.command("list")(list_)
-bench_app.command("lj-energy")(bench_lj_energy)
-bench_app.command("speed")(bench_speed)
+    app.command(cls=Command)(telling(command))
+app.command("list", cls=Command)(list_)
+bench_app.command("lj-energy", cls=Command)(telling(bench_lj_energy))
+bench_app.command("speed", cls=Command)(telling(bench_speed))
+
+
+def _version(asked: bool) -> None:
+    """Print the version and exit, if that was asked."""
+    if asked:
+        from importlib.metadata import version
+
+        out(f"kickdrift {version('kickdrift')}")
+        raise typer.Exit
 
 
 @app.callback()
@@ -70,6 +86,9 @@ def options(
             help="First load a Python file that registers methods or forces.",
         ),
     ] = None,
+    version: Annotated[
+        bool, typer.Option("--version", is_eager=True, callback=_version, help="Print the version and exit.")
+    ] = False,
 ) -> None:
     """Options before the command."""
     from kickdrift.integrators.registration import load_file
@@ -80,6 +99,7 @@ def options(
 
 def main() -> None:
     """The program: exit status 0 done, 1 the run failed, 2 bad input, 130 Ctrl-C."""
+    told = False  # what Ctrl-C left behind
     usage_error: Any = typer.BadParameter.__base__  # from click, or from typer's own copy of click
     try:
         open_streams()
@@ -88,11 +108,12 @@ def main() -> None:
             status = app(prog_name="kickdrift", standalone_mode=False)
     except KickdriftError as error:
         say(f"kickdrift: {error}")
-        status = error.exit_status
+        status, told = error.exit_status, isinstance(error, Interrupted)
     except usage_error as error:
         if text := plain(error.format_message()):  # empty without arguments, when help was shown
             command = error.ctx.command_path if error.ctx else "kickdrift"
-            say(f"kickdrift: {text} (see {command} --help)")
+            hint = other_name("option", str(getattr(error, "option_name", "")).lstrip("-"))
+            say(f"kickdrift: {text}{hint} (see {command} --help)")
         status = 2
     except (KeyboardInterrupt, typer.Abort):
         status = INTERRUPTED
@@ -112,8 +133,8 @@ def main() -> None:
         what = f"{type(error).__name__}: {error}".rstrip(": ")
         say(f"kickdrift: this is a bug in kickdrift, please report it: {what} ({TRACEBACK}=1 shows where)")
         status = 1
-    if status == INTERRUPTED:  # typer turns a KeyboardInterrupt into an exit
-        say("kickdrift: interrupted; all written files are whole")
+    if status == INTERRUPTED and not told:  # typer turns a KeyboardInterrupt into an exit
+        say(f"kickdrift: {stopped_at()}")
     written = everything_written(quiet=bool(status))
     sys.exit(status or written)
 

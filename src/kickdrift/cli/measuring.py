@@ -7,6 +7,8 @@ from typing import Annotated, Any
 
 import typer
 
+from kickdrift.cli.amounts import in_units
+from kickdrift.cli.amounts import length as span
 from kickdrift.cli.console import print_lines, print_table, progress_bar, say
 from kickdrift.cli.options import (
     JsonOption,
@@ -30,13 +32,13 @@ def compare(
     ] = None,
     options: Any = None,
     time: Annotated[
-        float | None, typer.Option(metavar="T", help="Length of the pilot runs (default: about a minute's worth).")
+        Any, typer.Option(metavar="T", parser=span, help="Length of the pilot runs (default: about a minute's worth).")
     ] = None,
     accuracy: Annotated[
         float | None, typer.Option(metavar="X", help="Wanted relative error: recommend a method and a step.")
     ] = None,
     length: Annotated[
-        float | None, typer.Option(metavar="T", help="Length of the planned run (default: the file's).")
+        Any, typer.Option(metavar="T", parser=span, help="Length of the planned run (default: the file's).")
     ] = None,
     seed: Annotated[int | None, typer.Option(metavar="S", min=0, help="Seed of random velocities.")] = None,
     threads: ThreadsOption = 1,
@@ -53,7 +55,8 @@ def compare(
     from kickdrift.systemfile.python_file import load_or_run
 
     subject = load_or_run(system, seed)
-    notice = "compiling (the first time on a machine takes longest) and comparing: about a minute …"
+    time, length = in_units(time, subject, "--time"), in_units(length, subject, "--length")
+    notice = "comparing: about a minute …"
     with progress_bar(quiet) as bar:
         found = compared(
             subject, integrator, bar, time, accuracy, length, threads, options, system, lambda: say(notice, quiet)
@@ -73,7 +76,9 @@ def compare(
 @with_options("dt", "rtol", "atol")
 def chaos(
     system: SubjectArgument,
-    time: Annotated[float | None, typer.Option(metavar="T", help="Length of the run (default: the file's).")] = None,
+    time: Annotated[
+        Any, typer.Option(metavar="T", parser=span, help="Length of the run, such as '5 yr' (default: the file's).")
+    ] = None,
     integrator: Annotated[
         str | None, typer.Option(metavar="NAME", help="Default: the file's if it can carry deviations, else dop853.")
     ] = None,
@@ -90,6 +95,7 @@ def chaos(
     from kickdrift.systemfile.python_file import load_or_run
 
     subject = load_or_run(system)
+    time = in_units(time, subject, "--time")
     with progress_bar(quiet) as bar:
         found = megno(subject, time, integrator, seed=seed, threads=threads, progress=bar("running"), **options)
     try:

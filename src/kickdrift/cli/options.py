@@ -10,6 +10,8 @@ from typing import Annotated, Any
 
 import typer
 
+from kickdrift.cli.console import hush, results_on_stderr
+from kickdrift.disk.outputs import STDOUT
 from kickdrift.errors import InputError
 from kickdrift.integrators.asked import known_options, parsed, takers
 from kickdrift.integrators.option import DOUBLE, DT, MIXED, PRECISION, Option
@@ -25,12 +27,34 @@ SubjectArgument = Annotated[
         "it defines f and y0, or a System.",
     ),
 ]
+
+
+def _alone(path: Path | None) -> Path | None:
+    """Keep standard output for the JSON object, if the object goes there."""
+    if path == STDOUT:
+        results_on_stderr()
+    return path
+
+
 JsonOption = Annotated[
-    Path | None, typer.Option("--json", metavar="FILE", help="Write the results as one JSON object.")
-]
+    Path | None,
+    typer.Option(
+        "--json", metavar="FILE", callback=_alone,
+        help="Write the results as one JSON object; - is standard output, which then holds nothing else.",
+    ),
+]  # fmt: skip
 OverwriteOption = Annotated[bool, typer.Option("--overwrite", help="Replace files that kickdrift wrote.")]
 ThreadsOption = Annotated[int, typer.Option(metavar="K", min=1, help="Threads; they do not change the results.")]
-QuietOption = Annotated[bool, typer.Option("--quiet", help="Print only errors on standard error.")]
+
+
+def _quietly(quiet: bool) -> bool:
+    """Tell the console."""
+    if quiet:
+        hush()
+    return quiet
+
+
+QuietOption = Annotated[bool, typer.Option("--quiet", callback=_quietly, help="Print only errors on standard error.")]
 FlushOption = Annotated[
     float | None,
     typer.Option(

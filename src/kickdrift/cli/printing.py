@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from kickdrift.cli.console import members_bar as members_bar
@@ -11,7 +12,7 @@ from kickdrift.cli.console import print_table as print_table
 from kickdrift.cli.console import progress_bar as progress_bar
 from kickdrift.cli.console import say as say
 from kickdrift.display.showing import lines_of
-from kickdrift.run.shown import drift_text
+from kickdrift.looks.report_lines import drift_text
 from kickdrift.text import duration
 
 if TYPE_CHECKING:
@@ -37,7 +38,7 @@ def print_benchmark(rows: list[Any], particles: int, seconds: float) -> None:
         "same step": "Equal step",
         "same cost": "Equal cost: 1000 force evaluations per unit of time",
     }
-    columns = ["method", "dt", "RMS error", "largest", "drift per unit time", "verdict", "steps/s"]
+    columns = ["method", "dt", "RMS error", "largest", "drift per unit time", "steps/s", "verdict"]
     for table, title in titles.items():
         body = []
         for row in rows:
@@ -49,13 +50,13 @@ def print_benchmark(rows: list[Any], particles: int, seconds: float) -> None:
                         f"{row.dt:g}",
                         f"{100 * e.rms_relative_error:.2g} %",
                         f"{100 * e.max_relative_error:.2g} %",
-                        drift_text(e) or "–",
-                        e.verdict,
+                        drift_text(asdict(e)) or "–",
                         f"{row.report.steps_per_second:,.0f}",
+                        e.verdict,
                     ]
                 )
             elif row.table == table:
-                body.append([row.method, f"{row.dt:g}", "–", "–", "–", row.failure, "–"])
+                body.append([row.method, f"{row.dt:g}", "–", "–", "–", "–", row.failure])
         print_table(title, columns, body)
     out(
         f"{particles:,} particles, errors relative to |E(0)|; velocity-verlet is leapfrog in its kick-drift-kick form. "

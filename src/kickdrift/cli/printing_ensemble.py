@@ -67,7 +67,7 @@ def _print_measured(table: DataFrame) -> None:
                 ]
                 for point in points.to_dict("records")
             ]
-            print_table(None, [*keys, f"{column} ± standard error", "members"], rows)
+            print_table(f"{column}, mean ± standard error", [*keys, "mean", "members"], rows)
             return
     rows = []
     for name in summary.measured(table):

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from kickdrift.cli.amounts import in_units, length, whole
 from kickdrift.cli.console import print_lines, progress_bar, say
+from kickdrift.cli.interruption import Interruption
 from kickdrift.cli.options import (
     FlushOption,
     JsonOption,
@@ -21,6 +24,7 @@ from kickdrift.cli.options import (
 from kickdrift.disk.outputs import refuse_outputs, write_json
 from kickdrift.display.showing import lines_of
 from kickdrift.errors import InputError
+from kickdrift.text import shown
 
 if TYPE_CHECKING:
     from kickdrift.run.report import Report
@@ -35,16 +39,35 @@ def run(
     system: SubjectArgument,
     integrator: Annotated[str | None, typer.Option(metavar="NAME", help="See: kickdrift list integrators.")] = None,
     options: Any = None,
-    steps: Annotated[int | None, typer.Option(metavar="N", min=0, help="Number of steps.")] = None,
+    steps: Annotated[
+        int | None, typer.Option(metavar="N", parser=whole(0), help="Number of steps, such as 1e6.")
+    ] = None,
     time: Annotated[
-        float | None, typer.Option(metavar="T", help="Length of the run in time, instead of --steps.")
+        Any,
+        typer.Option(
+            metavar="T",
+            parser=length,
+            help="Length of the run in time, such as '5 ps', instead of --steps; negative for a run back in time.",
+        ),
     ] = None,
-    every: Annotated[int | None, typer.Option(metavar="K", min=1, help="Steps between samples and frames.")] = None,
+    exact: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME",
+            help="With fixed steps, a --time between two steps: false runs to the nearest (default), true is an error, "
+            "shorten shortens the last step.",
+        ),
+    ] = None,
+    every: Annotated[
+        int | None, typer.Option(metavar="K", parser=whole(1), help="Steps between samples and frames.")
+    ] = None,
     interval: Annotated[
-        float | None,
-        typer.Option(metavar="T", help="Time between samples and frames, for adaptive methods."),
+        Any,
+        typer.Option(metavar="T", parser=length, help="Time between samples and frames, for adaptive methods."),
     ] = None,
-    output: Annotated[Path | None, typer.Option(metavar="FILE.h5md", help="Write the trajectory.")] = None,
+    output: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write the trajectory: .h5md; of an ODE .h5, .csv or .parquet.")
+    ] = None,
     overwrite: OverwriteOption = False,
     flush: FlushOption = None,
     store: Annotated[
@@ -82,18 +105,30 @@ def run(
     file = file_options(output, given | {"write": write and tuple(each.strip() for each in write.split(","))})
     chosen = load_or_run(system, seed)
 
-    from kickdrift.run.plan import length_of
+    from kickdrift.run.lengths import SHORTEN, length_of
+    from kickdrift.run.problem_outputs import check_suffix
     from kickdrift.run.simulation import Simulation
 
+    choices: dict[str, Any] = {"true": True, "false": False, SHORTEN: SHORTEN}
+    if exact is not None and exact not in choices:
+        raise InputError(f"--exact {shown(exact)} is unknown; known are {', '.join(choices)}")
+    if output is not None:
+        check_suffix(chosen, str(output))
+    ending = choices[exact or "false"]
+    time, interval = in_units(time, chosen, "--time"), in_units(interval, chosen, "--interval")
+
     sim = Simulation(chosen, integrator, threads=threads, engine=engine, processes=processes, **options)
-    length = length_of(sim, system, steps, time)
+    wanted_length = partial(length_of, sim, system, steps, time, ending)
+    wanted_length()  # or its error, before anything runs
     warn_of_version(sim, quiet)
-    with progress_bar(quiet) as bar:
+    with Interruption(output, isinstance(chosen, System)) as stopped, progress_bar(quiet) as bar:
         if isinstance(chosen, System) and chosen.equilibration:
             wanted = chosen.equilibration
             sim.equilibrate(wanted.temperature, wanted.time, wanted.interval, bar("equilibrating"))
+        ahead = wanted_length()
+        stopped.begins(sim, ahead.get("steps"), ahead.get("until"))
         report = sim.run(
-            **length, every=every, interval=interval, output=output, overwrite=overwrite, file=file,
+            **ahead, every=every, interval=interval, output=output, overwrite=overwrite, file=file,
             progress=bar("running"),
         )  # fmt: skip
     show(report, sim, output, json_file, quiet, overwrite)
@@ -110,12 +145,16 @@ def file_options(output: Path | None, given: dict[str, Any]) -> FileOptions | No
 
 
 def resume(
-    file: Annotated[Path, typer.Argument(metavar="FILE.h5md", help="The file of a run, finished or not.")],
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="A run's .h5md, or the .h5 of an ODE, finished or not.")],
     steps: Annotated[
-        int | None, typer.Option(metavar="N", min=0, help="Continue to this step, counted from the run's start.")
+        int | None,
+        typer.Option(metavar="N", parser=whole(0), help="Continue to this step, counted from the run's start."),
     ] = None,
     time: Annotated[
-        float | None, typer.Option(metavar="T", help="Continue to this time since the run's start, instead of --steps.")
+        Any,
+        typer.Option(
+            metavar="T", parser=length, help="Continue to this time since the run's start, instead of --steps."
+        ),
     ] = None,
     threads: Annotated[
         int | None,
@@ -132,22 +171,24 @@ def resume(
     refuse_outputs({"json": json_file}, overwrite, [file])
     from kickdrift.run.resuming import continued
     from kickdrift.run.resuming import resume as taken_up
-    from kickdrift.trajectory.reader import open as opened
+    from kickdrift.trajectory.opened import open as opened
 
-    sim = taken_up(file, threads=threads)
-    warn_of_version(sim, quiet)
-    with opened(file) as run:
-        options, closed = None if flush is None else replace(run.options, flush=flush), run.closed
-    if sim.plan is None:
-        raise InputError(f"{file}: the length of the run is not known; give --steps or --time")
-    sim.plan = continued(sim, steps, time)
-    if sim.plan.over(sim) and closed:
-        say(f"{file}: the run is finished at step {sim.steps_done}; --steps or --time extend it", quiet)
-        report = sim.report()
-    else:
-        with progress_bar(quiet) as bar:
-            say(f"{file}: continues from step {sim.steps_done}", quiet)
-            report = sim.run(progress=bar("running"), file=options)
+    with Interruption(file, resumed=True) as stopped:
+        sim = taken_up(file, threads=threads)
+        warn_of_version(sim, quiet)
+        with opened(file) as run:
+            options, closed = None if flush is None else replace(run.options, flush=flush), run.closed
+        if sim.plan is None:
+            raise InputError(f"{file}: the length of the run is not known; give --steps or --time")
+        sim.plan = continued(sim, steps, in_units(time, sim.system, "--time"))
+        if sim.plan.over(sim) and closed:
+            say(f"{file}: the run is finished at step {sim.steps_done}; --steps or --time extend it", quiet)
+            report = sim.report()
+        else:
+            with progress_bar(quiet) as bar:
+                say(f"{file}: continues from step {sim.steps_done}", quiet)
+                stopped.begins(sim, sim.plan.end_step, sim.plan.end_time)
+                report = sim.run(progress=bar("running"), file=options)
     show(report, sim, file, json_file, quiet, overwrite)
 
 

@@ -13,6 +13,7 @@ from kickdrift.errors import InputError
 HEAD = TAIL = 256 * 1024  # bytes at each end of a file that are examined
 FIGURES = (".png", ".pdf", ".svg")
 _HDF5 = b"\x89HDF\r\n\x1a\n"
+SERIES_MARK = "kickdrift_problem"  # in the table of a Problem's run
 _PDB = re.compile(rb"(HEADER|TITLE |REMARK|CRYST1|MODEL |ATOM  |HETATM)")
 _EXPORTS: dict[str, Callable[[bytes], bool]] = {
     ".dcd": lambda head: head[4:8] == b"CORD",
@@ -53,17 +54,37 @@ def _figure(head: bytes, tail: bytes) -> bool:
     return known and (b"atplotlib" in head or b"atplotlib" in tail)
 
 
+def _problem(head: bytes, tail: bytes) -> bool:
+    return head.startswith(_HDF5) and all(name in head for name in (b"kickdrift\0", b"problem\0", b"checkpoints\0"))
+
+
+def _series(head: bytes, tail: bytes) -> bool:
+    if head.startswith(b"PAR1"):
+        return SERIES_MARK.encode() in tail
+    return head.startswith(b"time,y0")
+
+
 def _table(head: bytes, tail: bytes) -> bool:
     if head.startswith(b"PAR1"):
-        return b"kickdrift" in tail
-    return head.startswith(_HDF5) and b"kickdrift" in head and b"columns" in head
+        return b"kickdrift" in tail and SERIES_MARK.encode() not in tail
+    return not _problem(head, tail) and head.startswith(_HDF5) and b"kickdrift" in head and b"columns" in head
 
 
 RUN = Kind("a run's file", (".h5md",), _run, streams=False)
+PROBLEM = Kind("the file of a Problem's run", (".h5",), _problem, streams=False)
+SERIES = Kind("the table of a Problem's run", (".csv", ".parquet"), _series, streams=False)
 JSON = Kind("a JSON object", (), _json)
 FIGURE = Kind("a figure", FIGURES, _figure)
 TABLE = Kind("the table of an ensemble", (".parquet", ".h5"), _table, streams=False)
 JOURNAL = Kind("the journal of an ensemble", (), lambda head, tail: head.startswith(b"{"), streams=False)
+
+
+def of_run(path: str | os.PathLike[str]) -> Kind:
+    """Kind of a run's output with that suffix: particles or a Problem, a file or a table."""
+    suffix = os.path.splitext(os.fspath(path))[1].lower()
+    written = [kind for kind in (RUN, PROBLEM, SERIES) if suffix in kind.suffixes]
+    every = (*RUN.suffixes, *PROBLEM.suffixes, *SERIES.suffixes)
+    return written[0] if written else RUN._replace(suffixes=every)
 
 
 def export(suffix: str, suffixes: tuple[str, ...]) -> Kind:

@@ -26,8 +26,9 @@ from kickdrift.disk.kinds import Kind, is_ours
 from kickdrift.disk.parts import private_place
 from kickdrift.errors import InputError, RunError
 
-KINDS = {"output": kinds.RUN, "json": kinds.JSON, "plot": kinds.FIGURE}  # by option
+KINDS = {"json": kinds.JSON, "plot": kinds.FIGURE}  # by option
 _OWN = re.compile(r"/(?:dev|proc/self)/(?:fd/(\d{1,9})|(stdin|stdout|stderr))")
+STDOUT = Path("-")  # the program's standard output
 _CLOSED = (errno.EACCES, errno.EPERM, errno.EROFS)  # places without write permission
 _pipes: dict[tuple[int, int], int] = {}  # pipes by device and inode, open since the check, so that no reader leaves
 
@@ -41,7 +42,8 @@ def refuse_outputs(
         if path is None:
             continue
         said = f"--{option} {shown_path(path)}"
-        if (target := _checked(path, KINDS[option], overwrite, inputs, said, "give --overwrite")) is None:
+        kind = KINDS.get(option) or kinds.of_run(path)
+        if (target := _checked(path, kind, overwrite, inputs, said, "give --overwrite")) is None:
             continue
         for other, name in taken.items():
             if other == target or same_file(other, target):
@@ -198,7 +200,9 @@ def write_json(path: Path | None, content: dict[str, Any], *, overwrite: bool) -
 
 def is_stream(path: str | os.PathLike[str]) -> bool:
     """Tell whether the path is a pipe, a character device such as /dev/null, or one of the program's own streams such
-    as /dev/stdout."""
+    as /dev/stdout or ``-``."""
+    if os.fspath(path) == os.fspath(STDOUT):
+        return True
     try:
         mode = os.stat(path).st_mode
     except (OSError, ValueError):
@@ -207,7 +211,9 @@ def is_stream(path: str | os.PathLike[str]) -> bool:
 
 
 def _own(path: str | os.PathLike[str]) -> int | None:
-    """Descriptor of a name such as /dev/stdout."""
+    """Descriptor of a name such as /dev/stdout, or of ``-``."""
+    if os.fspath(path) == os.fspath(STDOUT):
+        return 1
     found = _OWN.fullmatch(os.fspath(path))
     if not found:
         return None
@@ -217,8 +223,7 @@ def _own(path: str | os.PathLike[str]) -> int | None:
 
 def _hold(path: Path, said: str) -> None:
     """Open a pipe now, without waiting for a reader, so that an existing reader does not wait in vain."""
-    status = os.stat(path)
-    if not stat.S_ISFIFO(status.st_mode) or _own(path) is not None:
+    if _own(path) is not None or not stat.S_ISFIFO((status := os.stat(path)).st_mode):
         return
     if (status.st_dev, status.st_ino) not in _pipes:
         try:

@@ -9,6 +9,7 @@ from html import escape
 from time import monotonic
 from typing import Any
 
+from kickdrift.display import layout
 from kickdrift.text import CELL, clean
 
 KEY = 17  # width of a line's key
@@ -62,10 +63,8 @@ def tables_of(shown: Shown) -> list[Table]:
 
 def text_table(title: str | None, columns: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     """A table as text: the columns side by side, a line below their names."""
-    body = [[clean(cell, CELL) for cell in row] for row in (columns, *rows)]
-    widths = [max(map(len, column)) for column in zip(*body, strict=True)]
-    lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in body]
-    lines.insert(1, "  ".join("-" * width for width in widths))
+    head, *body = [[clean(cell, CELL) for cell in row] for row in (columns, *rows)]
+    lines, _ = layout.table(head, body, sys.maxsize)
     return "\n".join([clean(title), *lines] if title else lines)
 
 

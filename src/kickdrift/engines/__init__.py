@@ -16,7 +16,8 @@ from typing import TYPE_CHECKING, Any
 from kickdrift.errors import InputError
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators.option import MIXED
-from kickdrift.text import shown
+from kickdrift.model.other_names import other_name
+from kickdrift.text import shown, suggestion
 
 if TYPE_CHECKING:
     from kickdrift.engines.job import Job
@@ -160,7 +161,8 @@ ENGINES: dict[str, Engine] = {
 def engine(name: str) -> Engine:
     """Engine of that name. Raises an InputError that lists the known names for an unknown one."""
     if not isinstance(name, str) or name not in ENGINES:
-        raise InputError(f"engine {shown(name)} is not one of {', '.join(ENGINES)}")
+        hint = other_name("engine", name) or suggestion(name, ENGINES)
+        raise InputError(f"engine {shown(name)} is not one of {', '.join(ENGINES)}{hint}")
     return ENGINES[name]
 
 

@@ -30,6 +30,8 @@ def refusal(job: Job) -> str | None:
     system = job.system
     if reason := only_lennard_jones(system, ("cut", "shift")) or small_units(system):
         return reason
+    if system.dimensions == 2 and system.forces[0].tail:
+        return "tail: LAMMPS has no tail correction in two dimensions"
     if (count := len(_kinds(job)[0])) > MOST_TYPES:
         return f"masses: {count} types of particles that differ in mass or species, and {MOST_TYPES} is the most"
     return None
@@ -66,6 +68,7 @@ def model_of(job: Job) -> Model:
         shifted=force.truncation == "shift",
         tail=force.tail,
         dt=dt,
+        dimensions=system.dimensions,
     )
 
 

@@ -26,6 +26,7 @@ class Model(NamedTuple):
     masses : by type
     pairs : (type, type, epsilon, sigma) for each pair of types
     shifted, tail : options of pair_modify
+    dimensions : 2 or 3
     """
 
     box: Box
@@ -36,6 +37,7 @@ class Model(NamedTuple):
     shifted: bool
     tail: bool
     dt: float
+    dimensions: int = 3
 
 
 class World:
@@ -54,19 +56,22 @@ class World:
         if self.lmp.get_natoms():
             self.lmp.command("clear")
         skin = SKIN * max(sigma for *_, sigma in model.pairs)
-        box, axes = model.box, model.box.periodic_axes
-        low = np.where(axes, 0.0, x.min(axis=0) - skin)
-        high = np.where(axes, np.diag(box.matrix), x.max(axis=0) + skin)
-        edges = " ".join(f"{float(a)!r} {float(b)!r}" for a, b in zip(low, high, strict=True))
-        shape = f"block {edges}"
-        if box.triclinic:
-            _, (bx, _, _), (cx, cy, _) = box.matrix.tolist()
-            shape = f"prism {edges} {bx!r} {cx!r} {cy!r}"
+        box, axes = model.box, np.array(model.box.periodic_axes)
+        thin = ~axes & (np.ptp(x, axis=0) < model.cutoff)  # LAMMPS needs room for a cell of its list
+        margin = np.where(thin, model.cutoff, skin)
+        low = np.where(axes, 0.0, x.min(axis=0) - margin)
+        high = np.where(axes, np.diag(box.matrix), x.max(axis=0) + margin)
+        boundary = np.where(axes, "p", np.where(thin, "m", "s"))
+        if model.dimensions == 2:  # LAMMPS wants a thin box around z = 0 that is periodic along z
+            low[2], high[2], boundary[2] = -0.5, 0.5, "p"
+        edges = np.column_stack([low, high]).ravel().tolist()
+        shape = " ".join(["prism" if box.tilts else "block", *map(repr, [*edges, *box.tilts])])
         yes = {True: "yes", False: "no"}
         for line in (
             "units lj",  # no constants: the numbers are in any coherent system of units
+            f"dimension {model.dimensions}",
             "atom_style atomic",
-            f"boundary {' '.join('p' if there else 's' for there in axes)}",
+            f"boundary {' '.join(boundary)}",
             f"region box {shape} units box",
             f"create_box {len(model.masses)} box",
             *(f"mass {kind} {mass!r}" for kind, mass in enumerate(model.masses, 1)),
@@ -112,7 +117,8 @@ class World:
     def measure(self) -> tuple[Floats, float, float]:
         """Forces (n, 3), potential energy, and virial."""
         energy, pressure = (self.lmp.extract_compute(name, 0, 0) for name in ("thermo_pe", "pull"))
-        return self._gathered("f"), float(energy), 3.0 * float(pressure) * float(self.lmp.get_thermo("vol"))
+        virial = self.model.dimensions * float(pressure) * float(self.lmp.get_thermo("vol"))
+        return self._gathered("f"), float(energy), virial
 
     def _gathered(self, name: str, integer: bool = False) -> Any:
         """Values of all particles in the order of their ids, on each process."""

@@ -17,6 +17,7 @@ import numpy as np
 from kickdrift.engines.job import Job
 from kickdrift.engines.lennard_jones import only_lennard_jones, small_units
 from kickdrift.engines.session import Session, Trouble
+from kickdrift.errors import InputError
 from kickdrift.forces import Gravity
 from kickdrift.forces.bound import Measured
 from kickdrift.forces.central import gravitational_constant
@@ -32,11 +33,10 @@ GRAVITY = "-G*m1*m2/sqrt((s*r)^2 + softening^2)"
 def refusal(job: Job) -> str | None:
     """See Engine."""
     system, masses = job.system, job.system.state.masses
-    if system.box.triclinic:
-        return "box: it leans, and OpenMM's lists miss pairs near the cutoff in boxes that lean"
-    if system.box.periodic and not all(system.box.periodic_axes):
-        found = system.box.described(system.units.symbol("length"))
-        return f"box: OpenMM's is periodic along all axes or none, and this one is {found}"
+    try:
+        system.box.cuboid("box: OpenMM")  # whose lists miss pairs near the cutoff in boxes of other shapes
+    except InputError as error:
+        return str(error)
     if not all(masses):
         still = system.body(int(np.argmin(masses)))
         return f"masses: {still} has no mass, and OpenMM fixes massless particles"

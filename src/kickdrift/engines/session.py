@@ -50,7 +50,7 @@ class Session:
         self.job = job
 
     def reset(self, phase: Floats, time: float) -> None:
-        """Start anew at positions and velocities ``phase`` (2, 3, n)."""
+        """Start anew at positions and velocities ``phase`` (2, 3, n). In two dimensions z is zero."""
         raise NotImplementedError
 
     def advance(self, steps: int, until: float) -> int:
@@ -149,7 +149,7 @@ class EngineStepper:
         if self._known is None:
             try:
                 with self._one_line():
-                    self._known = self._last = self._session.phase()
+                    self._known = self._last = self._raised(self._session.phase())
             except Trouble as trouble:
                 raise self._stopped(trouble) from None
         return self._known
@@ -172,6 +172,7 @@ class EngineStepper:
     def reset(self, y: Floats, time: float, steps: int) -> None:
         self._known = y
         self._last = y
+        self._z = float(y[0, 2, 0]) if self._job.system.dimensions == 2 else 0.0  # of the plane; the program has zero
         self.trouble = ""
         self.steps_done = steps
         self._begin = time - steps * self._dt
@@ -196,8 +197,10 @@ class EngineStepper:
     def _told(self) -> Session:
         """The session, set to y."""
         if self._waiting:
+            phase = self.y.copy()
+            phase[0, 2] -= self._z
             with self._one_line():
-                self._session.reset(self.y.copy(), self.time)
+                self._session.reset(phase, self.time)
             self._waiting = False
         return self._session
 
@@ -222,7 +225,13 @@ class EngineStepper:
         if time == self.time:
             return self.y.copy()
         with self._one_line():
-            return self._told().at(time)
+            return self._raised(self._told().at(time))
+
+    def _raised(self, phase: Floats) -> Floats:
+        """The program's phase in the plane of the System."""
+        if self._z:
+            phase[0, 2] += self._z
+        return phase
 
     def measure(self, time: float, phase: Floats) -> Measured | None:
         """Measurement at ``time``, at present or inside the last step; None if it is not finite."""

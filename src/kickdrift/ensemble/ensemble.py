@@ -17,12 +17,12 @@ from kickdrift.ensemble import running
 from kickdrift.ensemble import table as tables
 from kickdrift.ensemble.keys import path_of
 from kickdrift.ensemble.members import Members, members_of
-from kickdrift.ensemble.recipe import MEGNO, RUN, VERSION, Measure, Recipe, SystemMaker, SystemText, seeded
+from kickdrift.ensemble.recipe import INTEGRATOR, MEGNO, RUN, VERSION, Measure, Recipe, SystemMaker, SystemText, seeded
 from kickdrift.ensemble.rows import COLUMNS, DONE, MEMBER, Row
 from kickdrift.errors import InputError
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators import integrator as method_named
-from kickdrift.integrators.asked import meant, unpacked
+from kickdrift.integrators.asked import from_text, meant, unpacked
 from kickdrift.integrators.method import Method
 from kickdrift.integrators.registration import REGISTERED
 from kickdrift.jit.compile import processor
@@ -53,6 +53,7 @@ class Ensemble:
         are run. Keys are keys of the system file, such as ``"particles.elements[1].a"`` (entries by number from 0, or
         by name: ``"particles.elements[Saturn].a"``), and ``dt``, ``integrator`` and the other keys of its ``[run]``; or
         parameters of the function. Values are numbers in the system's units or texts with units, in a list or an array;
+        integrators may be values that ``kickdrift.integrator`` makes;
         or a text: ``"5:6:64"`` for 64 values from 5 to 6 (``"log:…"`` evenly in the logarithm), ``"uniform:5:6"``,
         ``"normal:5.2:0.1"`` (mean and standard deviation), ``"log-uniform:1e-6:1e-3"``
     replicas : members of each combination, each with its own seed
@@ -134,7 +135,7 @@ class Ensemble:
         output : a ``.parquet`` or ``.h5`` file for the table. A journal beside it keeps the rows until all are done.
             After Ctrl-C or a kill the same call continues; so does a call with more replicas
         overwrite : start anew, whatever the file or the folder of trajectories holds
-        trajectories : a folder for a ``.h5md`` file of each member
+        trajectories : a folder for a ``.h5md`` file of each member, ``.h5`` for an ODE
         progress : True shows a bar; a function is called as ``progress(done, of, failed)``
 
         Raises InputError if output holds another ensemble or a package is missing, and RunError if the scheduler is
@@ -241,10 +242,10 @@ class Ensemble:
 
     def _registered(self, system: System | Problem) -> list[Method]:
         """Integrators that members may name and that other processes do not have."""
-        grids = [values for key, values in self.members.grids.items() if path_of(key) == ("run", "integrator")]
+        grids = [values for key, values in self.members.grids.items() if path_of(key) == INTEGRATOR]
         named = {
             *([system.run.integrator] if system.run.integrator else []),
-            *(value for values in grids for value in values),
+            *(from_text(value)[0] if isinstance(value, str) else value for values in grids for value in values),
         }
         for name in named:
             method_named(name)  # or an InputError with a suggestion

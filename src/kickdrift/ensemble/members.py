@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from kickdrift.errors import InputError
+from kickdrift.integrators.asked import Integrator
 from kickdrift.model.capacity import check_room
 from kickdrift.model.limits import whole_text
 from kickdrift.text import shown
@@ -170,6 +171,7 @@ def _grid(key: str, given: Any) -> list[Any]:
     if not isinstance(values, Sequence | range) or isinstance(values, str) or not len(values):
         raise InputError(f"vary: {key}: expected values or {SPELLINGS}, got {shown(given)}")
     values = [value.item() if isinstance(value, np.generic) else value for value in values]
+    values = [str(value) if isinstance(value, Integrator) else value for value in values]  # as tables have it
     for value in values:
         if not isinstance(value, int | float | str | bool | list):
             raise InputError(f"vary: {key}: expected numbers, texts or lists of these, got {shown(value)}")

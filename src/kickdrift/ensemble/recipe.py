@@ -17,14 +17,17 @@ from kickdrift.ensemble.keys import path_of, with_values
 from kickdrift.ensemble.members import Member
 from kickdrift.errors import InputError
 from kickdrift.integrators import INTEGRATORS
+from kickdrift.integrators.asked import draws_noise, from_text
 from kickdrift.integrators.method import Method
 from kickdrift.integrators.registration import load_file
 from kickdrift.model.problem import Problem
+from kickdrift.model.run_defaults import RunDefaults
 from kickdrift.model.system import System
 from kickdrift.systemfile.reading import built, draws
 
 Measure = Callable[..., Any]
 RUN, MEGNO = "run", "megno"
+INTEGRATOR = ("run", "integrator")  # path of the key
 VERSION = version("kickdrift")
 _LOADING = Lock()  # a worker may have threads
 _LOADED: set[Path] = set()  # files of integrators, in this process
@@ -49,7 +52,7 @@ class SystemText:
 
         data = with_values(self.data, dict(values))
         text = tomli_w.dumps(data) if with_source else ""
-        return built(data, self.name, None if seeded(values) else seed, self.folder, text)
+        return with_noise(built(data, self.name, None if seeded(values) else seed, self.folder, text), seed)
 
 
 @dataclass(frozen=True)
@@ -84,7 +87,7 @@ class SystemMaker:
             made = made(**own, **({"seed": seed} if "seed" in taken and "seed" not in own else {}))
             if not isinstance(made, System | Problem):
                 raise InputError(f"{self.name}(): returned a {type(made).__name__}, expected a System")
-        return made.with_run(**run)
+        return with_noise(made.with_run(**run), seed)
 
 
 @dataclass(frozen=True)
@@ -111,17 +114,36 @@ class Recipe:
     def system(self, member: Member) -> System | Problem:
         """System of a member."""
         with_source = self.trajectories is not None or callable(self.measure)
-        return self.subject.system({**self.settings, **member.values}, member.seed, with_source)
+        return self.subject.system(self._values(member), member.seed, with_source)
+
+    def _values(self, member: Member) -> dict[str, Any]:
+        """Values by key, of all members and of this one; options of an integrator stand beside its name."""
+        found = dict(self.settings)
+        for key in sorted(member.values, key=lambda key: path_of(key) != INTEGRATOR):  # an option beside it wins
+            value = member.values[key]
+            if path_of(key) == INTEGRATOR and isinstance(value, str):
+                value, options = from_text(value)
+                found |= options
+            found[key] = value
+        return found
 
     def carrier(self, member: Member) -> str | None:
         """Integrator for `megno`; None if only the system's own file names one, which may carry no variations."""
-        asked = {path_of(key): value for key, value in {**self.settings, **member.values}.items()}
-        return asked.get(("run", "integrator"))
+        return {path_of(key): value for key, value in self._values(member).items()}.get(INTEGRATOR)
 
     @property
     def drawn(self) -> bool:
         """Tell whether members with the same values differ by their seeds, as far as this is known."""
         if self.measure == MEGNO:
+            return True
+        if isinstance(self.subject, SystemText):
+            run = self.subject.data.get("run")
+        else:
+            run = None if callable(self.subject.made) else self.subject.made.run.said()
+        named = (run if isinstance(run, dict) else {}) | {
+            path_of(key)[-1]: value for key, value in self.settings.items() if path_of(key)[0] == "run"
+        }
+        if draws_noise(RunDefaults(**named)):
             return True
         if isinstance(self.subject, SystemText):
             return draws(self.subject.data)
@@ -167,7 +189,7 @@ class Recipe:
 
     def refuse_frames(self, overwrite: bool) -> None:
         """Refuse frames of other members in the folder of trajectories."""
-        there = sorted(self.trajectories.glob("member-*.h5md")) if self.trajectories and not overwrite else []
+        there = sorted(self.trajectories.glob("member-*.h5*")) if self.trajectories and not overwrite else []
         if there:
             raise InputError(f"trajectories: {there[0]} exists already; give another folder, or --overwrite")
 
@@ -181,6 +203,11 @@ class Recipe:
             "integrator": identity.digest(*map(repr, self.methods), *files) if self.methods or files else "",
             "trajectories": "yes" if self.trajectories else "no",
         }
+
+
+def with_noise(system: System | Problem, seed: int) -> System | Problem:
+    """The system with this seed in ``[run]``, if its integrator draws random numbers and has no seed there."""
+    return system.with_run(seed=seed) if draws_noise(system.run) else system
 
 
 def seeded(values: Iterable[str]) -> bool:

@@ -24,8 +24,9 @@ from kickdrift.disk.interrupt import whole
 from kickdrift.ensemble.members import Member, Members
 from kickdrift.ensemble.recipe import Recipe
 from kickdrift.ensemble.rows import FAILED, LOST, Row, row_of
-from kickdrift.ensemble.work import check, packed, timed_members
+from kickdrift.ensemble.work import COMPILING, check, packed, timed_members
 from kickdrift.errors import InputError, RunError
+from kickdrift.jit.notices import announce
 from kickdrift.text import counted
 
 PATIENCE = 10.0  # seconds to wait for a scheduler's answer
@@ -177,6 +178,7 @@ def rows(recipe: Recipe, members: Members, todo: Iterable[int], client: Any) -> 
         while len(sent) < room and (batch := [members[i] for i in islice(left, together)]):
             send(batch)
 
+    client.subscribe_topic(COMPILING, _announced)
     try:
         fill()
         for future in tasks:
@@ -197,7 +199,14 @@ def rows(recipe: Recipe, members: Members, todo: Iterable[int], client: Any) -> 
             future.release()
             fill()
     finally:
+        client.unsubscribe_topic(COMPILING)
         client.cancel(list(tasks.futures))
+
+
+def _announced(event: tuple[Any, Any]) -> None:
+    """Announce what a worker compiles."""
+    purpose, kept = event[1]
+    announce(bool(kept), str(purpose))
 
 
 def _line(error: BaseException) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import platform
 from collections.abc import Sequence
+from contextlib import suppress
 from time import perf_counter
 from typing import Any
 
@@ -11,9 +12,12 @@ from kickdrift.ensemble.members import Member
 from kickdrift.ensemble.recipe import MEGNO, VERSION, Recipe
 from kickdrift.ensemble.rows import DONE, FAILED, Row, last_columns, megno_columns, row_of, run_columns
 from kickdrift.errors import InputError, KickdriftError
+from kickdrift.jit.notices import heard
 from kickdrift.model.problem import Problem
 from kickdrift.model.system import System
 from kickdrift.text import shown
+
+COMPILING = "kickdrift-compiling"  # Dask's topic of what workers compile
 
 
 def packed(recipe: Recipe) -> bytes:
@@ -46,15 +50,30 @@ def check(cargo: bytes) -> None:
 
 def timed_members(cargo: bytes, members: Sequence[Member]) -> tuple[list[Row], float, int]:
     """Run members by a packed Recipe. Return a row for each, the seconds, and the number of members for one task."""
-    from kickdrift.ensemble.together import TOGETHER, side_by_side  # loads the compiler
-
     began = perf_counter()
     recipe = unpacked(cargo)
     recipe.begin()
+    with heard(_tell):
+        rows, together = _rows(recipe, members)
+    return rows, perf_counter() - began, together
+
+
+def _tell(purpose: str, kept: bool) -> None:
+    """Tell the process of the ensemble what this worker compiles."""
+    from distributed import get_worker
+
+    with suppress(ValueError):  # this process is no worker
+        get_worker().log_event(COMPILING, [purpose, kept])
+
+
+def _rows(recipe: Recipe, members: Sequence[Member]) -> tuple[list[Row], int]:
+    """Return a row for each member, and the number of members for one task."""
+    from kickdrift.ensemble.together import TOGETHER, side_by_side  # loads the compiler
+
     systems = {member.number: system for member in members if (system := _built(recipe, member)) is not None}
     found = side_by_side(recipe, [(member, systems[member.number]) for member in members if member.number in systems])
     rows = [found.get(each.number) or run_member(recipe, each, systems.get(each.number)) for each in members]
-    return rows, perf_counter() - began, TOGETHER if found else 1
+    return rows, TOGETHER if found else 1
 
 
 def _built(recipe: Recipe, member: Member) -> System | Problem | None:
@@ -77,15 +96,18 @@ def run_member(recipe: Recipe, member: Member, system: System | Problem | None =
 
 
 def _run(recipe: Recipe, member: Member, system: System | Problem) -> Row:
-    from kickdrift.run.plan import length_of
+    from kickdrift.run.lengths import length_of
     from kickdrift.run.simulation import Simulation
 
     sim = Simulation(system)
-    length = length_of(sim, system.name)
+    length_of(sim, system.name)  # or its error, before anything runs
     if isinstance(system, System) and (wanted := system.equilibration):
         sim.equilibrate(wanted.temperature, wanted.time, wanted.interval)
     folder = recipe.trajectories
-    report = sim.run(**length, output=folder and folder / f"member-{member.number:06d}.h5md", overwrite=True)
+    suffix = ".h5" if isinstance(system, Problem) else ".h5md"
+    report = sim.run(
+        **length_of(sim, system.name), output=folder and folder / f"member-{member.number:06d}{suffix}", overwrite=True
+    )
     measured = {} if isinstance(recipe.measure, str) else _measured(recipe.measure, sim)
     return run_columns(report, measured)
 

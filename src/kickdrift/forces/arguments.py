@@ -55,6 +55,15 @@ def check_in_plane(name: str, key: str, along: Vector, system: Subject) -> None:
         raise InputError(f"{name}: {key} has a z component of {along[2]:.6g}, but the system has two dimensions")
 
 
+def check_place_in_plane(name: str, key: str, place: Vector, system: Subject) -> None:
+    """Refuse a place out of the plane of a two-dimensional system."""
+    z = float(system.state.positions[0, 2])
+    if system.dimensions == 2 and place[2] != z:
+        raise InputError(
+            f"{name}: {key} has z = {place[2]:.6g}, but the particles of this two-dimensional system have z = {z:.6g}"
+        )
+
+
 def check_massive(name: str, system: Subject, ids: Iterable[int]) -> None:
     """Refuse massless particles, which this force would accelerate without limit."""
     for i in ids:

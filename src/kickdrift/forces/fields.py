@@ -7,13 +7,23 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from copy import copy
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from kickdrift.errors import InputError
-from kickdrift.forces.arguments import Vector, check_in_plane, check_massive, is_one, items, number, vector
+from kickdrift.forces.arguments import (
+    Vector,
+    check_in_plane,
+    check_massive,
+    check_place_in_plane,
+    is_one,
+    items,
+    number,
+    vector,
+)
 from kickdrift.model.arguments import checked_arguments
 from kickdrift.text import shown
 
@@ -72,9 +82,12 @@ class HarmonicTrap(Field):
         object.__setattr__(self, "centre", vector(self.name, "centre", self.centre))
 
     def check(self, system: Subject) -> None:
-        """Refuse a periodic box, and massless particles, which the trap would accelerate without limit."""
+        """Refuse a periodic box, a centre out of the plane of a two-dimensional system, and massless particles, which
+        the trap would accelerate without limit."""
         if system.box.periodic:
             raise InputError(f"{self.name}: a trap needs open space, but the box is periodic")
+        if np.broadcast_to(self.stiffness, 3)[2]:
+            check_place_in_plane(self.name, "centre", self.centre, system)
         check_massive(self.name, system, range(len(system)))
 
     def bind(self, system: Subject, threads: int = 1) -> Any:
@@ -158,6 +171,10 @@ class DrivenField(Field):
         """Refuse a field out of the plane of a two-dimensional system."""
         check_in_plane(self.name, "amplitude", self.amplitude, system)
 
+    def reversed(self) -> DrivenField:
+        """The field of the motion backwards in time, at t = -s."""
+        return replace(self, phase=-self.phase)
+
     def bind(self, system: Subject, threads: int = 1) -> Any:
         """See Field."""
         from kickdrift.forces.fields_kernel import UniformKernel
@@ -198,6 +215,12 @@ class LinearDrag(Field):
         object.__setattr__(self, "rate", number(self.name, "rate", self.rate))
         if self.rate < 0:
             raise InputError(f"{self.name}: rate must be zero or more, got {self.rate}")
+
+    def reversed(self) -> LinearDrag:
+        """The drag of the motion backwards in time, which pushes."""
+        found = copy(self)
+        object.__setattr__(found, "rate", -self.rate)
+        return found
 
     def bind(self, system: Subject, threads: int = 1) -> Any:
         """See Field."""
@@ -272,10 +295,11 @@ class Springs(Field):
             )
         check_massive(self.name, system, ids.flat)
         lengths = np.broadcast_to(np.array(self.length), len(ids))
-        half = 0.5 * float(system.box.heights.min())
-        if lengths.max() >= half:
-            shortest = "smallest height of the box" if system.box.triclinic else "shortest box edge"
-            raise InputError(f"{self.name}: length {lengths.max():.6g} must be under half the {shortest}, {half:.6g}")
+        named, height = system.box.narrowest
+        if lengths.max() >= 0.5 * height:
+            raise InputError(
+                f"{self.name}: length {lengths.max():.6g} must be under half the {named}, {0.5 * height:.6g}"
+            )
         x = system.state.positions
         apart = system.box.minimum_image(x[ids[:, 0]] - x[ids[:, 1]])
         for k in np.flatnonzero((lengths > 0) & ~apart.any(axis=1)):

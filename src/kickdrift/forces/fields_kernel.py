@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from kickdrift.forces.kernel import OK, kernel
 from kickdrift.jit.compile import never_inline
-from kickdrift.model.cell import Cell, along, leaning_image
+from kickdrift.model.cell import Cell, nearest_image
 
 
 class TrapKernel(NamedTuple):
@@ -91,19 +91,14 @@ def drag_forces(force, t, x, v, a, sums):
 @kernel(SpringsKernel)
 def spring_forces(force, t, x, v, a, sums):
     never_inline()
-    pairs, edges, inverse_masses = force.pairs, force.cell.edges, force.inverse_masses
+    pairs, inverse_masses = force.pairs, force.inverse_masses
     d = np.empty(3)
     energy = virial = 0.0
     for s in range(pairs.shape[0]):
         i, j = pairs[s, 0], pairs[s, 1]
-        r2 = 0.0
         for k in range(3):
-            d[k] = along(edges[k], x[k, i] - x[k, j])
-            r2 += d[k] * d[k]
-        if force.cell.leans:
-            leaning_image(force.cell, d)
-            r2 = d[0] * d[0] + d[1] * d[1] + d[2] * d[2]
-        r = math.sqrt(r2)
+            d[k] = x[k, i] - x[k, j]
+        r = math.sqrt(nearest_image(force.cell, d))
         stretch = r - force.length[s]
         tension = force.stiffness[s] * stretch
         over_r = tension / r if r != 0.0 else 0.0  # a spring of length 0 has no direction, so no force

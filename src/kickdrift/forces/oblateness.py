@@ -84,6 +84,11 @@ class Oblateness:
     def check(self, system: Subject) -> None:
         """Raise InputError for a system that this force cannot run."""
         check_open(self.name, system)
+        if system.dimensions == 2 and self.pole[2] and any(self.pole[:2]):
+            raise InputError(
+                f"{self.name}: pole: expected a vector along z or in the plane of this two-dimensional system, "
+                f"got {list(self.pole)}"
+            )
         central_body(self.name, self.central, system)
         gravitational_constant(self.name, self.G, system)
 

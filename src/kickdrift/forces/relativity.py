@@ -75,6 +75,10 @@ class PostNewtonian:
         """Tell whether this is the full form, which a splitting method refuses."""
         return self.form == "full"
 
+    def reversed(self) -> PostNewtonian:
+        """The force of the motion backwards in time: the same, since it has even powers of v alone."""
+        return self
+
     def light(self, system: Subject) -> float:
         """Speed of light in the system's units."""
         value = self.c if self.c is not None else system.units.light

@@ -20,6 +20,7 @@ from kickdrift.integrators import (
     wisdom_holman,
 )
 from kickdrift.integrators.method import Method
+from kickdrift.model.other_names import other_name
 from kickdrift.text import VALUE, shown
 
 INTEGRATORS: dict[str, Method] = {
@@ -49,8 +50,8 @@ def integrator(name: str) -> Method:
     if name in INTEGRATORS:
         return INTEGRATORS[name]
     near = get_close_matches(name[:VALUE], INTEGRATORS, 3, 0.5)
-    hint = f"did you mean {', '.join(near)}?" if near else "see: kickdrift list integrators"
-    raise InputError(f"integrator {shown(name)} is unknown; {hint}")
+    hint = f"; did you mean {', '.join(near)}?" if near else "; see: kickdrift list integrators"
+    raise InputError(f"integrator {shown(name)} is unknown{other_name('integrator', name) or hint}")
 
 
 def integrators() -> list[str]:

@@ -11,9 +11,11 @@ from kickdrift.errors import InputError
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators import integrator as method_named
 from kickdrift.integrators.method import Method
-from kickdrift.integrators.option import DT, OPTIONS, PRECISION, Option, merged
+from kickdrift.integrators.option import DT, OPTIONS, PRECISION, SEED, Option, merged
 from kickdrift.integrators.options import Options
+from kickdrift.model.other_names import other_name
 from kickdrift.model.run_defaults import RunDefaults
+from kickdrift.model.units import UnitSystem, time_in
 from kickdrift.text import VALUE, clean, shown
 
 FEW = 4  # most methods that a message names
@@ -87,6 +89,12 @@ def integrator(name: str, **options: Any) -> Integrator:
     return Integrator(name, options)
 
 
+def from_text(text: str) -> tuple[str, dict[str, Any]]:
+    """The name and the options that the text of an Integrator has, such as "wisdom-holman -o corrector=17"."""
+    name, *pairs = text.split(" -o ")
+    return name, parsed(pairs, {})
+
+
 def method_of(which: str | Integrator) -> Method:
     """Method with this name, or of this value."""
     return which.method if isinstance(which, Integrator) else method_named(which)
@@ -128,7 +136,11 @@ def takers_text(name: str) -> str:
 
 
 def meant(name: object) -> str:
-    """Text ``; did you mean 'corrector', which wisdom-holman takes?`` if an option's name is near, else ""."""
+    """Text ``; did you mean 'corrector', which wisdom-holman takes?`` if an option's name is near, else "".
+
+    An option of another program, such as timestep, has the text of `other_name`."""
+    if hint := other_name("option", name):
+        return hint
     near = get_close_matches(str(name)[:VALUE].lower(), [*known_options()], 1, 0.6)
     return f"; did you mean {near[0]!r}, which {takers_text(near[0])}?" if near else ""
 
@@ -141,10 +153,16 @@ def refuse_unknown(names: Iterable[str], method: Method | None = None) -> None:
         if name not in known:
             hint = meant(name)
             takes = f"{method.name} takes {', '.join((DT.name, *method.tunable))}" if method else ""
-            between = " " if hint else "; "  # a hint ends with a question mark
+            between = " " if hint.endswith("?") else "; "
             raise InputError(
                 f"{clean(str(name), VALUE)}: no integrator takes such an option{hint}{between + takes if takes else ''}"
             )
+
+
+def in_units(asked: Mapping[str, Any], options: Iterable[Option], units: UnitSystem | None) -> dict[str, Any]:
+    """The options asked for, with times in ``units`` where they are text such as "2 fs"; a Problem has no units."""
+    times = {each.name for each in options if each.dimension == "time"}
+    return {key: time_in(value, units, key) if key in times else value for key, value in asked.items()}
 
 
 def settled(method: Method, asked: Mapping[str, Any], run: RunDefaults) -> Options:
@@ -155,6 +173,12 @@ def settled(method: Method, asked: Mapping[str, Any], run: RunDefaults) -> Optio
     said = {key: value for key, value in asked.items() if value is not None}
     refuse_unknown([*asked, *run.options], method)
     return method.checked(Options(**{"dt": run.dt, **run.options, **said}), Options(**said))
+
+
+def draws_noise(run: RunDefaults) -> bool:
+    """Tell whether the integrator of ``[run]`` draws random numbers with a seed that is not given there."""
+    method = INTEGRATORS.get(run.integrator) if isinstance(run.integrator, str) else None
+    return method is not None and SEED.name in method.tunable and SEED.name not in run.options
 
 
 def parsed(pairs: Iterable[str], flags: Mapping[str, Any]) -> dict[str, Any]:

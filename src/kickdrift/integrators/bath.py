@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.errors import InputError
-from kickdrift.integrators.option import SEED, TEMPERATURE, Option
+from kickdrift.integrators.option import FRICTION, RATE, SEED, TAU, TEMPERATURE, Option
 from kickdrift.jit.compile import as_written
 from kickdrift.jit.lanes import lane_sum, splat
 from kickdrift.jit.memory import flat, load, masked_load, masked_store
@@ -20,6 +20,9 @@ from kickdrift.model.system import System
 if TYPE_CHECKING:
     from kickdrift.integrators.flow import Flow
     from kickdrift.integrators.options import Options
+
+SHORTEST_TAU = 10  # steps
+MOST_DAMPING = 0.5  # friction times dt
 
 
 class Bathed(NamedTuple):
@@ -56,7 +59,7 @@ def bathed(flow: Flow, options: Options, needed: Sequence[Option], conserving: b
     masses, thermal = system.coherent_masses, system.units.boltzmann * options[TEMPERATURE.name]
     if not np.all(masses > 0):
         raise InputError(f"a heat bath needs masses, and {system.body(int(np.argmin(masses)))} has none")
-    freedom = system.degrees_of_freedom if conserving else system.dimensions * len(system)
+    freedom = freedom_of(system, drags=not conserving)
     if not freedom:
         raise InputError("a heat bath that conserves momentum needs two particles or more")
     seed = options.get(SEED.name)
@@ -64,6 +67,24 @@ def bathed(flow: Flow, options: Options, needed: Sequence[Option], conserving: b
         filled(system.state.ids), filled(masses), filled(np.sqrt(thermal / masses)), system.dimensions,
         float(freedom), float(thermal), int((system.seed or 0) if seed is None else seed), np.zeros(1),
     )  # fmt: skip
+
+
+def freedom_of(system: System, drags: bool) -> int:
+    """Degrees of freedom of a system in a bath: all, unless neither the bath nor a force changes the total momentum."""
+    return system.dimensions * len(system) if drags or system.acting("external") else system.degrees_of_freedom
+
+
+def bath_warnings(dt: float, options: Options) -> list[str]:
+    """One line for each option of a bath that is too strong for the step."""
+    found = []
+    tau = options.get(TAU.name)
+    if tau is not None and tau < SHORTEST_TAU * dt:
+        found.append(f"tau = {tau:g} is {tau / dt:.3g} steps; use {SHORTEST_TAU} steps or more")
+    for name in (FRICTION.name, RATE.name):
+        rate = options.get(name)
+        if rate is not None and rate * dt > MOST_DAMPING:
+            found.append(f"{name} = {rate:g} times dt is {rate * dt:.3g}; use {MOST_DAMPING} or less")
+    return found
 
 
 def filled(values: NDArray) -> NDArray:

@@ -16,12 +16,14 @@ from kickdrift.integrators.option import (
     MIXED,
     PRECISION,
     RTOL,
+    TEMPERATURE,
     Option,
 )
 from kickdrift.integrators.options import Options
 
 PRECISIONS = PRECISION.choices  # precisions of pair forces
 OWN_FORCES = "adds up forces of its own"  # reason against mixed precision
+WITH_BATH = "baoab, csvr and nose-hoover"  # the recommended ones
 SOLVES = "solves equations to the rounding of float64"
 
 if TYPE_CHECKING:
@@ -169,7 +171,8 @@ class Method:
         for key, value in asked.items():
             if key not in ("dt", PRECISION.name, *self.tunable) and value is not None and value is not False:
                 takes = ", ".join(("dt", *self.tunable))
-                raise InputError(f"{key}: {self.name} does not take it; it takes {takes}")
+                hint = f"; methods with a heat bath are {WITH_BATH}" if key == TEMPERATURE.name else ""
+                raise InputError(f"{key}: {self.name} does not take it; it takes {takes}{hint}")
         kept = {each.name: each.filled(given.get(each.name)) for each in self.declared}
         dt = asked.dt if self.adaptive else given.dt  # a file's dt is not the first step of an adaptive method
         precision = PRECISION.filled(given.precision)

@@ -15,12 +15,13 @@ import numpy as np
 
 from kickdrift.errors import InputError
 from kickdrift.model.checks import number
+from kickdrift.model.units import has_unit
 from kickdrift.text import shown
 
 DOUBLE, MIXED = "double", "mixed"  # precision of pair forces
 _WORDS = {float: "a number", int: "a whole number", str: "a name", bool: "true or false"}
 DIMENSIONS = {
-    "": "", "time": "the system's unit of time", "frequency": "one over the system's unit of time",
+    "": "", "time": "the system's unit of time", "rate": "one over the system's unit of time",
     "temperature": "the system's unit of temperature",
 }  # fmt: skip
 _SWITCH = {"true": True, "yes": True, "on": True, "false": False, "no": False, "off": False}
@@ -41,7 +42,7 @@ class Option:
     help : one line about the effect
     default : value if none is given; None if there is no single default
     choices : allowed values; () if they cannot be listed
-    dimension : "time", "frequency" or "temperature" for a number in the system's units, "" for a pure number
+    dimension : "time", "rate" or "temperature" for a number in the system's units, "" for a pure number
     above, most : a number is greater than ``above``, and ``most`` at most
     several : whether a Problem may have one number for each component of y
     written : whether run files record the default if no value was given
@@ -109,7 +110,11 @@ class Option:
         return int(found) if self.type is int else found
 
     def parsed(self, text: str) -> Any:
-        """Return the value of a text on the command line. Raises InputError if the text has no allowed value."""
+        """Return the value of a text on the command line. Raises InputError if the text has no allowed value.
+
+        A time with a unit stays text: only a System has the units that it is to be converted to."""
+        if self.dimension == "time" and has_unit(text):
+            return text
         try:
             if self.type is bool:
                 return _SWITCH[text.lower()]
@@ -220,11 +225,11 @@ PRECISION = Option(
 MAX_STEP = Option("max_step", float, "Longest step.", dimension="time", above=0.0)
 TEMPERATURE = Option("temperature", float, "Temperature of the heat bath.", dimension="temperature", above=0.0)
 FRICTION = Option(
-    "friction", float, "Rate at which the heat bath damps velocities.", dimension="frequency", above=0.0
+    "friction", float, "Rate at which the heat bath damps velocities.", dimension="rate", above=0.0
 )  # fmt: skip
 TAU = Option("tau", float, "Time in which the heat bath relaxes the temperature.", dimension="time", above=0.0)
 RATE = Option(
-    "collision_rate", float, "Rate at which a particle gets a new velocity.", dimension="frequency", above=0.0
+    "collision_rate", float, "Rate at which a particle gets a new velocity.", dimension="rate", above=0.0
 )  # fmt: skip
 CHAIN = Option("chain", int, "Number of thermostats in the chain.", 3, above=0.0, most=20.0)
 SEED = Option(

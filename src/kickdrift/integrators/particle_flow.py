@@ -45,11 +45,9 @@ class ParticleFlow(ParticleStates):
                 f"dimensions: the forces push {self.subject.body(int(off[0]))} out of the system's two dimensions"
             )
 
-    def count_all_freedom(self) -> None:
-        """Count the degrees of freedom of the centre of mass too, for a method that does not conserve momentum."""
-        if np.isfinite(self._desk[FREEDOM]):
-            moving = np.count_nonzero(self.subject.state.masses)
-            self._desk[FREEDOM] = self.subject.dimensions * moving * self.subject.units.boltzmann
+    def count_freedom(self, number: int) -> None:
+        """Set the degrees of freedom by which samples compute the temperature."""
+        self._desk[FREEDOM] = number * self.subject.units.boltzmann
 
     @unwarned
     def tune(self, y: Floats, between: float) -> None:

@@ -43,7 +43,7 @@ class ParticleStates:
     @property
     def clocked(self) -> bool:
         """Tell whether f may depend on time: true for a user's own force class, unless the class denies it."""
-        return any(_clocked(force) for force in self.subject.forces)
+        return any(clocked(force) for force in self.subject.forces)
 
     def state(self, y: Floats, time: float, steps: int) -> State:
         """Copy of y as a State."""
@@ -93,6 +93,7 @@ class ParticleStates:
         return explain(self.subject, y, before, good, step, time, good_step)
 
 
-def _clocked(force: Any) -> bool:
+def clocked(force: Any) -> bool:
+    """Tell whether a force may depend on time."""
     own = isinstance(force, PairForce) or type(force).__module__.startswith("kickdrift.")
     return bool(getattr(force, "time_dependent", not own))

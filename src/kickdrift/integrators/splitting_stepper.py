@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.errors import InputError
+from kickdrift.integrators.bath import bath_warnings
 from kickdrift.integrators.loops import FRESH, splitting_loop
 from kickdrift.integrators.stepping import FixedStepper
 from kickdrift.integrators.subflows import FLOWS
@@ -57,6 +58,7 @@ class SplittingStepper(FixedStepper):
         rows = [FLOWS[letter] for letter in method.further]
         self._bound = [row.bind(flow, options).ready() for row in rows if row.bind]
         self._baths = [bound for bound, row in zip(self._bound, rows, strict=True) if row.bath]
+        self.warnings = bath_warnings(options.dt, options) if self._baths else []
         table = [(bound.address, bound.work, row.moves) for bound, row in zip(self._bound, rows, strict=True)]
         word = Word(method.stages, Further(method.further_stages, np.array(table, np.int64)) if table else None)
         super().__init__(flow, splitting_loop, word, lambda shape: np.zeros(shape[1:]), options, kept=True)

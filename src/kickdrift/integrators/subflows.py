@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from importlib import import_module
 from typing import TYPE_CHECKING
 
 from kickdrift.integrators.option import CHAIN, FRICTION, RATE, SEED, TAU, TEMPERATURE, Option
@@ -47,26 +46,24 @@ class Subflow:
     bind: Callable[[Flow, Options], BoundSubflow] | None = None
 
 
-def _bind(module: str) -> Callable[[Flow, Options], BoundSubflow]:
-    """Return what binds the flow of a module, which is loaded when a run begins."""
+def _bath(letter: str, name: str, *options: Option, drags: bool) -> Subflow:
+    """Return the row of a heat bath. Its module, which needs the compiler, is loaded when a run begins."""
 
     def bind(flow: Flow, options: Options) -> BoundSubflow:
-        bound: BoundSubflow = import_module(f"kickdrift.integrators.{module}").bind(flow, options)
+        from kickdrift.integrators import andersen, csvr, nose_hoover, ornstein_uhlenbeck
+
+        modules = {"O": ornstein_uhlenbeck, "C": csvr, "D": andersen, "N": nose_hoover}
+        bound: BoundSubflow = modules[letter].bind(flow, options)
         return bound
 
-    return bind
-
-
-def _bath(name: str, module: str, *options: Option, drags: bool) -> Subflow:
-    """Return the row of a heat bath."""
-    return Subflow(name, False, False, False, True, drags, (TEMPERATURE, *options), _bind(module))
+    return Subflow(name, False, False, False, True, drags, (TEMPERATURE, *options), bind)
 
 
 FLOWS = {
     DRIFT: Subflow("drift", moves=True),
     KICK: Subflow("kick", moves=False),
-    "O": _bath("Ornstein-Uhlenbeck", "ornstein_uhlenbeck", FRICTION, SEED, drags=True),
-    "C": _bath("stochastic rescaling", "csvr", TAU, SEED, drags=False),
-    "D": _bath("Andersen's collisions", "andersen", RATE, SEED, drags=True),
-    "N": _bath("Nosé-Hoover chain", "nose_hoover", TAU, CHAIN, drags=False),
+    "O": _bath("O", "Ornstein-Uhlenbeck", FRICTION, SEED, drags=True),
+    "C": _bath("C", "stochastic rescaling", TAU, SEED, drags=False),
+    "D": _bath("D", "Andersen's collisions", RATE, SEED, drags=True),
+    "N": _bath("N", "Nosé-Hoover chain", TAU, CHAIN, drags=False),
 }

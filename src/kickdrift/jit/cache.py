@@ -20,6 +20,7 @@ from numba import types
 from kickdrift.jit import code_files
 from kickdrift.jit.folders import CODE, folder, make_private, warm
 from kickdrift.jit.inner import functions_in
+from kickdrift.jit.notices import announce
 from kickdrift.jit.numba_private import CompileResult, FunctionIdentity, rtsys, signature
 from kickdrift.jit.package_files import UnknownSource
 from kickdrift.jit.pruning import prune, use
@@ -57,12 +58,13 @@ class DriverCache:
         return place / CODE / f"{self._name}.{key[:32]}{code_files.SUFFIX}"
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Code for these types, or None if it is not on disk."""
+        """Code for these types, or None if it is not on disk and must be compiled now."""
         args = _args(sig)
         try:
             sources = self._sources(args)
             key = self._asked[args] = sources.key(target_context.codegen().magic_tuple())
         except UnknownSource:
+            announce(kept=False)
             return None
         for place in (*warm(), folder()):
             content = code_files.load(path := self._path(place, key), key) if place is not None else None
@@ -80,6 +82,7 @@ class DriverCache:
                 continue
             use(path)
             return found._replace(signature=signature(found.signature.return_type, *args))
+        announce(kept=folder() is not None)
         return None
 
     def save_overload(self, sig: Any, data: Any) -> None:

@@ -17,6 +17,9 @@ from kickdrift.model.event_log import is_row
 from kickdrift.model.memory import Memory, by_value
 from kickdrift.model.state import Floats
 
+# Parts of the work whose wall time a record keeps. Compiled code that steps and looks cannot tell these apart.
+STEPPING, LOOKS, BOTH, WRITING, OBSERVING = "stepping", "looks", "stepping and looks", "writing", "observing"
+
 
 class Series(NamedTuple):
     """A run's samples as arrays.
@@ -30,8 +33,8 @@ class Series(NamedTuple):
     momentum, angular_momentum : (k, 3), with the momentum that events took out; None for a Problem
     temperature, pressure, pairs : means; undefined ones are nan, and None for pairs
     kinetics : (k,) kinetic energy; nan for a Problem
-    temperatures : (k,) temperature; None where it is undefined
-    taken : (k,) energy that events had taken out
+    temperatures, pressures : (k,) temperature and pressure; None if a sample has none
+    taken : (k,) energy that events had taken out, or minus the heat that a bath had given
     """
 
     steps: NDArray[np.int64]
@@ -47,6 +50,7 @@ class Series(NamedTuple):
     kinetics: Floats | float = float("nan")
     temperatures: Floats | None = None
     taken: Floats | float = 0.0
+    pressures: Floats | None = None
 
 
 def even_stretch(steps: NDArray[np.int64]) -> slice:
@@ -58,6 +62,16 @@ def even_stretch(steps: NDArray[np.int64]) -> slice:
     starts, ends = np.concatenate([[0], edges]), np.concatenate([edges, [len(gaps)]])
     longest = int(np.argmax(ends - starts))
     return slice(int(starts[longest]), int(ends[longest]) + 1)
+
+
+def on_grid(steps: NDArray[np.int64], times: Floats) -> NDArray[np.bool_]:
+    """Tell of each look whether its time is in proportion to its step, unlike a look after a shortened step."""
+    counts, apart = steps - steps[0], np.abs(times - times[0])
+    if not counts.any():
+        return np.ones(len(steps), bool)
+    step = float(np.median(apart[counts > 0] / counts[counts > 0]))
+    rounding = 8.0 * float(np.finfo(float).eps) * float(np.abs(times).max() + apart.max())
+    return np.asarray(np.abs(apart - counts * step) <= 1e-6 * step + rounding)
 
 
 class Counted(Protocol):
@@ -82,6 +96,9 @@ class Record:
     jacobian_evaluations: int = 0
     wall_seconds: float = 0.0
     compile_seconds: float = 0.0
+    backward: bool = False  # whether the run goes back in time
+    unfinished: float = 0.0  # time between the current time and the end of a shortened step's whole step
+    spent: dict[str, float] = field(default_factory=dict)  # seconds by part of the work; see ``spend``
     warnings: list[str] = field(default_factory=list)
     events: list[dict[str, Any]] = field(default_factory=list)
     taken: Taken = NOTHING
@@ -91,6 +108,10 @@ class Record:
         self.force_evaluations += cost.evaluations
         self.jacobian_evaluations += cost.jacobians
         self.rejected_steps += cost.rejected
+
+    def spend(self, part: str, seconds: float) -> None:
+        """Add wall time to a part of the work: a constant of this module."""
+        self.spent[part] = self.spent.get(part, 0.0) + seconds
 
     def take(self, before: Sample, after: Sample) -> None:
         """Add the change of conserved quantities by an event."""
@@ -128,6 +149,8 @@ class Record:
             kind = type(getattr(fresh, key, None))
             if key != "taken" and not isinstance(value, (int, float) if kind in (int, float) else kind):
                 raise InputError(f"checkpoint: record.{key} does not fit a run of this system")
+        if not all(isinstance(seconds, float) for seconds in kept.get("spent", {}).values()):
+            raise InputError("checkpoint: its record's times are invalid")
         if not all(isinstance(line, str) for line in kept["warnings"]) or not all(map(is_row, kept["events"])):
             raise InputError("checkpoint: its warnings or events are invalid")
         return cls(**(kept | {"taken": NOTHING if kept["taken"] is None else Taken(*kept["taken"])}))
@@ -136,7 +159,7 @@ class Record:
         """Return the looks so far as a Series; later looks do not change it."""
         steps, rows = self.looks.held()
         first, known = rows[0], ~np.isnan(rows[:, column.PAIRS])
-        temperatures = rows[:, column.TEMPERATURE]
+        temperatures, pressures = rows[:, column.TEMPERATURE], rows[:, column.PRESSURE]
         return Series(
             steps=steps,
             times=rows[:, column.TIME],
@@ -146,11 +169,12 @@ class Record:
             momentum=_vectors(rows, column.MOMENTUM, column.MOMENTUM_TAKEN),
             angular_momentum=_vectors(rows, column.ANGULAR, column.ANGULAR_TAKEN),
             temperature=float(temperatures.mean()),
-            pressure=float(rows[:, column.PRESSURE].mean()),
+            pressure=float(pressures.mean()),
             pairs=float(rows[known, column.PAIRS].mean()) if known.any() else None,
             kinetics=rows[:, column.KINETIC],
             temperatures=temperatures if np.isfinite(temperatures).all() else None,
             taken=rows[:, column.ENERGY_TAKEN],
+            pressures=pressures if np.isfinite(pressures).all() else None,
         )
 
 

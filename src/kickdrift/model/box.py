@@ -123,6 +123,11 @@ class Box:
         return np.array(self.vectors) if self.vectors is not None else np.zeros((3, 3))
 
     @property
+    def tilts(self) -> tuple[float, ...]:
+        """(bx, cx, cy), how far the edges b and c lean along x and y; empty where no edge leans."""
+        return tuple(self.matrix[[1, 2, 2], [0, 0, 1]].tolist()) if self.triclinic else ()
+
+    @property
     def shape(self) -> Vector | tuple[Vector, Vector, Vector] | None:
         """Edge lengths, or edge vectors if they lean; None in open space."""
         return self.vectors if self.triclinic else self.lengths
@@ -170,6 +175,11 @@ class Box:
         """
         heights = 1.0 / np.linalg.norm(self._inverse, axis=0) if self.triclinic else np.diag(self.matrix)
         return np.where(self.periodic_axes, heights, math.inf)
+
+    @property
+    def narrowest(self) -> tuple[str, float]:
+        """The name of the least of the heights, as messages have it, and its length."""
+        return "smallest height of the box" if self.triclinic else "shortest box edge", float(self.heights.min())
 
     def check_cutoff(self, what: str, cutoff: float) -> None:
         """Refuse a cutoff beyond half the least height, because a particle would meet two images of another particle.

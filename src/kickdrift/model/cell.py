@@ -76,6 +76,59 @@ def bricks_of(cell: Cell) -> Bricks:
     return Bricks(shifts, along, np.array(whole, np.int64), reach)
 
 
+class MinimumImage(NamedTuple):
+    """What gives distances between nearest images of particles inside a box; see `squared_distances`."""
+
+    matrix: NDArray[np.float64]  # (3, 3) as of a Cell
+    inverse: NDArray[np.float64]  # (3,) 1 over its diagonal, 0 for an axis that is not periodic
+    edges: NDArray[np.float64]  # (3,) the edge lengths of a box that does not lean, else infinite
+    leans: bool
+    axis: int  # the last periodic axis: places along this axis repeat after ``period``, however the box leans
+    period: float
+
+
+def minimum_image_of(box: Box) -> MinimumImage:
+    """The MinimumImage of a Box that is periodic along one axis or more."""
+    cell, axis = cell_of(box), int(np.flatnonzero(box.periodic_axes)[-1])
+    diagonal = np.diag(cell.matrix)
+    inverse = np.divide(1.0, diagonal, out=np.zeros(3), where=diagonal > 0)
+    edges = np.where(cell.edges > 0, cell.edges, np.inf)
+    return MinimumImage(cell.matrix, inverse, edges, cell.leans, axis, float(diagonal[axis]))
+
+
+@inlined
+def squared_distances(image, x, i, begin, end, row):
+    """row[j] <- squared distance between particles i and j at x (3, n), inside the box, for begin <= j < end.
+
+    The distance is between nearest images where this is within half the least height; elsewhere that or more.
+    """
+    if image.leans:
+        for j in range(begin, end):
+            dx, dy, dz = x[0, i] - x[0, j], x[1, i] - x[1, j], x[2, i] - x[2, j]
+            row[j] = square_by_edges(image.matrix, image.inverse, dx, dy, dz)
+    else:
+        for j in range(begin, end):
+            squared = 0.0
+            for k in range(3):
+                d = abs(x[k, i] - x[k, j])
+                d = min(d, image.edges[k] - d)
+                squared += d * d
+            row[j] = squared
+
+
+@inlined
+def nearest_image(cell, d):
+    """Bring a separation d (3,) to that between nearest images in a box of any shape; return its square."""
+    r2 = 0.0
+    for k in range(3):
+        d[k] = along(cell.edges[k], d[k])
+        r2 += d[k] * d[k]
+    if cell.leans:
+        leaning_image(cell, d)
+        r2 = d[0] * d[0] + d[1] * d[1] + d[2] * d[2]
+    return r2
+
+
 @inlined
 def along(edge, d):
     """Component d of a separation between nearest images in a box that does not lean; the axis is open if edge is 0."""

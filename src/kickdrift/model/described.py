@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from kickdrift.display.showing import Lines, Shown
+from kickdrift.display.showing import Lines, Shown, above
 from kickdrift.text import counted
 
 
@@ -36,6 +36,22 @@ class ShownProblem(Shown):
 
     def __repr__(self: Any) -> str:
         return f"<Problem {self.name}: {counted(len(self), 'unknown')}>"
+
+    def plot(self, *integrators: Any, time: float | None = None, **options: Any) -> Any:
+        """Run the Problem with each method, and draw the runs side by side; a matplotlib Figure.
+
+        Parameters
+        ----------
+        integrators : names or values of ``kickdrift.integrator``; none means the Problem's own
+        time : length of the runs; default the Problem's own
+        options : dt and others; each method takes those that it has
+
+        Raises
+        ------
+        InputError
+            For arguments that make no sense. A run that blows up is drawn as far as it came.
+        """
+        return above("methods figure")(self, integrators, time=time, options=options)
 
     def _lines(self: Any) -> Lines:
         about = [key for key in ("jacobian", "energy", "exact") if getattr(self, key)]

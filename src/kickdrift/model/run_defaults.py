@@ -4,7 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
+
+
+@runtime_checkable
+class NamedWithOptions(Protocol):
+    """An integrator's name and options, as one value has them; see ``kickdrift.integrator``."""
+
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def options(self) -> Mapping[str, Any]: ...
 
 
 @dataclass(frozen=True, init=False)
@@ -53,10 +64,18 @@ class RunDefaults:
         return own | dict(self.options)
 
     def changed(self, **defaults: Any) -> RunDefaults:
-        """Return a copy with these values. Steps and time replace each other, and so do every and interval."""
+        """Return a copy with these values. Steps and time replace each other, and so do every and interval.
+
+        An integrator with options as one value gives its name and its options; an option beside the value replaces the
+        value's own.
+        """
         for one, other in (("steps", "time"), ("time", "steps"), ("every", "interval"), ("interval", "every")):
             if one in defaults:
                 defaults.setdefault(other, None)
+        which = defaults.get("integrator")
+        if isinstance(which, NamedWithOptions):
+            given = {key: value for key, value in defaults.items() if value is not None}
+            defaults |= {**which.options, **given, "integrator": which.name}
         return RunDefaults(**self.said() | defaults)
 
 

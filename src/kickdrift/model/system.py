@@ -178,8 +178,8 @@ class System(ShownSystem):
         return other
 
     def with_run(self, **defaults: Any) -> System:
-        """Return the system with changed `RunDefaults`, such as ``dt`` and ``integrator``. Steps replace a time, and a
-        time replaces steps."""
+        """Return the system with changed `RunDefaults`, such as ``dt`` and ``integrator``, which may be a value of
+        ``kickdrift.integrator``. Steps replace a time, and a time replaces steps."""
         made = copy(self)
         object.__setattr__(made, "run", self.run.changed(**defaults))
         return made
@@ -312,15 +312,17 @@ class System(ShownSystem):
         atoms : ase.Atoms
             Open, or periodic along any of the cell's vectors. If the vectors do not have the form of a `Box`, atoms and
             velocities are rotated with them (`Box.from_vectors`). Tags, charges and magnetic moments are ignored,
-            except for species, names and radii that `to_ase` and exported files store in them.
+            except for species, names, radii and two dimensions that `to_ase` and exported files store in the atoms.
         forces : iterable of forces, in ``units``; default those of the atoms' calculator, if it is ASE's LennardJones
             (shifted at its rc; not smooth) or kickdrift's
         units : name of a unit system
         species : (n,) names, default the chemical symbols
+
         Raises
         ------
         InputError
-            For a cell that no `Box` can have, constraints, any other calculator, and numbers that are not finite.
+            For a cell that no `Box` can have, constraints, any other calculator, atoms with a momentum but no mass, and
+            numbers that are not finite.
         """
         return bridge("ase", "System.from_ase").system_of(atoms, forces, units, species)
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 from kickdrift.errors import InputError
 from kickdrift.model import constants
+from kickdrift.model.other_names import other_name
 from kickdrift.text import shown, suggestion
 
 GM_SUN = 1.32712440040944e20  # m^3/s^2, DE421 (Folkner, Williams & Boggs 2009, IPN Progress Report 42-178)
@@ -135,9 +136,8 @@ def unit_system(name: str) -> UnitSystem:
     try:
         return UNIT_SYSTEMS[name]
     except (KeyError, TypeError):
-        raise InputError(
-            f"units: expected one of {', '.join(UNIT_SYSTEMS)}, got {shown(name)}{suggestion(name, UNIT_SYSTEMS)}"
-        ) from None
+        hint = other_name("units", name) or suggestion(name, UNIT_SYSTEMS)
+        raise InputError(f"units: expected one of {', '.join(UNIT_SYSTEMS)}, got {shown(name)}{hint}") from None
 
 
 def powers(dimension: str) -> dict[str, int]:

@@ -12,6 +12,7 @@ from typing import Any
 
 from kickdrift.errors import InputError
 from kickdrift.model import constants
+from kickdrift.model.other_names import other_name
 from kickdrift.model.unit_systems import DIMENSIONS, MSUN, powers
 from kickdrift.model.unit_systems import UNIT_SYSTEMS as UNIT_SYSTEMS  # users import these names from here
 from kickdrift.model.unit_systems import UnitSystem as UnitSystem
@@ -85,7 +86,7 @@ def quantity(value: Any, dimension: str, units: UnitSystem, key: str = "") -> fl
     match = _QUANTITY.fullmatch(value.strip()) if len(value) <= LONGEST else None
     if match is None:
         raise InputError(f"{prefix}{expected}{_example(dimension, units)}, got {shown(value)}")
-    number, unit = float(match[1]), match[2]
+    number, unit = float(match[1]), re.sub("^/", "1/", match[2])  # "5/ps" is 5 times 1/ps
     if not unit:
         raise InputError(f"{prefix}missing unit in {shown(value)}; {expected}{_example(dimension, units)}")
     result = _convert(
@@ -94,6 +95,21 @@ def quantity(value: Any, dimension: str, units: UnitSystem, key: str = "") -> fl
     if not math.isfinite(result):
         raise InputError(f"{prefix}{shown(value)} is out of range")
     return result
+
+
+def has_unit(text: str) -> bool:
+    """Whether a text is a number and what may be a unit."""
+    match = _QUANTITY.fullmatch(text.strip()) if len(text) <= LONGEST else None
+    return match is not None and bool(match[2])
+
+
+def time_in(value: Any, units: UnitSystem | None, key: str) -> Any:
+    """Return a time in ``units`` from a text such as "5 ps"; other values as they are. A Problem has no units."""
+    if not (isinstance(value, str) and has_unit(value)):
+        return value
+    if units is None:
+        raise InputError(f"{key}: times of a Problem are plain numbers, got {shown(value)}")
+    return quantity(value, "time", units, key)
 
 
 def number_density(value: Any, units: UnitSystem, mass: float, key: str = "density") -> float:
@@ -152,6 +168,8 @@ def _parsed(unit: str, text: str, prefix: str) -> Any:
     except pint.UndefinedUnitError as error:
         names = error.unit_names
         name = names if isinstance(names, str) else next(iter(names))
+        if hint := other_name("unit", name):
+            raise InputError(f"{prefix}unknown unit {name!r} in {shown(text)}{hint}") from None
         raise InputError(f"{prefix}unknown unit {name!r}{suggestion(name, _COMMON.split())} in {shown(text)}") from None
     except Exception:  # pint's parser raises whatever Python's tokenizer and evaluator raise
         raise InputError(f"{prefix}cannot read the unit {shown(unit)}") from None

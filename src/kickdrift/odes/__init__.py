@@ -9,7 +9,7 @@ from collections.abc import Callable
 
 from kickdrift.model.problem import Problem
 from kickdrift.odes.kinetics import hires, logistic, lorenz, lotka_volterra, orego, robertson, van_der_pol
-from kickdrift.odes.mechanics import arenstorf, harmonic_oscillator, kepler, pendulum, pleiades
+from kickdrift.odes.mechanics import arenstorf, harmonic_oscillator, henon_heiles, kepler, pendulum, pleiades
 
 ODES: dict[str, Callable[..., Problem]] = {
     "harmonic-oscillator": harmonic_oscillator,
@@ -24,4 +24,5 @@ ODES: dict[str, Callable[..., Problem]] = {
     "arenstorf": arenstorf,
     "pleiades": pleiades,
     "lorenz": lorenz,
+    "henon-heiles": henon_heiles,
 }

@@ -82,6 +82,31 @@ def kepler(eccentricity: float = 0.5, y0: Numbers | None = None, t0: float = 0.0
     )
 
 
+def henon_heiles(y0: Numbers = (0.0, -0.25, 0.4208127057650866, 0.0), t0: float = 0.0) -> Problem:
+    """Motion in the potential (x^2 + y^2) / 2 + x^2 y - y^3 / 3; y is (x, y, x', y'). Orbits of energies below
+    1/6 stay, and are regular or chaotic. The default orbit has the energy 1/8 and is chaotic.
+
+    Source: Hénon & Heiles 1964, eq. 11, doi:10.1086/109234."""
+    start = start_values(y0, 4)
+
+    def f(t, y):
+        return y[2], y[3], -y[0] - 2.0 * y[0] * y[1], -y[1] - y[0] * y[0] + y[1] * y[1]
+
+    def jacobian(t, y):
+        return [
+            [0.0, 0.0, 1.0, 0.0],
+            [0.0, 0.0, 0.0, 1.0],
+            [-1.0 - 2.0 * y[1], -2.0 * y[0], 0.0, 0.0],
+            [-2.0 * y[0], -1.0 + 2.0 * y[1], 0.0, 0.0],
+        ]
+
+    def energy(t, y):
+        kinetic = 0.5 * (y[2] * y[2] + y[3] * y[3])
+        return kinetic + 0.5 * (y[0] * y[0] + y[1] * y[1]) + y[0] * y[0] * y[1] - y[1] ** 3 / 3.0
+
+    return Problem(f, start, jacobian, t0=t0, separable=True, energy=energy, name="henon-heiles")
+
+
 def _ellipse(start: Floats, t0: float) -> Callable[[float], Floats]:
     """Bound orbit of the Kepler problem through ``start``, from Kepler's equation in the difference of eccentric
     anomaly and Lagrange's f and g (Danby 1988, Fundamentals of Celestial Mechanics, 6.3)."""

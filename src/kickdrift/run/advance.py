@@ -15,10 +15,14 @@ from kickdrift.engines.job import Job
 from kickdrift.engines.session import RunFlow, begin
 from kickdrift.errors import InputError
 from kickdrift.forces.kernel import OK
+from kickdrift.integrators.backward import BackwardStepper, mirrored
+from kickdrift.integrators.bath import freedom_of
 from kickdrift.integrators.flow import flow_of
 from kickdrift.integrators.option import MIXED
+from kickdrift.integrators.options import Options
 from kickdrift.integrators.particle_flow import ParticleFlow
-from kickdrift.integrators.stepper import STOPPED, Stepper
+from kickdrift.integrators.stepper import STOPPED, Counts, Stepper
+from kickdrift.jit.notices import compiling_for
 from kickdrift.looks.observers import Sample
 from kickdrift.looks.record import Record
 from kickdrift.model.checks import no_overflow
@@ -27,6 +31,7 @@ from kickdrift.model.problem import Problem
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 from kickdrift.run.blow_up import failure
+from kickdrift.run.purpose import purpose_of
 from kickdrift.run.watch.watched_stepper import WatchedStepper
 
 if TYPE_CHECKING:
@@ -60,6 +65,8 @@ class Integration:
         The method's stepper; with events, the `WatchedStepper` around it.
     events : WatchedStepper or None
         The stepper, if there are events.
+    watched : tuple of Event
+        What the stepper searches for.
     record : Record
         The run's cost and samples.
     at : float or None
@@ -80,8 +87,15 @@ class Integration:
         self.method, self.options, self.dt = job.method, job.options, job.options.dt
         self._job, self.engine = job, engine
         self.record = Record()
-        self.stepper: Stepper | WatchedStepper = self.stepper_for(job.system)
+        with compiling_for(self.purpose):
+            self.stepper: Stepper | WatchedStepper = self.stepper_for(job.system)
         self.events: WatchedStepper | None = None
+        if events and self.method.bath:
+            raise InputError(
+                f"events: {self.integrator} has a heat bath, which changes velocities inside steps; "
+                "take a method without one"
+            )
+        self.watched = tuple(events)
         if events:
             self.stepper = self.events = WatchedStepper(self, self.stepper, events)
         self.chunk, self.changes = 1, 0
@@ -94,24 +108,33 @@ class Integration:
         """Make ``system`` the integration's bodies, and return the method's stepper for them."""
         self.system: System | Problem = system
         self.flow: RunFlow
+        self.flow, stepper = self._made(system, self.options)
+        return stepper
+
+    def _made(self, system: Any, options: Options) -> tuple[RunFlow, Any]:
+        """A flow of ``system`` and the method's stepper for it."""
         if self.engine.foreign:
-            self.flow, stepper = begin(self.engine, replace(self._job, system=system))
-            return stepper
-        mixed = self.options.precision == MIXED
-        self.flow = flow = flow_of(system, self.threads, jumps=self.method.trial_steps, mixed=mixed)
+            return begin(self.engine, replace(self._job, system=system, options=options))
+        mixed = options.precision == MIXED
+        flow = flow_of(system, self.threads, jumps=self.method.trial_steps, mixed=mixed)
         if self.method.separable and flow.not_separable:
             raise InputError(
                 f"{self.integrator}: needs accelerations that depend on positions and time alone, and "
                 f"{flow.not_separable}; Runge-Kutta methods do not"
             )
-        if self.method.drags and isinstance(flow, ParticleFlow):
-            flow.count_all_freedom()
-        return self.method.stepper(flow, self.options)
+        if self.method.bath and isinstance(flow, ParticleFlow):
+            flow.count_freedom(freedom_of(flow.subject, self.method.drags))
+        return flow, self.method.stepper(flow, options)
 
     @property
     def integrator(self) -> str:
         """The method's name, as the user gave it."""
         return self._job.named
+
+    @property
+    def purpose(self) -> str:
+        """What code is compiled for: the method, and the forces or the Problem."""
+        return purpose_of(self.integrator, self._job.system)
 
     @property
     def threads(self) -> int:
@@ -128,6 +151,48 @@ class Integration:
         """Whether another program takes the steps."""
         return self.engine.foreign
 
+    # --- direction ---
+
+    @property
+    def backward(self) -> bool:
+        """Whether the stepper goes back in time."""
+        return isinstance(self.stepper, BackwardStepper)
+
+    def turn(self, backward: bool) -> None:
+        """Go on from the current state in this direction of time. A change of direction begins a new record."""
+        if backward == self.backward:
+            return
+        y, time, steps = self.y.copy(), self.time, self.steps_done
+        old: Any = self.stepper
+        with compiling_for(self.purpose):
+            flow, self.stepper = self._stepper_in(backward, self.options)
+        self.flow = self.flow if backward else flow
+        self._reset(y, time, steps)
+        if hasattr(old, "method_state"):
+            self.stepper_with_state.method_state = old.method_state
+        self._compiled = False
+        self.begin_record()
+
+    def _stepper_in(self, backward: bool, options: Options) -> tuple[RunFlow, Any]:
+        """A flow of the current bodies in this direction of time, and a new stepper."""
+        flow, stepper = self._made(mirrored(self.system) if backward else self.system, options)
+        return flow, BackwardStepper(stepper, flow) if backward else stepper
+
+    @property
+    def moving(self) -> RunFlow:
+        """The flow of the steps: the run's own, or in a run back in time the flow of the mirrored motion."""
+        stepper = self.stepper
+        return stepper.flow if isinstance(stepper, BackwardStepper) else self.flow
+
+    def _reset(self, y: Floats, time: float, steps: int) -> None:
+        """Start the stepper anew at y."""
+        flow = self.moving
+        if self.dt is not None and isinstance(flow, ParticleFlow):
+            flow.tune(y, self.dt / max(1, self.method.evaluations))
+        with no_overflow():
+            self.stepper.reset(y, time, steps)
+        self.at = self._present = None
+
     # --- current state ---
 
     @property
@@ -138,7 +203,11 @@ class Integration:
     @property
     def steps_done(self) -> int:
         """Number of steps since the start, including a step that the current time lies inside."""
-        return self.stepper.steps_done + int(self.at is not None and self.at > self.stepper.time)
+        return self.stepper.steps_done + int(self.at is not None and self._beyond(self.at))
+
+    def _beyond(self, time: float) -> bool:
+        """Whether a time lies beyond the stepper's step point, in the direction of the run."""
+        return time < self.stepper.time if self.backward else time > self.stepper.time
 
     @property
     def y(self) -> Floats:
@@ -146,7 +215,7 @@ class Integration:
         if self.at is None:
             return self.stepper.y
         if self._present is None or self._present[0] != self.at:
-            if self.at > self.stepper.time:
+            if self._beyond(self.at):
                 self.look_ahead(self.at)
             else:
                 self._present = self.at, self.stepper.at(self.at)
@@ -166,16 +235,12 @@ class Integration:
     def begin_at(self, state: Any) -> None:
         """Start again from a state, with a new record."""
         y = self.flow.array(state)
-        if self.dt is not None and isinstance(self.flow, ParticleFlow):
-            self.flow.tune(y, self.dt / max(1, self.method.evaluations))
-        with no_overflow():
-            self.stepper.reset(y, state.time, state.steps_done)
-        self.at = self._present = None
+        self._reset(y, state.time, state.steps_done)
         self.begin_record()
 
     def begin_record(self) -> None:
         """Start the record of conservation and cost again, from a state that the user has set."""
-        self.record, self.replaced = Record(), True
+        self.record, self.replaced = Record(backward=self.backward), True
         self.keep()
 
     @property
@@ -195,6 +260,7 @@ class Integration:
 
     def recall(self, checkpoint: Memory) -> None:
         """Continue from a checkpoint."""
+        self.turn(bool(checkpoint["record"].get("backward", False)))
         self.stepper.recall(checkpoint["stepper"])
         self.at, self._present = checkpoint["present"], None
         self.record, self.replaced = Record.recalled(checkpoint["record"]), True
@@ -210,6 +276,7 @@ class Integration:
 
     def rescale_velocities(self, factor: float) -> None:
         """Multiply the velocities of all particles by ``factor``; forces at these positions stay valid."""
+        self.turn(backward=False)
         stepper = self.stepper
         stepper.y[1] *= factor
         if self.foreign:
@@ -232,8 +299,9 @@ class Integration:
         if self._compiled:
             return
         began = perf_counter()
-        self.stepper.advance(0, self.time)
-        self.flow.prepare(self.stepper.y, self.time)
+        with compiling_for(self.purpose):
+            self.stepper.advance(0, self.time)
+            self.flow.prepare(self.stepper.y, self.time)
         self._compiled = True
         self.record.compile_seconds += perf_counter() - began
 
@@ -243,20 +311,21 @@ class Integration:
         if self.events:
             self.events.horizon = horizon
         stepper: Any = self.stepper
-        limited = self.method.chooses_steps and not self.foreign and self.flow.clocked
+        limited = self.method.chooses_steps and not self.foreign and self.moving.clocked
         if limited:
             stepper.end = end
         self.record.steps += stepper.steps_done - self.steps_done  # a step that was begun counts again
         before, counts = stepper.steps_done, stepper.counts
-        self.flow.forget_errors()
+        self.moving.forget_errors()
         status = stepper.advance(steps, until)
         self.at = self._present = None
+        self.record.unfinished = 0.0
         self.record.steps += stepper.steps_done - before
         self.record.count(stepper.counts - counts)
         if status != OK or not (self.foreign or np.isfinite(stepper.y).all()):  # other programs check their own numbers
             self.fail(inside_step=status != OK, stopped=status == STOPPED)
         if stepper.steps_done == before:
-            return limited and not self.events and steps > 0 and stepper.time < until
+            return limited and not self.events and steps > 0 and (self._beyond(until) or np.isinf(until))
         self.pace(perf_counter() - began)
         return False
 
@@ -265,18 +334,31 @@ class Integration:
         self.chunk = max(1, min(int(self.chunk * min(CHUNK_SECONDS / max(elapsed, 1e-9), 8.0)), 10**6))
 
     def look_ahead(self, time: float, counted: bool = False) -> None:
-        """Set the current time inside the next step, but do not take that step: it leads beyond the end."""
+        """Set the current time inside the next step, but do not take that step: it leads beyond the end.
+
+        With fixed steps, a shortened step of another stepper gives y at that time."""
         stepper: Any = self.stepper
-        self.flow.forget_errors()
-        status, y, cost = stepper.ahead(time)
+        self.moving.forget_errors()
+        status, y, cost = stepper.ahead(time) if self.method.chooses_steps else self._shortened(time)
         if status != OK or not np.isfinite(y).all():
             self.at = self._present = None
             self.fail(inside_step=status != OK, stopped=status == STOPPED)
-        if self.at is None or self.at <= stepper.time:
+        if self.at is None or not self._beyond(self.at):
             self.record.steps += 1
         if counted:
             self.record.count(cost)
         self.at, self._present = time, (time, y)
+
+    def _shortened(self, time: float) -> tuple[int, Floats, Counts]:
+        """Take one step to ``time`` in a copy, which leaves the run on its grid. Return a status, y and the cost."""
+        assert self.dt is not None
+        rest = abs(time - self.stepper.time)
+        _, stepper = self._stepper_in(self.backward, self.options.changed(dt=rest))
+        stepper.reset(self.stepper.y.copy(), self.stepper.time, self.stepper.steps_done)
+        before = stepper.counts
+        status = stepper.advance(1)
+        self.record.unfinished = self.dt - rest
+        return status, stepper.y.copy(), stepper.counts - before
 
     def fail(self, inside_step: bool, stopped: bool = False) -> NoReturn:
         """Go back to the last good state, and raise an error that says what blew up.

@@ -32,6 +32,12 @@ class Failing(Protocol):
     dt: float | None
 
     @property
+    def backward(self) -> bool: ...
+
+    @property
+    def moving(self) -> RunFlow: ...
+
+    @property
     def integrator(self) -> str: ...
 
     @property
@@ -45,11 +51,12 @@ def failure(run: Failing, inside_step: bool, stopped: bool) -> tuple[BaseExcepti
     With ``inside_step``, the current step failed; otherwise the last completed step did. ``stopped`` means that the
     method itself cannot continue. The error's ``state`` is the last good state. An exception that Ctrl-C or `sys.exit`
     raised inside a Python function is returned unchanged."""
-    stepper, flow, safe = run.stepper, run.flow, run.safe
+    stepper, flow, safe = run.stepper, run.moving, run.safe
     step = stepper.steps_done + inside_step
-    time = stepper.time + (0.0 if run.method.chooses_steps else (run.dt or 0.0) * inside_step)
+    dt = 0.0 if run.method.chooses_steps else (run.dt or 0.0)
+    time = stepper.time + (-dt if run.backward else dt) * inside_step
     with_step = "" if run.method.chooses_steps else f", dt = {run.dt:g}"
-    last = flow.state(safe.y, safe.time, safe.step)
+    last = run.flow.state(safe.y, safe.time, safe.step)
     if stopped:
         message = f"stopped at step {step} (t = {stepper.time:.6g}): {stepper.trouble}{flow.meeting(stepper.y)}"
     else:

@@ -10,8 +10,10 @@ import numpy as np
 
 from kickdrift.errors import InputError, RunError
 from kickdrift.looks.columns import Column, parts
+from kickdrift.looks.record import OBSERVING
 from kickdrift.looks.table import SAMPLE_BYTES
 from kickdrift.model.capacity import check_room
+from kickdrift.model.limits import NEVER
 from kickdrift.model.state import Floats
 from kickdrift.model.unit_systems import UnitSystem
 from kickdrift.model.units import unit_named
@@ -44,10 +46,10 @@ def checked_columns(given: Any, units: UnitSystem | None) -> dict[Column, str]:
 def check_columns_fit(columns: Iterable[Column], plan: Plan) -> None:
     """Refuse more numbers than fit into memory, if the number of looks is known."""
     numbers = sum(prod(column.shape) for column in columns)
-    if plan.every and plan.end_time == np.inf:
+    if plan.every and plan.end_step < NEVER:
         looks = (plan.end_step - plan.begin_step) / plan.every
     else:
-        looks = (plan.end_time - plan.begin_time) / plan.interval if plan.interval else 0.0
+        looks = abs(plan.end_time - plan.begin_time) / plan.interval if plan.interval else 0.0
     if numbers and np.isfinite(looks):
         check_room("run", looks, "samples with their columns", SAMPLE_BYTES + 100 + 8 * numbers, "look less often")
 
@@ -61,6 +63,8 @@ class ColumnWatcher(Watcher):
     run : the Integration to sample
     sim : argument of the columns' functions
     """
+
+    part = OBSERVING
 
     def __init__(self, columns: Mapping[Column, str], run: Integration, sim: Any) -> None:
         self.columns, self._run, self._sim = columns, run, sim

@@ -13,6 +13,7 @@ from kickdrift.model.checks import positive, unwarned, whole_number
 from kickdrift.model.limits import steps_in
 from kickdrift.model.state import State
 from kickdrift.model.system import System
+from kickdrift.model.units import time_in
 
 if TYPE_CHECKING:
     from kickdrift.integrators.method import Method
@@ -44,14 +45,14 @@ class Heated(Protocol):
     def advance(self, steps: int) -> None: ...
 
     def equilibrate(
-        self, temperature: float, time: float, interval: int = 10, progress: Progress | None = None
+        self, temperature: float, time: float | str, interval: int = 10, progress: Progress | None = None
     ) -> None: ...
 
 
 def equilibrate(
     sim: Heated,
     temperature: float,
-    time: float,
+    time: float | str,
     interval: int,
     progress: Progress | None,
     with_verlet: Callable[[], Heated],
@@ -63,7 +64,7 @@ def equilibrate(
     if not isinstance(sim.system, System):
         raise InputError("equilibrate: a Problem has no temperature")
     temperature = positive("equilibrate: temperature", temperature, "positive")
-    time = positive("equilibrate: time", time, "positive")
+    time = positive("equilibrate: time", time_in(time, sim.system.units, "equilibrate: time"), "positive")
     interval = whole_number("equilibrate: interval", interval, 1)
     if sim.system.degrees_of_freedom == 0:
         raise InputError("equilibrate: a system of one particle has no temperature")
@@ -75,9 +76,12 @@ def equilibrate(
         sim.state = other.state
         return
     assert sim.dt is not None
+    count = max(1, round(steps_in("equilibrate: time", time, sim.dt)))
+    if sim.method.bath:
+        _through_bath(sim, temperature, count, progress)
+        return
     masses = sim.system.coherent_masses
     wanted = 0.5 * sim.system.degrees_of_freedom * sim.system.units.boltzmann * temperature
-    count = max(1, round(steps_in("equilibrate: time", time, sim.dt)))
     sim.integration.prepare()
     compile_seconds = sim.integration.record.compile_seconds
     _restart(sim)
@@ -90,6 +94,26 @@ def equilibrate(
         if progress:
             progress(sim.steps_done, count)
     _rescale(sim, masses, max(wanted + float(np.mean(potentials)) - potentials[-1], 0.5 * wanted))
+    _restart(sim)
+    sim.integration.record.compile_seconds = compile_seconds
+
+
+def _through_bath(sim: Heated, temperature: float, count: int, progress: Progress | None) -> None:
+    """Run ``count`` steps in the heat bath of the method. They count from -count, so their noise is not the run's."""
+    if (own := sim.integration.options.temperature) != temperature:
+        raise InputError(
+            f"equilibrate: temperature = {temperature:g} is not the heat bath's temperature = {own:g}; "
+            f"{sim.method.name} equilibrates in its own bath, so give the same temperature"
+        )
+    sim.integration.prepare()
+    compile_seconds = sim.integration.record.compile_seconds
+    _restart(sim)
+    stepper = sim.integration.stepper
+    stepper.reset(stepper.y, 0.0, -count)
+    while sim.steps_done < 0:
+        sim.advance(min(max(1, count // 100), -sim.steps_done))
+        if progress:
+            progress(count + sim.steps_done, count)
     _restart(sim)
     sim.integration.record.compile_seconds = compile_seconds
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 from kickdrift.display.showing import Lines, Shown, Table
 from kickdrift.errors import InputError
@@ -41,6 +42,10 @@ class Listing(Shown):
     def names(self) -> list[str]:
         """The first column."""
         return [row[0] for row in self.rows]
+
+    def as_json(self) -> dict[str, Any]:
+        """The rows as dictionaries, and what is known about an integrator."""
+        return {**dict(self.about), "rows": [dict(zip(self.columns, row, strict=True)) for row in self.rows]}
 
     def _lines(self) -> Lines:
         return list(self.about)
@@ -105,10 +110,15 @@ def _forces() -> tuple[list[str], list[list[str]]]:
     from kickdrift.forces import FORCES
 
     rows = [
-        [name, ", ".join(inspect.signature(force).parameters), (force.__doc__ or "").split("\n")[0]]
+        [name, ", ".join(inspect.signature(force).parameters), _purpose(force.__doc__ or "")]
         for name, force in FORCES.items()
     ]
     return ["name", "parameters", "description"], rows
+
+
+def _purpose(text: str) -> str:
+    """The first paragraph of a docstring up to its source, as plain text."""
+    return " ".join(text.split("\n\n")[0].split()).replace("`", "").split("; ")[0].rstrip(".")
 
 
 def _systems() -> tuple[list[str], list[list[str]]]:

@@ -14,9 +14,11 @@ from kickdrift.integrators.chosen_steps import ChosenSteps
 from kickdrift.integrators.stability_limit import WATCHED_POINTS
 from kickdrift.integrators.stepper import STOPPED
 from kickdrift.integrators.stepping import Regular
+from kickdrift.jit.notices import compiling_for
 from kickdrift.looks.columns import COLUMNS, TIME
 from kickdrift.looks.looking import Looking
 from kickdrift.looks.observers import NOTHING, Taken
+from kickdrift.looks.record import BOTH, LOOKS, STEPPING
 from kickdrift.run.advance import Integration
 from kickdrift.run.layer import layer_warning
 from kickdrift.run.plan import Plan
@@ -78,7 +80,9 @@ class Sampler:
             return 0
         if isinstance(stepper, Regular) and plan.every:
             done = stepper.steps_done
-            found = 0 if done % plan.every else min(chunk // plan.every, (plan.end_step - done) // plan.every, MOST)
+            found = (
+                0 if done % plan.every else min(chunk // plan.every, (plan.whole_steps_end - done) // plan.every, MOST)
+            )
             return found if found > 1 else 0
         if not plan.interval or plan.exact or self._stability.limited or self._looking() is None:
             return 0
@@ -100,10 +104,11 @@ class Sampler:
         began = perf_counter()
         looking, stepper, rows = self._looking(), self._run.stepper, np.zeros((1, COLUMNS))
         last = self._run.safe.y
-        if looking and isinstance(stepper, Regular) and plan.every:
-            stepper.looked(0, 1, looking, last, rows, 0)
-        elif looking and isinstance(stepper, ChosenSteps) and plan.interval:
-            stepper.looked(plan, 0, looking, last, rows, 1)
+        with compiling_for(self._run.purpose):
+            if looking and isinstance(stepper, Regular) and plan.every:
+                stepper.looked(0, 1, looking, last, rows, 0)
+            elif looking and isinstance(stepper, ChosenSteps) and plan.interval:
+                stepper.looked(plan, 0, looking, last, rows, 1)
         self._compiled = True
         self._run.record.compile_seconds += perf_counter() - began
 
@@ -111,16 +116,19 @@ class Sampler:
         """Run through ``count`` looks for the record alone; with steps of varying length, through about ``chunk``
         steps."""
         run, began = self._run, perf_counter()
-        stepper = run.stepper
+        stepper, looks_before = run.stepper, run.record.spent.get(LOOKS, 0.0)
         before, counts = stepper.steps_done, stepper.counts
-        run.flow.forget_errors()
+        run.moving.forget_errors()
         status, refused = self._taken(plan, count)
         run.record.steps += stepper.steps_done - before
         run.record.count(stepper.counts - counts)
         if status != OK:
             run.fail(inside_step=not refused, stopped=status == STOPPED and not refused)
         run.at = plan.present(stepper.time, np.inf) if run.method.chooses_steps else None
-        run.pace(perf_counter() - began)
+        elapsed = perf_counter() - began
+        run.pace(elapsed)
+        apart = run.record.spent.get(LOOKS, 0.0) - looks_before  # of looks between calls of compiled code
+        run.record.spend(BOTH if self._looking() else STEPPING, elapsed - apart)
 
     def _taken(self, plan: Plan, count: int) -> tuple[int, bool]:
         """Take steps and looks until one fails; return a status and whether a look failed."""
@@ -162,7 +170,7 @@ class Sampler:
 
         def look() -> int:
             nonlocal refused
-            step, time = stepper.steps_done, stepper.time
+            began, step, time = perf_counter(), stepper.steps_done, stepper.time
             if (status := flow.look(looks, stepper.y, time, step, safe.y, stepper.fresh)) != OK:
                 refused = True
                 return status
@@ -170,6 +178,7 @@ class Sampler:
             if self._stability.limited:
                 self._stability.keep(time, safe.y)
             looks.keep_next([step])
+            self._run.record.spend(LOOKS, perf_counter() - began)
             return OK
 
         status = stepper.series(count, every, look)

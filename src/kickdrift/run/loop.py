@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial
 from time import perf_counter
 from typing import Any
 
 import numpy as np
 
 from kickdrift.errors import InputError
+from kickdrift.jit.notices import compiling_for
+from kickdrift.looks.record import LOOKS, STEPPING
 from kickdrift.run.advance import Integration
+from kickdrift.run.lengths import CLOSE
 from kickdrift.run.looks import Sampler
 from kickdrift.run.plan import Plan
-from kickdrift.run.report import Report
+from kickdrift.run.report import Report, seconds_of
 from kickdrift.run.watch.watcher import Watcher
 from kickdrift.text import shown
 
@@ -32,10 +37,10 @@ def run_through(
 
     ``alone`` says that only the record needs the looks during the run. ``report`` makes the report."""
     begun: list[Watcher] = []
-    with run.busy() as interrupted:
+    with run.busy() as interrupted, compiling_for(run.purpose):
         try:
             for watcher in watchers:
-                watcher.begin()
+                _timed(run, watcher, watcher.begin)
                 begun.append(watcher)
             _go(run, sampler, plan, watchers, alone, interrupted, progress)
             for watcher in watchers:
@@ -46,10 +51,17 @@ def run_through(
                 watcher.close(None)
             raise
         for watcher in reversed(begun):
-            watcher.close(found)
+            _timed(run, watcher, partial(watcher.close, found))
     if interrupted():
         raise KeyboardInterrupt
-    return found
+    return replace(found, seconds=seconds_of(run.record))
+
+
+def _timed(run: Integration, watcher: Watcher, act: Callable[[], None]) -> None:
+    """Let a watcher act, and count the time as its part of the work."""
+    began = perf_counter()
+    act()
+    run.record.spend(watcher.part, perf_counter() - began)
 
 
 def _go(
@@ -62,33 +74,42 @@ def _go(
     progress: Progress | None,
 ) -> None:
     def look(again: bool = True) -> None:
+        began = perf_counter()
         sampler.look(again)
+        run.record.spend(LOOKS, perf_counter() - began)
         for watcher in watchers:
-            watcher.look()
+            _timed(run, watcher, watcher.look)
 
     look(again=False)
     began, spent_before = perf_counter(), run.record.wall_seconds
     looked = True
     while not (plan.over(run) or interrupted() or (run.events and run.events.stopped)):
-        if alone and (count := sampler.alone(plan, run.chunk)):
+        if plan.only_shortened(run):
+            run.look_ahead(plan.end_time, counted=True)
+            look()
+            looked = True
+        elif alone and (count := sampler.alone(plan, run.chunk)):
             sampler.series(plan, count)
             run.record.wall_seconds = spent_before + perf_counter() - began
             looked = run.at is None and run.record.looks.at(run.steps_done, run.time)
         else:
             stop, stop_time = plan.next_stop(run)
+            stepped = perf_counter()
             steps = min(run.chunk, stop - run.stepper.steps_done)
             held = run.advance(steps, stop_time, plan.horizon(stop_time), plan.end_time)
             if held:
                 run.look_ahead(plan.horizon(stop_time), counted=plan.horizon(stop_time) == plan.end_time)
             else:
                 run.at = plan.present(run.stepper.time, stop_time)
+            run.record.spend(STEPPING, perf_counter() - stepped)
             run.record.wall_seconds = spent_before + perf_counter() - began
-            looked = held or run.steps_done == stop or run.stepper.time >= stop_time
+            at_stop = run.steps_done == stop and not (plan.only_shortened(run) and run.steps_done % plan.every)
+            looked = held or at_stop or plan.reached(run.stepper.time, stop_time)
             if looked:
                 look()
             else:
                 for watcher in watchers:
-                    watcher.pause()
+                    _timed(run, watcher, watcher.pause)
         if progress:
             progress(*plan.progress(run))
     if not looked:
@@ -103,6 +124,7 @@ def go_on(
     ``visit(sim)`` is called after each ``every`` steps and at the end. If it returns a true value, the steps end."""
     if not (visit is None or callable(visit)):
         raise InputError(f"advance: visit must be a function, got {shown(visit)}")
+    run.turn(backward=False)
     run.prepare()
     last = run.steps_done + steps
     stop = last if every is None or visit is None else min(last, run.steps_done + every)
@@ -124,16 +146,35 @@ def go_to(run: Integration, step: int, time: float | None = None, end: float = n
 
     An adaptive method runs to a ``time`` inside its last step. ``end`` is the planned end of the run."""
     run.prepare()
-    horizon, held = (np.inf if time is None else time), False
+    far = -np.inf if run.backward else np.inf
+    horizon, held = (far if time is None else time), False
+    short = _shortened_step(run, step, time)
+    step -= short
     with run.busy() as interrupted:
         while run.steps_done < step and not (held or interrupted()):
             if run.events:
                 run.events.stopped = ""
             held = run.advance(min(run.chunk, step - run.stepper.steps_done), horizon=horizon, end=end)
-            if run.stepper.time - run.stepper.last_step > horizon + 1e-9 * abs(horizon):
+            if _behind(run, horizon, run.stepper.time - run.stepper.last_step, 1e-9 * abs(horizon)):
                 raise InputError(f"step {step}: is not at time {horizon:g}; step {run.steps_done} reaches that time")
     if interrupted():
         raise KeyboardInterrupt
-    if time is not None and (held or run.stepper.time > time):
+    if time is not None and short and run.at is None:
+        run.look_ahead(time)
+    elif time is not None and (held or _behind(run, time, run.stepper.time)):
         run.at = time
     run.keep()
+
+
+def _behind(run: Integration, time: float, other: float, margin: float = 0.0) -> bool:
+    """Whether another time lies beyond a time, in the direction of the run, by more than a margin."""
+    return other < time - margin if run.backward else other > time + margin
+
+
+def _shortened_step(run: Integration, step: int, time: float | None) -> bool:
+    """Whether a time lies inside a fixed step: a run ended there with a shortened step."""
+    if time is None or run.dt is None or run.method.chooses_steps:
+        return False
+    dt = -run.dt if run.backward else run.dt
+    whole = run.stepper.time + (step - run.stepper.steps_done) * dt
+    return _behind(run, time, whole, CLOSE * run.dt)

@@ -3,23 +3,30 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable
-from contextlib import suppress
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from kickdrift.disk.files import place
-from kickdrift.errors import InputError, RunError
+from kickdrift.errors import InputError
 from kickdrift.jit.compile import features, processor
 from kickdrift.model.memory import Memory
 from kickdrift.model.system import System
-from kickdrift.run.forces import forces_at
+from kickdrift.run.problem_outputs import (
+    ProblemFile,
+    ProblemTableFile,
+    check_columns,
+    check_options,
+    check_suffix,
+    is_table,
+    slopes_of,
+)
+from kickdrift.run.watch.file import File
 from kickdrift.run.watch.watcher import Watcher
 from kickdrift.text import shown
 
 if TYPE_CHECKING:
     from kickdrift.run.advance import Integration
     from kickdrift.run.plan import Plan
-    from kickdrift.run.report import Report
     from kickdrift.trajectory.columns import Described
     from kickdrift.trajectory.h5md import Writer
     from kickdrift.trajectory.options import FileOptions
@@ -31,11 +38,13 @@ class Own(NamedTuple):
     run_id: str
     every: int
     interval: float | None
+    backward: bool
 
     @classmethod
     def of(cls, run_id: str, every: int, plan: Plan | None) -> Own:
         """Return the entry of a run that began the file by a plan."""
-        return cls(run_id, every, plan.interval if plan and plan.exact and plan.interval else None)
+        interval = plan.interval if plan and plan.exact and plan.interval else None
+        return cls(run_id, every, interval, bool(plan and plan.backward))
 
 
 class Outputs:
@@ -83,19 +92,27 @@ class Outputs:
         options: FileOptions | None,
         columns: dict[str, Described],
         going_on: Callable[[], Any],
-    ) -> File | None:
+    ) -> Watcher | None:
         """Return the watcher that writes looks and the user's ``columns`` to a file; None without output."""
         if output is None:
             if options is not None:
                 raise InputError("file: sets how output is written; give output as well")
             return None
-        if not isinstance(self._run.system, System):
-            raise InputError("output: a run's file holds particles, so a Problem cannot write one; use observe")
+        run = self._run
+        check_suffix(run.system, output)
         from kickdrift.trajectory.options import FileOptions
 
         if not isinstance(options, FileOptions | None):
             raise InputError(f"file: expected kd.FileOptions, got {shown(options)}")
-        return File(self._run, lambda: self._writer(output, plan, overwrite, options, columns), columns, going_on)
+        if isinstance(run.system, System):
+            return File(run, lambda: self._writer(output, plan, overwrite, options, columns), columns, going_on)
+        check_columns(columns)
+        if is_table(output):
+            if options is not None:
+                raise InputError("file: sets how a .h5 file is written; a table has no options")
+            return ProblemTableFile(run, output, overwrite, self._method(), columns)
+        check_options(options)
+        return ProblemFile(run, lambda: self._writer(output, plan, overwrite, options, columns), columns, going_on)
 
     def _writer(
         self,
@@ -106,20 +123,44 @@ class Outputs:
         columns: dict[str, Described],
     ) -> Writer:
         from kickdrift.trajectory.h5md import Writer
+        from kickdrift.trajectory.problems.writer import ProblemWriter
 
         run, path = self._run, os.path.realpath(output)
+        if plan.backward and plan.interval and plan.exact:
+            raise InputError(f"{output}: a file of a run back in time takes every, not interval")
+        if path in self._files and not overwrite and self._files[path].backward != plan.backward:
+            way = "back" if self._files[path].backward else "forwards"
+            raise InputError(f"{output}: the run in this file goes {way} in time; give another output")
+        system: Any = run.events.first if run.events else run.system  # including the bodies that have left
         if path in self._files and not overwrite and os.path.exists(path):
-            return Writer.append_to(
+            kind = Writer if isinstance(system, System) else ProblemWriter
+            return kind.append_to(
                 path, self._files[path].run_id, options=options, checkpoint=self._checkpoint, plan=plan.numbers,
                 at=(run.steps_done, run.time), events=len(run.record.events), columns=columns,
             )  # fmt: skip
-        assert isinstance(run.system, System)
-        method = {
+        path = str(place(output))
+        run.replaced = False  # a new file begins with a checkpoint
+        given: dict[str, Any] = {
+            "method": self._method(), "every": plan.every, "overwrite": overwrite, "options": options,
+            "checkpoint": self._checkpoint, "plan": plan.numbers, "columns": columns,
+        }  # fmt: skip
+        if isinstance(system, System):
+            writer = Writer(path, system, **given)
+        else:
+            names = [event.kind for event in run.watched]
+            writer = ProblemWriter(path, system, slopes=slopes_of(run), events=names, **given)
+        self._files[path] = Own.of(writer.run_id, plan.every, plan)
+        return writer
+
+    def _method(self) -> dict[str, Any]:
+        """What a file says of the Simulation."""
+        run = self._run
+        return {
             "integrator": run.integrator,
             "order": run.method.order,
             "dt": run.dt,
             "threads": run.threads,
-            "seed": run.system.seed,
+            "seed": getattr(run.system, "seed", None),
             "engine": run.engine.name,
             "engine_version": run.engine.version,
             "processes": run.processes,
@@ -128,66 +169,3 @@ class Outputs:
             "processor": processor(),
             "features": features(),
         }
-        path = str(place(output))
-        run.replaced = False  # a new file begins with a checkpoint
-        system: Any = run.events.first if run.events else run.system  # including the bodies that have left
-        writer = Writer(
-            path, system, method=method, every=plan.every, overwrite=overwrite, options=options,
-            checkpoint=self._checkpoint, plan=plan.numbers, columns=columns,
-        )  # fmt: skip
-        self._files[path] = Own.of(writer.run_id, plan.every, plan)
-        return writer
-
-
-class File(Watcher):
-    """Writes a run's looks and events to a file.
-
-    Parameters
-    ----------
-    run : the Integration to sample
-    open : opens the Writer when the run begins
-    columns : names of the user's columns to write
-    going_on : returns the events that have begun but not ended
-    """
-
-    def __init__(
-        self, run: Integration, open: Callable[[], Writer], columns: Iterable[str], going_on: Callable[[], Any]
-    ) -> None:
-        self._run, self._open, self._columns, self._going_on = run, open, tuple(columns), going_on
-
-    def begin(self) -> None:
-        """Open the file."""
-        run = self._run
-        self._writer = self._open()
-        self._told = len(run.record.events)
-        self._acting = run.method.bath or (run.events is not None and run.events.acting)
-        if run.events:
-            self._writer.absorbed = run.events.absorbed
-
-    def look(self) -> None:
-        """Write the current frame and sample, and the events since the last look."""
-        run, writer = self._run, self._writer
-        for event in run.record.events[self._told :]:
-            writer.append_event(event)
-        self._told = len(run.record.events)
-        forces = forces_at(run) if "forces" in writer.writes else None
-        sample = run.record.samples[-1]
-        values = sample.observables(taken=self._acting) | {name: sample.columns[name] for name in self._columns}
-        writer.append(run.state, values, forces=forces)
-        if run.replaced:
-            writer.flush(final=True, anew=True)
-            run.replaced = False
-
-    def pause(self) -> None:
-        """Flush the file if the time between flushes has passed."""
-        self._writer.flush_if_due()
-
-    def close(self, report: Report | None) -> None:
-        """Close the file, with the report if there is one."""
-        if report is None:
-            with suppress(RunError):  # the error that ended the run is raised instead
-                self._writer.close(whole=False)
-            return
-        with self._writer as writer:
-            writer.report = report.as_json()
-            writer.report["events"] = self._going_on()  # the file already holds all events that have ended

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import astuple, dataclass
-from typing import TYPE_CHECKING, Any, Protocol
+from dataclasses import astuple, dataclass, replace
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
@@ -14,13 +14,12 @@ from kickdrift.looks.table import check_samples as check_samples
 from kickdrift.model.checks import number
 from kickdrift.model.limits import NEVER, steps_in
 from kickdrift.model.limits import whole_number as whole_number
+from kickdrift.run.backward import check_backward
+from kickdrift.run.lengths import SHORTEN, Exact, Planned, check_exact, steps_to, whole_steps
 from kickdrift.text import shown
 
 if TYPE_CHECKING:
-    from kickdrift.integrators.method import Method
-    from kickdrift.model.problem import Problem
     from kickdrift.model.run_defaults import RunDefaults
-    from kickdrift.model.system import System
 
 # Default numbers of looks; ``looks_at`` chooses among them. They depend on the run alone, so every machine takes the
 # same looks at the same run.
@@ -29,6 +28,16 @@ GLIMPSES = 10  # for a run without an energy, in which only the check for stiffn
 LEAST = 50  # the verdict on the drift needs 40 looks
 EVALUATIONS = 100  # force evaluations for each look; a look costs as much as one to seven
 BODIES = 16_000  # looks times bodies in a run of any length: a few milliseconds in all
+
+
+class Cadence(Protocol):
+    """Steps or time between the looks of the file that a run continues."""
+
+    @property
+    def every(self) -> int: ...
+
+    @property
+    def interval(self) -> float | None: ...
 
 
 class Clock(Protocol):
@@ -41,26 +50,13 @@ class Clock(Protocol):
     def time(self) -> float: ...
 
 
-class Planned(Clock, Protocol):
-    """Attributes of a Simulation that a plan needs."""
-
-    method: Method
-    integrator: str
-    dt: float | None
-
-    @property
-    def system(self) -> System | Problem: ...
-
-    @property
-    def running(self) -> bool: ...
-
-
 @dataclass(frozen=True)
 class Plan:
     """Plan to run to step ``end_step`` or time ``end_time``, whichever comes first.
 
     The run looks after every ``every`` steps or every ``interval`` of time. With ``exact``, looks are at exactly these
-    times; otherwise each look is at the next step point.
+    times; otherwise each look is at the next step point. An end before the beginning is a run backwards; with fixed
+    steps it is at minus infinity. Fixed steps to ``end_step`` and a finite ``end_time`` end with a shortened step.
     """
 
     begin_step: int
@@ -82,29 +78,49 @@ class Plan:
         begin_step, begin_time, end_step, end_time, every, interval, exact = numbers
         return cls(int(begin_step), begin_time, int(end_step), end_time, int(every), interval, bool(exact))
 
+    @property
+    def backward(self) -> bool:
+        """Whether the run goes back in time."""
+        return self.end_time < self.begin_time
+
+    def reached(self, time: float, goal: float) -> bool:
+        """Whether a time is the goal or lies behind it, in the direction of the run."""
+        return time <= goal if self.backward else time >= goal
+
     def over(self, run: Clock) -> bool:
         """Tell whether the run has reached its end."""
-        return run.steps_done >= self.end_step or run.time >= self.end_time
+        return run.steps_done >= self.end_step or self.reached(run.time, self.end_time)
+
+    @property
+    def whole_steps_end(self) -> int:
+        """The last whole step: a finite end step and end time mean that the last step is shortened."""
+        return self.end_step - (self.end_step < NEVER and bool(np.isfinite(self.end_time)))
+
+    def only_shortened(self, run: Clock) -> bool:
+        """Whether nothing but a shortened step is left."""
+        return self.whole_steps_end <= run.steps_done < self.end_step
 
     def next_stop(self, run: Clock) -> tuple[int, float]:
         """The next step number and time to stop at, whichever comes first."""
-        step, time = self.end_step, self.end_time
+        step, time = self.whole_steps_end, self.end_time
         if self.every:
             step = min(step, (run.steps_done // self.every + 1) * self.every)
         if self.interval:
-            passed = np.floor((run.time - self.begin_time) / self.interval * (1 + 1e-15))
-            ahead = self.begin_time + (passed + 1) * self.interval
-            while ahead <= run.time:
+            apart = -self.interval if self.backward else self.interval
+            passed = np.floor((run.time - self.begin_time) / apart * (1 + 1e-15))
+            ahead = self.begin_time + (passed + 1) * apart
+            while self.reached(run.time, ahead):
                 passed += 1
-                ahead = self.begin_time + (passed + 1) * self.interval
-            if ahead < self.end_time - 1e-15 * abs(self.end_time):
+                ahead = self.begin_time + (passed + 1) * apart
+            margin = 1e-15 * abs(self.end_time)
+            if not self.reached(ahead, self.end_time + (margin if self.backward else -margin)):
                 time = ahead
         return step, time
 
     def present(self, step_point: float, stop_time: float) -> float | None:
         """Return the time of the look if it lies before ``step_point``, else None (the look is at the step point)."""
         present = self.horizon(stop_time)
-        return present if step_point > present else None
+        return present if step_point != present and self.reached(step_point, present) else None
 
     def horizon(self, stop_time: float) -> float:
         """Return the latest time that the run may reach before its next look."""
@@ -133,14 +149,19 @@ def plan_of(
     until: float | None,
     every: int | None,
     interval: float | None,
-    known: int | None,
+    own: Cadence | None = None,
     seen: bool = True,
+    exact: Exact = False,
 ) -> Plan:
     """Check the arguments of ``Simulation.run`` and return the Plan.
 
-    ``known`` is the cadence of the file that the run continues, if any. ``seen`` says whether there is anything to
+    ``own`` is the cadence of the file that the run continues, if any. ``seen`` says whether there is anything to
     sample."""
+    check_exact(exact)
     begin = sim.steps_done, sim.time
+    known = own.every if own else None
+    if own and sim.method.chooses_steps and (steps, every, interval) == (None,) * 3:
+        interval = own.interval
     if interval is not None and not sim.method.chooses_steps:
         raise InputError(f"run: interval is for methods that choose their steps; with {sim.integrator}, use every")
     if interval is not None and not (np.isfinite(number(interval)) and interval > 0):
@@ -154,25 +175,39 @@ def plan_of(
         every = max(1, round(given / sim.dt))
     cadence = whole_number("every", every, 1) if every is not None else known or sim.system.run.every
     if not sim.method.chooses_steps or until is None:
-        count = steps_to(sim, steps, until)
+        count = steps_to(sim, steps, until, exact)
         samples = looks_at(count, sim.method.evaluations, len(sim.system)) if seen else GLIMPSES
         cadence = cadence or max(1, count // samples)
         every = 0 if interval else cadence
         check_samples(count / cadence, "every")
-        return Plan(*begin, begin[0] + count, every=every, interval=interval or 0.0, exact=True)
+        plan = Plan(*begin, begin[0] + count, every=every, interval=interval or 0.0, exact=True)
+        return plan if until is None else _to_time(sim, plan, until, exact)
     if steps is not None or sim.running:
         steps_to(sim, steps, until)  # raises the error
     end = number(until)
-    if not (np.isfinite(end) and end >= sim.time):
-        raise InputError(
-            f"run: until must be a finite time not before the current time, {sim.time:.12g}, got {shown(until)}"
-        )
+    if not np.isfinite(end):
+        raise InputError(f"run: until must be a finite time, got {shown(until)}")
+    if end < sim.time:
+        check_backward(sim)
     if cadence and interval is None:
         return Plan(*begin, end_time=end, every=cadence)
-    length = interval or (end - sim.time) / (SAMPLES if seen else GLIMPSES)
+    length = interval or abs(end - sim.time) / (SAMPLES if seen else GLIMPSES)
     if interval:
-        check_samples((end - sim.time) / interval, "interval")
+        check_samples(abs(end - sim.time) / interval, "interval")
     return Plan(*begin, end_time=end, interval=length, exact=interval is not None)
+
+
+def _to_time(sim: Planned, plan: Plan, until: float, exact: Exact) -> Plan:
+    """Return a plan of fixed steps to a time: backwards if the time lies behind, with a shortened step at the end."""
+    whole = whole_steps(sim, until, exact)
+    if whole.backward and whole.steps:
+        check_backward(sim)
+        plan = replace(plan, end_time=-np.inf)
+    if whole.shortened:
+        if sim.integration.events:
+            raise InputError(f'run: exact="{SHORTEN}": events are not watched in a shortened step; end on a whole step')
+        plan = replace(plan, end_time=until)
+    return plan
 
 
 def check_run(run: RunDefaults) -> None:
@@ -183,42 +218,3 @@ def check_run(run: RunDefaults) -> None:
         steps = steps_in("run: time", run.time, run.dt)
     if steps is not None and run.every is not None:
         check_samples(steps / run.every, "every")
-
-
-def length_of(sim: Planned, name: str, steps: int | None = None, time: float | None = None) -> dict[str, Any]:
-    """Return the arguments ``steps`` or ``until`` of ``Simulation.run``.
-
-    Without ``steps`` and ``time``, the system's own ``[run]`` decides. Errors name the system by ``name``."""
-    given = sim.system.run
-    if steps is None and time is None:
-        steps, time = given.steps, given.time
-        if sim.method.chooses_steps and given.steps is not None and given.dt is not None:
-            steps, time = None, given.steps * given.dt  # covers the same time as the file's fixed steps
-    if steps is None and time is None:
-        raise InputError(f"{name}: [run] names neither steps nor time; give --steps or --time")
-    if sim.method.chooses_steps and time is not None:
-        return {"until": sim.time + time}
-    return {"steps": steps_to(sim, steps, None if time is None else sim.time + time)}
-
-
-def steps_to(sim: Planned, steps: int | None, until: float | None) -> int:
-    """Return the number of steps; see ``Simulation.steps_to``."""
-    if sim.running:
-        raise InputError("run: the Simulation is already running")
-    if (steps is None) == (until is None):
-        raise InputError("run: give either steps or until")
-    if until is None:
-        return whole_number("steps", steps, 0)
-    if not np.isfinite(number(until)):
-        raise InputError(f"run: until must be a finite time, got {shown(until)}")
-    if sim.dt is None or sim.method.chooses_steps:
-        raise InputError(f"run: {sim.integrator} chooses its steps, so their number is not known before the run")
-    exact = steps_in("run: time", until - sim.time, sim.dt)
-    count = round(exact)
-    if exact < -1e-6:
-        raise InputError(f"run: time {until:.12g} lies before the current time, {sim.time:.12g}")
-    if abs(exact - count) > 1e-6:
-        low = sim.time + int(np.floor(exact)) * sim.dt
-        nearest = f"{low:.12g} and {low + sim.dt:.12g}"
-        raise InputError(f"run: time {until:.12g} is not on the grid of steps of {sim.dt:g}; nearest are {nearest}")
-    return count

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field, fields, replace
+from functools import cached_property
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -12,22 +13,29 @@ import numpy as np
 from kickdrift.disk.outputs import plain
 from kickdrift.display.showing import above
 from kickdrift.engines import NATIVE
+from kickdrift.forces.pair_law import PairForce
 from kickdrift.integrators.method import Method
+from kickdrift.integrators.option import TEMPERATURE
 from kickdrift.integrators.options import Options
+from kickdrift.looks.energy_trend import energy_trend
 from kickdrift.looks.observers import NOTHING
-from kickdrift.looks.record import Record, Series, even_stretch
+from kickdrift.looks.record import BOTH, LOOKS, OBSERVING, STEPPING, WRITING, Record, Series, even_stretch, on_grid
 from kickdrift.model.checks import unwarned
 from kickdrift.model.problem import Problem
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 from kickdrift.model.unit_systems import UnitSystem
+from kickdrift.run.melting import melting
 from kickdrift.run.shown import ShownReport
-from kickdrift.statistics.drift import EnergyError, drift, energy_error, rounding_of
+from kickdrift.statistics.blocks import block_average
+from kickdrift.statistics.drift import EnergyError, energy_error
 
 
 @dataclass(frozen=True)
 class EnergyReport:
     """Errors and drift of the total energy; ``statistics.drift`` has definitions and sources.
+
+    With a heat bath, errors and drift are those of the total energy less the heat, which is conserved.
 
     Attributes
     ----------
@@ -73,7 +81,9 @@ class EnergyReport:
         return asdict(self)
 
 
+COMPILING = "compiling"
 _JUDGED = ("drift_per_unit_time", "drift_error", "verdict")
+AGREES = 3.0  # standard errors
 
 
 class About(NamedTuple):
@@ -84,13 +94,19 @@ class About(NamedTuple):
     units : UnitSystem; None for a Problem
     dimensions : of the particles' space
     series : the samples
+    even : whether the samples are equally many steps apart, except perhaps at the ends
+    bath : whether a heat bath acted
     output : path of the run's file, "" if none was written
+    jumps : whether a pair force jumps at its cutoff
     """
 
     units: UnitSystem | None
     dimensions: int
     series: Series
+    even: bool = True
+    bath: bool = False
     output: str = ""
+    jumps: bool = False
 
 
 @dataclass(frozen=True, repr=False)
@@ -103,8 +119,16 @@ class Report(ShownReport):
     ``momentum_error`` is the largest |P(t) - P(0)| over the samples divided by the sum of m |v| at the start. It is
     None in an external field. ``angular_momentum_error`` is the same with m |x × v|. It is None also in a periodic box,
     which does not conserve angular momentum. ``temperature`` and ``pressure`` are means over the samples, in the
-    system's units; None where they are undefined. ``options`` holds the options except dt and tolerances.
-    ``ns_per_pair`` is the wall time per force evaluation and pair within range.
+    system's units; None where they are undefined. ``temperature_error`` and ``pressure_error`` are their standard
+    errors, see ``statistics.blocks``; None if the run is too short for its correlations. ``temperature_verdict``
+    compares the mean temperature with the temperature of a heat bath: "agrees" within three standard errors, else
+    "differs by 4.1 standard errors", or "too short to judge"; None without a heat bath. ``heat`` is the energy that the
+    bath gave, None without a bath. ``options`` holds the options except dt and tolerances.
+    ``wall_seconds`` is the time of steps and looks, ``compile_seconds`` that of compiling, or of loading compiled code
+    from the disk. ``seconds`` tells where the time went: "stepping", "looks", "writing", "observing" (``observe`` and
+    the user's columns) and "compiling". "looks" is None if compiled code takes looks between its steps: "stepping"
+    includes them then. ``ns_per_pair`` is the wall time per force evaluation and pair within range; None without a pair
+    list.
 
     ``events`` holds `Simulation.events` and the close approaches that have not ended. ``energy_taken`` is the energy
     that collisions and removed bodies took out, None without such events; the energy's error excludes it. ``stopped``
@@ -132,6 +156,7 @@ class Report(ShownReport):
     jacobian_evaluations: int
     wall_seconds: float
     compile_seconds: float
+    seconds: dict[str, float | None]
     steps_per_second: float
     ns_per_pair: float | None
     energy: EnergyReport | None
@@ -143,8 +168,39 @@ class Report(ShownReport):
     events: list[dict[str, Any]]
     energy_taken: float | None
     stopped: str
+    heat: float | None
     warnings: list[str]
     about: About = field(compare=False)
+
+    @cached_property
+    def temperature_error(self) -> float | None:
+        """Standard error of the mean temperature; None if it is undefined or the run is too short."""
+        return self._error(self.about.series.temperatures)
+
+    @cached_property
+    def pressure_error(self) -> float | None:
+        """Standard error of the mean pressure; None if it is undefined or the run is too short."""
+        return self._error(self.about.series.pressures)
+
+    @property
+    def temperature_verdict(self) -> str | None:
+        """The mean temperature beside the temperature of the heat bath, in words; None without a bath."""
+        if not self.about.bath or self.temperature is None:
+            return None
+        if not self.temperature_error:
+            return "too short to judge"
+        off = abs(self.temperature - self.options[TEMPERATURE.name]) / self.temperature_error
+        return "agrees" if off <= AGREES else f"differs by {off:.1f} standard errors"
+
+    def _error(self, values: Floats | None) -> float | None:
+        if values is None:
+            return None
+        if self.about.even:
+            series = self.about.series
+            whole = on_grid(series.steps, series.times)
+            values = values[whole][even_stretch(series.steps[whole])]
+        error = float(block_average(values).error)
+        return error if np.isfinite(error) else None
 
     def plot(self) -> Any:
         """Draw energies, energy error and temperature at the samples; a matplotlib Figure.
@@ -155,7 +211,8 @@ class Report(ShownReport):
 
     def as_json(self) -> dict[str, Any]:
         """Return the report as plain numbers, texts and Nones; infinities and nan become None."""
-        own = {key: value for key, value in vars(self).items() if key != "about"}
+        own = {each.name: getattr(self, each.name) for each in fields(self) if each.name != "about"}
+        own |= {name: getattr(self, name) for name in ("temperature_error", "pressure_error", "temperature_verdict")}
         return plain(own | {"energy": self.energy and asdict(self.energy)})
 
     def written_to(self, output: str | os.PathLike[str] | None) -> Report:
@@ -213,9 +270,11 @@ def report(sim: Reported) -> Report:
     """Return the report of a Simulation, or of one system in a Batch, so far."""
     record, system = sim.record, sim.system
     series = record.series()
-    of_particles = isinstance(system, System)
+    of_particles, bath, even = isinstance(system, System), sim.method.bath, not sim.method.chooses_steps
     counted = sim.engine == NATIVE or sim.method.evaluations > 0  # another program has counted its own evaluations
-    work = record.force_evaluations * (series.pairs or 0.0)
+    listed = isinstance(system, System) and any(isinstance(force, PairForce) for force in system.forces)
+    work = record.force_evaluations * (series.pairs or 0.0) if listed else 0.0
+    melted = melting(system, series.temperatures, sim) if listed and isinstance(system, System) else []
     options = sim.options.extras(sim.method.tunable)
     rtol, atol = options.pop("rtol", None), options.pop("atol", None)
     return Report(
@@ -231,7 +290,7 @@ def report(sim: Reported) -> Report:
         options=options,
         steps=record.steps,
         rejected_steps=record.rejected_steps,
-        time=float(series.times[-1] - series.times[0]) if sim.method.chooses_steps else record.steps * (sim.dt or 0.0),
+        time=float(series.times[-1] - series.times[0]) if sim.method.chooses_steps else _length(record, sim.dt or 0.0),
         seed=system.seed if isinstance(system, System) else None,
         threads=sim.threads,
         processes=sim.processes,
@@ -240,9 +299,10 @@ def report(sim: Reported) -> Report:
         jacobian_evaluations=record.jacobian_evaluations,
         wall_seconds=record.wall_seconds,
         compile_seconds=record.compile_seconds,
+        seconds=seconds_of(record),
         steps_per_second=record.steps / record.wall_seconds if record.wall_seconds else 0.0,
         ns_per_pair=1e9 * record.wall_seconds / work if work else None,
-        energy=_energy(series, not sim.method.chooses_steps, system),
+        energy=_energy(series, even, system),
         momentum_error=None
         if sim.method.drags or (isinstance(system, System) and system.acting("external"))
         else _largest_change(series.momentum, record.momentum_scale),
@@ -253,11 +313,38 @@ def report(sim: Reported) -> Report:
         pressure=_finite(series.pressure) if of_particles else None,
         y=None if of_particles else sim.state.y.tolist(),
         events=[*sim.events, *sim.going_on()],
-        energy_taken=None if record.taken is NOTHING else record.taken.energy,
+        energy_taken=None if record.taken is NOTHING or bath else record.taken.energy,
         stopped=sim.stopped,
-        warnings=list(record.warnings),
-        about=About(system.units, system.dimensions, series) if isinstance(system, System) else About(None, 0, series),
+        heat=-record.taken.energy if bath else None,
+        warnings=[*record.warnings, *melted],
+        about=_about(system, series, even, bath),
     )
+
+
+def _about(system: System | Problem, series: Series, even: bool, bath: bool) -> About:
+    if not isinstance(system, System):
+        return About(None, 0, series, even)
+    pairs = [force for force in system.forces if isinstance(force, PairForce)]
+    jumps = any(force.truncation in ("cut", "shift") for force in pairs)
+    return About(system.units, system.dimensions, series, even, bath, jumps=jumps)
+
+
+def _length(record: Record, dt: float) -> float:
+    """Length of the record in time, of fixed steps; negative for a run back in time."""
+    length = record.steps * dt - record.unfinished
+    return -length if record.backward else length
+
+
+def seconds_of(record: Record) -> dict[str, float | None]:
+    """Return the seconds of each part of the work; see `Report`."""
+    stepping, looks, both = (record.spent.get(part, 0.0) for part in (STEPPING, LOOKS, BOTH))
+    return {
+        STEPPING: stepping + looks + both if both else stepping,
+        LOOKS: None if both else looks,
+        WRITING: record.spent.get(WRITING, 0.0),
+        OBSERVING: record.spent.get(OBSERVING, 0.0),
+        COMPILING: record.compile_seconds,
+    }
 
 
 def _energy(series: Series, even: bool, system: System | Problem) -> EnergyReport | None:
@@ -265,18 +352,10 @@ def _energy(series: Series, even: bool, system: System | Problem) -> EnergyRepor
     if np.isnan(total[0]):
         return None  # a Problem without an energy function
     error = energy_error(total, 0.0 if np.isnan(kinetic) else kinetic)
-    scale = {"initial energy": abs(error.initial), "kinetic energy": kinetic}.get(error.relative_to, 1.0)
     working = system.acting("works") if isinstance(system, System) else []
 
-    @unwarned
     def judged() -> tuple[float, float, str]:
-        chosen = even_stretch(series.steps) if even else slice(None)
-        times, errors = series.times[chosen], (total[chosen] - error.initial) / scale
-        if not even and len(times) > 2:  # the step points of an adaptive run are only about evenly spaced
-            grid = np.linspace(times[0], times[-1], len(times))
-            times, errors = grid, np.interp(grid, times, errors)
-        largest = max(abs(error.initial), 0.0 if np.isnan(kinetic) else kinetic)
-        trend = drift(times, errors, rounding_of(largest, int(series.steps[-1] - series.steps[0])) / scale)
+        trend = energy_trend(series.steps, series.times, total, kinetic, even)
         return trend.slope, trend.error, f"not conserved: {', '.join(working)}" if working else trend.verdict
 
     return EnergyReport.later(error, series.final, judged)

@@ -20,16 +20,21 @@ from kickdrift.forces.bound import most_threads
 from kickdrift.jit.compile import features, processor
 from kickdrift.looks.observers import Sample
 from kickdrift.model.limits import NEVER
+from kickdrift.model.problem import Problem
 from kickdrift.model.system import System
 from kickdrift.run.loop import go_to
 from kickdrift.run.plan import Plan, check_samples, whole_number
+from kickdrift.run.problem_resuming import check_f, other_y, sample_of, subject_of
 from kickdrift.run.simulation import Simulation
 from kickdrift.text import counted, shown
-from kickdrift.trajectory import reader
+from kickdrift.trajectory import opened
 from kickdrift.trajectory.layout import versions
 from kickdrift.trajectory.named import about, method_of, options_of
+from kickdrift.trajectory.problems.reader import CHANGED as PROBLEM_CHANGED
+from kickdrift.trajectory.problems.reader import ProblemRun
 from kickdrift.trajectory.reader import CHANGED, Run
 from kickdrift.trajectory.record import changed_sources, differences, system_of
+from kickdrift.trajectory.recorded import Recorded
 from kickdrift.trajectory.rows import before, same
 
 if TYPE_CHECKING:
@@ -43,6 +48,7 @@ def resume(
     *,
     step: int | None = None,
     system: System | None = None,
+    problem: Problem | None = None,
     events: Iterable[Event] | None = None,
     threads: int | None = None,
 ) -> Simulation:
@@ -58,6 +64,7 @@ def resume(
     path : path of a file that `Simulation.run` wrote, also for a run that was killed
     step : a step from the file's first to its last, with or without a frame; default the file's end
     system : the run's system, if a force's class is not registered; a different system raises InputError
+    problem : the run's Problem, if it is made of functions of the user; another Problem raises InputError
     events : the run's events, if they have functions of the user
     threads : default the run's number, or as many as the machine has; the bits do not depend on it
 
@@ -70,12 +77,23 @@ def resume(
         raise InputError(f"step: expected a whole number, got {step!r}")
     if not isinstance(system, System | None):
         raise InputError(f"system: expected a System, got {shown(system)}")
-    with reader.open(path) as run:
-        sim = _simulation(run, system, events, threads)
+    if not isinstance(problem, Problem | None):
+        raise InputError(f"problem: expected a Problem, got {shown(problem)}")
+    with _opened(path) as run:
+        of_particles = isinstance(run, Run)
+        if (problem if of_particles else system) is not None:
+            kinds = ("System", "Problem") if of_particles else ("Problem", "System")
+            raise InputError(f"{run.path}: is the run of a {kinds[0]}, not of a {kinds[1]}")
+        _check_resumable(run)
+        if isinstance(run, Run):
+            sim = _simulation(run, _system(run, system, events), None, threads)
+        else:
+            sim = _simulation(run, *subject_of(run, problem, events), threads)
+            check_f(sim, run)
         end = step is None
         goal = _goal(run, step, run.last_point)
         damaged = _restore(sim, run, goal)
-        go_to(sim.integration, *goal, end=Plan.of(run.plan).end_time if run.plan else np.inf)
+        go_to(sim.integration, *goal, end=_end(run, sim))
         at, when = goal
         if when is not None and not same((at, when), sim.steps_done, sim.time):
             raise InputError(f"{run.path}: damaged: no step matches its last sample, step {at} at time {when:g}")
@@ -87,6 +105,13 @@ def resume(
     return sim
 
 
+def _end(run: Run | ProblemRun, sim: Simulation) -> float:
+    """Return the time beyond which f is not evaluated: the end of the file's plan, in the direction of the run."""
+    backward = sim.integration.backward
+    end = Plan.of(run.plan).end_time if run.plan and Plan.of(run.plan).backward == backward else np.inf
+    return -np.inf if backward and end == np.inf else end
+
+
 def continued(sim: Simulation, steps: int | None, time: float | None) -> Plan:
     """Return the plan of a resumed run with another end, ``steps`` or ``time`` counted from step 0."""
     plan = sim.plan
@@ -96,6 +121,8 @@ def continued(sim: Simulation, steps: int | None, time: float | None) -> Plan:
         begin = sim.time - sim.steps_done * sim.dt
     if time is not None and not np.isfinite(time):
         raise InputError(f"time must be finite, got {time!r}")
+    if time is not None and plan.backward:
+        raise InputError(f"{sim.output}: the run goes back in time; give --steps")
     if time is not None and sim.method.chooses_steps:
         if plan.interval:
             check_samples((begin + time - sim.time) / plan.interval, "interval")
@@ -113,32 +140,51 @@ def continued(sim: Simulation, steps: int | None, time: float | None) -> Plan:
         raise InputError(f"{sim.output}: is already past step {steps}, at step {sim.steps_done}")
     if plan.every:
         check_samples((steps - sim.steps_done) / plan.every, "every")
-    return replace(plan, end_step=steps, end_time=np.inf)
+    return replace(plan, end_step=steps, end_time=-np.inf if plan.backward else np.inf)
 
 
-def _simulation(run: Run, system: System | None, events: Iterable[Event] | None, threads: int | None) -> Simulation:
-    """Return the Simulation that the file describes, at the run's start."""
+def _opened(path: str | os.PathLike[str]) -> Run | ProblemRun:
+    """Return the run's file, open for reading; an InputError for a table."""
+    run = opened.open(path)
+    if not isinstance(run, Recorded):
+        raise InputError(f"{run.path}: is a table, which holds no checkpoint; a Problem's run in a .h5 file can resume")
+    return run  # type: ignore[return-value]
+
+
+def _check_resumable(run: Run | ProblemRun) -> None:
+    """Refuse a file without a checkpoint, or one that was changed."""
     if not run.checkpoints or not run.checkpoints.rows:
         raise InputError(
             f"{run.path}: holds no checkpoint (kickdrift/checkpoints), so the run cannot be resumed; {_NEW}"
         )
     if not run.unchanged:
-        raise InputError(f"{run.path}: {CHANGED}; the run cannot be resumed")
+        changed = CHANGED if isinstance(run, Run) else PROBLEM_CHANGED
+        raise InputError(f"{run.path}: {changed}; the run cannot be resumed")
+
+
+def _system(run: Run, system: System | None, events: Iterable[Event] | None) -> System:
+    """Return the System that the file describes, or the given one if it is the same."""
     if system is None:
-        system = system_of(run, events=events)
-    else:
-        system = system if events is None else system.watched(events)
-        if others := [key for key in differences(system, run) if key != "events" or events is None]:
-            raise InputError(f"{run.path}: belongs to another system: {', '.join(others)} differ")
+        return system_of(run, events=events)
+    system = system if events is None else system.watched(events)
+    if others := [key for key in differences(system, run) if key != "events" or events is None]:
+        raise InputError(f"{run.path}: belongs to another system: {', '.join(others)} differ")
+    return system
+
+
+def _simulation(
+    run: Run | ProblemRun, subject: System | Problem, events: Iterable[Event] | None, threads: int | None
+) -> Simulation:
+    """Return the Simulation that the file describes, at the run's start."""
     with about(run.path):
         method = method_of(run.method)
         return Simulation(
-            system, method.integrator, threads=threads or min(method.threads, most_threads()), engine=method.engine,
-            processes=min(method.processes, os.cpu_count() or 1), **options_of(method.options),
+            subject, method.integrator, threads=threads or min(method.threads, most_threads()), engine=method.engine,
+            processes=min(method.processes, os.cpu_count() or 1), events=events, **options_of(method.options),
         )  # fmt: skip
 
 
-def _goal(run: Run, step: int | None, last: tuple[int, float] | None) -> tuple[int, float | None]:
+def _goal(run: Run | ProblemRun, step: int | None, last: tuple[int, float] | None) -> tuple[int, float | None]:
     """Return the step to resume at, and the time inside that step if it lies before the step's end."""
     if step is None:
         assert run.checkpoints is not None
@@ -150,7 +196,7 @@ def _goal(run: Run, step: int | None, last: tuple[int, float] | None) -> tuple[i
     return step, None
 
 
-def _restore(sim: Simulation, run: Run, goal: tuple[int, float | None]) -> list[str]:
+def _restore(sim: Simulation, run: Run | ProblemRun, goal: tuple[int, float | None]) -> list[str]:
     """Restore the last whole checkpoint not after the goal; return a warning for each damaged one."""
     table = run.checkpoints
     assert table is not None
@@ -178,7 +224,7 @@ def _behind(at: int, when: float, step: int, time: float | None) -> bool:
     return at > step or (at == step and time is not None and before(time, when))
 
 
-def _samples(sim: Simulation, run: Run, goal: tuple[int, float | None]) -> list[str]:
+def _samples(sim: Simulation, run: Run | ProblemRun, goal: tuple[int, float | None]) -> list[str]:
     """Fill the record with the file's whole samples, and return warnings about damaged ones."""
     step, time = goal
     found, kept = run.whole_samples(), run.kept
@@ -187,7 +233,8 @@ def _samples(sim: Simulation, run: Run, goal: tuple[int, float | None]) -> list[
             break
         values = {name: values[k] for name, values in found.observables.items()}
         try:
-            sim.record.looks.add(Sample.of(int(at), float(when), values))
+            make = Sample.of if isinstance(run, Run) else sample_of
+            sim.record.looks.add(make(int(at), float(when), values))
         except (KeyError, TypeError, ValueError) as error:
             raise InputError(f"{run.path}: damaged: its samples do not fit a run: {error}") from None
     lines = []
@@ -198,7 +245,7 @@ def _samples(sim: Simulation, run: Run, goal: tuple[int, float | None]) -> list[
     return lines
 
 
-def _warnings(sim: Simulation, run: Run, goal: tuple[int, float | None]) -> list[str]:
+def _warnings(sim: Simulation, run: Run | ProblemRun, goal: tuple[int, float | None]) -> list[str]:
     """Return warnings: why the bits may differ from the original run's, and where they do differ."""
     if sim.engine != NATIVE:
         then, here = run.method.get("engine_version"), sim.engine_version
@@ -214,7 +261,12 @@ def _warnings(sim: Simulation, run: Run, goal: tuple[int, float | None]) -> list
     if "features" in run.method:  # older files lack the features
         changed += _changed_features(set(run.method["features"]), set(features()))
     found = [f"bits may differ: {'; '.join(changed)}"] if changed else []
-    found += [f"{name}: its source has changed since the run began" for name in changed_sources(sim.system, run)]
+    return found + (_other_particles(sim, run, goal) if isinstance(run, Run) else other_y(sim, run, goal))
+
+
+def _other_particles(sim: Simulation, run: Run, goal: tuple[int, float | None]) -> list[str]:
+    """Return warnings: which forces have changed, and whether positions differ from the file's."""
+    found = [f"{name}: its source has changed since the run began" for name in changed_sources(sim.system, run)]
     there = np.flatnonzero(run.all_steps == goal[0])
     frame = int(there[-1]) if there.size else len(run)
     if frame < run.kept.frames and same((goal[0], run.all_times[frame]), sim.steps_done, sim.time):

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-import math
+from dataclasses import asdict
 from typing import Any
 
 from kickdrift.display.showing import Lines, Shown, lines_of
+from kickdrift.looks.report_lines import energy_lines, mean_text, method_text, verdict_text
 from kickdrift.model.event_log import event_lines
 from kickdrift.model.unit_systems import symbol_of
 from kickdrift.text import counted, measured
@@ -19,7 +20,7 @@ class ShownReport(Shown):
 
     def _lines(self: Any) -> Lines:
         units, output = self.about.units, self.about.output
-        time_unit = measured("", units.symbol("time")) if units else ""
+        time_unit = units.symbol("time") if units else ""
         if units:
             lines = [("system", f"{self.system}: {self.particles:,} particles, units {self.units}")]
         else:
@@ -30,28 +31,24 @@ class ShownReport(Shown):
         chosen = {"dt": self.dt, "rtol": self.rtol, "atol": self.atol, **self.options}
         lines.append(("integrator", method_text(self.integrator, chosen, time_unit)))
         rejected = f" ({self.rejected_steps:,} rejected)" if self.rejected_steps else ""
-        lines.append(("length", f"{self.steps:,} steps{rejected}, {self.time:g}{time_unit}"))
+        lines.append(("length", f"{self.steps:,} steps{rejected}, {measured(f'{self.time:g}', time_unit)}"))
         if self.y is not None:
             lines.append(("y at the end", ", ".join(f"{value:.10g}" for value in self.y)))
-        energy, unit = self.energy, measured("", units.symbol("energy")) if units else ""
-        if energy is not None:
-            errors = f"{energy.rms_relative_error:.2e} RMS, {energy.max_relative_error:.2e} largest"
-            drift = drift_text(energy, f" per {time_unit.strip() or 'unit of time'}: {energy.verdict}")
-            lines += [
-                ("energy", f"{energy.initial:.8g} at the start, {energy.final:.8g}{unit} at the end"),
-                ("energy error", f"{errors}, of {energy.relative_to}"),
-                ("energy drift", drift or energy.verdict),
-            ]
+        energy_unit = units.symbol("energy") if units else ""
+        if self.energy is not None:
+            cause = "; the force jumps at the cutoff, see lj-1000-switch" if self.about.jumps else ""
+            lines += energy_lines(asdict(self.energy), energy_unit, time_unit, self.time, cause, self.heat)
         if self.momentum_error is not None:
             lines.append(("momentum error", f"{self.momentum_error:.1e} of the sum of m |v|"))
         if self.angular_momentum_error is not None:
             lines.append(("angular momentum", f"error {self.angular_momentum_error:.1e} of the sum of m |x × v|"))
         if units and self.temperature is not None:
-            mean = measured(f"{self.temperature:.5g}", units.symbol("temperature"))
-            lines.append(("temperature", f"{mean} (mean)"))
+            symbol, asked = units.symbol("temperature"), self.options.get("temperature")
+            verdict = verdict_text(asked, self.temperature_verdict, symbol)
+            lines.append(("temperature", f"{mean_text(self.temperature, self.temperature_error, symbol)}{verdict}"))
         if units and self.pressure is not None:
             per = symbol_of(f"{units.energy}/{units.length}^{self.about.dimensions}")
-            lines.append(("pressure", f"{measured(f'{self.pressure:.5g}', per)} (mean)"))
+            lines.append(("pressure", f"{mean_text(self.pressure, self.pressure_error, per)}"))
         shown = self.force_evaluations is not None and (not units or self.dt is None)
         evaluations = f"{self.force_evaluations:,} evaluations, " if shown else ""
         per_pair = f", {self.ns_per_pair:.1f} ns per pair" if self.ns_per_pair else ""
@@ -59,8 +56,10 @@ class ShownReport(Shown):
         rate = self.steps_per_second
         speed = f"{rate:,.0f}" if rate >= 10 or not rate else f"{rate:.2g}"
         lines.append(("speed", f"{evaluations}{speed} steps/s on {where}{per_pair}"))
+        lines.append(("took", took_text(self)))
         if self.energy_taken is not None:
-            lines.append(("energy taken", f"{self.energy_taken:.8g}{unit} by collisions and removed bodies"))
+            taken = measured(f"{self.energy_taken:.8g}", energy_unit)
+            lines.append(("energy taken", f"{taken} by collisions and removed bodies"))
         if self.stopped:
             lines.append(("stopped", self.stopped))
         lines += event_lines(self.events)
@@ -77,29 +76,24 @@ class ShownSimulation(Shown):
 
     def _lines(self: Any) -> Lines:
         units = getattr(self.system, "units", None)
-        unit = measured("", units.symbol("time")) if units else ""
+        unit = units.symbol("time") if units else ""
         lines = [line for line in lines_of(self.system) if line[0] not in ("run", "equilibrate")]
         if self.engine != "native":
             lines.append(("engine", f"{self.engine} {self.engine_version}"))
         step = None if self.method.adaptive else self.dt
         chosen = {"dt": step, **self.options.extras(self.method.tunable)}
         lines.append(("integrator", method_text(self.integrator, chosen, unit)))
-        lines.append(("done", f"{counted(self.steps_done, 'step')}, time {self.time:g}{unit}"))
+        lines.append(("done", f"{counted(self.steps_done, 'step')}, time {measured(f'{self.time:g}', unit)}"))
         return [*lines, *([("stopped", self.stopped)] if self.stopped else [])]
 
 
-def method_text(name: str, options: dict[str, Any], time_unit: str = "") -> str:
-    """Name of a method with the options that are not None."""
-    said = [
-        f"{key} = {value:g}{time_unit * (key == 'dt')}" if isinstance(value, float) else f"{key} = {value}"
-        for key, value in options.items()
-        if value is not None
-    ]
-    return ", ".join([name, *said])
-
-
-def drift_text(energy: Any, ending: str = "") -> str:
-    """Text of the slope of an EnergyReport, its interval and the ending; empty without a finite interval."""
-    if not math.isfinite(energy.drift_error):
-        return ""
-    return f"{energy.drift_per_unit_time:+.1e} ± {energy.drift_error:.1e}{ending}"
+def took_text(report: Any) -> str:
+    """Where the time of a run went: "1.4 s: stepping 0.9, 1001 looks 0.1, writing 0.3, compiling 0.1"."""
+    seconds = {part: spent or 0.0 for part, spent in report.seconds.items()}
+    total = sum(seconds.values())
+    decimals = 0 if total >= 100 else 1 if total >= 1 else 2 if total >= 0.1 else 4
+    looks = counted(report.samples, "look")
+    names = {"looks": looks} if report.seconds["looks"] is not None else {"stepping": f"stepping and {looks}"}
+    parts = [(names.get(part, part), f"{spent:.{decimals}f}") for part, spent in seconds.items()]
+    said = ", ".join(f"{name} {spent}" for name, spent in parts if float(spent))
+    return f"{total:.{decimals}f} s{f': {said}' if said else ''}"

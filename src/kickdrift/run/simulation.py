@@ -13,29 +13,25 @@ from kickdrift.engines.job import Job
 from kickdrift.errors import InputError
 from kickdrift.forces.bound import check_threads
 from kickdrift.integrators import integrator as method_named
-from kickdrift.integrators.asked import Integrator, settled, unpacked
-from kickdrift.looks.observers import Energies, Sample
-from kickdrift.looks.record import Record
+from kickdrift.integrators.asked import Integrator, in_units, settled, unpacked
 from kickdrift.model.capacity import PROCESS_BYTES, check_room
 from kickdrift.model.checks import path_text, whole_number
 from kickdrift.model.event_checks import checked_crossings
 from kickdrift.model.memory import Memory
-from kickdrift.model.orbit_table import OrbitTable, orbit_table
 from kickdrift.model.problem import Problem
-from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 from kickdrift.run.advance import Integration
 from kickdrift.run.asked import check_asked, kind_of
 from kickdrift.run.checkpoint import checkpoint_of, restore
 from kickdrift.run.columns import ColumnWatcher, check_columns_fit, checked_columns
 from kickdrift.run.equilibration import equilibrate
-from kickdrift.run.forces import accelerations_at, forces_at
+from kickdrift.run.lengths import Exact, begin, steps_to, time_of
 from kickdrift.run.looks import Sampler
 from kickdrift.run.loop import go_on, run_through
 from kickdrift.run.outputs import Outputs
-from kickdrift.run.plan import Plan, plan_of, steps_to
+from kickdrift.run.plan import Plan, plan_of
+from kickdrift.run.present import Present
 from kickdrift.run.report import Report, report
-from kickdrift.run.shown import ShownSimulation
 from kickdrift.run.watch.stability import Stability
 from kickdrift.run.watch.watched_stepper import Events
 from kickdrift.run.watch.watcher import Observe, Watcher
@@ -48,7 +44,7 @@ if TYPE_CHECKING:
 Observer = Callable[["Simulation"], Any]
 
 
-class Simulation(ShownSimulation):
+class Simulation(Present):
     """Runs a copy of a System, or a Problem, with an integrator.
 
     Parameters
@@ -56,7 +52,7 @@ class Simulation(ShownSimulation):
     system : System or Problem
     integrator : a name from ``kickdrift.integrators()``, or a value from ``kickdrift.integrator``; default the
         system file's, else "velocity-verlet" for particles and "dormand-prince45" for a Problem
-    dt : step in the system's unit of time; default the system file's. For an adaptive method the first step, optional
+    dt : step in the system's unit of time, or "2 fs"; default the system file's. Adaptive methods: first step, optional
     threads : number of threads of the forces; the bits of the results do not depend on this number
     engine : name of the program that takes the steps: "native", or an installed one of ``kickdrift.engines()``
     processes : number of processes, for an engine that runs on several ("lammps")
@@ -77,7 +73,7 @@ class Simulation(ShownSimulation):
         self,
         system: System | Problem,
         integrator: str | Integrator | None = None,
-        dt: float | None = None,
+        dt: float | str | None = None,
         threads: int = 1,
         *,
         engine: str = "native",
@@ -93,6 +89,7 @@ class Simulation(ShownSimulation):
         named = name if name is not None else system.run.integrator
         self.integrator = default if named is None else self._engine.method_name(named)
         self.method = method_named(self.integrator)
+        asked = in_units(asked, self.method.options, getattr(system, "units", None))
         self.options = settled(self.method, asked, system.run)
         self.dt = self.options.dt
         if self.dt is None and self.method.needs_dt:
@@ -117,31 +114,6 @@ class Simulation(ShownSimulation):
         self.state = system.state
 
     # --- state ---
-
-    @property
-    def system(self) -> Any:
-        """The System or Problem that runs, without bodies that an event removed."""
-        return self.integration.system
-
-    @property
-    def engine(self) -> str:
-        """The name of the program that takes the steps."""
-        return self._engine.name
-
-    @property
-    def engine_version(self) -> str | None:
-        """The version of the engine."""
-        return self._engine.version
-
-    @property
-    def running(self) -> bool:
-        """Whether a run is in progress; the state is read-only then."""
-        return self.integration.running
-
-    @property
-    def record(self) -> Record:
-        """The run's samples and cost."""
-        return self.integration.record
 
     @property
     def state(self) -> Any:
@@ -211,61 +183,6 @@ class Simulation(ShownSimulation):
         restore(self.integration, checkpoint)
         self._stability.begin_anew(check_at=2 * self.record.steps)
 
-    @property
-    def time(self) -> float:
-        """The current time, in the system's unit."""
-        return self.integration.time
-
-    @property
-    def steps_done(self) -> int:
-        """Number of steps since the start. If the current time lies inside a step, that step counts."""
-        return self.integration.steps_done
-
-    def energy(self) -> Energies:
-        """Kinetic, potential and total energy now, in the system's units."""
-        return self.sample().energies
-
-    def accelerations(self) -> Floats:
-        """Accelerations of the particles now, (n, 3), in the system's units; a read-only copy."""
-        return accelerations_at(self.integration)
-
-    def forces(self) -> Floats:
-        """Forces on the particles now, (n, 3), in the system's energy unit per length; a read-only copy."""
-        return forces_at(self.integration)
-
-    def elements(self, frame: str = "heliocentric", plane: str = "file") -> OrbitTable:
-        """Osculating elements of the bodies now, a table by name: ``sim.elements()["Jupiter"].a``.
-
-        Angles are in degrees, as in system files. ``frame`` is "heliocentric" (about the central body), "jacobi" (in
-        the bodies' order) or "barycentric". ``plane`` is "file" (x-y) or "invariable". Raises InputError if no body
-        has half of all mass, and for a Problem.
-        """
-        if not isinstance(self.system, System):
-            raise InputError("elements: a Problem has no bodies")
-        now = self.state
-        return orbit_table(self.system.at(now.phase, now.time, ids=now.ids), frame, plane)
-
-    def sample(self) -> Sample:
-        """Return a sample of the current state."""
-        return self.integration.sample()
-
-    @property
-    def events(self) -> list[dict[str, Any]]:
-        """Events found so far, in the order in which they were found; a copy.
-
-        Each entry has the kind, time, step that contains the event, bodies, ids, distance, energy taken out, and the
-        action."""
-        return [dict(row) for row in self.record.events]
-
-    @property
-    def stopped(self) -> str:
-        """Description of the event that ended the last run; "" if none did."""
-        return self.integration.events.stopped if self.integration.events else ""
-
-    def going_on(self) -> list[dict[str, Any]]:
-        """Return the close approaches that have not ended, as entries like those in ``events``."""
-        return self.integration.events.going_on() if self.integration.events else []
-
     def report(self) -> Report:
         """Return the report so far: conservation of energy and momentum, and cost."""
         if not self.record.looks:
@@ -283,9 +200,10 @@ class Simulation(ShownSimulation):
         self,
         steps: int | None = None,
         *,
-        until: float | None = None,
+        until: float | str | None = None,
+        exact: Exact = False,
         every: int | None = None,
-        interval: float | None = None,
+        interval: float | str | None = None,
         output: str | os.PathLike[str] | None = None,
         overwrite: bool = False,
         file: FileOptions | None = None,
@@ -293,41 +211,42 @@ class Simulation(ShownSimulation):
         columns: Iterable[Column] = (),
         progress: bool | Callable[[int, int], Any] | None = None,
     ) -> Report:
-        """Take ``steps`` steps, or run ``until`` a time: a whole number of steps, or any time for an adaptive method.
+        """Take ``steps`` steps, or run ``until`` a time, a number or a text with a unit such as "5 ps".
+
+        An adaptive method reaches any time. Fixed steps run to the nearest whole step, and the report says so. With
+        ``exact=True`` a time between two steps is an InputError. With ``exact="shorten"`` a copy takes a shortened last
+        step: the last look, ``time`` and ``state`` are there, and a longer run goes on from the last whole step. A time
+        before now is a run back in time, for reversible and adaptive methods. A turn begins a new record.
 
         The run looks at the start, after every ``every`` steps (counted from step 0) and at the end. Each look samples
         the energies, writes a frame to ``output`` (a new .h5md file, or one that this Simulation began) and calls
-        ``observe(sim)``. An adaptive run may look at every ``interval`` of time instead, which does not change its
-        steps. ``file`` sets how the output is written: seconds between flushes, precision, compression, forces and
-        images. The values of ``columns`` go to the file beside the energies, and to ``record.samples``. A run that
-        continues a file takes the same columns as the file.
+        ``observe(sim)``. A Problem writes y and its energy to a .h5 file, or at the end to a table (.csv, .parquet). An
+        adaptive run may look at every ``interval`` of time instead, which does not change its steps. ``file`` sets how
+        the output is written: seconds between flushes, precision, compression, forces and images. The values of
+        ``columns`` go to the file beside the energies, and to ``record.samples``. A run that continues a file takes the
+        same columns as the file.
 
         ``every`` defaults to the system file's, or to that of the file that the run continues. Without any of these
         there are about 1000 looks. A run of fewer than 100,000 force evaluations has one look for each 100 evaluations,
-        but at least 16000 / bodies and at least 50, as far as there are steps. The number depends on the run alone.
+        but at least 16000 / bodies and at least 50, as far as there are steps.
 
         ``progress=True`` shows a bar, on a terminal or in a notebook; a function is called as ``progress(done, of)``
-        now and then. Ctrl-C ends the run with a KeyboardInterrupt; the steps taken
-        remain, and the file is complete.
+        now and then. Ctrl-C ends the run with a KeyboardInterrupt; the steps taken remain, and the file is complete.
 
         Returns the Report. Raises InputError for arguments that make no sense, and RunError if the run blows up; the
         state is then that of the last sample.
         """
         check_asked(observe, progress, overwrite)
-        units = self.system.units if isinstance(self.system, System) else None
-        written = ColumnWatcher(checked_columns(columns, units), self.integration, self)
+        goal, apart = time_of(self, until, "until"), time_of(self, interval, "interval")
+        written = ColumnWatcher(checked_columns(columns, getattr(self.system, "units", None)), self.integration, self)
         output = self._outputs.chosen(None if output is None else path_text("run: output", output), overwrite)
-        if self.plan is not None and (steps, until, every, interval) == (None,) * 4:
-            plan = self.plan
-        else:
-            own = self._outputs.own(output)
-            seen = isinstance(self.system, System) or self.system.energy is not None or bool(observe or written.columns)
-            if own and self.method.chooses_steps and (steps, every, interval) == (None,) * 3:
-                interval = own.interval
-            plan = plan_of(self, steps, until, every, interval, own.every if own else None, seen)
+        plan = self.plan
+        if plan is None or (steps, goal, every, apart) != (None,) * 4:
+            seen = isinstance(self.system, System) or bool(self.system.energy or observe or written.columns or output)
+            plan = plan_of(self, steps, goal, every, apart, self._outputs.own(output), seen, exact)
         check_columns_fit(written.columns, plan)
-        self.plan = None
-        run = self.integration
+        run, self.plan = self.integration, None
+        begin(self, plan.backward, goal, exact)
         watching: list[Watcher | None] = [
             Events(run.events) if run.events else None,
             self._stability,
@@ -369,7 +288,7 @@ class Simulation(ShownSimulation):
     def equilibrate(
         self,
         temperature: float,
-        time: float,
+        time: float | str,
         interval: int = 10,
         progress: bool | Callable[[int, int], Any] | None = None,
     ) -> None:
@@ -377,8 +296,11 @@ class Simulation(ShownSimulation):
 
         Velocities are rescaled to the temperature every ``interval`` steps (Woodcock 1971,
         doi:10.1016/0009-2614(71)80281-6). A last rescaling sets the total energy to the mean over the second half,
-        K(T) + <U>. A following run at constant energy then has ``temperature`` as its mean, not only at its start. For
-        an adaptive method, velocity Verlet with the system file's dt does the equilibration. ``progress`` is as in
+        K(T) + <U>. A following run at constant energy then has ``temperature`` as its mean, not only at its start.
+
+        A method with a heat bath rescales nothing. The bath acts for ``time`` with other random numbers than in the
+        run, and its memory and heat begin anew at zero. An InputError if ``temperature`` is not the bath's. For an
+        adaptive method, velocity Verlet with the system file's dt does the equilibration. ``progress`` is as in
         ``run``.
         """
         check_asked(None, progress, False, "equilibrate")
@@ -389,12 +311,12 @@ class Simulation(ShownSimulation):
                 lambda: Simulation(self.system, "velocity-verlet", self.system.run.dt, self.threads, **more),  # type: ignore[arg-type]
             )  # fmt: skip
 
-    def steps_to(self, steps: int | None = None, until: float | None = None) -> int:
-        """Return the number of steps that ``run(steps)`` or ``run(until=…)`` would take now.
+    def steps_to(self, steps: int | None = None, until: float | str | None = None, exact: Exact = False) -> int:
+        """Return the number of steps that ``run(steps)`` or ``run(until=…, exact=…)`` would take now.
 
         Raises InputError if the arguments make no sense, or if the number is unknown before the run (an adaptive method
         with ``until``)."""
-        return steps_to(self, steps, until)
+        return steps_to(self, steps, time_of(self, until, "until"), exact)
 
 
 def _warn_of_lattice() -> None:

@@ -26,7 +26,7 @@ from kickdrift.integrators.problem_flow import ProblemFlow
 from kickdrift.integrators.scipy_methods import SciPyMethod
 from kickdrift.integrators.step_control import LEAST_RTOL
 from kickdrift.looks.observers import Energies, Sample
-from kickdrift.looks.record import Record
+from kickdrift.looks.record import STEPPING, Record
 from kickdrift.model.partial import Partial
 from kickdrift.model.problem import Problem, ProblemState
 from kickdrift.model.run_defaults import RunDefaults
@@ -133,6 +133,7 @@ class Prepared:
         record = Record(
             begun=True, steps=getattr(steps, "steps_done", found.steps), force_evaluations=steps.nfev,
             jacobian_evaluations=steps.njev, wall_seconds=wall, compile_seconds=compiling, warnings=warnings,
+            spent={STEPPING: wall},
         )  # fmt: skip
         if isinstance(steps, OwnSteps):
             record.rejected_steps = steps.counts.rejected

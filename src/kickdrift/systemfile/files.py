@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 from kickdrift.disk.files import SYSTEM_FILE_BYTES, content, unfit
 from kickdrift.errors import InputError
 from kickdrift.model.checks import path_text
+from kickdrift.model.other_names import other_name
 from kickdrift.text import shown, suggestion
 
 
@@ -71,9 +72,9 @@ def find(name_or_path: str | os.PathLike[str]) -> Path:
             f"{shown(given)} is the file of a run: use kd.open, or kickdrift info, plot, resume and export"
         )
     if bare and not os.path.lexists(given):
+        hint = other_name("system", given) or suggestion(given, known)
         raise InputError(
-            f"{shown(given)} is neither a file nor a shipped system{suggestion(given, known)} "
-            "(kickdrift list systems shows all)"
+            f"{shown(given)} is neither a file nor a shipped system{hint} (kickdrift list systems shows all)"
         )
     raise InputError(f"{' '.join(given.split())}: {what}{suggestion(path.stem, known)}")
 

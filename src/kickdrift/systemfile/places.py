@@ -25,7 +25,7 @@ def edges_given(table: SystemTable) -> Box | None:
         if given is not None:
             if not table.dimensions <= len(given) <= 3:
                 raise InputError(f"box.{key}: expected {table.dimensions} items, got {len(given)}")
-            return Box(given, periodic=_along(table))
+            return Box(given, periodic=_along(table.box.periodic, table.dimensions))
     return None
 
 
@@ -33,7 +33,8 @@ def box_of(table: SystemTable, start: Structure) -> Box | None:
     """Box from the file, or filled by its particles; None for open space."""
     given, edges = edges_given(table), start.edges
     if given is not None:
-        for axis, (length, edge) in enumerate(zip(table.box.lengths or (), edges or (0.0,) * 3, strict=False)):
+        extents = (0.0,) * 3 if edges is None else edges
+        for axis, (length, edge) in enumerate(zip(table.box.lengths or (), extents, strict=False)):
             if length < edge * (1 - 1e-9):
                 raise InputError(
                     f"box.lengths[{axis}]: expected at least {edge:.9g}, the extent of the particles, got {length:g}"
@@ -44,11 +45,12 @@ def box_of(table: SystemTable, start: Structure) -> Box | None:
         return None
     if edges is None:
         raise InputError("box.lengths: required key is missing; nothing else sets the edges of this periodic box")
-    return Box(edges, periodic=_along(table))
+    return Box(edges, periodic=_along(periodic, table.dimensions))
 
 
-def _along(table: SystemTable) -> Sequence[bool]:
-    return table.box.periodic if isinstance(table.box.periodic, list) else (True, True, table.dimensions == 3)
+def _along(periodic: bool | Sequence[bool] | None, dimensions: int) -> Sequence[bool]:
+    """The axes of a periodic box, from three values or one."""
+    return periodic if isinstance(periodic, Sequence) else (True, True, dimensions == 3)
 
 
 def on_lattice(particles: LatticeTable, table: SystemTable, box: Box | None, units: UnitSystem) -> Structure:

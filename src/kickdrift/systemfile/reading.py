@@ -13,8 +13,11 @@ import numpy as np
 
 from kickdrift.errors import InputError
 from kickdrift.forces import FORCES
+from kickdrift.integrators.asked import draws_noise
+from kickdrift.model.box import Box
 from kickdrift.model.checks import no_overflow, whole_number
 from kickdrift.model.orbits import G_given
+from kickdrift.model.other_names import other_name
 from kickdrift.model.problem import Problem
 from kickdrift.model.run_defaults import Equilibration
 from kickdrift.model.starts.builders import (
@@ -83,7 +86,9 @@ def structure_system(path: Path) -> System:
     """Return the System of a structure file, in metal units and without forces."""
     with prefixed(f"{path}: "):
         found = read_structure(path, unit_system("metal"))
-        box = found.edges if found.periodic else None
+        if found.periodic and found.edges is None:
+            raise InputError("is periodic, but has no cell")
+        box = Box(found.edges, periodic=found.periodic) if found.periodic else None
         return System(
             found.positions, found.velocities, found.masses, box, units="metal", species=found.species, name=path.stem
         )
@@ -163,7 +168,7 @@ def _system(data: dict[str, Any], path: Path, text: str, seed: int | None) -> Sy
     start = _start(table, units, path.parent, G_given(forces, units), seed)
     velocities = start.velocities
     drawn = table.velocities is not None and table.velocities.temperature is not None
-    if seed is not None and not drawn and start.seed is None:
+    if seed is not None and not drawn and start.seed is None and not draws_noise(run):
         _note_unused_seed()
         seed = None
     seed = start.seed if start.seed is not None else seed
@@ -216,7 +221,9 @@ def _force(given: dict[str, Any], units: UnitSystem, path: str) -> Any:
         raise InputError(f"{path}.type: required key is missing; expected one of {', '.join(FORCES)}")
     name = given["type"]
     if not isinstance(name, str) or name not in FORCES:
-        hint = suggestion(name, FORCES) or "; a force of your own comes with --load FILE.py"
+        hint = (
+            other_name("force", name) or suggestion(name, FORCES) or "; a force of your own comes with --load FILE.py"
+        )
         raise InputError(f"{path}.type: expected one of {', '.join(FORCES)}, got {shown(name)}{hint}")
     cls: Any = FORCES[name]
     parameters = force_parameters(cls, given, units, path)
@@ -242,4 +249,4 @@ def _start(table: SystemTable, units: UnitSystem, folder: Path, gravity: float |
         if "\0" in particles.file:
             raise InputError(f"file: expected the name of a file, got {shown(particles.file)}")
         with prefixed("file: "):
-            return read_structure(folder / particles.file, units)
+            return read_structure(folder / particles.file, units, table.box.periodic, box is not None)

@@ -13,6 +13,7 @@ from kickdrift.errors import InputError
 from kickdrift.integrators.asked import known_options, meant
 from kickdrift.integrators.option import OPTIONS, Option
 from kickdrift.model.limits import MOST_STEPS
+from kickdrift.model.other_names import other_name
 from kickdrift.model.run_defaults import RunDefaults
 from kickdrift.model.unit_systems import UnitSystem
 from kickdrift.systemfile.schema import checked
@@ -42,6 +43,8 @@ class RunTable(Table):
     @classmethod
     def hint(cls, key: str) -> str:
         """Suggest a known key; for an option, also name the methods that take it."""
+        if hint := other_name("option", key):
+            return hint
         found = super().hint(key)
         return meant(key) if any(f"{name!r}" in found for name in known_options()) else found
 

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 from kickdrift.errors import InputError
 
 if TYPE_CHECKING:
-    from kickdrift.trajectory.reader import Run
+    from kickdrift.trajectory.recorded import Recorded
 
 Described = tuple[tuple[int, ...], str]  # shape and unit of a column
 
 
-def check_columns(run: Run, given: Mapping[str, Described]) -> None:
+def check_columns(run: Recorded, given: Mapping[str, Described]) -> None:
     """Refuse to continue a file with other columns than its first part has. A file without samples has no columns
     yet."""
     there = run.columns

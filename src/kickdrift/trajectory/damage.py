@@ -22,7 +22,7 @@ from kickdrift.trajectory.checksums import (
 from kickdrift.trajectory.contents import Contents
 from kickdrift.trajectory.edges import EDGES, shape_of
 from kickdrift.trajectory.header import CLOCK as CLOCK_SERIES
-from kickdrift.trajectory.header import EVENT_COLUMNS, Header, event_column, framed, plan_numbers, sampled
+from kickdrift.trajectory.header import EVENT_COLUMNS, Outline, event_column, framed, plan_numbers, sampled
 from kickdrift.trajectory.layout import TRAJECTORY
 
 PIECE_BYTES = 64 * 2**20  # vectors that are checked together
@@ -55,7 +55,7 @@ class Checks:
         Frames that have checksums.
     """
 
-    def __init__(self, contents: Contents, header: Header) -> None:
+    def __init__(self, contents: Contents, header: Outline) -> None:
         self._contents, self._header = contents, header
         self.block, self.checked = 1, 0
         self._sums: dict[str, h5py.Dataset] = {}
@@ -63,7 +63,7 @@ class Checks:
             return
         n = len(header.ids)
         self.block = contents.attribute(CHECKSUMS, "particles", int)
-        if not 1 <= self.block <= n:
+        if not 1 <= self.block <= max(n, 1):
             raise contents.damaged(f"{CHECKSUMS}: {self.block} particles to a checksum, but the file has {n}")
         self._blocks = -(-n // self.block)
         columns = FIRST_VECTOR + self._blocks * len(header.vectors)
@@ -105,6 +105,8 @@ class Checks:
     def clock(self) -> Mask:
         """Mask (all frames,): frames whose step, time or box differs from what was written, or makes no sense."""
         count = self._header.committed.frames
+        if not self._header.vectors:  # no frame at all
+            return np.zeros(0, bool)
         return self._wrong_columns("frame", self._clock_series(count), range(count), CLOCK)
 
     def _clock_series(self, rows: int) -> list[h5py.Dataset]:
@@ -133,6 +135,8 @@ class Checks:
     def frames(self) -> Mask:
         """Mask (all frames,): damaged frames. Reads the whole file."""
         count = self._header.committed.frames
+        if not count:
+            return np.zeros(0, bool)
         found = self.clock | self.observables(range(count))
         at_once = max(1, PIECE_BYTES // (24 * len(self._header.ids)))
         for start in range(0, count, at_once):
@@ -210,5 +214,7 @@ class Checks:
             rises[:-1] = steps[:-1] > np.minimum.accumulate(steps[::-1])[::-1][1:]
             wrong |= min(falls, rises, key=np.count_nonzero)
         if last and (plan := plan_numbers(self._contents)):
-            wrong |= (steps > plan[2]) | (times > plan[3] + 1e-9 * abs(plan[3]))
+            _, begin, end_step, end, *_ = plan
+            ahead = times - end if end >= begin else end - times  # beyond the end, also of a run back in time
+            wrong |= (steps > end_step) | (ahead > 1e-9 * abs(end))
         return wrong

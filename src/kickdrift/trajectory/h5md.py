@@ -13,7 +13,7 @@ import uuid
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -32,6 +32,7 @@ from kickdrift.trajectory.layout import EVENT_WIDTH, header_image
 from kickdrift.trajectory.openfile import OpenFile, refuse_second
 from kickdrift.trajectory.options import FileOptions
 from kickdrift.trajectory.record import to_json
+from kickdrift.trajectory.recorded import Recorded
 from kickdrift.trajectory.rows import EventRow, FrameRow, Rows, SampleRow, behind, same
 
 if TYPE_CHECKING:
@@ -71,6 +72,8 @@ class Writer:
         Bodies that states may lack: the id of the body that absorbed each, or a negative number for a removed body.
     """
 
+    units: ClassVar[dict[str, str]] = {}  # of observables of kickdrift's own that no unit system knows
+
     def __init__(
         self,
         path: str | os.PathLike[str],
@@ -98,9 +101,14 @@ class Writer:
             plan=plan,
             start=Cadence(checkpoint).take(),
         )
-        own = creation.create(Path(path), image, overwrite=overwrite)
-        self._open(Path(path), flush_bytes, options.flush, checkpoint, made=(own, outline_of(system, options)))
-        self._rows.columns = {name: unit for name, (_, unit) in (columns or {}).items()}
+        made = creation.create(Path(path), image, overwrite=overwrite), outline_of(system, options)
+        self._open(Path(path), flush_bytes, options.flush, checkpoint, made=made)
+        self._rows.columns = self.units | units_of(columns)
+
+    @staticmethod
+    def _reading(path: Path) -> Recorded:
+        """The file, open for reading."""
+        return reader.open(path)
 
     @classmethod
     def append_to(
@@ -126,7 +134,7 @@ class Writer:
         path = Path(path)
         if path.exists():
             refuse_second(path)
-        with reader.open(path) as run:
+        with cls._reading(path) as run:
             if run.run_id != run_id:
                 raise InputError(f"{path}: belongs to another run; give another name, or overwrite it")
             run.check_growing()
@@ -143,7 +151,7 @@ class Writer:
         writer = cls.__new__(cls)
         keep = run.kept._replace(events=min(events, run.committed.events)) if cut else None
         writer._open(path, flush_bytes, (options or FileOptions()).flush, checkpoint, run_id, keep)
-        writer._rows.columns = {name: unit for name, (_, unit) in (columns or {}).items()}
+        writer._rows.columns = cls.units | units_of(columns)
         if plan:
             writer._out.h5["kickdrift/plan"][...] = plan
             writer._out.commit()
@@ -378,3 +386,8 @@ class Writer:
         except RunError:
             if error is None:  # else report the first error
                 raise
+
+
+def units_of(columns: Mapping[str, Described] | None) -> dict[str, str]:
+    """The unit of each column."""
+    return {name: unit for name, (_, unit) in (columns or {}).items()}

@@ -57,7 +57,7 @@ class Committed(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class Outline:
-    """Information that a writer needs to add rows to a file."""
+    """Information that a writer needs to add rows to a file. A Problem's file has no vectors, and so no frames."""
 
     units: UnitSystem
     box: Box
@@ -74,8 +74,9 @@ class Outline:
         frames = [f"{TRAJECTORY}/position/{key}" for key in clock]
         frames += [f"{TRAJECTORY}/{name}/value" for name in self.vectors]
         frames += [edges.EDGES] if self.box.periodic else []
+        frames += [f"observables/{name}/value" for name in self.observables]
         return {
-            "frame": [*frames, *(f"observables/{name}/value" for name in self.observables)],
+            "frame": frames if self.vectors else [],
             "sample": [f"{SAMPLES}/{name}" for name in (*clock, *self.observables)],
             "event": [f"{EVENTS}/{name}" for name in EVENT_COLUMNS],
         }
@@ -155,7 +156,7 @@ def read(contents: Contents) -> Header:
             write=tuple(name for group, name in EXTRAS.items() if group in vectors),
         ),
         packed=packed,
-        report=_report(contents) if closed else None,
+        report=report_of(contents) if closed else None,
         committed=Committed(frames, samples, events),
         half_written={
             "frames": values[0].shape[0] - frames,
@@ -216,7 +217,8 @@ def _vectors(contents: Contents, name: str, frames: int, n: int) -> h5py.Dataset
     return contents.series(f"{TRAJECTORY}/{name}/value", "i4" if name == "image" else "f8 f4", frames, (n, 3))
 
 
-def _report(contents: Contents) -> dict[str, Any]:
+def report_of(contents: Contents) -> dict[str, Any]:
+    """The report of a run that has ended."""
     name = "kickdrift/report"
     data = contents.array(name, "u1", (None,))
     with contents.guarded(name):
@@ -304,7 +306,7 @@ def plan_numbers(contents: Contents) -> list[float]:
     begin_step, begin_time, end_step, end_time, every, interval, exact = numbers
     whole = all(0 <= number < 2**63 and number == round(number) for number in (begin_step, end_step, every))
     whole = whole and begin_step <= end_step
-    timely = np.isfinite(begin_time) and begin_time <= end_time
+    timely = np.isfinite(begin_time) and not np.isnan(end_time)
     ends = [abs(time) for time in (begin_time, end_time) if np.isfinite(time)]
     even = interval == 0.0 or (np.isfinite(interval) and interval > 1e-15 * max(ends))
     if not (whole and timely and even and exact in (0.0, 1.0)):

@@ -27,10 +27,11 @@ _METHOD_SHOWN = (*_METHOD_FIRST, "options")  # all other keys repeat one of thes
 def info(path: str | os.PathLike[str]) -> dict[str, Any]:
     """Content of a run's file in numbers. Raises InputError if the file is not a run's file."""
     with open(path) as run:
-        return _summary(run)
+        return info_of(run)
 
 
-def _summary(run: Run) -> dict[str, Any]:
+def info_of(run: Run) -> dict[str, Any]:
+    """The same of an open file."""
     counts = {name: int((run.species_index == index).sum()) for index, name in enumerate(run.species)}
     samples, damage = run.whole_samples(), run.damage()
     observables = {
@@ -52,6 +53,7 @@ def _summary(run: Run) -> dict[str, Any]:
             "length": run.units.length,
             "time": run.units.time,
             "energy": run.units.energy,
+            "temperature": run.units.temperature,
             "nominal": run.nominal_units,
         },
         "unregistered": _unregistered(run),
@@ -89,25 +91,19 @@ def _unregistered(run: Run) -> list[str]:
 
 
 def describe(found: dict[str, Any]) -> str:
-    """What `info` found, for a reader."""
-    rows = _rows(found)
+    """Text for a reader from the result of `info`."""
+    return laid_out(found, described(found))
+
+
+def laid_out(found: dict[str, Any], rows: list[tuple[str, str]]) -> str:
+    """Rows of key and text as lines below the file's name."""
     width = min(WIDTH, max(len(key) for key, _ in rows))
     lines = [found["file"], *(f"  {key:<{width}}  {value}".rstrip() for key, value in rows)]
     return "\n".join(clean(line) for line in lines)
 
 
-def run_lines(run: Run) -> list[tuple[str, str]]:
-    """What `info` finds in an open run's file: the file's name and lines of key and text."""
-    found = _summary(run)
-    return [("file", found["file"]), *_rows(found)]
-
-
-def run_text(run: Run) -> str:
-    """What ``kickdrift info`` prints of an open run's file."""
-    return describe(_summary(run))
-
-
-def _rows(found: dict[str, Any]) -> list[tuple[str, str]]:
+def described(found: dict[str, Any]) -> list[tuple[str, str]]:
+    """Rows of key and text from the result of `info`."""
     units = found["units"]
     length, time, energy = (symbol_of(units[key]) for key in ("length", "time", "energy"))
     named = [f"{key} {symbol}" for key, symbol in zip(_SHOWN_UNITS, (length, time, energy), strict=True) if symbol]
@@ -121,11 +117,7 @@ def _rows(found: dict[str, Any]) -> list[tuple[str, str]]:
     if units["nominal"]:
         one = (f"1 {length or 'unit of length'}", f"1 {time or 'unit of time'}")
         rows.append(("", f"other programs see {one[0]} as 1 angstrom and {one[1]} as 1 ps"))
-    for force in found["unregistered"]:
-        rows.append(("force", f"{force} is registered nowhere: resume needs a program that registers the class"))
-    method = found["method"]
-    rows += [(key, _short(method[key])) for key in _METHOD_FIRST if method.get(key) is not None]
-    rows += [(k, _short(value)) for k, value in method.items() if k not in _METHOD_SHOWN and value is not None]
+    rows += method_rows(found["method"])
     rows.append(("frames", f"{found['frames']:,}, and {found['samples']:,} samples of the observables"))
     if found["time"]:
         first, last = found["time"]
@@ -135,20 +127,41 @@ def _rows(found: dict[str, Any]) -> list[tuple[str, str]]:
     for name, ends in found["observables"].items():
         unit = symbol_of(found["columns"].get(name, {}).get("unit", ""))
         shown_name = name if name in found["columns"] else name.replace("_", " ")
-        rows.append((shown_name, f"{_short(ends['first'])} → {measured(_short(ends['last']), unit)}"))
+        rows.append((shown_name, f"{short(ends['first'])} → {measured(short(ends['last']), unit)}"))
     rows.append(("", _form(found)))
+    return with_end(found, rows)
+
+
+def method_rows(method: dict[str, Any]) -> list[tuple[str, str]]:
+    """What a file says of its Simulation, by key."""
+    rows = [(key, short(method[key])) for key in _METHOD_FIRST if method.get(key) is not None]
+    return rows + [(k, short(value)) for k, value in method.items() if k not in _METHOD_SHOWN and value is not None]
+
+
+def with_end(found: dict[str, Any], rows: list[tuple[str, str]]) -> list[tuple[str, str]]:
+    """Rows of key and text, and the rows that every run has."""
     rows.append(("written by", f"kickdrift {found['kickdrift']}, {found['bytes']:,} bytes"))
     rows.append(("closed", _ending(found)))
-    if goal := _goal(found):
-        rows.append(("", f"{goal}; kickdrift resume goes on"))
-    if not found["unchanged"]:
-        rows.append(("system", "was changed after the run began, by its hash: the run cannot go on"))
-    rows += _damaged(found["damaged"], found["frames"])
+    if ahead := goal(found):
+        rows.append(("", f"{ahead}; kickdrift resume goes on"))
+    rows += alarms(found)
     rows.append(("checkpoints", _checkpoints(found["checkpoints"])))
     report = found["report"] or {}
     report = {key: value for key, value in report.items() if key != "events"}
-    rows += [(f"report: {key.replace('_', ' ')}", _short(value)) for key, value in _flat(report)]
+    rows += [(f"report: {key.replace('_', ' ')}", short(value)) for key, value in _flat(report)]
     return rows + event_lines(found["events"])
+
+
+def alarms(found: dict[str, Any]) -> list[tuple[str, str]]:
+    """Rows of key and text about what is wrong with a file, and what a run needs before it can go on."""
+    rows = [
+        ("force", f"{force} is registered nowhere: resume needs a program that registers the class")
+        for force in found.get("unregistered", ())
+    ]
+    if not found["unchanged"]:
+        what = "problem" if "problem" in found else "system"
+        rows.append((what, "was changed after the run began, by its hash: the run cannot go on"))
+    return rows + _damaged(found["damaged"], found["frames"])
 
 
 def _box(shape: list[Any] | None, periodic: list[bool], unit: str) -> str:
@@ -202,16 +215,17 @@ def _ranges(numbers: list[int]) -> str:
     return ", ".join(texts[:RANGES]) + (f" and {len(texts) - RANGES} more stretches" if len(texts) > RANGES else "")
 
 
-def _goal(found: dict[str, Any]) -> str:
+def goal(found: dict[str, Any]) -> str:
     """Planned length of a run that has not reached it."""
     if not found["plan"] or not found["steps"]:
         return ""
-    _, _, end_step, end_time, *_ = found["plan"]
+    _, begin_time, end_step, end_time, *_ = found["plan"]
     step, time = found["steps"][1], found["time"][1]
-    if step >= end_step or time >= end_time or found["stopped"]:
+    there = time >= end_time if end_time >= begin_time else time <= end_time
+    if step >= end_step or there or found["stopped"]:
         return ""
     if end_step < NEVER:
-        return f"step {step} of {int(end_step)}"
+        return f"step {step:,} of {int(end_step):,}"
     return f"time {time:.9g} of {measured(f'{end_time:.9g}', symbol_of(found['units']['time']))}"
 
 
@@ -228,9 +242,10 @@ def _flat(report: dict[str, Any], prefix: str = "") -> list[tuple[str, Any]]:
     return rows
 
 
-def _short(value: Any) -> str:
+def short(value: Any) -> str:
+    """A value as text, a list in brackets."""
     if isinstance(value, float):
         return f"{value:.8g}"
     if isinstance(value, list):
-        return "(" + ", ".join(_short(item) for item in value) + ")"
+        return "(" + ", ".join(short(item) for item in value) + ")"
     return str(value)

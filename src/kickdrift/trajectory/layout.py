@@ -100,7 +100,7 @@ def _events(file: h5py.File) -> None:
     new_series(group, "done", (), f"S{DONE_BYTES}")
 
 
-def _text(group: h5py.Group, name: str, value: str) -> None:
+def add_text(group: h5py.Group, name: str, value: str) -> None:
     """Write a scalar string as a dataset, since HDF5's first format limits an attribute to 64 kB."""
     group.create_dataset(name, data=value, dtype=h5py.string_dtype(), track_times=False)
 
@@ -121,9 +121,8 @@ def header_image(
 
     The file is made in memory and written by plain file I/O, so that a full disk is an ordinary exception.
     """
-    with created(f"{run_id}.image", driver="core", backing_store=False, libver="earliest") as file:
-        # Created first, so that it lies inside one page and changes in one write.
-        committed = file.create_dataset(None, data=np.zeros(3, dtype="i8"), track_times=False)
+    with image(run_id) as file:
+        committed = new_counts(file)
         _particles(file, system, flush_frames, options)
         h5md = file.create_group("h5md")
         h5md.attrs["version"] = np.array([1, 1], dtype="i4")
@@ -132,30 +131,59 @@ def header_image(
         creator.attrs["name"] = "kickdrift"
         creator.attrs["version"] = versions()["kickdrift"]
         file.create_group("observables")
-        own = file.create_group("kickdrift")
-        own.attrs["schema"] = SCHEMA
-        own.attrs["run_id"] = run_id
-        own.attrs["every"] = every
-        own.attrs["compress"] = options.compress
-        own["committed"] = committed  # frames, samples, events
-        own.create_dataset("closed", data=np.zeros(1, dtype="i1"), track_times=False)
-        own.create_dataset("plan", data=np.array(plan or [np.nan] * PLAN_NUMBERS), track_times=False)
+        own = new_run(file, committed, run_id=run_id, every=every, compress=options.compress, plan=plan)
         _units(own.create_group("units"), system.units)
-        _text(own, "method", to_json(method))
-        _text(own, "versions", to_json(versions()))
-        new_series(own, "report", (), "u1", rows=CHUNK_BYTES // 8)
+        add_method(own, method)
         _system(own.create_group("system"), system)
         own.attrs["sha256"] = run_hash(file)
-        samples = file.create_group(SAMPLES)
-        new_series(samples, "step", (), "i8")
-        new_series(samples, "time", (), "f8")
-        _events(file)
+        new_samples(file)
         vectors = [name for name in checksums.VECTORS if name in file[TRAJECTORY]]
         block = file[TRAJECTORY]["position/value"].chunks[1]
         checksums.new_group(file, len(system), block, vectors)
         checkpoints.new_table(file, start)
         file.flush()
         return bytes(file.id.get_file_image())
+
+
+def image(run_id: str) -> h5py.File:
+    """A file in memory, to be written whole."""
+    return created(f"{run_id}.image", driver="core", backing_store=False, libver="earliest")
+
+
+def new_counts(file: h5py.File) -> h5py.Dataset:
+    """Numbers of whole frames, samples and events. Made first, and so inside one page, as they must be to change in one
+    write."""
+    return file.create_dataset(None, data=np.zeros(3, dtype="i8"), track_times=False)
+
+
+def new_run(
+    file: h5py.File, committed: h5py.Dataset, *, run_id: str, every: int, compress: bool, plan: Sequence[float]
+) -> h5py.Group:
+    """The group of the run itself, with its counts and its plan."""
+    own = file.create_group("kickdrift")
+    own.attrs["schema"] = SCHEMA
+    own.attrs["run_id"] = run_id
+    own.attrs["every"] = every
+    own.attrs["compress"] = compress
+    own["committed"] = committed
+    own.create_dataset("closed", data=np.zeros(1, dtype="i1"), track_times=False)
+    own.create_dataset("plan", data=np.array(plan or [np.nan] * PLAN_NUMBERS), track_times=False)
+    return own
+
+
+def add_method(own: h5py.Group, method: dict[str, Any]) -> None:
+    """What the Simulation says of itself, the versions of all programs, and room for the report."""
+    add_text(own, "method", to_json(method))
+    add_text(own, "versions", to_json(versions()))
+    new_series(own, "report", (), "u1", rows=CHUNK_BYTES // 8)
+
+
+def new_samples(file: h5py.File) -> None:
+    """The samples' clock and the table of events, empty."""
+    samples = file.create_group(SAMPLES)
+    new_series(samples, "step", (), "i8")
+    new_series(samples, "time", (), "f8")
+    _events(file)
 
 
 def _particles(file: h5py.File, system: System, flush_frames: int, options: FileOptions) -> None:
@@ -223,8 +251,8 @@ def _units(group: h5py.Group, units: UnitSystem) -> None:
 
 
 def _system(group: h5py.Group, system: System) -> None:
-    _text(group, "source", system.source)
-    _text(group, "record", to_json(record_of(system)))
+    add_text(group, "source", system.source)
+    add_text(group, "record", to_json(record_of(system)))
     group.create_dataset("phase", data=system.state.phase, track_times=False)
     group.attrs["sha256"] = system_hash(group.file)
 
@@ -263,8 +291,7 @@ def run_hash(file: h5py.File) -> str:
     found = hashlib.sha256()
 
     def add(value: Any) -> None:
-        value = value.decode() if isinstance(value, bytes) else value
-        found.update(value.encode() + b"\0" if isinstance(value, str) else np.array(value, "<f8").tobytes())
+        found.update(hashed(value))
 
     for name in ("system/record", "system/source", "method", "versions"):
         add(own[name].asstr()[()])
@@ -283,3 +310,9 @@ def run_hash(file: h5py.File) -> str:
     for data in (own["system/phase"], particles["mass"], particles["id"], particles["species"]):
         found.update(checksums.sums_of_array(data[()]).astype("<u8").tobytes())
     return found.hexdigest()
+
+
+def hashed(value: Any) -> bytes:
+    """A text or a number as a hash takes it."""
+    value = value.decode() if isinstance(value, bytes) else value
+    return value.encode() + b"\0" if isinstance(value, str) else np.array(value, "<f8").tobytes()

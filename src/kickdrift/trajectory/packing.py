@@ -17,11 +17,12 @@ from kickdrift.trajectory.storage import ALIGNMENT, PagedFile
 
 _FILTERS = {"compression": "gzip", "compression_opts": 4, "shuffle": True}
 _COMMIT_BYTES = 8 * 2**20
+_POSITIONS = "particles/trajectory/position/value"
 
 
 def is_packed(file: h5py.File) -> bool:
     """Tell whether the file's frames are compressed."""
-    return file["particles/trajectory/position/value"].compression is not None
+    return _POSITIONS in file and file[_POSITIONS].compression is not None
 
 
 @contextmanager

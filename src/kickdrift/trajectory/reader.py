@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import os
 from functools import cached_property
-from pathlib import Path
-from types import TracebackType
-from typing import TYPE_CHECKING, Any, NamedTuple, Self
+from typing import TYPE_CHECKING, Any
 
 import h5py
 import numpy as np
@@ -18,15 +16,11 @@ from kickdrift.model.checks import path_text
 from kickdrift.model.file_units import FileUnits
 from kickdrift.model.state import Floats
 from kickdrift.trajectory import edges, header
-from kickdrift.trajectory.checkpoints import CHECKPOINTS, COLUMNS, Table
-from kickdrift.trajectory.contents import Contents
-from kickdrift.trajectory.damage import Checks, Damage
-from kickdrift.trajectory.event_rows import event_rows
 from kickdrift.trajectory.frames import EnergySeries, Frames, as_slice, energies_of
-from kickdrift.trajectory.header import CLOCK, EVENT_COLUMNS, Committed
+from kickdrift.trajectory.header import CLOCK, Committed
 from kickdrift.trajectory.kind import check_kind
 from kickdrift.trajectory.layout import TRAJECTORY, run_hash, system_hash
-from kickdrift.trajectory.opening import open_to_read
+from kickdrift.trajectory.recorded import Recorded
 from kickdrift.trajectory.rows import behind
 from kickdrift.trajectory.shown import ShownRun
 
@@ -37,16 +31,7 @@ if TYPE_CHECKING:
 CHANGED = "its system was changed after the run began (kickdrift/system, units, method, masses, ids or species)"
 
 
-class Samples(NamedTuple):
-    """Numbers, steps, times and observables of some samples."""
-
-    rows: NDArray[np.int64]
-    steps: NDArray[np.int64]
-    times: Floats
-    observables: dict[str, Floats]
-
-
-class Run(Frames, ShownRun):
+class Run(Recorded, Frames, ShownRun):
     """A run's file, open for reading: a context manager, and the sequence of all its frames.
 
     All values are in the system's own units, although the file may name other units for other programs. Observables are
@@ -80,17 +65,11 @@ class Run(Frames, ShownRun):
         The run's report; None if the run did not finish.
     """
 
-    def __init__(self, path: str | os.PathLike[str]) -> None:
-        self.path = Path(path)
-        self._handle = open_to_read(self.path)
-        try:
-            self._contents = Contents(self._handle, self.path)
-            with self._contents.guarded("its beginning"):
-                check_kind(self.path, self._handle)
-            self._read_header()
-        except BaseException:
-            self.close()
-            raise
+    def _check_kind(self, file: h5py.File) -> None:
+        check_kind(self.path, file)
+
+    def _hash(self, file: h5py.File) -> str:
+        return run_hash(file)
 
     def _read_header(self) -> None:
         found = header.read(self._contents)
@@ -103,15 +82,11 @@ class Run(Frames, ShownRun):
         self.names: tuple[str, ...] = tuple(found.record.get("names", ()))
         self.method, self.versions = found.method, found.versions
         self.options, self.packed = found.options, found.packed
-        self.report, self.closed = found.report, found.report is not None
-        self.half_written = found.half_written
+        self.report, self.half_written = found.report, found.half_written
         # Rows after the last commit may be incomplete after a kill; they do not count.
-        super().__init__(None, range(found.committed.frames))
-        self.committed = found.committed
-        self._samples = found.committed.samples
-        self._observables = found.observables
-        self._checks = Checks(self._contents, found)
-        self._written, self._growing = found.vectors, found.growing
+        Frames.__init__(self, None, range(found.committed.frames))
+        self._read_rows(found)
+        self._written = found.vectors
         clock = (self._contents.series(f"{TRAJECTORY}/position/{key}", kind, len(self)) for key, kind in CLOCK)
         self.all_steps, times = (self._contents.read(series, slice(len(self))) for series in clock)
         self.all_times: Floats = times / self._factors.time
@@ -120,10 +95,6 @@ class Run(Frames, ShownRun):
 
     def __repr__(self) -> str:
         return f"<Run {self.path}: {len(self)} frames of {len(self.ids)} particles>"
-
-    @property
-    def _file(self) -> h5py.File:
-        return self._contents.file
 
     def vectors(self, what: str, frames: slice, particles: slice = slice(None)) -> Floats:
         """Unwrapped "positions", "velocities" or "forces" of some frames and particles, shape (f, n, 3), in one read.
@@ -181,10 +152,6 @@ class Run(Frames, ShownRun):
         series = {name: header.framed(self._contents, name, len(self)) for name in self._observables if len(self)}
         return {name: self._contents.read(data, frames) for name, data in series.items()}
 
-    def _damaged(self, what: str, row: int, steps: NDArray | None = None) -> InputError:
-        step = "" if steps is None else f" (step {steps[row]})"
-        return InputError(f"{self.path}: damaged: {what} {row}{step} is not what was written")
-
     def check_clock(self, rows: range) -> None:
         """Raise InputError if the step or time of one of these frames is damaged."""
         wrong = self._wrong_clock[as_slice(rows)]
@@ -195,19 +162,6 @@ class Run(Frames, ShownRun):
         """Raise InputError if anything that gives the numbers their meaning has changed, by the file's hash."""
         if not self._as_given:
             raise InputError(f"{self.path}: damaged: {CHANGED}")
-
-    @cached_property
-    def _as_given(self) -> bool:
-        """Whether everything that was written once is unchanged, by the file's hash. True without a hash."""
-        with self._contents.guarded("kickdrift"):
-            return bool(self._file["kickdrift"].attrs.get("sha256") in (None, run_hash(self._file)))
-
-    def damage(self) -> Damage:
-        """Damaged frames, samples, events and checkpoints. Reads the whole file."""
-        table = self.checkpoints
-        checks = self._checks
-        rows = [np.flatnonzero(wrong).tolist() for wrong in (checks.frames, checks.samples, checks.events)]
-        return Damage(rows[0], rows[1], rows[2], table.damaged() if table else [], len(self) - checks.checked)
 
     @property
     def unchanged(self) -> bool:
@@ -221,45 +175,6 @@ class Run(Frames, ShownRun):
         """Whether stored positions and velocities are exact to the last bit."""
         real = self._factors.length == self._factors.time == 1.0
         return real and self.options.store == "float64" and "images" not in self.options.write
-
-    @property
-    def observables(self) -> dict[str, Floats]:
-        """Every observable at `sample_steps` and `sample_times`, shape (s,) or (s, …)."""
-        return {name: self._sampled(name) for name in self._observables if self._samples}
-
-    @property
-    def columns(self) -> dict[str, tuple[tuple[int, ...], str]]:
-        """Shape and unit of each of the user's columns, by name; ``observables`` has the values."""
-        own = [name for name in self._observables if name not in header.SHAPES]
-        return {name: (header.shape_of(self._contents, name), self.unit_of(name)) for name in own}
-
-    def unit_of(self, observable: str) -> str:
-        """Unit of an observable as text; "" for a plain number."""
-        return header.unit_of(self._contents, observable, self.units)
-
-    @property
-    def events(self) -> list[dict[str, Any]]:
-        """Events of the run, as in `Simulation.events`: kind, time, step, bodies, ids, distance, energy, done.
-
-        Close approaches that were still going on at the run's end come last."""
-        wrong = self._checks.events
-        if wrong.any():
-            raise self._damaged("event", int(np.argmax(wrong)))
-        return self.whole_events()
-
-    def whole_events(self) -> list[dict[str, Any]]:
-        """The `events` that are not damaged."""
-        whole = np.flatnonzero(~self._checks.events).tolist()
-        found = event_rows(self._contents, self.committed.events, whole, self.ids, self.names)
-        return found + list((self.report or {}).get("events", ()))
-
-    @property
-    def sample_steps(self) -> NDArray[np.int64]:
-        return self._sampled("step")
-
-    @property
-    def sample_times(self) -> Floats:
-        return self._sampled("time")
 
     @property
     def energies(self) -> EnergySeries:
@@ -294,42 +209,6 @@ class Run(Frames, ShownRun):
         self.refuse_changed()
         return system_of(self)
 
-    def _sampled(self, name: str) -> NDArray:
-        """Series of the samples. Raises an InputError that names the first damaged sample."""
-        wrong = self._checks.samples
-        if wrong.any():
-            raise self._damaged("sample", int(np.argmax(wrong)))
-        return self._series(name)
-
-    def _series(self, name: str) -> NDArray:
-        return self._contents.read(header.sampled(self._contents, name, self._samples), slice(self._samples))
-
-    def whole_samples(self) -> Samples:
-        """Samples that are not damaged."""
-        kept = np.flatnonzero(~self._checks.samples)
-        observables = {name: self._series(name)[kept] for name in self._observables}
-        return Samples(kept, self._series("step")[kept], self._series("time")[kept], observables)
-
-    def check_growing(self) -> None:
-        """Raise InputError if rows cannot be added because another program has rewritten the file."""
-        contents, (frames, samples, events) = self._contents, self.committed
-        for name in self._observables:
-            header.framed(contents, name, frames)
-            header.sampled(contents, name, samples)
-        for name in EVENT_COLUMNS:
-            header.event_column(contents, name, events)
-        contents.dataset("kickdrift/report", "u1", (None,))
-        checkpoints = [f"{CHECKPOINTS}/{name}" for name in COLUMNS] if self._contents.has(CHECKPOINTS) else []
-        with self._contents.guarded("its beginning"):
-            layout = self._file.id.get_create_plist()
-            if layout.get_version()[0] or layout.get_sizes() != (8, 8) or layout.get_userblock():
-                raise InputError(f"{self.path}: was rewritten by another program, so the run cannot continue it")
-        for name in (*(name for names in self._growing.values() for name in names), "kickdrift/report", *checkpoints):
-            with self._contents.guarded(name):
-                data = self._file[name]
-                if data.chunks is None or data.maxshape[0] is not None:
-                    raise InputError(f"{self.path}: {name} has a fixed size, so the run cannot continue this file")
-
     @cached_property
     def kept(self) -> Committed:
         """Rows after which a resumed run continues: all but those of a damaged end."""
@@ -351,24 +230,6 @@ class Run(Frames, ShownRun):
         return Committed(frames, samples, events)
 
     @property
-    def last_point(self) -> tuple[int, float] | None:
-        """Step and time of the last sample among those `kept`."""
-        row = self.kept.samples - 1
-        return None if row < 0 else (int(self._series("step")[row]), float(self._series("time")[row]))
-
-    @property
-    def checkpoints(self) -> Table | None:
-        """Checkpoints for a restart; None if the file has none."""
-        if not self._contents.has(CHECKPOINTS):
-            return None
-        return Table(self._file, self.path)
-
-    @property
-    def plan(self) -> list[float]:
-        """Numbers of the `run.plan.Plan` of the last run into this file; empty if unknown."""
-        return header.plan_numbers(self._contents)
-
-    @property
     def initial_phase(self) -> Floats:
         """Positions and velocities (2, 3, n) of the System at the start of the run."""
         return self._contents.array("kickdrift/system/phase", "f8", (2, 3, len(self.ids)))
@@ -379,17 +240,6 @@ class Run(Frames, ShownRun):
         from kickdrift.trajectory.universe import universe
 
         return universe(self)
-
-    def close(self) -> None:
-        self._handle.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
 
 def open(path: str | os.PathLike[str]) -> Run:

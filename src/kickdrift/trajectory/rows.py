@@ -27,6 +27,7 @@ from kickdrift.trajectory.layout import (
     observable_unit,
 )
 from kickdrift.trajectory.openfile import OpenFile
+from kickdrift.trajectory.problems import header as problem_header
 
 VECTORS_NDIM = 3  # dimensions of vectors (frames, n, 3)
 Observables = dict[str, NDArray[np.float64]]
@@ -94,7 +95,7 @@ class Rows:
         """``made`` is the file's content if this process has just created the file."""
         self._out = out
         contents = Contents(self._file, out.path)
-        found = made or header.read(contents)
+        found = made or outline_of(contents)
         self._units = found.units
         self._factors = FileUnits.of(self._units)
         self.ids = found.ids
@@ -144,16 +145,18 @@ class Rows:
     @property
     def last_frame(self) -> tuple[int, float] | None:
         """Step and time of the last frame."""
-        place = self._file[TRAJECTORY]["position"]
-        return self._last(place, self.frames, self._factors.time)
+        return self._last(f"{TRAJECTORY}/position", self.frames, self._factors.time)
 
     @property
     def last_sample(self) -> tuple[int, float] | None:
         """Step and time of the last sample."""
-        return self._last(self._file[SAMPLES], self.samples, 1.0)
+        return self._last(SAMPLES, self.samples, 1.0)
 
-    def _last(self, group: h5py.Group, rows: int, factor: float) -> tuple[int, float] | None:
-        return (int(group["step"][rows - 1]), float(group["time"][rows - 1]) / factor) if rows else None
+    def _last(self, name: str, rows: int, factor: float) -> tuple[int, float] | None:
+        if not rows:
+            return None
+        group = self._file[name]
+        return int(group["step"][rows - 1]), float(group["time"][rows - 1]) / factor
 
     def add(self, frames: Sequence[FrameRow], samples: Sequence[SampleRow], events: Sequence[EventRow] = ()) -> None:
         """Write the rows to the disk. A second call after an interrupt does no harm."""
@@ -269,11 +272,12 @@ class Rows:
         known = self.columns
         for name, shape in self.shapes.items():
             unit = known[name] if name in known else observable_unit(name, self._units)
-            element = file["observables"].create_group(name)
-            for group, key in ((file[SAMPLES], name), (element, "value")):
-                new_series(group, key, shape, "f8").attrs["unit"] = unit
-            for key in ("step", "time"):
-                element[key] = file[f"{TRAJECTORY}/position/{key}"]
+            new_series(file[SAMPLES], name, shape, "f8").attrs["unit"] = unit
+            if self._vectors:
+                element = file["observables"].create_group(name)
+                new_series(element, "value", shape, "f8").attrs["unit"] = unit
+                for key in ("step", "time"):
+                    element[key] = file[f"{TRAJECTORY}/position/{key}"]
         if self._block:
             checksums.name_observables(file, list(self.shapes))
         self.complete = True
@@ -289,6 +293,13 @@ class Rows:
         place = data.get_space()
         place.select_hyperslab((start, *(0 for _ in rows.shape[1:])), rows.shape)
         data.write(h5py.h5s.create_simple(rows.shape), place, np.ascontiguousarray(rows))
+
+
+def outline_of(contents: Contents) -> header.Outline:
+    """What a file holds, of particles or of a Problem."""
+    if contents.has(problem_header.PROBLEM):
+        return problem_header.read(contents)
+    return header.read(contents)
 
 
 def _times(vectors: Sequence[NDArray], factor: float, dtype: np.dtype) -> NDArray:

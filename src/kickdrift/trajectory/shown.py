@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from kickdrift.disk.outputs import plain
 from kickdrift.display.showing import Lines, Shown, above
 
 
@@ -13,8 +14,9 @@ class ShownRun(Shown):
     def _lines(self) -> Lines:
         return above("run lines")(self)
 
-    def __str__(self) -> str:
-        return above("run text")(self)
+    def as_json(self) -> dict[str, Any]:
+        """Content of the file in numbers and texts, as ``kickdrift info --json`` writes it."""
+        return plain(above("run content")(self))
 
     def plot(self, kind: str | None = None, *, column: str | None = None) -> Any:
         """Draw the run; a matplotlib Figure.
@@ -31,3 +33,13 @@ class ShownRun(Shown):
             For an unknown name, and a run without what the figure shows.
         """
         return above("run figure")(self, kind, column)
+
+
+class DrawnProblem:
+    """The run of a Problem, open, that draws what ``kickdrift plot`` draws."""
+
+    def plot(self, *, column: str | None = None) -> Any:
+        """Draw y against time, the phase portrait and the energy error, or one ``column``; a matplotlib Figure.
+
+        Raises InputError for an unknown column, and for a run without samples."""
+        return above("problem figure")(self, column)

@@ -84,6 +84,22 @@ class RecordText(Stored):
     steps_done: Whole
 
 
+class ProblemText(Stored):
+    """`kickdrift/problem/record`."""
+
+    name: str
+    unknowns: Number
+    t0: float
+    separable: bool
+    equation: str = ""
+    parameters: dict[str, Any] = {}
+    run: RunText = RunText()
+    invariants: dict[str, Any] = {}
+    functions: dict[str, str] = {}
+    slopes: list[list[float]] = []
+    events: list[str] = []
+
+
 class MethodText(Stored):
     """Content of `kickdrift/method`."""
 

@@ -21,7 +21,7 @@ AXES = ("x", "y", "z")
 
 def data_frame(run: RunHeader, steps: NDArray[np.int64], times: Floats, observables: Mapping[str, Floats]) -> Any:
     """A pandas DataFrame with a row for each time. An observable with several numbers has a column for each."""
-    pandas = _library("pandas", "to_pandas()")
+    pandas = library("pandas", "to_pandas()")
     columns: dict[str, NDArray] = {"step": steps, "time": times}
     units = {"step": "", "time": run.units.unit("time")}
     for name, values in observables.items():
@@ -41,7 +41,7 @@ def dataset(
 ) -> Any:
     """An xarray Dataset of frames and observables. Each observable names its dimension; the coordinates are of the
     samples."""
-    xarray = _library("xarray", "to_xarray()")
+    xarray = library("xarray", "to_xarray()")
     unit = run.units.unit
     per_particle = ("frame", "particle", "axis")
     data: dict[str, Any] = {
@@ -76,8 +76,10 @@ def dataset(
     return xarray.Dataset(data, coordinates, attributes)
 
 
-def _library(name: str, asked: str) -> Any:
+def library(name: str, asked: str, install: str = "") -> Any:
+    """A library that kickdrift can do without; an InputError says what needs it."""
     try:
         return import_module(name)
     except ImportError:
-        raise InputError(f"{asked} needs {name}: pip install 'kickdrift[tables]'") from None
+        needs = install or f"{name}: pip install 'kickdrift[tables]'"
+        raise InputError(f"{asked} needs {needs}") from None

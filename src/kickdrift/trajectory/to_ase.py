@@ -43,7 +43,7 @@ class AtomsOf:
     """Converter from frames to Atoms in ASE's units, as in `System.to_ase`.
 
     Tags are the species. Chemical symbols are the species if these are elements, else X. ``info`` has step, time and
-    time_unit (the run's), species, names if there are any, and ids if bodies are missing.
+    time_unit (the run's), species, names if there are any, ids if bodies are missing, and dimensions if they are two.
 
     Attributes
     ----------
@@ -54,7 +54,7 @@ class AtomsOf:
     def __init__(self, chosen: Chosen) -> None:
         from ase.data import atomic_numbers
 
-        from kickdrift.bridges.ase import UNKNOWN, Scale
+        from kickdrift.bridges.ase import DIMENSIONS, UNKNOWN, Scale
 
         run = chosen.run
         self.run, self.scale, self.notes = run, Scale.of(run.units), list[str]()
@@ -63,6 +63,7 @@ class AtomsOf:
             self.notes.append(f"{units.length}, {units.mass} and {units.energy} stand as angstrom, u and eV")
         self.symbols = np.array([kind if kind in atomic_numbers else UNKNOWN for kind in species(run)])
         self.masses = run.masses / self.scale.mass
+        self.plane = {DIMENSIONS: 2} if run.system_record.get("dimensions") == 2 else {}
 
     def __call__(self, frame: Placed) -> Any:
         from ase import Atoms
@@ -84,6 +85,7 @@ class AtomsOf:
             "time": frame.time,
             "time_unit": run.units.time,
             "species": list(run.species),
+            **self.plane,
         }
         if run.names:
             atoms.info["names"] = np.array(run.names)[there].tolist()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 
 import ase
+import ase.io
 import numpy as np
 import pytest
 from ase.build import bulk, fcc111
@@ -139,3 +140,63 @@ SOLID = bulk("Ar", "fcc", a=5.26)
 )
 def test_the_calculator_agrees_with_ases(atoms):
     check_same(shaken(atoms.copy()), Calculator([ARGON]))
+
+
+# --- two dimensions ---
+
+PLANES = {
+    "upright": kd.Box((18.0, 20.0)),
+    "leaning": kd.Box([[18.0, 0.0], [-9.0, 20.0]]),
+    "open": None,
+    "open along y": kd.Box((18.0, 20.0), periodic=(True, False, False)),
+}
+
+
+def plane(box, units="metal") -> kd.System:
+    """16 atoms that move in the plane z = 0.5."""
+    rng = np.random.default_rng(7)
+    x = np.column_stack([4.0 * np.indices((4, 4)).reshape(2, -1).T + rng.uniform(-0.2, 0.2, (16, 2)), np.full(16, 0.5)])
+    v = rng.normal(size=(16, 2))
+    return kd.System(x, v, 39.948, box, [ARGON], units, dimensions=2, species=["Ar"] * 16)
+
+
+@pytest.mark.parametrize("units", ["metal", "lj"])
+@pytest.mark.parametrize("name", PLANES)
+def test_a_plane_goes_to_ase_and_back(name, units, tmp_path):
+    system = plane(PLANES[name], units)
+    atoms = system.to_ase()
+    assert atoms.info["dimensions"] == 2
+    ase.io.write(tmp_path / "plane.extxyz", atoms)
+    for found in (atoms, ase.io.read(tmp_path / "plane.extxyz")):
+        back = kd.System.from_ase(found, [ARGON], units)
+        assert (back.dimensions, back.degrees_of_freedom) == (2, 30)
+        assert back.volume == pytest.approx(system.volume)
+        np.testing.assert_allclose(back.state.phase, system.state.phase, rtol=0, atol=2e-7)
+    energy = kd.Simulation(system, "velocity-verlet", 0.001).energy().potential
+    assert atoms.get_potential_energy() == pytest.approx(energy, rel=1e-12)
+    with pytest.raises(kd.InputError, match=r"^(stress: .* in two dimensions it is a force over a length|pressure: )"):
+        atoms.get_stress()
+
+
+def test_a_turned_plane_is_still_one():
+    system = plane(PLANES["leaning"])
+    atoms = system.to_ase()
+    atoms.rotate(33.0, "z", rotate_cell=True)
+    back = kd.System.from_ase(atoms, [])
+    assert back.dimensions == 2
+    np.testing.assert_allclose(back.box.matrix, system.box.matrix, rtol=1e-13, atol=1e-13)
+    np.testing.assert_allclose(back.state.positions, system.state.positions, rtol=0, atol=1e-12)
+
+
+def test_other_dimensions_of_atoms_say_nothing():
+    assert "dimensions" not in kd.System(np.eye(3)).to_ase().info
+    for given_there in ("2", [2, 2], 3, 2.5, np.array([2.0, 2.0])):
+        atoms = ase.Atoms("Ar", info={"dimensions": given_there})
+        assert kd.System.from_ase(atoms, []).dimensions == 3
+
+
+def test_atoms_that_left_their_plane_are_refused():
+    atoms = plane(None).to_ase()
+    atoms.positions[3, 2] += 1.0
+    with pytest.raises(kd.InputError, match=r"^positions: particle 3 has z = 1\.5; expected z = 0\.5"):
+        kd.System.from_ase(atoms)

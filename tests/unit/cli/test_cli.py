@@ -18,8 +18,12 @@ import kickdrift as kd
 from kickdrift.analysis import bench
 from kickdrift.cli import main as cli
 from kickdrift.cli import printing
+from kickdrift.cli.main import main
 from kickdrift.errors import InputError, RunError
 from kickdrift.integrators import INTEGRATORS
+from kickdrift.integrators.particle_flow import ParticleFlow
+from kickdrift.jit.notices import announce
+from tests.compiled import without_compiling
 from tests.refusals import assert_refused
 
 SYSTEM = """
@@ -65,9 +69,11 @@ def folder(tmp_path, monkeypatch):
 def program(*arguments, **options) -> subprocess.CompletedProcess:
     """The program in its own process."""
     code = "from kickdrift.cli.main import main; main()"
-    return subprocess.run(
+    done = subprocess.run(
         [sys.executable, "-W", "error", "-c", code, *map(str, arguments)], capture_output=True, text=True, **options
     )
+    done.stderr = without_compiling(done.stderr)
+    return done
 
 
 def files() -> set[str]:
@@ -82,6 +88,20 @@ def test_a_run_in_a_process():
     assert (done.returncode, done.stderr) == (0, "")
     assert re.search(r"^system +liquid: 216 particles, units lj$", done.stdout, re.MULTILINE)
     assert files() == {"liquid.toml", "run.h5md", "run.json"}
+
+
+def test_a_run_says_what_it_compiles_and_where_the_time_went(monkeypatch, capfd):
+    """As if the disk had no code for samples of this liquid; with --quiet nothing is said."""
+    monkeypatch.setattr(ParticleFlow, "prepare", lambda *_: announce(kept=True))
+    for quiet, err in (([], "compiling velocity-verlet for lennard-jones (once on this machine)\n"), (["--quiet"], "")):
+        monkeypatch.setattr(sys, "argv", ["kickdrift", "run", "liquid.toml", "--steps", "1e1", *quiet])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        out, found = capfd.readouterr()
+        assert ended.value.code == 0
+        assert found == err
+        assert re.search(r"^took +[\d.]+ s: stepping and 11 looks [\d.]+", out, re.MULTILINE)
+        assert re.search(r"^length +10 steps, 0.04 τ$", out, re.MULTILINE)
 
 
 @pytest.mark.parametrize(
@@ -114,10 +134,78 @@ def test_ctrl_c_leaves_a_whole_file():
         out, err = running.communicate(timeout=30)
     finally:
         running.kill()
-    assert (running.returncode, out, err) == (130, "", "kickdrift: interrupted; all written files are whole\n")
+    assert (running.returncode, out) == (130, "")
     with kd.open("run.h5md") as run:
         assert len(run) >= 2
         assert run[-1].step > 0
+        frames, step = len(run), run[-1].step
+    assert without_compiling(err) == (
+        f"kickdrift: stopped at step {step:,} of 20,000,000; run.h5md holds {frames:,} frames up to step {step:,}; "
+        "continue with: kickdrift resume run.h5md\n"
+    )
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (["run", "liquid.toml"], "stopped at step 30 of 50; nothing is kept; --output FILE.h5md keeps a run"),
+        (
+            ["run", "liquid.toml", "--output", "run.h5md"],
+            "run.h5md holds 4 frames up to step 30; continue with: kickdrift",
+        ),
+        (["run", "ode-harmonic", "--steps", "50", "--dt", "0.1"], "stopped at step 30 of 50; nothing is kept"),
+        (["resume", "begun.h5md"], "stopped at step 30 of 50; begun.h5md holds 4 frames up to step 30; continue with:"),
+    ],
+)
+def test_ctrl_c_says_what_is_kept(arguments, told, kickdrift, monkeypatch):
+    """Ctrl-C at step 30: a callback of the program presses it."""
+    if "begun.h5md" in arguments:
+        sim = kd.Simulation(kd.load("liquid.toml"))
+        with pytest.raises(KeyboardInterrupt):
+            sim.run(50, every=10, output="begun.h5md", observe=lambda sim: sim.steps_done == 20 and pressed())
+    begin = kd.Simulation.run
+
+    def run(sim, *given, **options):
+        return begin(sim, *given, **{**options, "observe": lambda sim: sim.steps_done == 30 and pressed()})
+
+    monkeypatch.setattr(kd.Simulation, "run", run)
+    every = [] if arguments[0] == "resume" else ["--every", 10]
+    code, out, err = kickdrift(*arguments, *every, "--quiet")
+    assert (code, out) == (130, "")
+    assert told in err
+    assert err.count("\n") == 1
+    if "run.h5md" in arguments:
+        assert kickdrift("info", "run.h5md")[1].splitlines()[-1].endswith("continue with: kickdrift resume run.h5md")
+        monkeypatch.setattr(kd.Simulation, "run", begin)
+        assert kickdrift("resume", "run.h5md", "--quiet")[0] == 0
+        assert kickdrift("info", "run.h5md")[1].splitlines()[-1].endswith("; the run is finished")
+
+
+def pressed():
+    signal.raise_signal(signal.SIGINT)
+
+
+def test_ctrl_c_before_the_first_step(kickdrift, monkeypatch):
+    monkeypatch.setattr(kd.Simulation, "equilibrate", lambda *_: pressed())
+    text = SYSTEM + "[equilibrate]\ntemperature = 0.9\ntime = 0.4\n"
+    cli.Path("liquid.toml").write_text(text, encoding="utf-8")
+    found = kickdrift("run", "liquid.toml", "--output", "run.h5md")
+    assert found == (130, "", "kickdrift: stopped before the first step; nothing is kept\n")
+    assert files() == {"liquid.toml"}
+
+
+def test_ctrl_c_in_a_command_that_writes_at_its_end(kickdrift, monkeypatch):
+    def chaos(*_, progress, **__):
+        progress(420, 1000)
+        pressed()
+
+    monkeypatch.setattr("kickdrift.analysis.chaos.megno", chaos)
+    told = "kickdrift: stopped at 42 % of running; nothing is kept, and the same command begins again\n"
+    assert kickdrift("chaos", "two-body") == (130, "", told)
+
+
+def test_the_version(kickdrift):
+    assert kickdrift("--version") == (0, f"kickdrift {kd.__version__}\n", "")
 
 
 def test_a_reader_that_goes_away_is_no_traceback():
@@ -287,9 +375,12 @@ NOTHING = "no.folder/run"
         (["--steps", "-1"], ["--steps"]),
         (["--steps", "1.5"], ["--steps"]),
         (["--steps", "10", "--time", "1"], ["--steps or --time, not both"]),
-        (["--time", "-1"], ["time -1 lies before the current time"]),
-        (["--time", "nan"], ["must be a finite time, got nan"]),
-        (["--time", "0.0101"], ["not on the grid of steps of 0.004; nearest are 0.008 and 0.012"]),
+        (["--time", "nan"], ["kickdrift: time must be a finite time, got nan\n"]),
+        (["--time", "0.0101", "--exact", "true"], ["not on the grid of steps of 0.004; nearest are 0.008 and 0.012"]),
+        (["--time", "5 ps"], ["--time: lj quantities are plain numbers, got '5 ps'"]),
+        (["--time", "soon"], ["'soon' is not a time such as 10, or '10 fs'"]),
+        (["--exact", "maybe"], ["--exact 'maybe' is unknown; known are true, false, shorten"]),
+        (["--steps", "1.5e0"], ["'1.5e0' is not a whole number, 0 or more"]),
         (["--every", "0"], ["--every"]),
         (["--every", "-5"], ["--every"]),
         (["--threads", "0"], ["--threads"]),
@@ -327,7 +418,12 @@ def test_bad_arguments_are_found_before_the_equilibration(kickdrift, folder, mon
     (folder / "liquid.toml").write_text(text, encoding="utf-8")
     monkeypatch.setattr(kd.Simulation, "equilibrate", lambda *_: pytest.fail("too late"))
     (folder / "run.h5md").write_bytes(b"")
-    for arguments in (["--every", 0], ["--time", 0.0101], ["--output", "run.h5md"], ["--json", "/no/run.json"]):
+    for arguments in (
+        ["--every", 0],
+        ["--time", 0.0101, "--exact", "true"],
+        ["--output", "run.h5md"],
+        ["--json", "/no/run.json"],
+    ):
         assert_refused(kickdrift("run", "liquid.toml", *arguments))
 
 
@@ -518,7 +614,7 @@ def test_plot(kickdrift, folder):
     assert_refused(kickdrift("plot", "run.h5md", "--output", "run.gif"), "must end in .png")
     assert_refused(kickdrift("plot", "run.h5md", "--output", f"{NOTHING}.png"), "there is no folder")
     assert_refused(kickdrift("plot", "nothing.h5md"), "nothing.h5md: no such file")
-    assert_refused(kickdrift("plot", "liquid.toml"), "is a system file, not the file of a run")
+    assert_refused(kickdrift("plot", "liquid.toml"), "is a system of particles")
 
 
 # --- bench ---

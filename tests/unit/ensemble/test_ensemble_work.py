@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+import kickdrift as kd
 from kickdrift.cli.main import app
 from kickdrift.cli.printing_ensemble import print_ensemble
 from kickdrift.ensemble import Ensemble
@@ -33,6 +34,53 @@ def test_megno_takes_the_integrator_that_was_asked_for(key):
     assert (done["status"], done["integrator"]) == ("done", "dop853")
     (refused,) = rows(integrator="wisdom-holman")
     assert "wisdom-holman carries no variations" in refused["error"]
+
+
+def test_integrators_with_options_are_varied():
+    values = [kd.integrator("wisdom-holman", corrector=17), "saba", kd.integrator("saba", order="8,4", dt=0.25)]
+    texts = ["wisdom-holman -o corrector=17", "saba", "saba -o order=8,4 -o dt=0.25"]
+    for key in ("integrator", "run.integrator"):
+        ensemble = Ensemble("sun-jupiter", {key: values}, steps=3, corrector=11)
+        found = [ensemble._recipe.system(ensemble.members[i]).run for i in range(3)]
+        assert [run.integrator for run in found] == ["wisdom-holman", "saba", "saba"]
+        assert [run.options.get("corrector") for run in found] == [17, 11, 11]
+        assert [run.options.get("order") for run in found] == [None, None, "8,4"]
+        assert found[2].dt == 0.25
+    ensemble = Ensemble("sun-jupiter", {"integrator": values}, steps=3)
+    done = [run_member(ensemble._recipe, ensemble.members[i]) for i in range(3)]
+    assert [(row["status"], row["integrator"]) for row in done] == [("done", text) for text in texts]
+    assert ensemble.provenance()["grids"] == {"integrator": texts}
+    beside = Ensemble("sun-jupiter", {"corrector": [3], "integrator": values[:1]}, steps=3)
+    assert beside._recipe.system(beside.members[0]).run.options["corrector"] == 3
+
+
+def test_integrators_with_options_are_varied_for_systems_and_functions():
+    values, given = [kd.integrator("wisdom-holman", corrector=17)], []
+
+    def made(integrator):
+        given.append(integrator)
+        return kd.load("sun-jupiter").with_run(integrator=integrator)
+
+    for subject in (kd.load("sun-jupiter"), made):
+        ensemble = Ensemble(subject, {"integrator": values}, steps=3)
+        run = ensemble._recipe.system(ensemble.members[0]).run
+        assert (run.integrator, run.options["corrector"]) == ("wisdom-holman", 17)
+    assert set(given) == {"wisdom-holman"}
+
+
+@pytest.mark.parametrize(
+    ("value", "message"),
+    [
+        ("sabba -o order=8,4", "integrator 'sabba' is unknown; did you mean saba"),
+        ("saba -o odrer=8,4", "did you mean 'order', which saba takes"),
+        ("saba -o order", "-o: expected KEY=VALUE"),
+        (kd.load, "vary: integrator: expected numbers, texts or lists of these"),
+    ],
+)
+def test_integrators_that_cannot_be_varied(value, message):
+    with pytest.raises(kd.InputError) as refused:
+        Ensemble("sun-jupiter", {"integrator": [value]}, steps=3)
+    assert message in str(refused.value)
 
 
 def test_a_function_whose_file_has_changed_has_its_name(tmp_path):

@@ -103,6 +103,19 @@ def test_a_value_that_makes_no_sense_is_refused_when_it_is_made(name, options, m
         kd.integrator(name, **options)
 
 
+def test_a_system_takes_a_value_as_its_default(system):
+    file = system.with_run(corrector=3, coordinates="democratic-heliocentric")
+    made = file.with_run(integrator=VALUE)
+    assert (made.run.integrator, made.run.options["corrector"]) == ("wisdom-holman", 17)
+    assert made.run.options["coordinates"] == "democratic-heliocentric"
+    assert kd.Simulation(made).options.corrector == 17
+    assert system.with_run(integrator=VALUE, corrector=11).run.options["corrector"] == 11
+    assert system.with_run(integrator=kd.integrator("saba", dt=0.25, order="8,4")).run.dt == 0.25
+    assert file.with_run(integrator="saba").run.options == file.run.options
+    problem = kd.load("ode-kepler").with_run(integrator=kd.integrator("rk4", dt=0.01))
+    assert (problem.run.integrator, problem.run.dt) == ("rk4", 0.01)
+
+
 def test_batches_chaos_and_ensembles_take_values(system):
     alone = kd.integrator("saba", order="8,4", dt=0.25)
     batch = Batch([system, system], alone)

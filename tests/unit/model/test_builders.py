@@ -184,13 +184,9 @@ def test_bad_structure_files(tmp_path, monkeypatch):
     path.write_text("not a structure\n")
     with pytest.raises(InputError, match=r"ASE cannot read .*start\.extxyz"):
         read_structure(path, METAL)
-    for cell, pbc, message in [
-        ([[9, 0, 0], [1, 9, 0], [0, 0, 9]], True, "is not orthorhombic along x, y, z"),
-        ([9, 9, 9], [True, True, False], "is periodic along some axes only"),
-    ]:
-        write(path, ase.Atoms("Ar", cell=cell, pbc=pbc))
-        with pytest.raises(InputError, match=message):
-            read_structure(path, METAL)
+    write(path, ase.Atoms("Ar", cell=[[9, 0, 0], [9, 0, 0], [0, 0, 9]], pbc=True))
+    with pytest.raises(InputError, match=r"the edge vectors are singular \(no volume\)"):
+        read_structure(path, METAL)
     with pytest.raises(InputError, match='expected units = "metal", got "lj"'):
         read_structure(path, UNIT_SYSTEMS["lj"])
     monkeypatch.setitem(sys.modules, "ase.io", None)

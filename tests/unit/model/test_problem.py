@@ -298,7 +298,7 @@ def test_runs_that_make_no_sense():
         ({"steps": 2.5}, "steps must be a whole number, zero or more, got 2.5"),
         ({"until": 2.0, "interval": 0.0}, "interval must be a positive time, got 0.0"),
         ({"until": 2.0, "interval": 0.1, "every": 3}, "give every or interval, not both"),
-        ({"until": 2.0, "output": "run.h5md"}, "a run's file holds particles, so a Problem cannot write one"),
+        ({"until": 2.0, "output": "run.h5md"}, "the name of a Problem's run must end in .h5, .csv, .parquet"),
     ]:
         with pytest.raises(kd.InputError) as error:
             sim.run(**arguments)

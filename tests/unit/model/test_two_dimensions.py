@@ -178,6 +178,9 @@ X = np.array([[1.0, 1.0, 0.5], [4.0, 4.0, 0.5], [7.0, 7.0, 0.5]])
         ({"box": [[9.0, 0.0], [0.0]]}, "box: expected a matrix of three rows of three numbers"),
         ({"forces": [kd.UniformField((0, 0, -1.0))]}, "uniform-field: acceleration has a z component of -1"),
         ({"forces": [kd.DrivenField((0, 0, 1.0), 2.0)]}, "driven-field: amplitude has a z component of 1"),
+        ({"forces": [kd.HarmonicTrap(1.0)]}, "harmonic-trap: centre has z = 0, but the particles of this two-dimens"),
+        ({"forces": [kd.HarmonicTrap(1.0, (0, 0, 1.0))]}, "harmonic-trap: centre has z = 1, but the particles of"),
+        ({"forces": [kd.Oblateness(0.1, 0.2, pole=(1.0, 0, 1.0))]}, "j2: pole: expected a vector along z or in the"),
     ],
 )  # fmt: skip
 def test_what_leaves_the_plane_is_refused(given, message):
@@ -186,11 +189,36 @@ def test_what_leaves_the_plane_is_refused(given, message):
     assert str(refused.value).startswith(message)
 
 
+class Unchecked(kd.UniformField):
+    """A field that takes any system, as a force of the user's may."""
+
+    def check(self, system):
+        pass
+
+
 def test_a_force_out_of_the_plane_is_refused_before_the_run():
-    system = kd.System(X, dimensions=2, forces=[kd.HarmonicTrap(1.0)])
+    system = kd.System(X, dimensions=2, forces=[Unchecked((0.0, 0.0, 1.0))])
     with pytest.raises(InputError, match="dimensions: the forces push particle 0 out of the system's two dimensions"):
         kd.Simulation(system, "velocity-verlet", 0.01)
-    in_plane = kd.System(X, dimensions=2, forces=[kd.HarmonicTrap((1.0, 2.0, 0.0))])
+
+
+@pytest.mark.parametrize(
+    "force",
+    [
+        kd.HarmonicTrap((1.0, 2.0, 0.0)),
+        kd.HarmonicTrap(1.0, (1.0, 2.0, 0.5)),
+        kd.UniformField((1.0, -2.0, 0.0)),
+        kd.DrivenField((1.0, 0.5, 0.0), 2.0),
+        kd.Springs([(0, 1)], 3.0, 1.0),
+        kd.Oblateness(0.1, 0.2, G=1.0),
+        kd.Oblateness(0.1, 0.2, pole=(3.0, -1.0, 0.0), G=1.0),
+        kd.Gravity(G=1.0),
+        kd.GravityTree(G=1.0),
+    ],
+    ids=str,
+)
+def test_forces_in_the_plane_keep_particles_there(force):
+    in_plane = kd.System(X, dimensions=2, forces=[force])
     sim = kd.Simulation(in_plane, "velocity-verlet", 0.01)
     sim.run(steps=10)
     assert sim.state.phase[:, 2].tolist() == [[0.5] * 3, [0.0] * 3]

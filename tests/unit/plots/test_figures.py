@@ -90,3 +90,17 @@ def test_stability_is_a_figure_with_the_numbers_of_the_command():
 
 def test_a_notebook_shows_a_figure():
     assert kd.stability("rk4")._repr_png_().startswith(b"\x89PNG")
+
+
+def test_problems_draw_themselves(tmp_path):
+    """A Problem runs with several methods side by side; a file of its run draws what the command draws."""
+    problem = kd.load("ode-pendulum")
+    figure = problem.plot(kd.integrator("euler", dt=0.05), kd.integrator("rk4", dt=0.1), time=2.0)
+    titles = [axes.get_title() for axes in figure.axes[:2]]
+    assert titles == ["euler, dt = 0.05", "rk4, dt = 0.1"]
+    kd.Simulation(problem, "rk4", dt=0.05).run(20, output=tmp_path / "run.h5")
+    with kd.open(tmp_path / "run.h5") as run:
+        assert len(run.plot().axes) == 3
+        assert len(run.plot(column="y0").axes) == 1
+        with pytest.raises(kd.InputError, match="column 'speed': its columns are"):
+            run.plot(column="speed")

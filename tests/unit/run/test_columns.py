@@ -265,3 +265,16 @@ def test_a_figure_of_one(tmp_path):
     refused = kickdrift("plot", path, "--column", "radius", "--output", tmp_path / "none.png")
     assert "radius_of_gyration" in str(refused.exception)
     assert not (tmp_path / "none.png").exists()
+
+
+def test_a_figure_without_a_column_names_the_columns(tmp_path):
+    path = tmp_path / "a.h5md"
+    sim = make()
+    sim.run(20, every=5, output=path, columns=[RADIUS, INERTIA])
+    drawn = kickdrift("plot", path)
+    assert (drawn.exit_code, drawn.stdout) == (0, f"{path.with_suffix('.png')}\n")
+    said = drawn.stderr.splitlines()[-1]  # after what is compiled, if anything is
+    assert said == f"{path}: --column NAME draws a column of this run: radius_of_gyration, inertia"
+    assert "--column" not in kickdrift("plot", path, "--kind", "energies", "--overwrite").stderr
+    make().run(20, every=5, output=tmp_path / "b.h5md")
+    assert "--column" not in kickdrift("plot", tmp_path / "b.h5md").stderr

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ase.io
 import h5py
 import numpy as np
 import pytest
@@ -187,6 +188,11 @@ def test_a_run_in_two_dimensions_is_kept_and_resumed(tmp_path):
         assert one.positions.tobytes() == other.positions.tobytes()
         assert one.box == one[1].box == box
         assert one.system().dimensions == one[2].system().dimensions == 2
+    kd.export(whole, tmp_path / "run.extxyz", unwrapped=True)
+    last = ase.io.read(tmp_path / "run.extxyz", index=-1)
+    back = kd.System.from_ase(last, [], "lj")
+    assert (back.dimensions, back.box) == (2, box)
+    np.testing.assert_allclose(back.state.positions, sim.state.positions, rtol=0, atol=1e-7)
     run_files.write(whole, falling(LEANING))
     with h5py.File(whole) as file:
         assert b"dimensions" not in file["kickdrift/system/record"][()]

@@ -21,6 +21,7 @@ from kickdrift_validation import (
     integrators,
     kepler_energies,
     lj_lammps_melt,
+    lj_lammps_plane,
     mdanalysis_readers,
     nist_lj,
     planted,
@@ -123,15 +124,25 @@ def test_every_script_is_in_the_registry():
     assert len({row.name for row in SCRIPTS}) == len(SCRIPTS)
 
 
-def test_lammps_missing_is_not_a_failure(monkeypatch):
+@pytest.mark.parametrize("script", [lj_lammps_melt, lj_lammps_plane])
+def test_lammps_missing_is_not_a_failure(monkeypatch, script):
 
     def missing():
         raise ImportError
 
-    monkeypatch.setattr(lj_lammps_melt, "lammps_class", missing)
-    (row,) = lj_lammps_melt.claims()
+    monkeypatch.setattr(script, "lammps_class", missing)
+    (row,) = script.claims()
     assert row["verdict"] == "not run"
     assert "pip install" in row["value"]
+
+
+@pytest.mark.parametrize("fluid", lj_lammps_plane.FLUIDS)
+def test_both_programs_sample_the_same_plane(monkeypatch, fluid):
+    """From the velocities of one seed the samples are the same while rounding has not grown."""
+    monkeypatch.setattr(lj_lammps_plane, "MELT", 25)
+    monkeypatch.setattr(lj_lammps_plane, "STEPS", 50)
+    ours, theirs = (run(fluid, 1) for run in (lj_lammps_plane.of_kickdrift, lj_lammps_plane.of_lammps))
+    assert ours == pytest.approx(theirs, rel=1e-10)
 
 
 # --- integrators ---

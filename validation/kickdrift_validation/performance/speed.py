@@ -273,7 +273,7 @@ def goals_table(found: dict[str, Any]) -> tuple[list[str], list[list[str]]]:
 
 def print_found(found: dict[str, Any]) -> None:
     """Everything, as tables on standard output."""
-    from kickdrift.cli.printing import print_table
+    from kickdrift.cli.console import out, print_table
 
     for group in found["groups"]:
         columns, rows = table(group)
@@ -281,7 +281,7 @@ def print_found(found: dict[str, Any]) -> None:
             print_table(f"{group['name']}: {group['title']}", columns, rows)
     print_table("claims", *goals_table(found))
     versions = ", ".join(f"{name} {number}" for name, number in found["versions"].items())
-    print(
+    out(
         f"{found['processor']}, {found['cores']} cores, {found['simd']}; {versions}; {found['turns']} turns of "
         f"{found['seconds']:g} s; load before {found['load_before'] or 0:.1f}"
     )

@@ -10,10 +10,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from kickdrift.disk.files import unfit
 from kickdrift.errors import InputError
+from kickdrift.model.any_cell import oriented, without_rounding
 from kickdrift.model.capacity import check_room
 from kickdrift.model.checks import number, numbers
 from kickdrift.model.nearness import any_nearer, nearest_pair
@@ -33,6 +34,7 @@ LATTICES: dict[str, tuple[tuple[float, float, float], ...]] = {
 }
 
 MOST = 10**8  # most particles on a lattice, whatever the memory
+ROUNDING = 1e-9  # part of a cell vector in a structure file: a tilt that is only rounding
 OVERLAP = 0.3  # part of a force's shortest length; at 0.3 sigma Lennard-Jones is 7 million epsilon
 
 
@@ -130,14 +132,15 @@ def drawn_velocities(system: Subject, temperature: float | str | None, seed: int
 
 
 class Structure(NamedTuple):
-    """Particles of an initial state. ``masses`` is one number or one for each. Edges and velocities are None if
-    unknown, ``seed`` if nothing was drawn. ``barycentric`` particles are still to be moved to their centre of mass."""
+    """Particles of an initial state. ``masses`` is one number or one for each. Edges (three lengths or a matrix) and
+    velocities are None if unknown, ``seed`` if nothing was drawn. ``barycentric`` particles are still to be moved to
+    their centre of mass."""
 
     positions: Floats
     masses: Any
     species: Sequence[str]
-    edges: Sequence[float] | None
-    periodic: bool
+    edges: Sequence[float] | Floats | None
+    periodic: bool | Sequence[bool]
     velocities: Floats | None = None
     names: Sequence[str] = ()
     radii: Sequence[float] | None = None
@@ -145,10 +148,18 @@ class Structure(NamedTuple):
     barycentric: bool = False
 
 
-def read_structure(path: Path, units: UnitSystem) -> Structure:
+def read_structure(
+    path: Path, units: UnitSystem, periodic: bool | Sequence[bool] | None = None, boxed: bool = False
+) -> Structure:
     """Last structure in any file that ASE reads: positions, cell, masses, symbols as species, momenta if any.
 
-    ASE's units are angstrom, u and eV, so ``units`` must be metal. The cell must be orthorhombic, along x, y, z.
+    ASE's units are angstrom, u and eV, so ``units`` must be metal. The cell may have any shape. Where the cell has not
+    the form of a `Box`, positions and velocities are turned with the cell.
+
+    Parameters
+    ----------
+    periodic : axes along which the box is to be periodic, default those of the file
+    boxed : whether the box is known from elsewhere; positions then stay as they are in the file
     """
     if units.name != "metal":
         raise InputError(f'structure files are in angstrom and u; expected units = "metal", got "{units.name}"')
@@ -168,19 +179,33 @@ def read_structure(path: Path, units: UnitSystem) -> Structure:
         raise InputError(f"ASE cannot read {path}: {shown(str(error) or type(error).__name__)}") from None
     if len(atoms) == 0:
         raise InputError(f"{path} holds no atoms")
-    cell = np.asarray(atoms.cell.array)
-    edges = None
-    if np.any(cell):
-        edges = [float(edge) for edge in np.diag(cell)]
-        if np.any(np.abs(cell - np.diag(edges)) > 1e-9 * np.abs(cell).max()) or min(edges) <= 0:
-            raise InputError(f"the cell of {path} is not orthorhombic along x, y, z: {shown(cell.tolist())}")
-    if atoms.pbc.any() and not (atoms.pbc.all() and edges is not None):
-        raise InputError(f"{path} is periodic along some axes only; expected all three or none")
+    along = tuple(bool(there) for there in atoms.pbc)
+    axes = np.broadcast_to(along if periodic is None else periodic, 3)
+    edges, rotation = _edges(np.array(atoms.cell.array, dtype=float), axes, boxed, path)
     masses = atoms.get_masses()
     velocities = None
     if atoms.has("momenta"):  # in u angstrom over ASE's unit of time, in which a mass of 1 u is coherent
         velocities = atoms.get_momenta() / masses[:, None] / math.sqrt(units.coherent_mass)
-    return Structure(atoms.positions, masses, atoms.get_chemical_symbols(), edges, bool(atoms.pbc.all()), velocities)
+    positions, symbols = atoms.positions, atoms.get_chemical_symbols()
+    if rotation is not None:
+        positions = positions @ rotation.T
+        velocities = None if velocities is None else velocities @ rotation.T
+    return Structure(positions, masses, symbols, edges, along if len(set(along)) > 1 else along[0], velocities)
+
+
+def _edges(cell: Floats, axes: NDArray[np.bool_], boxed: bool, path: Path) -> tuple[Any, Floats | None]:
+    """The lengths or the matrix of a box with this cell (3, 3), and the rotation into the axes of the box; None where
+    there is no box, and None where nothing turns."""
+    if not np.isfinite(cell).all():
+        raise InputError(f"the cell of {path} has numbers that are not finite: {shown(cell.tolist())}")
+    cell = without_rounding(cell, ROUNDING)
+    lengths = np.diag(cell)
+    if np.array_equal(cell, np.diag(lengths)) and lengths.min() >= 0:
+        return lengths.tolist() if lengths.any() else None, None
+    if boxed or not axes.any():
+        return None, None
+    box, rotation = oriented(cell, axes)
+    return box.matrix, None if np.array_equal(rotation, np.eye(3)) else rotation
 
 
 def _check_xyz(path: Path) -> None:

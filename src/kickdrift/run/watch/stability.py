@@ -73,7 +73,7 @@ class Stability(Watcher):
 
     def look(self) -> None:
         """Store the current point, and check dt at a run's first look."""
-        if self.limited:
+        if self.limited and not self._run.record.backward:
             self.keep(self._run.time, self._run.y)
         if self._first:
             self._first = False
@@ -92,7 +92,7 @@ class Stability(Watcher):
         record = run.record
         self._check_step()
         record.warnings += [line for line in getattr(run.stepper, "warnings", ()) if line not in record.warnings]
-        if not self.limited or record.steps < WATCHED_STEPS:
+        if not self.limited or record.backward or record.steps < WATCHED_STEPS:
             return
         assert not isinstance(run.flow, EngineFlow)
         warning = stability_warning(run.flow, run.method, list(self._points))

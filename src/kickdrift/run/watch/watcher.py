@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from kickdrift.looks.record import LOOKS, OBSERVING
 
 if TYPE_CHECKING:
     from kickdrift.run.report import Report
@@ -12,7 +14,10 @@ if TYPE_CHECKING:
 class Watcher:
     """Follows a run. Events, the check of stability, the file and the user's ``observe`` are watchers.
 
-    Watchers change nothing in the run, except that events may change the bodies."""
+    Watchers change nothing in the run, except that events may change the bodies. ``part`` names the part of the work
+    that a watcher's time counts as."""
+
+    part: ClassVar[str] = LOOKS
 
     def begin(self) -> None:
         """Prepare for a run, before its first look."""
@@ -38,6 +43,8 @@ class Observe(Watcher):
     function : called as ``function(sim)``
     sim : the Simulation
     """
+
+    part = OBSERVING
 
     def __init__(self, function: Callable[[Any], Any], sim: Any) -> None:
         self._function, self._sim = function, sim

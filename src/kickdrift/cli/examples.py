@@ -1,0 +1,58 @@
+"""Examples of the help pages, by command: a line to type, and its meaning."""
+
+from __future__ import annotations
+
+EXAMPLES: dict[str, tuple[tuple[str, str], ...]] = {
+    "": (
+        ("kickdrift run lj-1000 --steps 2000 --output run.h5md", "Run a shipped system and keep the run in a file."),
+        ("kickdrift info run.h5md", "Say what the file holds and how well the run went."),
+        ("kickdrift list integrators", "List the integrators."),
+    ),
+    "run": (
+        ("kickdrift run lj-1000 --steps 2000 --output run.h5md", "A shipped system. The file keeps the run."),
+        ("kickdrift run liquid.toml --dt 0.002 --time 10", "Your own system file, with another step and length."),
+        ("kickdrift run sun-jupiter --integrator wisdom-holman -o corrector=17", "Another method, with an option."),
+        ("kickdrift run ode-kepler --integrator dop853 --rtol 1e-10", "An ODE. The method chooses its steps."),
+        ("kickdrift run lj-1000 --engine lammps --threads 2", "The same system in another program."),
+        ("kickdrift run two-body --json - --quiet", "The report as one JSON object on standard output."),
+    ),
+    "resume": (
+        ("kickdrift resume run.h5md", "Finish a run that was stopped or killed."),
+        ("kickdrift resume run.h5md --steps 40000", "Extend a finished run to step 40,000."),
+    ),
+    "ensemble": (
+        ("kickdrift ensemble lj-1000 --replicas 8 --steps 2000 --output liquids.parquet", "Eight seeds."),
+        ("kickdrift ensemble two-body --vary dt=log:0.001:0.1:5", "Five steps, evenly spaced in the logarithm."),
+    ),
+    "compare": (
+        ("kickdrift compare ode-kepler", "Error and cost of the usual methods."),
+        ("kickdrift compare ode-kepler --accuracy 1e-6", "Recommend a method and a step for this accuracy."),
+        ("kickdrift compare two-body --integrator leapfrog --integrator rk4", "Two methods."),
+    ),
+    "chaos": (("kickdrift chaos figure-eight", "MEGNO and the Lyapunov exponent of the figure-eight orbit."),),
+    "plot": (
+        ("kickdrift plot run.h5md", "Orbits under gravity, else energies."),
+        ("kickdrift plot run.h5md --kind rdf --output rdf.png", "The radial distribution function."),
+        ("kickdrift plot --stability rk4 --stability yoshida6", "Stability regions, without a run."),
+    ),
+    "export": (("kickdrift export run.h5md run.xtc --step 10", "Every tenth frame, for GROMACS and MDAnalysis."),),
+    "info": (
+        ("kickdrift info run.h5md", "The report of a run. --all shows everything that the file holds."),
+        ("kickdrift info liquid.toml", "Check a system file without running it."),
+    ),
+    "list": (
+        ("kickdrift list integrators", "Every integrator."),
+        ("kickdrift list integrators wisdom-holman", "One integrator and its options."),
+        ("kickdrift list systems --json -", "The table as JSON on standard output."),
+    ),
+    "show": (("kickdrift show lj-1000 > mine.toml", "A copy of a shipped system, to edit."),),
+    "validate": (
+        ("kickdrift validate --list", "List the scripts."),
+        ("kickdrift validate butcher-tableaus", "Run one script."),
+    ),
+    "bench lj-energy": (
+        ("kickdrift bench lj-energy --plot errors.png", "The short benchmark, with a figure."),
+        ("kickdrift bench lj-energy --steps 1000000", "The full benchmark, which takes hours."),
+    ),
+    "bench speed": (("kickdrift bench speed --only lj-1000", "One group of programs."),),
+}

@@ -1,0 +1,150 @@
+"""Help pages of the commands: plain text of at most 80 columns, options in groups, then examples."""
+
+from __future__ import annotations
+
+import inspect
+import re
+import sys
+from collections.abc import Iterable, Iterator
+from typing import Any
+
+from typer.core import TyperCommand, TyperGroup
+
+from kickdrift.cli.console import WIDE, width_of
+from kickdrift.cli.examples import EXAMPLES
+from kickdrift.display import layout
+from kickdrift.integrators.asked import known_options
+from kickdrift.integrators.option import DT, MIXED
+
+INTEGRATOR, REST = "Integrator", "Options"
+# Options by name; an option of an integrator is in the group INTEGRATOR, and every other option in the last group.
+GROUPS: dict[str, tuple[str, ...]] = {
+    "How long": ("steps", "time", "exact", "length"),
+    INTEGRATOR: ("integrator", "accuracy", DT.name, MIXED, "o"),
+    "Start": ("seed", "vary", "replicas", "measure"),
+    "Output": (
+        "output", "every", "interval", "write", "store", "compress", "flush", "trajectories", "json_file", "plot",
+        "overwrite", "quiet",
+    ),
+    "Machine": ("threads", "engine", "processes", "workers", "scheduler"),
+    REST: (),
+}  # fmt: skip
+FEW = 9  # options that need no groups
+COLUMN = 24  # where the help of an option begins
+
+
+class Command(TyperCommand):
+    """A command with a help page of kickdrift's own."""
+
+    def format_help(self, ctx: Any, formatter: Any) -> None:
+        """Write the help page."""
+        formatter.write("\n".join(_page(self, ctx, _width())) + "\n")
+
+
+class Group(TyperGroup):
+    """Commands with a help page of kickdrift's own, which is shown without a command too."""
+
+    def format_help(self, ctx: Any, formatter: Any) -> None:
+        """Write the help page."""
+        formatter.write("\n".join(_page(self, ctx, _width())) + "\n")
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Parse the arguments; without any, show the help page and end with exit status 2."""
+        if not args and not ctx.resilient_parsing:
+            print(ctx.get_help())
+            ctx.exit(2)
+        parsed: list[str] = super().parse_args(ctx, args)
+        return parsed
+
+
+def pages(command: Any, name: str, width: int = WIDE, parent: Any = None) -> Iterator[tuple[str, str]]:
+    """Name and help page of a command and of every command inside it."""
+    with command.make_context(name, [], parent=parent, resilient_parsing=True) as ctx:
+        yield ctx.command_path, "\n".join(_page(command, ctx, width))
+        for word, inner in _commands(command):
+            yield from pages(inner, word, width, ctx)
+
+
+def _width() -> int:
+    return min(width_of(sys.stdout) or WIDE, WIDE)
+
+
+def _page(command: Any, ctx: Any, width: int) -> list[str]:
+    """Lines of a command's help page."""
+    shown = [each for each in command.get_params(ctx) if not getattr(each, "hidden", False)]
+    arguments = [each for each in shown if each.param_type_name == "argument"]
+    options = [each for each in shown if each.param_type_name == "option"]
+    inner = _commands(command)
+    usage = [ctx.command_path, *(["[OPTIONS]"] if options else []), *map(_usage, arguments)]
+    usage += ["COMMAND [ARGUMENTS]"] if inner else []
+    lines = layout.folded(f"Usage: {' '.join(usage)}", width)
+    for paragraph in inspect.cleandoc(command.help or "").split("\n\n"):
+        lines += ["", *layout.folded(" ".join(paragraph.split()), width)]
+    lines += _section("Commands", ((word, _summary(each)) for word, each in inner), width)
+    lines += _section("Arguments", ((_metavar(each), _help(each)) for each in arguments), width)
+    grouped = _grouped(options) if len(options) > FEW else {REST: options}
+    for title, members in grouped.items():
+        lines += _section(title, ((_flags(each), _help(each)) for each in members), width)
+    if examples := EXAMPLES.get(ctx.command_path.partition(" ")[2], ()):
+        lines += ["", "Examples:"]
+        for line, about in examples:
+            lines += [f"  {line}", *(f"      {each}" for each in layout.folded(about, width - 6))]
+    return lines
+
+
+def _commands(command: Any) -> list[tuple[str, Any]]:
+    found = getattr(command, "commands", {})
+    return [(word, each) for word, each in found.items() if not each.hidden]
+
+
+def _section(title: str, rows: Iterable[tuple[str, str]], width: int) -> list[str]:
+    lines = [line for key, text in rows for line in layout.beside(layout.INDENT + key, text, COLUMN, width)]
+    return ["", f"{title}:", *lines] if lines else []
+
+
+def _grouped(options: Iterable[Any]) -> dict[str, list[Any]]:
+    """The options by group. Groups and their options are in the order of the table, and the rest as declared."""
+    of_methods = known_options()
+    found: dict[str, list[Any]] = {title: [] for title in GROUPS}
+    for each in options:
+        title = next((title for title, names in GROUPS.items() if each.name in names), REST)
+        found[INTEGRATOR if title == REST and each.name in of_methods else title].append(each)
+    for title, names in GROUPS.items():
+        if title != INTEGRATOR:
+            found[title].sort(key=lambda each: names.index(each.name) if each.name in names else len(names))
+    return {title: members for title, members in found.items() if members}
+
+
+def _summary(command: Any) -> str:
+    """The first sentence of a command's help."""
+    text = " ".join((command.help or "").split())
+    return re.split(r"(?<=\.)\s", text, maxsplit=1)[0]
+
+
+def _metavar(parameter: Any) -> str:
+    name: str = parameter.metavar or parameter.name.upper()
+    return name
+
+
+def _usage(argument: Any) -> str:
+    name = _metavar(argument) + ("..." if argument.nargs != 1 else "")
+    return name if argument.required or name.startswith("[") else f"[{name}]"
+
+
+def _flags(option: Any) -> str:
+    """The names of an option, short ones first, and the word for its value."""
+    names = sorted(option.opts, key=lambda name: name.startswith("--"))
+    if option.secondary_opts:
+        return f"{', '.join(names)} / {', '.join(option.secondary_opts)}"
+    return ", ".join(names) + ("" if option.is_flag else f" {_metavar(option)}")
+
+
+def _help(parameter: Any) -> str:
+    """The help, with the default that it does not state."""
+    text, default = parameter.help or "", parameter.default
+    plain = isinstance(default, str | int | float) and not isinstance(default, bool) and str(default)
+    if plain and not getattr(parameter, "is_flag", False) and "default" not in text.lower():
+        text = f"{text.rstrip('.')} (default {default})."
+    if isinstance(parameter.envvar, str):
+        text += f" The variable {parameter.envvar} sets the same."
+    return text

@@ -1,0 +1,104 @@
+"""Ctrl-C in a run: one line says where the run stopped, what is kept, and the command that continues."""
+
+from __future__ import annotations
+
+import os
+import shlex
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Self
+
+from kickdrift.errors import KickdriftError
+from kickdrift.model.limits import NEVER
+from kickdrift.text import clean, counted
+
+if TYPE_CHECKING:
+    from kickdrift.run.simulation import Simulation
+
+INTERRUPTED = 130  # exit status
+
+
+class Interrupted(KickdriftError):
+    """Ctrl-C ended a command; the message says what is kept."""
+
+    exit_status = INTERRUPTED
+
+
+class Interruption:
+    """Context of a run that turns Ctrl-C into Interrupted.
+
+    Parameters
+    ----------
+    output : the run's file, if the run writes one
+    particles : whether the run is of particles, not of a Problem
+    resumed : whether the file holds the run's earlier frames
+
+    Attributes
+    ----------
+    sim : Simulation or None
+        Set when steps of the run begin; before that, nothing is kept.
+    end_step, end_time : planned end of the run
+    """
+
+    def __init__(self, output: Path | None, particles: bool = True, resumed: bool = False) -> None:
+        self.output, self.particles, self.resumed = output, particles, resumed
+        self.sim: Simulation | None = None
+        self.end_step, self.end_time, self._begin_time = NEVER, float("inf"), 0.0
+        self._before = None if resumed else _identity(output)
+
+    def begins(self, sim: Simulation, steps: int | None = None, until: float | None = None) -> None:
+        """Note that the run begins, and its end."""
+        self.sim, self._begin_time = sim, sim.time
+        self.end_step = NEVER if steps is None else steps
+        self.end_time = float("inf") if until is None else until
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        if kind is not None and issubclass(kind, KeyboardInterrupt):
+            raise Interrupted(f"{self._where()}; {self._kept()}") from None
+
+    def _where(self) -> str:
+        sim = self.sim
+        if sim is None:
+            return f"stopped before the first {'new ' if self.resumed else ''}step"
+        if self.end_step < NEVER:
+            return f"stopped at step {sim.steps_done:,} of {self.end_step:,}"
+        return f"stopped at time {sim.time:.6g} of {self.end_time:.6g}, step {sim.steps_done:,}"
+
+    def _reached(self, time: float) -> bool:
+        """Whether the run, forward or back in time, has come to its end."""
+        return time >= self.end_time if self.end_time >= self._begin_time else time <= self.end_time
+
+    def _kept(self) -> str:
+        nothing = "nothing is kept"
+        if self.output is None:
+            return f"{nothing}; --output FILE{'.h5md' if self.particles else '.h5'} keeps a run"
+        if not self.resumed and (self.sim is None or _identity(self.output) in (None, self._before)):
+            return nothing
+        from kickdrift.trajectory.opened import open as opened
+
+        try:
+            with opened(self.output) as run:
+                steps = getattr(run, "all_steps", getattr(run, "steps", None))  # of frames, of samples; none in a table
+                what = counted(len(run), "frame" if hasattr(run, "all_steps") else "sample", ",")
+                until = f" up to step {int(steps[-1]):,}" if steps is not None and len(steps) else ""
+                checkpoints = getattr(run, "checkpoints", None)
+                resumable = checkpoints is not None and len(checkpoints.steps) > 0
+        except (KickdriftError, OSError):
+            return nothing
+        name = clean(str(self.output))
+        text = f"{name} holds {what}{until}"
+        sim = self.sim
+        over = sim is not None and (sim.steps_done >= self.end_step or self._reached(sim.time))
+        return text + (f"; continue with: kickdrift resume {shlex.quote(name)}" if resumable and not over else "")
+
+
+def _identity(path: Path | None) -> tuple[int, int, int] | None:
+    """What tells whether another file was put in a file's place, or the file was written."""
+    try:
+        found = os.stat(path) if path is not None else None
+    except (OSError, ValueError):
+        return None
+    return None if found is None else (found.st_ino, found.st_size, found.st_mtime_ns)

@@ -1,0 +1,43 @@
+"""Notices of compilation: whoever listens hears before machine code is made, and for what."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+
+Listener = Callable[[str, bool], None]
+
+_listeners: list[Listener] = []
+_purpose: ContextVar[str] = ContextVar("purpose", default="")
+
+
+@contextmanager
+def compiling_for(purpose: str) -> Iterator[None]:
+    """Name what code compiled inside this context is for, such as "velocity-verlet for lennard-jones"."""
+    token = _purpose.set(purpose)
+    try:
+        yield
+    finally:
+        _purpose.reset(token)
+
+
+@contextmanager
+def heard(listener: Listener) -> Iterator[None]:
+    """Call ``listener(purpose, kept)`` inside this context before each function that is compiled.
+
+    ``purpose`` is "" where none is named. ``kept`` says whether the disk keeps the code, so that the machine compiles
+    it once."""
+    _listeners.append(listener)
+    try:
+        yield
+    finally:
+        _listeners.remove(listener)
+
+
+def announce(kept: bool, purpose: str | None = None) -> None:
+    """Tell the listeners that a function is about to be compiled, because the disk does not have its code.
+
+    ``purpose`` replaces the one of the context, for a function that another process compiles."""
+    for listener in tuple(_listeners):
+        listener(_purpose.get() if purpose is None else purpose, kept)

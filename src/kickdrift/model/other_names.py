@@ -1,0 +1,207 @@
+"""Hints for names of other programs: what has such a name here, or what is not there yet. Nothing is renamed silently.
+
+Each kind of name has rows of words, separated by spaces, and a text. A text that ends with a quoted name says that
+this name is meant; ``{word}`` is the word that the user gave.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+
+from kickdrift.text import VALUE, clean
+
+TEMPERATURE = "methods of constant temperature are baoab, csvr and nose-hoover"
+PRESSURE = "constant pressure is not there yet; the box keeps its size"
+MINIMISATION = "energy minimisation is not there yet"
+CLOSE = (
+    "a switch to another method at close encounters is not there yet; 'gauss-radau15' follows close encounters, and "
+    "events record them"
+)
+CHARGES = "charges and long-range forces are not there yet; kd.pair_law makes a pair force with a cutoff"
+MANY_BODY = "many-body potentials are not there yet; kd.pair_law makes a force between two particles"
+MOLECULES = "angles, torsions and force fields of molecules are not there yet; 'springs' are harmonic bonds"
+FORMULA = "{word} is not shipped; kd.pair_law makes the force from its formula, and --load FILE.py brings it"
+LIQUIDS = "{word} is no engine yet; 'lammps' and 'openmm' are"
+STARS = "{word} is no engine yet; 'rebound' is"
+PROCESSORS = "kickdrift runs on processors only, with SIMD and threads"
+
+ROWS: dict[str, tuple[tuple[str, str], ...]] = {
+    "integrator": (
+        ("ias15", "rebound's {word} is 'gauss-radau15' here"),
+        ("whfast whfast512", "rebound's {word} is 'wisdom-holman' here"),
+        ("wh wisdomholman mvs", "{word} is 'wisdom-holman' here"),
+        ("saba1064 saba864 saba4 saba2 saba(10,6,4) saba(8,6,4)", "{word} is 'saba' here, with its option order"),
+        ("mercurius trace hybrid symba", CLOSE),
+        ("janus", "rebound's janus is not there; 'leapfrog-exact' also comes back bit by bit"),
+        ("eos sei", "rebound's {word} is not there yet"),
+        (
+            "bs bulirsch-stoer gbs odex taylor heyoka",
+            "{word} is not there; 'dop853' and 'gauss-radau15' have high order too",
+        ),
+        ("rk45 dopri5 dopri dp5 ode45 dormand-prince runge-kutta-fehlberg rkf45", "{word} is 'dormand-prince45' here"),
+        ("tsit5", "{word} is not there; 'dormand-prince45' has the same order"),
+        ("rk23 bs3 ode23 bogacki-shampine", "{word} is 'bogacki-shampine23' here"),
+        ("dop853 dopri8 dop8 dp8 dopri853", "{word} is 'dop853' here"),
+        ("vern7 vern9 ode78 ode89", "{word} is not there; 'dop853' has a high order too"),
+        ("rk runge-kutta rungekutta runge-kutta4 rk-4 classic-rk4", "{word} is 'rk4' here"),
+        ("radau radau5 radauiia5", "{word} is 'radau' here"),
+        ("bdf ode15s cvode vode zvode", "{word} is 'bdf' here"),
+        ("lsoda odeint ode113 adams", "{word} is 'lsoda' here"),
+        ("ode23s rodas rodas4 rodas5 ros34", "{word} is 'rosenbrock' here"),
+        ("forward-euler explicit-euler euler-forward", "{word} is 'euler' here"),
+        ("implicit-euler euler-backward", "{word} is 'backward-euler' here"),
+        ("verlet", "did you mean 'velocity-verlet', or 'stormer-verlet' with two positions and no velocities?"),
+        ("vv velocityverlet kdk leapfrog-kdk nve md-vv fix-nve constantvolume", "{word} is 'velocity-verlet' here"),
+        ("verletintegrator", "OpenMM's {word} is a leapfrog: 'velocity-verlet' here"),
+        ("md leap-frog drift-kick-drift dkd", "{word} is 'leapfrog-dkd' or 'velocity-verlet' here"),
+        ("variableverletintegrator leapfrog-variable", "{word} is 'leapfrog-adaptive' here"),
+        ("hermite hermite-4", "{word} is 'hermite4' here"),
+        ("yoshida", "did you mean 'yoshida4', 'yoshida6' or 'yoshida8'?"),
+        ("fr4 forestruth", "{word} is 'forest-ruth' here"),
+        ("omelyan", "{word} is 'pefrl' here"),
+        ("respa r-respa rrespa mts multiple-time-step", "multiple time steps are not there yet"),
+        ("rattle shake settle lincs", "constraints are not there yet; 'springs' are harmonic bonds"),
+        ("nvt berendsen nvtberendsen thermostat constantnvt fix-nvt", TEMPERATURE),
+        ("nosehoover nosehooverintegrator nose nose-hoover-chain", "{word} is 'nose-hoover' here"),
+        ("langevinintegrator gjf fix-langevin", "{word} is 'baoab' here"),
+        ("langevinmiddleintegrator langevin-middle sd", "{word} is 'baoa' here"),
+        ("bussi v-rescale svr", "{word} is 'csvr' here"),
+        ("brownian bd", "motion without inertia is not there yet; 'baoab' is Langevin dynamics"),
+        (
+            "npt nph parrinello-rahman mttk monte-carlo-barostat barostat c-rescale fix-npt nptberendsen",
+            f"{PRESSURE}; {TEMPERATURE}",
+        ),
+        ("minimize minimise cg steep steepest-descent fire l-bfgs lbfgs", MINIMISATION),
+    ),
+    "force": (
+        ("lj lj/cut lennardjones 12-6 lj126 lj12-6", "{word} is 'lennard-jones' here"),
+        (
+            "wca",
+            "{word} is 'lennard-jones' here, with cutoff = 2^(1/6) sigma = 1.122462048 sigma and truncation = 'shift'",
+        ),
+        (
+            "lj/cut/coul/long lj/cut/coul/cut coul coul/cut coul/long coulomb coulombic electrostatics charge charges "
+            "ewald pme spme p3m pppm reaction-field",
+            CHARGES,
+        ),
+        (
+            "eam eam/alloy eam/fs meam tersoff sw stillinger-weber airebo rebo reaxff reax reax/c comb snap ace mace "
+            "nequip deepmd mlip gap",
+            MANY_BODY,
+        ),
+        ("angle angles dihedral dihedrals improper torsion charmm amber opls gaff martini tip3p spce", MOLECULES),
+        ("morse buckingham buck yukawa mie soft born born-mayer soft-sphere screened-coulomb", FORMULA),
+        ("table tabulated", "tables of numbers are not there yet; kd.pair_law makes a pair force from a formula"),
+        ("dpd", f"{FORMULA}, but random forces are not there yet"),
+        ("newton newtonian gravitation nbody n-body point-mass", "{word} is 'gravity' here"),
+        ("tree barnes-hut bh treecode octree fmm", "{word} is 'gravity-tree' here"),
+        ("gr gr-full gr-potential 1pn pn1 post-newtonian relativity schwarzschild", "{word} is 'relativity-1pn' here"),
+        ("gravitational-harmonics oblateness zonal zonal-harmonics j4", "{word} is 'j2' here"),
+        ("spring bond bonds harmonic-bond bond-harmonic", "{word} is 'springs' here"),
+        ("harmonic", "did you mean 'springs' between particles, or 'harmonic-trap' around a point?"),
+        ("trap spring/self harmonic-well", "{word} is 'harmonic-trap' here"),
+        ("field external constant-force addforce efield uniform gravity-uniform", "{word} is 'uniform-field' here"),
+        ("drag friction stokes viscous", "{word} is 'linear-drag' here"),
+        ("langevin", "friction with noise belongs to the integrator baoab"),
+        (
+            "radiation radiation-pressure tides tides-constant-time-lag yarkovsky",
+            "{word} is not shipped; a force of your own comes with --load FILE.py",
+        ),
+    ),
+    "units": (
+        ("real", "{word} is not there; 'metal' takes quantities with units, such as \"0.24 kcal/mol\" and \"2 fs\""),
+        ("gromacs nm kj/mol akma", "{word} is not there; 'metal' takes units, such as \"0.34 nm\" and \"1 kJ/mol\""),
+        ("electron atomic hartree bohr", "{word} is not there; 'metal' takes units, such as \"2 bohr\""),
+        ("cgs micro nano", "{word} is not there; 'si' takes quantities with units, such as \"1 cm\" and \"1 g\""),
+        ("mks international", "{word} is 'si' here"),
+        ("reduced dimensionless natural", "did you mean 'lj', or 'nbody' with G = 1?"),
+        ("henon hénon heggie n-body nbody-units", "{word} is 'nbody' here"),
+        (
+            "kpc pc galactic galaxy gadget gyr myr",
+            "{word} is not a system of units; 'astro' takes quantities with units, such as \"8 kpc\" and \"220 km/s\"",
+        ),
+        ("solar heliocentric planetary au au/yr", "{word} is 'astro' here"),
+    ),
+    "unit": (
+        ("ang aa angs", "write 'angstrom'"),
+        ("msol m_sun m-sun msolar solmass sunmass", "write 'Msun'"),
+        ("mearth m_earth earth_mass earthmass", "write the mass of the Earth as \"5.9722e24 kg\""),
+        ("mjup m_jup mjupiter jupiter_mass jupitermass", "write the mass of Jupiter as \"1.89813e27 kg\""),
+        ("rsun r_sun solar_radius solarradius", "write the radius of the Sun as \"6.957e8 m\""),
+        ("rearth r_earth earth_radius earthradius", "write the radius of the Earth as \"6378.1 km\""),
+        ("ha", "write 'hartree'"),
+        ("dalton daltons", "write 'Da'"),
+        ("tau eps epsilon", 'reduced numbers belong to units = "lj", and have no unit there'),
+    ),
+    "system": (
+        ("kepler ellipse", "did you mean 'two-body', 'kepler-e09' or 'ode-kepler'?"),
+        ("lj lj-fluid lj-liquid lj-melt liquid melt fluid", "did you mean 'lj-1000' or 'lj-1000-switch'?"),
+        ("three-body threebody 3-body", "did you mean 'figure-eight' or 'pythagorean'?"),
+        ("star-cluster cluster globular-cluster galaxy", "did you mean 'plummer-1000'?"),
+        ("oscillator harmonic", "did you mean 'ode-harmonic'?"),
+        ("water spc spce spc/e tip3p tip4p protein lysozyme ubiquitin alanine-dipeptide", MOLECULES),
+        ("nacl salt", CHARGES),
+        ("copper cu silicon si iron fe", MANY_BODY),
+    ),
+    "engine": (
+        ("gromacs gmx namd amber charmm desmond", "{word} is no engine; kickdrift export writes frames for {word}"),
+        ("hoomd hoomd-blue espresso espressomd dl-poly tinker jax-md", LIQUIDS),
+        ("gadget gadget-2 gadget-4 nbody6 mercury mercury6 phantom swift swiftest amuse", STARS),
+        ("gpu cuda opencl hip jax torch pytorch", PROCESSORS),
+    ),
+    "option": (
+        ("timestep time-step step stepsize step-size h delta-t deltat tstep", "{word} is 'dt' here"),
+        ("nsteps n-steps nstep num-steps numsteps number-of-steps niter iterations maxsteps", "{word} is 'steps' here"),
+        (
+            "tmax t-max tfinal t-final tend t-end end-time endtime stop-time tstop duration total-time totaltime tspan "
+            "t-span length",
+            "{word} is 'time' here, and until in Simulation.run",
+        ),
+        (
+            "dump dump-freq dump-every nstxout thermo stride save-every save-interval output-every saveat dtout dt-out "
+            "sample-every",
+            "{word} is 'every' here",
+        ),
+        ("tol tolerance reltol relative-tolerance accuracy precision-goal", "{word} is 'rtol' here"),
+        ("abstol absolute-tolerance", "{word} is 'atol' here"),
+        ("max-dt maxdt dtmax dt-max hmax max-stepsize", "{word} is 'max_step' here"),
+        ("method solver algorithm", "{word} is 'integrator' here"),
+        ("softening eps soft softening-length", "softening is a parameter of the force 'gravity'"),
+        ("cutoff rc rcut r-cut rcutoff", "cutoff is a parameter of the pair force"),
+        ("g grav big-g gravitational-constant", "G is a parameter of the force 'gravity'"),
+        ("box boxsize box-size periodic", "the box belongs to the system"),
+        ("temp t-target", "{word} is 'temperature' here, of methods with a heat bath"),
+        ("thermostat nvt langevin nose-hoover", TEMPERATURE),
+        ("gamma damping damping-rate friction-coefficient", "{word} is 'friction' here"),
+        ("tau-t taut tdamp t-damp", "{word} is 'tau' here"),
+        ("pressure barostat npt", PRESSURE),
+        ("random-seed rng-seed", "{word} is 'seed' here: kd.load(name, seed), --seed, or seed in [velocities]"),
+        ("nthreads n-threads num-threads ncores cores cpus nproc n-jobs njobs omp", "{word} is 'threads' here"),
+        ("device platform gpu gpus cuda", PROCESSORS),
+        ("outfile out filename trajectory traj dumpfile", "{word} is 'output' here"),
+        (
+            "steps until time every output",
+            "{word} belongs to Simulation.run, as in sim.run(2000, every=20, output=\"run.h5md\")",
+        ),
+    ),
+}  # fmt: skip
+
+
+def other_name(kind: str, word: object) -> str:
+    """``; rebound's ias15 is 'gauss-radau15' here`` for a known name of another program, else nothing.
+
+    ``kind`` is a key of ``ROWS``. Upper case, underscores and spaces do not matter.
+    """
+    if not isinstance(word, str) or len(word) > VALUE:
+        return ""
+    text = _texts(kind).get(_plain(word))
+    return "" if text is None else f"; {text.format(word=clean(word.strip(), VALUE))}"
+
+
+@cache
+def _texts(kind: str) -> dict[str, str]:
+    return {_plain(word): text for words, text in ROWS[kind] for word in words.split()}
+
+
+def _plain(word: str) -> str:
+    return "-".join(word.lower().replace("_", "-").split())

@@ -1,0 +1,105 @@
+"""What a Simulation says of the present: system, time, energies, forces, orbits and events so far."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from kickdrift.errors import InputError
+from kickdrift.looks.observers import Energies, Sample
+from kickdrift.looks.record import Record
+from kickdrift.model.orbit_table import OrbitTable, orbit_table
+from kickdrift.model.state import Floats
+from kickdrift.model.system import System
+from kickdrift.run.advance import Integration
+from kickdrift.run.forces import accelerations_at, forces_at
+from kickdrift.run.shown import ShownSimulation
+
+if TYPE_CHECKING:
+    from kickdrift.engines import Engine
+
+
+class Present(ShownSimulation):
+    """The part of a Simulation that only reads its integration."""
+
+    integration: Integration
+    _engine: Engine
+
+    @property
+    def system(self) -> Any:
+        """The System or Problem that runs, without bodies that an event removed."""
+        return self.integration.system
+
+    @property
+    def engine(self) -> str:
+        """The name of the program that takes the steps."""
+        return self._engine.name
+
+    @property
+    def engine_version(self) -> str | None:
+        """The version of the engine."""
+        return self._engine.version
+
+    @property
+    def running(self) -> bool:
+        """Whether a run is in progress; the state is read-only then."""
+        return self.integration.running
+
+    @property
+    def record(self) -> Record:
+        """The run's samples and cost."""
+        return self.integration.record
+
+    @property
+    def time(self) -> float:
+        """The current time, in the system's unit."""
+        return self.integration.time
+
+    @property
+    def steps_done(self) -> int:
+        """Number of steps since the start. If the current time lies inside a step, that step counts."""
+        return self.integration.steps_done
+
+    def energy(self) -> Energies:
+        """Kinetic, potential and total energy now, in the system's units."""
+        return self.sample().energies
+
+    def accelerations(self) -> Floats:
+        """Accelerations of the particles now, (n, 3), in the system's units; a read-only copy."""
+        return accelerations_at(self.integration)
+
+    def forces(self) -> Floats:
+        """Forces on the particles now, (n, 3), in the system's energy unit per length; a read-only copy."""
+        return forces_at(self.integration)
+
+    def elements(self, frame: str = "heliocentric", plane: str = "file") -> OrbitTable:
+        """Osculating elements of the bodies now, a table by name: ``sim.elements()["Jupiter"].a``.
+
+        Angles are in degrees, as in system files. ``frame`` is "heliocentric" (about the central body), "jacobi" (in
+        the bodies' order) or "barycentric". ``plane`` is "file" (x-y) or "invariable". Raises InputError if no body
+        has half of all mass, and for a Problem.
+        """
+        if not isinstance(self.system, System):
+            raise InputError("elements: a Problem has no bodies")
+        now = self.integration.state
+        return orbit_table(self.system.at(now.phase, now.time, ids=now.ids), frame, plane)
+
+    def sample(self) -> Sample:
+        """Return a sample of the current state."""
+        return self.integration.sample()
+
+    @property
+    def events(self) -> list[dict[str, Any]]:
+        """Events found so far, in the order in which they were found; a copy.
+
+        Each entry has the kind, time, step that contains the event, bodies, ids, distance, energy taken out, and the
+        action."""
+        return [dict(row) for row in self.record.events]
+
+    @property
+    def stopped(self) -> str:
+        """Description of the event that ended the last run; "" if none did."""
+        return self.integration.events.stopped if self.integration.events else ""
+
+    def going_on(self) -> list[dict[str, Any]]:
+        """Return the close approaches that have not ended, as entries like those in ``events``."""
+        return self.integration.events.going_on() if self.integration.events else []

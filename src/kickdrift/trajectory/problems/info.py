@@ -1,0 +1,90 @@
+"""What the file of a Problem's run holds, as a dictionary and as text."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from kickdrift.text import shown
+from kickdrift.trajectory.info import laid_out, method_rows, short, with_end
+from kickdrift.trajectory.problems.reader import ProblemRun
+from kickdrift.trajectory.problems.table import ProblemTable
+
+MOST = 8  # numbers of y that are shown
+
+
+def info(run: ProblemRun) -> dict[str, Any]:
+    """The content of the file in numbers."""
+    samples, record = run.whole_samples(), run.problem_record
+    report = run.report or {}
+    ends = {
+        name: {"first": values[0].tolist(), "last": values[-1].tolist()}
+        for name, values in samples.observables.items()
+        if len(values)
+    }
+    return {
+        "file": str(run.path),
+        "bytes": run.path.stat().st_size,
+        "kickdrift": run.versions.get("kickdrift"),
+        "problem": run.name,
+        "equation": record.get("equation", ""),
+        "parameters": record.get("parameters", {}),
+        "unknowns": len(run.y0),
+        "separable": run.separable,
+        "units": {"time": ""},
+        "method": run.method,
+        "every": run.every,
+        "frames": 0,
+        "samples": run.committed.samples,
+        "steps": [int(samples.steps[0]), int(samples.steps[-1])] if len(samples.steps) else None,
+        "time": [float(samples.times[0]), float(samples.times[-1])] if len(samples.times) else None,
+        "observables": ends,
+        "columns": {name: {"shape": list(shape), "unit": unit} for name, (shape, unit) in run.columns.items()},
+        "checkpoints": [] if run.checkpoints is None else run.checkpoints.steps.tolist(),
+        "plan": run.plan,
+        "unchanged": run.unchanged,
+        "damaged": run.damage()._asdict(),
+        "stopped": report.get("stopped", ""),
+        "closed": run.closed,
+        "half_written": run.half_written,
+        "events": run.whole_events(),
+        "report": run.report,
+    }
+
+
+def describe(run: ProblemRun) -> str:
+    """What `info` finds, for a reader."""
+    found = info(run)
+    given = ", ".join(f"{key} = {short(value)}" for key, value in found["parameters"].items())
+    equation = f"{found['equation']}{': ' * bool(given)}{given}" if found["equation"] else "made in Python"
+    rows = [
+        ("problem", f"{found['problem']}, {found['unknowns']} unknowns"),
+        ("equation", shown(equation)[1:-1]),
+        *method_rows(found["method"]),
+        ("samples", f"{found['samples']:,} of y"),
+    ]
+    if found["time"]:
+        first, last = found["time"]
+        rows.append(("time", f"{first:g} to {last:g}, steps {found['steps'][0]} to {found['steps'][1]}"))
+    rows += [(name, f"{_short(ends['first'])} → {_short(ends['last'])}") for name, ends in found["observables"].items()]
+    return laid_out(found, with_end(found, rows))
+
+
+def describe_any(run: ProblemRun | ProblemTable) -> str:
+    """What a Problem's run or table holds, for a reader."""
+    return describe(run) if isinstance(run, ProblemRun) else describe_table(run)
+
+
+def describe_table(table: ProblemTable) -> str:
+    """What the table of a Problem's run holds, for a reader."""
+    rows = [("problem", table.name), ("unknowns", str(table.y.shape[1])), ("rows", f"{len(table):,}")]
+    rows += [(key, short(table.method[key])) for key in ("integrator", "dt") if table.method.get(key) is not None]
+    if len(table):
+        rows.append(("time", f"{table.times[0]:g} to {table.times[-1]:g}"))
+        rows += [(name, f"{values[0]:.8g} → {values[-1]:.8g}") for name, values in table.series().items()][1:]
+    return "\n".join([str(table.path), *(f"  {key:<10}  {value}" for key, value in rows if value)])
+
+
+def _short(value: Any) -> str:
+    """A value as text; of a long list its first numbers."""
+    long = isinstance(value, list) and len(value) > MOST
+    return f"{short(value[:MOST])[:-1]}, …)" if long else short(value)

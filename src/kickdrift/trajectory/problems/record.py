@@ -1,0 +1,155 @@
+"""A Problem as a run's file keeps it, and back where kickdrift ships its equation."""
+
+from __future__ import annotations
+
+import hashlib
+import inspect
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+
+from kickdrift.errors import InputError
+from kickdrift.model.partial import Partial
+from kickdrift.model.problem import Problem
+from kickdrift.model.state import Floats
+from kickdrift.odes import ODES
+from kickdrift.systemfile.schema import checked, ode_table
+from kickdrift.text import shown
+from kickdrift.trajectory.named import about, run_of
+from kickdrift.trajectory.record import run_record
+
+FUNCTIONS = ("f", "energy")  # whose source is compared
+NEARBY = 2.0**-10  # relative distance from y0 to the second state where f is compared
+ALIKE = 1e-9  # relative difference of f that another processor may make
+
+
+class ProblemRecord(Protocol):
+    """What a run's file says of its Problem; see ``ProblemRun``."""
+
+    @property
+    def path(self) -> Path: ...
+
+    @property
+    def problem_record(self) -> dict[str, Any]: ...
+
+    @property
+    def source(self) -> str: ...
+
+    @property
+    def y0(self) -> Floats: ...
+
+
+def record_of(problem: Problem, slopes: Sequence[Floats], events: Sequence[str] = ()) -> dict[str, Any]:
+    """All of a Problem but y0 and its source.
+
+    Parameters
+    ----------
+    slopes : f at the states of `states_to_compare`
+    events : the names of the events that the run watches for
+    """
+    shipped = is_shipped(problem)
+    return {
+        "name": problem.name,
+        "unknowns": len(problem),
+        "t0": problem.t0,
+        "separable": problem.separable,
+        "equation": problem.equation if shipped else "",
+        "parameters": problem.parameters if shipped else {},
+        "run": run_record(problem.run),
+        "invariants": problem.invariants,
+        "functions": {key: found for key in FUNCTIONS if (found := _source_hash(getattr(problem, key)))},
+        "slopes": [each.tolist() for each in slopes if np.isfinite(each).all()],
+        "events": list(events),
+    }
+
+
+def states_to_compare(problem: Problem) -> list[Floats]:
+    """The start, and a state near it without zeros: y of shape (n,) at the time t0."""
+    return [problem.y0.copy(), problem.y0 * (1.0 + NEARBY) + NEARBY]
+
+
+def is_shipped(problem: Problem) -> bool:
+    """Whether the Problem's f is that of its equation in ``kickdrift.odes``, with the same parameters."""
+    if problem.equation not in ODES:
+        return False
+    try:
+        made = ODES[problem.equation](y0=problem.y0.tolist(), t0=problem.t0, **problem.parameters)
+    except (InputError, TypeError):  # another y0 or other parameters than that equation takes
+        return False
+    return made.separable == problem.separable and _same(made.f, problem.f) and _same(made.energy, problem.energy)
+
+
+def _same(one: Any, other: Any) -> bool:
+    """Whether two functions have the same code and the same values around it."""
+    if one is None or other is None:
+        return one is other
+    if getattr(one, "__code__", None) is not getattr(other, "__code__", one):
+        return False
+    values = [[cell.cell_contents for cell in each.__closure__ or ()] for each in (one, other)]
+    return all(np.array_equal(mine, its) for mine, its in zip(*values, strict=True))
+
+
+def _source_hash(function: Any) -> str:
+    """SHA-256 of a function's source; "" where Python has none."""
+    try:
+        own = function.function if isinstance(function, Partial) else function
+        return hashlib.sha256(inspect.getsource(getattr(own, "py_func", own)).encode()).hexdigest()
+    except (OSError, TypeError):
+        return ""
+
+
+def problem_of(run: ProblemRecord) -> Problem:
+    """The Problem of a run whose equation kickdrift ships; an InputError for any other."""
+    record = run.problem_record
+    name = record.get("equation", "")
+    if not name:
+        raise InputError(
+            f"{run.path}: its Problem was made in Python, and a file holds no functions; give the Problem: "
+            "kd.resume(file, problem=problem)"
+        )
+    with about(run.path):
+        if name not in ODES:
+            raise InputError(f"equation {shown(name)} does not ship with this version of kickdrift; give the Problem")
+        start = {"problem": name, "y0": run.y0.tolist(), "t0": record["t0"]}
+        given = checked(ode_table(ODES[name]), record["parameters"] | start, None, "ode")
+        parameters = {key: value for key, value in given if key != "problem"}
+        return replace(
+            ODES[name](**parameters),
+            name=record["name"],
+            run=run_of(record.get("run", {})),
+            invariants=record.get("invariants", {}),
+            source=run.source,
+            equation=name,
+            parameters={key: value for key, value in parameters.items() if key not in ("y0", "t0")},
+        )
+
+
+def differences(problem: Problem, run: ProblemRecord) -> list[str]:
+    """What differs between a Problem and the one that a run was given, apart from f itself."""
+    record = run.problem_record
+    pairs = {
+        "the number of unknowns": (len(problem), len(run.y0)),
+        "y0": (problem.y0.tolist(), run.y0.tolist()),
+        "t0": (problem.t0, record["t0"]),
+        "separable": (problem.separable, record["separable"]),
+    }
+    return [key for key, (one, other) in pairs.items() if one != other]
+
+
+def another_f(run: ProblemRecord, slopes: Sequence[Floats]) -> bool:
+    """Whether f has other values than when the run began, by its ``slopes`` at `states_to_compare`."""
+    here = [each for each in slopes if np.isfinite(each).all()]
+    there = [np.array(each) for each in run.problem_record.get("slopes", ())]
+    if [each.shape for each in here] != [each.shape for each in there]:
+        return True
+    pairs = zip(here, there, strict=True)
+    return not all(np.abs(one - other).max() <= ALIKE * np.abs(other).max() for one, other in pairs)
+
+
+def changed_functions(problem: Problem, run: ProblemRecord) -> list[str]:
+    """The functions whose source is not what it was when the run began."""
+    then = run.problem_record.get("functions", {})
+    return [key for key in FUNCTIONS if then.get(key, "") != _source_hash(getattr(problem, key))]

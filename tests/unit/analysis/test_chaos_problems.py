@@ -1,0 +1,134 @@
+"""MEGNO and Lyapunov exponents of Problems: published values, closed forms, and differences of nearby solutions."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import kickdrift as kd
+from kickdrift.analysis.chaos import megno
+from kickdrift.analysis.deviations import direction
+from kickdrift.errors import InputError
+from kickdrift.forces.problem_variations import varied_problem
+from kickdrift.odes import ODES
+
+LORENZ = 0.9056  # Viswanath 1998, thesis, Cornell; Sprott 2003, Chaos and Time-Series Analysis, appendix A
+REGULAR, CHAOTIC = 0.1, -0.25  # y at x = 0, y' = 0 and energy 1/8: Skokos, Bountis & Antonopoulos 2007
+
+
+def star(y: float) -> kd.Problem:
+    """Hénon and Heiles' star at x = 0, y' = 0 and energy 1/8."""
+    return ODES["henon-heiles"](y0=[0.0, y, math.sqrt(0.25 - y * y + 2 * y**3 / 3), 0.0])
+
+
+def saddle(**given) -> kd.Problem:
+    """Deviations grow with the larger eigenvalue of a triangular matrix, 0.3, and fall with -0.2."""
+    return kd.Problem(lambda t, y: (0.3 * y[0] + y[1], -0.2 * y[1]), [0.0, 0.0], **given)
+
+
+def growth_of_nearby(problem: kd.Problem, seed: int, time: float) -> float:
+    """ln of the distance of two solutions that begin 1e-7 apart, over their distance at the start. At a distance of
+    1e-8, an error of 1e-13 in y changes the logarithm by 1e-5."""
+    ends = []
+    for sign in (-1, 1):
+        start = problem.y0 + sign * 5e-8 * direction(len(problem), seed)
+        other = kd.Problem(problem.f, start, separable=problem.separable)
+        sim = kd.Simulation(other, "dop853", rtol=1e-13, atol=1e-13)
+        sim.run(until=time)
+        ends.append(sim.state.y)
+    return math.log(np.linalg.norm(ends[1] - ends[0]) / 1e-7)
+
+
+def test_the_exponent_of_lorenz_is_the_published_one():
+    found = megno(kd.load("ode-lorenz"), 2000.0, "rk4", 0.01)
+    assert found.verdict == "chaotic"
+    assert found.lyapunov == pytest.approx(LORENZ, rel=0.02)
+    assert abs(found.lyapunov - LORENZ) < 3 * found.lyapunov_error + 0.005
+    assert found.growth[-1] / found.times[-1] == pytest.approx(LORENZ, rel=0.02)
+    assert found.time_unit == ""
+    assert math.isnan(found.energy_error)
+    assert found.as_json()["verdict"] == "chaotic"
+
+
+def test_orbits_of_one_energy_are_regular_and_chaotic():
+    regular, chaotic = (megno(star(y), 2000.0, "yoshida6", 0.1) for y in (REGULAR, CHAOTIC))
+    assert regular.verdict == "regular"
+    assert regular.lyapunov < 1e-3
+    assert chaotic.verdict == "chaotic"
+    assert 0.02 < chaotic.lyapunov < 0.1
+    assert max(regular.energy_error, chaotic.energy_error) < 1e-8
+
+
+@pytest.mark.parametrize("given", [{}, {"jacobian": lambda t, y: [[0.3, 1.0], [0.0, -0.2]]}, {"compiled": False}])
+def test_a_linear_equation_has_its_largest_eigenvalue(given):
+    found = megno(saddle(**given), 100.0, "rk4", 0.1)
+    assert found.lyapunov == pytest.approx(0.3, rel=0.02)  # the first directions still count a little
+    assert found.growth[-1] - found.growth[-2] == pytest.approx(0.3 * 0.1, rel=1e-6)
+
+
+def test_a_falling_deviation_keeps_its_digits():
+    decay = kd.Problem(lambda t, y: (-1.5 * y[0],), [1.0], compiled=False)
+    found = megno(decay, 60.0, "dormand-prince45", rtol=1e-9, atol=1e-9)
+    assert found.growth[-1] / found.times[-1] == pytest.approx(-1.5, rel=1e-5)
+
+
+@pytest.mark.parametrize("name", ["lorenz", "arenstorf"])
+def test_the_deviation_is_the_difference_of_nearby_solutions(name):
+    problem = ODES[name]()
+    found = megno(problem, 2.0, "dop853", seed=3, rtol=1e-12, atol=1e-12)
+    assert found.growth[-1] == pytest.approx(growth_of_nearby(problem, 3, float(found.times[-1])), abs=1e-4)
+
+
+@pytest.mark.parametrize("method", ["leapfrog", "rk4"])
+def test_the_solution_keeps_its_bits(method):
+    problem = replace(star(REGULAR), compiled=False)
+    varied, place = varied_problem(problem, direction(4, 0))
+    assert varied.separable
+    sims = [kd.Simulation(each, method, dt=0.05) for each in (problem, varied)]
+    for sim in sims:
+        sim.run(200)
+    own = np.setdiff1d(np.arange(8), place)
+    np.testing.assert_array_equal(sims[1].state.y[own], sims[0].state.y)
+
+
+def test_a_jacobian_that_does_not_compile_is_replaced_by_differences():
+    table = {"a": [[0.3, 1.0], [0.0, -0.2]]}
+
+    def jacobian(t, y):
+        return table["a"]
+
+    assert megno(saddle(jacobian=jacobian), 50.0, "rk4", 0.1).lyapunov == pytest.approx(0.3, rel=1e-2)
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"integrator": "no-such", "time": 1.0}, "no-such"),
+        ({"time": -1.0}, "time must be a positive finite time"),
+        ({"time": 1.0, "seed": -1}, "seed: expected a whole number"),
+        ({}, "has no time in [run]"),
+    ],
+)
+def test_what_makes_no_sense_is_said(given, message):
+    with pytest.raises(InputError) as caught:
+        megno(saddle(compiled=False), **given)
+    assert message in str(caught.value)
+
+
+def test_the_command_prints_and_writes(kickdrift, tmp_path):
+    status, out, err = kickdrift("chaos", "ode-henon-heiles", "--json", tmp_path / "chaos.json")
+    assert (status, err) == (0, "")
+    assert "chaotic over this length" in out
+    assert "per unit of time" in out
+    assert '"verdict": "chaotic"' in (tmp_path / "chaos.json").read_text(encoding="utf-8")
+
+
+def test_further_arguments_belong_to_the_equation():
+    def f(t, y, rate):
+        return rate * y[0], -y[1]
+
+    problem = kd.Problem(f, [0.0, 1.0], lambda t, y, rate: [[rate, 0.0], [0.0, -1.0]], args=(0.2,))
+    assert megno(problem, 100.0, "rk4", 0.1).lyapunov == pytest.approx(0.2, rel=0.02)

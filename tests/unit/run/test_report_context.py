@@ -1,0 +1,99 @@
+"""What a report adds for people: where the time went, what a drift means, and that a lattice is melting."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import kickdrift as kd
+from kickdrift.looks.columns import TOTAL
+from kickdrift.run.melting import has_melted, lattice_spacing, temperature_change
+from kickdrift.run.shown import drift_context, took_text
+from tests.systems import liquid
+
+
+def test_the_parts_of_the_time_add_up(tmp_path):
+    sim = kd.Simulation(liquid(), dt=0.004)
+    seen = []
+    report = sim.run(40, every=2, output=tmp_path / "run.h5md", observe=lambda sim: seen.append(sim.time))
+    assert list(report.seconds) == ["stepping", "looks", "writing", "observing", "compiling"]
+    assert all(seconds >= 0 for seconds in report.seconds.values())
+    assert report.seconds["stepping"] + report.seconds["looks"] > 0
+    assert report.seconds["writing"] > 0
+    assert report.seconds["compiling"] == report.compile_seconds
+    assert len(seen) == report.samples
+
+
+def test_looks_of_compiled_code_count_as_stepping():
+    report = kd.Simulation(liquid(), dt=0.004).run(400, every=2)
+    assert report.seconds["looks"] is None
+    assert report.seconds["stepping"] > 0
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"),
+    [
+        ({"stepping": 0.9, "looks": 0.1, "writing": 0.3, "observing": 0.0, "compiling": 0.1},
+         "1.4 s: stepping 0.9, 1001 looks 0.1, writing 0.3, compiling 0.1"),
+        ({"stepping": 250.3, "looks": None, "writing": 0.0, "observing": 3.0, "compiling": 0.1},
+         "253 s: stepping and 1001 looks 250, observing 3"),
+    ],
+)  # fmt: skip
+def test_the_line_about_the_time(seconds, text):
+    assert took_text(SimpleNamespace(seconds=seconds, samples=1001)) == text
+
+
+def test_nanoseconds_per_pair_need_a_pair_list():
+    assert kd.Simulation(liquid(), dt=0.004).run(10).ns_per_pair > 0
+    assert kd.Simulation(kd.load("two-body")).run(10).ns_per_pair is None
+
+
+@pytest.mark.parametrize(
+    ("truncation", "ending"),
+    [("shift", "; the force jumps at the cutoff, see lj-1000-switch"), ("switch", "")],
+)
+def test_a_drift_names_its_size_over_the_run_and_its_cause(truncation, ending):
+    system = kd.System([[0.0, 0.0, 0.0], [1.1, 0.0, 0.0]], forces=[kd.LennardJones(truncation=truncation)])
+    report = kd.Simulation(system, dt=0.001).run(10)
+    energy = SimpleNamespace(verdict="secular drift", drift_per_unit_time=-1.6e-7, relative_to="initial energy")
+    told = SimpleNamespace(energy=energy, time=500.0, about=report.about)
+    assert drift_context(told) == f", 8e-05 of the energy over this run{ending}"
+    energy.verdict = "bounded"
+    assert drift_context(told) == ""
+
+
+def test_a_drift_below_a_hundred_roundings_is_round_off():
+    """A free particle whose energy is given 90 roundings of drift, with other roundings on top, and then 1000."""
+    system = kd.System([[0.0, 0.0, 0.0]], [[1.0, 0.0, 0.0]], forces=[kd.UniformField((0.0, 0.0, 0.0))], units="nbody")
+    sim = kd.Simulation(system, dt=0.01)
+    sim.run(100, every=1)
+    rows = sim.record.looks.rows[: len(sim.record.samples)]
+    steps = np.arange(len(rows))
+    rows[:, TOTAL] = 0.5 * (1.0 + 2.0**-52 * (0.95 * steps + np.where(steps % 100, 0.0, 8.0 * np.sign(steps - 50))))
+    assert sim.report().energy.verdict == "round-off"
+    rows[:, TOTAL] = 0.5 * (1.0 + 2.0**-52 * 10.0 * steps)
+    assert sim.report().energy.verdict == "secular drift"
+
+
+def test_the_shipped_lattice_melts_and_the_run_says_so():
+    report = kd.Simulation(kd.load("lj-1000")).run(1500, every=10)
+    assert [line for line in report.warnings if line.startswith("the lattice is melting: the temperature falls from")]
+
+
+def test_a_melt_and_a_crystal_need_no_word():
+    system = kd.load("lj-1000")
+    sim = kd.Simulation(system)
+    sim.equilibrate(1.33, 2.0)
+    assert sim.run(500, every=10).warnings == []
+    assert lattice_spacing(system) == pytest.approx(0.8442 ** (-1 / 3))
+    assert lattice_spacing(liquid()) is None
+    assert not has_melted(system, system.state.positions + np.array([5.0, 0.0, 0.0]))
+
+
+def test_a_change_of_temperature_is_more_than_fluctuations():
+    rng = np.random.default_rng(1)
+    steady = 1.3 + 0.02 * rng.normal(size=400)
+    assert temperature_change(steady) is None
+    assert temperature_change(np.concatenate([[1.6], steady])) == (1.6, pytest.approx(1.3, abs=0.01))
+    assert temperature_change(None) is None
+    assert temperature_change(np.array([1.6, 1.3])) is None
