@@ -27,23 +27,9 @@ from kickdrift.disk.outputs import reason
 from kickdrift.errors import KickdriftError
 from kickdrift.model.other_names import other_name
 
-<<<<<<< HEAD
-COMMANDS = (
-    ensemble,
-    run,
-    resume,
-    compare,
-    chaos,
-    certify,
-    plot,
-    export,
-    info,
-    show,
-    validate,
-)  # in the order of --help
-=======
-COMMANDS = (run, resume, ensemble, compare, chaos, plot, export, info, show, validate)  # in the order of --help
->>>>>>> baths
+COMMANDS = (  # in the order of --help
+    run, resume, ensemble, compare, chaos, certify, plot, export, info, show, validate,
+)  # fmt: skip
 
 app = typer.Typer(
     name="kickdrift",

@@ -22,20 +22,20 @@ from kickdrift.integrators import ornstein_uhlenbeck
 from tests.refusals import assert_refused
 from tests.systems import liquid
 
-N, STEPS, EVERY = 27, 16_000, 15
+N, STEPS, EVERY = 27, 36_000, 20
 
 
-def gas():
-    """A dense gas of Lennard-Jones particles: its energies forget fast."""
+def fluid():
+    """Lennard-Jones particles at a density of 0.7, where energies change fast."""
     dense = liquid(N, 1.5)
-    edge = (N / 0.4) ** (1 / 3)
+    edge = (N / 0.7) ** (1 / 3)
     x = dense.state.positions * edge / dense.box.lengths[0]
     return kd.System(x, dense.state.velocities, box=(edge,) * 3, forces=dense.forces)
 
 
-def written(path, temperature, friction=10.0, seed=1):
-    sim = kd.Simulation(gas(), "baoab", 0.004, temperature=temperature, friction=friction, seed=seed)
-    sim.advance(1005)
+def written(path, temperature, friction=5.0, seed=1):
+    sim = kd.Simulation(fluid(), "baoab", 0.004, temperature=temperature, friction=friction, seed=seed)
+    sim.advance(1000)
     sim.run(STEPS, every=EVERY, output=path)
     return path
 
@@ -83,7 +83,7 @@ def test_a_run_of_another_temperature_fails(runs):
 
 def test_a_doubled_drag_fails(tmp_path):
     """With friction 2 γ, and noise of γ."""
-    kept, true = math.exp(-10.0 * 0.004), ornstein_uhlenbeck.bathed
+    kept, true = math.exp(-5.0 * 0.004), ornstein_uhlenbeck.bathed
     share = math.sqrt((1 - kept**2) / (1 - kept**4))
 
     def wrong(*given, **named):
@@ -91,7 +91,7 @@ def test_a_doubled_drag_fails(tmp_path):
         return bath._replace(spread=bath.spread * share)
 
     with patch.object(ornstein_uhlenbeck, "bathed", wrong):
-        found = ensemble_checks(written(tmp_path / "run.h5md", 1.0, friction=20.0))
+        found = ensemble_checks(written(tmp_path / "run.h5md", 1.0, friction=10.0))
     assert found.rows[0].verdict == "fail"
     assert found.rows[0].measured == pytest.approx(share**2, rel=0.03)
 
@@ -137,8 +137,8 @@ def test_a_simulation_and_a_universe_give_what_the_file_gives(runs, cold):
     assert boltzmann == pytest.approx(0.831446, rel=1e-6)  # u angstrom^2 / ps^2 / K
     found = ensemble_checks(universe, temperature=1 / boltzmann)
     assert deviations(found) == pytest.approx(deviations(checked([replace(cold, potential=None)])), abs=1e-3)
-    sim = kd.Simulation(gas(), "baoab", 0.004, temperature=1.0, friction=10.0, seed=0)
-    sim.advance(1005)
+    sim = kd.Simulation(fluid(), "baoab", 0.004, temperature=1.0, friction=5.0, seed=0)
+    sim.advance(1000)
     sim.run(STEPS, every=EVERY)
     assert deviations(ensemble_checks(sim)) == pytest.approx(deviations(ensemble_checks(runs[0]))[:2], abs=1e-6)
 
