@@ -87,6 +87,20 @@ OPTIONS: dict[str, dict[str, str]] = {
         "--json": "ChaosReport.as_json",
         "--quiet": "megno(progress)",
     },
+    "certify": {
+        "runs": "analysis.ensemble_checks(runs)",
+        "--temperature": "analysis.ensemble_checks(temperature)",
+        "--pressure": "analysis.ensemble_checks(pressure)",
+        "--constraints": "analysis.ensemble_checks(constraints)",
+        "--topology": "analysis.ensemble_checks(runs)",
+        "--engine": "analysis.engine_checks(engine)",
+        "--integrator": "analysis.engine_checks(integrator)",
+        "--steps": "analysis.engine_checks(steps)",
+        "--every": "analysis.engine_checks(every)",
+        "--dt": "Simulation(dt)",
+        "--json": "analysis.EnsembleChecks.as_json",
+        "--quiet": "analysis.engine_checks(progress)",
+    },
     "ensemble": {
         "system": "Ensemble(system)",
         "--vary": "Ensemble(vary)",
@@ -134,8 +148,7 @@ OPTIONS: dict[str, dict[str, str]] = {
 # has all its columns.
 OF_FILES = {
     "plot": {"--output", "--overwrite"}, "compare": {"--overwrite"}, "chaos": {"--overwrite"}, "info": {"--overwrite"},
-    "relax": {"--overwrite"},
-    "list": {"--all", "--overwrite"},
+    "relax": {"--overwrite"}, "list": {"--all", "--overwrite"}, "certify": {"--overwrite"},
 }  # fmt: skip
 OLD = {"--precision"}  # hidden: the old name of --store
 
@@ -159,8 +172,8 @@ ELSEWHERE = {
     "FILE.py in a system's place": ("Solution", "solve"),
     "list": ("engines", "integrators"),
     "exit status": ("InputError", "KickdriftError", "RunError"),
-    "only in Python: values of a running Simulation, orbits of the present, and analysis of frames": (
-        "Column", "Energies", "Orbit", "OrbitTable", "State", "analysis",
+    "only in Python: values of a running Simulation, and orbits of the present": (
+        "Column", "Energies", "Orbit", "OrbitTable", "State",
     ),
 }  # fmt: skip
 
@@ -184,6 +197,7 @@ def options(command: Any) -> list[str]:
     """Arguments by name, and options by the first of their names; without -o and those that it can set."""
     known = {f"--{name.replace('_', '-')}" for name in known_options()} | {"-o", "--mixed"}
     known -= {"--seed"}  # the seed of the system, which the noise of a heat bath takes unless -o seed says otherwise
+    known -= {"--temperature"}  # what certify expects of a run
     return [each.opts[0] for each in command.params if each.opts[0] not in known | OLD]
 
 

@@ -93,6 +93,9 @@ SCRIPTS = (
     Script("claims/stiff.py", "the article: explicit and implicit methods on stiff problems", 60),
     Script("claims/tolerance.py", "the article: rtol below 1e-12"),
     # statistics and files
+    Script(
+        "certify.py", "certify passes right heat baths and fails planted faults", 150, peers=("physical_validation",)
+    ),
     Script("drift_statistics.py", "verdicts on drift and their intervals, on series of known slope", 45),
     Script("drift_verdicts.py", "verdicts on drift on genuine runs, beside runs eight times as long", 120),
     Script("mdanalysis_readers.py", "MDAnalysis' tests of its reader, on our files", 20, peers=("MDAnalysisTests",)),

@@ -9,6 +9,8 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from kickdrift.analysis.certificate import EnsembleChecks
+    from kickdrift.analysis.certifying import engine_checks, ensemble_checks
     from kickdrift.analysis.motion import Diffusion, mean_squared_displacement, velocity_autocorrelation
     from kickdrift.analysis.orbits import orbital_elements
     from kickdrift.analysis.pressure import pressure_tensor
@@ -18,7 +20,10 @@ if TYPE_CHECKING:
 # No name here may be a module's name in this folder: loading that module would replace the function.
 _HOMES = {
     "Diffusion": "analysis.motion",
+    "EnsembleChecks": "analysis.certificate",
     "block_average": "statistics.blocks",
+    "engine_checks": "analysis.certifying",
+    "ensemble_checks": "analysis.certifying",
     "mean_squared_displacement": "analysis.motion",
     "orbital_elements": "analysis.orbits",
     "pressure_tensor": "analysis.pressure",
@@ -29,7 +34,10 @@ _HOMES = {
 
 __all__ = [
     "Diffusion",
+    "EnsembleChecks",
     "block_average",
+    "engine_checks",
+    "ensemble_checks",
     "mean_squared_displacement",
     "orbital_elements",
     "pressure_tensor",

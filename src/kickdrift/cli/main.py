@@ -19,7 +19,7 @@ from kickdrift.cli.files import export, info, plot
 from kickdrift.cli.help import Command, Group
 from kickdrift.cli.interruption import INTERRUPTED, Interrupted
 from kickdrift.cli.listing import list_, show
-from kickdrift.cli.measuring import chaos, compare
+from kickdrift.cli.measuring import certify, chaos, compare
 from kickdrift.cli.relaxing import relax
 from kickdrift.cli.running import resume, run
 from kickdrift.cli.usage import plain
@@ -28,7 +28,9 @@ from kickdrift.disk.outputs import reason
 from kickdrift.errors import KickdriftError
 from kickdrift.model.other_names import other_name
 
-COMMANDS = (run, resume, relax, ensemble, compare, chaos, plot, export, info, show, validate)  # in the order of --help
+COMMANDS = (  # in the order of --help
+    run, resume, relax, ensemble, compare, chaos, certify, plot, export, info, show, validate,
+)  # fmt: skip
 
 app = typer.Typer(
     name="kickdrift",

@@ -1,4 +1,4 @@
-"""The commands ``compare`` and ``chaos``."""
+"""The commands ``compare``, ``chaos`` and ``certify``."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ from kickdrift.cli.options import (
 )
 from kickdrift.disk.outputs import refuse_outputs, write_json
 from kickdrift.display.showing import lines_of, tables_of
+from kickdrift.errors import InputError
 
 
 @with_options()
@@ -101,3 +102,68 @@ def chaos(
         write_json(json_file, found.as_json(), overwrite=overwrite)
     finally:
         print_lines(lines_of(found))
+
+
+@with_options("dt")
+def certify(
+    runs: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="RUN...", help="A run's .h5md, or two at neighbouring temperatures; with --engine a system."
+        ),
+    ],
+    temperature: Annotated[
+        list[float] | None,
+        typer.Option(metavar="T", help="Temperature (default: the heat bath's); repeat for two runs."),
+    ] = None,
+    pressure: Annotated[
+        list[float] | None, typer.Option(metavar="P", help="Pressure of a barostat; repeat for two runs.")
+    ] = None,
+    constraints: Annotated[
+        int, typer.Option(metavar="N", min=0, help="Rigid bonds and angles in runs of other programs.")
+    ] = 0,
+    topology: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Topology of other programs' trajectories, which MDAnalysis then reads."),
+    ] = None,
+    engine: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Run a system on this engine first; see: kickdrift list engines.")
+    ] = None,
+    integrator: Annotated[str | None, typer.Option(metavar="NAME", help="Integrator of the engine's run.")] = None,
+    options: Any = None,
+    steps: Annotated[int | None, typer.Option(metavar="N", min=1, help="Steps of the engine's run.")] = None,
+    every: Annotated[int | None, typer.Option(metavar="K", min=1, help="Steps between its samples.")] = None,
+    json_file: JsonOption = None,
+    overwrite: OverwriteOption = False,
+    quiet: QuietOption = False,
+) -> None:
+    """Test whether runs sample the canonical ensemble: kinetic energies, axes and species, and the ratio of two runs.
+    The exit status is 1 if a test fails."""
+    of_engine = [integrator, steps, every, *options.values()]
+    if engine is None and any(each is not None for each in of_engine):
+        raise InputError("--integrator, --dt, --steps, --every and -o are for --engine: a file has its own")
+    if engine is not None and (len(runs) > 1 or topology or pressure or constraints):
+        raise InputError("--engine runs one system; give no second run, --topology, --pressure or --constraints")
+    refuse_outputs({"json": json_file}, overwrite, list(runs))
+    from kickdrift.analysis.certifying import engine_checks, ensemble_checks
+
+    if engine is not None:
+        from kickdrift.systemfile.python_file import load_or_run
+
+        with progress_bar(quiet) as bar:
+            subject: Any = load_or_run(runs[0])
+            given = {"temperature": temperature[0]} if temperature else {}
+            found = engine_checks(subject, engine, integrator, steps, every, bar("running"), **given, **options)
+    else:
+        sources: list[Any] = list(runs)
+        if topology is not None:
+            from kickdrift.trajectory.universe import mdanalysis
+
+            sources = [mdanalysis("--topology").Universe(str(topology), each) for each in runs]
+        found = ensemble_checks(sources, temperature, pressure, constraints=constraints)
+    for title, columns, rows in tables_of(found):
+        print_table(title, columns, rows)
+    print_lines(lines_of(found))
+    write_json(json_file, found.as_json(), overwrite=overwrite)
+    if not found.passed:
+        raise typer.Exit(1)
