@@ -78,8 +78,8 @@ PYTHON = [
         "kd.pair_law(WrongSlope)(cutoff=2.5)",
         "wrong-slope: law(p, r2) must return energy and force over r, -U'(r) / r; at r = 2.375 it returns 0.0314301, and its energy's slope gives 0.0628602",
     ),
-    ('B.body("c")', "body: expected a row, 0 to 1, got 'c'; system['c'] is a body"),
-    ("B.body(7)", "body: expected a row, 0 to 1, got 7; system[7] is a body"),
+    ('B.body("c")', "body: expected a row, 0 to 1, got 'c'; or system['c']"),
+    ("B.body(7)", "body: expected a row, 0 to 1, got 7; or system[7]"),
     ('B["Jupitr"]', "system: there is no body 'Jupitr'…"),
     ("kd.Crossing(lambda t, x, v: x[0, 0])", "Crossing: missing a required argument: 'name'…"),
     (

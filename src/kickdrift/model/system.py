@@ -142,7 +142,7 @@ class System(ShownSystem):
         """Name of the particle in row i, or "particle 5" by its id; ``system["Jupiter"]`` is the body with that
         name."""
         if isinstance(i, str) or not -len(self) <= i < len(self):
-            raise InputError(
+            raise InputError(f"body: expected a row, 0 to {len(self) - 1}, got {shown(i)}; or system[{shown(i)}]")
                 f"body: expected a row, 0 to {len(self) - 1}, got {shown(i)}; system[{shown(i)}] is a body"
             )
         return self.names[i] if self.names else f"particle {self.state.ids[i]}"
