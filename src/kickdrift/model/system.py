@@ -143,8 +143,6 @@ class System(ShownSystem):
         name."""
         if isinstance(i, str) or not -len(self) <= i < len(self):
             raise InputError(f"body: expected a row, 0 to {len(self) - 1}, got {shown(i)}; or system[{shown(i)}]")
-                f"body: expected a row, 0 to {len(self) - 1}, got {shown(i)}; system[{shown(i)}] is a body"
-            )
         return self.names[i] if self.names else f"particle {self.state.ids[i]}"
 
     def remaining(self, keep: NDArray[np.bool_], phase: Floats, masses: Floats, radii: Floats | None) -> System:
