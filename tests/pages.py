@@ -3,9 +3,10 @@
 Files with a title are written, lines of ``sh`` that begin with kickdrift are called, with "> FILE" at the end as in a
 shell, and blocks of Python run one after the other in one module.
 
-    python -m tests.pages PAGE.md
+    python -m tests.pages PAGE.md [--apart]
 
-Use an empty folder; Python finds the page's modules there. Blocks without a language are not run.
+Use an empty folder; Python finds the page's modules there. Blocks without a language are not run. With --apart, each
+block of Python has a module of its own, for pages whose blocks a reader copies one by one.
 """
 
 from __future__ import annotations
@@ -40,13 +41,15 @@ def commands(block: Block) -> list[list[str]]:
     return [words[1:] for words in lines if words and words[0] == "kickdrift"]
 
 
-def run(page: Path) -> dict[str, object]:
-    """Run a page in the current folder and return the names that its Python defines."""
-    names: dict[str, object] = {"__name__": page.stem.replace("-", "_")}
+def run(page: Path, apart: bool = False) -> dict[str, object]:
+    """Run a page in the current folder and return the names that its Python defines, or that its last block defines."""
+    own = {"__name__": page.stem.replace("-", "_")}
+    names: dict[str, object] = dict(own)
     for block in blocks(page):
         if block.title:
             Path(block.title).write_text(block.code, encoding="utf-8")
         elif block.language == "python":
+            names = dict(own) if apart else names
             exec(compile(block.code, str(page), "exec"), names)
         elif block.language == "sh":
             for words in commands(block):
@@ -73,4 +76,4 @@ def exit_status(words: list[str]) -> int:
 
 
 if __name__ == "__main__":
-    run(Path(sys.argv[1]))
+    run(Path(sys.argv[1]), apart="--apart" in sys.argv[2:])

@@ -47,6 +47,7 @@ if TYPE_CHECKING:
     from kickdrift.model.system import System
     from kickdrift.plots.figures import stability
     from kickdrift.run.listing import Listing, listing
+    from kickdrift.run.minimization import Minimum
     from kickdrift.run.report import Report
     from kickdrift.run.resuming import resume
     from kickdrift.run.simulation import Simulation
@@ -75,6 +76,7 @@ _HOMES = {
     "InputError": "errors",
     "KickdriftError": "errors",
     "Listing": "run.listing",
+    "Minimum": "run.minimization",
     "Option": "integrators.option",
     "Orbit": "model.orbit_table",
     "OrbitTable": "model.orbit_table",
@@ -124,6 +126,7 @@ __all__ = [
     "LennardJones",
     "LinearDrag",
     "Listing",
+    "Minimum",
     "Oblateness",
     "Option",
     "Orbit",

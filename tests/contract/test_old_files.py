@@ -37,10 +37,12 @@ def test_an_old_file_opens_and_is_shown(old, kickdrift):
     assert run.steps[-1] == STEPS[old.stem]
     assert np.isfinite(run[-1].positions).all()
     assert len(run.system()) == run[-1].positions.shape[0]
-    status, out, _ = kickdrift("info", old)
-    assert status == 0
-    assert "0.1.0" in out
-    assert "damaged" not in out
+    for more in ([], ["--all"]):
+        status, out, _ = kickdrift("info", old, *more)
+        assert status == 0
+        assert ("0.1.0" in out) == bool(more)
+        assert ("energy error" in out) != bool(more)
+        assert "damaged" not in out
 
 
 def test_an_old_file_is_resumed(old):

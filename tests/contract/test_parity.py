@@ -53,6 +53,18 @@ OPTIONS: dict[str, dict[str, str]] = {
         "--overwrite": "Simulation.run(overwrite)",
         "--quiet": "Simulation.run(progress)",
     },
+    "relax": {
+        "system": "Simulation(system)",
+        "--output": "System.to_toml",
+        "--force": "Simulation.minimize(force)",
+        "--steps": "Simulation.minimize(steps)",
+        "--method": "Simulation.minimize(method)",
+        "--max-displacement": "Simulation.minimize(max_displacement)",
+        "--seed": "load(seed)",
+        "--threads": "Simulation(threads)",
+        "--json": "Minimum.as_json",
+        "--quiet": "Simulation.minimize(progress)",
+    },
     "compare": {
         "system": "compare(subject)",
         "--integrator": "compare(integrators)",
@@ -136,7 +148,8 @@ OPTIONS: dict[str, dict[str, str]] = {
 # has all its columns.
 OF_FILES = {
     "plot": {"--output", "--overwrite"}, "compare": {"--overwrite"}, "chaos": {"--overwrite"}, "info": {"--overwrite"},
-    "list": {"--all", "--overwrite"}, "certify": {"--overwrite"},
+    "relax": {"--overwrite"}, "certify": {"--overwrite"},
+    "list": {"--all", "--overwrite"},
 }  # fmt: skip
 OLD = {"--precision"}  # hidden: the old name of --store
 

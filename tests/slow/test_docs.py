@@ -19,6 +19,7 @@ PAGES = sorted(DOCS.rglob("*.md"))
 WITH_CODE = [page for page in PAGES if any(b.language in ("python", "sh") for b in pages.blocks(page))]
 MADE = {"report.md", "command-line.md"}  # made by docs/hooks.py
 LONG = {"ensembles"}  # pages that take more than ten seconds
+APART = {"first-hour"}  # pages whose blocks a reader copies one by one
 
 
 def in_turn(page: Path):
@@ -30,7 +31,8 @@ def in_turn(page: Path):
 def test_a_page_runs(page, tmp_path):
     """Run the page in its own process, like a reader; what the page registers stays there."""
     guesses = "ignore:Element information is missing"  # warning of MDAnalysis on reduced units
-    command = [sys.executable, "-W", "error", "-W", guesses, "-m", "tests.pages", page]
+    apart = ["--apart"] if page.stem in APART else []
+    command = [sys.executable, "-W", "error", "-W", guesses, "-m", "tests.pages", page, *apart]
     path = os.pathsep.join([str(TOP), os.environ.get("PYTHONPATH", "")])
     done = subprocess.run(
         command, cwd=tmp_path, env=os.environ | {"PYTHONPATH": path}, capture_output=True, text=True, timeout=600

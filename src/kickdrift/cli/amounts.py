@@ -31,14 +31,21 @@ def whole(least: int) -> Callable[[str], int]:
     return read
 
 
-def length(text: str) -> Any:
-    """Read a time: a number in the system's unit, or a text with a unit, which ``in_units`` converts."""
-    try:
-        return float(text)
-    except ValueError:
-        if not has_unit(text):
-            raise typer.BadParameter(f"{shown(text)} is not a time such as 10, or '10 fs'.") from None
-        return text
+def amount(expected: str) -> Callable[[str], Any]:
+    """Return the reader of a number in the system's unit, or of a text with a unit. ``expected`` gives examples."""
+
+    def read(text: str) -> Any:
+        try:
+            return float(text)
+        except ValueError:
+            if not has_unit(text):
+                raise typer.BadParameter(f"{shown(text)} is not {expected}.") from None
+            return text
+
+    return read
+
+
+length = amount("a time such as 10, or '10 fs'")  # a text with a unit is for ``in_units``
 
 
 def in_units(value: Any, subject: Any, flag: str) -> float | None:

@@ -20,6 +20,10 @@ EXAMPLES: dict[str, tuple[tuple[str, str], ...]] = {
         ("kickdrift resume run.h5md", "Finish a run that was stopped or killed."),
         ("kickdrift resume run.h5md --steps 40000", "Extend a finished run to step 40,000."),
     ),
+    "relax": (
+        ("kickdrift relax random.toml --output relaxed.toml", "Move overlapping particles apart, to a minimum."),
+        ("kickdrift relax lj-binary-1000 --force 1e-3 --method l-bfgs", "Another tolerance and method."),
+    ),
     "ensemble": (
         ("kickdrift ensemble lj-1000 --replicas 8 --steps 2000 --output liquids.parquet", "Eight seeds."),
         ("kickdrift ensemble two-body --vary dt=log:0.001:0.1:5", "Five steps, evenly spaced in the logarithm."),

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import sys
 from enum import StrEnum
 from typing import Annotated
 
 import typer
 
-from kickdrift.cli.console import print_lines, print_table, verbatim
+from kickdrift.cli.console import print_lines, print_table, say, verbatim
 from kickdrift.cli.options import JsonOption, OverwriteOption
 from kickdrift.disk.outputs import refuse_outputs, write_json
 from kickdrift.display.showing import lines_of, tables_of
@@ -20,6 +21,12 @@ class Lists(StrEnum):
     forces = "forces"
     systems = "systems"
     engines = "engines"
+
+
+HINTS = {
+    Lists.integrators: "kickdrift list integrators NAME explains a method; kickdrift compare SYSTEM measures methods",
+    Lists.systems: "kickdrift run NAME runs a system; kickdrift show NAME prints its file, to edit",
+}  # what to do next, on a terminal
 
 
 def show(
@@ -47,3 +54,5 @@ def list_(
     for title, columns, rows in tables_of(found):
         print_table(title, columns, rows, whole=all_)
     write_json(json_file, found.as_json(), overwrite=overwrite)
+    if what in HINTS and name is None and sys.stderr is not None and sys.stderr.isatty():
+        say(HINTS[what])

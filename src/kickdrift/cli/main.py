@@ -20,6 +20,7 @@ from kickdrift.cli.help import Command, Group
 from kickdrift.cli.interruption import INTERRUPTED, Interrupted
 from kickdrift.cli.listing import list_, show
 from kickdrift.cli.measuring import certify, chaos, compare
+from kickdrift.cli.relaxing import relax
 from kickdrift.cli.running import resume, run
 from kickdrift.cli.usage import plain
 from kickdrift.disk.interrupt import heard_everywhere
@@ -28,7 +29,7 @@ from kickdrift.errors import KickdriftError
 from kickdrift.model.other_names import other_name
 
 COMMANDS = (  # in the order of --help
-    run, resume, ensemble, compare, chaos, certify, plot, export, info, show, validate,
+    run, resume, relax, ensemble, compare, chaos, certify, plot, export, info, show, validate,
 )  # fmt: skip
 
 app = typer.Typer(

@@ -15,6 +15,7 @@ FIGURES = (".png", ".pdf", ".svg")
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 SERIES_MARK = "kickdrift_problem"  # in the table of a Problem's run
 _PDB = re.compile(rb"(HEADER|TITLE |REMARK|CRYST1|MODEL |ATOM  |HETATM)")
+_SYSTEM = re.compile(rb'(title = "[^\n]*"\n)?units = "[a-z]+"\n(dimensions = 2\n)?\n\[particles\]\n')
 _EXPORTS: dict[str, Callable[[bytes], bool]] = {
     ".dcd": lambda head: head[4:8] == b"CORD",
     ".xtc": lambda head: int.from_bytes(head[:4], "big") in (1995, 2023),
@@ -38,6 +39,11 @@ class Kind(NamedTuple):
     suffixes: tuple[str, ...]
     ours: Callable[[bytes, bytes], bool]
     streams: bool = True
+
+
+def _system(head: bytes, tail: bytes) -> bool:
+    """Recognise a System's text (``System.to_toml``), which begins with these keys in this order."""
+    return bool(_SYSTEM.match(head))
 
 
 def _run(head: bytes, tail: bytes) -> bool:
@@ -71,6 +77,7 @@ def _table(head: bytes, tail: bytes) -> bool:
 
 
 RUN = Kind("a run's file", (".h5md",), _run, streams=False)
+SYSTEM = Kind("a system file", (".toml",), _system)
 PROBLEM = Kind("the file of a Problem's run", (".h5",), _problem, streams=False)
 SERIES = Kind("the table of a Problem's run", (".csv", ".parquet"), _series, streams=False)
 JSON = Kind("a JSON object", (), _json)

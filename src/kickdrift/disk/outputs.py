@@ -34,15 +34,20 @@ _pipes: dict[tuple[int, int], int] = {}  # pipes by device and inode, open since
 
 
 def refuse_outputs(
-    paths: Mapping[str, Path | None], overwrite: bool, inputs: Iterable[str | os.PathLike[str] | None] = ()
+    paths: Mapping[str, Path | None],
+    overwrite: bool,
+    inputs: Iterable[str | os.PathLike[str] | None] = (),
+    output: Kind | None = None,
 ) -> None:
-    """Raise InputError before any work if an option's file exists, is one of the ``inputs``, or cannot be written."""
+    """Raise InputError before any work if an option's file exists, is one of the ``inputs``, or cannot be written.
+
+    ``output`` is the kind of the option of that name; default a run's file."""
     taken: dict[Path, str] = {}
     for option, path in paths.items():
         if path is None:
             continue
         said = f"--{option} {shown_path(path)}"
-        kind = KINDS.get(option) or kinds.of_run(path)
+        kind = KINDS.get(option) or output or kinds.of_run(path)
         if (target := _checked(path, kind, overwrite, inputs, said, "give --overwrite")) is None:
             continue
         for other, name in taken.items():
@@ -186,6 +191,13 @@ def _link(part: Path, path: Path) -> None:
         if os.path.lexists(path):
             raise FileExistsError from None
         os.replace(part, path)
+
+
+def write_system(path: Path | None, text: str, *, overwrite: bool) -> None:
+    """Write a System's text on request. The file is whole or absent."""
+    if path is not None:
+        with written_whole(path, kinds.SYSTEM, overwrite=overwrite) as part:
+            part.write_text(text, encoding="utf-8")
 
 
 def write_json(path: Path | None, content: dict[str, Any], *, overwrite: bool) -> None:

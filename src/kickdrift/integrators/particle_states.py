@@ -30,7 +30,7 @@ class ParticleStates:
 
     def __init__(self, system: System) -> None:
         with no_overflow():
-            check_overlaps(system)
+            check_overlaps(system, near=False)
         self.subject = system
         self.name = system.name
         self._ends = np.empty((2, 3, len(system)))  # (2, 3, n) a copy of the sampled state

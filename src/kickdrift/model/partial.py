@@ -81,5 +81,9 @@ class Partial:
 
 
 def with_args(function: Any, args: tuple[Any, ...]) -> Any:
-    """The function of t and y; the function itself without further arguments, or for None."""
-    return Partial(function, args) if args and function is not None else function
+    """The function of t and y; the function itself without further arguments, or for None.
+
+    A Partial of the same arguments stays as it is, so that a Problem can be made again from its own parts."""
+    if not args or function is None or (isinstance(function, Partial) and function.args is args):
+        return function
+    return Partial(function, args)

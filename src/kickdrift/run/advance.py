@@ -28,6 +28,7 @@ from kickdrift.looks.record import Record
 from kickdrift.model.checks import no_overflow
 from kickdrift.model.memory import Memory
 from kickdrift.model.problem import Problem
+from kickdrift.model.starts.builders import check_overlaps
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 from kickdrift.run.blow_up import failure
@@ -100,6 +101,7 @@ class Integration:
             self.stepper = self.events = WatchedStepper(self, self.stepper, events)
         self.chunk, self.changes = 1, 0
         self.running, self.replaced = False, True
+        self._from_start = False  # whether the first step begins at the System's own positions
         self.at: float | None = None
         self._present: tuple[float, Floats] | None = None  # a time inside a step, and y at that time
         self._compiled = False
@@ -235,6 +237,7 @@ class Integration:
     def begin_at(self, state: Any) -> None:
         """Start again from a state, with a new record."""
         y = self.flow.array(state)
+        self._from_start = isinstance(self.system, System) and np.array_equal(y[0], self.system.state.phase[0])
         self._reset(y, state.time, state.steps_done)
         self.begin_record()
 
@@ -260,6 +263,7 @@ class Integration:
 
     def recall(self, checkpoint: Memory) -> None:
         """Continue from a checkpoint."""
+        self._from_start = False
         self.turn(bool(checkpoint["record"].get("backward", False)))
         self.stepper.recall(checkpoint["stepper"])
         self.at, self._present = checkpoint["present"], None
@@ -295,9 +299,15 @@ class Integration:
             self.running = False
 
     def prepare(self) -> None:
-        """Compile the code for steps and looks; this time does not count as the run's."""
+        """Compile the code for steps and looks; this time does not count as the run's.
+
+        Raises InputError if the run begins at the System's own positions and particles overlap there."""
         if self._compiled:
             return
+        if self._from_start:
+            with no_overflow():
+                check_overlaps(self.system)  # type: ignore[arg-type]
+            self._from_start = False
         began = perf_counter()
         with compiling_for(self.purpose):
             self.stepper.advance(0, self.time)

@@ -28,6 +28,7 @@ from kickdrift.run.equilibration import equilibrate
 from kickdrift.run.lengths import Exact, begin, steps_to, time_of
 from kickdrift.run.looks import Sampler
 from kickdrift.run.loop import go_on, run_through
+from kickdrift.run.minimization import FORCE, METHOD, STEPS, Minimum, minimize
 from kickdrift.run.outputs import Outputs
 from kickdrift.run.plan import Plan, plan_of
 from kickdrift.run.present import Present
@@ -310,6 +311,29 @@ class Simulation(Present):
                 self, temperature, time, interval, told,
                 lambda: Simulation(self.system, "velocity-verlet", self.system.run.dt, self.threads, **more),  # type: ignore[arg-type]
             )  # fmt: skip
+
+    def minimize(
+        self,
+        force: float | str = FORCE,
+        steps: int = STEPS,
+        method: str = METHOD,
+        max_displacement: float | str | None = None,
+        progress: bool | Callable[[int, int], Any] | None = None,
+    ) -> Minimum:
+        """Move the particles to a minimum of their potential energy; the start may be random.
+
+        The minimization ends when the largest force on a particle is at most ``force``, or after ``steps`` steps of
+        ``method``, "fire" or "l-bfgs" (see docs/relax.md). No particle moves further than ``max_displacement`` in one
+        step; default a tenth of the shortest sigma. Both may be texts with units. The forces are kickdrift's own, in
+        float64, whatever the engine and the precision. ``progress`` is as in ``run``.
+
+        The velocities become zero, time and number of steps stay, and a new record starts. Returns the `Minimum`, which
+        says whether the minimization converged. Raises InputError for a Problem and for arguments that make no sense,
+        and RunError if the forces at the start are not finite.
+        """
+        check_asked(None, progress, False, "minimize")
+        with following(progress, "minimizing") as told:
+            return minimize(self, force, steps, method, max_displacement, told)
 
     def steps_to(self, steps: int | None = None, until: float | str | None = None, exact: Exact = False) -> int:
         """Return the number of steps that ``run(steps)`` or ``run(until=…, exact=…)`` would take now.

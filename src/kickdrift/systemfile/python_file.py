@@ -27,10 +27,12 @@ BESIDE = ("t_span", "jacobian", "energy", "exact", "args", "separable", "name") 
 NAMED = ("system", "problem")
 
 
-def load_or_run(name_or_path: str | os.PathLike[str], seed: int | None = None) -> System | Problem:
+def load_or_run(
+    name_or_path: str | os.PathLike[str], seed: int | None = None, overlaps: bool = False
+) -> System | Problem:
     """The System or Problem of a system file, of a shipped system's name, or of a Python file, which is run."""
     if not os.fspath(name_or_path).endswith(".py"):
-        return load(name_or_path, seed)
+        return load(name_or_path, seed, overlaps)
     if seed is not None:
         raise InputError(f"seed: {os.fspath(name_or_path)} makes its own random numbers; expected a system file")
     return from_python(Path(name_or_path))

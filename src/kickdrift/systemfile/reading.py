@@ -53,7 +53,9 @@ STRUCTURES = (".xyz", ".extxyz", ".pdb", ".cif", ".gro", ".vasp", ".traj", ".lam
 _BESIDE_ODE = tuple(key for key in OdeFileTable.model_fields if key != "ode")
 
 
-def load(name_or_path: str | os.PathLike[str] | Mapping[str, Any], seed: int | None = None) -> System | Problem:
+def load(
+    name_or_path: str | os.PathLike[str] | Mapping[str, Any], seed: int | None = None, overlaps: bool = False
+) -> System | Problem:
     """Load the System of a TOML file, or of a shipped system's name (``lj-1000``); a file with [ode] gives a Problem.
 
     Files of atoms such as .xyz, .extxyz, .pdb and .cif are read through ASE, in metal units and without forces.
@@ -63,6 +65,7 @@ def load(name_or_path: str | os.PathLike[str] | Mapping[str, Any], seed: int | N
     name_or_path : a path, one of ``shipped()``, or a dict with the tables of a system file
         In a dict, arrays and tuples are lists, and structure files are searched in the current folder.
     seed : replaces the file's ``velocities.seed``
+    overlaps : whether particles may overlap, for ``Simulation.minimize``, which moves them apart
 
     Raises
     ------
@@ -71,7 +74,7 @@ def load(name_or_path: str | os.PathLike[str] | Mapping[str, Any], seed: int | N
     """
     if isinstance(name_or_path, Mapping):
         with prefixed("system: "):
-            return _subject(plain(name_or_path), Path("system.toml"), "", seed)
+            return _subject(plain(name_or_path), Path("system.toml"), "", seed, overlaps)
     path = find(name_or_path)
     if path.suffix.lower() in STRUCTURES:
         if seed is not None:
@@ -79,7 +82,7 @@ def load(name_or_path: str | os.PathLike[str] | Mapping[str, Any], seed: int | N
         return structure_system(path)
     text, data = parsed(path)
     with prefixed(f"{path}: "):
-        return _subject(data, path, text, seed)
+        return _subject(data, path, text, seed, overlaps)
 
 
 def structure_system(path: Path) -> System:
@@ -120,11 +123,11 @@ def draws(data: dict[str, Any]) -> bool:
     return drawn
 
 
-def _subject(data: dict[str, Any], path: Path, text: str, seed: int | None) -> System | Problem:
+def _subject(data: dict[str, Any], path: Path, text: str, seed: int | None, overlaps: bool = False) -> System | Problem:
     if seed is not None:
         seed = whole_number("seed", seed, 0)
     with no_overflow():
-        return _problem(data, path, text, seed) if "ode" in data else _system(data, path, text, seed)
+        return _problem(data, path, text, seed) if "ode" in data else _system(data, path, text, seed, overlaps)
 
 
 def _problem(data: dict[str, Any], path: Path, text: str, seed: int | None) -> Problem:
@@ -156,7 +159,7 @@ def _problem(data: dict[str, Any], path: Path, text: str, seed: int | None) -> P
     )
 
 
-def _system(data: dict[str, Any], path: Path, text: str, seed: int | None) -> System:
+def _system(data: dict[str, Any], path: Path, text: str, seed: int | None, overlaps: bool) -> System:
     if "units" not in data:
         if key := SystemTable.unknown(data):
             raise InputError(f"{key}: {SystemTable.unknown_text(key)}")
@@ -208,7 +211,7 @@ def _system(data: dict[str, Any], path: Path, text: str, seed: int | None) -> Sy
             temperature = table.velocities.temperature
             drawn_at = maxwell_boltzmann(made.coherent_masses, temperature, units.boltzmann, seed, table.dimensions)
             made = system(drawn_at)
-    check_overlaps(made)
+    check_overlaps(made, near=not overlaps)
     return made if not table.event else made.watched(events_of(made, table.event))
 
 

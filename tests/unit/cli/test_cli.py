@@ -100,7 +100,7 @@ def test_a_run_says_what_it_compiles_and_where_the_time_went(monkeypatch, capfd)
         out, found = capfd.readouterr()
         assert ended.value.code == 0
         assert found == err
-        assert re.search(r"^took +[\d.]+ s: stepping and 11 looks [\d.]+", out, re.MULTILINE)
+        assert re.search(r"^took +[\d.]+ s: (stepping and 11 looks|compiling) [\d.]+", out, re.MULTILINE)
         assert re.search(r"^length +10 steps, 0.04 τ$", out, re.MULTILINE)
 
 
@@ -572,6 +572,16 @@ def test_list(what, kickdrift):
     }
     for name in expected[what]:
         assert re.search(rf"^ *{name} ", out, re.MULTILINE)
+
+
+def test_a_list_on_a_terminal_says_what_to_do_next(kickdrift, monkeypatch):
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
+    code, out, err = kickdrift("list", "systems")
+    assert (code, err.count("\n")) == (0, 1)
+    assert "kickdrift run NAME" in err
+    assert "kickdrift run" not in out
+    assert kickdrift("list", "forces")[2] == ""
+    assert kickdrift("list", "integrators", "rk4")[2] == ""
 
 
 def test_list_of_nothing_known(kickdrift):

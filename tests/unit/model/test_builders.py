@@ -123,7 +123,8 @@ def test_the_closest_pair_that_overlaps_is_named(box):
     with pytest.raises(InputError) as error:
         check_overlaps(system)
     assert str(error.value) == (
-        f"positions: particles {pair} overlap: distance {distance}, less than 0.3 of the shortest sigma, 1"
+        f"positions: particles {pair} overlap: distance {distance}, less than 0.3 of the shortest sigma, 1; "
+        "kickdrift relax (sim.minimize) moves them apart"
     )
 
 
@@ -144,6 +145,13 @@ def test_far_cells_with_the_same_number_are_no_neighbours():
     apart = 2.0 * CELLS  # cells have twice the limit
     assert not any_nearer(np.array([[0.0] * 3, [apart, 0.0, 0.0], [0.0, 0.0, -apart]]), None, 1.0)
     assert any_nearer(np.array([[0.0] * 3, [apart, 0.0, 0.0], [apart + 0.9, 0.0, 0.0]]), None, 1.0)
+
+
+def test_near_particles_are_allowed_where_asked():
+    x = [[0.0] * 3, [1e-3, 0.0, 0.0]]
+    check_overlaps(System(x, forces=[LennardJones()]), near=False)
+    with pytest.raises(InputError, match="at the same place"):
+        check_overlaps(System([x[0], x[0]], forces=[LennardJones()]), near=False)
 
 
 def test_what_does_not_overlap():

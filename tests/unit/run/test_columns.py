@@ -102,7 +102,7 @@ def test_nan_and_infinity_are_numbers(tmp_path):
     make().run(10, every=10, output=path, columns=[odd])
     with kd.open(path) as run:
         np.testing.assert_array_equal(run.observables["odd"], [np.inf, np.nan])
-    found = kickdrift("info", path)
+    found = kickdrift("info", path, "--all")
     assert found.exit_code == 0
     assert "inf → nan" in found.output
 

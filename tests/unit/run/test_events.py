@@ -230,7 +230,7 @@ def test_a_crossing_of_a_problem(name):
         (lambda t, x, v: "far", "event 'mine': step 1 (t = 0): returned 'far', which is no number"),
         (lambda t, x, v: x, "event 'mine': step 1 (t = 0): returned array"),
         (lambda t, x, v: 0.3 - t if t < 0.25 else math.nan, "event 'mine': step 3 (t = 0.3): returned nan"),
-        (lambda t: t, "event 'mine': step 1 (t = 0): raised TypeError"),
+        (lambda t, x, v: x[0, 0] + "a", "event 'mine': step 1 (t = 0): raised UFuncTypeError"),
     ],
 )
 def test_a_function_that_fails_is_named(function, message):

@@ -1,5 +1,6 @@
 """What a report adds for people: where the time went, what a drift means, and that a lattice is melting."""
 
+from dataclasses import asdict, replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -8,7 +9,8 @@ import pytest
 import kickdrift as kd
 from kickdrift.looks.columns import TOTAL
 from kickdrift.run.melting import has_melted, lattice_spacing, temperature_change
-from kickdrift.run.shown import drift_context, took_text
+from kickdrift.run.report import EnergyReport
+from kickdrift.run.shown import took_text
 from tests.systems import liquid
 
 
@@ -55,11 +57,16 @@ def test_nanoseconds_per_pair_need_a_pair_list():
 def test_a_drift_names_its_size_over_the_run_and_its_cause(truncation, ending):
     system = kd.System([[0.0, 0.0, 0.0], [1.1, 0.0, 0.0]], forces=[kd.LennardJones(truncation=truncation)])
     report = kd.Simulation(system, dt=0.001).run(10)
-    energy = SimpleNamespace(verdict="secular drift", drift_per_unit_time=-1.6e-7, relative_to="initial energy")
-    told = SimpleNamespace(energy=energy, time=500.0, about=report.about)
-    assert drift_context(told) == f", 8e-05 of the energy over this run{ending}"
-    energy.verdict = "bounded"
-    assert drift_context(told) == ""
+    slope = {"drift_per_unit_time": -1.6e-7, "drift_error": 1e-9, "relative_to": "initial energy"}
+
+    def line(verdict):
+        told = replace(
+            report, time=500.0, energy=EnergyReport(**{**asdict(report.energy), **slope, "verdict": verdict})
+        )
+        return next(line for line in str(told).splitlines() if line.startswith("energy drift"))
+
+    assert line("secular drift").endswith(f"secular drift, 8e-05 of the energy over this run{ending}")
+    assert line("bounded").endswith(": bounded")
 
 
 def test_a_drift_below_a_hundred_roundings_is_round_off():

@@ -252,7 +252,7 @@ def test_unknown_integrator_and_threads():
 def test_overlapping_particles_are_named():
     x = [[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [2.1, 0.0, 0.0]]
     with pytest.raises(InputError, match=r"particles 1 and 2 overlap: distance 0\.1"):
-        kd.Simulation(kd.System(x, forces=[kd.LennardJones(truncation="switch")]), dt=DT)
+        kd.Simulation(kd.System(x, forces=[kd.LennardJones(truncation="switch")]), dt=DT).run(1)
     with pytest.raises(InputError, match="particles 0 and 1 are at the same place"):
         kd.Simulation(kd.System(np.zeros((2, 3)), forces=[kd.Gravity()], units="nbody"), dt=DT)
 

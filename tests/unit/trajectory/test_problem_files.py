@@ -15,7 +15,7 @@ import pytest
 import kickdrift as kd
 from kickdrift.disk import kinds
 from kickdrift.errors import InputError, RunError
-from kickdrift.trajectory.info import described
+from kickdrift.trajectory.info import with_end
 from kickdrift.trajectory.problems.info import describe, info
 from kickdrift.trajectory.problems.layout import problem_hash
 from kickdrift.trajectory.problems.reader import ProblemRun
@@ -101,7 +101,7 @@ def test_what_is_in_a_file_is_told(path):
     for line in ("pendulum: omega = 1", "velocity-verlet", "0 to 3, steps 0 to 60", "properly, with a report"):
         assert line in text
     assert "was changed" not in text
-    assert ("problem", "was changed after the run began, by its hash: the run cannot go on") in described(
+    assert ("problem", "was changed after the run began, by its hash: the run cannot go on") in with_end(
         found | {"unchanged": False}, []
     )
 
@@ -372,6 +372,8 @@ def test_the_commands(kickdrift, tmp_path):
     assert (status, f"{run}: continues from step 100" in err) == (0, True)
     assert "200 steps" in out
     status, out, _ = kickdrift("info", run)
+    assert (status, "200 steps, 10\n" in out, "the run is finished" in out) == (0, True, True)
+    status, out, _ = kickdrift("info", run, "--all")
     assert (status, "steps 0 to 200" in out) == (0, True)
     assert kickdrift("run", "ode-pendulum", "--steps", "100", "--output", table)[0] == 0
     status, out, _ = kickdrift("info", table)

@@ -245,13 +245,13 @@ def mixture(fractions: Mapping[str, float], count: int, seed: int) -> list[str]:
     return [names[k] for k in order]
 
 
-def check_overlaps(system: Subject) -> None:
+def check_overlaps(system: Subject, near: bool = True) -> None:
     """Raise an InputError that names the closest pair and its distance if two particles overlap.
 
     Particles overlap if they are nearer than ``OVERLAP`` times the smallest length in any force's ``shortest()``; if no
     force has such a length, only at the very same place. Distances are between nearest images. Without forces, and if
     all forces have ``may_overlap``, nothing overlaps. Massless particles do not act on each other and may be at one
-    place.
+    place. Without ``near``, only particles at the very same place are refused; a minimization moves others apart.
     """
     if all(getattr(force, "may_overlap", False) for force in system.forces) or len(system) < 2:
         return
@@ -264,7 +264,7 @@ def check_overlaps(system: Subject) -> None:
         first, second = sorted((int(order[same[0]]), int(order[same[0] + 1])))
         which = f"{system.body(first)} and {system.body(second)}" if system.names else f"particles {first} and {second}"
         raise InputError(f"positions: {which} are at the same place, distance 0")
-    if not lengths:
+    if not lengths or not near:
         return
     limit = OVERLAP * min(lengths)
     found = nearest_pair(wrapped, system.box, limit) if any_nearer(wrapped, system.box, limit) else None
@@ -274,5 +274,6 @@ def check_overlaps(system: Subject) -> None:
     unit = "" if system.units.reduced else f" {system.units.length}"
     raise InputError(
         f"positions: particles {first} and {second} overlap: distance {distance:.6g}{unit}, "
-        f"less than {OVERLAP} of the shortest sigma, {min(lengths):.6g}{unit}"
+        f"less than {OVERLAP} of the shortest sigma, {min(lengths):.6g}{unit}; "
+        "kickdrift relax (sim.minimize) moves them apart"
     )
