@@ -27,6 +27,14 @@ _EXPORTS: dict[str, Callable[[bytes], bool]] = {
 }
 
 
+def wrong_ending(name: str | os.PathLike[str], suffixes: tuple[str, ...]) -> str:
+    """Text "must end in .h5md, not '.foo'"; where an export writes the ending, the text says so."""
+    suffix = os.path.splitext(name)[1]
+    text = f"must end in {', '.join(suffixes)}" + (f", not {suffix!r}" if suffix else "")
+    from_run = suffix.lower() in _EXPORTS and ".h5md" in suffixes
+    return f"{text}; kickdrift export makes such a file from a run's file" if from_run else text
+
+
 class Kind(NamedTuple):
     """Kind of output file.
 

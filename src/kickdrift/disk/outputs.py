@@ -22,7 +22,7 @@ from typing import Any, BinaryIO
 
 from kickdrift.disk import kinds
 from kickdrift.disk.files import place, same_file, shown_path
-from kickdrift.disk.kinds import Kind, is_ours
+from kickdrift.disk.kinds import Kind, is_ours, wrong_ending
 from kickdrift.disk.parts import private_place
 from kickdrift.errors import InputError, RunError
 
@@ -85,7 +85,7 @@ def _checked(
     path = Path(path)
     if kind.suffixes and path.suffix.lower() not in kind.suffixes:
         name = "the name" if said.startswith("--") else f"the name of {kind.noun}"
-        raise InputError(f"{said}: {name} must end in {', '.join(kind.suffixes)}, not {path.suffix or 'nothing'!r}")
+        raise InputError(f"{said}: {name} {wrong_ending(path, kind.suffixes)}")
     status = _status(path, said)
     if is_stream(path):
         if not kind.streams:

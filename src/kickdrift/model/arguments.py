@@ -7,9 +7,16 @@ from functools import wraps
 from typing import Any, TypeVar
 
 from kickdrift.errors import InputError
+from kickdrift.model.other_names import other_name
 from kickdrift.text import suggestion
 
 Class = TypeVar("Class", bound=type)
+
+
+def hint(unknown: str, names: list[str]) -> str:
+    """Text ``; rc is 'cutoff' here`` or ``; did you mean 'epsilon'?``, else ""."""
+    theirs = other_name("argument", unknown)
+    return theirs if any(f"{name!r}" in theirs for name in names) else suggestion(unknown, names)
 
 
 def checked_arguments(cls: Class) -> Class:
@@ -27,7 +34,7 @@ def checked_arguments(cls: Class) -> Class:
             signature.bind(self, *args, **given)
         except TypeError as error:
             unknown = next((key for key in given if key not in names), None)
-            what = str(error) if unknown is None else f"no argument {unknown!r}{suggestion(unknown, names)}"
+            what = str(error) if unknown is None else f"no argument {unknown!r}{hint(unknown, names)}"
             raise InputError(
                 f"{type(self).__name__}: {what} ({type(self).__name__} takes {', '.join(names)})"
             ) from None
@@ -35,3 +42,16 @@ def checked_arguments(cls: Class) -> Class:
 
     made.__init__ = init
     return cls
+
+
+def misfit(function: Any, *arguments: Any) -> str:
+    """The signature of a function that cannot be called with these arguments, as text; "" if it can."""
+    try:
+        signature = inspect.signature(function)
+    except (TypeError, ValueError):  # a builtin without a signature
+        return ""
+    try:
+        signature.bind(*arguments)
+    except TypeError:
+        return str(signature)
+    return ""

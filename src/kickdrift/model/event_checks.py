@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Iterable
 from typing import Any
 
 from kickdrift.errors import InputError
+from kickdrift.model.arguments import misfit
 from kickdrift.model.capacity import check_room
 from kickdrift.model.events import Between, CloseApproach, Collision, Crossing, Escape, Event
 from kickdrift.model.subject import Bodies, Subject, index_of
@@ -65,16 +65,8 @@ def checked_crossings(events: Iterable[Event], arguments: int = 0) -> tuple[Even
 
 def _check_signature(event: Crossing, names: tuple[str, ...]) -> None:
     """Refuse a function that cannot be called with these arguments."""
-    try:
-        signature = inspect.signature(event.function)  # type: ignore[arg-type]
-    except ValueError:  # a builtin without a signature
-        return
-    try:
-        signature.bind(*names)
-    except TypeError:
-        raise InputError(
-            f"crossing {event.name!r}: function must take ({', '.join(names)}); it takes {signature}"
-        ) from None
+    if takes := misfit(event.function, *names):
+        raise InputError(f"crossing {event.name!r}: function must take ({', '.join(names)}); it takes {takes}")
 
 
 def _listed(events: Iterable[Event]) -> tuple[Event, ...]:

@@ -12,7 +12,7 @@ from kickdrift.text import VALUE, clean
 
 TEMPERATURE = "methods of constant temperature are baoab, csvr and nose-hoover"
 PRESSURE = "constant pressure is not there yet; the box keeps its size"
-MINIMISATION = "energy minimisation is not there yet"
+MINIMISATION = "energy minimisation is no run: kickdrift relax SYSTEM, or Simulation.minimize"
 CLOSE = (
     "a switch to another method at close encounters is not there yet; 'gauss-radau15' follows close encounters, and "
     "events record them"
@@ -148,6 +148,26 @@ ROWS: dict[str, tuple[tuple[str, str], ...]] = {
         ("hoomd hoomd-blue espresso espressomd dl-poly tinker jax-md", LIQUIDS),
         ("gadget gadget-2 gadget-4 nbody6 mercury mercury6 phantom swift swiftest amuse", STARS),
         ("gpu cuda opencl hip jax torch pytorch", PROCESSORS),
+    ),
+    "body": (
+        ("m", "{word} is 'mass' here"),
+        ("r", "{word} is 'radius' here"),
+        ("hash id label", "{word} is 'name' here"),
+        ("sma semi-major-axis semimajor-axis", "{word} is 'a' here"),
+        ("ecc eccentricity", "{word} is 'e' here"),
+        ("i inclination", "{word} is 'inc' here"),
+        ("node raan lan ascending-node", "{word} is 'Omega' here"),
+        ("w argp peri argument-of-pericentre argument-of-periapsis", "{word} is 'omega' here"),
+        ("nu true-anomaly", "{word} is 'f' here"),
+        ("ma mean-anomaly", "{word} is 'M' here"),
+        ("eccentric-anomaly", "{word} is 'E' here"),
+        ("period", "{word} is 'P' here"),
+        ("pomega l theta lambda", "{word} is not there; give 'Omega', 'omega' and 'M' or 'f'"),
+        ("x y z vx vy vz", "System.with_body takes 'position' and 'velocity', each with three numbers"),
+    ),
+    "argument": (
+        ("rc rcut r-cut rcutoff r-c", "{word} is 'cutoff' here"),
+        ("shift shifted smooth switch", "{word} is a kind of 'truncation' here"),
     ),
     "option": (
         ("timestep time-step step stepsize step-size h delta-t deltat tstep", "{word} is 'dt' here"),

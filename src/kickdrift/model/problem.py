@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from kickdrift.errors import InputError
-from kickdrift.model.arguments import checked_arguments
+from kickdrift.model.arguments import checked_arguments, misfit
 from kickdrift.model.checks import numbers
 from kickdrift.model.described import ShownProblem
 from kickdrift.model.partial import arguments, with_args
@@ -103,7 +103,8 @@ class Problem(ShownProblem):
         put = object.__setattr__
         start = finite_numbers(f"{name}: y0", y0)
         if start.ndim != 1 or not start.size:
-            raise InputError(f"{name}: y0 must be one row of numbers, got shape {start.shape}")
+            got = f"{y0!r}; write [{y0!r}]" if not start.ndim else f"shape {start.shape}"
+            raise InputError(f"{name}: y0 must be one row of numbers, got {got}")
         if separable and start.size % 2:
             raise InputError(f"{name}: separable means positions, then as many velocities; y0 has {start.size} numbers")
         for key, function in (("f", f), ("jacobian", jacobian), ("energy", energy), ("exact", exact)):
@@ -163,6 +164,8 @@ class Problem(ShownProblem):
     def _checked(self, key: str, function: Function, shape: tuple[int, ...]) -> Floats:
         """Values of the function at the start, checked."""
         given = self.y0.copy()
+        if takes := misfit(getattr(function, "function", function), self.t0, given, *getattr(function, "args", ())):
+            raise InputError(f"{self.name}: {key} must take (t, y{', *args' * bool(self.args)}); it takes {takes}")
         try:
             value = function(self.t0, given)
         except Exception as error:  # a user's function may raise anything

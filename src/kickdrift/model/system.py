@@ -141,8 +141,8 @@ class System(ShownSystem):
     def body(self, i: int) -> str:
         """Name of the particle in row i, or "particle 5" by its id; ``system["Jupiter"]`` is the body with that
         name."""
-        if isinstance(i, str):
-            raise InputError(f"body: expected the number of a row, got {shown(i)}; system[{shown(i)}] is that body")
+        if isinstance(i, str) or not -len(self) <= i < len(self):
+            raise InputError(f"body: expected a row, 0 to {len(self) - 1}, got {shown(i)}; or system[{shown(i)}]")
         return self.names[i] if self.names else f"particle {self.state.ids[i]}"
 
     def remaining(self, keep: NDArray[np.bool_], phase: Floats, masses: Floats, radii: Floats | None) -> System:

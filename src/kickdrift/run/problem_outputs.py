@@ -34,11 +34,9 @@ def check_suffix(system: System | Problem, output: str) -> None:
     """Refuse a name whose suffix is that of another kind of run."""
     kind = kinds.RUN if isinstance(system, System) else kinds.PROBLEM
     suffixes = kind.suffixes if isinstance(system, System) else (*kind.suffixes, *kinds.SERIES.suffixes)
-    suffix = Path(output).suffix
-    if suffix.lower() not in suffixes:
+    if Path(output).suffix.lower() not in suffixes:
         noun = kind.noun if isinstance(system, System) else "a Problem's run"
-        expected = f"must end in {', '.join(suffixes)}, not {suffix or 'nothing'!r}"
-        raise InputError(f"{output}: the name of {noun} {expected}")
+        raise InputError(f"{output}: the name of {noun} {kinds.wrong_ending(output, suffixes)}")
 
 
 def is_table(output: str) -> bool:

@@ -159,7 +159,7 @@ def _problem(data: dict[str, Any], path: Path, text: str, seed: int | None) -> P
     )
 
 
-def _system(data: dict[str, Any], path: Path, text: str, seed: int | None, overlaps: bool) -> System:
+def _system(data: dict[str, Any], path: Path, text: str, seed: int | None, overlaps: bool = False) -> System:
     if "units" not in data:
         if key := SystemTable.unknown(data):
             raise InputError(f"{key}: {SystemTable.unknown_text(key)}")

@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, NonNegativeInt, PositiveInt, ValidationInfo, model_validator
 
 from kickdrift.errors import InputError
+from kickdrift.model.other_names import other_name
 from kickdrift.systemfile.schema_base import GravitationalParameter, In, Length, Mass, Radius, Table, Velocity
 
 
@@ -34,6 +35,10 @@ class CentralTable(Table):
     mass: Mass | None = None
     GM: GravitationalParameter | None = None
     radius: Radius | None = None
+
+    @classmethod
+    def hint(cls, key: str) -> str:
+        return other_name("body", key) or super().hint(key)
 
     @model_validator(mode="after")
     def _one_mass(self) -> CentralTable:

@@ -35,7 +35,7 @@ def open_to_read(path: str | os.PathLike[str]) -> h5py.File:
     """Open an HDF5 file for reading. Raises InputError if it cannot be read, is being written, or has links out of
     itself."""
     if (text := shown_path(path)).endswith(".toml") or (is_shipped(text) and not os.path.lexists(path)):
-        raise InputError(f"{text}: is a system file, not the file of a run: use kd.load")
+        raise InputError(f"{text}: is a system file, not the file of a run; kickdrift run and kd.load take it")
     number = _descriptor(path)
     try:
         status = os.fstat(number)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import re
 
 import pytest
@@ -17,6 +18,7 @@ from kickdrift.model.other_names import ROWS, TEMPERATURE, other_name
 from kickdrift.model.unit_systems import UNIT_SYSTEMS, unit_system
 from kickdrift.model.units import quantity
 from kickdrift.systemfile.files import shipped
+from kickdrift.systemfile.schema_bodies import AddedTable
 from kickdrift.systemfile.schema_run import run_keys
 from tests.refusals import assert_refused
 
@@ -28,6 +30,8 @@ KNOWN = {
     "unit": {"angstrom", "Msun", "hartree", "Da"},
     "system": {*shipped(), *FORCES},
     "engine": {*ENGINES},
+    "body": {*AddedTable.model_fields},
+    "argument": {*inspect.signature(kd.LennardJones).parameters},
     "option": {*run_keys(), *known_options(), *FORCES, *RUN_ARGUMENTS},
 }
 SYSTEM = """
@@ -133,6 +137,30 @@ def test_command_lines(arguments, hint, kickdrift, tmp_path, monkeypatch):
 def test_options_of_a_simulation(option, hint):
     with pytest.raises(InputError, match=re.escape(hint)):
         kd.Simulation(kd.load("two-body"), dt=0.01, **{option: 1})
+
+
+@pytest.mark.parametrize(
+    ("key", "hint"),
+    [
+        ("m", "bodies[1].m: unknown key; m is 'mass' here"),
+        ("i", "i is 'inc' here"),
+        ("pomega", "give 'Omega', 'omega' and 'M' or 'f'"),
+        ("vx", "System.with_body takes 'position' and 'velocity'"),
+        ("p", "did you mean 'P'"),
+    ],
+)
+def test_keys_of_a_body(key, hint):
+    with pytest.raises(InputError, match=re.escape(hint)):
+        kd.System.from_elements([{"mass": 1.0}, {"mass": 1e-3, "a": 1.0, key: 0.1}])
+
+
+@pytest.mark.parametrize(
+    ("argument", "hint"),
+    [("rc", "rc is 'cutoff' here"), ("shift", "a kind of 'truncation'"), ("eps", "did you mean 'epsilon'")],
+)
+def test_arguments_of_a_force(argument, hint):
+    with pytest.raises(InputError, match=re.escape(hint)):
+        kd.LennardJones(**{argument: 2.5})
 
 
 def test_engines_systems_and_units():
