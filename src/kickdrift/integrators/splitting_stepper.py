@@ -12,6 +12,7 @@ from kickdrift.integrators.bath import bath_warnings
 from kickdrift.integrators.loops import FRESH, splitting_loop
 from kickdrift.integrators.stepping import FixedStepper
 from kickdrift.integrators.subflows import FLOWS
+from kickdrift.model.memory import Memory, by_value
 from kickdrift.model.state import Floats
 
 if TYPE_CHECKING:
@@ -52,8 +53,6 @@ class Composition(Protocol):
 class SplittingStepper(FixedStepper):
     """Steps of a word over flows. The workspace keeps the accelerations of the last kick while positions stay fixed."""
 
-    saved = (*FixedStepper.saved, "baths")
-
     def __init__(self, flow: Flow, method: Composition, options: Options) -> None:
         rows = [FLOWS[letter] for letter in method.further]
         self._bound = [row.bind(flow, options).ready() for row in rows if row.bind]
@@ -87,6 +86,16 @@ class SplittingStepper(FixedStepper):
         super().reset(y, time, steps)
         for array in self.baths:
             array[...] = 0.0
+
+    def memory(self) -> Memory:
+        """See Stepper. The memory of a word without baths is that of version 0.1.0."""
+        return super().memory() | ({"baths": by_value(self.baths)} if self._baths else {})
+
+    def recall(self, memory: Memory) -> None:
+        """See Stepper."""
+        super().recall(memory)
+        if self._baths:
+            self.baths = memory["baths"]
 
     @property
     def fresh(self) -> bool:  # type: ignore[override]
