@@ -115,7 +115,10 @@ PYTHON = [
         "kd.Simulation(L).run(10, interval=0.1)",
         "run: interval is for methods that choose their steps; with velocity-verlet, use every",
     ),
-    ('kd.Simulation(L).run(10, output="x.dcd")', "x.dcd: the name of a run's file must end in .h5md, not '.dcd'"),
+    (
+        'kd.Simulation(L).run(10, output="x.dcd")',
+        "x.dcd: the name of a run's file must end in .h5md, not '.dcd'; kickdrift export makes such a file from a run's file",
+    ),
     ("kd.Simulation(L).run(10, observe=3)", "run: observe must be a function, got 3"),
     ("kd.Simulation(L).equilibrate(-1, 1.0)", "equilibrate: temperature must be positive, got -1"),
     ('kd.Simulation(B, "leapfrog-exact", dt=0.01, rtol=1e-9)', "rtol: leapfrog-exact does not take it; it takes dt"),
@@ -131,7 +134,7 @@ PYTHON = [
         "'lj-100' is neither a file nor a shipped system; did you mean 'lj-1000'? (kickdrift list systems shows all)",
     ),
     ('kd.load("run.h5md")', "'run.h5md' is the file of a run: use kd.open, or kickdrift info, plot, resume and export"),
-    ('kd.open("lj-1000")', "lj-1000: is a system file, not the file of a run: use kd.load"),
+    ('kd.open("lj-1000")', "lj-1000: is a system file, not the file of a run; kickdrift run and kd.load take it"),
     ('kd.open("none.h5md")', "none.h5md: no such file"),
     ('kd.resume("none.h5md")', "none.h5md: no such file"),
     (
@@ -175,7 +178,7 @@ COMMANDS = [
     ),
     (
         "run lj-1000 --steps 1 --output x.dcd",
-        "kickdrift: --output x.dcd: the name must end in .h5md, .h5, .csv, .parquet, not '.dcd'",
+        "kickdrift: --output x.dcd: the name must end in .h5md, .h5, .csv, .parquet, not '.dcd'; kickdrift export makes such a file from a run's file",
     ),
     (
         "run mine.toml -o corector=17",
@@ -192,8 +195,14 @@ COMMANDS = [
         "kickdrift: mine.toml: is a system of particles; run it with --output run.h5md and plot that file",
     ),
     ("plot none.h5md", "kickdrift: none.h5md: no such file"),
-    ("export mine.toml y.dcd", "kickdrift: mine.toml: is a system file, not the file of a run: use kd.load"),
-    ("resume mine.toml", "kickdrift: mine.toml: is a system file, not the file of a run: use kd.load"),
+    (
+        "export mine.toml y.dcd",
+        "kickdrift: mine.toml: is a system file, not the file of a run; kickdrift run and kd.load take it",
+    ),
+    (
+        "resume mine.toml",
+        "kickdrift: mine.toml: is a system file, not the file of a run; kickdrift run and kd.load take it",
+    ),
     ("info none", "kickdrift: 'none' is neither a file nor a shipped system (kickdrift list systems shows all)"),
     ("compare mine.toml --accuracy tight", "kickdrift: --accuracy: expected a number…"),
     ("ensemble mine.toml --vary a=b --steps 1", "kickdrift: mine: a: unknown key…"),

@@ -278,7 +278,7 @@ def test_aliases_are_the_same_row():
     [
         ("velocity-verlt", "velocity-verlet"),
         ("Yoshida-4", "yoshida4"),
-        ("rk-4", "rk4"),
+        ("rk44", "rk4"),
         ("frog", "leapfrog"),
     ],
 )

@@ -179,11 +179,11 @@ VERSIONS = {
             a: float
             b: float
             def law(p, r2):
-                return p.a * math.sqrt(r2), -0.5 * p.a / math.sqrt(r2)
+                return p.a * math.sqrt(r2), -1.0 * p.a / math.sqrt(r2)
         """,
     "another function": ("math.sqrt", "math.log"),
     "another parameter": ("p.a", "p.b"),
-    "another number": ("-0.5", "-0.25"),
+    "another number": ("-1.0", "-0.25"),
     "another operator": ("return p.a *", "return p.a +"),
 }
 HELPED = """

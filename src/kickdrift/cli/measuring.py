@@ -109,7 +109,7 @@ def certify(
     runs: Annotated[
         list[str],
         typer.Argument(
-            metavar="RUN...", help="A run's .h5md, or two at neighbouring temperatures; with --engine a system."
+            metavar="RUN", help="A run's .h5md, or two at neighbouring temperatures; with --engine a system."
         ),
     ],
     temperature: Annotated[

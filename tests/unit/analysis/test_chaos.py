@@ -271,7 +271,7 @@ def _parts(system):
         ({"integrator": "hermite4"}, "integrator: hermite4 carries no variations; dop853 does, and yoshida6"),
         ({"integrator": "leapfrog-exact"}, "integrator: leapfrog-exact carries no variations"),
         ({"integrator": "velocity-verlet"}, "dt is needed"),
-        ({"integrator": "rk-4"}, "did you mean rk4"),
+        ({"integrator": "rk-4"}, "rk-4 is 'rk4' here"),
         ({"integrator": "yoshida4", "dt": 1.0, "time": 2.0}, "time: 2 steps are too few to measure growth"),
     ],
 )

@@ -12,7 +12,9 @@ from kickdrift.integrators.registration import unregister
 from kickdrift.integrators.runge_kutta import Tableau
 from kickdrift.integrators.splitting import Splitting
 
-SHIPPED = {m.name: m for m in INTEGRATORS.values() if isinstance(m, Splitting | Tableau) and len(m.source) > 10}
+SHIPPED = {
+    m.name: m for m in INTEGRATORS.values() if isinstance(m, Splitting | Tableau) and len(m.source) > 10 and not m.bath
+}
 
 
 @pytest.mark.parametrize("name", SHIPPED)

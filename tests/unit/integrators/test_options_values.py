@@ -222,7 +222,8 @@ def test_options_of_a_users_own_are_in_files_lists_and_texts(system, damped, tmp
     assert status == 0
     assert "Rate at which velocities decay." in out
     assert kickdrift(monkeypatch, capsys, "run", str(file), "-o", "fricton=1")[::2] == (
-        2, "kickdrift: fricton: no integrator takes such an option; did you mean 'friction', which damped takes?\n",
+        2, "kickdrift: fricton: no integrator takes such an option; did you mean 'friction', which baoab, obabo, aboba "
+        "and 3 others take?\n",
     )  # fmt: skip
 
 

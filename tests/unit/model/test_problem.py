@@ -229,7 +229,7 @@ def test_arguments_that_are_no_sequence_are_refused():
     [
         ({"y0": [[1.0, 2.0]]}, "problem: y0 must be one row of numbers, got shape (1, 2)"),
         ({"y0": []}, "problem: y0 must be one row of numbers, got shape (0,)"),
-        ({"y0": 1.0}, "problem: y0 must be one row of numbers, got shape ()"),
+        ({"y0": 1.0}, "problem: y0 must be one row of numbers, got 1.0; write [1.0]"),
         ({"y0": "two"}, "problem: y0: expected numbers: "),
         ({"y0": [1.0, [2.0]]}, "problem: y0: expected numbers: "),
         ({"y0": [1.0, math.nan]}, "problem: y0[1] is nan; expected finite numbers"),
@@ -239,7 +239,7 @@ def test_arguments_that_are_no_sequence_are_refused():
         ({"f": lambda t, y: None}, "problem: f(t0, y0)"),
         ({"f": lambda t, y: [y[0], "a"]}, "problem: f(t0, y0): expected numbers: "),
         ({"f": lambda t, y: [y[0], y[2]]}, "problem: f(t0, y0) raised IndexError: index 2 is out of bounds"),
-        ({"f": lambda y: y}, "problem: f(t0, y0) raised TypeError: "),
+        ({"f": lambda y: y}, "problem: f must take (t, y); it takes (y)"),
         ({"f": 3}, "problem: f must be a function, got 3"),
         ({"jacobian": [[1.0]]}, "problem: jacobian must be a function, got [[1.0]]"),
         ({"jacobian": lambda t, y: [1.0, 2.0]}, "problem: jacobian must return shape (2, 2), like y0, got (2,)"),
@@ -291,8 +291,7 @@ def test_runs_that_make_no_sense():
     sim = kd.Simulation(kd.Problem(outside, [1.0], compiled=False), "dormand-prince45")
     sim.run(until=1.0)
     for arguments, message in [
-        ({"until": 0.5}, "until must be a finite time not before the current time, 1, got 0.5"),
-        ({"until": math.nan}, "until must be a finite time not before the current time, 1, got nan"),
+        ({"until": math.nan}, "until must be a finite time, got nan"),
         ({"until": 2.0, "steps": 3}, "give either steps or until"),
         ({}, "give either steps or until"),
         ({"steps": 2.5}, "steps must be a whole number, zero or more, got 2.5"),

@@ -89,7 +89,7 @@ def test_what_makes_no_sense_is_said(kickdrift, tmp_path):
     kd.Simulation(PENDULUM).run(10, output=run)
     figure = ("--output", tmp_path / "a.png")
     refused = [
-        (("ode-pendulum", "--integrator", "rk-4"), "did you mean rk4"),
+        (("ode-pendulum", "--integrator", "rk-4"), "rk-4 is 'rk4' here"),
         (("ode-pendulum", "--integrator", "rk4", "--rtol", "1e-6"), "rtol: rk4 does not take it"),
         (("ode-lorenz", "--integrator", "leapfrog", "--dt", "0.1"), "accelerations that depend on positions"),
         (("lj-1000", "--integrator", "rk4"), "is a system of particles"),

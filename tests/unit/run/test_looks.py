@@ -255,13 +255,13 @@ def test_a_file_keeps_how_often(tmp_path):
 
 
 def test_the_verdict_is_worked_out_once_and_when_it_is_read(monkeypatch):
-    asked, drift = [], reports.drift
+    asked, trend = [], reports.energy_trend
 
     def counted(*args):
         asked.append(args)
-        return drift(*args)
+        return trend(*args)
 
-    monkeypatch.setattr(reports, "drift", counted)
+    monkeypatch.setattr(reports, "energy_trend", counted)
     sim = kd.Simulation(planets(), "leapfrog", 0.01)
     report = sim.run(2000)
     assert report.energy.initial == sim.record.samples[0].energies.total

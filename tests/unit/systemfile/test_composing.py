@@ -215,7 +215,7 @@ def test_a_body_by_name_or_id():
         system["Jupitr"]
     with pytest.raises(kd.InputError, match=r"there is no particle 64; expected a number from 0 to 63"):
         liquid()[64]
-    with pytest.raises(kd.InputError, match=r"system\['Sun'\] is that body"):
+    with pytest.raises(kd.InputError, match=r"got 'Sun'; or system\['Sun'\]"):
         system.body("Sun")
     with pytest.raises(kd.InputError, match="Sun does not orbit itself; give a primary"):
         system["Sun"].elements()

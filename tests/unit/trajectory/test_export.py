@@ -380,7 +380,7 @@ def test_a_missing_package_is_named(path, monkeypatch, package, suffix, extra):
     for name in [each for each in sys.modules if each.split(".")[0] == package]:
         monkeypatch.setitem(sys.modules, name, None)
     monkeypatch.setitem(sys.modules, package, None)
-    with pytest.raises(InputError, match=rf"{suffix} needs .*: pip install kickdrift\[{extra}\]"):
+    with pytest.raises(InputError, match=rf"{suffix} needs .*: pip install 'kickdrift\[{extra}\]'"):
         kd.export(path, path.with_suffix(suffix))
 
 
