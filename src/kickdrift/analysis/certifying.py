@@ -40,7 +40,8 @@ def ensemble_checks(
     their distributions of potential energy, enthalpy or volume. A run of constant energy, without a heat bath, gives
     only the temperatures of axes and species relative to the mean temperature.
 
-    Samples of the equilibration are left out, and the others are thinned until they are independent.
+    Samples of the equilibration are left out, and the others are thinned until they are independent. A heat bath sets
+    the kinetic energies long before the positions, so kinetic and potential energies begin at their own samples.
 
     Parameters
     ----------
@@ -140,10 +141,8 @@ def _settled(run: SampledRun) -> SampledRun:
             raise InputError(f"{run.name} has constant energy and no velocities: nothing can be tested; give its file")
         note = "constant energy: axes and species are compared with the mean temperature, and nothing else is tested"
         run = replace(run, notes=(*run.notes, note))
-    series = [run.kinetic, *([] if run.potential is None else [run.potential])]
-    first = max(map(canonical.equilibrated, series))
-    if first:
-        note = f"the first {first} of {len(run.kinetic)} samples of {run.name} count as equilibration"
+    if first := canonical.equilibrated(run.kinetic):
+        note = f"the first {first} of {len(run.kinetic)} kinetic energies of {run.name} count as equilibration"
         run = replace(run.from_sample(first), notes=(*run.notes, note))
     return run
 
@@ -202,9 +201,12 @@ def _pair(one: SampledRun, two: SampledRun) -> tuple[str, Deviation | float, int
 
     def series(run: SampledRun) -> Floats:
         if one.temperature == two.temperature:
-            return run.volume
+            return settled(run.volume)
         assert run.potential is not None
-        return run.potential if run.pressure is None else run.potential + run.pressure * run.volume
+        return settled(run.potential if run.pressure is None else run.potential + run.pressure * run.volume)
+
+    def settled(values: Floats) -> Floats:
+        return values[canonical.equilibrated(values) :]
 
     chosen = [canonical.independent(series(run), run.name) for run in (one, two)]
     found = canonical.ratio(chosen[0], chosen[1], (one.point, two.point))
