@@ -104,7 +104,7 @@ def test_a_law_in_a_script(workshop):
     assert workshop.run() == ([1.5, -6.0], 0)
     workshop.write("script.py", MEASURE, LAW, call.replace("3.0", "5.0"))  # a number is no edit of the law
     assert workshop.run() == ([2.5, -10.0], 0)
-    workshop.write("script.py", MEASURE, LAW.replace("0.5 *", "4.5 *"), call)
+    workshop.write("script.py", MEASURE, LAW.replace("0.5 *", "12.0 + 0.5 *"), call)
     assert workshop.run() == ([13.5, -6.0], 1)
     workshop.write("script.py", MEASURE, LAW, call)
     assert workshop.run() == ([1.5, -6.0], 0)
