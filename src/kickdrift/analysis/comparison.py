@@ -35,7 +35,7 @@ class Comparison(Shown):
     rows : by method, from coarse to fine
     slopes : of the global and the local error against the step, by method; None if too few points show a slope
     notes : remarks on the choices, for the user
-    recommendation : the cheapest method for the wanted accuracy, or why there is none; None if no accuracy was given
+    recommendation : the cheapest method for the wanted accuracy, or the reason for none; None without an accuracy
 
     ``print(comparison)`` shows what the command line prints, and ``as_json()`` returns what ``--json`` writes.
     """

@@ -1,4 +1,4 @@
-"""Ctrl-C in a run: one line says where the run stopped, what is kept, and the command that continues."""
+"""Ctrl-C in a run. One line names the last step, the files that are kept, and the command that continues."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ INTERRUPTED = 130  # exit status
 
 
 class Interrupted(KickdriftError):
-    """Ctrl-C ended a command; the message says what is kept."""
+    """Raised when Ctrl-C ends a command. The message names the files that are kept."""
 
     exit_status = INTERRUPTED
 

@@ -46,7 +46,7 @@ class ParticleFlow(ParticleStates):
             )
 
     def count_freedom(self, number: int) -> None:
-        """Set the degrees of freedom by which samples compute the temperature."""
+        """Set the degrees of freedom in the temperature of samples."""
         self._desk[FREEDOM] = number * self.subject.units.boltzmann
 
     @unwarned

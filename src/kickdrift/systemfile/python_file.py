@@ -85,7 +85,7 @@ def _span(t_span: Any) -> tuple[float, float]:
 
 
 def refuse_beside(given: Mapping[str, Any], subject: Any) -> None:
-    """An InputError for what only a plain function takes, given beside anything else."""
+    """Refuse arguments of a plain function that are given with a System, a Problem or a file."""
     for key, value in given.items():
         if value is not None:
             raise InputError(f"{key}: only a plain function takes it, and this is a {type(subject).__name__}")

@@ -14,6 +14,7 @@ from kickdrift.model.limits import NEVER
 from kickdrift.model.unit_systems import symbol_of
 from kickdrift.text import clean, counted, measured, shown
 from kickdrift.trajectory.reader import Run, open
+from kickdrift.trajectory.recorded import Recorded
 
 SHOWN = 5  # most unregistered forces that are listed
 WIDTH = 60  # largest width of the column of keys
@@ -33,16 +34,7 @@ def info(path: str | os.PathLike[str]) -> dict[str, Any]:
 def info_of(run: Run) -> dict[str, Any]:
     """The same of an open file."""
     counts = {name: int((run.species_index == index).sum()) for index, name in enumerate(run.species)}
-    samples, damage = run.whole_samples(), run.damage()
-    observables = {
-        name: {"first": values[0].tolist(), "last": values[-1].tolist()}
-        for name, values in samples.observables.items()
-        if len(values)
-    }
-    return {
-        "file": str(run.path),
-        "bytes": run.path.stat().st_size,
-        "kickdrift": run.versions.get("kickdrift"),
+    return shared_content(run) | {
         "system": run.system_record.get("name"),
         "particles": len(run.ids),
         "species": counts,
@@ -57,25 +49,39 @@ def info_of(run: Run) -> dict[str, Any]:
             "nominal": run.nominal_units,
         },
         "unregistered": _unregistered(run),
-        "method": run.method,
-        "every": run.every,
         "frames": len(run),
-        "samples": run.committed.samples,
-        "steps": [int(samples.steps[0]), int(samples.steps[-1])] if len(samples.steps) else None,
-        "time": [float(samples.times[0]), float(samples.times[-1])] if len(samples.times) else None,
-        "observables": observables,
-        "columns": {name: {"shape": list(shape), "unit": unit} for name, (shape, unit) in run.columns.items()},
-        "checkpoints": [] if run.checkpoints is None else run.checkpoints.steps.tolist(),
-        "plan": run.plan,
-        "unchanged": run.unchanged,
-        "damaged": damage._asdict(),
-        "stopped": (run.report or {}).get("stopped", ""),
-        "closed": run.closed,
-        "half_written": run.half_written,
         "precision": run.options.store,
         "write": list(run.options.write),
         "compressed": run.packed,
         "compress": run.options.compress,
+    }
+
+
+def shared_content(run: Recorded) -> dict[str, Any]:
+    """Content that the files of particles and of Problems share, in numbers."""
+    samples = run.whole_samples()
+    return {
+        "file": str(run.path),
+        "bytes": run.path.stat().st_size,
+        "kickdrift": run.versions.get("kickdrift"),
+        "method": run.method,
+        "every": run.every,
+        "samples": run.committed.samples,
+        "steps": [int(samples.steps[0]), int(samples.steps[-1])] if len(samples.steps) else None,
+        "time": [float(samples.times[0]), float(samples.times[-1])] if len(samples.times) else None,
+        "observables": {
+            name: {"first": values[0].tolist(), "last": values[-1].tolist()}
+            for name, values in samples.observables.items()
+            if len(values)
+        },
+        "columns": {name: {"shape": list(shape), "unit": unit} for name, (shape, unit) in run.columns.items()},
+        "checkpoints": [] if run.checkpoints is None else run.checkpoints.steps.tolist(),
+        "plan": run.plan,
+        "unchanged": run.unchanged,
+        "damaged": run.damage()._asdict(),
+        "stopped": (run.report or {}).get("stopped", ""),
+        "closed": run.closed,
+        "half_written": run.half_written,
         "events": run.whole_events(),
         "report": run.report,
     }

@@ -1,4 +1,4 @@
-"""Notices of compilation: for what, and whether the disk keeps the code."""
+"""Notices of compilation name the method and the force, and say whether the disk keeps the code."""
 
 import numpy as np
 

@@ -35,7 +35,7 @@ def path(tmp_path):
     return tmp_path / "run.h5"
 
 
-# --- what is in it ---
+# --- content of the file ---
 
 
 def test_a_file_holds_what_the_run_saw(path):

@@ -138,7 +138,7 @@ def test_lammps_missing_is_not_a_failure(monkeypatch, script):
 
 @pytest.mark.parametrize("fluid", lj_lammps_plane.FLUIDS)
 def test_both_programs_sample_the_same_plane(monkeypatch, fluid):
-    """From the velocities of one seed the samples are the same while rounding has not grown."""
+    """Runs from equal velocities have equal samples until rounding has grown."""
     monkeypatch.setattr(lj_lammps_plane, "MELT", 25)
     monkeypatch.setattr(lj_lammps_plane, "STEPS", 50)
     ours, theirs = (run(fluid, 1) for run in (lj_lammps_plane.of_kickdrift, lj_lammps_plane.of_lammps))

@@ -53,7 +53,7 @@ def outline() -> Outline:
 
 
 def read(contents: Contents) -> ProblemHeader:
-    """The header; an InputError says what is wrong with it."""
+    """Return the checked header. Raises InputError that names the fault."""
     own = "kickdrift"
     record = stored.read(contents, f"{PROBLEM}/record", stored.ProblemText)
     n = record["unknowns"]

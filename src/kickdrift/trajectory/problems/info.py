@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from kickdrift.text import shown
-from kickdrift.trajectory.info import laid_out, method_rows, short, with_end
+from kickdrift.trajectory.info import laid_out, method_rows, shared_content, short, with_end
 from kickdrift.trajectory.problems.reader import ProblemRun
 from kickdrift.trajectory.problems.table import ProblemTable
 
@@ -14,40 +14,15 @@ MOST = 8  # numbers of y that are shown
 
 def info(run: ProblemRun) -> dict[str, Any]:
     """The content of the file in numbers."""
-    samples, record = run.whole_samples(), run.problem_record
-    report = run.report or {}
-    ends = {
-        name: {"first": values[0].tolist(), "last": values[-1].tolist()}
-        for name, values in samples.observables.items()
-        if len(values)
-    }
-    return {
-        "file": str(run.path),
-        "bytes": run.path.stat().st_size,
-        "kickdrift": run.versions.get("kickdrift"),
+    record = run.problem_record
+    return shared_content(run) | {
         "problem": run.name,
         "equation": record.get("equation", ""),
         "parameters": record.get("parameters", {}),
         "unknowns": len(run.y0),
         "separable": run.separable,
         "units": {"time": ""},
-        "method": run.method,
-        "every": run.every,
         "frames": 0,
-        "samples": run.committed.samples,
-        "steps": [int(samples.steps[0]), int(samples.steps[-1])] if len(samples.steps) else None,
-        "time": [float(samples.times[0]), float(samples.times[-1])] if len(samples.times) else None,
-        "observables": ends,
-        "columns": {name: {"shape": list(shape), "unit": unit} for name, (shape, unit) in run.columns.items()},
-        "checkpoints": [] if run.checkpoints is None else run.checkpoints.steps.tolist(),
-        "plan": run.plan,
-        "unchanged": run.unchanged,
-        "damaged": run.damage()._asdict(),
-        "stopped": report.get("stopped", ""),
-        "closed": run.closed,
-        "half_written": run.half_written,
-        "events": run.whole_events(),
-        "report": run.report,
     }
 
 

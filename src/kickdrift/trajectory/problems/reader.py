@@ -93,7 +93,7 @@ class ProblemRun(Recorded, DrawnProblem):
 
     @property
     def energies(self) -> Floats | None:
-        """(s,) the Problem's ``energy`` at `times`; None where it has none."""
+        """(s,) the Problem's ``energy`` at `times`, or None for a Problem without energy."""
         return self._sampled(ENERGY) if ENERGY in self._observables else None
 
     def problem(self) -> Problem:
