@@ -92,7 +92,7 @@ def csvr(parts, t, x, v, span, step, stage):
     return OK
 
 
-def bind(flow: Flow, options: Options) -> BoundSubflow:
+def bind(flow: Flow, options: Options, weights: Floats) -> BoundSubflow:
     """Return the flow for the particles of a run."""
     bath = bathed(flow, options, (TEMPERATURE, TAU), conserving=True)
     return BoundSubflow(Rescaling(bath, float(options.tau), np.arange(WIDTH), np.zeros((3, WIDTH))))

@@ -51,6 +51,7 @@ class Method:
     trial_steps : whether the method may evaluate the force far from the solution
     bath : whether the method exchanges heat with a bath
     drags : whether the bath changes the total momentum
+    overdamped : whether velocities are drawn by the bath alone, and are not those of the motion
     particles_only : whether the method runs Systems only, no Problems
     rescalable : whether velocities may change between two steps without a restart
     declared : options of a Simulation that the method takes, besides dt and precision; see `Option`
@@ -98,6 +99,10 @@ class Method:
 
     @property
     def drags(self) -> bool:
+        return False
+
+    @property
+    def overdamped(self) -> bool:
         return False
 
     @property

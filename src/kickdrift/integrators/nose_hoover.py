@@ -89,7 +89,7 @@ def nose_hoover(parts, t, x, v, span, step, stage):
     return OK
 
 
-def bind(flow: Flow, options: Options) -> BoundSubflow:
+def bind(flow: Flow, options: Options, weights: Floats) -> BoundSubflow:
     """Return the flow for the particles of a run; the chain is at rest."""
     bath = bathed(flow, options, (TEMPERATURE, TAU), conserving=True)
     masses = np.full(int(options.chain), bath.thermal * options.tau**2)

@@ -236,6 +236,16 @@ SEED = Option(
     "seed", int, "Seed of the noise; by default the seed of the starting velocities, or 0.", above=-1.0, most=2.0**53
 )
 
+REFINE = "refine"
+NOISE = Option(
+    "noise", str, "Noise of a run: its own, or refined from the noise of a run at twice the step.", "own",
+    ("own", REFINE), written=False,
+)  # fmt: skip
+SPLITTING = Option(
+    "splitting", str, "Splitting in which the thermostats act.", "velocity-verlet",
+    ("velocity-verlet", "yoshida4", "yoshida6", "yoshida8"), written=False,
+)  # fmt: skip
+
 # In the order of run files.
 OPTIONS: dict[str, Option] = {
     each.name: each

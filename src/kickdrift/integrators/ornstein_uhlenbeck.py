@@ -1,7 +1,14 @@
-"""The flow O: the Ornstein-Uhlenbeck process of the velocities, exact in distribution, with noise that can be replayed.
+"""Flows of friction and noise: v <- c v + sqrt(1 - c^2) sqrt(k_B T / m) R, R standard normal numbers.
 
-v <- exp(-g h) v + sqrt(1 - exp(-2 g h)) sqrt(k_B T / m) R for a time h and friction g, R standard normal numbers
-(Uhlenbeck & Ornstein 1930, doi:10.1103/PhysRev.36.823). R is Philox at (id, stage, step) under the seed.
+Each keeps Maxwell's distribution for every step. For a friction g and a time h they differ in c:
+
+- O, the Ornstein-Uhlenbeck process, exact in distribution: c = exp(-g h) (Uhlenbeck & Ornstein 1930,
+  doi:10.1103/PhysRev.36.823);
+- G, the same by the rule of the midpoint: c = (1 - g h / 2) / (1 + g h / 2). A step of BAGAB is the method of
+  Gronbech-Jensen & Farago 2013, doi:10.1080/00268976.2012.760055, with the velocity at the step's end;
+- M, velocities drawn anew from Maxwell's distribution: c = 0, the limit of large friction.
+
+Under noise="refine" the halves of O are tied by its own bridge, the halves of G and M by that of Brownian motion.
 """
 
 from __future__ import annotations
@@ -9,19 +16,23 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from kickdrift.forces.kernel import OK
 from kickdrift.integrators.bath import Bathed, bathed
-from kickdrift.integrators.option import FRICTION, TEMPERATURE
+from kickdrift.integrators.option import FRICTION, NOISE, REFINE, TEMPERATURE
 from kickdrift.integrators.subflow_code import BoundSubflow, subflow_body
+from kickdrift.integrators.velocity_noise import bridges, drawn, shake
 from kickdrift.jit.compile import as_written
-from kickdrift.jit.lanes import lane_sum, splat
-from kickdrift.jit.memory import flat, load, masked_load, masked_store
-from kickdrift.jit.random import normals, uniforms
-from kickdrift.jit.vectors import WIDTH
+from kickdrift.model.state import Floats
 
 if TYPE_CHECKING:
     from kickdrift.integrators.flow import Flow
     from kickdrift.integrators.options import Options
+
+EXACT, MIDPOINT, ANEW = 0, 1, 2  # rules for c
+RULES = {"O": EXACT, "G": MIDPOINT, "M": ANEW}
 
 
 class Friction(NamedTuple):
@@ -29,41 +40,30 @@ class Friction(NamedTuple):
 
     bath: Bathed
     friction: float
+    rule: int
+    bridges: NDArray[np.int64]  # see velocity_noise; empty unless the path is refined
 
 
 @as_written
-def kept(factor, noise, normal, row, i, count):
-    """Velocities ``row[i : i + count]`` after the flow. Return the change of their squares."""
-    old = masked_load(row, i, count)
-    new = factor * old + noise * normal
-    masked_store(row, i, new, count)
-    return new * new - old * old
+def shares(rule, damping):
+    """Return c and sqrt(1 - c^2) for friction times time."""
+    if rule == MIDPOINT:
+        return (1.0 - 0.5 * damping) / (1.0 + 0.5 * damping), math.sqrt(2.0 * damping) / (1.0 + 0.5 * damping)
+    if rule == ANEW:
+        return 0.0, 1.0
+    return math.exp(-damping), math.sqrt(-math.expm1(-2.0 * damping))
 
 
 @subflow_body(Friction)
 def ornstein_uhlenbeck(parts, t, x, v, span, step, stage):
-    thermalise(parts.bath, parts.friction, v, span, step, stage)
+    kept, noise = shares(parts.rule, parts.friction * span)
+    draw = drawn(parts.bridges, kept if parts.rule == EXACT else 1.0, step, stage)
+    shake(parts.bath, v, kept, noise, 1.0, draw)
     return OK
 
 
-@as_written
-def thermalise(bath, friction, v, span, step, stage):
-    """Let the flow act on velocities (3, n) for the time ``span``."""
-    factor, noise = math.exp(-friction * span), math.sqrt(-math.expm1(-2.0 * friction * span))
-    row, n, heat = flat(v), v.shape[1], splat(0.0)
-    for i in range(0, n, WIDTH):
-        count = min(WIDTH, n - i)
-        first, second, third, fourth = uniforms(bath.ids, i, stage, step, bath.seed)
-        x, y, z = normals(first, second, third, fourth)
-        some = noise * load(bath.spread, i)
-        change = kept(factor, some, x, row, i, count) + kept(factor, some, y, row, n + i, count)
-        if bath.axes == 3:
-            change = change + kept(factor, some, z, row, 2 * n + i, count)
-        heat = heat + load(bath.masses, i) * change
-    bath.heat[0] += 0.5 * lane_sum(heat)
-
-
-def bind(flow: Flow, options: Options) -> BoundSubflow:
-    """Return the flow for the particles of a run."""
+def bind(letter: str, flow: Flow, options: Options, weights: Floats) -> BoundSubflow:
+    """Return the flow of that letter for the particles of a run."""
     bath = bathed(flow, options, (TEMPERATURE, FRICTION), conserving=False)
-    return BoundSubflow(Friction(bath, float(options.friction)))
+    table = bridges(weights) if options.get(NOISE.name) == REFINE else np.zeros((2, 0, 2), np.int64)
+    return BoundSubflow(Friction(bath, float(options.friction), RULES[letter], table))

@@ -50,6 +50,9 @@ class Splitting(Method):
         if unknown := sorted(set(self.word) - set(FLOWS)):
             known = ", ".join(f"{letter} ({flow.name})" for letter, flow in FLOWS.items())
             raise InputError(f"{self.name}: no flow has the letter {unknown[0]!r}; letters are {known}")
+        if len(baths := [letter for letter in FLOWS if letter in self.word and FLOWS[letter].bath]) > 1:
+            names = " and ".join(f"{letter} ({FLOWS[letter].name})" for letter in baths)
+            raise InputError(f"{self.name}: a word has one heat bath, not {len(baths)}: {names}")
         if len(self.word) != len(self.weights):
             raise InputError(f"{self.name}: {len(self.word)} letters and {len(self.weights)} weights")
         for letter in sorted({*self.word, KICK, DRIFT}, key=list(FLOWS).index):

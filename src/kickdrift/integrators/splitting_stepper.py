@@ -55,7 +55,12 @@ class SplittingStepper(FixedStepper):
 
     def __init__(self, flow: Flow, method: Composition, options: Options) -> None:
         rows = [FLOWS[letter] for letter in method.further]
-        self._bound = [row.bind(flow, options).ready() for row in rows if row.bind]
+        acting, _, which = method.further_stages
+        self._bound = [
+            row.bind(flow, options, np.where(which == k, acting, 0.0)).ready()
+            for k, row in enumerate(rows)
+            if row.bind
+        ]
         self._baths = [bound for bound, row in zip(self._bound, rows, strict=True) if row.bath]
         self.warnings = bath_warnings(options.dt, options) if self._baths else []
         table = [(bound.address, bound.work, row.moves) for bound, row in zip(self._bound, rows, strict=True)]

@@ -11,7 +11,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from kickdrift.integrators.option import CHAIN, FRICTION, RATE, SEED, TAU, TEMPERATURE, Option
+from kickdrift.integrators.option import CHAIN, FRICTION, NOISE, RATE, SEED, TAU, TEMPERATURE, Option
+from kickdrift.model.state import Floats
 
 if TYPE_CHECKING:
     from kickdrift.integrators.flow import Flow
@@ -33,7 +34,8 @@ class Subflow:
     bath : whether the flow exchanges heat with a bath
     drags : whether the bath changes the total momentum
     options : what the flow takes; every method whose word has the letter takes it
-    bind : makes the BoundSubflow of a run from its Flow and Options; None for kick and drift, which loops have built in
+    bind : makes the BoundSubflow of a run from its Flow, its Options, and the flow's part of the step at each stage;
+        None for kick and drift, which loops have built in
     """
 
     name: str
@@ -43,18 +45,20 @@ class Subflow:
     bath: bool = False
     drags: bool = False
     options: tuple[Option, ...] = ()
-    bind: Callable[[Flow, Options], BoundSubflow] | None = None
+    bind: Callable[[Flow, Options, Floats], BoundSubflow] | None = None
 
 
 def _bath(letter: str, name: str, *options: Option, drags: bool) -> Subflow:
     """Return the row of a heat bath. Its module, which needs the compiler, is loaded when a run begins."""
 
-    def bind(flow: Flow, options: Options) -> BoundSubflow:
+    def bind(flow: Flow, options: Options, weights: Floats) -> BoundSubflow:
         from kickdrift.integrators import andersen, csvr, nose_hoover, ornstein_uhlenbeck
 
-        modules = {"O": ornstein_uhlenbeck, "C": csvr, "D": andersen, "N": nose_hoover}
-        bound: BoundSubflow = modules[letter].bind(flow, options)
-        return bound
+        modules = {"C": csvr, "D": andersen, "N": nose_hoover}
+        if letter in modules:
+            bound: BoundSubflow = modules[letter].bind(flow, options, weights)
+            return bound
+        return ornstein_uhlenbeck.bind(letter, flow, options, weights)
 
     return Subflow(name, False, False, False, True, drags, (TEMPERATURE, *options), bind)
 
@@ -62,7 +66,9 @@ def _bath(letter: str, name: str, *options: Option, drags: bool) -> Subflow:
 FLOWS = {
     DRIFT: Subflow("drift", moves=True),
     KICK: Subflow("kick", moves=False),
-    "O": _bath("O", "Ornstein-Uhlenbeck", FRICTION, SEED, drags=True),
+    "O": _bath("O", "Ornstein-Uhlenbeck", FRICTION, SEED, NOISE, drags=True),
+    "G": _bath("G", "Ornstein-Uhlenbeck by the midpoint", FRICTION, SEED, NOISE, drags=True),
+    "M": _bath("M", "velocities drawn anew", FRICTION, SEED, NOISE, drags=True),
     "C": _bath("C", "stochastic rescaling", TAU, SEED, drags=False),
     "D": _bath("D", "Andersen's collisions", RATE, SEED, drags=True),
     "N": _bath("N", "Nosé-Hoover chain", TAU, CHAIN, drags=False),
