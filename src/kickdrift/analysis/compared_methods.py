@@ -41,12 +41,21 @@ def chosen_methods(
         if found and not any(key in each.options for each in found):
             raise InputError(f"{key}: {' or '.join(map(str, found))} does not take it; {takers_text(key)} it")
     for each in found:
-        if each.method.bath:
-            raise InputError(
-                f"{each.name}: compare measures errors against an exact path, and a method with a heat bath has none"
-            )
         Simulation(subject, each, dt=ANY_STEP)  # raises an InputError for a method that cannot run the subject
     return found
+
+
+def have_baths(integrators: Sequence[str | Integrator] | None) -> bool:
+    """Whether all of these methods have a heat bath. Raises InputError if only some have."""
+    methods = [method_of(each) for each in integrators or ()]
+    bathed = [method.name for method in methods if method.bath]
+    if bathed and len(bathed) < len(methods):
+        other = next(method.name for method in methods if not method.bath)
+        raise InputError(
+            f"compare: {bathed[0]} has a heat bath and {other} has none; compare them apart: paths with noise are "
+            "compared by their means, others by their errors"
+        )
+    return bool(bathed)
 
 
 def default_integrators(subject: Subject, stiff: bool) -> list[str]:

@@ -10,9 +10,11 @@ from typing import Any
 from numpy.typing import ArrayLike
 
 from kickdrift.analysis import work_precision as work
-from kickdrift.analysis.compared_methods import chosen_methods
+from kickdrift.analysis.compared_methods import chosen_methods, have_baths
 from kickdrift.analysis.comparison import Comparison
 from kickdrift.analysis.recommendation import recommendation
+from kickdrift.analysis.sampling import SamplingComparison
+from kickdrift.analysis.sampling_comparing import compare_sampling
 from kickdrift.display.showing import Bar, progress_bar
 from kickdrift.errors import InputError
 from kickdrift.integrators.asked import Integrator, in_units, known_options
@@ -42,7 +44,7 @@ def compare(
     energy: Callable[..., Any] | None = None,
     exact: Callable[[float], Any] | None = None,
     **options: Any,
-) -> Comparison:
+) -> Comparison | SamplingComparison:
     """Measure work against precision: the error and the cost of each integrator over steps or tolerances.
 
     Takes about a minute, as ``kickdrift compare`` does. Errors are against a closed form or a reference run with more
@@ -98,7 +100,7 @@ def compared(
     options: dict[str, Any],
     asked: str = "",
     begin: Callable[[], None] = lambda: None,
-) -> Comparison:
+) -> Comparison | SamplingComparison:
     """The Comparison of a System or Problem, with a recommendation for an ``accuracy``.
 
     ``begin`` is called after the arguments are checked, ``bar`` as ``bar(label)``; ``asked`` names the subject."""
@@ -109,6 +111,10 @@ def compared(
     work.check_arguments(pilot, whole, accuracy, threads)
     if isinstance(subject, System):
         subject = subject.watched(())  # every method and step is compared with one reference trajectory
+    if isinstance(subject, System) and have_baths(integrators):
+        longest = options.pop(DT.name, None)
+        methods = chosen_methods(subject, integrators, options)
+        return compare_sampling(subject, methods, bar, pilot, accuracy, whole, threads, longest, begin, asked)
     chosen_methods(subject, integrators, options)
     begin()
     start = work.equilibrated(subject, threads, bar)

@@ -17,6 +17,12 @@ from kickdrift.text import counted, duration, measured
 _OTHERWISE = ("rows", "slopes", "recommendation", "begin", "asked")  # not as they are in the JSON object
 
 
+def versions() -> dict[str, str]:
+    """Versions of kickdrift, of Python and of the libraries under a comparison."""
+    found = {name: version(name) for name in ("kickdrift", "numpy", "numba", "scipy")}
+    return found | {"python": platform.python_version()}
+
+
 @dataclass(frozen=True, repr=False)
 class Comparison(Shown):
     """Results for a System or Problem.
@@ -75,8 +81,7 @@ class Comparison(Shown):
         """The comparison as one JSON object, with versions and processor."""
         return {
             **{key: value for key, value in vars(self).items() if key not in _OTHERWISE},
-            "versions": {name: version(name) for name in ("kickdrift", "numpy", "numba", "scipy")}
-            | {"python": platform.python_version()},
+            "versions": versions(),
             "processor": processor(),
             "slopes": {name: {"global": pair[0], "local": pair[1]} for name, pair in self.slopes.items()},
             "rows": [row.as_json() for row in self.rows],

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,17 +15,21 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from kickdrift.analysis.comparison import Comparison
+    from kickdrift.analysis.sampling import SamplingComparison
 
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 
 
-def plot_comparison(comparison: Comparison, output: str | os.PathLike[str], *, overwrite: bool = False) -> Path:
-    """Draw the error of each method against force evaluations and against seconds. Return the figure's path.
+def plot_comparison(
+    comparison: Comparison | SamplingComparison, output: str | os.PathLike[str], *, overwrite: bool = False
+) -> Path:
+    """Draw the error of each method against force evaluations and against seconds, or sampling errors against the step.
+    Return the figure's path.
 
     Methods use all colours first and then all markers. Below the grey line the reference itself is not accurate.
     """
     target = checked_target(output, overwrite)
-    return save_figure(comparison_figure(comparison), target)
+    return save_figure(comparison.plot(), target)
 
 
 def comparison_figure(comparison: Comparison) -> Figure:
@@ -65,4 +70,33 @@ def comparison_figure(comparison: Comparison) -> Figure:
     figure.suptitle(
         f"{comparison.system}  ·  {comparison.length:.4g}{unit}  ·  {comparison.reference}", fontsize=12, color=INK
     )
+    return figure
+
+
+def sampling_figure(comparison: SamplingComparison) -> Figure:
+    """The figure of sampling errors: of the mean energies and of the pressure, against the step."""
+    kinds = [("potential", "U / N"), ("kinetic", "K / N"), ("pressure", "pressure")]
+    good = [row for row in comparison.rows if not row.failure]
+    if not good:
+        raise InputError("compare: every run failed; there is nothing to draw")
+    if not any(isfinite(row.pressure) for row in good):
+        kinds.pop()
+    units = {"pressure": comparison.pressure_unit}
+    figure = new_figure(4.2 * len(kinds) + 1.0, 4.6)
+    for place, (key, label) in enumerate(kinds, start=1):
+        axes = new_axes(figure, (1, len(kinds), place))
+        axes.axhline(0.0, color="#BBBBBB", linewidth=1.0)
+        for index, name in enumerate(comparison.methods):
+            rows = [row for row in good if row.method == name]
+            axes.errorbar(
+                [row.dt for row in rows], [getattr(row, key) for row in rows],
+                [2.0 * getattr(row, f"{key}_error") for row in rows], color=COLOURS[index % len(COLOURS)],
+                marker=MARKERS[index % len(MARKERS)], markersize=4, linewidth=1.4, capsize=2, label=name.split()[0],
+            )  # fmt: skip
+        axes.set_xlabel(f"dt{measured('', printed(comparison.time_unit))}")
+        unit = units.get(key, comparison.energy_unit)
+        axes.set_title(f"Error of the mean of {label}{f' ({printed(unit)})' if unit else ''}")
+    axes = figure.axes[0]
+    figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=6, fontsize=8, frameon=False)
+    figure.suptitle(f"{comparison.system}  ·  errors of means with two standard errors", fontsize=12, color=INK)
     return figure
