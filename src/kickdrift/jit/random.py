@@ -92,6 +92,21 @@ def parts_of(typingctx, value):
     return _PAIR(lanes_type), codegen
 
 
+# Coefficients of powers, the highest first, without the highest two of the logarithm.
+ARTANH = (1 / 17, 1 / 15, 1 / 13, 1 / 11, 1 / 9, 1 / 7, 1 / 5, 1 / 3, 1.0)
+SINE = tuple((-1) ** k / math.factorial(2 * k + 1) for k in range(10, 0, -1))
+COSINE = tuple((-1) ** k / math.factorial(2 * k) for k in range(11, -1, -1))
+
+
+@as_written
+def horner(x, first, rest):
+    """first x^k + rest[0] x^(k - 1) + ... + rest[-1], by Horner's scheme."""
+    value = first
+    for coefficient in rest:
+        value = x * value + coefficient
+    return value
+
+
 @as_written
 def logarithm(value):
     """ln of positive normal numbers, within 1e-15: ln(m) = ln(sqrt 2) + 2 artanh((m - sqrt 2) / (m + sqrt 2))."""
@@ -99,50 +114,21 @@ def logarithm(value):
     root = math.sqrt(2.0)
     s = (m - root) / (m + root)
     t = s * s
-    series = t / 21.0 + 1.0 / 19.0
-    series = t * series + 1.0 / 17.0
-    series = t * series + 1.0 / 15.0
-    series = t * series + 1.0 / 13.0
-    series = t * series + 1.0 / 11.0
-    series = t * series + 1.0 / 9.0
-    series = t * series + 1.0 / 7.0
-    series = t * series + 1.0 / 5.0
-    series = t * series + 1.0 / 3.0
-    series = t * series + 1.0
-    return (e + 0.5) * math.log(2.0) + 2.0 * s * series
+    return (e + 0.5) * math.log(2.0) + 2.0 * s * horner(t, t / 21.0 + 1.0 / 19.0, ARTANH)
 
 
 @as_written
 def sine(y):
     """sin y for |y| <= pi/2, by its series to y^21, whose first omitted term is 2e-18 of y."""
     q = y * y
-    series = q * (1.0 / 51090942171709440000.0) - 1.0 / 121645100408832000.0
-    series = q * series + 1.0 / 355687428096000.0
-    series = q * series - 1.0 / 1307674368000.0
-    series = q * series + 1.0 / 6227020800.0
-    series = q * series - 1.0 / 39916800.0
-    series = q * series + 1.0 / 362880.0
-    series = q * series - 1.0 / 5040.0
-    series = q * series + 1.0 / 120.0
-    series = q * series - 1.0 / 6.0
-    return y + y * (q * series)
+    return y + y * (q * horner(q, q * SINE[0] + SINE[1], SINE[2:]))
 
 
 @as_written
 def cosine(y):
     """cos y for |y| <= pi/2, by its series to y^22."""
     q = y * y
-    series = 1.0 / 2432902008176640000.0 - q * (1.0 / 1124000727777607680000.0)
-    series = q * series - 1.0 / 6402373705728000.0
-    series = q * series + 1.0 / 20922789888000.0
-    series = q * series - 1.0 / 87178291200.0
-    series = q * series + 1.0 / 479001600.0
-    series = q * series - 1.0 / 3628800.0
-    series = q * series + 1.0 / 40320.0
-    series = q * series - 1.0 / 720.0
-    series = q * series + 1.0 / 24.0
-    series = q * series - 1.0 / 2.0
-    return q * series + 1.0
+    return horner(q, q * COSINE[0] + COSINE[1], COSINE[2:])
 
 
 @as_written
