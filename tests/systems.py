@@ -22,7 +22,8 @@ BATH = {"temperature": 1.0, "friction": 1.0, "tau": 0.5, "collision_rate": 1.0}
 
 def needed(name):
     """Values of the options that a method cannot do without, beside dt: those of its heat bath."""
-    return {each.name: BATH[each.name] for each in integrator(name).declared if each.name in BATH}
+    values = BATH | ({"friction": 100.0} if integrator(name).overdamped else {})
+    return {each.name: values[each.name] for each in integrator(name).declared if each.name in values}
 
 
 def liquid(count=64, cutoff=2.0, seed=3) -> kd.System:

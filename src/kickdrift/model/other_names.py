@@ -63,10 +63,10 @@ ROWS: dict[str, tuple[tuple[str, str], ...]] = {
         ("rattle shake settle lincs", "constraints are not there yet; 'springs' are harmonic bonds"),
         ("nvt berendsen nvtberendsen thermostat constantnvt fix-nvt", TEMPERATURE),
         ("nosehoover nosehooverintegrator nose nose-hoover-chain", "{word} is 'nose-hoover' here"),
-        ("langevinintegrator gjf fix-langevin", "{word} is 'baoab' here"),
+        ("langevinintegrator fix-langevin", "{word} is 'baoab' here"),
         ("langevinmiddleintegrator langevin-middle sd", "{word} is 'baoa' here"),
         ("bussi v-rescale svr", "{word} is 'csvr' here"),
-        ("brownian bd", "motion without inertia is not there yet; 'baoab' is Langevin dynamics"),
+        ("bd overdamped brownian-dynamics", "{word} is 'brownian' here"),
         (
             "npt nph parrinello-rahman mttk monte-carlo-barostat barostat c-rescale fix-npt nptberendsen",
             f"{PRESSURE}; {TEMPERATURE}",

@@ -84,6 +84,7 @@ class EnergyReport:
 COMPILING = "compiling"
 _JUDGED = ("drift_per_unit_time", "drift_error", "verdict")
 AGREES = 3.0  # standard errors
+DRAWN = "the bath draws velocities; no test of the motion"
 
 
 class About(NamedTuple):
@@ -98,6 +99,7 @@ class About(NamedTuple):
     bath : whether a heat bath acted
     output : path of the run's file, "" if none was written
     jumps : whether a pair force jumps at its cutoff
+    drawn : whether the bath alone makes the velocities, so that the temperature says nothing about the run
     """
 
     units: UnitSystem | None
@@ -107,6 +109,7 @@ class About(NamedTuple):
     bath: bool = False
     output: str = ""
     jumps: bool = False
+    drawn: bool = False
 
 
 @dataclass(frozen=True, repr=False)
@@ -184,9 +187,13 @@ class Report(ShownReport):
 
     @property
     def temperature_verdict(self) -> str | None:
-        """The mean temperature beside the temperature of the heat bath, in words; None without a bath."""
+        """The mean temperature beside the temperature of the heat bath, in words; None without a bath.
+
+        Motion without inertia has no velocities of its own: the bath draws the velocities, and nothing is judged."""
         if not self.about.bath or self.temperature is None:
             return None
+        if self.about.drawn:
+            return DRAWN
         if not self.temperature_error:
             return "too short to judge"
         off = abs(self.temperature - self.options[TEMPERATURE.name]) / self.temperature_error
@@ -317,7 +324,7 @@ def report(sim: Reported) -> Report:
         stopped=sim.stopped,
         heat=-record.taken.energy if bath else None,
         warnings=[*record.warnings, *melted],
-        about=_about(system, series, even, bath),
+        about=_about(system, series, even, bath)._replace(drawn=sim.method.overdamped),
     )
 
 
