@@ -77,7 +77,16 @@ def from_file(name: str, line: str) -> kd.System:
     return system
 
 
-BATHS = ("temperature", "friction", "seed", "noise", "tau", "chain", "splitting", "collision_rate")  # options of heat baths
+BATHS = (
+    "temperature",
+    "friction",
+    "seed",
+    "noise",
+    "tau",
+    "chain",
+    "splitting",
+    "collision_rate",
+)  # options of heat baths
 
 
 def step(name: str, but: str = "") -> dict[str, float]:

@@ -6,7 +6,7 @@ parts them in the end. So a coarse path leaves a fine one, is compared with it a
 
 Within a stretch most properties reach their values for the longer step. The energy alone may be slow: only the bath
 changes the total. In the long run the bath gives what the discretization takes, so the mean kinetic energy that the
-bath meets is known (see ``bath_rate``). What is left of the energy's way is added by linear response, with the
+bath meets is known (see `Bath`). What is left of the energy's way is added by linear response, with the
 fluctuations of the fine path: d<A> / d<K> = cov(A, E) / cov(K, E). For every factor the result is exact for long
 stretches; this one makes short stretches do.
 """
@@ -175,7 +175,8 @@ def difference(looks: Floats, paths: CoupledPaths, steps: int) -> Difference:
     with np.errstate(divide="ignore", invalid="ignore"):
         apart = np.abs(whole[1] - whole[0]) / gap_errors
     alone = float(block_average(looks[:, :, 1, POTENTIAL].ravel()).error)
-    gain = 2.0 * (alone / errors[1, POTENTIAL]) ** 2 if np.isfinite(alone) and errors[1, POTENTIAL] > 0 else math.nan
+    own = float(errors[1, POTENTIAL])
+    gain = 2.0 * (alone / own) ** 2 if math.isfinite(alone) and own > 0 else math.nan
     return Difference(whole[1], errors[1], whole[0], apart, gain)
 
 
@@ -188,11 +189,11 @@ def _estimates(looks: Floats, paths: CoupledPaths, steps: int) -> Floats:
     fine = looks[:, :, 1].reshape(-1, looks.shape[-1])
     energy = fine[:, POTENTIAL] + fine[:, KINETIC]
     by_energy = np.array([np.cov(fine[:, k], energy)[0, 1] for k in range(3)])
-    rate = bath_rate(paths, paths.coarse)
-    work = mean[-1, :, WORK] / (steps * paths.dt)
-    lasting = work[0] / rate - work[1] / bath_rate(paths, paths.fine)  # in the long run, of the energy that is met
+    coarse, finer = bath_of(paths, paths.coarse), bath_of(paths, paths.fine)
+    work = (mean[-1, :, WORK] - mean[0, :, WORK]) / (steps - steps // LOOKS)  # of the later half
+    lasting = coarse.share * work[0] - finer.share * 0.5 * work[1]  # in the long run, of the energy that is met
     lacking = lasting - (mean[0, 0, MET] - mean[0, 1, MET])  # of it in the middle of the stretch
-    slow = rate * by_energy[KINETIC] / np.var(energy, ddof=1)
+    slow = coarse.rate * by_energy[KINETIC] / np.var(energy, ddof=1)
     later = math.exp(-slow * (steps - steps // LOOKS) * paths.dt)
     response = lacking * by_energy / by_energy[KINETIC]
     found += np.array([response, later * response])
@@ -200,9 +201,27 @@ def _estimates(looks: Floats, paths: CoupledPaths, steps: int) -> Floats:
     return found
 
 
-def bath_rate(paths: CoupledPaths, sim: Simulation) -> float:
-    """Heat that the bath gives in a unit of time for each unit that the kinetic energy lacks: each time that the bath
-    acts, 1 - c^2, where c is the part of the velocity that is kept."""
-    bath = next(letter for letter in paths.word.word if FLOWS[letter].bath)
-    times, dt = len(paths.word.of(bath)), float(sim.dt or 0.0)
-    return -math.expm1(-2.0 * float(sim.options["friction"]) * dt / times) * times / dt
+class Bath(NamedTuple):
+    """What a bath does to the mean kinetic energy in the long run.
+
+    rate : heat that it gives in a unit of time for each unit that the kinetic energy lacks
+    share : what the kinetic energy that it meets has in excess, for each unit that the discretization takes in a step
+
+    Each time that the bath acts, it gives 1 - c^2 times what is lacking, c the part of a velocity that is kept, and c^2
+    of the excess is left. A look is half-way between, or, in a word that begins and ends with the bath, after it."""
+
+    rate: float
+    share: float
+
+
+def bath_of(paths: CoupledPaths, sim: Simulation) -> Bath:
+    """The numbers of the word's bath at the step of a Simulation."""
+    word, dt = paths.word, float(sim.dt or 0.0)
+    letter = next(letter for letter in word.word if FLOWS[letter].bath)
+    times = len(word.of(letter))
+    damping = float(sim.options["friction"]) * dt / times
+    kept = math.exp(-damping) if letter != "G" else (1.0 - 0.5 * damping) / (1.0 + 0.5 * damping)
+    left, given = kept * kept, 1.0 - kept * kept
+    if word.word[0] == word.word[-1] == letter:
+        return Bath(given * times / dt, left / (1.0 - left * left + (times - 2) * given))
+    return Bath(given * times / dt, 0.5 * (1.0 + left) / (times * given))

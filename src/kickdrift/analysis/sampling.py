@@ -148,19 +148,29 @@ class SamplingComparison(Shown):
         An InputError if every run failed."""
         return above("sampling figure")(self)
 
+    def label(self, method: str) -> str:
+        """A method without its options, where no other of that name is compared."""
+        name = method.split()[0]
+        return name if sum(other.split()[0] == name for other in self.methods) == 1 else method
+
     def _tables(self) -> list[Table]:
         unit = symbol_of(self.energy_unit)
         columns = ["method", "dt", f"U / N{_of(unit)}", f"K / N{_of(unit)}", f"pressure{_of(self.pressure_unit)}",
                    "stretch", "stretches", "gain"]  # fmt: skip
-        slopes = [[name, "–" if slope is None else f"{slope:.2f}"] for name, slope in self.slopes.items()]
+        slopes = [[self.label(name), "–" if slope is None else f"{slope:.2f}"] for name, slope in self.slopes.items()]
         return [
-            (f"{self.system}: errors of means against the step", columns, [_cells(row) for row in self.rows]),
+            (
+                f"{self.system}: errors of means against the step",
+                columns,
+                [_cells(row, self.label(row.method)) for row in self.rows],
+            ),
             ("Slope of the error of U against the step", ["method", "slope"], slopes),
         ]
 
     def _lines(self) -> Lines:
         steps = sum(row.steps for row in self.rows)
         lines = [
+            *(("method", name) for name in self.methods),
             ("error", "of the mean at a step, less that at a step of zero, with its standard error"),
             ("paths", "at dt and dt/2 on the same noise, compared after each stretch"),
             ("gain", "times the steps that independent runs need for the error of U"),
@@ -186,7 +196,9 @@ def advice(found: SamplingComparison, accuracy: float, length: float) -> Samplin
         good = [k for k, row in enumerate(rows) if all(each.bound <= wanted for each in rows[k:])]
         if not good:
             least = min((row.bound for row in rows), default=float("inf")) / found.thermal
-            said.append(f"{name}: error {least:.2g} at its best step; shorter steps or a longer time may do")
+            said.append(
+                f"{found.label(name)}: error {least:.2g} at its best step; shorter steps or a longer time may do"
+            )
             continue
         row, dt = rows[good[0]], rows[good[0]].dt
         if good[0] > 0:
@@ -195,7 +207,7 @@ def advice(found: SamplingComparison, accuracy: float, length: float) -> Samplin
         evaluations = steps * max(INTEGRATORS[name.split()[0]].evaluations, 1)
         seconds, error = row.seconds / max(row.steps, 1) * steps, row.bound * (dt / row.dt) ** 2 / found.thermal
         choices.append(Choice(name, float(f"{dt:.3g}"), steps, None, None, error, evaluations, seconds))
-        said.append(f"{name}: at dt = {row.dt:.4g} the error is {row.potential / found.thermal:+.1e} "
+        said.append(f"{found.label(name)}: at dt = {row.dt:.4g} the error is {row.potential / found.thermal:+.1e} "
                     f"± {row.potential_error / found.thermal:.1e}")  # fmt: skip
     choices.sort(key=lambda choice: choice.evaluations)
     refusal = None if choices else "no method reaches the wanted accuracy at the steps that were tried"
@@ -207,16 +219,16 @@ def _of(unit: str) -> str:
     return f" ({unit})" if unit else ""
 
 
-def _cells(row: SamplingRow) -> list[str]:
+def _cells(row: SamplingRow, label: str) -> list[str]:
     if row.failure:
-        return [row.method, f"{row.dt:.4g}", row.failure, *["–"] * 5]
+        return [label, f"{row.dt:.4g}", row.failure, *["–"] * 5]
     pairs = (
         (row.potential, row.potential_error), (row.kinetic, row.kinetic_error), (row.pressure, row.pressure_error)
     )  # fmt: skip
     cells = ["–" if not isfinite(value) else f"{value:+.5f} ± {error:.5f}" for value, error in pairs]
     gain = "–" if row.gain is None else f"{row.gain:.0f}"
     stretch = f"{row.stretch:.3g}" + ("" if row.settled else " *")
-    return [row.method, f"{row.dt:.4g}", *cells, stretch, str(row.stretches), gain]
+    return [label, f"{row.dt:.4g}", *cells, stretch, str(row.stretches), gain]
 
 
 def _slope(rows: list[SamplingRow]) -> float | None:

@@ -147,7 +147,7 @@ def _row(
     except RunError as error:
         return SamplingRow(name, dt, failure=str(error).split(": ")[1] if ": " in str(error) else str(error)), None
     found = np.concatenate(looks)
-    if not np.isfinite(found[..., : PRESSURE]).all():
+    if not np.isfinite(found[..., :PRESSURE]).all():
         return SamplingRow(name, dt, failure="its energy is not finite"), None
     row = SamplingRow(
         name, dt, stretch=steps * dt, stretches=len(found), steps=paths.steps, seconds=perf_counter() - begun

@@ -113,7 +113,7 @@ ROWS = (
     ),
     Overdamped(
         "brownian", "BAMA", even_weights("BAMA"), 1,
-        "Leimkuhler & Matthews 2013, Appl. Math. Res. Express 2013, 34, eq. 1.3, doi:10.1093/amrx/abs010",
+        "Leimkuhler & Matthews 2013, Appl. Math. Res. Express 2013, 34, doi:10.1093/amrx/abs010",
         "constant temperature without inertia: large friction",
     ),
     Splitting(

@@ -57,9 +57,7 @@ class SplittingStepper(FixedStepper):
         rows = [FLOWS[letter] for letter in method.further]
         acting, _, which = method.further_stages
         self._bound = [
-            row.bind(flow, options, np.where(which == k, acting, 0.0)).ready()
-            for k, row in enumerate(rows)
-            if row.bind
+            row.bind(flow, options, np.where(which == k, acting, 0.0)).ready() for k, row in enumerate(rows) if row.bind
         ]
         self._baths = [bound for bound, row in zip(self._bound, rows, strict=True) if row.bath]
         self.warnings = bath_warnings(options.dt, options) if self._baths else []
