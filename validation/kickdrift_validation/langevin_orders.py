@@ -114,7 +114,7 @@ PROBLEMS = {
         (1.0, 0.96, (0.24, 0.16, 0.12, 0.08)), (1.0, 0.8, (0.1, 0.05, 0.025, 0.0125)),
     ),
     "Lennard-Jones dimers": Problem(
-        _dimers, 0.04, (2.0, 0.24, (0.03, 0.024, 0.016, 0.012)), (50.0, 0.4, (0.04, 0.02, 0.01, 0.005)), pairs=True,
+        _dimers, 0.1, (2.0, 0.24, (0.03, 0.024, 0.016, 0.012)), (50.0, 0.4, (0.04, 0.02, 0.01, 0.005)), pairs=True,
     ),
 }  # fmt: skip
 
@@ -178,7 +178,7 @@ def _line(dts: tuple[float, ...], values: np.ndarray, errors: np.ndarray) -> tup
 def claims(long: bool = False) -> Iterator[Claim]:
     """The two slopes of every word on every potential."""
     for title, problem in PROBLEMS.items():
-        copies = COPIES // (5 if problem.pairs else 1) * (4 if long else 1)
+        copies = COPIES // (2 if problem.pairs else 1) * (4 if long else 1)
         for name in STRONG:
             found = orders(problem, name, copies)
             print(f"  {title}: {name}: strong {found.strong:.3f} ± {found.strong_error:.3f}, "

@@ -231,6 +231,8 @@ def stable_steps(method: Method) -> tuple[float | None, float | None]:
     from kickdrift.integrators.stability import imaginary_interval, real_interval, stability_interval
     from kickdrift.integrators.stormer import Stormer
 
+    if method.overdamped:  # no oscillation
+        return None, None
     if isinstance(method, Splitting):
         return stability_interval(method), None
     if isinstance(method, Stormer):  # the positions of velocity-verlet

@@ -70,6 +70,8 @@ SCRIPTS = (
     Script("exact_reversal.py", "leapfrog-exact comes back to the same bits", 65),
     Script("same_bits.py", "every force and method: the same bits on any threads, in pieces, resumed", long_only=True),
     Script("heat_baths.py", "heat baths: oscillators, kinetic energies, conserved quantities, a fluid's pressure", 60),
+    Script("langevin_orders.py", "strong and weak order of each Langevin word on three potentials", 90),
+    Script("sampling_errors.py", "errors of means against the step, from coupled paths: oscillators, a liquid", 90),
     Script("kepler_flow.py", "one step of wisdom-holman without masses is exact, on every conic", 25),
     Script("wisdom_holman.py", "wisdom-holman is the map that WHFast is; correctors, saba", 40, peers=("rebound",)),
     Script("gauss_radau.py", "gauss-radau15 beside IAS15 and binary128; Brouwer's law", 60, peers=("rebound",)),

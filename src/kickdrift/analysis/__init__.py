@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from kickdrift.analysis.motion import Diffusion, mean_squared_displacement, velocity_autocorrelation
     from kickdrift.analysis.orbits import orbital_elements
     from kickdrift.analysis.pressure import pressure_tensor
+    from kickdrift.analysis.sampling import SamplingComparison, SamplingRow
     from kickdrift.analysis.structure import radial_distribution, structure_factor
     from kickdrift.statistics.blocks import block_average
 
@@ -21,6 +22,8 @@ if TYPE_CHECKING:
 _HOMES = {
     "Diffusion": "analysis.motion",
     "EnsembleChecks": "analysis.certificate",
+    "SamplingComparison": "analysis.sampling",
+    "SamplingRow": "analysis.sampling",
     "block_average": "statistics.blocks",
     "engine_checks": "analysis.certifying",
     "ensemble_checks": "analysis.certifying",
@@ -35,6 +38,8 @@ _HOMES = {
 __all__ = [
     "Diffusion",
     "EnsembleChecks",
+    "SamplingComparison",
+    "SamplingRow",
     "block_average",
     "engine_checks",
     "ensemble_checks",

@@ -50,12 +50,17 @@ def compare(
     Takes about a minute, as ``kickdrift compare`` does. Errors are against a closed form or a reference run with more
     correct digits; in chaos the energy error takes their place.
 
+    Methods with a heat bath have no exact path. Their errors are those of the mean energies and of the pressure: means
+    at a step less means at a step of zero, from paths at dt and dt/2 on the same noise. The first of four steps is
+    ``dt``, or four times that of the file.
+
     Parameters
     ----------
     subject : System, Problem, a system file or a shipped system's name, or a function f(t, y), given with ``y0``
     integrators : names, or values of ``kickdrift.integrator``; default a choice that suits the subject
     time : length of the pilot runs, a number or a text such as "5 ps"; default about a minute's worth
-    accuracy : wanted relative error; the result then has a ``recommendation`` of a method and a step
+    accuracy : wanted relative error, or with heat baths the wanted error of a particle's mean potential energy over k_B
+        T; the result then has a ``recommendation`` of a method and a step
     length : length of the planned run; default the subject's
     seed : seed of random velocities of a system file
     threads : number of threads; they do not change the results but the seconds
@@ -66,7 +71,7 @@ def compare(
 
     Returns
     -------
-    Comparison
+    Comparison, or SamplingComparison for methods with a heat bath
         With ``rows``, ``slopes``, ``recommendation``, ``plot()`` and ``as_json()``; ``print`` shows the tables.
 
     Raises

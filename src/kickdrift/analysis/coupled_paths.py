@@ -138,8 +138,9 @@ def stretch_of(paths: CoupledPaths, longest: int, pilots: int = 3) -> int:
     found = []
     for _ in range(pilots):
         paths.meet()
-        block, done = max(1, longest // 64), 0
+        done = 0
         while done < longest:
+            block = min(1 + done // 8, longest - done)
             paths.advance(block)
             done += block
             if not paths.parted() < TOGETHER:

@@ -14,7 +14,7 @@ from kickdrift.analysis.comparison import versions
 from kickdrift.display.showing import Lines, Shown, Table, above
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.model.unit_systems import symbol_of
-from kickdrift.text import counted, duration, measured
+from kickdrift.text import counted, duration
 
 SURE = 2.0  # standard errors that a recommended step leaves for chance
 RESOLVED = 4.0  # standard errors of an error that counts for a slope

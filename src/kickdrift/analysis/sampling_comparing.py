@@ -147,12 +147,14 @@ def _row(
     except RunError as error:
         return SamplingRow(name, dt, failure=str(error).split(": ")[1] if ": " in str(error) else str(error)), None
     found = np.concatenate(looks)
-    if not np.isfinite(found[..., :PRESSURE]).all():
-        return SamplingRow(name, dt, failure="its energy is not finite"), None
+    means = difference(found, paths, steps) if np.isfinite(found[..., :PRESSURE]).all() else None
+    thermal = system.units.boltzmann * float(paths.coarse.options[TEMPERATURE.name])
+    if means is None or not np.all(np.abs(means.values[:PRESSURE]) < system.dimensions * len(system) * thermal):
+        return SamplingRow(name, dt, failure="too long: the energies are far off"), None
     row = SamplingRow(
         name, dt, stretch=steps * dt, stretches=len(found), steps=paths.steps, seconds=perf_counter() - begun
     )
-    return row, difference(found, paths, steps)
+    return row, means
 
 
 def _against_zero(pairs: list[tuple[SamplingRow, Difference | None]], count: int) -> list[SamplingRow]:

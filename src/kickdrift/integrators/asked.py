@@ -58,12 +58,15 @@ class Integrator:
     def stability(self) -> dict[str, float]:
         """The longest stable step, from the coefficients; infinite without a bound.
 
-        A splitting has "omega dt" on an oscillator. A one-step method has "real lambda dt" and "imaginary lambda dt" on
-        y' = lambda y. An InputError for a method without a stability function."""
+        A splitting has "omega dt" on an oscillator, and "omega^2 dt / friction" without inertia. A one-step method has
+        "real lambda dt" and "imaginary lambda dt" on y' = lambda y. An InputError for a method without a stability
+        function."""
         from kickdrift.integrators import stability
         from kickdrift.integrators.splitting import Splitting
 
         method = self.method
+        if method.overdamped and isinstance(method, Splitting):
+            return {"omega^2 dt / friction": 0.5 * stability.stability_interval(method) ** 2}
         if isinstance(method, Splitting):
             return {"omega dt": stability.stability_interval(method)}
         real, imaginary = stability.real_interval(method), stability.imaginary_interval(method)

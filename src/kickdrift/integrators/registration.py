@@ -79,7 +79,8 @@ def register_splitting(
     Parameters
     ----------
     name : a new one; with ``overwrite``, one that was registered before
-    word : the flows in the order in which they act: "A" drifts, "B" kicks
+    word : the flows in the order in which they act: "A" drifts, "B" kicks; one may be a heat bath, see
+        ``docs/your-own-integrator.md``
     weights : the part of dt for each letter, those of one letter adding up to one; equal parts by default
     kick, drift : in place of a word, the weights of dt of kicks and drifts in turn, each adding up to one
     first : "kick" or "drift", whichever comes first where no word is given

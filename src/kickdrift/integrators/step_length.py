@@ -40,7 +40,7 @@ def longest_step(method: Method) -> float | None:
     For a Runge-Kutta method the larger of both intervals counts: a method unstable at every imaginary number, such as
     Euler's, shows this in the energy.
     """
-    if method.chooses_steps:
+    if method.chooses_steps or method.overdamped:
         return None
     if isinstance(method, Splitting):
         return stability_interval(method)

@@ -91,7 +91,8 @@ def sampling_figure(comparison: SamplingComparison) -> Figure:
             axes.errorbar(
                 [row.dt for row in rows], [getattr(row, key) for row in rows],
                 [2.0 * getattr(row, f"{key}_error") for row in rows], color=COLOURS[index % len(COLOURS)],
-                marker=MARKERS[index % len(MARKERS)], markersize=4, linewidth=1.4, capsize=2, label=comparison.label(name),
+                marker=MARKERS[index % len(MARKERS)], markersize=4, linewidth=1.4, capsize=2,
+                label=comparison.label(name),
             )  # fmt: skip
         axes.set_xlabel(f"dt{measured('', printed(comparison.time_unit))}")
         unit = units.get(key, comparison.energy_unit)

@@ -42,6 +42,8 @@ def stability_figure(names: Sequence[str | Integrator]) -> Figure:
     methods = list(dict.fromkeys(map(method_of, names)))
     if not methods:
         raise InputError("stability: there is nothing to draw; name an integrator")
+    if culprit := next((method.name for method in methods if method.overdamped), None):
+        raise InputError(f"stability: {culprit} moves without inertia, and has no curve of oscillations")
     curves = [method for method in methods if isinstance(method, Splitting)]
     regions = [method for method in methods if not isinstance(method, Splitting)]
     functions = [stability.stability_function(method) for method in regions]

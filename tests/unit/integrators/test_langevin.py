@@ -95,7 +95,7 @@ def test_a_report_of_brownian_judges_no_temperature():
     assert report.temperature_verdict == "the bath draws velocities; no test of the motion"
     assert "asked 1.5 ε/k_B: the bath draws velocities" in str(report)
     assert not report.warnings
-    with pytest.raises(InputError, match="^friction is needed"):
+    with pytest.raises(InputError, match=r"^friction is needed"):
         kd.Simulation(wells(2), "brownian", 0.01, temperature=1.0)
 
 
@@ -158,7 +158,7 @@ def test_refined_noise_needs_equal_parts():
     kd.register_splitting("uneven", word="OABAO", weights=(0.25, 0.5, 1, 0.5, 0.75), order=1, source="a test")
     try:
         kd.Simulation(wells(2), "uneven", 0.1, **BATH).advance(2)
-        with pytest.raises(InputError, match="^noise: refine needs a word whose bath acts for equal parts of the step"):
+        with pytest.raises(InputError, match=r"^noise: refine needs a word whose bath acts for equal parts"):
             kd.Simulation(wells(2), "uneven", 0.1, noise="refine", **BATH)
     finally:
         unregister("uneven")
