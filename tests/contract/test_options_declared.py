@@ -78,15 +78,8 @@ def from_file(name: str, line: str) -> kd.System:
 
 
 BATHS = (
-    "temperature",
-    "friction",
-    "seed",
-    "noise",
-    "tau",
-    "chain",
-    "splitting",
-    "collision_rate",
-)  # options of heat baths
+    "temperature", "friction", "seed", "noise", "tau", "chain", "splitting", "collision_rate", "substeps",
+)  # younger than 0.1.0  # fmt: skip
 
 
 def step(name: str, but: str = "") -> dict[str, float]:

@@ -59,6 +59,8 @@ def coupled_word(method: Integrator) -> Splitting:
             f"{method.name}: compare couples paths by {NOISE.name} = {REFINE}, and {method.name} does not take it; "
             f"{takers_text(NOISE.name)} it"
         )
+    if word.groups:
+        raise InputError(f"{method.name}: compare measures baths whose kicks are by all forces, not by groups of forces")
     return word
 
 
@@ -109,7 +111,7 @@ class CoupledPaths:
     def _met(self, sim: Simulation) -> float:
         """Kinetic energy that the bath meets: the mean of what it left in the last step and what it finds in the next.
         Drifts and kicks between are undone or taken in a copy. The mean belongs to the time of the look."""
-        letters = list(zip(self.word.word, self.word.weights, strict=True))
+        letters = list(zip(self.word.letters, self.word.weights, strict=True))
         return 0.5 * (self._beyond(sim, letters, 1.0) + self._beyond(sim, letters[::-1], -1.0))
 
     def _beyond(self, sim: Simulation, letters: list[tuple[str, float]], sign: float) -> float:
@@ -218,11 +220,11 @@ class Bath(NamedTuple):
 def bath_of(paths: CoupledPaths, sim: Simulation) -> Bath:
     """The numbers of the word's bath at the step of a Simulation."""
     word, dt = paths.word, float(sim.dt or 0.0)
-    letter = next(letter for letter in word.word if FLOWS[letter].bath)
+    letter = next(letter for letter in word.letters if FLOWS[letter].bath)
     times = len(word.of(letter))
     damping = float(sim.options["friction"]) * dt / times
     kept = math.exp(-damping) if letter != "G" else (1.0 - 0.5 * damping) / (1.0 + 0.5 * damping)
     left, given = kept * kept, 1.0 - kept * kept
-    if word.word[0] == word.word[-1] == letter:
+    if word.letters[0] == word.letters[-1] == letter:
         return Bath(given * times / dt, left / (1.0 - left * left + (times - 2) * given))
     return Bath(given * times / dt, 0.5 * (1.0 + left) / (times * given))

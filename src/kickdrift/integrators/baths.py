@@ -7,6 +7,7 @@ from math import sqrt
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from kickdrift.integrators import splitting
 from kickdrift.integrators.option import SPLITTING, Option
@@ -63,6 +64,18 @@ class Stretched:
     @property
     def ends_fresh(self) -> bool:
         return self.word.ends_fresh
+
+    @property
+    def groups(self) -> int:
+        return self.word.groups
+
+    @property
+    def kick_groups(self) -> NDArray[np.int64]:
+        return self.word.kick_groups
+
+    @property
+    def name(self) -> str:
+        return self.word.name
 
 
 @dataclass(frozen=True)
