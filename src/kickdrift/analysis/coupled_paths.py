@@ -60,7 +60,9 @@ def coupled_word(method: Integrator) -> Splitting:
             f"{takers_text(NOISE.name)} it"
         )
     if word.groups:
-        raise InputError(f"{method.name}: compare measures baths whose kicks are by all forces, not by groups of forces")
+        raise InputError(
+            f"{method.name}: compare measures baths whose kicks are by all forces, not by groups of forces"
+        )
     return word
 
 
