@@ -65,9 +65,11 @@ def _sources(name: str) -> Iterator[str]:
         from kickdrift.trajectory.opened import open as opened
 
         with opened(name) as run:
-            yield INTEGRATORS[run.integrator].source if run.integrator in INTEGRATORS else ""
-            if hasattr(run, "system"):
-                yield from _of_system(run.system() if callable(run.system) else run.system)
+            recorded: Any = run
+            method = dict(recorded.method).get("integrator", "")
+            yield INTEGRATORS[method].source if method in INTEGRATORS else ""
+            if hasattr(recorded, "system_record"):
+                yield from _of_system(recorded.system())
     elif is_shipped(name) or name.endswith(".toml"):
         subject: Any = load(name)
         method = subject.run.integrator
