@@ -193,7 +193,7 @@ def advice(found: SamplingComparison, accuracy: float, length: float) -> Samplin
     wanted, choices, said = accuracy * found.thermal, [], []
     for name in found.methods:
         rows = [row for row in found.of(name) if not row.failure]
-        good = [k for k, row in enumerate(rows) if all(each.bound <= wanted for each in rows[k:])]
+        good = [k for k, row in enumerate(rows) if all(each.settled and each.bound <= wanted for each in rows[k:])]
         if not good:
             least = min((row.bound for row in rows), default=float("inf")) / found.thermal
             said.append(

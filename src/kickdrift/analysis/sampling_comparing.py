@@ -77,8 +77,7 @@ def compare_sampling(
     units = system.units
     notes = []
     if not all(row.settled for row in rows):
-        notes.append("* half a stretch gives another result: chaos parts the paths before they settle; more friction "
-                     "keeps them together")  # fmt: skip
+        notes.append("* half a stretch gives another result: the paths part before they settle; take a shorter step")
     found = SamplingComparison(
         system=system.name,
         particles=len(system),

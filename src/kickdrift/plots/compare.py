@@ -94,7 +94,7 @@ def sampling_figure(comparison: SamplingComparison) -> Figure:
                 marker=MARKERS[index % len(MARKERS)], markersize=4, linewidth=1.4, capsize=2,
                 label=comparison.label(name),
             )  # fmt: skip
-        axes.set_xlabel(f"dt{measured('', printed(comparison.time_unit))}")
+        axes.set_xlabel(f"dt ({printed(comparison.time_unit)})" if comparison.time_unit else "dt")
         unit = units.get(key, comparison.energy_unit)
         axes.set_title(f"Error of the mean of {label}{f' ({printed(unit)})' if unit else ''}")
     axes = figure.axes[0]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -127,3 +128,5 @@ def test_the_advice_takes_the_longest_step_that_is_surely_good():
     assert choice.steps == math.ceil(10.0 / (0.01 * math.sqrt(0.016 / 0.012)))
     assert comparison.slopes["obabo"] == pytest.approx(2.0)
     assert advice(comparison, 0.002, 10.0).refusal.startswith("no method reaches")
+    doubtful = replace(comparison, rows=(rows[0], replace(rows[1], settled=False), rows[2]))
+    assert advice(doubtful, 0.016, 10.0).choice.dt < 0.01  # rows whose paths part too early recommend nothing
